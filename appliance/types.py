@@ -1,0 +1,168 @@
+"""Values that flow along the line. Frozen; shapes and units are stated here once.
+
+Conventions (Boctor et al. 2005, Eq. 1, with its misprints mended): picture frame P has x lateral (columns), y axial
+(rows, down), z = x × y elevational, origin at the image centre, mm. Sensor frame R is the marker body. X maps R to P:
+p_P = R_x p_R + t_x. B = B_2⁻¹ B_1 is the motion the tracker saw; A = X B X⁻¹ moves a static tissue point in the
+picture, p_2 = A p_1; in the plane A is (u, α) and t_a = Λ u.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.samples import Frame, Matrix4, Stamp
+
+Vector = NDArray[np.float64]
+
+PARAMETERS = (
+    "rotation-lateral",
+    "rotation-axial",
+    "rotation-elevational",
+    "scale-lateral",
+    "scale-axial",
+    "offset-lateral",
+    "offset-axial",
+    "offset-elevational",
+)
+"""Order of the parameters of X in every covariance and observability vector.
+
+Rotations are rad about the picture axes (R_x = exp([δ]×) R_ref), scales relative (λ = λ_ref (1 + δ)), offsets mm.
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StampedPair:
+    """A frame and the pose interpolated to the frame's own time from the two poses that bracket it.
+
+    matrix: (4, 4) sensor → tracker, mm. gap_ns: distance between the bracketing poses.
+    """
+
+    stamp: Stamp
+    frame: Frame
+    matrix: Matrix4
+    gap_ns: int
+
+
+class MotionKind(Enum):
+    """How the probe moved between keyframe and frame; decides which parameters the motion can reveal."""
+
+    STILL = "still"
+    TRANSLATION = "in-plane translation"
+    PLANAR = "planar"
+    OUT_OF_PLANE = "out-of-plane"
+    TOO_FAST = "too fast"
+    DECORRELATED = "decorrelated"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """One registered pair: the picture's motion A (u, α) beside the sensor's motion B.
+
+    stamp, sequence: of the later frame. keyframe: sequence number of the earlier one.
+    u_px: (2,) (column, row) displacement of the tissue at the image centre, px. alpha_rad: in-plane rotation.
+    covariance: (3, 3) of (u_x px, u_y px, α rad). correlation: of the registered images, -1 … 1.
+    usable: False where kind, the self-check or a refusal keep this motion out of the solver; reason says why.
+    """
+
+    stamp: Stamp
+    sequence: int
+    keyframe: int
+    kind: MotionKind
+    u_px: Vector
+    alpha_rad: float
+    covariance: Vector
+    correlation: float
+    usable: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """X and the picture scales.
+
+    rotation: (3, 3) proper, R_x sensor → picture. polarity: ±1 for (lateral, axial).
+    scale_mm_per_px: (2,) lateral, axial, > 0. offset_mm: (3,) t_x. image_size_px: (width, height) the origin refers to.
+    covariance: (8, 8) in the order and units of PARAMETERS, None where unknown. observed: (8,) bool.
+    """
+
+    rotation: Vector
+    polarity: tuple[int, int]
+    scale_mm_per_px: Vector
+    offset_mm: Vector
+    image_size_px: tuple[int, int]
+    covariance: Vector | None = None
+    observed: tuple[bool, ...] = (True,) * len(PARAMETERS)
+
+
+class VerdictKind(Enum):
+    """OK: verified within the limits. FAULT: shown to be outside. NOT_VERIFIED: neither was shown."""
+
+    OK = "OK"
+    FAULT = "FAULT"
+    NOT_VERIFIED = "NOT_VERIFIED"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One quantity against its limit. ratio = |value| ÷ limit: 1.0 is the limit for every check alike.
+
+    fault: class this check names when it fails (polarity, scale, rotation, offset, latency, frozen-video, …).
+    sigma: standard deviation of value, same unit; 0 for exact facts. value is NaN where nothing was observed.
+    """
+
+    name: str
+    fault: str
+    value: float
+    sigma: float
+    unit: str
+    limit: float
+    verdict: VerdictKind
+
+    @property
+    def ratio(self) -> float:
+        """|value| ÷ limit; NaN where nothing was observed."""
+        return abs(self.value) / self.limit
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the line concludes at one time. fault: class of the worst failing check, None unless kind is FAULT.
+
+    t_ns: sample time it holds for. reason: one sentence for the operator.
+    """
+
+    t_ns: int
+    kind: VerdictKind
+    checks: tuple[Check, ...]
+    fault: str | None = None
+    reason: str = ""
+
+
+class State(Enum):
+    """States of the supervisor, as the operator reads them."""
+
+    STARTING = "starting"
+    NOT_VERIFIED = "not verified"
+    MONITORING = "monitoring"
+    WARNING = "warning"
+    HALT = "halt"
+    RECALIBRATION_REQUESTED = "recalibration requested"
+    RECALIBRATING = "recalibrating"
+    DEVICE_LOST = "device lost"
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmState:
+    """What the room sees: one row of the alarm table, in force since since_ns.
+
+    energised: contact closed, which means safe. fault: class that caused the state, None where none.
+    """
+
+    state: State
+    since_ns: int
+    fault: str | None
+    reason: str
+    energised: bool
+    verified_ns: int | None

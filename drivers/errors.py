@@ -1,0 +1,40 @@
+"""Every refusal names what is wrong, where, and what to do; the exit codes are those of sysexits.h."""
+
+
+class ProbewatchError(Exception):
+    """what: the fault in one clause. where: file, key, URL or device. remedy: what the technician does next."""
+
+    exit_code = 70
+
+    def __init__(self, what: str, where: str = "", remedy: str = "") -> None:
+        self.what, self.where, self.remedy = what, where, remedy
+        super().__init__(what, where, remedy)
+
+    def __str__(self) -> str:
+        place = f"{self.where}: " if self.where else ""
+        advice = f". {self.remedy}" if self.remedy else ""
+        return f"{place}{self.what}{advice}"
+
+
+class ConfigurationError(ProbewatchError):
+    """The configuration, the calibration file or a URL cannot be used: do not restart, mend it."""
+
+    exit_code = 78
+
+
+class RecordingError(ProbewatchError):
+    """A recording is damaged or is not of a kind that can be read."""
+
+    exit_code = 65
+
+
+class DeviceLost(ProbewatchError):  # noqa: N818  a state of the device, as operators say it
+    """A device is absent, busy, unplugged or silent; the owner closes it and opens it again with backoff."""
+
+    exit_code = 69
+
+
+class ProtocolError(ProbewatchError):
+    """Bytes from a device break its protocol; the whole reply is refused."""
+
+    exit_code = 76

@@ -1,0 +1,29 @@
+"""The one clock of the host. Sources and the daemon take it as an argument, so a simulated cart may run faster."""
+
+import time
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class HostClock:
+    """CLOCK_MONOTONIC in nanoseconds; rate > 1 makes time pass faster from origin_ns on (simulated carts only)."""
+
+    rate: float = 1.0
+    origin_ns: int = field(default_factory=time.monotonic_ns)
+
+    def now_ns(self) -> int:
+        """Nanoseconds of CLOCK_MONOTONIC; with rate ≠ 1 the same origin, scaled."""
+        real_ns = time.monotonic_ns()
+        if self.rate == 1.0:
+            return real_ns
+        return self.origin_ns + round((real_ns - self.origin_ns) * self.rate)
+
+    def sleep_until(self, t_ns: int) -> None:
+        """Block until now_ns() >= t_ns; returns at once when that is past."""
+        remaining_s = (t_ns - self.now_ns()) / self.rate / 1e9
+        if remaining_s > 0:
+            time.sleep(remaining_s)
+
+    def real_s(self, seconds: float) -> float:
+        """Wall seconds to hand to a blocking call that shall last `seconds` of this clock."""
+        return seconds / self.rate

@@ -1,0 +1,85 @@
+"""The three kinds of device the appliance opens, and the URL scheme → module table."""
+
+import importlib
+from types import ModuleType, TracebackType
+from typing import Protocol, Self
+from urllib.parse import parse_qsl
+
+from drivers.errors import ConfigurationError
+from drivers.hosttime import HostClock
+from drivers.samples import Frame, Pose
+
+
+class _Device(Protocol):
+    def __enter__(self) -> Self: ...
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None: ...
+
+
+class VideoSource(_Device, Protocol):
+    """Frames of one scanner."""
+
+    def read(self, timeout_s: float) -> Frame | None:
+        """Next frame, or None when none came within timeout_s of the clock. Raises DeviceLost."""
+
+
+class TrackerSource(_Device, Protocol):
+    """Poses of the probe's marker body."""
+
+    def read(self, timeout_s: float) -> Pose | None:
+        """Next pose, or None when none came within timeout_s of the clock. Raises DeviceLost."""
+
+
+class AlarmOutput(_Device, Protocol):
+    """One contact in the scanner room: energised means safe."""
+
+    def write(self, energised: bool) -> None:
+        """Returns only after the device took the state. Raises DeviceLost. Leaving the context de-energises."""
+
+
+_MODULES = {
+    "ndi": "drivers.ndi.tracker",
+    "relay": "drivers.relay",
+    "replay": "drivers.replay",
+    "sim": "drivers.sim",
+}
+
+
+def split_url(url: str) -> tuple[str, str, dict[str, str]]:
+    """`scheme:target?key=value` → (scheme, target, options). Raises ConfigurationError naming the known schemes."""
+    scheme, colon, rest = url.partition(":")
+    target, _, query = rest.partition("?")
+    if not colon or not target or scheme not in _MODULES:
+        known = ", ".join(f"{name}:" for name in sorted(_MODULES))
+        raise ConfigurationError(f"'{scheme}:' is no known device kind", url, f"Use one of {known}")
+    return scheme, target, dict(parse_qsl(query))
+
+
+def _maker(url: str, function: str, kind: str) -> tuple[ModuleType, str, dict[str, str]]:
+    scheme, target, options = split_url(url)
+    module = importlib.import_module(_MODULES[scheme])
+    if not hasattr(module, function):
+        raise ConfigurationError(f"a '{scheme}:' device is not {kind}", url, f"Give the URL of {kind}")
+    return module, target, options
+
+
+def open_video(url: str, clock: HostClock) -> VideoSource:
+    """Raises ConfigurationError for a URL that can never work, DeviceLost for a device that is not there now."""
+    module, target, options = _maker(url, "open_video", "a video source")
+    source: VideoSource = module.open_video(target, options, clock)
+    return source
+
+
+def open_tracker(url: str, clock: HostClock) -> TrackerSource:
+    """Raises ConfigurationError for a URL that can never work, DeviceLost for a device that is not there now."""
+    module, target, options = _maker(url, "open_tracker", "a tracker")
+    source: TrackerSource = module.open_tracker(target, options, clock)
+    return source
+
+
+def open_output(url: str, clock: HostClock) -> AlarmOutput:
+    """Raises ConfigurationError for a URL that can never work, DeviceLost for a device that is not there now."""
+    module, target, options = _maker(url, "open_output", "an alarm output")
+    output: AlarmOutput = module.open_output(target, options, clock)
+    return output

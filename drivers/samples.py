@@ -1,0 +1,69 @@
+"""What a source yields: a frame or a pose, with the time at which the measurement was true."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+GreyImage = NDArray[np.uint8]
+"""(height, width) uint8; row 0 nearest the probe face, column 0 on the marked side (MFA orientation)."""
+
+Matrix4 = NDArray[np.float64]
+"""(4, 4) homogeneous rigid transform, translation in mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """Host CLOCK_MONOTONIC at which the measurement was true, not when it arrived.
+
+    t_ns: nanoseconds. err_ns: bound of its error, nanoseconds, >= 0.
+    """
+
+    t_ns: int
+    err_ns: int
+
+
+class PoseStatus(Enum):
+    """What a tracker says of one pose; only OK carries numbers into the line."""
+
+    OK = "ok"
+    PARTIAL = "partly out of volume"
+    OUT_OF_VOLUME = "out of volume"
+    MISSING = "missing"
+    STALE = "stale"
+    DISABLED = "disabled"
+    FAULT = "fault"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One B-mode picture. sequence counts what the device sent, so a gap is a loss."""
+
+    stamp: Stamp
+    sequence: int
+    image: GreyImage
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """One tracker reading of the probe's marker body.
+
+    matrix: (4, 4) sensor R → tracker T, or → reference tool where one is configured; None unless status is OK.
+    sequence: the device's own frame counter. rms_mm: marker fit (Polaris) or indicator value (Aurora); NaN if unknown.
+    reason: why status is not OK, in words, for the log.
+    """
+
+    stamp: Stamp
+    sequence: int
+    matrix: Matrix4 | None
+    rms_mm: float
+    status: PoseStatus
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        if (self.matrix is not None) != (self.status is PoseStatus.OK):
+            raise ValueError(f"a pose has a matrix if and only if it is OK, not {self.status.name}")
+
+
+Sample = Frame | Pose

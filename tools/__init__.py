@@ -1,0 +1,1 @@
+"""What people type: the demo, replay, recalibration and the service command."""

@@ -1,0 +1,57 @@
+"""The `probewatch` command: finds the subcommand, and turns every known refusal into one line and an exit code."""
+
+import importlib
+import sys
+
+import click
+
+from drivers.errors import ProbewatchError
+
+_COMMANDS = {
+    "demo": "a simulated cart with injected faults, from bytes to alarm",
+    "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",
+    "replay": "run a recording through the line and print a report",
+    "run": "the service: watch the devices named in the configuration",
+}
+
+
+class _LazyGroup(click.Group):
+    """Imports a subcommand's module, `tools.<name>`, only when it is used, so `--help` is quick."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _COMMANDS:
+            return None
+        command = importlib.import_module(f"tools.{cmd_name}").command
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(sorted(_COMMANDS.items()))
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="probewatch")
+def probewatch() -> None:
+    """Watch, live and without a phantom, whether a tracked ultrasound probe is still calibrated.
+
+    Not a certified medical device.
+    """
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    try:
+        sys.exit(probewatch.main(standalone_mode=False))
+    except ProbewatchError as error:
+        click.echo(f"probewatch: {error}", err=True)
+        sys.exit(error.exit_code)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except click.Abort:
+        click.echo("probewatch: stopped", err=True)
+        sys.exit(130)
