@@ -1,0 +1,10 @@
+"""The estimator speaks at least ten times a second, even when it has nothing to conclude."""
+
+from appliance.types import Check
+from appliance.watchers.facts import Facts, Patience, presence
+
+
+def estimator_presence(now_ns: int, facts: Facts, patience: Patience) -> Check:
+    """estimator-silent when no heartbeat and no verdict has arrived for patience.estimator_ns."""
+    last_ns = facts.heartbeat_ns
+    return presence("estimator presence", "estimator-silent", now_ns, facts.started_ns, last_ns, patience.estimator_ns)

@@ -1,0 +1,50 @@
+"""What the hardware process knows of its devices at one tick, and how long each of them may be silent."""
+
+from dataclasses import dataclass
+
+from appliance.types import Check, VerdictKind
+from drivers.samples import PoseStatus
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Arrival times, ns of the host clock; None where there was none since the start.
+
+    reply_ns: last reply of the tracker in which the probe's tool was in service, whatever it saw.
+    fresh_ns: last of those that was not STALE. pose_ns: last with a pose. pose_status: of the last reply.
+    heartbeat_ns: last word of the estimator. output_ns: oldest, over all outputs, of the last completed write.
+    """
+
+    started_ns: int
+    frame_ns: int | None = None
+    reply_ns: int | None = None
+    fresh_ns: int | None = None
+    pose_ns: int | None = None
+    pose_status: PoseStatus | None = None
+    heartbeat_ns: int | None = None
+    output_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """How long each silence is tolerated, ns."""
+
+    video_ns: int = 500_000_000
+    tracker_ns: int = 500_000_000
+    stale_ns: int = 500_000_000
+    unseen_ns: int = 3_000_000_000
+    estimator_ns: int = 1_000_000_000
+    output_ns: int = 500_000_000
+
+
+def silence(name: str, fault: str, age_ns: int, limit_ns: int, failed: VerdictKind = VerdictKind.FAULT) -> Check:
+    """Check on an age in ms: `failed` beyond the limit, OK up to it."""
+    verdict = failed if age_ns > limit_ns else VerdictKind.OK
+    return Check(name, fault, age_ns / 1e6, 0.0, "ms", limit_ns / 1e6, verdict)
+
+
+def presence(name: str, fault: str, now_ns: int, started_ns: int, last_ns: int | None, limit_ns: int) -> Check:
+    """Check that something came lately. What never came has failed; its age counts from the start."""
+    if last_ns is None:
+        return Check(name, fault, (now_ns - started_ns) / 1e6, 0.0, "ms", limit_ns / 1e6, VerdictKind.FAULT)
+    return silence(name, fault, now_ns - last_ns, limit_ns)
