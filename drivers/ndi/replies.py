@@ -1,0 +1,161 @@
+"""What TX and BX say, as values. Lengths in mm, quaternions scalar first, flags of markers in the order A, B, C …"""
+
+import math
+from dataclasses import dataclass
+from enum import Enum, IntFlag
+
+import numpy as np
+
+from drivers.errors import ProtocolError
+from drivers.samples import Matrix4
+
+Position = tuple[float, float, float]
+"""x, y, z in the tracker's frame, mm."""
+
+_FURTHEST_MM = 1e6
+_UNIT_TOLERANCE = 1e-3
+
+
+class Options(IntFlag):
+    """Reply options of TX and BX; the sum is the request's argument and decides how the reply is read."""
+
+    POSE = 0x0001
+    TOOL_INFORMATION = 0x0002
+    ACTIVE_STRAY = 0x0004
+    TOOL_MARKERS = 0x0008
+    OUT_OF_VOLUME = 0x0800
+    PASSIVE_STRAYS = 0x1000
+
+
+_ALL_OPTIONS = 0x180F
+
+
+class HandleState(Enum):
+    """How a port handle is listed."""
+
+    VALID = "valid"
+    MISSING = "missing"
+    DISABLED = "disabled"
+    UNOCCUPIED = "unoccupied"
+
+
+@dataclass(frozen=True, slots=True)
+class Transform:
+    """A tool's pose. quaternion: (q0, qx, qy, qz), unit, of arbitrary sign. error: marker fit RMS, mm (Polaris), or
+    indicator value (Aurora).
+    """
+
+    quaternion: tuple[float, float, float, float]
+    translation_mm: Position
+    error: float
+
+    def __post_init__(self) -> None:
+        values = (*self.quaternion, *self.translation_mm, self.error)
+        if not all(map(math.isfinite, values)):
+            raise ProtocolError("a pose with a number that is not finite")
+        if abs(math.hypot(*self.quaternion) - 1.0) > _UNIT_TOLERANCE:
+            raise ProtocolError(f"a pose whose quaternion has length {math.hypot(*self.quaternion):.4g}")
+        if max(map(abs, (*self.translation_mm, self.error))) > _FURTHEST_MM:
+            raise ProtocolError("a pose kilometres away")
+
+    def matrix(self) -> Matrix4:
+        """(4, 4) tool → tracker, mm; the rotation is orthonormal whatever the quantisation of the quaternion."""
+        w, x, y, z = np.asarray(self.quaternion) / math.hypot(*self.quaternion)
+        matrix = np.eye(4)
+        matrix[:3, :3] = (
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        )
+        matrix[:3, 3] = self.translation_mm
+        return matrix
+
+
+@dataclass(frozen=True, slots=True)
+class Markers:
+    """Single markers. outside: (n,) out of the measurement volume. positions_mm: (n,), None where not reported."""
+
+    outside: tuple[bool, ...]
+    positions_mm: tuple[Position | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ToolInformation:
+    """flags: bad fit 1, too few markers 2, infrared interference 4, fell behind 8, face 0x70, exception 0x80.
+
+    markers: (20,) 0 unused or missing, 1 beyond its angle, 2 beyond its error, 3 used, 4 used and outside, 5 outside.
+    """
+
+    flags: int
+    markers: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveStray:
+    """status: 0 none, 1 valid, 2 missing, 8 out of volume. position_mm: None unless reported."""
+
+    status: int
+    position_mm: Position | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ToolReply:
+    """One port handle of a reply; a field is None where the options or the state leave it out."""
+
+    handle: int
+    state: HandleState
+    transform: Transform | None = None
+    port_status: int | None = None
+    frame: int | None = None
+    information: ToolInformation | None = None
+    stray: ActiveStray | None = None
+    markers: Markers | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingReply:
+    """One TX or BX reply. system_status: bits of the fact sheet's table, 0 in health."""
+
+    tools: tuple[ToolReply, ...]
+    system_status: int = 0
+    strays: Markers | None = None
+
+    def tool(self, handle: int) -> ToolReply | None:
+        """The entry of one handle, whatever the order of the reply."""
+        return next((tool for tool in self.tools if tool.handle == handle), None)
+
+
+def known_options(options: int) -> Options:
+    """Raises ProtocolError for reply options this decoder cannot read."""
+    if options & ~_ALL_OPTIONS:
+        raise ProtocolError(f"reply options {options:04X} are not supported")
+    return Options(options)
+
+
+def distinct_handles(tools: tuple[ToolReply, ...]) -> tuple[ToolReply, ...]:
+    """The tools as given. Raises ProtocolError when a handle is listed twice."""
+    if len({tool.handle for tool in tools}) != len(tools):
+        raise ProtocolError("a port handle is listed twice")
+    return tools
+
+
+def outside_flags(count: int, bits: int) -> tuple[bool, ...]:
+    """Bit i is marker i. Raises ProtocolError for a bit without a marker."""
+    if bits >> count:
+        raise ProtocolError(f"out-of-volume bits {bits:#x} for {count} markers")
+    return tuple(bool(bits >> i & 1) for i in range(count))
+
+
+def marker_nibbles(packed: int) -> tuple[int, ...]:
+    """(20,) marker states; marker A is the lowest nibble."""
+    return tuple(packed >> 4 * i & 0xF for i in range(20))
+
+
+def packed_nibbles(markers: tuple[int, ...]) -> int:
+    """The inverse of marker_nibbles."""
+    return sum(state << 4 * i for i, state in enumerate(markers))
+
+
+def outside_bits(markers: Markers) -> int:
+    """The inverse of outside_flags."""
+    return sum(1 << i for i, outside in enumerate(markers.outside) if outside)
