@@ -1,0 +1,139 @@
+"""Faults that a simulated cart can show, when each is on, and what it does to a picture or a pose.
+
+The helpers are pure, so a recording can be spoiled with the same faults as the live twins.
+"""
+
+import json
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drivers.errors import ConfigurationError
+from drivers.samples import GreyImage, Matrix4
+
+FAULT_CLASS: Mapping[str, str] = {
+    "flip-lateral": "polarity",
+    "flip-vertical": "polarity",
+    "depth": "scale",
+    "bend-marker": "rotation",
+    "slide-marker": "offset",
+    "latency": "latency",
+    "freeze-video": "frozen-video",
+    "lose-video": "video-lost",
+    "lose-tracker": "tracker-lost",
+    "stale-tracker": "tracker-stale",
+}
+"""Fault name → class under which a check must report it."""
+
+ZOOM = 1.10
+LATENCY_S = 0.100
+
+BEND_DEG = 5.0
+BEND_AXIS = (0.95, 0.16, 0.27)
+"""Axis in the sensor frame; oblique to all picture axes of the simulated probe, nearest to the elevational."""
+
+SLIDE_MM = (0.5, -7.4, 6.7)
+"""Shift of the marker body in its own frame; 10 mm long."""
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """One fault from from_s on until to_s, world seconds; to_s None means for good."""
+
+    fault: str
+    from_s: float
+    to_s: float | None = None
+
+    def covers(self, t_s: float) -> bool:
+        """True while the fault is on at t_s."""
+        return self.from_s <= t_s and (self.to_s is None or t_s < self.to_s)
+
+
+def _refuse(what: str, entry: object) -> ConfigurationError:
+    remedy = 'Give a list such as [{"fault": "depth", "from_s": 20, "to_s": 40}]'
+    return ConfigurationError(f"{what}: {json.dumps(entry)}", "fault schedule", remedy)
+
+
+def _second(entry: dict[str, Any], key: str) -> float:
+    value = entry[key]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or value < 0:
+        raise _refuse(f"{key} must be a number of seconds, zero or more", entry)
+    return float(value)
+
+
+def _episode(entry: object) -> Episode:
+    if not isinstance(entry, dict) or not {"fault", "from_s"} <= set(entry) <= {"fault", "from_s", "to_s"}:
+        raise _refuse("each entry needs fault, from_s and may have to_s, nothing else", entry)
+    if entry["fault"] not in FAULT_CLASS:
+        raise _refuse(f"the fault must be one of {', '.join(FAULT_CLASS)}", entry)
+    from_s = _second(entry, "from_s")
+    to_s = None if entry.get("to_s") is None else _second(entry, "to_s")
+    if to_s is not None and to_s <= from_s:
+        raise _refuse("to_s must be later than from_s", entry)
+    return Episode(entry["fault"], from_s, to_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """Which faults are on at which world time."""
+
+    episodes: tuple[Episode, ...] = ()
+
+    @classmethod
+    def parse(cls, text: str) -> "Schedule":
+        """JSON list of {"fault", "from_s", "to_s"} → Schedule. Raises ConfigurationError naming the entry."""
+        try:
+            entries = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise _refuse(f"not JSON ({error})", text[:80]) from None
+        if not isinstance(entries, list):
+            raise _refuse("not a list", entries)
+        return cls(tuple(_episode(entry) for entry in entries))
+
+    def to_json(self) -> str:
+        """The text that parse() reads back as an equal Schedule."""
+        return json.dumps([{"fault": e.fault, "from_s": e.from_s, "to_s": e.to_s} for e in self.episodes])
+
+    def active(self, t_s: float) -> frozenset[str]:
+        """Names of the faults that are on at t_s."""
+        return frozenset(episode.fault for episode in self.episodes if episode.covers(t_s))
+
+
+def zoom(image: GreyImage, factor: float, top_row_px: float = 0.0) -> GreyImage:
+    """The picture magnified about the top centre of its sector, as a smaller depth setting shows it."""
+    centre_px = (image.shape[1] - 1) / 2
+    warp = np.array([[factor, 0, centre_px * (1 - factor)], [0, factor, top_row_px * (1 - factor)]])
+    zoomed = cv2.warpAffine(image, warp, (image.shape[1], image.shape[0]), flags=cv2.INTER_LINEAR)
+    return np.asarray(zoomed, np.uint8)
+
+
+def spoil_image(image: GreyImage, active: Collection[str], top_row_px: float = 0.0) -> GreyImage:
+    """(h, w) uint8 → the same shape, under the image faults among `active`; other names leave it as it is."""
+    if "depth" in active:
+        image = zoom(image, ZOOM, top_row_px)
+    if "flip-lateral" in active:
+        image = image[:, ::-1]
+    if "flip-vertical" in active:
+        image = image[::-1]
+    return np.ascontiguousarray(image)
+
+
+def spoil_pose(matrix: Matrix4, active: Collection[str]) -> Matrix4:
+    """(4, 4) sensor → tracker, mm → what is reported once the marker body sits otherwise on the probe."""
+    change = np.eye(4)
+    if "bend-marker" in active:
+        axis = np.array(BEND_AXIS) / np.linalg.norm(BEND_AXIS)
+        change[:3, :3] = Rotation.from_rotvec(np.radians(BEND_DEG) * axis).as_matrix()
+    if "slide-marker" in active:
+        change[:3, 3] = SLIDE_MM
+    return matrix @ change
+
+
+def pose_time_s(t_s: float, active: Collection[str]) -> float:
+    """World time of the pose that a tracker reports as that of t_s."""
+    return t_s - LATENCY_S if "latency" in active else t_s
