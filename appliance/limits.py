@@ -8,9 +8,11 @@ class Limits(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    rotation_deg: float = Field(3.0, ge=0.5, le=30, description="angle of each rotation component, deg")
-    scale_percent: float = Field(5.0, ge=0.5, le=30, description="relative change of either scale, percent")
-    offset_mm: float = Field(4.0, ge=0.5, le=50, description="shift of the marker body, mm")
-    latency_ms: float = Field(60.0, ge=5, le=1000, description="tracker later or earlier than the video, ms")
-    frozen_ms: float = Field(500.0, ge=100, le=10_000, description="identical pictures for this long, ms")
-    confidence_sigma: float = Field(3.0, ge=1, le=6, description="standard deviations between 'seen' and 'shown'")
+    rotation_deg: float = Field(default=3.0, ge=0.5, le=30, description="angle of each rotation component, deg")
+    scale_percent: float = Field(default=5.0, ge=0.5, le=30, description="relative change of either scale, percent")
+    offset_mm: float = Field(default=4.0, ge=0.5, le=50, description="shift of the marker body, mm")
+    latency_ms: float = Field(default=60.0, ge=5, le=1000, description="tracker later or earlier than the video, ms")
+    frozen_ms: float = Field(default=500.0, ge=100, le=10_000, description="identical pictures for this long, ms")
+    confidence_sigma: float = Field(
+        default=3.0, ge=1, le=6, description="standard deviations between 'seen' and 'shown'"
+    )

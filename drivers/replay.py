@@ -55,6 +55,14 @@ class Recording:
         """Earliest stamp of the session, ns of the recording's clock."""
         return min((order[0][0] for order in (self.frame_order, self.pose_order) if order), default=0)
 
+    @property
+    def overlap_ns(self) -> tuple[int, int]:
+        """(first, last) stamp between which both devices were recorded; just before start_ns twice where never."""
+        if not self.frame_order or not self.pose_order:
+            return self.start_ns, self.start_ns - 1
+        first_ns = max(self.frame_order[0][0], self.pose_order[0][0])
+        return first_ns, min(self.frame_order[-1][0], self.pose_order[-1][0])
+
     def __len__(self) -> int:
         return len(self.frame_order) + len(self.pose_order)
 

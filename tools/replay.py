@@ -1,0 +1,147 @@
+"""`probewatch replay`: a recording through the same line as live data, and a report of what it shows."""
+
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from appliance.calibration_file import read_calibration
+from appliance.limits import Limits
+from appliance.line import Line
+from appliance.report import LineReport, report_json
+from appliance.timeline import Change, Timeline
+from appliance.types import Check, Verdict, VerdictKind
+from drivers.atomicfile import replacing
+from drivers.errors import ConfigurationError
+from drivers.replay import Recording, open_recording
+from drivers.samples import Sample
+from drivers.twins.faults import FAULT_CLASS, Episode, Schedule
+from tools.inject import inject
+
+
+def _episodes(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> Schedule:
+    return Schedule(tuple(_episode(text) for text in texts))
+
+
+def _episode(text: str) -> Episode:
+    fault, at, seconds = text.partition("@")
+    if fault not in FAULT_CLASS:
+        raise click.BadParameter(f"'{fault}' is none of {', '.join(FAULT_CLASS)}")
+    try:
+        from_s = float(seconds) if at else 0.0
+    except ValueError:
+        from_s = -1.0
+    if not 0 <= from_s < 1e6:
+        raise click.BadParameter(f"'{seconds}' is not a time in seconds after the start of the recording")
+    return Episode(fault, from_s)
+
+
+@click.command(name="replay")
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option("--calibration", required=True, type=click.Path(path_type=Path), help="our .toml or a PLUS device set")
+@click.option("--poses", type=click.Path(path_type=Path), help="sequence with the poses, if recorded apart")
+@click.option("--inject", "schedule", multiple=True, callback=_episodes, metavar="FAULT[@SECONDS]", help="repeatable")
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the report here too")
+@click.option("--probe", help="tool on the probe, as the transforms name it [Probe]")
+@click.option("--reference", help="reference tool; Tracker for none [Reference, where recorded]")
+@click.option("--orientation", help="how pictures are stored, e.g. MF, where the file does not say")
+def command(
+    recording: Path,
+    calibration: Path,
+    poses: Path | None,
+    schedule: Schedule,
+    json_path: Path | None,
+    probe: str | None,
+    reference: str | None,
+    orientation: str | None,
+) -> None:
+    """Run RECORDING (PLUS .igs.mha or .mhd) through the line and print a report.
+
+    Exit code 0 says that a report was made; the verdict is in the report. 65: the recording cannot be used; 78: the
+    calibration or an option cannot.
+    """
+    _check_writable(json_path)
+    session = open_recording(recording, poses=poses, probe=probe, reference=reference, orientation=orientation)
+    nominal = read_calibration(calibration, session.size_px, probe or "Probe")
+    report, timeline = run(session, Line(nominal, Limits()), schedule)
+    _print(report, timeline, recording)
+    if json_path is not None:
+        _write_json(json_path, report, timeline)
+
+
+def run(session: Recording, line: Line, schedule: Schedule) -> tuple[LineReport, list[Change]]:
+    """Every sample through line and supervisor; the report counts the frames that the reader left out, too."""
+    timeline = Timeline(session.start_ns, *session.overlap_ns)
+    for sample in _progress(inject(session.samples(), schedule, session.start_ns), len(session)):
+        timeline.step(sample, line.step(sample))
+    timeline.finish()
+    report = line.report()
+    left_out = sum(session.left_out.values())
+    report = replace(report, frames=report.frames + left_out, unpaired={**report.unpaired, **session.left_out})
+    return _with_devices(report, timeline), timeline.changes
+
+
+def _with_devices(report: LineReport, timeline: Timeline) -> LineReport:
+    """Add a device that was failing at the end; it names the verdict unless the line shows a fault of its own."""
+    failing = timeline.lasting_fault()
+    if failing is None:
+        return report
+    verdict = report.verdict
+    if verdict.kind is not VerdictKind.FAULT:
+        reason = timeline.changes[-1].reason
+        verdict = Verdict(verdict.t_ns, VerdictKind.FAULT, (*verdict.checks, failing), failing.fault, reason)
+    return replace(report, checks=(*report.checks, failing), verdict=verdict)
+
+
+def _progress(samples: Iterator[Sample], total: int) -> Iterator[Sample]:
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        return samples
+    return iter(track(samples, "replay", total, transient=True, console=console))
+
+
+def _check_writable(path: Path | None) -> None:
+    if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
+        raise ConfigurationError("no file can be written here", str(path), "Name a file in a directory that exists")
+
+
+def _write_json(path: Path, report: LineReport, timeline: list[Change]) -> None:
+    try:
+        with replacing(path) as stream:
+            stream.write(json.dumps(report_json(report, timeline), indent=2, allow_nan=False).encode() + b"\n")
+    except OSError as error:
+        what = f"cannot be written: {error.strerror}"
+        raise ConfigurationError(what, str(path), "Check the directory and its permissions") from error
+
+
+def _print(report: LineReport, timeline: list[Change], recording: Path) -> None:
+    console = Console(file=sys.stdout, highlight=False)
+    console.print(f"{recording.name}: {report.frames} frames, {report.poses} poses, {report.paired} paired")
+    for reason, number in report.unpaired.items():
+        console.print(f"  {number} not paired: {reason}")
+    console.print(_table(report))
+    for change in timeline:
+        console.print(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}", markup=False)
+    fault = f" · {report.verdict.fault}" if report.verdict.fault else ""
+    console.print(f"verdict: {report.verdict.kind.value}{fault}  {report.verdict.reason}", markup=False)
+
+
+def _table(report: LineReport) -> Table:
+    table = Table("check", "value", "± 1σ", "limit", "of limit", "verdict", caption=f"{report.motions} motions used")
+    latency = () if report.latency is None or report.latency in report.checks else (report.latency,)
+    for check in (*latency, *report.checks):
+        table.add_row(*_cells(check))
+    return table
+
+
+def _cells(check: Check) -> tuple[str, ...]:
+    if check.value != check.value:
+        return check.name, "–", "–", f"{check.limit:g} {check.unit}", "–", check.verdict.value
+    value, sigma = f"{check.value:.3g} {check.unit}", f"{check.sigma:.2g}"
+    return check.name, value, sigma, f"{check.limit:g} {check.unit}", f"{check.ratio:.2f}", check.verdict.value
