@@ -1,0 +1,70 @@
+"""Whether a reported pose may be believed: port status, system status and alerts → PoseStatus and words."""
+
+from drivers.ndi.replies import HandleState, ToolReply
+from drivers.ndi.words import HARMLESS_ALERTS, alert_words
+from drivers.samples import PoseStatus
+
+SYSTEM_ALERTS_PENDING = 0x0100
+SYSTEM_PORTS_CHANGED = 0x00C0
+
+_PORT_OCCUPIED, _PORT_READY = 0x01, 0x30
+_PORT_OUTSIDE, _PORT_PARTLY_OUTSIDE = 0x40, 0x80
+_PORT_FAULTS = {
+    0x0100: "the tool's algorithm limit was reached or its sensor is broken",
+    0x0200: "infrared interference or field disturbance",
+    0x0400: "the sensor signal is too small",
+    0x0800: "the sensor signal is too large",
+    0x1000: "processing exception in the tracker",
+    0x2000: "port hardware failure",
+    0x4000: "the tracker fell behind",
+    0x8000: "the tracker's data buffer is full",
+}
+_SYSTEM_FAULTS = {
+    0x0001: "communication synchronisation error",
+    0x0002: "too much infrared light",
+    0x0008: "processing exception in the tracker",
+    0x0010: "hardware failure of the tracker",
+    0x0200: "the tracker is outside its temperature range",
+    0x0400: "the tracker's hardware configuration changed",
+}
+
+Judgement = tuple[PoseStatus, str]
+_ABSENT = {
+    HandleState.MISSING: (PoseStatus.MISSING, "the tracker does not see the tool"),
+    HandleState.DISABLED: (PoseStatus.DISABLED, "the tool's port is disabled"),
+    HandleState.UNOCCUPIED: (PoseStatus.DISABLED, "the tool is unplugged"),
+}
+
+
+def judge_tool(tool: ToolReply) -> Judgement:
+    """One handle on its own; (OK, "") only if nothing at all speaks against its pose."""
+    if tool.state in _ABSENT:
+        return _ABSENT[tool.state]
+    return _judge_port(tool.port_status or 0)
+
+
+def _judge_port(status: int) -> Judgement:
+    if not status & _PORT_OCCUPIED:
+        return PoseStatus.DISABLED, "the tool is unplugged"
+    if status & _PORT_READY != _PORT_READY:
+        return PoseStatus.DISABLED, "the tool's port is not initialised or not enabled"
+    if faults := _words(_PORT_FAULTS, status):
+        return PoseStatus.FAULT, faults
+    if status & _PORT_OUTSIDE:
+        return PoseStatus.OUT_OF_VOLUME, "the tool is outside the measurement volume"
+    if status & _PORT_PARTLY_OUTSIDE:
+        return PoseStatus.PARTIAL, "the tool is partly outside the measurement volume"
+    return PoseStatus.OK, ""
+
+
+def judge_system(system_status: int, alerts: int) -> Judgement:
+    """The device as a whole. alerts: Info.Status.New Alerts gathered since the connection was made."""
+    if serious := alerts & ~HARMLESS_ALERTS:
+        return PoseStatus.FAULT, alert_words(serious)
+    if faults := _words(_SYSTEM_FAULTS, system_status):
+        return PoseStatus.FAULT, faults
+    return PoseStatus.OK, ""
+
+
+def _words(table: dict[int, str], status: int) -> str:
+    return ", ".join(words for bit, words in table.items() if status & bit)

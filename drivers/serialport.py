@@ -1,0 +1,32 @@
+"""Opens a serial port for one owner, and says in plain words why it cannot."""
+
+import errno
+from pathlib import Path
+
+import serial
+
+from drivers.errors import DeviceLost
+
+
+def open_serial(path: str, baud: int) -> serial.Serial:
+    """An 8N1 port that no other program can open at the same time; reads do not block.
+
+    Raises DeviceLost when the port is absent, in use, or not permitted to this user.
+    """
+    try:
+        return serial.Serial(path, baud, timeout=0, write_timeout=1.0, exclusive=True)
+    except (OSError, serial.SerialException) as error:
+        raise _refusal(path, error) from error
+
+
+def _refusal(path: str, error: OSError) -> DeviceLost:
+    """pyserial tells of a lock only in its message, so the kernel's number is asked first."""
+    busy = error.errno in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error)
+    if busy:
+        return DeviceLost("the serial port is in use by another program", path, "Close that program, then try again")
+    if error.errno in (errno.EACCES, errno.EPERM):
+        remedy = "Add this user to the group 'dialout' (sudo usermod -aG dialout $USER), then log in again"
+        return DeviceLost("no permission to open the serial port", path, remedy)
+    if not Path(path).exists():
+        return DeviceLost("no such serial port", path, "Plug the cable in, or correct the path in the configuration")
+    return DeviceLost(f"the serial port cannot be opened ({error})", path, "Check cable and adapter")
