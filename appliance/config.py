@@ -1,0 +1,181 @@
+"""The configuration file: read once, whole, and refused by key, value and bound when it cannot be meant."""
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from appliance.ledger import Durations
+from appliance.limits import Limits
+from appliance.watchers.facts import Patience
+from drivers.errors import ConfigurationError
+from drivers.ports import split_url
+
+_EXAMPLE = "config/probewatch.toml shows every key"
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class Device(_Section):
+    """One device by its URL."""
+
+    url: str = Field(min_length=1)
+
+
+class CalibrationPlace(_Section):
+    """Where the reference calibration lies; a relative path counts from the folder of the configuration file."""
+
+    file: Path = Field(strict=False)
+
+
+class SupervisorTimes(_Section):
+    """Durations of the supervisor's table and of the device watchers, in the unit that ends each name."""
+
+    halt_after_s: float = Field(default=1.0, ge=0, le=10)
+    recalibrate_after_s: float = Field(default=2.0, ge=0, le=60)
+    device_lost_after_s: float = Field(default=1.0, ge=0, le=10)
+    probation_s: float = Field(default=1.0, ge=0.1, le=30)
+    max_verification_age_s: float = Field(default=30.0, ge=1, le=600)
+    starting_s: float = Field(default=10.0, ge=1, le=120)
+    video_silence_ms: float = Field(default=500, ge=100, le=5000)
+    tracker_silence_ms: float = Field(default=500, ge=100, le=5000)
+    tracker_stale_ms: float = Field(default=500, ge=50, le=5000)
+    estimator_silence_ms: float = Field(default=1000, ge=300, le=5000)
+    output_silence_ms: float = Field(default=500, ge=200, le=5000)
+    unseen_s: float = Field(default=3.0, ge=0.5, le=60)
+
+    def durations(self) -> Durations:
+        return Durations(
+            halt_after_ns=_ns(self.halt_after_s),
+            recalibrate_after_ns=_ns(self.recalibrate_after_s),
+            device_lost_after_ns=_ns(self.device_lost_after_s),
+            probation_ns=_ns(self.probation_s),
+            max_verification_age_ns=_ns(self.max_verification_age_s),
+            starting_ns=_ns(self.starting_s),
+        )
+
+    def patience(self) -> Patience:
+        return Patience(
+            video_ns=_ns(self.video_silence_ms / 1e3),
+            tracker_ns=_ns(self.tracker_silence_ms / 1e3),
+            stale_ns=_ns(self.tracker_stale_ms / 1e3),
+            unseen_ns=_ns(self.unseen_s),
+            estimator_ns=_ns(self.estimator_silence_ms / 1e3),
+            output_ns=_ns(self.output_silence_ms / 1e3),
+        )
+
+
+class Control(_Section):
+    """The Unix socket through which tools speak to the service; its path is bounded by the kernel."""
+
+    socket: Path = Field(default=Path("/run/probewatch/control"), strict=False)
+
+
+class Log(_Section):
+    """How much is logged to stderr."""
+
+    level: Literal["debug", "info", "warning", "error"] = "info"
+
+
+class Config(_Section):
+    """The whole file. output holds one or more alarm outputs."""
+
+    video: Device
+    tracker: Device
+    output: Annotated[tuple[Device, ...], Field(min_length=1, max_length=8, strict=False)]
+    calibration: CalibrationPlace
+    limits: Limits = Limits()
+    supervisor: SupervisorTimes = SupervisorTimes()
+    control: Control = Control()
+    log: Log = Log()
+
+
+def load_config(path: Path) -> Config:
+    """Raises ConfigurationError naming file, key, value, bound and what to do."""
+    values = _read_toml(path)
+    try:
+        config = Config.model_validate(values)
+    except ValidationError as error:
+        raise ConfigurationError("; ".join(_violations(error)), str(path), f"Mend it; {_EXAMPLE}") from None
+    _check_urls(config, path)
+    _check_socket(config.control.socket, path)
+    place = CalibrationPlace(file=path.parent / config.calibration.file)
+    return config.model_copy(update={"calibration": place})
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_bytes().decode())
+    except OSError as error:
+        raise ConfigurationError(
+            f"cannot be read ({error.strerror})", str(path), "Check the path and its rights"
+        ) from None
+    except UnicodeDecodeError:
+        raise ConfigurationError("is not UTF-8 text", str(path), "Save it as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError(f"is not valid TOML: {error}", str(path), f"Mend that line; {_EXAMPLE}") from None
+
+
+def _violations(error: ValidationError) -> list[str]:
+    return [_violation(item["loc"], item["type"], item["msg"], item["input"]) for item in error.errors()]
+
+
+def _violation(loc: tuple[int | str, ...], kind: str, message: str, value: object) -> str:
+    key = _key(loc)
+    if kind == "missing":
+        return f"{key} is missing"
+    if kind == "extra_forbidden":
+        return f"{key} is not known{_did_you_mean(loc)}"
+    shown = "" if isinstance(value, dict | list) else f" = {value!r}"
+    return f"{key}{shown}: {message[0].lower()}{message[1:]}"
+
+
+def _key(loc: tuple[int | str, ...]) -> str:
+    """[section] key, as it stands in the file; entries of [[output]] are counted from 1."""
+    section, *rest = loc
+    if not rest:
+        return f"'{section}'"
+    names = [f"entry {part + 1}" if isinstance(part, int) else part for part in rest]
+    return f"[{section}] {' '.join(names)}"
+
+
+def _did_you_mean(loc: tuple[int | str, ...]) -> str:
+    known = _known_keys(loc[:-1])
+    close = difflib.get_close_matches(str(loc[-1]), known, n=1, cutoff=0.5)
+    return f", did you mean '{close[0]}'?" if close else f" (known: {', '.join(known)})"
+
+
+def _known_keys(section: tuple[int | str, ...]) -> list[str]:
+    if not section:
+        return list(Config.model_fields)
+    if section[0] == "output":
+        return list(Device.model_fields)
+    kind = Config.model_fields[str(section[0])].annotation
+    assert isinstance(kind, type)
+    assert issubclass(kind, BaseModel)
+    return list(kind.model_fields)
+
+
+def _check_urls(config: Config, path: Path) -> None:
+    named = [("video", config.video), ("tracker", config.tracker)]
+    named += [(f"output (entry {number})", output) for number, output in enumerate(config.output, 1)]
+    for section, device in named:
+        try:
+            split_url(device.url)
+        except ConfigurationError as error:
+            where = f"{path}: [{section}] url = '{device.url}'"
+            raise ConfigurationError(error.what, where, error.remedy) from None
+
+
+def _check_socket(socket: Path, path: Path) -> None:
+    if len(str(socket).encode()) > 100:
+        where = f"{path}: [control] socket = '{socket}'"
+        raise ConfigurationError("the path is longer than 100 bytes", where, "Choose a shorter path, such as in /run")
