@@ -87,7 +87,7 @@ class MetaImage:
             seconds = Decimal(text)
         except InvalidOperation:
             seconds = Decimal("NaN")
-        if not seconds.is_finite() or abs(seconds) > _MAX_STAMP_S:
+        if not seconds.is_finite() or not -_MAX_STAMP_S <= seconds <= _MAX_STAMP_S:
             raise _refusal(self.path, key, f"'{text}' is no time in seconds", "Record again, or mend this line")
         return round(seconds * 1_000_000_000)
 
@@ -188,7 +188,8 @@ def _refusal(path: Path, key: str, what: str, remedy: str) -> RecordingError:
 
 
 def _unreadable(path: Path, error: OSError) -> RecordingError:
-    return RecordingError(f"cannot be read: {error.strerror}", str(path), "Check the name and the permissions")
+    where = str(error.filename or path)
+    return RecordingError(f"cannot be read: {error.strerror}", where, "Check the name and the permissions")
 
 
 def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int, dict[str, str]]]:
@@ -225,7 +226,7 @@ def _checked(
     path: Path, general: dict[str, str], frames: dict[int, dict[str, str]], offset: int, orientation: str | None
 ) -> MetaImage:
     width, height, count = _dimensions(path, general)
-    if sorted(frames) != list(range(count)):
+    if len(frames) != count or max(frames, default=-1) != count - 1:
         what = f"says {count} frames, the header has fields of {len(frames)}"
         raise _refusal(path, "DimSize", what, "The header is cut or was edited; copy the file again")
     local = general["ElementDataFile"].upper() == "LOCAL"
