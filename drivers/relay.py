@@ -1,0 +1,127 @@
+"""`relay:/dev/ttyUSB1?channel=1`: one contact of an LCUS-type serial relay board. Energised means safe.
+
+9600 baud 8N1. Command: A0, channel, 00 off or 01 on, sum of the three modulo 256. Boards with a microcontroller answer
+the byte FF with `CHn: ON` or `CHn: OFF` lines; the bare LCUS-1 never answers. Which of the two is asked once, when the
+port is opened; `confirm=yes` refuses a board that does not answer, `confirm=no` does not ask.
+"""
+
+import os
+import re
+import select
+import termios
+from contextlib import suppress
+from types import TracebackType
+from typing import Self
+
+import serial
+
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.hosttime import HostClock
+from drivers.serialport import open_serial
+
+BAUD = 9600
+STATUS_QUERY = b"\xff"
+_START = 0xA0
+_ANSWER_S = 0.2
+_COMMAND_S = 4 * 10 / BAUD
+_CONFIRM = ("auto", "yes", "no")
+_CHECK = "Check the relay board's cable"
+
+
+def relay_command(channel: int, energised: bool) -> bytes:
+    """The four bytes that switch one channel."""
+    body = bytes((_START, channel, int(energised)))
+    return body + bytes((sum(body) & 0xFF,))
+
+
+def open_output(target: str, options: dict[str, str], clock: HostClock) -> "RelayOutput":
+    """See drivers.ports for what is raised. The contact stays as it is until the first write."""
+    where = f"relay:{target}"
+    if unknown := sorted(set(options) - {"channel", "confirm"}):
+        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, "Use channel, confirm")
+    text, confirm = options.get("channel", "1"), options.get("confirm", "auto")
+    if not text.isdecimal() or not 1 <= int(text) <= 16:
+        raise ConfigurationError(f"channel={text} is not a relay of such a board", where, "Use a number from 1 to 16")
+    if confirm not in _CONFIRM:
+        raise ConfigurationError(f"confirm={confirm} is not known", where, f"Use {', '.join(_CONFIRM)}")
+    return RelayOutput(target, int(text), confirm, clock)
+
+
+class RelayOutput:
+    """confirmed: the board reports its contacts, so a write that it did not take is noticed."""
+
+    def __init__(self, path: str, channel: int, confirm: str, clock: HostClock) -> None:
+        self._path, self._channel, self._clock = path, channel, clock
+        self._line = re.compile(rb"CH *%d *: *(ON|OFF)\s" % channel)
+        self._port: serial.Serial = open_serial(path, BAUD)
+        self.confirmed = False
+        try:
+            self.confirmed = confirm != "no" and self._state() is not None
+            if confirm == "yes" and not self.confirmed:
+                raise DeviceLost("the relay board does not report its contacts", path, f"{_CHECK}, or use confirm=auto")
+        except BaseException:
+            self._port.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        with suppress(DeviceLost):
+            self.write(False)
+        with suppress(OSError, termios.error):
+            self._port.close()
+
+    def write(self, energised: bool) -> None:
+        """Switch the contact. Returns after the board said so, or, of a silent board, after the last byte left.
+
+        Raises DeviceLost when the port fails or the board reports the other state.
+        """
+        self._send(relay_command(self._channel, energised))
+        if self.confirmed:
+            self._confirm(energised)
+        else:
+            self._clock.sleep_until(self._clock.now_ns() + round(_COMMAND_S * 1e9))
+
+    def _confirm(self, energised: bool) -> None:
+        state = self._state()
+        if state is None:
+            raise DeviceLost("the relay board does not answer", self._path, _CHECK)
+        if state is not energised:
+            said = "closed" if state else "open"
+            raise DeviceLost(f"the relay board did not switch, its contact is {said}", self._path, "Replace the board")
+
+    def _state(self) -> bool | None:
+        """Contact state as the board reports it; None without an answer."""
+        self._receive(0)
+        self._send(STATUS_QUERY)
+        deadline_ns = self._clock.now_ns() + round(_ANSWER_S * 1e9)
+        received = b""
+        while (remaining_ns := deadline_ns - self._clock.now_ns()) > 0:
+            received += self._receive(self._clock.real_s(remaining_ns / 1e9))
+            if found := self._line.search(received):
+                return found[1] == b"ON"
+        return None
+
+    def _send(self, data: bytes) -> None:
+        try:
+            self._port.write(data)
+            self._port.flush()
+        except (OSError, termios.error) as error:
+            raise self._lost(error) from error
+
+    def _receive(self, real_s: float) -> bytes:
+        try:
+            if not select.select([self._port.fileno()], [], [], real_s)[0]:
+                return b""
+            data = os.read(self._port.fileno(), 256)
+        except OSError as error:
+            raise self._lost(error) from error
+        if not data:
+            raise self._lost(OSError("end of file"))
+        return data
+
+    def _lost(self, error: Exception) -> DeviceLost:
+        return DeviceLost(f"the relay board's port failed ({error})", self._path, _CHECK)

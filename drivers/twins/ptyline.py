@@ -1,0 +1,73 @@
+"""A serial line of which one end is a pseudo-terminal that the real driver opens by a fixed name.
+
+What a pseudo-terminal does not model: a break is invisible here (drivers send a NUL at a slow rate as well), control
+lines are absent, and bytes sent at the wrong speed arrive unharmed unless the twin spoils them.
+"""
+
+import fcntl
+import os
+import select
+import struct
+import termios
+import tty
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from drivers.hosttime import HostClock
+
+_BITS_PER_BYTE = 10
+_SLICE_S = 0.001
+_TCGETS2, _TERMIOS2_BYTES, _OSPEED_AT = 0x802C542A, 44, 40
+
+
+class PtyLine:
+    """The device's end. link: path of the symbolic link to the host's end; an older link is taken over."""
+
+    def __init__(self, link: Path, clock: HostClock) -> None:
+        self._link, self._clock = link, clock
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave, termios.TCSANOW)
+        self._name = os.ttyname(self._slave)
+        fresh = link.with_name(f".{link.name}.{os.getpid()}")
+        fresh.symlink_to(self._name)
+        fresh.replace(link)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self.unplug()
+        with suppress(OSError):
+            if str(self._link.readlink()) == self._name:
+                self._link.unlink()
+
+    def unplug(self) -> None:
+        """The host's reads end in an error from now on, as when the adapter is pulled."""
+        for end in (self._master, self._slave):
+            with suppress(OSError):
+                os.close(end)
+
+    @property
+    def host_baud(self) -> int:
+        """Bits per second that the host has set."""
+        settings = fcntl.ioctl(self._slave, _TCGETS2, bytes(_TERMIOS2_BYTES))
+        return int(struct.unpack_from("=I", settings, _OSPEED_AT)[0])
+
+    def read(self, timeout_s: float) -> bytes:
+        """What the host has sent; empty when nothing came within timeout_s of the clock."""
+        if not select.select([self._master], [], [], self._clock.real_s(timeout_s))[0]:
+            return b""
+        return os.read(self._master, 4096)
+
+    def write(self, data: bytes, baud: int, start_ns: int) -> None:
+        """Send byte after byte as a line of `baud` would, the first from start_ns on; returns after the last."""
+        duration_ns = len(data) * _BITS_PER_BYTE * 1_000_000_000 // baud
+        slices = max(1, min(len(data), int(self._clock.real_s(duration_ns / 1e9) / _SLICE_S)))
+        for i in range(slices):
+            begin, end = len(data) * i // slices, len(data) * (i + 1) // slices
+            self._clock.sleep_until(start_ns + duration_ns * end // max(len(data), 1))
+            os.write(self._master, data[begin:end])

@@ -1,0 +1,23 @@
+"""A generic tool definition file for the simulated tracker."""
+
+import struct
+
+from drivers.ndi.rom import ROM_BYTES, rom_sum
+
+REFERENCE, PROBE = 0x01, 0x02
+_MARKERS_MM = ((0.0, 0.0, 0.0), (46.5, 28.3, 0.0), (38.2, -33.9, 0.0), (98.0, -4.6, 0.0))
+
+
+def make_rom(main_type: int = PROBE) -> bytes:
+    """The 752 bytes of a passive tool with four markers. main_type: REFERENCE or PROBE."""
+    image = bytearray(ROM_BYTES)
+    image[:4] = b"NDI\0"
+    image[12], image[15] = 0x01, main_type
+    struct.pack_into("<IIIIf", image, 20, 0x00C0FFEE, 90, len(_MARKERS_MM), 3, 0.5)
+    for i, marker in enumerate(_MARKERS_MM):
+        struct.pack_into("<3f", image, 0x48 + 12 * i, *marker)
+        struct.pack_into("<3f", image, 0x138 + 12 * i, 0.0, 0.0, 1.0)
+    image[0x244 : 0x244 + 12] = b"PROBEWATCH".ljust(12)
+    image[0x250 : 0x250 + 20] = f"GENERIC-{main_type:02d}".encode().ljust(20)
+    struct.pack_into("<H", image, 4, rom_sum(bytes(image)))
+    return bytes(image)
