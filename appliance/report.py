@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from appliance.geometry import vector_from_rotation
-from appliance.timeline import Change
-from appliance.types import PARAMETERS, Calibration, Check, Verdict, VerdictKind
+from appliance.types import PARAMETERS, Calibration, Check, State, Verdict, VerdictKind
 
 VERSION = 1
 
@@ -33,6 +32,16 @@ class LineReport:
     motions: int
     checks: tuple[Check, ...]
     verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """From t_s on (seconds since the first sample of the recording) the room was in this state."""
+
+    t_s: float
+    state: State
+    fault: str | None
+    reason: str
 
 
 def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any]:

@@ -1,24 +1,15 @@
 """The supervisor over a recording: the states a room would have seen. Pure: time is that of the samples."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from appliance.report import Change
 from appliance.supervisor import Durations, Inputs, Supervisor
-from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
+from appliance.types import AlarmState, Check, Verdict, VerdictKind
 from appliance.watchers.devices import watch_devices
 from appliance.watchers.facts import Facts, Patience
 from drivers.samples import Frame, PoseStatus, Sample
 
 _TICK_NS = 50_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Change:
-    """From t_s on (seconds since the first sample of the recording) the room was in this state."""
-
-    t_s: float
-    state: State
-    fault: str | None
-    reason: str
 
 
 class Timeline:

@@ -88,7 +88,7 @@ class MetaImage:
         except InvalidOperation:
             seconds = Decimal("NaN")
         if not seconds.is_finite() or not -_MAX_STAMP_S <= seconds <= _MAX_STAMP_S:
-            raise _refusal(self.path, key, f"'{text}' is no time in seconds", "Record again, or mend this line")
+            raise _refusal(self.path, key, f"{text!r} is no time in seconds", "Record again, or mend this line")
         return round(seconds * 1_000_000_000)
 
     def sequence(self, index: int) -> int:
@@ -206,19 +206,17 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int
 
 
 def _header_line(stream: BinaryIO, path: Path) -> tuple[str, str]:
+    """Next (key, value); both empty for a blank line."""
     line = stream.readline(_MAX_LINE_BYTES)
     text = line.decode("utf-8", errors="replace").strip()
-    if not line:
-        raise RecordingError(
-            "the header ends before ElementDataFile", str(path), "The file is cut short; copy it again"
-        )
+    key, equals, value = text.partition("=")
     if text.startswith("NRRD"):
         raise RecordingError("is an NRRD sequence, not a MetaImage", str(path), "Convert it to .igs.mha")
-    key, equals, value = text.partition("=")
-    if (text and not equals) or len(line) == _MAX_LINE_BYTES:
-        raise RecordingError(
-            f"header line '{text[:40]}' is not 'key = value'", str(path), "Give a PLUS sequence (.igs.mha or .mhd)"
-        )
+    if len(line) == _MAX_LINE_BYTES or (line.endswith(b"\n") and text and not equals):
+        what = f"header line {text[:40]!r} is not 'key = value'"
+        raise RecordingError(what, str(path), "Give a PLUS sequence (.igs.mha or .mhd)")
+    if not line.endswith(b"\n") and not equals:
+        raise RecordingError("the header ends before ElementDataFile", str(path), "It is cut short; copy it again")
     return key.strip(), value.strip()
 
 
@@ -254,7 +252,7 @@ def _dimensions(path: Path, general: dict[str, str]) -> tuple[int, int, int]:
     if len(sizes) == 4 and sizes[2] == 1:
         del sizes[2]
     if len(sizes) != 3 or min(sizes) < 0 or max(sizes[:2]) > _MAX_SIDE_PX:
-        what = f"'{text}' is not width, height and number of frames"
+        what = f"{text!r} is not width, height and number of frames"
         raise _refusal(path, "DimSize", what, "Give a sequence of two-dimensional pictures")
     return sizes[0], sizes[1], sizes[2]
 
@@ -268,10 +266,10 @@ def _check_pictures(sequence: MetaImage, general: dict[str, str], orientation: s
     ):
         value = general.get(key, "" if key == "ElementType" else allowed)
         if value.upper() != allowed.upper():
-            raise _refusal(sequence.path, key, f"is '{value}', not {allowed}", remedy)
+            raise _refusal(sequence.path, key, f"is {value!r}, not {allowed}", remedy)
     named = orientation or general.get("UltrasoundImageOrientation", "")
     if named.upper() not in {two + three for two in _FLIPS for three in ("", "A", "D")}:
-        what = f"'{named}' is not M or U, then F or N"
+        what = f"{named!r} is not M or U, then F or N"
         remedy = "State how the pictures are stored, for example MF, in the header or with --orientation"
         raise _refusal(sequence.path, "UltrasoundImageOrientation", what, remedy)
 
@@ -294,7 +292,7 @@ def _check_length(sequence: MetaImage, general: dict[str, str]) -> None:
 
 def _integer(path: Path, key: str, text: str) -> int:
     if not re.fullmatch(r"[+-]?[0-9]{1,18}", text):
-        raise _refusal(path, key, f"'{text}' is not a whole number", "Record again, or mend this line")
+        raise _refusal(path, key, f"{text[:60]!r} is not a whole number", "Record again, or mend this line")
     return int(text)
 
 
@@ -302,7 +300,7 @@ def _sixteen_numbers(path: Path, key: str, text: str) -> Matrix4:
     try:
         return np.array([float(word) for word in text.split()]).reshape(4, 4)
     except ValueError:
-        raise _refusal(path, key, f"'{text[:60]}' is not sixteen numbers", "Record again, or mend this line") from None
+        raise _refusal(path, key, f"{text[:60]!r} is not sixteen numbers", "Record again, or mend this line") from None
 
 
 def _rigid(matrix: Matrix4, name: str) -> TransformReading:

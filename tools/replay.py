@@ -14,8 +14,8 @@ from rich.table import Table
 from appliance.calibration_file import read_calibration
 from appliance.limits import Limits
 from appliance.line import Line
-from appliance.report import LineReport, report_json
-from appliance.timeline import Change, Timeline
+from appliance.report import Change, LineReport, report_json
+from appliance.timeline import Timeline
 from appliance.types import Check, Verdict, VerdictKind
 from drivers.atomicfile import replacing
 from drivers.errors import ConfigurationError
@@ -121,15 +121,14 @@ def _write_json(path: Path, report: LineReport, timeline: list[Change]) -> None:
 
 
 def _print(report: LineReport, timeline: list[Change], recording: Path) -> None:
-    console = Console(file=sys.stdout, highlight=False)
-    console.print(f"{recording.name}: {report.frames} frames, {report.poses} poses, {report.paired} paired")
+    click.echo(f"{recording.name}: {report.frames} frames, {report.poses} poses, {report.paired} paired")
     for reason, number in report.unpaired.items():
-        console.print(f"  {number} not paired: {reason}")
-    console.print(_table(report))
+        click.echo(f"  {number} not paired: {reason}")
+    Console(file=sys.stdout, highlight=False).print(_table(report))
     for change in timeline:
-        console.print(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}", markup=False)
+        click.echo(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}")
     fault = f" · {report.verdict.fault}" if report.verdict.fault else ""
-    console.print(f"verdict: {report.verdict.kind.value}{fault}  {report.verdict.reason}", markup=False)
+    click.echo(f"verdict: {report.verdict.kind.value}{fault}  {report.verdict.reason}")
 
 
 def _table(report: LineReport) -> Table:
