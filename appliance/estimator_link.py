@@ -1,0 +1,66 @@
+"""What the two processes say to each other: one message a packet, over a socket pair that keeps message bounds."""
+
+import pickle
+import socket
+from dataclasses import dataclass
+
+from appliance.limits import Limits
+from appliance.types import Calibration, Verdict
+
+_LONGEST = 1 << 17
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """Hardware process → estimator: work with this reference from now on. generation marks what is said of it."""
+
+    generation: int
+    reference: Calibration
+    limits: Limits
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """Estimator → hardware process, at least ten times a second. The counts are since the estimator's start."""
+
+    generation: int
+    verdicts: tuple[Verdict, ...]
+    frames: int
+    poses: int
+    dropped_frames: int
+    dropped_poses: int
+
+
+Message = Order | Word
+
+
+class LinkClosed(Exception):  # noqa: N818  an event, not a fault
+    """The peer has gone."""
+
+
+def link_pair() -> tuple[socket.socket, socket.socket]:
+    """Two connected ends."""
+    return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+
+def send(link: socket.socket, message: Message) -> None:
+    """Blocks, or not, as the socket does. Raises LinkClosed, BlockingIOError."""
+    try:
+        link.send(pickle.dumps(message))
+    except (BrokenPipeError, ConnectionResetError) as error:
+        raise LinkClosed from error
+
+
+def receive(link: socket.socket) -> Message | None:
+    """The next message, None when there is none now. Never blocks. Raises LinkClosed."""
+    try:
+        packet = link.recv(_LONGEST, socket.MSG_DONTWAIT)
+    except BlockingIOError:
+        return None
+    except ConnectionResetError as error:
+        raise LinkClosed from error
+    if not packet:
+        raise LinkClosed
+    message = pickle.loads(packet)
+    assert isinstance(message, Order | Word)
+    return message

@@ -1,0 +1,70 @@
+"""Structured log: one JSON object a line on stderr, written by a thread of its own so that it never delays a tick."""
+
+import queue
+import sys
+import threading
+from typing import Any, TextIO
+
+import structlog
+
+_LEVELS = {"debug": 10, "info": 20, "warning": 30, "error": 40}
+_LONGEST_QUEUE = 2000
+
+
+class LogWriter:
+    """A bounded queue and its thread; the newest line is dropped, and counted, when the reader of stderr is slow."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._lines: queue.Queue[str | None] = queue.Queue(_LONGEST_QUEUE)
+        self.dropped = 0
+        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
+        self._thread.start()
+
+    def msg(self, line: str) -> None:
+        try:
+            self._lines.put_nowait(line)
+        except queue.Full:
+            self.dropped += 1
+
+    log = debug = info = warn = warning = error = critical = exception = fatal = msg
+
+    def close(self, timeout_s: float = 1.0) -> None:
+        """Write what is queued, for at most timeout_s."""
+        try:
+            self._lines.put(None, timeout=timeout_s)
+        except queue.Full:
+            return
+        self._thread.join(timeout_s)
+
+    def _write(self) -> None:
+        while (line := self._lines.get()) is not None:
+            try:
+                self._stream.write(line + "\n")
+                self._stream.flush()
+            except (OSError, ValueError):
+                self.dropped += 1
+
+
+def configure(level: str, stream: TextIO | None = None) -> LogWriter:
+    """Set structlog up for the whole process. level: debug, info, warning or error."""
+    writer = LogWriter(stream or sys.stderr)
+    structlog.configure(
+        processors=[
+            structlog.contextvars.merge_contextvars,
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            structlog.processors.format_exc_info,
+            structlog.processors.JSONRenderer(ensure_ascii=False),
+        ],
+        wrapper_class=structlog.make_filtering_bound_logger(_LEVELS[level]),
+        logger_factory=lambda *_: writer,
+        cache_logger_on_first_use=False,
+    )
+    return writer
+
+
+def get_log(**bound: Any) -> structlog.typing.FilteringBoundLogger:
+    """A logger with fields bound."""
+    log: structlog.typing.FilteringBoundLogger = structlog.get_logger(**bound)
+    return log

@@ -1,0 +1,37 @@
+"""`probewatch run`: the service."""
+
+import time
+from pathlib import Path
+
+import click
+
+from appliance.calibration_file import read_calibration
+from appliance.config import load_config
+from appliance.control import ControlServer
+from appliance.daemon import Daemon
+from appliance.log import configure
+from drivers.hosttime import HostClock
+
+
+@click.command(short_help="the service: watch the devices named in the configuration")
+@click.option(
+    "--config",
+    "config_file",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="the configuration, such as config/probewatch.toml",
+)
+@click.option("--clock-rate", default=1.0, type=click.FloatRange(0.1, 100), hidden=True)
+@click.option("--clock-origin-ns", type=int, hidden=True)
+def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -> None:
+    """Watch the devices named in the configuration until SIGTERM; the log is JSON lines on stderr."""
+    config = load_config(config_file)
+    reference = read_calibration(config.calibration.file)
+    clock = HostClock(clock_rate, time.monotonic_ns() if clock_origin_ns is None else clock_origin_ns)
+    with ControlServer(config.control.socket) as control:
+        log = configure(config.log.level)
+        try:
+            with Daemon(config, reference, clock, control) as daemon:
+                daemon.run()
+        finally:
+            log.close()
