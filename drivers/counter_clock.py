@@ -20,7 +20,8 @@ _STEEPEST = 500e-6
 _USUAL_SKEW = 200e-6
 _RECENT_READINGS = 120
 _LATE_NS = 12_000_000
-_EARLY_NS = 4_000_000
+_EARLY_NS = 2_000_000
+_SETTLING_READINGS = 60
 _JUMP_NS = 300_000_000
 _BOUND_FLOOR_NS = 150_000.0
 _FIRST_BOUND_NS = 100_000_000.0
@@ -45,11 +46,11 @@ class CounterClock:
     def __init__(self, nominal_hz: float) -> None:
         self._period_ns = 1e9 / nominal_hz
         self.restarts = 0
-        self._counter, self._count = 0, 0
+        self._counter, self._count, self._last_t_ns = 0, 0, 0
         self._begin(0, 0)
 
     def stamp(self, counter: int, arrival_ns: int) -> Stamp:
-        """Host time of the count, with a bound that holds in at least 99.7 % of the readings once it has settled.
+        """Host time of the count, never before an earlier stamp; the bound holds for 99.7 % of all readings.
 
         arrival_ns: CLOCK_MONOTONIC of the last byte, less the known transfer time. counter: 32 bits.
         """
@@ -71,8 +72,10 @@ class CounterClock:
 
     def _begin(self, counter: int, arrival_ns: int) -> None:
         self._origin_ns, self._last_arrival_ns = arrival_ns, arrival_ns
-        self._device_ns, self._counter, self._last_t_ns = 0.0, counter, 0
+        self._device_ns, self._counter = 0.0, counter
         self._lowest: deque[_Reading] = deque()
+        self._bin_sizes: deque[int] = deque()
+        self._seen = 0
         self._recent: deque[float] = deque(maxlen=_RECENT_READINGS)
         self._level_ns, self._slope, self._count = 0.0, 0.0, 0
         self._edge_ns = (0.0, float(_BIN_NS))
@@ -99,19 +102,23 @@ class CounterClock:
         """Far earlier than the line allows, or none of the recent readings came near it."""
         excess_ns = reading.late_ns - self._line(reading.device_ns)
         full = len(self._recent) == _RECENT_READINGS
-        return (excess_ns < -_EARLY_NS - self._spread_ns and self._count > 60) or (
-            full and min(*self._recent, excess_ns) > _LATE_NS
-        )
+        too_early = self._count > _SETTLING_READINGS and excess_ns < -_EARLY_NS - self._bound_ns()
+        return too_early or (full and min(*self._recent, excess_ns) > _LATE_NS)
 
     def _keep_lowest(self, reading: _Reading) -> bool:
         """One reading per bin stays, the lowest. Returns whether the line must be drawn anew."""
         lowest = self._lowest
         while lowest and reading.device_ns - lowest[0].device_ns > _WINDOW_NS:
             lowest.popleft()
+            self._seen -= self._bin_sizes.popleft()
+        self._seen += 1
         if lowest and reading.device_ns // _BIN_NS == lowest[-1].device_ns // _BIN_NS:
+            self._bin_sizes[-1] += 1
             if reading.late_ns >= lowest[-1].late_ns:
                 return False
             lowest.pop()
+        else:
+            self._bin_sizes.append(1)
         lowest.append(reading)
         return True
 
@@ -131,20 +138,19 @@ class CounterClock:
         return self._level_ns + self._slope * device_ns
 
     def _estimate(self, arrival_ns: int) -> Stamp:
-        t_ns = self._origin_ns + round(self._device_ns + self._line(self._device_ns))
-        t_ns = min(max(t_ns, self._last_t_ns + 1), arrival_ns)
-        self._last_t_ns = t_ns
-        return Stamp(t_ns, round(self._bound_ns()))
+        """Never back in time, never after the arrival; what that moves the stamp is added to its bound."""
+        raw_ns = self._origin_ns + round(self._device_ns + self._line(self._device_ns))
+        self._last_t_ns = min(max(raw_ns, self._last_t_ns), arrival_ns)
+        return Stamp(self._last_t_ns, round(self._bound_ns()) + abs(self._last_t_ns - raw_ns))
 
     def _bound_ns(self) -> float:
         """The lowest of n exponential delays of mean m lies about m ÷ n above zero; so do the two readings that carry
         the line, and the error of its slope grows with the distance from them.
         """
-        seen = min(self._count, _WINDOW_NS / self._period_ns)
         middle_ns, length_ns = self._edge_ns
         away_ns = abs(self._device_ns - middle_ns)
-        level_ns = _LOWEST_OF_MANY * max(self._spread_ns, _SPREAD_FLOOR_NS) / seen
-        tilt = 2 * level_ns / length_ns if length_ns >= _SHORTEST_EDGE_NS else _USUAL_SKEW
+        level_ns = _LOWEST_OF_MANY * max(self._spread_ns, _SPREAD_FLOOR_NS) / max(self._seen, 1)
+        tilt = 3 * level_ns / length_ns if length_ns >= _SHORTEST_EDGE_NS else _USUAL_SKEW
         return min(_BOUND_FLOOR_NS + level_ns + tilt * away_ns, _FIRST_BOUND_NS)
 
 

@@ -22,7 +22,7 @@ from drivers.serialport import open_serial
 BAUD = 9600
 STATUS_QUERY = b"\xff"
 _START = 0xA0
-_ANSWER_S = 0.2
+_ANSWER_S = 0.5
 _COMMAND_S = 4 * 10 / BAUD
 _CONFIRM = ("auto", "yes", "no")
 _CHECK = "Check the relay board's cable"

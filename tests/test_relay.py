@@ -1,0 +1,137 @@
+"""The relay driver on simulated boards behind a real pseudo-terminal."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from threading import Event, Thread
+
+import pytest
+
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.hosttime import HostClock
+from drivers.ports import open_output
+from drivers.relay import relay_command
+from drivers.twins.ptyline import PtyLine
+from drivers.twins.relay_board import RelayBoard
+
+CLOCK = HostClock(rate=5.0)
+
+
+@contextmanager
+def running_board(link: Path, channels: int = 1, answers: bool = True) -> Iterator[RelayBoard]:
+    stop = Event()
+    with PtyLine(link, CLOCK) as line:
+        board = RelayBoard(line, CLOCK, channels, answers)
+        thread = Thread(target=board.run, args=(stop,))
+        thread.start()
+        try:
+            yield board
+        finally:
+            stop.set()
+            thread.join()
+
+
+def wait_for(condition: object, wanted: bool = True, seconds: float = 2.0) -> None:
+    end = time.monotonic() + seconds
+    while condition() is not wanted:  # type: ignore[operator]
+        assert time.monotonic() < end, "the board did not switch"
+        time.sleep(0.002)
+
+
+def test_command_bytes() -> None:
+    assert relay_command(1, True) == bytes.fromhex("a00101a2")
+    assert relay_command(1, False) == bytes.fromhex("a00100a1")
+    assert relay_command(2, True) == bytes.fromhex("a00201a3")
+
+
+def test_write_returns_after_an_answering_board_has_switched(tmp_path: Path) -> None:
+    with running_board(tmp_path / "relay", channels=2) as board:
+        with open_output(f"relay:{tmp_path}/relay?channel=2", CLOCK) as output:
+            output.write(True)
+            assert board.contacts == {1: False, 2: True}
+            output.write(False)
+            assert board.contacts == {1: False, 2: False}
+            output.write(True)
+        assert board.contacts == {1: False, 2: False}, "leaving the context de-energises"
+
+
+def test_silent_board_is_driven_all_the_same(tmp_path: Path) -> None:
+    with running_board(tmp_path / "relay", answers=False) as board:
+        with open_output(f"relay:{tmp_path}/relay", CLOCK) as output:
+            output.write(True)
+            wait_for(lambda: board.contacts[1])
+        wait_for(lambda: board.contacts[1], wanted=False)
+
+
+def test_leaving_on_an_error_de_energises(tmp_path: Path) -> None:
+    with running_board(tmp_path / "relay") as board:
+        with suppress(RuntimeError), open_output(f"relay:{tmp_path}/relay", CLOCK) as output:
+            output.write(True)
+            raise RuntimeError
+        assert board.contacts[1] is False
+
+
+def test_welded_contact_is_noticed(tmp_path: Path) -> None:
+    with running_board(tmp_path / "relay") as board, open_output(f"relay:{tmp_path}/relay", CLOCK) as output:
+        output.write(True)
+        board.stuck = True
+        with pytest.raises(DeviceLost, match="did not switch, its contact is closed"):
+            output.write(False)
+
+
+def test_board_that_must_confirm_but_cannot_is_refused(tmp_path: Path) -> None:
+    with running_board(tmp_path / "relay", answers=False), pytest.raises(DeviceLost, match="does not report"):
+        open_output(f"relay:{tmp_path}/relay?confirm=yes", CLOCK)
+
+
+def test_port_in_use_says_so(tmp_path: Path) -> None:
+    with running_board(tmp_path / "relay"), open_output(f"relay:{tmp_path}/relay", CLOCK):
+        with pytest.raises(DeviceLost, match="in use by another program") as refusal:
+            open_output(f"relay:{tmp_path}/relay", CLOCK)
+        assert str(tmp_path / "relay") in str(refusal.value)
+
+
+def test_absent_port_says_so(tmp_path: Path) -> None:
+    with pytest.raises(DeviceLost, match="no such serial port"):
+        open_output(f"relay:{tmp_path}/nothing", CLOCK)
+
+
+@pytest.mark.parametrize("query", ["channel=0", "channel=x", "confirm=maybe", "chanel=1"])
+def test_bad_option_is_a_configuration_error(query: str) -> None:
+    with pytest.raises(ConfigurationError):
+        open_output(f"relay:/dev/null?{query}", CLOCK)
+
+
+def test_unplugged_board_is_lost(tmp_path: Path) -> None:
+    with PtyLine(tmp_path / "relay", CLOCK) as line:
+        output = open_output(f"relay:{tmp_path}/relay?confirm=no", CLOCK)
+        line.unplug()
+        with output, pytest.raises(DeviceLost, match="port failed"):
+            output.write(True)
+
+
+def test_board_process_reports_its_contact_and_a_killed_one_loses_the_output(tmp_path: Path) -> None:
+    link = tmp_path / "relay"
+    command = [sys.executable, "-m", "drivers.twins.relay_board", "--pty", str(link), "--origin-ns"]
+    with subprocess.Popen([*command, str(time.monotonic_ns())], stdout=subprocess.PIPE, text=True) as board:
+        assert board.stdout is not None
+        try:
+            assert json.loads(board.stdout.readline()) == {"ready": True, "url": f"relay:{link}?channel=1"}
+            with open_output(f"relay:{link}", HostClock()) as output:
+                before_ns = time.monotonic_ns()
+                output.write(True)
+                event = json.loads(board.stdout.readline())
+                assert event["energised"] is True
+                assert before_ns <= event["t_ns"] <= time.monotonic_ns()
+                os.kill(board.pid, signal.SIGKILL)
+                board.wait()
+                with pytest.raises(DeviceLost):
+                    output.write(True)
+        finally:
+            board.kill()
