@@ -78,7 +78,9 @@ class Trajectory:
         self._waves = {
             axis: tuple(
                 # Phases within ±45° of the zero crossing: the hand moves from the first instant on.
-                _Wave(size * random.uniform(0.9, 1.05), period_s * random.uniform(0.95, 1.08), random.uniform(-0.8, 0.8))
+                _Wave(
+                    size * random.uniform(0.9, 1.05), period_s * random.uniform(0.95, 1.08), random.uniform(-0.8, 0.8)
+                )
                 for size, period_s in _PROGRAMS[program].get(axis, ())
             )
             for axis in _AXES

@@ -162,7 +162,8 @@ class World:
         window = np.s_[down : down + settings.height_px, right : right + settings.width_px]
         depth_db = np.linspace(0, settings.attenuation_db, settings.height_px, dtype=np.float32)[:, None]
         real, imaginary = (
-            part * 10 ** (-depth_db / 20) + noise[window] for part, noise in zip((real, imaginary), self._noise, strict=True)
+            part * 10 ** (-depth_db / 20) + noise[window]
+            for part, noise in zip((real, imaginary), self._noise, strict=True)
         )
         nepers = cv2.log(real * real + imaginary * imaginary + np.float32(1e-9))
         grey_per_db = 255 / settings.range_db
@@ -232,7 +233,17 @@ class _Screen:
     def _draw_words(self) -> None:
         width, height = self._size_px
         size = height / 480
-        words = (("SIMULATED", 6, 20), ("L 5.0 MHz", 6, 40), ("Gn 50", 6, 60), ("DR 60", 6, 76), ("MI 0.8", width - 80, 20))
-        for word, column, row in (*words, ("P", round(0.36 * width), 36), ("12 cm/s", round(0.45 * width), height - 40)):
+        words = (
+            ("SIMULATED", 6, 20),
+            ("L 5.0 MHz", 6, 40),
+            ("Gn 50", 6, 60),
+            ("DR 60", 6, 76),
+            ("MI 0.8", width - 80, 20),
+        )
+        for word, column, row in (
+            *words,
+            ("P", round(0.36 * width), 36),
+            ("12 cm/s", round(0.45 * width), height - 40),
+        ):
             place = (column, round(row * size) if row < 100 else row)
             cv2.putText(self.text, word, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45 * size, 230, 1, cv2.LINE_AA)
