@@ -1,0 +1,72 @@
+"""Rigid motions as arrays: rotation vectors, inverses, interpolation between poses. All functions are pure."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def skew(v: Array) -> Array:
+    """(…, 3) → (…, 3, 3) cross-product matrix [v]×."""
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., 0, 1], matrix[..., 0, 2] = -v[..., 2], v[..., 1]
+    matrix[..., 1, 0], matrix[..., 1, 2] = v[..., 2], -v[..., 0]
+    matrix[..., 2, 0], matrix[..., 2, 1] = -v[..., 1], v[..., 0]
+    return matrix
+
+
+def rotation_from_vector(rotvec_rad: Array) -> Array:
+    """Rodrigues: (…, 3) rad → (…, 3, 3); exact to machine precision at zero."""
+    angle = np.linalg.norm(rotvec_rad, axis=-1)[..., None, None]
+    K = skew(rotvec_rad)
+    first = np.sinc(angle / np.pi)
+    second = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    return np.asarray(np.eye(3) + first * K + second * (K @ K), dtype=np.float64)
+
+
+def vector_from_rotation(R: Array) -> Array:
+    """(…, 3, 3) → (…, 3) rad, angle in [0, π]; goes through the quaternion, so it is accurate near 0 and near π."""
+    q = quaternion_from_rotation(R)
+    vector_norm = np.linalg.norm(q[..., 1:], axis=-1)
+    angle = 2 * np.arctan2(vector_norm, q[..., 0])
+    factor = np.where(vector_norm > 1e-12, angle / np.maximum(vector_norm, 1e-300), 2.0)
+    return np.asarray(q[..., 1:] * factor[..., None], dtype=np.float64)
+
+
+def quaternion_from_rotation(R: Array) -> Array:
+    """(…, 3, 3) → (…, 4) as (w, x, y, z), w >= 0: the dominant eigenvector of Bar-Itzhack's symmetric matrix."""
+    m = np.asarray(R, dtype=np.float64)
+    trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
+    K = np.zeros((*m.shape[:-2], 4, 4))
+    vector = np.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], axis=-1)
+    K[..., 0, 0] = trace
+    K[..., 0, 1:] = K[..., 1:, 0] = vector
+    K[..., 1:, 1:] = m + np.swapaxes(m, -1, -2) - trace[..., None, None] * np.eye(3)
+    q = np.linalg.eigh(K)[1][..., :, -1]
+    return np.asarray(np.where(q[..., :1] < 0, -q, q), dtype=np.float64)
+
+
+def nearest_rotation(M: Array) -> Array:
+    """Proper rotation closest to M (3, 3) in the Frobenius norm (polar decomposition)."""
+    u, _, vt = np.linalg.svd(M)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt, dtype=np.float64)
+
+
+def rigid(R: Array, t: Array) -> Array:
+    """(…, 3, 3), (…, 3) → (…, 4, 4)."""
+    matrix = np.zeros((*np.broadcast_shapes(R.shape[:-2], t.shape[:-1]), 4, 4))
+    matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3, 3] = R, t, 1.0
+    return matrix
+
+
+def inverse(T: Array) -> Array:
+    """Inverse of rigid (…, 4, 4) transforms."""
+    Rt = np.swapaxes(T[..., :3, :3], -1, -2)
+    return rigid(Rt, -np.einsum("...ij,...j->...i", Rt, T[..., :3, 3]))
+
+
+def interpolate(first: Array, second: Array, fraction: float) -> Array:
+    """Rigid pose between two poses (4, 4): translation linear, rotation along the shortest arc; fraction in [0, 1]."""
+    turn = vector_from_rotation(first[:3, :3].T @ second[:3, :3])
+    R = first[:3, :3] @ rotation_from_vector(fraction * turn)
+    return rigid(R, (1 - fraction) * first[:3, 3] + fraction * second[:3, 3])

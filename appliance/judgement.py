@@ -1,0 +1,83 @@
+"""Quality Control: from checks to one verdict, and from many verdicts to the verdict on a session."""
+
+from collections import defaultdict
+
+from appliance.types import Check, Verdict, VerdictKind
+
+REQUIRED = ("polarity", "scale-lateral", "scale-axial", "rotation-elevational")
+"""What must be shown within its limit before the calibration counts as verified. The other parameters are shown only by
+tilt and turn, which an ordinary sweep may lack; they can fail, but their absence does not withhold an OK."""
+
+_LASTING_NS = 1_000_000_000
+_FIRST = ("frozen-video", "tracker-stale", "polarity")
+"""Faults that spoil everything measured after them, in the order in which they are named."""
+
+
+def judge(t_ns: int, checks: tuple[Check, ...]) -> Verdict:
+    """FAULT if any check failed, OK if every required one is shown, NOT_VERIFIED otherwise."""
+    failed = [check for check in checks if check.verdict is VerdictKind.FAULT]
+    if failed:
+        worst = min(failed, key=_urgency)
+        return Verdict(t_ns, VerdictKind.FAULT, checks, worst.fault, _sentence(worst))
+    missing = [name for name in REQUIRED if name not in _shown(checks)]
+    if missing:
+        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, f"not shown yet: {', '.join(missing)}")
+    return Verdict(t_ns, VerdictKind.OK, checks, None, "calibration verified")
+
+
+class Judgement:
+    """Remembers whether a fault lasted and whether the calibration was ever verified."""
+
+    def __init__(self) -> None:
+        self._since_ns: dict[str, int] = {}
+        self._lasted_ns: defaultdict[str, int] = defaultdict(int)
+        self._failing: dict[str, Verdict] = {}
+        self._verified_ns: int | None = None
+        self._last_ns = 0
+
+    def note(self, verdict: Verdict) -> None:
+        """Take the next verdict of the line, in time order."""
+        self._last_ns = verdict.t_ns
+        if verdict.kind is VerdictKind.OK:
+            self._verified_ns = verdict.t_ns
+        for fault in list(self._since_ns):
+            if fault != verdict.fault:
+                del self._since_ns[fault]
+        if verdict.fault is not None:
+            since_ns = self._since_ns.setdefault(verdict.fault, verdict.t_ns)
+            self._lasted_ns[verdict.fault] = max(self._lasted_ns[verdict.fault], verdict.t_ns - since_ns)
+            self._failing[verdict.fault] = verdict
+
+    def overall(self, checks: tuple[Check, ...]) -> Verdict:
+        """FAULT if one lasted a second, else OK if the calibration was verified at any time, else NOT_VERIFIED.
+
+        checks: the best that was known of each quantity; a lasting fault puts its failing checks in their place.
+        """
+        fault = max(self._lasted_ns, key=lambda name: self._lasted_ns[name], default=None)
+        if fault is not None and self._lasted_ns[fault] >= _LASTING_NS:
+            failing = self._failing[fault]
+            checks = _replaced(checks, [check for check in failing.checks if check.verdict is VerdictKind.FAULT])
+            return Verdict(self._last_ns, VerdictKind.FAULT, checks, fault, failing.reason)
+        if self._verified_ns is not None:
+            return Verdict(self._last_ns, VerdictKind.OK, checks, None, "calibration verified")
+        missing = [name for name in REQUIRED if name not in _shown(checks)]
+        reason = f"too little in-plane motion to show: {', '.join(missing)}" if missing else "verified only in parts"
+        return Verdict(self._last_ns, VerdictKind.NOT_VERIFIED, checks, None, reason)
+
+
+def _replaced(checks: tuple[Check, ...], failing: list[Check]) -> tuple[Check, ...]:
+    by_name = {check.name: check for check in checks} | {check.name: check for check in failing}
+    return tuple(by_name.values())
+
+
+def _shown(checks: tuple[Check, ...]) -> set[str]:
+    return {check.name for check in checks if check.verdict is VerdictKind.OK}
+
+
+def _urgency(check: Check) -> tuple[int, float]:
+    rank = _FIRST.index(check.fault) if check.fault in _FIRST else len(_FIRST)
+    return rank, -check.ratio
+
+
+def _sentence(check: Check) -> str:
+    return f"{check.name} {check.value:+.3g} {check.unit}, limit {check.limit:g} {check.unit}"

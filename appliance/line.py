@@ -1,0 +1,199 @@
+"""The line: samples in, verdicts out. Pure: no clock, no thread, no file; time is in the stamps.
+
+Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quality Control, one picture after the other.
+"""
+
+from collections import Counter
+
+import numpy as np
+
+from appliance.evidence import Evidence
+from appliance.judgement import Judgement, judge
+from appliance.limits import Limits
+from appliance.motion import sort_motion, steer
+from appliance.pairing import Pairing, Unpaired
+from appliance.path import PathWindow
+from appliance.realtime_tracker import RealTimeTracker, Tracked
+from appliance.report import LineReport
+from appliance.types import Calibration, Check, Motion, MotionKind, StampedPair, Verdict, VerdictKind
+from appliance.watchers.frozen_tracker import FrozenTracker
+from appliance.watchers.frozen_video import FrozenVideo
+from appliance.watchers.marker_slip import MarkerSlip
+from appliance.watchers.picture_event import PictureEvent
+from drivers.samples import Frame, Matrix4, Pose, PoseStatus
+
+_SOLVE_EVERY_NS = 250_000_000
+_STEADY_PX_PER_S = 900.0
+_STEADY_CORRELATION = 0.6
+_STALE_NS = 500_000_000
+
+
+class Line:
+    """reference: the calibration that is watched. Give frames and poses in the order in which they came.
+
+    step() accepts any frame: one of another size than the reference's is a scale fault, not an exception.
+    """
+
+    def __init__(self, reference: Calibration, limits: Limits) -> None:
+        self._reference = reference
+        self._pairing = Pairing()
+        self._aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
+        self._tracker = RealTimeTracker(self._aspect)
+        self._evidence = Evidence(reference, limits, PathWindow(reference))
+        self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
+        self._frozen_check: Check | None = None
+        self._frozen_tracker = FrozenTracker(_STALE_NS)
+        self._picture_event = PictureEvent(limits.scale_percent)
+        self._slip = MarkerSlip(limits)
+        self._judgement = Judgement()
+        self._keyframe_pose: tuple[int, Matrix4] | None = None
+        self._before_ns: int | None = None
+        self._solve_ns: int | None = None
+        self._frames = self._poses = self._paired = 0
+        self.motion: Motion | None = None
+        self.kinds: Counter[MotionKind] = Counter()
+
+    def step(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
+        """Take the next sample; one verdict for each frame that it settles."""
+        if isinstance(sample, Pose):
+            self._poses += 1
+            self._take_pose(sample)
+        else:
+            self._frames += 1
+        return tuple(self._settled(item) for item in self._pairing.step(sample))
+
+    def report(self) -> LineReport:
+        """What the whole session showed; frames still waiting for a pose stay unpaired."""
+        self._pairing.finish()
+        verdict = self._judgement.overall((*self._evidence.final(), *self._facts()))
+        return LineReport(
+            frames=self._frames,
+            poses=self._poses,
+            paired=self._paired,
+            unpaired=dict(self._pairing.unpaired),
+            latency=next((check for check in verdict.checks if check.name == "latency"), None),
+            estimate=self._evidence.estimate,
+            motions=self._evidence.motions,
+            checks=verdict.checks,
+            verdict=verdict,
+        )
+
+    def _take_pose(self, pose: Pose) -> None:
+        if pose.status is not PoseStatus.OK or pose.matrix is None:
+            return
+        self._evidence.window.poses.add(pose.stamp.t_ns, pose.matrix)
+        self._frozen_tracker.pose(pose)
+
+    def _settled(self, item: StampedPair | Unpaired) -> Verdict:
+        t_ns = item.frame.stamp.t_ns
+        self._paired += isinstance(item, StampedPair)
+        height, width = item.frame.image.shape[:2]
+        if (width, height) != self._reference.image_size_px:
+            return self._judged(t_ns, (self._wrong_size(width, height),))
+        self._frozen_check = self._frozen.step(item.frame)
+        if self._frozen.repeats:
+            self._lose_sight()
+        else:
+            self._watch(item)
+        self._before_ns = t_ns
+        return self._judged(t_ns, (*self._evidence.checks(), *self._facts()))
+
+    def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
+        verdict = judge(t_ns, checks)
+        self._judgement.note(verdict)
+        return verdict
+
+    def _facts(self) -> tuple[Check, ...]:
+        frozen = () if self._frozen_check is None else (self._frozen_check,)
+        return (*self._picture_event.checks(), *self._slip.checks(), *frozen, self._frozen_tracker.check())
+
+    def _lose_sight(self) -> None:
+        """A repeated picture shows no motion: nothing may be learnt from it, and the chain ends here."""
+        self._tracker.restart()
+        self._slip.step(0, np.eye(4), picture_steady=False)
+
+    def _watch(self, item: StampedPair | Unpaired) -> None:
+        frame = item.frame
+        if self._picture_event.step(frame.image) is not None:
+            self._tracker.restart()
+            self._evidence.restart()
+        tracked = self._tracker.step(frame.image, frame.sequence)
+        if isinstance(item, Unpaired):
+            self._slip.step(0, np.eye(4), picture_steady=False)
+            return
+        self._compare(item, tracked)
+        self._solve(frame.stamp.t_ns)
+
+    def _compare(self, pair: StampedPair, tracked: Tracked) -> None:
+        t_ns = pair.stamp.t_ns
+        self.motion = self._analyse(pair, tracked)
+        if tracked.step is not None:
+            self._frozen_tracker.picture(tracked.step[0] * self._reference.scale_mm_per_px)
+        if self._slip.step(t_ns, pair.matrix, self._steady(tracked, t_ns)):
+            self._evidence.restart()
+            return
+        self._evidence.window.add(t_ns, tracked.chain, tracked.path)
+
+    def _analyse(self, pair: StampedPair, tracked: Tracked) -> Motion:
+        """Sort the motion and let it steer the keyframe."""
+        known = self._keyframe_pose is not None and self._keyframe_pose[0] == tracked.keyframe
+        keyframe_pose = self._keyframe_pose[1] if known and self._keyframe_pose else pair.matrix
+        kind = sort_motion(tracked, self._reference, keyframe_pose, pair.matrix)
+        self.kinds[kind] += 1
+        renew = steer(kind, tracked, pair.frame.sequence).renew
+        if renew:
+            self._tracker.renew_keyframe()
+        if renew or tracked.keyframe == pair.frame.sequence:
+            self._keyframe_pose = (pair.frame.sequence, pair.matrix)
+        found = tracked.registration
+        if found is None:
+            return Motion(
+                pair.stamp,
+                pair.frame.sequence,
+                tracked.keyframe,
+                kind,
+                np.zeros(2),
+                0.0,
+                np.eye(3),
+                0.0,
+                False,
+                tracked.reason,
+            )
+        usable = kind not in (MotionKind.STILL, MotionKind.OUT_OF_PLANE, MotionKind.TOO_FAST)
+        return Motion(
+            pair.stamp,
+            pair.frame.sequence,
+            tracked.keyframe,
+            kind,
+            found.u_px,
+            found.alpha_rad,
+            found.covariance,
+            found.correlation,
+            usable,
+            "" if usable else kind.value,
+        )
+
+    def _steady(self, tracked: Tracked, t_ns: int) -> bool:
+        """The picture went on as a hand goes on: matched, in sequence, and not in leaps of its own."""
+        if tracked.step is None or tracked.registration is None or self._before_ns is None:
+            return False
+        elapsed_s = (t_ns - self._before_ns) / 1e9
+        calm = float(np.hypot(*tracked.step[0])) < _STEADY_PX_PER_S * elapsed_s
+        return calm and tracked.registration.correlation > _STEADY_CORRELATION
+
+    def _solve(self, t_ns: int) -> None:
+        if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < _SOLVE_EVERY_NS:
+            return
+        self._solve_ns = t_ns
+        self._evidence.solve()
+        if self._evidence.shows("polarity"):
+            self._picture_event.forget_flips()
+        if self._evidence.shows("scale"):
+            self._picture_event.forget_zoom()
+        if self._evidence.shows("rotation"):
+            self._slip.forget_turn()
+
+    def _wrong_size(self, width: int, height: int) -> Check:
+        wanted = self._reference.image_size_px[0]
+        change = 100.0 * (width / wanted - 1) or 100.0 * (height / self._reference.image_size_px[1] - 1)
+        return Check("picture-size", "scale", change, 0.0, "%", 0.1, VerdictKind.FAULT)

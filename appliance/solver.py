@@ -1,0 +1,333 @@
+"""AX=XB solver: the calibration that explains the path of the picture by the path of the sensor.
+
+Measured is the path of the image centre through the tissue, integrated along the keyframe chain: with p_j = R(α_j) p_0
++ Λ u_j the centre of picture j lies at −R(−α_j) Λ u_j in the axes of the chain's first picture. Predicted is the same
+path from A = X B X⁻¹ (Eq. 1), step by step: t_a = R_x t_b + t_x − R_a t_x, turned back by the measured α. Their
+difference is white tracker noise, a slow drift and one offset per chain; whitening by that model and regressing the
+noisy side on the clean one gives maximum-likelihood estimates without the bias of the norm constraint (mathematics,
+section 3).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+from appliance.geometry import Array, rotation_from_vector, skew
+from appliance.types import Calibration
+
+_ITERATIONS = 6
+_NOISE_ROUNDS = 2
+_HUBER = 2.0
+_OFFSET_VARIANCE = 1e6
+_LONG_LAG_S = 0.7
+_POSITION_FLOOR_MM, _ANGLE_FLOOR_RAD = 0.02, np.deg2rad(0.01)
+_DRIFT_FLOOR = 0.02
+TAU = 8
+"""Index of the latency, s, behind the eight parameters of X."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathSamples:
+    """n pictures of one or more chains, in time order.
+
+    t_s: (n,). chain: (n,) int. u_px: (n, 2), alpha_rad: (n,) path within the chain. poses: (n, 4, 4) sensor → tracker at
+    t_s + latency. later_poses: the same, `later_s` later, for the derivative by latency.
+    """
+
+    t_s: Array
+    chain: NDArray[np.int64]
+    u_px: Array
+    alpha_rad: Array
+    poses: Array
+    later_poses: Array
+    later_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """Standard deviations of what is believed before any motion is seen, about the reference calibration.
+
+    Wide: they only keep unobserved parameters finite. planar: the motion is known to be planar, so elevational path and
+    tilt are zero up to tracker noise (Eq. 5–6); otherwise the freehand two-row form is used.
+    """
+
+    rotation_rad: float = 0.35
+    scale: float = 0.3
+    offset_mm: float = 100.0
+    latency_s: float = 0.03
+    planar: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """calibration: estimate with covariance and observed flags. change: (9,) estimate minus reference, PARAMETERS then
+    latency s.
+
+    covariance: (9, 9). position_noise_mm, angle_noise_rad: white tracker noise found. correlation: of measured and
+    predicted in-plane steps, the worse of the two axes that moved; NaN where none did. cost: whitened sum of squares.
+    motions: pictures used.
+    """
+
+    calibration: Calibration
+    change: Array
+    covariance: Array
+    position_noise_mm: float
+    angle_noise_rad: float
+    correlation: float
+    cost: float
+    motions: int
+
+
+def solve(samples: PathSamples, reference: Calibration, prior: Prior = Prior()) -> Solution:
+    """Maximum-likelihood X near the reference. Needs at least 8 samples in one chain; raises ValueError below that."""
+    problem = _Problem(samples, reference, prior)
+    theta = np.zeros(9)
+    noise = _Noise()
+    for _ in range(_NOISE_ROUNDS):
+        noise = problem.noise(theta, noise)
+        whitener = problem.whitener(noise)
+        theta, covariance, cost = problem.minimise(theta, whitener)
+    return problem.conclude(theta, covariance, cost, noise)
+
+
+def path_cost(samples: PathSamples, reference: Calibration, noise: "_Noise | None" = None) -> tuple[float, "_Noise"]:
+    """Whitened robust misfit of the reference itself, nothing estimated but the noise (unless given)."""
+    problem = _Problem(samples, reference, Prior())
+    theta = np.zeros(9)
+    noise = noise or problem.noise(theta, _Noise())
+    whiten = problem.whitener(noise)
+    return _huber_cost(whiten(problem.rows(theta)[0])) + whiten.log_volume, noise
+
+
+@dataclass(frozen=True, slots=True)
+class _Noise:
+    """White sd and random-walk sd per √s, of positions (mm) and angles (rad)."""
+
+    position_mm: float = 0.1
+    position_drift: float = 0.1
+    angle_rad: float = float(np.deg2rad(0.05))
+    angle_drift: float = float(np.deg2rad(0.05))
+
+
+class _Problem:
+    def __init__(self, samples: PathSamples, reference: Calibration, prior: Prior) -> None:
+        keep = _long_chains(samples.chain)
+        if keep.sum() < 8:
+            raise ValueError(f"{int(keep.sum())} registered pictures are too few to solve; 8 are needed")
+        self._reference = reference
+        self._prior = prior
+        self._t_s = samples.t_s[keep]
+        self._chain = samples.chain[keep]
+        self._first = np.r_[True, np.diff(self._chain) != 0]
+        self._alpha = samples.alpha_rad[keep]
+        self._u_mm = samples.u_px[keep] * reference.scale_mm_per_px * np.array(reference.polarity)
+        self._alpha_sign = float(np.prod(reference.polarity))
+        self._steps = _sensor_steps(samples.poses[keep])
+        self._later = _sensor_steps(samples.later_poses[keep])
+        self._later_s = samples.later_s
+        self._unturn = _turn(-self._alpha_sign * self._alpha)
+
+    def rows(self, theta: Array) -> tuple[Array, Array]:
+        """Residual path (n, 3 or 6) and its Jacobian (n, 3 or 6, 9): in-plane mm (2), α rad[, elevational mm, tilt rad
+        (2)].
+        """
+        R = rotation_from_vector(theta[:3]) @ self._reference.rotation
+        offset = self._reference.offset_mm + theta[5:8]
+        step, jacobian = _predict(R, offset, self._steps)
+        later, _ = _predict(R, offset, self._later)
+        jacobian[..., TAU] = (later - step) / self._later_s
+        step = step + jacobian[..., TAU] * theta[TAU]
+        return self._path(step, jacobian, theta[3:5])
+
+    def _path(self, step: Array, jacobian: Array, scale_change: Array) -> tuple[Array, Array]:
+        measured = np.einsum("nij,nj->ni", self._unturn, self._u_mm * (1 + scale_change))
+        by_scale = self._unturn * self._u_mm[:, None, :]
+        step[:, :2] = np.einsum("nij,nj->ni", self._unturn, step[:, :2])
+        jacobian[:, :2] = np.einsum("nij,njk->nik", self._unturn, jacobian[:, :2])
+        step[self._first], jacobian[self._first] = 0.0, 0.0
+        predicted, slope = np.cumsum(step, axis=0), np.cumsum(jacobian, axis=0)
+        residual, gradient = -predicted, -slope
+        residual[:, :2] += measured
+        residual[:, 2] += self._alpha_sign * self._alpha
+        gradient[:, :2, 3:5] += by_scale
+        rows = 6 if self._prior.planar else 3
+        return residual[:, :rows], gradient[:, :rows]
+
+    def noise(self, theta: Array, before: _Noise) -> _Noise:
+        """White noise and drift of the residual path from its structure function at one frame and at `_LONG_LAG_S`."""
+        residual, _ = self.rows(theta)
+        position = self._structure(residual[:, :2], _POSITION_FLOOR_MM)
+        angle = self._structure(residual[:, 2:3], _ANGLE_FLOOR_RAD)
+        return replace(
+            before, position_mm=position[0], position_drift=position[1], angle_rad=angle[0], angle_drift=angle[1]
+        )
+
+    def _structure(self, path: Array, floor: float) -> tuple[float, float]:
+        period_s = float(np.median(np.diff(self._t_s)))
+        long_lag = max(2, min(round(_LONG_LAG_S / max(period_s, 1e-3)), path.shape[0] // 3))
+        short, long = (self._lagged_variance(path, lag) for lag in (1, long_lag))
+        drift_variance = max((long - short) / ((long_lag - 1) * period_s), (_DRIFT_FLOOR * floor) ** 2)
+        white = max((short - drift_variance * period_s) / 2, floor**2)
+        return float(np.sqrt(white)), float(np.sqrt(drift_variance))
+
+    def _lagged_variance(self, path: Array, lag: int) -> float:
+        same = self._chain[lag:] == self._chain[:-lag]
+        change = np.abs((path[lag:] - path[:-lag])[same])
+        return float((1.4826 * np.median(change)) ** 2) if change.size else 0.0
+
+    def whitener(self, noise: _Noise) -> "_Whitener":
+        return _Whitener(self._t_s, self._chain, noise, self._prior.planar)
+
+    def minimise(self, theta: Array, whiten: "_Whitener") -> tuple[Array, Array, float]:
+        """Gauss–Newton with Huber weights on the innovations; covariance scaled up where they are wider than the model."""
+        prior = self._prior_information()
+        information, spread = prior, 1.0
+        for _ in range(_ITERATIONS):
+            residual, gradient = self.rows(theta)
+            r, J = whiten(residual), whiten(gradient)
+            r, J = r.reshape(-1), J.reshape(-1, 9)
+            weight = 1 / np.maximum(np.abs(r) / _HUBER, 1)
+            information = (J * weight[:, None]).T @ J + prior
+            step = np.linalg.solve(information, (J * weight[:, None]).T @ r + prior @ theta)
+            theta = theta - step
+            spread = float((weight * r * r).sum() / max(r.size - 9, 1))
+            if np.all(np.abs(step) < 1e-7):
+                break
+        return theta, np.linalg.inv(information) * max(1.0, spread), _huber_cost(r)
+
+    def _prior_information(self) -> Array:
+        p = self._prior
+        sd = np.array([p.rotation_rad] * 3 + [p.scale] * 2 + [p.offset_mm] * 3 + [p.latency_s])
+        return np.diag(1 / sd**2)
+
+    def conclude(self, theta: Array, covariance: Array, cost: float, noise: _Noise) -> Solution:
+        reference = self._reference
+        estimate = replace(
+            reference,
+            rotation=rotation_from_vector(theta[:3]) @ reference.rotation,
+            scale_mm_per_px=reference.scale_mm_per_px * (1 + theta[3:5]),
+            offset_mm=reference.offset_mm + theta[5:8],
+            covariance=covariance[:8, :8],
+            observed=self._observed(covariance),
+        )
+        return Solution(
+            estimate,
+            theta,
+            covariance,
+            noise.position_mm,
+            noise.angle_rad,
+            self._agreement(theta),
+            cost,
+            self._t_s.size,
+        )
+
+    def _observed(self, covariance: Array) -> tuple[bool, ...]:
+        """Natural units: 2°, 3 % and 4 mm are what a check could still use."""
+        useful = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2 + [4.0] * 3)
+        return tuple(bool(flag) for flag in np.sqrt(np.diag(covariance)[:8]) < useful)
+
+    def _agreement(self, theta: Array) -> float:
+        """Correlation of the measured with the predicted in-plane path over about half a second, worse moving axis."""
+        residual, _ = self.rows(theta)
+        measured = np.einsum("nij,nj->ni", self._unturn, self._u_mm * (1 + theta[3:5]))
+        lag = max(1, min(round(0.5 / max(float(np.median(np.diff(self._t_s))), 1e-3)), self._t_s.size // 3))
+        same = self._chain[lag:] == self._chain[:-lag]
+        moved = (measured[lag:] - measured[:-lag])[same]
+        missed = (residual[lag:, :2] - residual[:-lag, :2])[same]
+        agreed = [_correlation(moved[:, k], moved[:, k] - missed[:, k]) for k in (0, 1) if moved[:, k].std() > 0.2]
+        return min(agreed, default=float("nan"))
+
+
+class _Whitener:
+    """Applies L⁻¹, where L Lᵀ is the covariance of white noise + random walk + one free offset per chain."""
+
+    def __init__(self, t_s: Array, chain: NDArray[np.int64], noise: _Noise, planar: bool) -> None:
+        self._blocks = []
+        self.log_volume = 0.0
+        position = (noise.position_mm, noise.position_drift)
+        angle = (noise.angle_rad, noise.angle_drift)
+        kinds = [(position, slice(0, 2)), (angle, slice(2, 3))]
+        if planar:
+            kinds += [(position, slice(3, 4)), (angle, slice(4, 6))]
+        for name in np.unique(chain):
+            rows = np.flatnonzero(chain == name)
+            factors = {kind: _factor(t_s[rows], *kind) for kind in (position, angle)}
+            self._blocks += [(rows, columns, factors[kind]) for kind, columns in kinds]
+            self.log_volume += sum(
+                2 * float(np.log(np.diag(factors[kind])).sum()) * (columns.stop - columns.start)
+                for kind, columns in kinds
+            )
+
+    def __call__(self, path: Array) -> Array:
+        """(n, k, …) → the same shape, innovations of unit variance; the offset's own row becomes ≈ 0."""
+        out = np.empty_like(path)
+        for rows, columns, factor in self._blocks:
+            block = path[rows][:, columns]
+            flat = solve_triangular(factor, block.reshape(rows.size, -1), lower=True, check_finite=False)
+            out[rows[:, None], np.arange(path.shape[1])[columns]] = flat.reshape(block.shape)
+        return out
+
+
+def _factor(t_s: Array, white: float, drift: float) -> Array:
+    since = t_s - t_s[0]
+    covariance = np.minimum(since[:, None], since[None, :]) * drift**2
+    covariance += white**2 * np.eye(t_s.size) + _OFFSET_VARIANCE * white**2
+    return np.asarray(cholesky(covariance, lower=True, check_finite=False))
+
+
+def _sensor_steps(poses: Array) -> tuple[Array, Array]:
+    """(n, 4, 4) → B_j⁻¹ B_{j−1} as R_b (n, 3, 3), t_b (n, 3); the first is the identity."""
+    R, t = poses[:, :3, :3], poses[:, :3, 3]
+    R_b = np.tile(np.eye(3), (len(R), 1, 1))
+    t_b = np.zeros((len(R), 3))
+    back = np.swapaxes(R[1:], -1, -2)
+    R_b[1:] = back @ R[:-1]
+    t_b[1:] = np.einsum("nij,nj->ni", back, t[:-1] - t[1:])
+    return R_b, t_b
+
+
+def _predict(R: Array, offset: Array, steps: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Per step (n, 6): t_x, t_y mm, α, t_z, tilt x, tilt y; Jacobian (n, 6, 9) by rotation, scale, offset, latency."""
+    R_b, t_b = steps
+    R_a = R @ R_b @ R.T
+    moved = t_b @ R.T
+    lever = R_a @ offset
+    t_a = moved + offset - lever
+    turn = 0.5 * np.stack(
+        [R_a[:, 2, 1] - R_a[:, 1, 2], R_a[:, 0, 2] - R_a[:, 2, 0], R_a[:, 1, 0] - R_a[:, 0, 1]], axis=1
+    )
+    by_rotation = -skew(moved) + skew(lever) - R_a @ skew(np.broadcast_to(offset, (1, 3)))
+    by_offset = np.eye(3) - R_a
+    turn_by_rotation = -skew(turn)
+    jacobian = np.zeros((len(t_b), 6, 9))
+    for row, source in ((0, 0), (1, 1), (3, 2)):
+        jacobian[:, row, :3] = by_rotation[:, source]
+        jacobian[:, row, 5:8] = by_offset[:, source]
+    for row, source in ((2, 2), (4, 0), (5, 1)):
+        jacobian[:, row, :3] = turn_by_rotation[:, source]
+    step = np.column_stack([t_a[:, :2], turn[:, 2], t_a[:, 2], turn[:, :2]])
+    return step, jacobian
+
+
+def _turn(angle_rad: Array) -> Array:
+    """(n,) → (n, 2, 2) plane rotations."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+
+
+def _long_chains(chain: NDArray[np.int64], least: int = 4) -> NDArray[np.bool_]:
+    _, index, count = np.unique(chain, return_inverse=True, return_counts=True)
+    return np.asarray(count[index] >= least)
+
+
+def _huber_cost(residual: Array) -> float:
+    size = np.abs(residual)
+    return float(np.where(size <= _HUBER, size**2, 2 * _HUBER * size - _HUBER**2).sum())
+
+
+def _correlation(a: Array, b: Array) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    scale = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) / scale if scale > 0 else float("nan")

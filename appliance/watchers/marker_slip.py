@@ -1,0 +1,106 @@
+"""Sees the marker body jump on the probe: the tracker leaps, the picture does not.
+
+A probe in a hand cannot leap. Where the tracker moves far within one frame while the picture shows an ordinary step, it
+was the marker body that moved: bent (it turned) or slid (it only shifted). Leaps add up, so one that is undone is
+forgiven; an outlier, which leaps out and back, sums to nothing.
+"""
+
+from collections import deque
+
+import numpy as np
+
+from appliance.geometry import inverse, vector_from_rotation
+from appliance.limits import Limits
+from appliance.path import sensor_jump
+from appliance.types import Check, VerdictKind
+from drivers.samples import Matrix4
+
+_LEAST_MM, _LEAST_RAD = 2.5, np.deg2rad(2.0)
+_FAST_MM_PER_S, _FAST_RAD_PER_S = 60.0, np.deg2rad(45.0)
+_HISTORY = 6
+_SETTLE = 3
+
+
+class MarkerSlip:
+    """Sums the leaps of the marker body in its own axes: B' = B · D."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._recent: deque[tuple[int, Matrix4]] = deque(maxlen=_HISTORY)
+        self._slip = np.eye(4)
+        self._pending: tuple[Matrix4, int] | None = None
+
+    def step(self, t_ns: int, matrix: Matrix4, picture_steady: bool) -> bool:
+        """Take the pose of the next picture; True when a leap was confirmed.
+
+        picture_steady: the picture was registered to the one before and moved no more than a hand moves it.
+        """
+        if not picture_steady:
+            self._recent.clear()
+            self._pending = None
+            return False
+        self._recent.append((t_ns, matrix))
+        if self._pending is not None:
+            return self._confirm(matrix)
+        if len(self._recent) == _HISTORY:
+            self._look_for_leap()
+        return False
+
+    def forget_turn(self) -> None:
+        """Motion has shown the rotation to be right."""
+        self._slip[:3, :3] = np.eye(3)
+
+    def forget(self) -> None:
+        """A new reference is in force."""
+        self._slip = np.eye(4)
+
+    def checks(self) -> tuple[Check, ...]:
+        """Turn and shift of the marker body since the reference, deg and mm."""
+        turn = float(np.rad2deg(np.linalg.norm(vector_from_rotation(self._slip[:3, :3]))))
+        shift = float(np.linalg.norm(self._slip[:3, 3]))
+        bent, slid = turn > self._limits.rotation_deg, shift > self._limits.offset_mm
+        return (
+            _check("marker-turn", "rotation", turn, "deg", self._limits.rotation_deg, bent),
+            _check("marker-shift", "offset", shift, "mm", self._limits.offset_mm, slid and not bent),
+        )
+
+    def _look_for_leap(self) -> None:
+        """The newest step against the usual ones before it."""
+        (t_before, before), (t_now, now) = self._recent[-2], self._recent[-1]
+        leap = sensor_jump(before @ self._usual_step(), now)
+        dt_s = (t_now - t_before) / 1e9
+        far = np.linalg.norm(leap[:3, 3]) > max(_LEAST_MM, _FAST_MM_PER_S * dt_s)
+        turned = np.linalg.norm(vector_from_rotation(leap[:3, :3])) > max(_LEAST_RAD, _FAST_RAD_PER_S * dt_s)
+        if far or turned:
+            self._pending = (before @ self._usual_step(), _SETTLE)
+
+    def _usual_step(self) -> Matrix4:
+        """Mean step of the sensor over the frames before the newest, in sensor axes."""
+        oldest, latest = self._recent[0][1], self._recent[-2][1]
+        whole = inverse(oldest) @ latest
+        step = np.eye(4)
+        step[:3, 3] = whole[:3, 3] / (_HISTORY - 2)
+        return step
+
+    def _confirm(self, matrix: Matrix4) -> bool:
+        """A leap counts once the marker has stayed where it leapt to for a few frames."""
+        assert self._pending is not None
+        expected, left = self._pending
+        leap = sensor_jump(expected, matrix)
+        gone_back = np.linalg.norm(leap[:3, 3]) < _LEAST_MM / 2 and (
+            np.linalg.norm(vector_from_rotation(leap[:3, :3])) < _LEAST_RAD / 2
+        )
+        if gone_back:
+            self._pending = None
+            return False
+        if left > 1:
+            self._pending = (expected, left - 1)
+            return False
+        self._slip = self._slip @ leap
+        self._pending = None
+        self._recent.clear()
+        return True
+
+
+def _check(name: str, fault: str, value: float, unit: str, limit: float, failed: bool) -> Check:
+    return Check(name, fault, value, 0.0, unit, limit, VerdictKind.FAULT if failed else VerdictKind.OK)

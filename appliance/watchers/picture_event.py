@@ -1,0 +1,112 @@
+"""Sees the picture's geometry change between two frames: a flip or a new depth needs no motion to be seen.
+
+Between successive live frames the picture hardly changes. Where it suddenly does, and the frame before explains it once
+it is mirrored or zoomed, the operator (or the frame grabber) has changed the geometry that the calibration was made
+for.
+"""
+
+from dataclasses import dataclass
+from math import log
+
+import cv2
+import numpy as np
+
+from appliance.registration import Array32
+from appliance.types import Check, VerdictKind
+from drivers.samples import GreyImage
+
+_SMALL_PX = 160
+_USUAL = 0.75
+_BETTER_BY = 0.2
+_CONVINCING = 0.6
+_ZOOMS = tuple(float(z) for z in np.exp(np.arange(-0.7, 0.7001, 0.015)) if abs(z - 1) > 0.02)
+_FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
+
+
+@dataclass(frozen=True, slots=True)
+class PictureChange:
+    """What happened to the picture: polarity (lateral, axial) ±1 and magnification, both relative to the frame before."""
+
+    polarity: tuple[int, int] = (1, 1)
+    zoom: float = 1.0
+
+
+class PictureEvent:
+    """Adds up the changes since the reference was in force."""
+
+    def __init__(self, scale_limit_percent: float) -> None:
+        self._scale_limit = scale_limit_percent
+        self._before: Array32 | None = None
+        self._polarity = (1, 1)
+        self._log_zoom = 0.0
+
+    def step(self, image: GreyImage) -> PictureChange | None:
+        """The change between the picture before, (h, w) uint8, and this one; None where there was none."""
+        small = _small(image)
+        before, self._before = self._before, small
+        if before is None or before.shape != small.shape:
+            return None
+        usual = _likeness(before, small)
+        if usual > _USUAL:
+            return None
+        change = _explanation(before, small, usual)
+        if change is not None:
+            self._polarity = (self._polarity[0] * change.polarity[0], self._polarity[1] * change.polarity[1])
+            self._log_zoom += log(change.zoom)
+        return change
+
+    def forget_flips(self) -> None:
+        """Motion has shown the polarity to be right: the sum of events was wrong or has been undone elsewhere."""
+        self._polarity = (1, 1)
+
+    def forget_zoom(self) -> None:
+        """Motion has shown the scales to be right."""
+        self._log_zoom = 0.0
+
+    def checks(self) -> tuple[Check, ...]:
+        """Flipped axes and magnification since the reference, as facts that need no motion."""
+        flipped = float(self._polarity.count(-1))
+        zoom = 100 * (np.exp(self._log_zoom) - 1)
+        return (
+            Check("picture-flip", "polarity", flipped, 0.0, "axes", 0.5, _judged(flipped, 0.5)),
+            Check("picture-zoom", "scale", float(zoom), 0.0, "%", self._scale_limit, _judged(zoom, self._scale_limit)),
+        )
+
+
+def _judged(value: float, limit: float) -> VerdictKind:
+    return VerdictKind.FAULT if abs(value) > limit else VerdictKind.OK
+
+
+def _small(image: GreyImage) -> Array32:
+    factor = max(1, image.shape[1] // _SMALL_PX)
+    size = (max(image.shape[1] // factor, 1), max(image.shape[0] // factor, 1))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _explanation(before: Array32, now: Array32, usual: float) -> PictureChange | None:
+    candidates = [
+        (_likeness(_mirrored(before, code), now), PictureChange(polarity)) for polarity, code in _FLIPS.items()
+    ]
+    candidates += [(_likeness(_zoomed(before, zoom), now), PictureChange(zoom=zoom)) for zoom in _ZOOMS]
+    likeness, change = max(candidates, key=lambda candidate: candidate[0])
+    return change if likeness > max(usual + _BETTER_BY, _CONVINCING) else None
+
+
+def _mirrored(image: Array32, code: int) -> Array32:
+    return np.asarray(cv2.flip(image, code), dtype=np.float32)
+
+
+def _zoomed(image: Array32, zoom: float) -> Array32:
+    """Magnified about the middle of the top edge, where the probe face stays when the depth setting changes."""
+    middle = (image.shape[1] - 1) / 2
+    M = np.array([[zoom, 0, middle * (1 - zoom)], [0, zoom, 0]])
+    return np.asarray(cv2.warpAffine(image, M, (image.shape[1], image.shape[0])), dtype=np.float32)
+
+
+def _likeness(a: Array32, b: Array32) -> float:
+    """Correlation of the two, −1 … 1, over the middle of the picture, where overlays are rare."""
+    margin_y, margin_x = a.shape[0] // 10, a.shape[1] // 10
+    a, b = (x[margin_y : x.shape[0] - margin_y, margin_x : x.shape[1] - margin_x] for x in (a, b))
+    a, b = a - a.mean(), b - b.mean()
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float((a * b).sum()) / size if size > 0 else 1.0
