@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -125,6 +126,7 @@ def _print(report: LineReport, timeline: list[Change], recording: Path) -> None:
     for reason, number in report.unpaired.items():
         click.echo(f"  {number} not paired: {reason}")
     Console(file=sys.stdout, highlight=False).print(_table(report))
+    click.echo(f"{report.motions} motions of the probe went into the estimate")
     for change in timeline:
         click.echo(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}")
     fault = f" · {report.verdict.fault}" if report.verdict.fault else ""
@@ -132,7 +134,8 @@ def _print(report: LineReport, timeline: list[Change], recording: Path) -> None:
 
 
 def _table(report: LineReport) -> Table:
-    table = Table("check", "value", "± 1σ", "limit", "of limit", "verdict", caption=f"{report.motions} motions used")
+    table = Table("check", "value", "± 1σ", "limit", "of limit", "verdict", box=SIMPLE_HEAD, pad_edge=False)
+    table.columns[0].min_width = max((len(check.name) for check in report.checks), default=0)
     latency = () if report.latency is None or report.latency in report.checks else (report.latency,)
     for check in (*latency, *report.checks):
         table.add_row(*_cells(check))
