@@ -146,4 +146,4 @@ def _cells(check: Check) -> tuple[str, ...]:
     if check.value != check.value:
         return check.name, "–", "–", f"{check.limit:g} {check.unit}", "–", check.verdict.value
     value, sigma = f"{check.value:.3g} {check.unit}", f"{check.sigma:.2g}"
-    return check.name, value, sigma, f"{check.limit:g} {check.unit}", f"{check.ratio:.2f}", check.verdict.value
+    return check.name, value, sigma, f"{check.limit:g} {check.unit}", f"{check.ratio:.3g}", check.verdict.value
