@@ -9,6 +9,7 @@ carrier, so a grid as coarse as a pixel samples it; moving the carrier from tiss
 
 from dataclasses import dataclass
 from math import ceil
+from typing import Any
 
 import cv2
 import numpy as np
@@ -80,7 +81,7 @@ def _add_texture(white: Complexes, random: np.random.Generator) -> None:
 
 def _add_inclusions(white: Complexes, random: np.random.Generator) -> None:
     """Cysts, without echo inside, and echogenic blobs; ellipsoids with soft rims."""
-    for gain, count, size_mm in ((0.03, 7, 2.4), (2.8, 8, 1.6), (6.0, 14, 0.35)):
+    for gain, count, size_mm in ((0.03, 12, 2.6), (2.8, 16, 1.8), (6.0, 60, 0.4)):
         for _ in range(count):
             centre_mm = random.uniform(0, PERIOD_MM)
             radii_mm = size_mm * random.uniform(0.7, 1.4, 3) * (1.2, 1.0, 1.3)
@@ -97,7 +98,7 @@ def _add_surfaces(white: Complexes, random: np.random.Generator) -> None:
     x, z = (_wrapped_mm(axis, 0.0) * np.float32(2 * np.pi / PERIOD_MM[axis]) for axis in (0, 2))
     for depth_mm in random.uniform(0.02, 0.18) * PERIOD_MM[1] + np.arange(5) * (PERIOD_MM[1] / 5):
         phase_x, phase_z = random.uniform(0, 2 * np.pi, 2)
-        waves_mm = 0.5 * np.sin(x + phase_x)[None, :] + 0.15 * np.sin(2 * x[None, :] + z[:, None] + phase_z)
+        waves_mm = 0.5 * np.sin(x + phase_x)[None, :] + 0.03 * np.sin(3 * x[None, :] + z[:, None] + phase_z)
         sheet_mm = (depth_mm + waves_mm).astype(np.float32)
         rows = np.arange(round((depth_mm - 1) / _STEP_MM[1]), round((depth_mm + 1) / _STEP_MM[1]))
         away_mm = (rows * np.float32(_STEP_MM[1]))[None, :, None] - sheet_mm[:, None, :]
@@ -105,10 +106,10 @@ def _add_surfaces(white: Complexes, random: np.random.Generator) -> None:
         white[:, rows % _POINTS[1]] += np.float32(2.5) * np.exp(away_mm**2 * np.float32(-1 / (2 * 0.1**2))) * phase
 
 
-def _bell(place: NDArray[np.float64], sigma: float) -> Floats:
+def _bell(place: NDArray[Any], sigma: float) -> Floats:
     """Gaussian weights that keep the variance of white noise."""
     taps = np.exp(-((place / sigma) ** 2) / 2)
-    return (taps / np.sqrt(np.sum(taps**2))).astype(np.float32)
+    return np.asarray(taps / np.sqrt(np.sum(taps**2)), np.float32)
 
 
 def _stored(planes: Floats) -> Floats:
@@ -144,8 +145,7 @@ class Renderer:
         echoes = self._slice(tissue, pose, per_plane_rad)
         echoes *= np.exp(1j * along_rad[0] * self._x_mm).astype(np.complex64)[None, :]
         echoes *= np.exp(1j * along_rad[1] * self._y_mm).astype(np.complex64)[:, None]
-        real, imaginary = cv2.split(echoes.view(np.float32).reshape(*echoes.shape, 2))
-        return self._spread(real), self._spread(imaginary)
+        return self._spread(echoes.real), self._spread(echoes.imag)
 
     def _slice(self, tissue: Tissue, pose: Matrix4, per_plane_rad: float) -> Complexes:
         """b summed along the elevational axis of the beam, over the four stored planes that its profile reaches.
@@ -196,9 +196,9 @@ def _wrapped(index: Floats, axis: int) -> Floats:
     return wrapped
 
 
-def _spline(part: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _spline(part: Floats) -> list[Floats]:
     """Cubic B-spline at distances 1 + part, part, 1 − part, 2 − part: smooth, and near enough a Gaussian beam."""
     rest = 1 - part
     square, rest_square = part * part, rest * rest
-    inner = (4 - (6 - 3 * part) * square) / 6, (4 - (6 - 3 * rest) * rest_square) / 6
-    return rest_square * rest / 6, *inner, square * part / 6
+    inner = [(4 - (6 - 3 * part) * square) / 6, (4 - (6 - 3 * rest) * rest_square) / 6]
+    return [np.asarray(weight, np.float32) for weight in (rest_square * rest / 6, *inner, square * part / 6)]

@@ -26,6 +26,8 @@ _TRACKER_ORIGIN_MM = (64.0, -87.0, -1520.0)
 _WIRES = ((0.72, 0.05, 0.69), (-0.66, 0.04, 0.75))
 """Directions of the two wires in the tissue frame; they cross at its origin."""
 
+_HALF_ANGLE_DEG = 17.0
+
 
 @dataclass(frozen=True, slots=True)
 class WorldSettings:
@@ -199,7 +201,6 @@ class _Screen:
         self.top_row_px = 0.06 * height_px
         self._size_px = (width_px, height_px)
         self._apex_px = ((width_px - 1) / 2, -1.2 * height_px)
-        self._half_angle_deg = 17.0
         self.sector = self._sector()
         self.text = np.zeros((height_px, width_px), np.uint8)
         self._draw_arcs()
@@ -210,14 +211,15 @@ class _Screen:
         width, height = self._size_px
         x, y = np.meshgrid(np.arange(width) - self._apex_px[0], np.arange(height) - self._apex_px[1])
         radius, angle_deg = np.hypot(x, y), np.degrees(np.arctan2(x, y))
-        inside = (np.abs(angle_deg) < self._half_angle_deg) & (radius > self.top_row_px - self._apex_px[1])
-        return (255 * (inside & (radius < 0.985 * height - self._apex_px[1]))).astype(np.uint8)
+        inside = (np.abs(angle_deg) < _HALF_ANGLE_DEG) & (radius > self.top_row_px - self._apex_px[1])
+        inside &= radius < 0.985 * height - self._apex_px[1]
+        return np.where(inside, 255, 0).astype(np.uint8)
 
     def _draw_arcs(self) -> None:
         centre = (round(self._apex_px[0]), round(self._apex_px[1]))
         for row_px, grey in ((self.top_row_px - 3, 200), (0.985 * self._size_px[1], 90)):
             radius = round(row_px - self._apex_px[1])
-            start, stop = 90 - self._half_angle_deg, 90 + self._half_angle_deg
+            start, stop = 90 - _HALF_ANGLE_DEG, 90 + _HALF_ANGLE_DEG
             cv2.ellipse(self.text, centre, (radius, radius), 0, start, stop, grey, 1, cv2.LINE_AA)
 
     def _draw_scale(self, axial_mm_per_px: float) -> None:

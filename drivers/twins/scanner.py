@@ -1,0 +1,181 @@
+"""`python -m drivers.twins.scanner --socket PATH`: a simulated scanner with a video output for `sim:PATH`."""
+
+import argparse
+import json
+import signal
+import socket
+import stat
+import time
+from contextlib import suppress
+from math import ceil
+from pathlib import Path
+from threading import Event
+from types import TracebackType
+from typing import Self
+
+import cv2
+
+from drivers.errors import ConfigurationError
+from drivers.hosttime import HostClock
+from drivers.samples import GreyImage
+from drivers.sim import pack_frame
+from drivers.twins.faults import Schedule
+from drivers.twins.trajectory import PROGRAMS
+from drivers.twins.world import SCENES, World, WorldSettings
+
+_STAMP_ERR_NS = 1_000_000
+_SEND_S = 0.5
+
+
+class VideoPlug:
+    """The socket's server end: one viewer at a time, the next one waits until that one is gone.
+
+    path: taken over when an earlier scanner has left it; unlinked on leaving the context.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._door: socket.socket | None = None
+        self._viewer: socket.socket | None = None
+
+    def __enter__(self) -> Self:
+        self.plug()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self.unplug()
+
+    def plug(self) -> None:
+        """Listen, unless it does already."""
+        if self._door is not None:
+            return
+        if self._path.exists() and stat.S_ISSOCK(self._path.stat().st_mode):
+            self._path.unlink()
+        self._door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._door.bind(str(self._path))
+        self._door.listen(1)
+        self._door.setblocking(False)
+
+    def unplug(self) -> None:
+        """Drop the viewer and refuse every other, as when the cable is pulled."""
+        for line in (self._viewer, self._door):
+            if line is not None:
+                line.close()
+        if self._door is not None:
+            self._path.unlink(missing_ok=True)
+        self._door = self._viewer = None
+
+    def send(self, frame: bytes) -> bool:
+        """False when nobody watches. A viewer that does not take a frame within half a second is dropped."""
+        while self._viewer is not None or self._accept():
+            assert self._viewer is not None
+            try:
+                self._viewer.sendall(frame)
+                return True
+            except OSError:
+                self._viewer.close()
+                self._viewer = None
+        return False
+
+    def _accept(self) -> bool:
+        if self._door is None:
+            return False
+        try:
+            self._viewer, _ = self._door.accept()
+        except BlockingIOError:
+            return False
+        self._viewer.settimeout(_SEND_S)
+        return True
+
+
+class Scanner:
+    """Renders ahead, sends on time, and numbers the frames by time, so one that was too late is a visible gap."""
+
+    def __init__(self, world: World, plug: VideoPlug, clock: HostClock, schedule: Schedule) -> None:
+        self._world, self._plug, self._clock, self._schedule = world, plug, clock, schedule
+        self._period_s = 1 / world.settings.fps
+        self._cost_s = 0.0
+        self._held: GreyImage | None = None
+        self._active: frozenset[str] = frozenset()
+        self._watched = False
+
+    def run(self, stop: Event) -> None:
+        """Serve until stop is set."""
+        number = -1
+        while not stop.is_set():
+            ready_s = (self._clock.now_ns() - self._clock.origin_ns) / 1e9 + self._cost_s
+            number = max(number + 1, ceil(ready_s / self._period_s))
+            self._show(number)
+
+    def _show(self, number: int) -> None:
+        t_s = number * self._period_s
+        t_ns = self._clock.origin_ns + round(t_s * 1e9)
+        active = self._schedule.active(t_s)
+        frame = None if "lose-video" in active else self._rendered(number, t_s, t_ns, active)
+        self._clock.sleep_until(t_ns)
+        self._note(t_ns, "faults", sorted(active), active != self._active)
+        self._active = active
+        if frame is None:
+            self._plug.unplug()
+        else:
+            self._plug.plug()
+        watched = frame is not None and self._plug.send(frame)
+        self._note(t_ns, "watched", watched, watched != self._watched)
+        self._watched = watched
+
+    def _rendered(self, number: int, t_s: float, t_ns: int, active: frozenset[str]) -> bytes:
+        """The frame as the socket carries it; remembers how long rendering takes, in seconds of the clock."""
+        began_s = time.monotonic()
+        if self._held is None or "freeze-video" not in active:
+            self._held = self._world.frame(t_s, number, active)
+        frame = pack_frame(number, t_ns, _STAMP_ERR_NS, self._held)
+        cost_s = (time.monotonic() - began_s) * self._clock.rate
+        self._cost_s += 0.2 * (cost_s - self._cost_s)
+        return frame
+
+    @staticmethod
+    def _note(t_ns: int, what: str, value: object, changed: bool) -> None:
+        if changed:
+            print(json.dumps({"t_ns": t_ns, what: value}), flush=True)
+
+
+def _schedule(text: str) -> Schedule:
+    try:
+        return Schedule.parse(text)
+    except ConfigurationError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="scanner twin", description=__doc__)
+    parser.add_argument("--socket", type=Path, required=True, metavar="PATH", help="Unix socket to serve")
+    parser.add_argument("--origin-ns", type=int, required=True, help="CLOCK_MONOTONIC of world time 0")
+    parser.add_argument("--rate", type=float, default=1.0, help="world seconds per second")
+    parser.add_argument("--seed", type=int, default=1, help="of the world")
+    parser.add_argument("--schedule", type=_schedule, default=Schedule(), help="JSON list of faults")
+    parser.add_argument("--fps", type=float, default=30.0, help="frames per world second")
+    parser.add_argument("--program", choices=PROGRAMS, default="sweep", help="how the probe is moved")
+    parser.add_argument("--scene", choices=SCENES, default="tissue", help="what the probe looks at")
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Serve until SIGTERM or SIGINT."""
+    arguments = _arguments()
+    stop = Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    cv2.setNumThreads(1)
+    world = World(arguments.seed, arguments.program, arguments.scene, WorldSettings(fps=arguments.fps))
+    world.frame(0.0, 0)
+    clock = HostClock(arguments.rate, arguments.origin_ns)
+    # A parent that no longer reads the events shall not be answered with a traceback.
+    with suppress(BrokenPipeError), VideoPlug(arguments.socket) as plug:
+        print(json.dumps({"ready": True, "url": f"sim:{arguments.socket}"}), flush=True)
+        Scanner(world, plug, clock, arguments.schedule).run(stop)
+
+
+if __name__ == "__main__":
+    main()
