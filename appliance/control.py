@@ -12,6 +12,7 @@ import json
 import os
 import selectors
 import socket
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +24,7 @@ VERSION = 1
 _MOST_CLIENTS = 8
 _LONGEST_LINE = 4096
 _MOST_UNSENT = 1 << 18
-_ACCEPTS_A_TICK = 16
+_ACCEPTS_A_TICK, _BACKLOG = 16, 128
 
 Reply = dict[str, Any]
 Answer = Callable[[str, dict[str, Any]], Reply]
@@ -83,7 +84,7 @@ class ControlServer:
         try:
             listener.bind(str(self._path))
             self._path.chmod(0o660)
-            listener.listen(_ACCEPTS_A_TICK)
+            listener.listen(_BACKLOG)
         except OSError as error:
             listener.close()
             raise _unusable(self._path, error) from None
@@ -178,11 +179,21 @@ class ControlClient:
         self._link = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._link.settimeout(timeout_s)
         try:
-            self._link.connect(str(path))
+            self._connect(time.monotonic() + timeout_s)
         except OSError as error:
             self._link.close()
             raise self._gone(error) from None
         self._lines = self._link.makefile("rb")
+
+    def _connect(self, deadline_s: float) -> None:
+        """Linux refuses at once, with EAGAIN, where a crowd is waiting to be accepted."""
+        while True:
+            try:
+                return self._link.connect(str(self._path))
+            except BlockingIOError:
+                if time.monotonic() >= deadline_s:
+                    raise
+                time.sleep(0.01)
 
     def __enter__(self) -> Self:
         return self

@@ -132,7 +132,8 @@ class Line:
         if self._slip.step(t_ns, pair.matrix, self._steady(tracked, t_ns)):
             self._evidence.restart()
             return
-        self._evidence.window.add(t_ns, tracked.chain, tracked.path)
+        if self._tracker.settled:
+            self._evidence.window.add(t_ns, tracked.chain, tracked.path)
 
     def _analyse(self, pair: StampedPair, tracked: Tracked) -> Motion:
         """Sort the motion and let it steer the keyframe."""

@@ -34,6 +34,11 @@ class OverlayMask:
         """(h, w) bool, True where tissue may be seen; None until enough motion was seen."""
         return self._mask
 
+    @property
+    def settled(self) -> bool:
+        """False while what does not move may still be taken for tissue."""
+        return self._seen >= _EARLY[-1]
+
     def step(self, levels: Pyramid) -> bool:
         """Take the next picture; True when the mask changed."""
         if len(levels) < 2:

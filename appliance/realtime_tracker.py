@@ -48,6 +48,11 @@ class RealTimeTracker:
         self._warm = _REST
         self._chain = 0
 
+    @property
+    def settled(self) -> bool:
+        """False while static overlay may still hold the registration back."""
+        return self._overlay.settled
+
     def step(self, image: GreyImage, sequence: int) -> Tracked:
         """Follow the next picture, (h, w) uint8 of constant size."""
         levels = pyramid(image)

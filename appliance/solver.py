@@ -23,7 +23,7 @@ _HUBER = 2.0
 _OFFSET_VARIANCE = 1e6
 _LONG_LAG_S = 0.7
 _POSITION_FLOOR_MM, _ANGLE_FLOOR_RAD = 0.02, np.deg2rad(0.01)
-_DRIFT_FLOOR = 0.02
+_DRIFT_FLOOR = 1.5
 TAU = 8
 """Index of the latency, s, behind the eight parameters of X."""
 
@@ -195,7 +195,23 @@ class _Problem:
             spread = float((weight * r * r).sum() / max(r.size - 9, 1))
             if np.all(np.abs(step) < 1e-7):
                 break
+        information = self._without_noise(information, prior, J.shape[0] // residual.shape[1])
         return theta, np.linalg.inv(information) * max(1.0, spread), _huber_cost(r)
+
+    def _without_noise(self, information: Array, prior: Array, samples: int) -> Array:
+        """Tracker noise in the regressors of the rotation looks like information: about one unit per picture. Take it out.
+
+        Otherwise a motion without any elevational part would seem to show the rotations about lateral and axial.
+        """
+        corrected = information.copy()
+        rotation = np.arange(3)
+        least = prior[rotation, rotation]
+        corrected[rotation, rotation] = np.maximum(information[rotation, rotation] - samples, least)
+        share = np.sqrt(corrected[rotation, rotation] / information[rotation, rotation])
+        scale = np.r_[share, np.ones(len(information) - 3)]
+        off_diagonal = information * np.outer(scale, scale)
+        off_diagonal[rotation, rotation] = corrected[rotation, rotation]
+        return np.asarray(off_diagonal)
 
     def _prior_information(self) -> Array:
         p = self._prior

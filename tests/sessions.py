@@ -1,0 +1,29 @@
+"""Sessions of the simulated world as a stream of samples in time order, without devices and without waiting."""
+
+from collections.abc import Iterator
+
+from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from drivers.twins.faults import Schedule, pose_time_s, spoil_image, spoil_pose
+from drivers.twins.world import World
+
+ORIGIN_NS = 5_000_000_000
+
+
+def session(
+    world: World, duration_s: float, schedule: Schedule | None = None, fps: float = 30.0, pose_hz: float = 60.0
+) -> Iterator[Sample]:
+    """Frames and poses of `duration_s`, poses half a period off the frames; image and pose faults applied on the way."""
+    plan = schedule or Schedule.parse("[]")
+    frame_times = [(k / fps, "frame", k) for k in range(round(duration_s * fps))]
+    pose_times = [((k + 0.5) / pose_hz, "pose", k) for k in range(round(duration_s * pose_hz))]
+    image = None
+    for t_s, kind, index in sorted(frame_times + pose_times):
+        active = plan.active(t_s)
+        stamp = Stamp(ORIGIN_NS + round(t_s * 1e9), 100_000)
+        if kind == "pose":
+            measured = world.measured_pose(pose_time_s(t_s, active), index)
+            yield Pose(stamp, index, spoil_pose(measured, active), 0.1, PoseStatus.OK)
+        else:
+            if image is None or "freeze-video" not in active:
+                image = world.frame(t_s, index, active)
+            yield Frame(stamp, index, image)
