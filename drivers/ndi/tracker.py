@@ -29,6 +29,7 @@ _OPTIONS = Options.POSE | Options.OUT_OF_VOLUME
 _REQUEST = encode_command(Command("BX", f"{int(_OPTIONS):04X}"))
 _STALE_PERIODS = 3
 _FROZEN_READINGS = 12
+_BACKWARD_READINGS = 3
 _SLOWEST_STEP_S = 0.05
 _GAP_NS = 40_000_000
 _RETRY_NS = 1_000_000.0
@@ -87,6 +88,7 @@ class NdiTracker:
         self._counter_clock = CounterClock(options.counter_hz)
         self._news = _NewsWatch(options.counter_hz)
         self._alerts = 0
+        self._backward = 0
         self._next_poll_ns = 0
         self._random = random.Random(0)
         self._link = Link(path, clock)
@@ -212,7 +214,7 @@ class NdiTracker:
             try:
                 data = self._link.read_reply(deadline_ns)
                 arrival_ns = self._clock.now_ns() - self._link.transfer_ns(len(data))
-                return self._decode(data), arrival_ns
+                return self._refuse_old(self._decode(data)), arrival_ns
             except RefusedError as error:
                 raise lost_by_protocol(error, self._link.path) from error
             except ProtocolError:
@@ -224,6 +226,15 @@ class NdiTracker:
             refuse_reset(decode_text(data), self._link.path)
         open_container(data)
         return decode_bx(data, _OPTIONS)
+
+    def _refuse_old(self, reply: TrackingReply) -> TrackingReply:
+        """A counter that runs backward is an old reply come late; if it insists, the device started it anew."""
+        tool = reply.tool(self._handles[0])
+        older = tool is not None and tool.frame is not None and self._news.runs_backward(tool.frame)
+        self._backward = self._backward + 1 if older else 0
+        if 0 < self._backward < _BACKWARD_READINGS:
+            raise ProtocolError("an old reply came once more", self._link.path)
+        return reply
 
     def _plan(self, new: bool, arrival_ns: int) -> None:
         """When to ask again: soon after the next measurement is due, or at once when it is late.
@@ -275,6 +286,10 @@ class _NewsWatch:
         self._transform = tool.transform
         self.frame, self._new_ns, self._told_ns = tool.frame, arrival_ns, arrival_ns
         return True
+
+    def runs_backward(self, frame: int) -> bool:
+        """Whether a counter value is older than the last, wrap-around considered."""
+        return self.frame >= 0 and (frame - self.frame) % _COUNTS >= _COUNTS // 2
 
     @property
     def pace_ns(self) -> float:

@@ -21,6 +21,8 @@ MAX_TEXT_BYTES = 8192
 MAX_EXTENDED_BYTES = 1 << 24
 
 _COMMAND = re.compile(rb"([A-Z0-9]{2,8})([: ])([^\r]*)\r", re.DOTALL)
+_START_BYTES = (b"", PLAIN_START[:1], EXTENDED_START[:1])
+_NO_TEXT = re.compile(rb"[^\t\n\x20-\x7e]")
 _CRC_TEXT = re.compile(rb"[0-9A-F]{4}")
 _ERROR = re.compile(r"ERROR([0-9A-F]{2})")
 
@@ -132,9 +134,12 @@ def reply_length(received: bytes) -> int | None:
         return _plain_length(received)
     if received.startswith(EXTENDED_START):
         return _extended_length(received)
+    if received in _START_BYTES:
+        return None
     end = received.find(CR)
-    if end < 0 and len(received) > MAX_TEXT_BYTES:
-        raise ProtocolError(f"{len(received)} bytes of text without an end")
+    text = received if end < 0 else received[:end]
+    if _NO_TEXT.search(text) or len(text) > MAX_TEXT_BYTES:
+        raise ProtocolError(f"neither text nor binary data: {_shown(received)}")
     return end + 1 if end >= 0 else None
 
 

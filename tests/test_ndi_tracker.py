@@ -1,0 +1,492 @@
+"""The NDI driver against a simulated Polaris on a real pseudo-terminal: states it may find, faults it must tell."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+import serial
+
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.hosttime import HostClock
+from drivers.ndi.judge import judge_system, judge_tool
+from drivers.ndi.replies import HandleState, ToolReply
+from drivers.ndi.tracker import NdiTracker, open_tracker
+from drivers.ndi.wire import Command, encode_command
+from drivers.samples import Matrix4, Pose, PoseStatus
+from drivers.twins.combined_api import Mode
+from drivers.twins.faults import Episode, Schedule
+from drivers.twins.polaris import PolarisTwin
+from drivers.twins.ptyline import PtyLine
+from drivers.twins.rom import PROBE, REFERENCE, make_rom
+
+RATE = 4.0
+
+
+def moving(main_type: int, t_s: float, frame: int) -> Matrix4:
+    """The probe goes along x at 10 mm/s, turned 30° about z; the reference lies still, turned 90° about z."""
+    matrix = np.eye(4)
+    angle = np.radians(90 if main_type == REFERENCE else 30)
+    matrix[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    matrix[:3, 3] = (100, 0, -1500) if main_type == REFERENCE else (10 * t_s, 20, -1600)
+    return matrix
+
+
+@dataclass
+class Bench:
+    """A twin in a thread, and where its line and its tool definitions are."""
+
+    twin: PolarisTwin
+    line: PtyLine
+    clock: HostClock
+    folder: Path
+
+    def open(self, **options: str) -> NdiTracker:
+        return open_tracker(
+            str(self.folder / "tracker"), {"probe": str(self.folder / "probe.rom")} | options, self.clock
+        )
+
+    def handle(self, main_type: int = PROBE) -> int:
+        return next(h for h, port in self.twin.device.ports.items() if port.main_type == main_type)
+
+
+@contextmanager
+def bench(folder: Path, rate: float = RATE, schedule: Schedule | None = None, track_hz: int = 60) -> Iterator[Bench]:
+    clock, stop = HostClock(rate), Event()
+    (folder / "probe.rom").write_bytes(make_rom(PROBE))
+    (folder / "reference.rom").write_bytes(make_rom(REFERENCE))
+    with PtyLine(folder / "tracker", clock) as line:
+        twin = PolarisTwin(line, clock, moving, schedule or Schedule(), track_hz)
+        thread = Thread(target=_serve, args=(twin, stop))
+        thread.start()
+        try:
+            yield Bench(twin, line, clock, folder)
+        finally:
+            stop.set()
+            thread.join()
+
+
+def _serve(twin: PolarisTwin, stop: Event) -> None:
+    try:
+        twin.run(stop)
+    except (OSError, ValueError):
+        assert stop.wait(10), "only an unplugged line may end the twin"
+
+
+def poses(tracker: NdiTracker, count: int) -> list[Pose]:
+    found = [tracker.read(1.0) for _ in range(count)]
+    assert all(found), "a pose within a second of the clock"
+    return [pose for pose in found if pose is not None]
+
+
+def until(tracker: NdiTracker, status: PoseStatus, limit: int = 60) -> Pose:
+    for _ in range(limit):
+        pose = tracker.read(1.0)
+        if pose is not None and pose.status is status:
+            return pose
+    raise AssertionError(f"no {status} pose came")
+
+
+def speak(path: Path, baud: int, *commands: str) -> None:
+    """What another program did to the device before us."""
+    with serial.Serial(str(path), baud, timeout=2) as port:
+        for text in commands:
+            name, _, arguments = text.partition(" ")
+            port.write(encode_command(Command(name, arguments)))
+            assert port.read_until(b"\r"), f"no reply to {text}"
+
+
+def test_poses_and_times_are_those_of_the_device(tmp_path: Path) -> None:
+    with bench(tmp_path, rate=1.0) as cart, cart.open() as tracker:
+        found = poses(tracker, 90)
+        for pose in found:
+            assert pose.status is PoseStatus.OK
+            assert pose.matrix is not None
+            t_s = cart.twin.device.frame_s(pose.sequence)
+            np.testing.assert_allclose(pose.matrix, moving(PROBE, t_s, 0), atol=1e-3)
+            assert pose.rms_mm == pytest.approx(0.2, abs=1e-6)
+            assert abs(pose.stamp.t_ns - cart.clock.origin_ns - t_s * 1e9) <= pose.stamp.err_ns
+        assert [b.sequence - a.sequence for a, b in pairwise(found)].count(1) >= 80
+        errors_ns = [
+            p.stamp.t_ns - cart.clock.origin_ns - cart.twin.device.frame_s(p.sequence) * 1e9 for p in found[60:]
+        ]
+        assert np.median(np.abs(errors_ns)) < 2e6
+
+
+def test_poses_relative_to_the_reference_tool(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open(reference=str(tmp_path / "reference.rom")) as tracker:
+        (pose,) = poses(tracker, 1)
+        t_s = cart.twin.device.frame_s(pose.sequence)
+        expected = np.linalg.inv(moving(REFERENCE, t_s, 0)) @ moving(PROBE, t_s, 0)
+        assert pose.matrix is not None
+        np.testing.assert_allclose(pose.matrix, expected, atol=1e-3)
+        cart.twin.device.ports[cart.handle(REFERENCE)].seen = False
+        assert until(tracker, PoseStatus.MISSING).reason == "reference tool: the tracker does not see the tool"
+
+
+def leave_fresh(cart: Bench) -> None:
+    assert cart.twin.device.mode is Mode.SETUP
+
+
+def leave_at_115200(cart: Bench) -> None:
+    speak(cart.folder / "tracker", 9600, "INIT", "COMM 50000")
+
+
+def leave_at_an_odd_speed(cart: Bench) -> None:
+    speak(cart.folder / "tracker", 9600, "INIT", "COMM 30000")
+
+
+def leave_tracking_at_115200(cart: Bench) -> None:
+    with cart.open() as tracker:
+        poses(tracker, 2)
+        tracker._session.stop = lambda: None  # type: ignore[method-assign]
+    assert cart.twin.device.mode is Mode.TRACKING
+
+
+def leave_handles(cart: Bench) -> None:
+    speak(cart.folder / "tracker", 9600, "INIT", *["PHRQ *********1****"] * 5)
+    assert len(cart.twin.device.ports) == 5
+
+
+def leave_half_a_command(cart: Bench) -> None:
+    with serial.Serial(str(cart.folder / "tracker"), 9600) as port:
+        port.write(b"PVWR:0A0040000102")
+
+
+def leave_garbage_for_the_host(cart: Bench) -> None:
+    os.write(cart.line._master, bytes(range(1, 256)) + b"\xc4\xa5\xff\xff")
+
+
+def leave_a_reset_pending(cart: Bench) -> None:
+    cart.twin.reset()
+
+
+STATES = [
+    leave_fresh,
+    leave_at_115200,
+    leave_at_an_odd_speed,
+    leave_tracking_at_115200,
+    leave_handles,
+    leave_half_a_command,
+    leave_garbage_for_the_host,
+    leave_a_reset_pending,
+]
+
+
+@pytest.mark.parametrize("leave", STATES)
+def test_first_connection_succeeds_from_every_state(tmp_path: Path, leave: Callable[[Bench], None]) -> None:
+    with bench(tmp_path, rate=8.0) as cart:
+        leave(cart)
+        with cart.open() as tracker:
+            assert until(tracker, PoseStatus.OK).matrix is not None
+            assert len(cart.twin.device.ports) == 1, "left-over handles are freed"
+            assert cart.twin.device.baud == 115200
+
+
+def test_closing_leaves_the_device_as_a_fresh_program_expects_it(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart:
+        with cart.open() as tracker:
+            poses(tracker, 1)
+        assert (cart.twin.device.mode, cart.twin.device.baud) == (Mode.INITIALISED, 9600)
+
+
+def test_the_first_wired_tool_needs_no_definition(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart:
+        cart.twin.device._wired = 1
+        with open_tracker(str(tmp_path / "tracker"), {}, cart.clock) as tracker:
+            assert until(tracker, PoseStatus.OK).matrix is not None
+
+
+def test_no_tool_at_all_says_so(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, pytest.raises(DeviceLost, match="no tool is connected"):
+        open_tracker(str(tmp_path / "tracker"), {}, cart.clock)
+
+
+@pytest.mark.parametrize(
+    ("bits", "status", "word"),
+    [
+        (0x40, PoseStatus.OUT_OF_VOLUME, "outside"),
+        (0x80, PoseStatus.PARTIAL, "partly outside"),
+        (0x200, PoseStatus.FAULT, "interference"),
+        (0x1000, PoseStatus.FAULT, "exception"),
+    ],
+)
+def test_port_status_takes_the_number_away(tmp_path: Path, bits: int, status: PoseStatus, word: str) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 1)
+        cart.twin.device.ports[cart.handle()].extra_status = bits
+        pose = until(tracker, status)
+        assert word in pose.reason
+        cart.twin.device.ports[cart.handle()].extra_status = 0
+        assert until(tracker, PoseStatus.OK).matrix is not None
+
+
+def test_missing_tool_is_a_fresh_fact(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 1)
+        cart.twin.device.ports[cart.handle()].seen = False
+        first = until(tracker, PoseStatus.MISSING)
+        second = until(tracker, PoseStatus.MISSING)
+        assert second.sequence > first.sequence
+        assert second.stamp.t_ns > first.stamp.t_ns
+        cart.twin.device.ports[cart.handle()].seen = True
+        assert until(tracker, PoseStatus.OK).matrix is not None
+
+
+def test_bump_is_latched_and_names_itself(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 1)
+        cart.twin.device.alerts = 0x200000
+        assert until(tracker, PoseStatus.FAULT).reason == "the position sensor was bumped"
+        assert cart.twin.device.alerts == 0, "the alert was read"
+        assert {pose.status for pose in poses(tracker, 5)} == {PoseStatus.FAULT}
+
+
+def test_low_battery_does_not_stop_the_watch(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        cart.twin.device.alerts = 0x100000
+        assert {pose.status for pose in poses(tracker, 5)} == {PoseStatus.OK}
+
+
+def test_standing_counter_is_stale_and_recovers(tmp_path: Path) -> None:
+    with bench(tmp_path, rate=1.0) as cart, cart.open() as tracker:
+        poses(tracker, 30)
+        cart.twin._schedule = Schedule((Episode("stale-tracker", 0.0),))
+        began_ns = cart.clock.now_ns()
+        stale = until(tracker, PoseStatus.STALE)
+        assert "stood still" in stale.reason
+        assert cart.clock.now_ns() - began_ns < 150e6
+        assert tracker.read(0.2) is not None, "word that it is still stale"
+        cart.twin._schedule = Schedule()
+        assert until(tracker, PoseStatus.OK).matrix is not None
+
+
+def test_repeated_pose_under_a_running_counter_is_stale(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 3)
+        cart.twin._pose_at = lambda main_type, t_s, frame: np.eye(4)
+        assert "equal to the last bit" in until(tracker, PoseStatus.STALE).reason
+
+
+def test_a_20_hz_unit_is_not_stale(tmp_path: Path) -> None:
+    with bench(tmp_path, rate=1.0, track_hz=20) as cart, cart.open() as tracker:
+        found = poses(tracker, 25)
+        assert {pose.status for pose in found} == {PoseStatus.OK}
+        assert {b.sequence - a.sequence for a, b in pairwise(found)} == {3}
+
+
+def test_scheduled_faults_act_on_the_probe(tmp_path: Path) -> None:
+    schedule = Schedule((Episode("slide-marker", 0.0),))
+    with bench(tmp_path, schedule=schedule) as cart, cart.open() as tracker:
+        (pose,) = poses(tracker, 1)
+        assert pose.matrix is not None
+        true = moving(PROBE, cart.twin.device.frame_s(pose.sequence), 0)
+        assert np.linalg.norm(pose.matrix[:3, 3] - true[:3, 3]) == pytest.approx(10.0, abs=0.05)
+
+
+def test_latency_reports_an_old_pose_as_fresh(tmp_path: Path) -> None:
+    with bench(tmp_path, schedule=Schedule((Episode("latency", 0.0),))) as cart, cart.open() as tracker:
+        (pose,) = poses(tracker, 1)
+        assert pose.matrix is not None
+        assert pose.matrix[0, 3] == pytest.approx(10 * (cart.twin.device.frame_s(pose.sequence) - 0.1), abs=1e-3)
+
+
+def test_silence_is_told_within_the_deadline_and_tracking_resumes(tmp_path: Path) -> None:
+    with bench(tmp_path, rate=1.0) as cart:
+        with cart.open() as tracker:
+            poses(tracker, 5)
+            cart.twin._schedule = Schedule((Episode("lose-tracker", 0.0),))
+            began_ns = cart.clock.now_ns()
+            with pytest.raises(DeviceLost, match="no reply from the tracker"):
+                poses(tracker, 100)
+            assert cart.clock.now_ns() - began_ns < 500e6
+            cart.twin._schedule = Schedule()
+        began_ns = cart.clock.now_ns()
+        with cart.open() as tracker:
+            assert until(tracker, PoseStatus.OK).matrix is not None
+        assert cart.clock.now_ns() - began_ns < 2e9
+
+
+def test_a_device_that_stays_silent_is_given_up_in_plain_words(tmp_path: Path) -> None:
+    with bench(tmp_path, rate=20.0, schedule=Schedule((Episode("lose-tracker", 0.0),))) as cart:
+        with pytest.raises(DeviceLost, match="does not answer at any line speed") as refusal:
+            cart.open()
+        assert "switched on" in str(refusal.value)
+
+
+def flip_a_bit(reply: bytes) -> bytes:
+    return reply[:20] + bytes([reply[20] ^ 1]) + reply[21:]
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [flip_a_bit, lambda reply: b"\n\xc4" + reply, lambda reply: b"OKAYA896\r", lambda reply: reply[:4] + b"\0\0\0\0"],
+    ids=["bit", "junk before", "OKAY in place of data", "header CRC"],
+)
+def test_damaged_replies_are_refused_and_asked_for_again(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        spoilt = iter((True, True))
+        cart.twin.spoil = lambda reply: spoil(reply) if next(spoilt, False) else reply
+        found = poses(tracker, 10)
+        assert tracker.refused == 2
+        for pose in found:
+            assert pose.matrix is not None
+            expected = moving(PROBE, cart.twin.device.frame_s(pose.sequence), 0)
+            np.testing.assert_allclose(pose.matrix, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda reply: b"", lambda reply: reply[:30], lambda reply: b"\xc4\xa5", flip_a_bit],
+    ids=["nothing", "half", "start word", "always damaged"],
+)
+def test_no_good_reply_within_the_deadline_is_a_lost_device(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
+    with bench(tmp_path, rate=1.0) as cart, cart.open(deadline_ms="120") as tracker:
+        poses(tracker, 2)
+        cart.twin.spoil = spoil
+        began_ns = cart.clock.now_ns()
+        with pytest.raises(DeviceLost):
+            poses(tracker, 10)
+        assert cart.clock.now_ns() - began_ns < 300e6
+
+
+def test_a_late_reply_never_becomes_the_next(tmp_path: Path) -> None:
+    """The same old reply arrives again before each new one: only frames in order, none twice."""
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        first: list[bytes] = []
+        cart.twin.spoil = lambda reply: (first.append(reply), reply + first[0])[1]
+        sequences = [pose.sequence for pose in poses(tracker, 20)]
+        assert sequences == sorted(set(sequences))
+
+
+def test_a_counter_that_starts_anew_is_believed_after_a_few_replies(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        before = poses(tracker, 3)[-1]
+        cart.twin.device._counter_zero = before.sequence + 2
+        after = until(tracker, PoseStatus.OK)
+        assert after.sequence < before.sequence
+        assert after.stamp.t_ns > before.stamp.t_ns
+
+
+def test_reset_in_mid_stream_is_a_lost_device_and_heals(tmp_path: Path) -> None:
+    with bench(tmp_path, rate=8.0) as cart:
+        with cart.open() as tracker:
+            poses(tracker, 2)
+            cart.twin.spoil = lambda reply: b"RESETBE6F\r"
+            with pytest.raises(DeviceLost, match="restarted by itself"):
+                poses(tracker, 10)
+            cart.twin.spoil = bytes
+            cart.twin.device.reset()
+        with cart.open() as tracker:
+            assert until(tracker, PoseStatus.OK).matrix is not None
+
+
+def test_device_out_of_tracking_mode_is_lost(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 2)
+        cart.twin.device.mode = Mode.INITIALISED
+        with pytest.raises(DeviceLost, match="ERROR0C"):
+            poses(tracker, 3)
+
+
+def test_unplugged_cable_is_lost_at_once(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 2)
+        cart.line.unplug()
+        with pytest.raises(DeviceLost, match="serial port failed"):
+            poses(tracker, 3)
+
+
+def test_tool_unplugged_or_plugged_starts_the_connection_anew(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 2)
+        cart.twin.device.system_status = 0x80
+        with pytest.raises(DeviceLost, match="plugged"):
+            poses(tracker, 3)
+
+
+def test_port_in_use_and_absent_port(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open():
+        with pytest.raises(DeviceLost, match="in use by another program"):
+            cart.open()
+        with pytest.raises(DeviceLost, match="no such serial port"):
+            open_tracker(str(tmp_path / "nothing"), {}, cart.clock)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"baud": "12345"}, "baud=12345"),
+        ({"probee": "x"}, "unknown option 'probee'"),
+        ({"probe": "/nowhere/p.rom"}, "cannot be read"),
+        ({"reference": "r.rom"}, "needs a probe"),
+        ({"deadline_ms": "0"}, "deadline_ms=0"),
+        ({"counter_hz": "fast"}, "counter_hz=fast"),
+    ],
+)
+def test_bad_options_are_refused_before_the_port_is_opened(options: dict[str, str], words: str) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        open_tracker("/dev/null", options, HostClock())
+
+
+@pytest.mark.parametrize("damage", [lambda rom: rom[:-1] + b"\x01", lambda rom: rom[:100], lambda rom: b"PK" + rom])
+def test_damaged_tool_definition_is_refused(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    (tmp_path / "bad.rom").write_bytes(damage(make_rom()))
+    with pytest.raises(ConfigurationError, match="tool definition"):
+        open_tracker("/dev/null", {"probe": str(tmp_path / "bad.rom")}, HostClock())
+
+
+def test_a_speed_the_device_lacks_is_a_configuration_error(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, pytest.raises(ConfigurationError, match="does not have 1228739 baud"):
+        cart.open(baud="1228739")
+
+
+def test_disabled_and_unready_ports_carry_no_pose() -> None:
+    assert judge_tool(ToolReply(1, HandleState.DISABLED))[0] is PoseStatus.DISABLED
+    assert judge_tool(ToolReply(1, HandleState.VALID, None, 0x30, 1))[0] is PoseStatus.DISABLED
+    assert judge_tool(ToolReply(1, HandleState.VALID, None, 0x11, 1))[0] is PoseStatus.DISABLED
+    assert judge_tool(ToolReply(1, HandleState.VALID, None, 0x31, 1)) == (PoseStatus.OK, "")
+    assert judge_system(0x0200, 0)[0] is PoseStatus.FAULT
+
+
+def test_killed_twin_is_lost_and_a_new_one_takes_the_link_over(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "drivers.twins.polaris", "--pty", str(tmp_path / "tracker")]
+    command += ["--rom", str(tmp_path / "probe.rom"), "--origin-ns", str(time.monotonic_ns())]
+    clock = HostClock()
+    with _process(command) as (first, url), open_tracker(*_split(url), clock) as tracker:
+        assert until(tracker, PoseStatus.OK).matrix is not None
+        first.send_signal(signal.SIGKILL)
+        first.wait()
+        with pytest.raises(DeviceLost):
+            poses(tracker, 3)
+    with _process(command) as (second, url):
+        with open_tracker(*_split(url), clock) as tracker:
+            assert until(tracker, PoseStatus.OK).matrix is not None
+        second.terminate()
+        assert second.wait(5) == 0
+    assert not (tmp_path / "tracker").is_symlink(), "a stopped twin removes what it made"
+
+
+def _split(url: str) -> tuple[str, dict[str, str]]:
+    target, _, rom = url.removeprefix("ndi:").partition("?probe=")
+    return target, {"probe": rom}
+
+
+@contextmanager
+def _process(command: list[str]) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process, json.loads(process.stdout.readline())["url"]
+        finally:
+            process.kill()
