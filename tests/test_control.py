@@ -1,0 +1,158 @@
+"""The control socket against well-behaved and hostile clients, over real sockets."""
+
+import contextlib
+import json
+import socket
+import stat
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from appliance.control import ControlClient, ControlRefused, ControlServer
+from drivers.errors import ConfigurationError, DeviceLost
+
+
+class Service:
+    """A tick that does nothing but serve; asked holds what reached it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.asked: list[tuple[str, dict[str, Any]]] = []
+        self.slowest_s = 0.0
+        self._end = threading.Event()
+        self.server = ControlServer(path)
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def answer(self, do: str, request: dict[str, Any]) -> dict[str, Any]:
+        self.asked.append((do, request))
+        if do == "acknowledge":
+            raise ControlRefused("the cause still stands (polarity)")
+        return {"status": {"state": "monitoring", "checks": "x" * 20_000 * ("long" in request)}}
+
+    def _run(self) -> None:
+        while not self._end.wait(0.002):
+            start_s = time.thread_time()
+            self.server.poll(self.answer)
+            self.slowest_s = max(self.slowest_s, time.thread_time() - start_s)
+
+    def close(self) -> None:
+        self._end.set()
+        self._thread.join()
+        self.server.__exit__()
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Service]:
+    service = Service(tmp_path / "control")
+    yield service
+    service.close()
+
+
+def connected(service: Service) -> socket.socket:
+    link = socket.socket(socket.AF_UNIX)
+    link.connect(str(service.path))
+    link.settimeout(5)
+    return link
+
+
+def test_status_and_requests(service: Service, tmp_path: Path) -> None:
+    with ControlClient(service.path) as client:
+        assert client.status()["state"] == "monitoring"
+        client.begin_recalibration()
+        client.end_recalibration(tmp_path / "new.toml")
+        client.abort_recalibration()
+    assert [do for do, _ in service.asked] == [
+        "status",
+        "begin-recalibration",
+        "end-recalibration",
+        "abort-recalibration",
+    ]
+    assert service.asked[2][1]["file"] == str(tmp_path / "new.toml")
+
+
+def test_a_refusal_gives_its_reason(service: Service) -> None:
+    with ControlClient(service.path) as client, pytest.raises(ControlRefused, match="the cause still stands"):
+        client.acknowledge()
+
+
+def test_the_socket_is_for_user_and_group_only_and_goes_with_the_service(tmp_path: Path) -> None:
+    with ControlServer(tmp_path / "control"):
+        assert stat.S_IMODE((tmp_path / "control").stat().st_mode) == 0o660
+    assert not (tmp_path / "control").exists()
+
+
+def test_a_second_service_is_refused_and_the_first_unharmed(service: Service) -> None:
+    with pytest.raises(DeviceLost, match="another probewatch service is running"):
+        ControlServer(service.path)
+    with ControlClient(service.path) as client:
+        assert client.status()
+
+
+def test_a_socket_left_by_a_killed_service_is_no_obstacle(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as dead:
+        dead.bind(str(tmp_path / "control"))
+    with ControlServer(tmp_path / "control"):
+        pass
+
+
+def test_a_folder_that_is_missing_is_a_configuration_error(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="No such file"):
+        ControlServer(tmp_path / "nowhere" / "control")
+
+
+def test_no_service_is_said_so(tmp_path: Path) -> None:
+    with pytest.raises(DeviceLost, match="no service answers"):
+        ControlClient(tmp_path / "control")
+
+
+@pytest.mark.parametrize("line", [b"[]", b'{"do": "status"}', b'{"v": 2, "do": "status"}', b"\xff\xfe", b"[" * 3000])
+def test_nonsense_is_answered_as_such(service: Service, line: bytes) -> None:
+    with connected(service) as link:
+        link.sendall(line + b"\n")
+        reply = json.loads(link.makefile("rb").readline())
+    assert (reply["v"], reply["ok"]) == (1, False)
+    assert service.asked == []
+
+
+def flood(link: socket.socket, chunk: bytes, megabytes: int = 8) -> None:
+    for _ in range(megabytes * 1_000_000 // len(chunk)):
+        link.sendall(chunk)
+
+
+def test_an_endless_line_is_cut_off(service: Service) -> None:
+    with connected(service) as link, pytest.raises((BrokenPipeError, ConnectionResetError)):
+        flood(link, b"x" * 4096)
+
+
+def test_a_client_that_never_reads_is_dropped_and_harms_nobody(service: Service) -> None:
+    with connected(service) as deaf, ControlClient(service.path) as client:
+        with pytest.raises((BrokenPipeError, ConnectionResetError)):
+            flood(deaf, b'{"v": 1, "do": "status", "long": 1}\n')
+        assert client.status()
+
+
+def test_two_hundred_idle_clients_do_not_keep_a_person_out(service: Service) -> None:
+    with contextlib.ExitStack() as stack:
+        for _ in range(200):
+            stack.enter_context(contextlib.closing(connected(service)))
+        with ControlClient(service.path) as client:
+            assert client.status()["state"] == "monitoring"
+        assert service.server.dropped_clients >= 193
+    assert service.slowest_s < 0.05
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(line=st.binary(max_size=300))
+def test_no_bytes_harm_the_service(service: Service, line: bytes) -> None:
+    with connected(service) as link:
+        link.sendall(line + b"\n")
+        assert link.recv(1), "every line is answered"
+    with ControlClient(service.path) as client:
+        assert client.status()
