@@ -6,7 +6,6 @@ The helpers are pure, so a recording can be spoiled with the same faults as the 
 import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any
 
 import cv2
@@ -29,6 +28,8 @@ FAULT_CLASS: Mapping[str, str] = {
     "stale-tracker": "tracker-stale",
 }
 """Fault name → class under which a check must report it."""
+
+_LATEST_S = 1e9
 
 ZOOM = 1.10
 LATENCY_S = 0.100
@@ -61,15 +62,15 @@ def _refuse(what: str, entry: object) -> ConfigurationError:
 
 def _second(entry: dict[str, Any], key: str) -> float:
     value = entry[key]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or value < 0:
-        raise _refuse(f"{key} must be a number of seconds, zero or more", entry)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= _LATEST_S:
+        raise _refuse(f"{key} must be a number of seconds from 0 to 1e9", entry)
     return float(value)
 
 
 def _episode(entry: object) -> Episode:
     if not isinstance(entry, dict) or not {"fault", "from_s"} <= set(entry) <= {"fault", "from_s", "to_s"}:
         raise _refuse("each entry needs fault, from_s and may have to_s, nothing else", entry)
-    if entry["fault"] not in FAULT_CLASS:
+    if entry["fault"] not in list(FAULT_CLASS):
         raise _refuse(f"the fault must be one of {', '.join(FAULT_CLASS)}", entry)
     from_s = _second(entry, "from_s")
     to_s = None if entry.get("to_s") is None else _second(entry, "to_s")

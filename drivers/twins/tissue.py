@@ -103,7 +103,7 @@ def _add_surfaces(white: Complexes, random: np.random.Generator) -> None:
         rows = np.arange(round((depth_mm - 1) / _STEP_MM[1]), round((depth_mm + 1) / _STEP_MM[1]))
         away_mm = (rows * np.float32(_STEP_MM[1]))[None, :, None] - sheet_mm[:, None, :]
         phase = np.exp(np.complex64(-1j * Beam().carrier_rad_per_mm) * sheet_mm)[:, None, :]
-        white[:, rows % _POINTS[1]] += np.float32(2.5) * np.exp(away_mm**2 * np.float32(-1 / (2 * 0.1**2))) * phase
+        white[:, rows % _POINTS[1]] += np.float32(1.5) * np.exp(away_mm**2 * np.float32(-1 / (2 * 0.1**2))) * phase
 
 
 def _bell(place: NDArray[Any], sigma: float) -> Floats:

@@ -1,0 +1,114 @@
+"""Schedules of faults, and what each fault does to a picture or a pose."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from drivers.errors import ConfigurationError
+from drivers.twins.faults import FAULT_CLASS, Episode, Schedule, pose_time_s, spoil_image, spoil_pose
+from drivers.twins.world import World
+
+IMAGE = np.random.default_rng(1).integers(0, 256, (48, 64), np.uint8)
+
+
+def test_a_fault_is_on_from_its_start_up_to_its_end() -> None:
+    schedule = Schedule.parse(
+        '[{"fault": "depth", "from_s": 2, "to_s": 3.5}, {"fault": "latency", "from_s": 3, "to_s": null},'
+        ' {"fault": "lose-video", "from_s": 9}]'
+    )
+    assert schedule.active(1.999) == frozenset()
+    assert schedule.active(2.0) == {"depth"}
+    assert schedule.active(3.0) == {"depth", "latency"}
+    assert schedule.active(3.5) == {"latency"}
+    assert schedule.active(1e6) == {"latency", "lose-video"}
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("[", "not JSON"),
+        ("[" * 100_000, "not JSON"),
+        ("{}", "not a list"),
+        ("[7]", "each entry"),
+        ('[{"fault": "depth"}]', "from_s"),
+        ('[{"fault": "depth", "from_s": 1, "until": 2}]', "nothing else"),
+        ('[{"fault": "dropped", "from_s": 1}]', "flip-lateral"),
+        ('[{"fault": ["depth"], "from_s": 1}]', "flip-lateral"),
+        ('[{"fault": "depth", "from_s": "1"}]', "from_s must"),
+        ('[{"fault": "depth", "from_s": true}]', "from_s must"),
+        ('[{"fault": "depth", "from_s": -1}]', "from_s must"),
+        ('[{"fault": "depth", "from_s": NaN}]', "from_s must"),
+        ('[{"fault": "depth", "from_s": 1' + "0" * 400 + "}]", "from_s must"),
+        ('[{"fault": "depth", "from_s": 1, "to_s": Infinity}]', "to_s must"),
+        ('[{"fault": "depth", "from_s": 2, "to_s": 2}]', "later"),
+    ],
+)
+def test_a_faulty_schedule_is_refused_by_name(text: str, names: str) -> None:
+    with pytest.raises(ConfigurationError, match=names) as refused:
+        Schedule.parse(text)
+    assert refused.value.exit_code == 78
+    assert "fault schedule" in str(refused.value)
+
+
+@given(
+    st.text()
+    | st.recursive(st.none() | st.floats() | st.text(), lambda x: st.lists(x) | st.dictionaries(st.text(), x)).map(
+        json.dumps
+    )
+)
+def test_no_text_breaks_the_parser(text: str) -> None:
+    try:
+        Schedule.parse(text)
+    except ConfigurationError:
+        return
+
+
+SECONDS = st.floats(0, 1e6)
+
+
+@given(
+    st.lists(
+        st.builds(Episode, st.sampled_from(sorted(FAULT_CLASS)), SECONDS, st.none() | SECONDS.map(lambda s: s + 2e6))
+    )
+)
+def test_a_schedule_survives_being_written(episodes: list[Episode]) -> None:
+    schedule = Schedule(tuple(episodes))
+    assert Schedule.parse(schedule.to_json()) == schedule
+
+
+def test_flips_and_zoom() -> None:
+    assert np.array_equal(spoil_image(IMAGE, {"flip-lateral"}), IMAGE[:, ::-1])
+    assert np.array_equal(spoil_image(IMAGE, {"flip-vertical", "latency"}), IMAGE[::-1])
+    assert np.array_equal(spoil_image(IMAGE, {"lose-tracker"}), IMAGE)
+    ramp = np.tile(np.arange(64, dtype=np.uint8) * 3, (48, 1))
+    zoomed = spoil_image(ramp, {"depth"})
+    assert zoomed.dtype == np.uint8
+    expected = 3 * (31.5 + (np.arange(4, 60) - 31.5) / 1.1)
+    np.testing.assert_allclose(zoomed[10, 4:60], expected, atol=0.6)
+    down = spoil_image(np.ascontiguousarray(ramp.T), {"depth"}, top_row_px=5.0)
+    np.testing.assert_allclose(down[:, 20], 3 * (5 + (np.arange(64) - 5) / 1.1), atol=0.6)
+
+
+def test_pose_faults_are_of_the_promised_size_and_oblique_to_the_picture() -> None:
+    world = World()
+    pose = world.probe_pose(1.0)
+    bent = np.linalg.inv(pose) @ spoil_pose(pose, {"bend-marker"})
+    turn_deg = np.degrees(Rotation.from_matrix(bent[:3, :3]).as_rotvec())
+    assert np.linalg.norm(turn_deg) == pytest.approx(5)
+    assert np.abs(bent[:3, 3]).max() < 1e-9
+    in_picture_deg = np.abs(world.sensor_to_picture[:3, :3] @ turn_deg)
+    assert in_picture_deg.min() > 1.5
+    assert in_picture_deg[2] > 3.5
+    slid = np.linalg.inv(pose) @ spoil_pose(pose, {"slide-marker"})
+    assert np.linalg.norm(slid[:3, 3]) == pytest.approx(10, abs=0.05)
+    assert np.allclose(slid[:3, :3], np.eye(3))
+    assert np.array_equal(spoil_pose(pose, {"depth"}), pose)
+
+
+def test_latency_reports_an_older_pose() -> None:
+    assert pose_time_s(3.0, {"latency"}) == pytest.approx(2.9)
+    assert pose_time_s(3.0, {"depth"}) == 3.0
