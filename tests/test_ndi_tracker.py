@@ -2,12 +2,13 @@
 
 import json
 import os
+import random
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -99,7 +100,7 @@ def until(tracker: NdiTracker, status: PoseStatus, limit: int = 60) -> Pose:
 
 def speak(path: Path, baud: int, *commands: str) -> None:
     """What another program did to the device before us."""
-    with serial.Serial(str(path), baud, timeout=2) as port:
+    with serial.Serial(str(path), baud, timeout=0.5) as port:
         for text in commands:
             name, _, arguments = text.partition(" ")
             port.write(encode_command(Command(name, arguments)))
@@ -191,6 +192,19 @@ def test_first_connection_succeeds_from_every_state(tmp_path: Path, leave: Calla
             assert until(tracker, PoseStatus.OK).matrix is not None
             assert len(cart.twin.device.ports) == 1, "left-over handles are freed"
             assert cart.twin.device.baud == 115200
+
+
+@pytest.mark.slow
+def test_a_hundred_first_connections_from_random_states(tmp_path: Path) -> None:
+    choose = random.Random(20)
+    with bench(tmp_path, rate=20.0) as cart:
+        for _ in range(100):
+            for leave in choose.sample(STATES[1:], choose.randint(1, 3)):
+                with suppress(AssertionError):  # what one program leaves may keep the next from speaking
+                    leave(cart)
+            with cart.open() as tracker:
+                assert until(tracker, PoseStatus.OK).matrix is not None
+                tracker._session.stop = lambda: None  # type: ignore[method-assign]
 
 
 def test_closing_leaves_the_device_as_a_fresh_program_expects_it(tmp_path: Path) -> None:

@@ -24,7 +24,8 @@ _USUAL_BAUDS = (FIRST_BAUD, 115200, 921600)
 _S = 1_000_000_000
 _REPLY_S = 2.0
 _SLOW_S = {"INIT": 6.0, "PINIT": 6.0, "TSTART": 6.0, "COMM": 2.0}
-_KNOCK_S = 0.4
+_KNOCK_S = 0.3
+_LISTEN_S = 0.8
 _SEARCH_S = 8.0
 _SWITCH_S = 0.1
 _PORT_ROUNDS = 8
@@ -78,28 +79,33 @@ class Session:
 
     def _find(self, baud: int) -> None:
         """Make the device answer INIT, whatever its line speed and mode."""
-        if any(self._answers(rate) for rate in dict.fromkeys((self.link.baud, FIRST_BAUD, baud, *_USUAL_BAUDS))):
+        likely = dict.fromkeys((self.link.baud, FIRST_BAUD, baud, *_USUAL_BAUDS))
+        if any(self._answers(rate, _KNOCK_S) for rate in likely):
             return
         self.link.send_break()
         deadline_ns = self._clock.now_ns() + round(_SEARCH_S * _S)
         while self._clock.now_ns() < deadline_ns:
-            if any(self._answers(rate) for rate in (FIRST_BAUD, baud)):
+            if self._answers(FIRST_BAUD, _LISTEN_S) or self._answers(baud, _KNOCK_S):
                 return
-        if any(self._answers(rate) for rate in COMM_CODES):
+        if any(self._answers(rate, _KNOCK_S) for rate in COMM_CODES):
             return
         remedy = "Check that it is switched on and that the cable sits at both ends"
         raise SilentError("the tracker does not answer at any line speed", self.link.path, remedy)
 
-    def _answers(self, baud: int) -> bool:
-        """One INIT at one speed. The second try is for a device with half a command in its buffer."""
+    def _answers(self, baud: int, wait_s: float) -> bool:
+        """One INIT at one speed. The second try is for a device with half a command in its buffer, or one that has
+        just said RESET: its first INIT may take seconds.
+        """
         self.link.set_baud(baud)
         for _ in range(2):
             try:
-                self.command("INIT", timeout_s=_KNOCK_S)
+                self.command("INIT", timeout_s=wait_s)
                 return True
             except SilentError:
                 return False
-            except (ProtocolError, RebootedError):
+            except RebootedError:
+                wait_s = _SLOW_S["INIT"]
+            except ProtocolError:
                 self._let_run_out()
         return False
 
