@@ -167,7 +167,7 @@ class Renderer:
         for tap, weight in enumerate(_spline(plane)):
             beyond = np.float32(tap - 1) - plane
             place = column + aside[0] * beyond, row + (aside[1] * beyond + np.float32(tap * _ROWS))
-            parts = [cv2.remap(part, *place, cv2.INTER_LINEAR) for part in (tissue.real, tissue.imaginary)]
+            parts = [_interpolated(part, *place) for part in (tissue.real, tissue.imaginary)]
             echoes += cv2.merge(parts).view(np.complex64)[..., 0] * (turns[tap:][number] * weight)
         return echoes
 
@@ -187,6 +187,15 @@ class Renderer:
         for first, across in enumerate(self._across):
             whole[:, first::2] = cv2.sepFilter2D(part, -1, across, self._down)[kept][:, : (width - first + 1) // 2]
         return whole
+
+
+def _interpolated(stored: Floats, column: Floats, row: Floats) -> Floats:
+    """Bilinear samples of one part of the stored tissue."""
+    band = stored[int(row.min()) : int(row.max()) + 2]
+    if len(band) < 2 * _ROWS:
+        # Reading the band in order first fills the cache; scattered reads wait for memory and take thrice as long.
+        band.max()
+    return np.asarray(cv2.remap(stored, column, row, cv2.INTER_LINEAR), np.float32)
 
 
 def _wrapped(index: Floats, axis: int) -> Floats:
