@@ -18,7 +18,7 @@ from appliance.source_thread import CaptureThread, TrackerThread
 from appliance.status import status_fields
 from appliance.supervisor import Inputs, Request, Supervisor
 from appliance.systemd_notify import Notifier
-from appliance.types import AlarmState, Calibration, Check, Verdict
+from appliance.types import AlarmState, Check, Verdict
 from appliance.watchers.devices import watch_devices
 from appliance.watchers.facts import Facts
 from drivers.hosttime import HostClock
@@ -29,13 +29,13 @@ _JOIN_S = 1.0
 
 
 class Daemon:
-    """Everything that runs, in one place. Leaving the context de-energises the outputs and closes the devices."""
+    """Everything that runs, in one place. Leaving the context de-energises the outputs and closes all."""
 
-    def __init__(self, config: Config, reference: Calibration, clock: HostClock, control: ControlServer) -> None:
+    def __init__(self, config: Config, estimator: EstimatorHost, clock: HostClock, control: ControlServer) -> None:
         self._clock, self._control = clock, control
         self._patience = config.supervisor.patience()
         self._supervisor = Supervisor(config.supervisor.durations())
-        self._estimator = EstimatorHost(reference, config.limits)
+        self._estimator = estimator
         self._recalibration = Recalibration(self._supervisor, self._estimator, self._ask)
         deliver = self._estimator.put
         self._video = CaptureThread("video", config.video.url, open_video, deliver, clock)
@@ -86,8 +86,8 @@ class Daemon:
         self._raise_failures()
         self._now_ns = self._clock.now_ns()
         heard, verdicts = self._estimator.poll()
-        if heard:
-            self._heard_ns = self._now_ns
+        if heard or not self._estimator.speaking:
+            self._heard_ns = self._now_ns if heard else None
         self._verdict = verdicts[-1] if verdicts else self._verdict
         self._devices = watch_devices(self._now_ns, self._facts(), self._patience)
         alarm = self._step(Inputs(verdicts, self._devices))

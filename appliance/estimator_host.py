@@ -44,6 +44,11 @@ class EstimatorHost:
         return None if self._process is None else self._process.pid
 
     @property
+    def speaking(self) -> bool:
+        """The present process has spoken; False from the death of one to the first word of the next."""
+        return self._spoken
+
+    @property
     def reference(self) -> Calibration:
         """The calibration that verdicts speak of."""
         return self._order.reference
@@ -127,4 +132,4 @@ class EstimatorHost:
         if self._process is not None:
             self._process.send_signal(signal.SIGKILL)
             self._process.wait()
-            self._process = None
+            self._process, self._spoken = None, False

@@ -3,7 +3,7 @@
 import queue
 import sys
 import threading
-from typing import Any, TextIO
+from typing import Any, Self, TextIO
 
 import structlog
 
@@ -20,6 +20,12 @@ class LogWriter:
         self.dropped = 0
         self._thread = threading.Thread(target=self._write, name="log", daemon=True)
         self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def msg(self, line: str) -> None:
         try:

@@ -23,7 +23,7 @@ _HUBER = 2.0
 _OFFSET_VARIANCE = 1e6
 _LONG_LAG_S = 0.7
 _POSITION_FLOOR_MM, _ANGLE_FLOOR_RAD = 0.02, np.deg2rad(0.01)
-_DRIFT_FLOOR = 1.5
+_DRIFT_FLOOR = 0.5
 TAU = 8
 """Index of the latency, s, behind the eight parameters of X."""
 
@@ -183,7 +183,7 @@ class _Problem:
     def minimise(self, theta: Array, whiten: "_Whitener") -> tuple[Array, Array, float]:
         """Gauss–Newton with Huber weights on the innovations; covariance scaled up where they are wider than the model."""
         prior = self._prior_information()
-        information, spread = prior, 1.0
+        information, spread, cost = prior, 1.0, 0.0
         for _ in range(_ITERATIONS):
             residual, gradient = self.rows(theta)
             r, J = whiten(residual), whiten(gradient)
@@ -193,25 +193,22 @@ class _Problem:
             step = np.linalg.solve(information, (J * weight[:, None]).T @ r + prior @ theta)
             theta = theta - step
             spread = float((weight * r * r).sum() / max(r.size - 9, 1))
+            cost = _huber_cost(r)
             if np.all(np.abs(step) < 1e-7):
                 break
-        information = self._without_noise(information, prior, J.shape[0] // residual.shape[1])
-        return theta, np.linalg.inv(information) * max(1.0, spread), _huber_cost(r)
+        return theta, self._honest_covariance(information, prior, r.size // residual.shape[1]) * max(1.0, spread), cost
 
-    def _without_noise(self, information: Array, prior: Array, samples: int) -> Array:
-        """Tracker noise in the regressors of the rotation looks like information: about one unit per picture. Take it out.
+    def _honest_covariance(self, information: Array, prior: Array, samples: int) -> Array:
+        """I_c⁻¹ I I_c⁻¹, where I_c is the information I less what tracker noise in the rotation's regressors pretends.
 
-        Otherwise a motion without any elevational part would seem to show the rotations about lateral and axial.
+        Each picture adds one such unit in each of the two rows that a rotation enters. Without this, motion that has no
+        elevational part would seem to show the rotations about lateral and axial.
         """
-        corrected = information.copy()
-        rotation = np.arange(3)
-        least = prior[rotation, rotation]
-        corrected[rotation, rotation] = np.maximum(information[rotation, rotation] - samples, least)
-        share = np.sqrt(corrected[rotation, rotation] / information[rotation, rotation])
-        scale = np.r_[share, np.ones(len(information) - 3)]
-        off_diagonal = information * np.outer(scale, scale)
-        off_diagonal[rotation, rotation] = corrected[rotation, rotation]
-        return np.asarray(off_diagonal)
+        pretended = np.diag([2.0 * samples] * 3 + [0.0] * 6)
+        values, axes = np.linalg.eigh(information - prior - pretended)
+        told = (axes * np.maximum(values, 0.0)) @ axes.T
+        corrected = np.linalg.inv(told + prior)
+        return np.asarray(corrected @ information @ corrected)
 
     def _prior_information(self) -> Array:
         p = self._prior

@@ -5,6 +5,6 @@ from appliance.watchers.facts import Facts, Patience, presence
 
 
 def estimator_presence(now_ns: int, facts: Facts, patience: Patience) -> Check:
-    """estimator-silent when no heartbeat and no verdict has arrived for patience.estimator_ns."""
+    """estimator-silent when no heartbeat has arrived for patience.estimator_ns, or its process has died."""
     last_ns = facts.heartbeat_ns
     return presence("estimator presence", "estimator-silent", now_ns, facts.started_ns, last_ns, patience.estimator_ns)
