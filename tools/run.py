@@ -6,9 +6,10 @@ from pathlib import Path
 import click
 
 from appliance.calibration_file import read_calibration
-from appliance.config import load_config
+from appliance.config import Config, load_config
 from appliance.control import ControlServer
 from appliance.daemon import Daemon
+from appliance.estimator_host import EstimatorHost
 from appliance.log import configure
 from drivers.hosttime import HostClock
 
@@ -28,10 +29,14 @@ def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -
     config = load_config(config_file)
     reference = read_calibration(config.calibration.file)
     clock = HostClock(clock_rate, time.monotonic_ns() if clock_origin_ns is None else clock_origin_ns)
-    with ControlServer(config.control.socket) as control:
-        log = configure(config.log.level)
-        try:
-            with Daemon(config, reference, clock, control) as daemon:
-                daemon.run()
-        finally:
-            log.close()
+    serve(config, EstimatorHost(reference, config.limits), clock)
+
+
+def serve(config: Config, estimator: EstimatorHost, clock: HostClock) -> None:
+    """Run the service until it is told to stop. Raises DeviceLost when another one holds the control socket."""
+    with (
+        ControlServer(config.control.socket) as control,
+        configure(config.log.level),
+        Daemon(config, estimator, clock, control) as daemon,
+    ):
+        daemon.run()

@@ -1,0 +1,47 @@
+"""The service with a line that says OK of every picture a pose came with, so that recovery needs no motion.
+
+`-m tests.stand_in_daemon CONFIG` is the service, `-m tests.stand_in_daemon LINK FRAMES POSES` its estimator.
+"""
+
+import sys
+from pathlib import Path
+
+from appliance.calibration_file import read_calibration
+from appliance.config import load_config
+from appliance.estimator_host import EstimatorHost
+from appliance.estimator_loop import serve as serve_estimator
+from appliance.limits import Limits
+from appliance.types import Calibration, Verdict, VerdictKind
+from drivers.hosttime import HostClock
+from drivers.samples import Frame, PoseStatus, Sample
+from tools.run import serve
+
+_COMMAND = (sys.executable, "-m", "tests.stand_in_daemon")
+_NEAR_NS = 200_000_000
+
+
+class TrustingLine:
+    """OK of a frame that an OK pose came with, as far as the stamps tell."""
+
+    def __init__(self, reference: Calibration, limits: Limits) -> None:
+        self._pose_ns = 0
+
+    def step(self, sample: Sample) -> tuple[Verdict, ...]:
+        if isinstance(sample, Frame):
+            near = abs(sample.stamp.t_ns - self._pose_ns) < _NEAR_NS
+            return (Verdict(sample.stamp.t_ns, VerdictKind.OK if near else VerdictKind.NOT_VERIFIED, ()),)
+        if sample.status is PoseStatus.OK:
+            self._pose_ns = sample.stamp.t_ns
+        return ()
+
+
+def main() -> None:
+    if len(sys.argv) > 2:
+        return serve_estimator(sys.argv[1:], TrustingLine)
+    config = load_config(Path(sys.argv[1]))
+    estimator = EstimatorHost(read_calibration(config.calibration.file), config.limits, _COMMAND)
+    return serve(config, estimator, HostClock())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,161 @@
+"""The service as a process of its own, on simulated devices that speak real bytes."""
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from appliance.control import ControlClient, ControlRefused
+from tests.cart import PROBEWATCH, Cart
+from tests.polling import until
+
+ALARM_S = 2.0
+
+
+@pytest.fixture(scope="module")
+def cart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cart]:
+    with Cart(tmp_path_factory.mktemp("cart"), trusting=True) as cart:
+        yield cart
+
+
+@pytest.fixture
+def monitoring(cart: Cart) -> Cart:
+    cart.wait_for("monitoring")
+    until(cart.contact)
+    return cart
+
+
+def test_status_tells_everything(monitoring: Cart) -> None:
+    status = until(lambda: (now := monitoring.status())["fps"]["tracker"] > 1 and now)
+    assert (status["state"], status["fault"], status["energised"]) == ("monitoring", None, True)
+    assert status["verdict"] == "OK"
+    assert 0 <= status["verification_age_s"] < 1
+    assert {check["name"]: check["verdict"] for check in status["devices"]}["video presence"] == "OK"
+    assert status["counters"]["frames"] > 0
+    assert status["lost"] == {}
+
+
+@pytest.mark.parametrize(
+    ("twin", "fault", "role"), [("scanner", "video-lost", "video"), ("polaris", "tracker-lost", "tracker")]
+)
+def test_a_killed_device_alarms_and_recovers_by_itself(monitoring: Cart, twin: str, fault: str, role: str) -> None:
+    killed_s = time.monotonic()
+    monitoring.twins[twin].end(kill=True)
+    monitoring.open_contact(killed_s, ALARM_S)
+    assert monitoring.wait_for("device lost", ALARM_S)["fault"] == fault
+    monitoring.start_twin(twin)
+    monitoring.wait_for("monitoring")
+    said = [event for event in monitoring.daemon.said if event["heard_s"] > killed_s and event.get("device") == role]
+    assert [event["event"] for event in said] == ["device lost", "device back"], "said once each"
+
+
+def test_a_killed_estimator_alarms_and_recovers_by_itself(monitoring: Cart) -> None:
+    killed_s = time.monotonic()
+    os.kill(monitoring.estimator_pid(), signal.SIGKILL)
+    monitoring.open_contact(killed_s, ALARM_S)
+    warned = monitoring.daemon.find(killed_s, event="state", state="warning", fault="estimator-silent")
+    assert warned is not None
+    assert monitoring.wait_for("monitoring")["counters"]["estimator_restarts"] >= 1
+
+
+def test_a_stopped_estimator_alarms(monitoring: Cart) -> None:
+    stopped_s = time.monotonic()
+    pid = monitoring.estimator_pid()
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        monitoring.open_contact(stopped_s, ALARM_S)
+    finally:
+        os.kill(pid, signal.SIGCONT)
+
+
+def test_a_killed_relay_board_is_an_output_failure_and_comes_back(monitoring: Cart) -> None:
+    killed_s = time.monotonic()
+    monitoring.twins["relay_board"].end(kill=True)
+    status = monitoring.wait_for("device lost", ALARM_S + 1)
+    assert (status["fault"], status["energised"]) == ("output-failed", False)
+    assert any("relay:" in name for name in status["lost"])
+    monitoring.start_twin("relay_board")
+    monitoring.wait_for("monitoring")
+    until(lambda: monitoring.contact(killed_s))
+
+
+def test_recalibration_over_the_control_socket(monitoring: Cart, tmp_path: Path) -> None:
+    good = monitoring.config.with_name("probe.toml")
+    with ControlClient(monitoring.socket) as client:
+        with pytest.raises(ControlRefused, match="not possible while monitoring"):
+            client.acknowledge()
+        began_s = time.monotonic()
+        client.begin_recalibration()
+        monitoring.open_contact(began_s, 1)
+        with pytest.raises(ControlRefused, match=r"missing\.toml"):
+            client.end_recalibration(tmp_path / "missing.toml")
+        assert client.status()["state"] == "recalibrating"
+        client.end_recalibration(good)
+    monitoring.wait_for("monitoring")
+    assert monitoring.daemon.find(began_s, event="request granted", request="end_recalibration")
+
+
+def test_aborted_recalibration_is_verified_again(monitoring: Cart) -> None:
+    with ControlClient(monitoring.socket) as client:
+        client.begin_recalibration()
+        client.abort_recalibration()
+        assert client.status()["state"] in {"not verified", "monitoring"}
+    monitoring.wait_for("monitoring")
+
+
+def test_a_second_service_is_refused_in_one_line(monitoring: Cart) -> None:
+    command = [str(PROBEWATCH), "run", "--config", str(monitoring.config)]
+    second = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+    assert second.returncode == 69
+    assert second.stderr.count("\n") == 1
+    assert "another probewatch service is running" in second.stderr
+    assert monitoring.status()["state"] == "monitoring"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_stop_leaves_the_contact_open_and_exits_clean(monitoring: Cart, number: signal.Signals) -> None:
+    stopped_s = time.monotonic()
+    estimator = monitoring.estimator_pid()
+    monitoring.daemon.process.send_signal(number)
+    assert monitoring.daemon.end() == 0
+    monitoring.open_contact(stopped_s, 1)
+    assert not Path(f"/proc/{estimator}").exists()
+    assert not monitoring.socket.exists()
+    assert monitoring.daemon.noise == [], "the log is JSON lines and nothing else"
+    monitoring.start_daemon()
+
+
+@pytest.fixture
+def real(tmp_path: Path) -> Iterator[Cart]:
+    with Cart(tmp_path) as cart:
+        checks = {check["name"]: check for check in cart.wait_for("monitoring", 40)["checks"]}
+        assert checks["polarity"]["verdict"] == "OK"
+        assert checks["scale-lateral"]["ratio"] < 1
+        yield cart
+        states = {event["state"] for event in cart.daemon.said if event["event"] == "state"}
+        assert not {"halt", "recalibration requested"} & states
+
+
+def test_the_real_line_verifies_and_a_killed_one_alarms(real: Cart) -> None:
+    killed_s = time.monotonic()
+    os.kill(real.estimator_pid(), signal.SIGKILL)
+    real.open_contact(killed_s, ALARM_S)
+    real.wait_for("not verified", 15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", ["estimator", "scanner", "polaris"])
+def test_the_real_line_verifies_again_after_every_loss(real: Cart, part: str) -> None:
+    killed_s = time.monotonic()
+    if part == "estimator":
+        os.kill(real.estimator_pid(), signal.SIGKILL)
+    else:
+        real.twins[part].end(kill=True)
+    real.open_contact(killed_s, ALARM_S)
+    if part != "estimator":
+        real.start_twin(part)
+    real.wait_for("monitoring", 60)
