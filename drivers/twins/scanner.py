@@ -59,12 +59,12 @@ class VideoPlug:
         self._door.setblocking(False)
 
     def unplug(self) -> None:
-        """Drop the viewer and refuse every other, as when the cable is pulled."""
-        for line in (self._viewer, self._door):
-            if line is not None:
-                line.close()
+        """Refuse every new viewer, then drop the present one, as when the cable is pulled."""
         if self._door is not None:
             self._path.unlink(missing_ok=True)
+        for line in (self._door, self._viewer):
+            if line is not None:
+                line.close()
         self._door = self._viewer = None
 
     def send(self, frame: bytes) -> bool:
