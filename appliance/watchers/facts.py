@@ -12,7 +12,7 @@ class Facts:
 
     reply_ns: last reply of the tracker in which the probe's tool was in service, whatever it saw.
     fresh_ns: last of those that was not STALE. pose_ns: last with a pose. pose_status: of the last reply.
-    heartbeat_ns: last word of the present estimator process. output_ns: last completed write of the output that lags most.
+    heartbeat_ns: last word of the present estimator process. output_ns: last write of the output that lags most.
     """
 
     started_ns: int

@@ -1,0 +1,235 @@
+"""The threads that keep devices open, and the log writer: what hangs, breaks or is slow holds up nobody else."""
+
+import contextlib
+import json
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Self
+
+import numpy as np
+import pytest
+import structlog
+
+from appliance.backoff import Backoff
+from appliance.log import configure, get_log
+from appliance.output_thread import OutputThread
+from appliance.rate_meter import RateMeter
+from appliance.source_thread import CaptureThread, TrackerThread
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.hosttime import HostClock
+from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from tests.polling import until
+
+CLOCK = HostClock()
+
+
+class Contact:
+    """An output whose device may be made to fail or hang."""
+
+    def __init__(self) -> None:
+        self.states: list[bool] = []
+        self.broken = False
+        self.flowing = threading.Event()
+        self.flowing.set()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.states.append(False)
+
+    def write(self, energised: bool) -> None:
+        self.flowing.wait()
+        if self.broken:
+            raise DeviceLost("unplugged", "relay:/dev/x", "Plug it in")
+        self.states.append(energised)
+
+
+@pytest.fixture
+def contact() -> Contact:
+    return Contact()
+
+
+@pytest.fixture
+def output(contact: Contact) -> Iterator[OutputThread]:
+    thread = OutputThread("output", "relay:/dev/x", lambda url, clock: contact, CLOCK)
+    thread.start()
+    yield thread
+    contact.flowing.set()
+    thread.stop()
+    thread.join(5)
+    assert not thread.is_alive()
+
+
+@pytest.fixture(autouse=True)
+def _structlog_as_it_was() -> Iterator[None]:
+    yield
+    structlog.reset_defaults()
+
+
+def commanded(output: OutputThread, energised: bool) -> Callable[[], bool]:
+    def look() -> bool:
+        output.command(energised, CLOCK.now_ns())
+        return output.energised is energised
+
+    return look
+
+
+def test_a_contact_follows_its_commands_and_opens_at_the_end(output: OutputThread, contact: Contact) -> None:
+    until(commanded(output, True))
+    until(commanded(output, False))
+    until(commanded(output, True))
+    output.stop()
+    output.join(5)
+    assert contact.states[-1] is False
+
+
+def test_a_contact_opens_when_the_tick_falls_silent(output: OutputThread) -> None:
+    until(commanded(output, True))
+    until(lambda: output.energised is False, 0.5)
+
+
+def test_a_hanging_output_does_not_hold_up_the_one_who_commands(output: OutputThread, contact: Contact) -> None:
+    until(commanded(output, True))
+    contact.flowing.clear()
+    before_s = time.perf_counter()
+    for _ in range(1000):
+        output.command(True, CLOCK.now_ns())
+    assert time.perf_counter() - before_s < 0.5
+    written_ns = output.written_ns
+    assert written_ns is not None
+    until(lambda: CLOCK.now_ns() - written_ns > 300_000_000)
+    assert output.written_ns == written_ns, "its silence shows"
+
+
+def test_a_broken_output_is_opened_again(output: OutputThread, contact: Contact) -> None:
+    until(commanded(output, True))
+    contact.broken = True
+    until(lambda: commanded(output, True)() and output.lost is not None)
+    assert "unplugged" in str(output.lost)
+    contact.broken = False
+    until(lambda: commanded(output, True)() and output.lost is None)
+    assert output.losses == 1
+
+
+class Tape:
+    """A source that plays what it was given and then raises or falls silent."""
+
+    def __init__(self, samples: list[Sample], end: Exception | None) -> None:
+        self._samples, self._end = list(samples), end
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def read(self, timeout_s: float) -> Sample | None:  # type: ignore[override]
+        if self._samples:
+            return self._samples.pop(0)
+        if self._end is not None:
+            raise self._end
+        time.sleep(timeout_s / 10)
+        return None
+
+
+def picture(sequence: int) -> Frame:
+    return Frame(Stamp(sequence, 0), sequence, np.zeros((4, 4), np.uint8))
+
+
+def test_capture_counts_what_the_device_sent_and_nobody_saw() -> None:
+    seen: list[Sample] = []
+    tapes = [
+        Tape([picture(1), picture(2), picture(5)], DeviceLost("unplugged")),
+        Tape([picture(0), picture(1)], None),
+    ]
+    thread = CaptureThread("video", "sim:/x", lambda url, clock: tapes.pop(0), seen.append, CLOCK)  # type: ignore[arg-type,return-value]
+    thread.start()
+    until(lambda: thread.samples == 5)
+    thread.stop()
+    thread.join(5)
+    assert (thread.gaps, thread.losses, thread.lost, len(seen)) == (2, 1, None, 5)
+
+
+def test_a_picture_that_fits_no_slot_is_a_loss_with_a_remedy_not_a_crash() -> None:
+    def refuse(sample: Sample) -> None:
+        raise ValueError("a sample of 9 bytes does not fit a slot of 8")
+
+    thread = CaptureThread("video", "sim:/x", lambda url, clock: Tape([picture(1)], None), refuse, CLOCK)  # type: ignore[arg-type,return-value]
+    thread.start()
+    until(lambda: thread.lost is not None)
+    thread.stop()
+    thread.join(5)
+    assert "Lower the picture size" in str(thread.lost)
+    assert thread.failure is None
+
+
+def test_the_tracker_thread_tells_answers_from_news_from_poses() -> None:
+    def pose(status: PoseStatus) -> Pose:
+        return Pose(Stamp(1, 0), 1, np.eye(4) if status is PoseStatus.OK else None, 0.1, status)
+
+    kinds = {
+        PoseStatus.OK: (True, True, True),
+        PoseStatus.MISSING: (True, True, False),
+        PoseStatus.STALE: (True, False, False),
+        PoseStatus.DISABLED: (False, True, False),
+        PoseStatus.FAULT: (False, True, False),
+    }
+    for status, expected in kinds.items():
+        thread = TrackerThread("tracker", "ndi:/x", lambda url, clock: Tape([], None), lambda _: None, CLOCK)  # type: ignore[arg-type,return-value]
+        thread.note(pose(status), 7)
+        noted = (thread.reply_ns, thread.fresh_ns, thread.pose_ns)
+        assert tuple(value == 7 for value in noted) == expected
+
+
+def test_a_url_that_can_never_work_ends_the_thread_with_its_error() -> None:
+    def never(url: str, clock: HostClock) -> Contact:
+        raise ConfigurationError("channel 9 does not exist", url)
+
+    thread = OutputThread("output", "relay:/dev/x", never, CLOCK)
+    thread.start()
+    thread.join(5)
+    assert isinstance(thread.failure, ConfigurationError)
+
+
+def test_backoff_doubles_to_its_cap_and_starts_over() -> None:
+    backoff = Backoff(0.1, 0.5)
+    assert [backoff.next_s() for _ in range(5)] == [0.1, 0.2, 0.4, 0.5, 0.5]
+    backoff.reset()
+    assert backoff.next_s() == 0.1
+
+
+def test_rate_is_of_the_last_whole_window() -> None:
+    meter = RateMeter()
+    for tick in range(41):
+        meter.note(tick * 50_000_000, tick * 3)
+    assert meter.per_s == 60.0
+
+
+def test_the_log_is_one_json_object_a_line() -> None:
+    reader, writer = os.pipe()
+    with os.fdopen(reader) as lines, os.fdopen(writer, "w") as stream:
+        with configure("info", stream):
+            get_log(device="video").info("device back", url="sim:/tmp/Gerät")
+            get_log().debug("not shown")
+        stream.close()
+        said = [json.loads(line) for line in lines]
+    assert len(said) == 1
+    assert {"device": "video", "event": "device back", "level": "info", "url": "sim:/tmp/Gerät"}.items() <= said[
+        0
+    ].items()
+
+
+def test_a_log_that_nobody_reads_drops_lines_and_delays_nobody() -> None:
+    reader, writer = os.pipe()
+    lines = os.fdopen(reader)
+    with contextlib.suppress(BrokenPipeError), os.fdopen(writer, "w") as stream:
+        log = configure("info", stream)
+        before_s = time.perf_counter()
+        for _ in range(5000):
+            get_log().info("x" * 100)
+        assert time.perf_counter() - before_s < 2
+        assert log.dropped > 0
+        lines.close()
+        log.close()

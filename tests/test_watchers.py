@@ -1,0 +1,98 @@
+"""Each device watcher at its bound, and the alarm table's totality."""
+
+from dataclasses import replace
+
+import pytest
+
+from appliance.alarms import HAZARDS, SIGNALS, UNVERIFIED, Kind, Priority, operator_text
+from appliance.types import State, VerdictKind
+from appliance.watchers.devices import watch_devices
+from appliance.watchers.facts import Facts, Patience
+from drivers.samples import PoseStatus
+
+NOW_NS = 1_000_000_000_000
+PATIENCE = Patience()
+HEALTHY = Facts(
+    started_ns=0,
+    frame_ns=NOW_NS,
+    reply_ns=NOW_NS,
+    fresh_ns=NOW_NS,
+    pose_ns=NOW_NS,
+    pose_status=PoseStatus.OK,
+    heartbeat_ns=NOW_NS,
+    output_ns=NOW_NS,
+)
+
+
+def failing(facts: Facts) -> dict[str, VerdictKind]:
+    checks = watch_devices(NOW_NS, facts, PATIENCE)
+    return {check.fault: check.verdict for check in checks if check.verdict is not VerdictKind.OK}
+
+
+def test_a_healthy_cart_fails_nothing() -> None:
+    assert failing(HEALTHY) == {}
+
+
+@pytest.mark.parametrize(
+    ("field", "limit_ns", "fault"),
+    [
+        ("frame_ns", PATIENCE.video_ns, "video-lost"),
+        ("reply_ns", PATIENCE.tracker_ns, "tracker-lost"),
+        ("heartbeat_ns", PATIENCE.estimator_ns, "estimator-silent"),
+        ("output_ns", PATIENCE.output_ns, "output-failed"),
+    ],
+)
+def test_silence_fails_one_nanosecond_past_its_bound(field: str, limit_ns: int, fault: str) -> None:
+    at_bound = replace(HEALTHY, **{field: NOW_NS - limit_ns})
+    assert failing(at_bound) == {}
+    assert failing(replace(HEALTHY, **{field: NOW_NS - limit_ns - 1})) == {fault: VerdictKind.FAULT}
+    assert failing(replace(HEALTHY, **{field: None})) == {fault: VerdictKind.FAULT}, "what never came has failed"
+    (check,) = [check for check in watch_devices(NOW_NS, at_bound, PATIENCE) if check.fault == fault]
+    assert check.ratio == 1.0
+
+
+def test_stale_replies_fail_only_when_they_last() -> None:
+    stale = replace(HEALTHY, pose_status=PoseStatus.STALE, fresh_ns=NOW_NS - PATIENCE.stale_ns)
+    assert failing(stale) == {}
+    assert failing(replace(stale, fresh_ns=NOW_NS - PATIENCE.stale_ns - 1)) == {"tracker-stale": VerdictKind.FAULT}
+
+
+@pytest.mark.parametrize("status", [PoseStatus.MISSING, PoseStatus.OUT_OF_VOLUME, PoseStatus.PARTIAL])
+def test_a_hidden_probe_is_not_verified_and_no_fault(status: PoseStatus) -> None:
+    hidden = replace(HEALTHY, pose_status=status, pose_ns=NOW_NS - PATIENCE.unseen_ns)
+    assert failing(hidden) == {}
+    assert failing(replace(hidden, pose_ns=hidden.pose_ns - 1)) == {"line-of-sight": VerdictKind.NOT_VERIFIED}
+
+
+def test_nothing_has_failed_for_longer_than_the_service_runs() -> None:
+    checks = watch_devices(NOW_NS, Facts(started_ns=NOW_NS - 7_000_000), PATIENCE)
+    assert max(check.value for check in checks) == 7.0
+
+
+def test_every_state_has_a_signal_and_every_text_fits_the_display() -> None:
+    assert set(SIGNALS) == set(State)
+    for state in State:
+        for fault in (None, *HAZARDS):
+            text, remedy = operator_text(state, fault)
+            assert 0 < len(text) <= 80
+            assert 0 < len(remedy) <= 80
+
+
+def test_signals_keep_to_the_ranges_of_their_priority() -> None:
+    for signal in SIGNALS.values():
+        low_hz, high_hz = {Priority.HIGH: (1.4, 2.8), Priority.MEDIUM: (0.4, 0.8)}.get(signal.priority, (0, 0))
+        assert low_hz <= signal.flash_hz <= high_hz
+        assert (
+            signal.lamp
+            in {
+                Priority.HIGH: {"red"},
+                Priority.MEDIUM: {"yellow"},
+                Priority.LOW: {"cyan", "yellow"},
+                Priority.NONE: {"green"},
+            }[signal.priority]
+        )
+
+
+def test_every_watcher_has_a_row_in_the_alarm_table() -> None:
+    for check in watch_devices(NOW_NS, HEALTHY, PATIENCE):
+        assert check.fault in UNVERIFIED or HAZARDS[check.fault].kind is Kind.DEVICE
