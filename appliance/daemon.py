@@ -88,6 +88,7 @@ class Daemon:
         heard, verdicts = self._estimator.poll()
         if heard or not self._estimator.speaking:
             self._heard_ns = self._now_ns if heard else None
+            self._verdict = self._verdict if heard else None
         self._verdict = verdicts[-1] if verdicts else self._verdict
         self._devices = watch_devices(self._now_ns, self._facts(), self._patience)
         alarm = self._step(Inputs(verdicts, self._devices))
@@ -145,6 +146,7 @@ class Daemon:
         self._step(Inputs(devices=self._devices, request=request))
         if self._supervisor.refused:
             raise ControlRefused(self._supervisor.refused)
+        self._verdict = None
         self._log.info("request granted", request=request.value)
 
     def _answer(self, do: str, request: Mapping[str, Any]) -> Reply:

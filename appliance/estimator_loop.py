@@ -40,7 +40,9 @@ class Estimator:
         self._spoke_s = 0.0
 
     def run(self) -> None:
-        """Until the peer closes the link."""
+        """Until the peer closes the link. What waited before there was anyone to take it is old, and not counted."""
+        for ring in (self._frames, self._poses):
+            ring.take()
         try:
             while True:
                 self._obey()

@@ -1,7 +1,9 @@
 """The service as a process of its own, on simulated devices that speak real bytes."""
 
+import contextlib
 import os
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Iterator
@@ -9,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from appliance.alarms import HAZARDS
 from appliance.control import ControlClient, ControlRefused
 from tests.cart import PROBEWATCH, Cart
 from tests.polling import until
@@ -17,9 +20,29 @@ ALARM_S = 2.0
 
 
 @pytest.fixture(scope="module")
-def cart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cart]:
+def manager(tmp_path_factory: pytest.TempPathFactory) -> Iterator[socket.socket]:
+    """The service manager's notification socket, inherited by the cart's service."""
+    path = tmp_path_factory.mktemp("systemd") / "notify"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager, pytest.MonkeyPatch.context() as patch:
+        manager.bind(str(path))
+        manager.setblocking(False)
+        patch.setenv("NOTIFY_SOCKET", str(path))
+        yield manager
+
+
+@pytest.fixture(scope="module")
+def cart(manager: socket.socket, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cart]:
     with Cart(tmp_path_factory.mktemp("cart"), trusting=True) as cart:
         yield cart
+
+
+def notifications(manager: socket.socket) -> list[str]:
+    """What the service manager was told since the last call."""
+    said: list[str] = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            said.append(manager.recv(4096).decode())
+    return said
 
 
 @pytest.fixture
@@ -57,8 +80,7 @@ def test_a_killed_estimator_alarms_and_recovers_by_itself(monitoring: Cart) -> N
     killed_s = time.monotonic()
     os.kill(monitoring.estimator_pid(), signal.SIGKILL)
     monitoring.open_contact(killed_s, ALARM_S)
-    warned = monitoring.daemon.find(killed_s, event="state", state="warning", fault="estimator-silent")
-    assert warned is not None
+    until(lambda: monitoring.daemon.find(killed_s, event="state", state="warning", fault="estimator-silent"))
     assert monitoring.wait_for("monitoring")["counters"]["estimator_restarts"] >= 1
 
 
@@ -72,12 +94,22 @@ def test_a_stopped_estimator_alarms(monitoring: Cart) -> None:
         os.kill(pid, signal.SIGCONT)
 
 
-def test_a_killed_relay_board_is_an_output_failure_and_comes_back(monitoring: Cart) -> None:
+def test_the_service_manager_is_told_ready_and_fed_by_every_tick(monitoring: Cart, manager: socket.socket) -> None:
+    first, *_ = notifications(manager)
+    assert first.startswith("READY=1\nWATCHDOG=1\n")
+    time.sleep(0.5)
+    assert 5 <= len([said for said in notifications(manager) if "WATCHDOG=1" in said]) <= 12
+
+
+def test_a_killed_relay_board_is_an_output_failure_and_comes_back(monitoring: Cart, manager: socket.socket) -> None:
     killed_s = time.monotonic()
     monitoring.twins["relay_board"].end(kill=True)
     status = monitoring.wait_for("device lost", ALARM_S + 1)
     assert (status["fault"], status["energised"]) == ("output-failed", False)
     assert any("relay:" in name for name in status["lost"])
+    notifications(manager)
+    time.sleep(0.3)
+    assert notifications(manager) == [], "without a completed output write the watchdog is not fed"
     monitoring.start_twin("relay_board")
     monitoring.wait_for("monitoring")
     until(lambda: monitoring.contact(killed_s))
@@ -133,6 +165,7 @@ def test_a_stop_leaves_the_contact_open_and_exits_clean(monitoring: Cart, number
 def real(tmp_path: Path) -> Iterator[Cart]:
     with Cart(tmp_path) as cart:
         checks = {check["name"]: check for check in cart.wait_for("monitoring", 40)["checks"]}
+        assert {check["fault"] for check in checks.values()} <= {*HAZARDS, "agreement"}, "that one never fails"
         assert checks["polarity"]["verdict"] == "OK"
         assert checks["scale-lateral"]["ratio"] < 1
         yield cart
