@@ -12,6 +12,7 @@ _COMMANDS = {
     "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",
     "replay": "run a recording through the line and print a report",
     "run": "the service: watch the devices named in the configuration",
+    "simulate": "a tracker that exists only as bytes, with faults at run time",
 }
 
 
