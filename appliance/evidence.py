@@ -1,95 +1,143 @@
 """What the last seconds of motion show of the calibration: latency first, then polarity, then every parameter of X."""
 
+from dataclasses import dataclass, replace
+from math import nan, sqrt
+
 from appliance.latency import Latency
 from appliance.limits import Limits
 from appliance.path import PathWindow
-from appliance.solver import Prior, Solution, solve
+from appliance.solver import TAU, Prior, Solution, solve
 from appliance.types import Calibration, Check, VerdictKind
-from appliance.watchers.calibration_change import agreement_check, calibration_checks, latency_check
+from appliance.watchers.calibration_change import agreement_check, calibration_checks, latency_check, trusted
 from appliance.watchers.polarity import flipped, weigh_polarity
 
+_SHORT_NS = 3_500_000_000
 _UNKNOWN_LATENCY_S = 0.05
+_RELINEARISE_S = 0.008
 _NEAR = Prior(rotation_rad=0.2, scale=0.15, offset_mm=10.0)
 _REQUIRED_FOR = {
     "polarity": ("polarity",),
     "scale": ("scale-lateral", "scale-axial"),
     "rotation": ("rotation-lateral", "rotation-axial", "rotation-elevational"),
 }
+_UNWEIGHED = Check("polarity", "polarity", nan, 0.0, "axes", 0.5, VerdictKind.NOT_VERIFIED)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finding:
+    """What one window showed."""
+
+    checks: tuple[Check, ...]
+    solution: Solution | None = None
+
+    @property
+    def failed(self) -> bool:
+        """Whether any check is shown to be outside its limit."""
+        return any(check.verdict is VerdictKind.FAULT for check in self.checks)
+
+    @property
+    def shown(self) -> int:
+        """Number of checks that are decided either way."""
+        return sum(check.verdict is not VerdictKind.NOT_VERIFIED for check in self.checks)
 
 
 class Evidence:
-    """Solves the window anew whenever asked; between two solutions the last one stands."""
+    """Solves the window anew whenever asked; between two solutions the last one stands.
+
+    A short window sees a change soon, the long one measures well. Once the short one shows a fault, what came before it
+    is dropped, so that old and new calibration are never mixed into one estimate.
+    """
 
     def __init__(self, reference: Calibration, limits: Limits, window: PathWindow) -> None:
         self._reference = reference
         self._limits = limits
         self.window = window
-        self._latency: Latency | None = None
-        self._solution: Solution | None = None
-        self._checks: tuple[Check, ...] = ()
-        self._best: tuple[int, tuple[Check, ...], Solution | None] = (-1, (), None)
-        self.restart()
+        self._nothing = examine_nothing(limits)
+        self._latest = self._best = self._nothing
 
     @property
     def estimate(self) -> Calibration | None:
         """The solution that showed most, None where there was none."""
-        return None if self._best[2] is None else self._best[2].calibration
+        return None if self._best.solution is None else self._best.solution.calibration
 
     @property
     def motions(self) -> int:
         """Pictures that went into the estimate."""
-        return 0 if self._best[2] is None else self._best[2].motions
+        return 0 if self._best.solution is None else self._best.solution.motions
 
     def restart(self) -> None:
         """The geometry has changed: what was measured before says nothing of what comes."""
         self.window.restart()
-        self._latency = self._solution = None
-        self._checks = self._all_checks(
-            Check("polarity", "polarity", float("nan"), 0.0, "axes", 0.5, VerdictKind.NOT_VERIFIED)
-        )
+        self._latest = self._nothing
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution."""
-        return self._checks
+        return self._latest.checks
 
     def shows(self, fault: str) -> bool:
         """True where the latest solution verified every parameter of that class."""
-        good = {check.name for check in self._checks if check.verdict is VerdictKind.OK}
+        good = {check.name for check in self._latest.checks if check.verdict is VerdictKind.OK}
         return good.issuperset(_REQUIRED_FOR[fault])
 
     def final(self) -> tuple[Check, ...]:
         """Checks of the solution that showed most, after solving once more."""
         self.solve()
-        return self._best[1] or self._checks
+        return self._best.checks
 
     def solve(self) -> None:
-        """Latency from the two paths, polarity by likelihood, X by maximum likelihood on the in-plane part of the
-        motion.
-        """
-        self._latency = self.window.latency()
-        lag_s = 0.0 if self._latency is None else self._latency.value_s
-        doubt_s = _UNKNOWN_LATENCY_S if self._latency is None else self._latency.sigma_s
-        try:
-            polarity, polarity_check = weigh_polarity(self.window.samples(lag_s, in_plane_only=False), self._reference)
-        except ValueError:
-            return
-        self._solution = self._solved(lag_s, doubt_s, polarity)
-        self._checks = self._all_checks(polarity_check)
-        shown = sum(check.verdict is not VerdictKind.NOT_VERIFIED for check in self._checks)
-        if shown >= self._best[0]:
-            self._best = (shown, self._checks, self._solution)
+        """Examine the short window, and the long one unless the short one already shows a fault."""
+        finding = examine(self.window.recent(_SHORT_NS), self._reference, self._limits)
+        if finding.failed:
+            self.window.keep_last(_SHORT_NS)
+        else:
+            finding = examine(self.window, self._reference, self._limits)
+        self._latest = finding
+        if finding.shown >= self._best.shown:
+            self._best = finding
 
-    def _solved(self, lag_s: float, doubt_s: float, polarity: tuple[int, int]) -> Solution | None:
-        prior = Prior(_NEAR.rotation_rad, _NEAR.scale, _NEAR.offset_mm, latency_s=max(doubt_s, 0.002))
-        try:
-            return solve(self.window.samples(lag_s, in_plane_only=True), flipped(self._reference, polarity), prior)
-        except ValueError:
-            return None
 
-    def _all_checks(self, polarity: Check) -> tuple[Check, ...]:
-        return (
-            polarity,
-            *calibration_checks(self._solution, self._limits),
-            latency_check(self._latency, self._limits),
-            agreement_check(self._solution),
-        )
+def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Finding:
+    """Latency from the two paths, polarity by likelihood, X by maximum likelihood on the in-plane motion."""
+    lag = window.latency()
+    lag_s = 0.0 if lag is None else lag.value_s
+    try:
+        polarity, polarity_check = weigh_polarity(window.samples(lag_s, in_plane_only=False), reference)
+    except ValueError:
+        return examine_nothing(limits)
+    solution, solved_lag = _solved(window, flipped(reference, polarity), lag)
+    checks = (
+        polarity_check,
+        *calibration_checks(solution, limits),
+        latency_check(_sharper(lag, solved_lag), limits),
+        agreement_check(solution),
+    )
+    return Finding(checks, solution)
+
+
+def examine_nothing(limits: Limits) -> Finding:
+    """The finding of a window without motion."""
+    checks = (_UNWEIGHED, *calibration_checks(None, limits), latency_check(None, limits), agreement_check(None))
+    return Finding(checks)
+
+
+def _solved(window: PathWindow, reference: Calibration, lag: Latency | None) -> tuple[Solution | None, Latency | None]:
+    """Solution and the latency it found, re-centred once where it moved away from the first guess."""
+    lag_s = 0.0 if lag is None else lag.value_s
+    prior = replace(_NEAR, latency_s=_UNKNOWN_LATENCY_S if lag is None else max(lag.sigma_s, 0.005))
+    try:
+        solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
+        if abs(solution.change[TAU]) > _RELINEARISE_S:
+            lag_s += float(solution.change[TAU])
+            solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
+    except ValueError:
+        return None, None
+    if not trusted(solution):
+        return solution, None
+    return solution, Latency(lag_s + float(solution.change[TAU]), sqrt(float(solution.covariance[TAU, TAU])))
+
+
+def _sharper(paths: Latency | None, solved: Latency | None) -> Latency | None:
+    """The joint estimate where it adds much to what the paths alone told; otherwise the one that needs no model."""
+    if solved is not None and (paths is None or solved.sigma_s < 0.5 * paths.sigma_s):
+        return solved if paths is not None or solved.sigma_s < 0.5 * _UNKNOWN_LATENCY_S else None
+    return paths

@@ -3,26 +3,24 @@
 Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quality Control, one picture after the other.
 """
 
-from collections import Counter
-
 import numpy as np
 
 from appliance.evidence import Evidence
 from appliance.judgement import Judgement, judge
 from appliance.limits import Limits
-from appliance.motion import sort_motion, steer
+from appliance.motion import analyse, wants_keyframe
 from appliance.pairing import Pairing, Unpaired
 from appliance.path import PathWindow
 from appliance.realtime_tracker import RealTimeTracker, Tracked
 from appliance.report import LineReport
-from appliance.types import Calibration, Check, Motion, MotionKind, StampedPair, Verdict, VerdictKind
+from appliance.types import Calibration, Check, Motion, StampedPair, Verdict, VerdictKind
 from appliance.watchers.frozen_tracker import FrozenTracker
 from appliance.watchers.frozen_video import FrozenVideo
 from appliance.watchers.marker_slip import MarkerSlip
 from appliance.watchers.picture_event import PictureEvent
-from drivers.samples import Frame, Matrix4, Pose, PoseStatus
+from drivers.samples import Frame, Matrix4, Pose
 
-_SOLVE_EVERY_NS = 250_000_000
+_SOLVE_EVERY_NS = 330_000_000
 _STEADY_PX_PER_S = 900.0
 _STEADY_CORRELATION = 0.6
 _STALE_NS = 500_000_000
@@ -32,13 +30,13 @@ class Line:
     """reference: the calibration that is watched. Give frames and poses in the order in which they came.
 
     step() accepts any frame: one of another size than the reference's is a scale fault, not an exception.
+    motion: the latest motion that was sorted, None before the first.
     """
 
     def __init__(self, reference: Calibration, limits: Limits) -> None:
         self._reference = reference
         self._pairing = Pairing()
-        self._aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
-        self._tracker = RealTimeTracker(self._aspect)
+        self._tracker = RealTimeTracker(float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0]))
         self._evidence = Evidence(reference, limits, PathWindow(reference))
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
         self._frozen_check: Check | None = None
@@ -51,7 +49,6 @@ class Line:
         self._solve_ns: int | None = None
         self._frames = self._poses = self._paired = 0
         self.motion: Motion | None = None
-        self.kinds: Counter[MotionKind] = Counter()
 
     def step(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
         """Take the next sample; one verdict for each frame that it settles."""
@@ -79,10 +76,9 @@ class Line:
         )
 
     def _take_pose(self, pose: Pose) -> None:
-        if pose.status is not PoseStatus.OK or pose.matrix is None:
-            return
-        self._evidence.window.poses.add(pose.stamp.t_ns, pose.matrix)
-        self._frozen_tracker.pose(pose)
+        if pose.matrix is not None:
+            self._evidence.window.poses.add(pose.stamp.t_ns, pose.matrix)
+            self._frozen_tracker.pose(pose)
 
     def _settled(self, item: StampedPair | Unpaired) -> Verdict:
         t_ns = item.frame.stamp.t_ns
@@ -110,69 +106,42 @@ class Line:
     def _lose_sight(self) -> None:
         """A repeated picture shows no motion: nothing may be learnt from it, and the chain ends here."""
         self._tracker.restart()
-        self._slip.step(0, np.eye(4), picture_steady=False)
+        self._slip.pause()
 
     def _watch(self, item: StampedPair | Unpaired) -> None:
         frame = item.frame
-        if self._picture_event.step(frame.image) is not None:
-            self._tracker.restart()
-            self._evidence.restart()
         tracked = self._tracker.step(frame.image, frame.sequence)
+        if self._picture_event.step(frame.image, followed=tracked.registration is not None) is not None:
+            self._evidence.restart()
         if isinstance(item, Unpaired):
-            self._slip.step(0, np.eye(4), picture_steady=False)
+            self._slip.pause()
             return
         self._compare(item, tracked)
         self._solve(frame.stamp.t_ns)
 
     def _compare(self, pair: StampedPair, tracked: Tracked) -> None:
-        t_ns = pair.stamp.t_ns
-        self.motion = self._analyse(pair, tracked)
+        motion = self._analyse(pair, tracked)
         if tracked.step is not None:
             self._frozen_tracker.picture(tracked.step[0] * self._reference.scale_mm_per_px)
-        if self._slip.step(t_ns, pair.matrix, self._steady(tracked, t_ns)):
+        if not self._steady(tracked, pair.stamp.t_ns):
+            self._slip.pause()
+        elif self._slip.step(pair.stamp.t_ns, pair.matrix):
             self._evidence.restart()
             return
-        if self._tracker.settled:
-            self._evidence.window.add(t_ns, tracked.chain, tracked.path)
+        if motion.usable and self._tracker.settled:
+            self._evidence.window.add(motion)
 
     def _analyse(self, pair: StampedPair, tracked: Tracked) -> Motion:
         """Sort the motion and let it steer the keyframe."""
         known = self._keyframe_pose is not None and self._keyframe_pose[0] == tracked.keyframe
         keyframe_pose = self._keyframe_pose[1] if known and self._keyframe_pose else pair.matrix
-        kind = sort_motion(tracked, self._reference, keyframe_pose, pair.matrix)
-        self.kinds[kind] += 1
-        renew = steer(kind, tracked, pair.frame.sequence).renew
+        motion = self.motion = analyse(tracked, pair, self._reference, keyframe_pose)
+        renew = tracked.registration is not None and wants_keyframe(motion, tracked.registration.overlap)
         if renew:
             self._tracker.renew_keyframe()
         if renew or tracked.keyframe == pair.frame.sequence:
             self._keyframe_pose = (pair.frame.sequence, pair.matrix)
-        found = tracked.registration
-        if found is None:
-            return Motion(
-                pair.stamp,
-                pair.frame.sequence,
-                tracked.keyframe,
-                kind,
-                np.zeros(2),
-                0.0,
-                np.eye(3),
-                0.0,
-                False,
-                tracked.reason,
-            )
-        usable = kind not in (MotionKind.STILL, MotionKind.OUT_OF_PLANE, MotionKind.TOO_FAST)
-        return Motion(
-            pair.stamp,
-            pair.frame.sequence,
-            tracked.keyframe,
-            kind,
-            found.u_px,
-            found.alpha_rad,
-            found.covariance,
-            found.correlation,
-            usable,
-            "" if usable else kind.value,
-        )
+        return motion
 
     def _steady(self, tracked: Tracked, t_ns: int) -> bool:
         """The picture went on as a hand goes on: matched, in sequence, and not in leaps of its own."""
@@ -195,6 +164,6 @@ class Line:
             self._slip.forget_turn()
 
     def _wrong_size(self, width: int, height: int) -> Check:
-        wanted = self._reference.image_size_px[0]
-        change = 100.0 * (width / wanted - 1) or 100.0 * (height / self._reference.image_size_px[1] - 1)
+        wanted = self._reference.image_size_px
+        change = 100.0 * (width / wanted[0] - 1) or 100.0 * (height / wanted[1] - 1)
         return Check("picture-size", "scale", change, 0.0, "%", 0.1, VerdictKind.FAULT)

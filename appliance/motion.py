@@ -4,14 +4,12 @@ It looks at the picture, at the tracker, and at their disagreement, so that a wr
 spoiling the sorting: what the tracker alone calls out-of-plane while the picture still matches stays in the evidence.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from appliance.geometry import inverse, vector_from_rotation
 from appliance.realtime_tracker import Tracked
 from appliance.registration import Array
-from appliance.types import Calibration, MotionKind
+from appliance.types import Calibration, Motion, MotionKind, StampedPair
 from drivers.samples import Matrix4
 
 _STILL_MM, _STILL_RAD = 0.15, np.deg2rad(0.15)
@@ -21,15 +19,6 @@ _FAST_PX = 40.0
 _RENEW_CORRELATION = 0.8
 _RENEW_OVERLAP = 0.85
 _RENEW_PX = 60.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Steering:
-    """kind of the motion since the keyframe, whether to change the keyframe, and d, the frames since it."""
-
-    kind: MotionKind
-    renew: bool
-    step_frames: int
 
 
 def predicted_motion(calibration: Calibration, first: Matrix4, second: Matrix4) -> tuple[Array, Array]:
@@ -59,13 +48,31 @@ def sort_motion(tracked: Tracked, calibration: Calibration, keyframe_pose: Matri
     return MotionKind.PLANAR if abs(found.alpha_rad) > _TURN_RAD else MotionKind.TRANSLATION
 
 
-def steer(kind: MotionKind, tracked: Tracked, sequence: int) -> Steering:
-    """Keyframe stays while it serves: longer steps drown less in tracker noise (mathematics, section 3)."""
+def analyse(tracked: Tracked, pair: StampedPair, calibration: Calibration, keyframe_pose: Matrix4) -> Motion:
+    """Sort the motion of one picture. What broke the chain or outran the registration is kept from the solver."""
+    kind = sort_motion(tracked, calibration, keyframe_pose, pair.matrix)
     found = tracked.registration
-    renew = found is not None and (
-        found.correlation < _RENEW_CORRELATION
-        or found.overlap < _RENEW_OVERLAP
-        or float(np.hypot(*found.u_px)) > _RENEW_PX
-        or kind is MotionKind.TOO_FAST
+    usable = found is not None and kind is not MotionKind.TOO_FAST
+    return Motion(
+        stamp=pair.stamp,
+        sequence=pair.frame.sequence,
+        keyframe=tracked.keyframe,
+        kind=kind,
+        u_px=np.zeros(2) if found is None else found.u_px,
+        alpha_rad=0.0 if found is None else found.alpha_rad,
+        covariance=np.eye(3) * np.inf if found is None else found.covariance,
+        correlation=0.0 if found is None else found.correlation,
+        chain=tracked.chain,
+        path_px=tracked.path[0],
+        path_rad=tracked.path[1],
+        usable=usable,
+        reason="" if usable else tracked.reason or kind.value,
     )
-    return Steering(kind, renew, sequence - tracked.keyframe)
+
+
+def wants_keyframe(motion: Motion, overlap: float) -> bool:
+    """Whether this picture should become the keyframe. The old one stays while it serves: long steps drown least in
+    tracker noise (mathematics, section 3), so the step d grows until likeness, overlap or capture range end it."""
+    return motion.usable and (
+        motion.correlation < _RENEW_CORRELATION or overlap < _RENEW_OVERLAP or float(np.hypot(*motion.u_px)) > _RENEW_PX
+    )

@@ -72,7 +72,8 @@ class OverlayMask:
     def _judge(self) -> NDArray[np.bool_]:
         assert self._change is not None
         assert self._gradient is not None
-        static = (self._change < _STATIC_RATIO * self._gradient) & (self._gradient > _FLOOR_GREY * min(self._seen, 10))
+        floor = _FLOOR_GREY * float(min(self._seen, 10))
+        static = np.logical_and(self._change < self._gradient * _STATIC_RATIO, self._gradient > floor)
         grown = cv2.dilate(static.astype(np.uint8), np.ones((3, 3), np.uint8))
         full = cv2.resize(grown, (self._shape[1], self._shape[0]), interpolation=cv2.INTER_NEAREST)
         return np.asarray(full == 0)
@@ -81,5 +82,4 @@ class OverlayMask:
 def _gradient(image: Array32) -> Array32:
     """Largest grey difference within ±1 px, a measure of how much a one-pixel move would change."""
     kernel = np.ones((3, 3), np.uint8)
-    spread: Array32 = cv2.morphologyEx(image, cv2.MORPH_GRADIENT, kernel)
-    return spread
+    return np.asarray(cv2.morphologyEx(image, cv2.MORPH_GRADIENT, kernel), dtype=np.float32)

@@ -3,30 +3,20 @@ tracker.
 """
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from appliance.geometry import Array, inverse, quaternion_from_rotation, rigid
 from appliance.latency import Latency, estimate_latency
-from appliance.realtime_tracker import Warp
 from appliance.solver import PathSamples
-from appliance.types import Calibration
+from appliance.types import Calibration, Motion
 from drivers.samples import Matrix4
 
-_LATER_S = 0.005
+_APART_S = 0.1
 _SORT_S = 0.3
 _OUT_RATIO = 1.5
 _OUT_FLOOR_MM = 0.3
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sighting:
-    t_ns: int
-    chain: int
-    u_px: Array
-    alpha_rad: float
 
 
 class PoseTrack:
@@ -85,28 +75,40 @@ class PathWindow:
     def __init__(self, reference: Calibration, span_ns: int = 10_000_000_000) -> None:
         self._reference = reference
         self._span_ns = span_ns
-        self._seen: deque[_Sighting] = deque()
+        self._seen: deque[Motion] = deque()
         self.poses = PoseTrack(span_ns + 2_000_000_000)
 
     def __len__(self) -> int:
         return len(self._seen)
 
-    def add(self, t_ns: int, chain: int, path: Warp) -> None:
-        """Take one registered picture."""
-        self._seen.append(_Sighting(t_ns, chain, path[0], path[1]))
-        while self._seen[0].t_ns < t_ns - self._span_ns:
+    def add(self, motion: Motion) -> None:
+        """Take one usable motion."""
+        self._seen.append(motion)
+        self.keep_last(self._span_ns)
+
+    def keep_last(self, span_ns: int) -> None:
+        """Forget what is older: it obeyed another calibration, or has served its time."""
+        while self._seen and self._seen[0].stamp.t_ns < self._seen[-1].stamp.t_ns - span_ns:
             self._seen.popleft()
 
     def restart(self) -> None:
         """What comes next obeys another calibration: forget the pictures, keep the poses."""
         self._seen.clear()
 
+    def recent(self, span_ns: int) -> "PathWindow":
+        """A window on the last span_ns of this one, sharing its poses."""
+        window = PathWindow(self._reference, span_ns)
+        window.poses = self.poses
+        window._seen.extend(self._seen)
+        window.keep_last(span_ns)
+        return window
+
     def latency(self) -> Latency | None:
         """Lag of the tracker from the two paths; None where the motion does not show it."""
         if len(self._seen) < 2:
             return None
         t_s, chain, u_px, alpha = self._arrays()
-        times, positions, turns = self.poses.arrays(self._seen[0].t_ns)
+        times, positions, turns = self.poses.arrays(self._seen[0].stamp.t_ns)
         if times.size < 2:
             return None
         centre = -self._reference.rotation.T @ self._reference.offset_mm
@@ -121,20 +123,22 @@ class PathWindow:
         if not self._seen:
             return _NOTHING
         t_s, chain, u_px, alpha = self._arrays()
-        origin_ns = self._seen[0].t_ns
+        origin_ns = self._seen[0].stamp.t_ns
         poses, known = self.poses.at(t_s + latency_s, origin_ns)
-        later, known_later = self.poses.at(t_s + latency_s + _LATER_S, origin_ns)
-        keep = known & known_later
+        earlier, known_earlier = self.poses.at(t_s + latency_s - _APART_S / 2, origin_ns)
+        later, known_later = self.poses.at(t_s + latency_s + _APART_S / 2, origin_ns)
+        keep = known & known_earlier & known_later
         if in_plane_only and keep.any():
             chain = chain * 100_000 + np.cumsum(self._out_of_plane(t_s, chain, u_px, alpha, poses))
-        return PathSamples(t_s[keep], chain[keep], u_px[keep], alpha[keep], poses[keep], later[keep], _LATER_S)
+        around = poses[keep], earlier[keep], later[keep]
+        return PathSamples(t_s[keep], chain[keep], u_px[keep], alpha[keep], *around, _APART_S)
 
     def _arrays(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
-        origin_ns = self._seen[0].t_ns
-        t_s = np.array([(s.t_ns - origin_ns) / 1e9 for s in self._seen])
+        origin_ns = self._seen[0].stamp.t_ns
+        t_s = np.array([(s.stamp.t_ns - origin_ns) / 1e9 for s in self._seen])
         chain = np.array([s.chain for s in self._seen], dtype=np.int64)
-        u_px = np.array([s.u_px for s in self._seen])
-        return t_s, chain, u_px, np.array([s.alpha_rad for s in self._seen])
+        u_px = np.array([s.path_px for s in self._seen])
+        return t_s, chain, u_px, np.array([s.path_rad for s in self._seen])
 
     def _picture_path(self, u_px: Array, alpha: Array) -> Array:
         """(n, 2) mm, image centre in the axes of the chain's first picture: −R(−α) Λ u."""
@@ -157,17 +161,12 @@ class PathWindow:
         tracker = np.linalg.norm(where[last] - where[first], axis=1)
         picture = np.linalg.norm(path[last] - path[first], axis=1)
         hidden = np.sqrt(np.maximum(tracker**2 - picture**2, 0))
-        return (hidden > _OUT_RATIO * picture + _OUT_FLOOR_MM) & (chain[first] == chain[last])
+        return np.asarray((hidden > _OUT_RATIO * picture + _OUT_FLOOR_MM) & (chain[first] == chain[last]))
 
 
+_NO_POSES = np.zeros((0, 4, 4))
 _NOTHING = PathSamples(
-    np.zeros(0),
-    np.zeros(0, dtype=np.int64),
-    np.zeros((0, 2)),
-    np.zeros(0),
-    np.zeros((0, 4, 4)),
-    np.zeros((0, 4, 4)),
-    1.0,
+    np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros(0), _NO_POSES, _NO_POSES, _NO_POSES, _APART_S
 )
 
 

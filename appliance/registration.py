@@ -5,7 +5,7 @@ Inverse-compositional Gauss–Newton (Hager and Belhumeur 1998, the paper's ref.
 that depends on the keyframe alone is computed once per keyframe. Coordinates are px relative to the image centre.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -137,7 +137,7 @@ class Keyframe:
                 return _Fit(fit.u, fit.alpha)
             error = warped - level.intensity
             H, weighted, fitted = _robust_normal(level.design, error, seen, fit.photometric)
-            step = np.linalg.solve(H + np.diag(H.diagonal() * 1e-9 + 1e-12), weighted)
+            step = np.asarray(np.linalg.solve(H + np.diag(H.diagonal() * 1e-9 + 1e-12), weighted), dtype=np.float64)
             alpha = fit.alpha - step[2]
             move = warp_matrix(alpha, self.aspect) @ step[:2]
             gain = 1.0 + step[3]
@@ -151,7 +151,8 @@ class Keyframe:
         M = warp_matrix(fit.alpha, self.aspect).astype(np.float32)
         where = level.xy @ M.T + (fit.u + self.centre).astype(np.float32)
         where *= np.float32(1 / level.factor)
-        warped = cv2.remap(image, where[:, None, :], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        columns, rows = np.ascontiguousarray(where[:, :1]), np.ascontiguousarray(where[:, 1:])
+        warped = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         x, y = where[:, 0], where[:, 1]
         seen = (x >= 0) & (y >= 0) & (x <= image.shape[1] - 1) & (y <= image.shape[0] - 1)
         return np.asarray(warped[:, 0], dtype=np.float32), seen
@@ -160,7 +161,8 @@ class Keyframe:
         warped, seen = self._sample(level, image, fit)
         correlation = _correlation(level.intensity[seen], warped[seen])
         H = fit.H if fit.H is not None else np.eye(5) * 1e-6
-        covariance = np.linalg.pinv(H)[:3, :3] * max(fit.sigma, 0.5) ** 2 * _SAMPLES_PER_SPECKLE
+        variance = max(fit.sigma, 0.5) ** 2 * _SAMPLES_PER_SPECKLE
+        covariance = np.asarray(np.linalg.pinv(H)[:3, :3] * variance, dtype=np.float64)
         gain, bias = float(1 + fit.photometric[0]), float(fit.photometric[1])
         return Registration(fit.u, fit.alpha, gain, bias, covariance, correlation, float(seen.mean()), fit.converged)
 
@@ -171,14 +173,10 @@ class _Fit:
 
     u: Array
     alpha: float
-    photometric: Array = None  # type: ignore[assignment]
+    photometric: Array = field(default_factory=lambda: np.zeros(2))
     H: Array | None = None
     sigma: float = 1.0
     converged: bool = False
-
-    def __post_init__(self) -> None:
-        if self.photometric is None:
-            self.photometric = np.zeros(2)
 
 
 def _robust_normal(

@@ -23,7 +23,7 @@ _HUBER = 2.0
 _OFFSET_VARIANCE = 1e6
 _LONG_LAG_S = 0.7
 _POSITION_FLOOR_MM, _ANGLE_FLOOR_RAD = 0.02, np.deg2rad(0.01)
-_DRIFT_FLOOR = 0.5
+_POSITION_DRIFT_FLOOR, _ANGLE_DRIFT_FLOOR = 0.01, np.deg2rad(0.02)
 TAU = 8
 """Index of the latency, s, behind the eight parameters of X."""
 
@@ -32,8 +32,9 @@ TAU = 8
 class PathSamples:
     """n pictures of one or more chains, in time order.
 
-    t_s: (n,). chain: (n,) int. u_px: (n, 2), alpha_rad: (n,) path within the chain. poses: (n, 4, 4) sensor → tracker at
-    t_s + latency. later_poses: the same, `later_s` later, for the derivative by latency.
+    t_s: (n,). chain: (n,) int. u_px: (n, 2), alpha_rad: (n,) path within the chain. poses: (n, 4, 4) sensor → tracker
+    at t_s + latency; earlier_poses, later_poses: the same, half of `apart_s` before and after, for the derivative by
+    latency. apart_s spans several pose periods, or tracker noise would drown the velocity.
     """
 
     t_s: Array
@@ -41,8 +42,9 @@ class PathSamples:
     u_px: Array
     alpha_rad: Array
     poses: Array
+    earlier_poses: Array
     later_poses: Array
-    later_s: float
+    apart_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +127,9 @@ class _Problem:
         self._u_mm = samples.u_px[keep] * reference.scale_mm_per_px * np.array(reference.polarity)
         self._alpha_sign = float(np.prod(reference.polarity))
         self._steps = _sensor_steps(samples.poses[keep])
+        self._earlier = _sensor_steps(samples.earlier_poses[keep])
         self._later = _sensor_steps(samples.later_poses[keep])
-        self._later_s = samples.later_s
+        self._apart_s = samples.apart_s
         self._unturn = _turn(-self._alpha_sign * self._alpha)
 
     def rows(self, theta: Array) -> tuple[Array, Array]:
@@ -136,8 +139,8 @@ class _Problem:
         R = rotation_from_vector(theta[:3]) @ self._reference.rotation
         offset = self._reference.offset_mm + theta[5:8]
         step, jacobian = _predict(R, offset, self._steps)
-        later, _ = _predict(R, offset, self._later)
-        jacobian[..., TAU] = (later - step) / self._later_s
+        before, after = _predict(R, offset, self._earlier)[0], _predict(R, offset, self._later)[0]
+        jacobian[..., TAU] = (after - before) / self._apart_s
         step = step + jacobian[..., TAU] * theta[TAU]
         return self._path(step, jacobian, theta[3:5])
 
@@ -158,17 +161,17 @@ class _Problem:
     def noise(self, theta: Array, before: _Noise) -> _Noise:
         """White noise and drift of the residual path from its structure function at one frame and at `_LONG_LAG_S`."""
         residual, _ = self.rows(theta)
-        position = self._structure(residual[:, :2], _POSITION_FLOOR_MM)
-        angle = self._structure(residual[:, 2:3], _ANGLE_FLOOR_RAD)
+        position = self._structure(residual[:, :2], _POSITION_FLOOR_MM, _POSITION_DRIFT_FLOOR)
+        angle = self._structure(residual[:, 2:3], _ANGLE_FLOOR_RAD, _ANGLE_DRIFT_FLOOR)
         return replace(
             before, position_mm=position[0], position_drift=position[1], angle_rad=angle[0], angle_drift=angle[1]
         )
 
-    def _structure(self, path: Array, floor: float) -> tuple[float, float]:
+    def _structure(self, path: Array, floor: float, drift_floor: float) -> tuple[float, float]:
         period_s = float(np.median(np.diff(self._t_s)))
         long_lag = max(2, min(round(_LONG_LAG_S / max(period_s, 1e-3)), path.shape[0] // 3))
         short, long = (self._lagged_variance(path, lag) for lag in (1, long_lag))
-        drift_variance = max((long - short) / ((long_lag - 1) * period_s), (_DRIFT_FLOOR * floor) ** 2)
+        drift_variance = max((long - short) / ((long_lag - 1) * period_s), drift_floor**2)
         white = max((short - drift_variance * period_s) / 2, floor**2)
         return float(np.sqrt(white)), float(np.sqrt(drift_variance))
 
@@ -181,30 +184,33 @@ class _Problem:
         return _Whitener(self._t_s, self._chain, noise, self._prior.planar)
 
     def minimise(self, theta: Array, whiten: "_Whitener") -> tuple[Array, Array, float]:
-        """Gauss–Newton with Huber weights on the innovations; covariance scaled up where they are wider than the model."""
+        """Gauss–Newton with Huber weights on the innovations; covariance grows where they are wider than the model."""
         prior = self._prior_information()
-        information, spread, cost = prior, 1.0, 0.0
+        spread, cost = 1.0, 0.0
         for _ in range(_ITERATIONS):
             residual, gradient = self.rows(theta)
-            r, J = whiten(residual), whiten(gradient)
-            r, J = r.reshape(-1), J.reshape(-1, 9)
+            r, J = whiten(residual).reshape(-1), whiten(gradient).reshape(-1, 9)
             weight = 1 / np.maximum(np.abs(r) / _HUBER, 1)
-            information = (J * weight[:, None]).T @ J + prior
-            step = np.linalg.solve(information, (J * weight[:, None]).T @ r + prior @ theta)
+            weighted = J * weight[:, None]
+            step = np.linalg.solve(weighted.T @ J + prior, weighted.T @ r + prior @ theta)
             theta = theta - step
             spread = float((weight * r * r).sum() / max(r.size - 9, 1))
             cost = _huber_cost(r)
             if np.all(np.abs(step) < 1e-7):
                 break
-        return theta, self._honest_covariance(information, prior, r.size // residual.shape[1]) * max(1.0, spread), cost
+        return theta, self._honest_covariance(whiten, prior) * max(1.0, spread), cost
 
-    def _honest_covariance(self, information: Array, prior: Array, samples: int) -> Array:
-        """I_c⁻¹ I I_c⁻¹, where I_c is the information I less what tracker noise in the rotation's regressors pretends.
+    def _honest_covariance(self, whiten: "_Whitener", prior: Array) -> Array:
+        """I_c⁻¹ I I_c⁻¹ at the reference, where I_c is the information I less what tracker noise in it pretends.
 
         Each picture adds one such unit in each of the two rows that a rotation enters. Without this, motion that has no
-        elevational part would seem to show the rotations about lateral and axial.
+        elevational part would seem to show the rotations about lateral and axial; and at the solution the fit has
+        already bent towards the noise, so the reference is where information is counted.
         """
-        pretended = np.diag([2.0 * samples] * 3 + [0.0] * 6)
+        gradient = whiten(self.rows(np.zeros(9))[1])
+        J = gradient.reshape(-1, 9)
+        information = J.T @ J + prior
+        pretended = np.diag([2.0 * len(gradient)] * 3 + [0.0] * 6)
         values, axes = np.linalg.eigh(information - prior - pretended)
         told = (axes * np.maximum(values, 0.0)) @ axes.T
         corrected = np.linalg.inv(told + prior)

@@ -58,12 +58,13 @@ class MotionKind(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """One registered pair: the picture's motion A (u, α) beside the sensor's motion B.
+    """One registered picture: A since the keyframe, and the path it continues.
 
-    stamp, sequence: of the later frame. keyframe: sequence number of the earlier one.
+    stamp, sequence: of this picture. keyframe: sequence number of the earlier one; their difference is the step d.
     u_px: (2,) (column, row) displacement of the tissue at the image centre, px. alpha_rad: in-plane rotation.
-    covariance: (3, 3) of (u_x px, u_y px, α rad). correlation: of the registered images, -1 … 1.
-    usable: False where kind, the self-check or a refusal keep this motion out of the solver; reason says why.
+    covariance: (3, 3) of (u_x px, u_y px, α rad). correlation: of the registered pictures, -1 … 1.
+    chain: number of the unbroken chain of keyframes; path_px, path_rad: (u, α) since the chain's first picture.
+    usable: False where the solver must not see it; reason says why.
     """
 
     stamp: Stamp
@@ -74,6 +75,9 @@ class Motion:
     alpha_rad: float
     covariance: Vector
     correlation: float
+    chain: int
+    path_px: Vector
+    path_rad: float
     usable: bool
     reason: str = ""
 

@@ -10,7 +10,6 @@ from appliance.solver import Solution
 from appliance.types import PARAMETERS, Check, VerdictKind
 
 _LEAST_AGREEMENT = 0.9
-_BLURRED_MS = 1000.0
 
 
 def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check, ...]:
@@ -20,6 +19,11 @@ def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check
     concluded from it.
     """
     return tuple(_parameter(index, solution, limits) for index in range(len(PARAMETERS)))
+
+
+def trusted(solution: Solution) -> bool:
+    """Whether picture and tracker agree on the in-plane motion well enough for the model to hold."""
+    return solution.correlation >= _LEAST_AGREEMENT
 
 
 def latency_check(latency: Latency | None, limits: Limits) -> Check:
@@ -45,7 +49,7 @@ def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
         "scale": (100.0, "%", limits.scale_percent),
         "offset": (1.0, "mm", limits.offset_mm),
     }[fault]
-    if solution is None or not solution.correlation >= _LEAST_AGREEMENT:
+    if solution is None or not trusted(solution):
         return Check(name, fault, nan, nan, unit, limit, VerdictKind.NOT_VERIFIED)
     value = float(solution.change[index]) * factor
     sigma = sqrt(float(solution.covariance[index, index])) * factor

@@ -37,4 +37,4 @@ def _same(before: GreyImage, now: GreyImage) -> bool:
         return False
     sparse_before, sparse_now = before[::2, ::2].astype(np.int16), now[::2, ::2].astype(np.int16)
     changed = np.count_nonzero(np.abs(sparse_now - sparse_before) > _SAME_GREY)
-    return changed <= _CHANGED_SHARE * sparse_now.size
+    return bool(changed <= _CHANGED_SHARE * sparse_now.size)

@@ -30,15 +30,13 @@ class MarkerSlip:
         self._slip = np.eye(4)
         self._pending: tuple[Matrix4, int] | None = None
 
-    def step(self, t_ns: int, matrix: Matrix4, picture_steady: bool) -> bool:
-        """Take the pose of the next picture; True when a leap was confirmed.
+    def pause(self) -> None:
+        """The picture was not followed, so it cannot testify: forget the poses so far."""
+        self._recent.clear()
+        self._pending = None
 
-        picture_steady: the picture was registered to the one before and moved no more than a hand moves it.
-        """
-        if not picture_steady:
-            self._recent.clear()
-            self._pending = None
-            return False
+    def step(self, t_ns: int, matrix: Matrix4) -> bool:
+        """Take the pose of a picture that moved no more than a hand moves it; True when a leap was confirmed."""
         self._recent.append((t_ns, matrix))
         if self._pending is not None:
             return self._confirm(matrix)

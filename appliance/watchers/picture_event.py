@@ -16,16 +16,15 @@ from appliance.types import Check, VerdictKind
 from drivers.samples import GreyImage
 
 _SMALL_PX = 160
-_USUAL = 0.75
 _BETTER_BY = 0.2
-_CONVINCING = 0.6
+_CONVINCING = 0.75
 _ZOOMS = tuple(float(z) for z in np.exp(np.arange(-0.7, 0.7001, 0.015)) if abs(z - 1) > 0.02)
 _FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
 
 
 @dataclass(frozen=True, slots=True)
 class PictureChange:
-    """What happened to the picture: polarity (lateral, axial) ±1 and magnification, both relative to the frame before."""
+    """What happened to the picture: polarity (lateral, axial) ±1 and magnification, relative to the frame before."""
 
     polarity: tuple[int, int] = (1, 1)
     zoom: float = 1.0
@@ -40,16 +39,16 @@ class PictureEvent:
         self._polarity = (1, 1)
         self._log_zoom = 0.0
 
-    def step(self, image: GreyImage) -> PictureChange | None:
-        """The change between the picture before, (h, w) uint8, and this one; None where there was none."""
+    def step(self, image: GreyImage, followed: bool) -> PictureChange | None:
+        """The change between the picture before, (h, w) uint8, and this one; None where there was none.
+
+        followed: the Real-time Tracker could register the picture, so its geometry is what it was.
+        """
         small = _small(image)
         before, self._before = self._before, small
-        if before is None or before.shape != small.shape:
+        if followed or before is None or before.shape != small.shape:
             return None
-        usual = _likeness(before, small)
-        if usual > _USUAL:
-            return None
-        change = _explanation(before, small, usual)
+        change = _explanation(before, small, _likeness(before, small))
         if change is not None:
             self._polarity = (self._polarity[0] * change.polarity[0], self._polarity[1] * change.polarity[1])
             self._log_zoom += log(change.zoom)
