@@ -47,9 +47,12 @@ _MODULES = {
 
 
 def split_url(url: str) -> tuple[str, str, dict[str, str]]:
-    """`scheme:target?key=value` → (scheme, target, options). Raises ConfigurationError naming the known schemes."""
+    """`scheme:target?key=value` or `scheme://host:port?key=value` → (scheme, target, options).
+
+    Raises ConfigurationError naming the known schemes.
+    """
     scheme, colon, rest = url.partition(":")
-    target, _, query = rest.partition("?")
+    target, _, query = rest.removeprefix("//").partition("?")
     if not colon or not target or scheme not in _MODULES:
         known = ", ".join(f"{name}:" for name in sorted(_MODULES))
         raise ConfigurationError(f"'{scheme}:' is no known device kind", url, f"Use one of {known}")

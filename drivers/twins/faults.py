@@ -67,11 +67,11 @@ def _second(entry: dict[str, Any], key: str) -> float:
     return float(value)
 
 
-def _episode(entry: object) -> Episode:
+def _episode(entry: object, names: Collection[str]) -> Episode:
     if not isinstance(entry, dict) or not {"fault", "from_s"} <= set(entry) <= {"fault", "from_s", "to_s"}:
         raise _refuse("each entry needs fault, from_s and may have to_s, nothing else", entry)
-    if entry["fault"] not in list(FAULT_CLASS):
-        raise _refuse(f"the fault must be one of {', '.join(FAULT_CLASS)}", entry)
+    if entry["fault"] not in list(names):
+        raise _refuse(f"the fault must be one of {', '.join(names)}", entry)
     from_s = _second(entry, "from_s")
     to_s = None if entry.get("to_s") is None else _second(entry, "to_s")
     if to_s is not None and to_s <= from_s:
@@ -86,15 +86,18 @@ class Schedule:
     episodes: tuple[Episode, ...] = ()
 
     @classmethod
-    def parse(cls, text: str) -> "Schedule":
-        """JSON list of {"fault", "from_s", "to_s"} → Schedule. Raises ConfigurationError naming the entry."""
+    def parse(cls, text: str, names: Collection[str] = tuple(FAULT_CLASS)) -> "Schedule":
+        """JSON list of {"fault", "from_s", "to_s"} → Schedule. Raises ConfigurationError naming the entry.
+
+        names: the faults that the device knows.
+        """
         try:
             entries = json.loads(text)
         except (ValueError, RecursionError) as error:
             raise _refuse(f"not JSON ({error})", text[:80]) from None
         if not isinstance(entries, list):
             raise _refuse("not a list", entries)
-        return cls(tuple(_episode(entry) for entry in entries))
+        return cls(tuple(_episode(entry, names) for entry in entries))
 
     def to_json(self) -> str:
         """The text that parse() reads back as an equal Schedule."""
