@@ -14,12 +14,16 @@ from appliance.watchers.polarity import flipped, weigh_polarity
 _SHORT_NS = 3_500_000_000
 _UNKNOWN_LATENCY_S = 0.05
 _RELINEARISE_S = 0.008
-_NEAR = Prior(rotation_rad=0.2, scale=0.15, offset_mm=10.0)
+_UNSEEN_TILT_RAD = 0.02
+"""A tilt that no motion shows is held near the reference: left free, noise tilts it, and its cosine shrinks the scales."""
+_NEAR = Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0)
 _REQUIRED_FOR = {
     "polarity": ("polarity",),
     "scale": ("scale-lateral", "scale-axial"),
     "rotation": ("rotation-lateral", "rotation-axial", "rotation-elevational"),
 }
+_SLOW = frozenset({"rotation-lateral", "rotation-axial", "offset-lateral", "offset-axial", "offset-elevational"})
+"""Shown only by tilt and turn, of which a few seconds hold too little to decide."""
 _UNWEIGHED = Check("polarity", "polarity", nan, 0.0, "axes", 0.5, VerdictKind.NOT_VERIFIED)
 
 
@@ -31,9 +35,9 @@ class Finding:
     solution: Solution | None = None
 
     @property
-    def failed(self) -> bool:
-        """Whether any check is shown to be outside its limit."""
-        return any(check.verdict is VerdictKind.FAULT for check in self.checks)
+    def failed(self) -> frozenset[str]:
+        """Names of the checks that are shown to be outside their limit."""
+        return frozenset(check.name for check in self.checks if check.verdict is VerdictKind.FAULT)
 
     @property
     def shown(self) -> int:
@@ -45,7 +49,8 @@ class Evidence:
     """Solves the window anew whenever asked; between two solutions the last one stands.
 
     A short window sees a change soon, the long one measures well. Once the short one shows a fault, what came before it
-    is dropped, so that old and new calibration are never mixed into one estimate.
+    is dropped, so that old and new calibration are never mixed into one estimate. A fault counts when two solutions in
+    a row show it.
     """
 
     def __init__(self, reference: Calibration, limits: Limits, window: PathWindow) -> None:
@@ -54,6 +59,7 @@ class Evidence:
         self.window = window
         self._nothing = examine_nothing(limits)
         self._latest = self._best = self._nothing
+        self._suspects: frozenset[str] = frozenset()
 
     @property
     def estimate(self) -> Calibration | None:
@@ -69,6 +75,7 @@ class Evidence:
         """The geometry has changed: what was measured before says nothing of what comes."""
         self.window.restart()
         self._latest = self._nothing
+        self._suspects = frozenset()
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution."""
@@ -86,14 +93,16 @@ class Evidence:
 
     def solve(self) -> None:
         """Examine the short window, and the long one unless the short one already shows a fault."""
-        finding = examine(self.window.recent(_SHORT_NS), self._reference, self._limits)
-        if finding.failed:
+        finding = _without(examine(self.window.recent(_SHORT_NS), self._reference, self._limits), _SLOW)
+        if finding.failed and finding.failed & self._suspects:
             self.window.keep_last(_SHORT_NS)
         else:
             finding = examine(self.window, self._reference, self._limits)
-        self._latest = finding
-        if finding.shown >= self._best.shown:
-            self._best = finding
+        unconfirmed = finding.failed - self._suspects
+        self._suspects = finding.failed
+        self._latest = _without(finding, unconfirmed)
+        if self._latest.shown >= self._best.shown:
+            self._best = self._latest
 
 
 def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Finding:
@@ -114,6 +123,14 @@ def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Findi
     return Finding(checks, solution)
 
 
+def _without(finding: Finding, names: frozenset[str]) -> Finding:
+    """The finding with the named checks left undecided."""
+    checks = (
+        replace(check, verdict=VerdictKind.NOT_VERIFIED) if check.name in names else check for check in finding.checks
+    )
+    return Finding(tuple(checks), finding.solution)
+
+
 def examine_nothing(limits: Limits) -> Finding:
     """The finding of a window without motion."""
     checks = (_UNWEIGHED, *calibration_checks(None, limits), latency_check(None, limits), agreement_check(None))
@@ -121,14 +138,15 @@ def examine_nothing(limits: Limits) -> Finding:
 
 
 def _solved(window: PathWindow, reference: Calibration, lag: Latency | None) -> tuple[Solution | None, Latency | None]:
-    """Solution and the latency it found, re-centred once where it moved away from the first guess."""
+    """Solution and the latency it found, solved anew where the first solution asks for it."""
     lag_s = 0.0 if lag is None else lag.value_s
     prior = replace(_NEAR, latency_s=_UNKNOWN_LATENCY_S if lag is None else max(lag.sigma_s, 0.005))
     try:
         solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
-        if abs(solution.change[TAU]) > _RELINEARISE_S:
-            lag_s += float(solution.change[TAU])
-            solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
+        if not all(solution.calibration.observed[:2]):
+            prior = replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
+        lag_s += float(solution.change[TAU]) if abs(solution.change[TAU]) > _RELINEARISE_S else 0.0
+        solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
     except ValueError:
         return None, None
     if not trusted(solution):

@@ -60,7 +60,7 @@ def analyse(tracked: Tracked, pair: StampedPair, calibration: Calibration, keyfr
         kind=kind,
         u_px=np.zeros(2) if found is None else found.u_px,
         alpha_rad=0.0 if found is None else found.alpha_rad,
-        covariance=np.eye(3) * np.inf if found is None else found.covariance,
+        covariance=np.full((3, 3), np.inf) if found is None else found.covariance,
         correlation=0.0 if found is None else found.correlation,
         chain=tracked.chain,
         path_px=tracked.path[0],

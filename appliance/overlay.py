@@ -65,15 +65,16 @@ class OverlayMask:
             return False
         if self._change is None or self._gradient is None:
             self._change, self._gradient = np.zeros_like(change), np.zeros_like(gradient)
-        self._change = _FORGET * self._change + change
-        self._gradient = _FORGET * self._gradient + gradient
+        self._change = np.float32(_FORGET) * self._change + change
+        self._gradient = np.float32(_FORGET) * self._gradient + gradient
         return True
 
     def _judge(self) -> NDArray[np.bool_]:
         assert self._change is not None
         assert self._gradient is not None
-        floor = _FLOOR_GREY * float(min(self._seen, 10))
-        static = np.logical_and(self._change < self._gradient * _STATIC_RATIO, self._gradient > floor)
+        change, gradient = self._change, self._gradient
+        floor = np.float32(_FLOOR_GREY * float(np.clip(self._seen, 0, 10)))
+        static = (change < np.float32(_STATIC_RATIO) * gradient) & (gradient > floor)
         grown = cv2.dilate(static.astype(np.uint8), np.ones((3, 3), np.uint8))
         full = cv2.resize(grown, (self._shape[1], self._shape[0]), interpolation=cv2.INTER_NEAREST)
         return np.asarray(full == 0)

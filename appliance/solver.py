@@ -51,10 +51,12 @@ class PathSamples:
 class Prior:
     """Standard deviations of what is believed before any motion is seen, about the reference calibration.
 
-    Wide: they only keep unobserved parameters finite. planar: the motion is known to be planar, so elevational path and
+    Wide: they only keep unobserved parameters finite. tilt_rad is that of the rotations about lateral and axial,
+    rotation_rad about elevational. planar: the motion is known to be planar, so elevational path and
     tilt are zero up to tracker noise (Eq. 5–6); otherwise the freehand two-row form is used.
     """
 
+    tilt_rad: float = 0.35
     rotation_rad: float = 0.35
     scale: float = 0.3
     offset_mm: float = 100.0
@@ -185,7 +187,7 @@ class _Problem:
 
     def minimise(self, theta: Array, whiten: "_Whitener") -> tuple[Array, Array, float]:
         """Gauss–Newton with Huber weights on the innovations; covariance grows where they are wider than the model."""
-        prior = self._prior_information()
+        prior = np.diag(1 / self._prior_sd() ** 2)
         spread, cost = 1.0, 0.0
         for _ in range(_ITERATIONS):
             residual, gradient = self.rows(theta)
@@ -216,10 +218,9 @@ class _Problem:
         corrected = np.linalg.inv(told + prior)
         return np.asarray(corrected @ information @ corrected)
 
-    def _prior_information(self) -> Array:
+    def _prior_sd(self) -> Array:
         p = self._prior
-        sd = np.array([p.rotation_rad] * 3 + [p.scale] * 2 + [p.offset_mm] * 3 + [p.latency_s])
-        return np.diag(1 / sd**2)
+        return np.array([p.tilt_rad] * 2 + [p.rotation_rad] + [p.scale] * 2 + [p.offset_mm] * 3 + [p.latency_s])
 
     def conclude(self, theta: Array, covariance: Array, cost: float, noise: _Noise) -> Solution:
         reference = self._reference
@@ -243,9 +244,10 @@ class _Problem:
         )
 
     def _observed(self, covariance: Array) -> tuple[bool, ...]:
-        """Natural units: 2°, 3 % and 4 mm are what a check could still use."""
+        """Where the motion, not the prior, tells: within half the prior's sd and within what a check could still use."""
         useful = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2 + [4.0] * 3)
-        return tuple(bool(flag) for flag in np.sqrt(np.diag(covariance)[:8]) < useful)
+        enough = np.minimum(useful, 0.5 * self._prior_sd()[:TAU])
+        return tuple(bool(flag) for flag in np.sqrt(np.diag(covariance)[:TAU]) < enough)
 
     def _agreement(self, theta: Array) -> float:
         """Correlation of the measured with the predicted in-plane path over about half a second, worse moving axis."""
@@ -255,7 +257,8 @@ class _Problem:
         same = self._chain[lag:] == self._chain[:-lag]
         moved = (measured[lag:] - measured[:-lag])[same]
         missed = (residual[lag:, :2] - residual[:-lag, :2])[same]
-        agreed = [_correlation(moved[:, k], moved[:, k] - missed[:, k]) for k in (0, 1) if moved[:, k].std() > 0.2]
+        axes = [k for k in (0, 1) if len(moved) > 2 and moved[:, k].std() > 0.2]
+        agreed = [_correlation(moved[:, k], moved[:, k] - missed[:, k]) for k in axes]
         return min(agreed, default=float("nan"))
 
 
