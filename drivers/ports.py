@@ -1,8 +1,10 @@
 """The three kinds of device the appliance opens, and the URL scheme → module table."""
 
 import importlib
+import math
+from dataclasses import dataclass
 from types import ModuleType, TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 from urllib.parse import parse_qsl
 
 from drivers.errors import ConfigurationError
@@ -31,6 +33,29 @@ class TrackerSource(_Device, Protocol):
         """Next pose, or None when none came within timeout_s of the clock. Raises DeviceLost."""
 
 
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What an open device says of itself; empty or NaN where it does not say.
+
+    tools: what it tracks, the probe's tool first. rate_hz: measurements per second. remarks: what it warned of.
+    """
+
+    model: str
+    firmware: str = ""
+    serial_number: str = ""
+    tools: tuple[str, ...] = ()
+    rate_hz: float = math.nan
+    remarks: tuple[str, ...] = ()
+
+
+@runtime_checkable
+class Identified(Protocol):
+    """A device that knows more of itself than its URL."""
+
+    def identity(self) -> Identity:
+        """Never asks the device anew, so it costs nothing while tracking."""
+
+
 class AlarmOutput(_Device, Protocol):
     """One contact in the scanner room: energised means safe."""
 
@@ -40,6 +65,7 @@ class AlarmOutput(_Device, Protocol):
 
 _MODULES = {
     "ndi": "drivers.ndi.tracker",
+    "optotrak": "drivers.optotrak",
     "relay": "drivers.relay",
     "replay": "drivers.replay",
     "sim": "drivers.sim",
@@ -57,6 +83,12 @@ def split_url(url: str) -> tuple[str, str, dict[str, str]]:
         known = ", ".join(f"{name}:" for name in sorted(_MODULES))
         raise ConfigurationError(f"'{scheme}:' is no known device kind", url, f"Use one of {known}")
     return scheme, target, dict(parse_qsl(query))
+
+
+def device_kinds(url: str) -> tuple[str, ...]:
+    """Which of "output", "tracker", "video" a URL can be opened as. Raises ConfigurationError for an unknown scheme."""
+    module = importlib.import_module(_MODULES[split_url(url)[0]])
+    return tuple(kind for kind in ("output", "tracker", "video") if hasattr(module, f"open_{kind}"))
 
 
 def _maker(url: str, function: str, kind: str) -> tuple[ModuleType, str, dict[str, str]]:

@@ -1,0 +1,471 @@
+"""`optotrak://host:3020?body=1&reference=2`: poses of a rigid body of an Optotrak, from NDI's First Principles server.
+
+Options: body, reference (numbers of the rigid bodies in the order in which the server lists them, from 1), mode
+(stream, which is the default, or single: each frame is asked for), order (byte order of the payload, big or little),
+rate (frames per second wanted; without it all of them in stream mode, 60 in single mode), deadline_ms (silence after
+which the tracker counts as lost, 250), latency_ms (exposure to arrival as measured on this unit, 0).
+"""
+
+import math
+import socket
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from drivers.counter_clock import CounterClock
+from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
+from drivers.hosttime import HostClock
+from drivers.ports import Identity
+from drivers.rtc3d import (
+    HEADER_BYTES,
+    Body,
+    ByteOrder,
+    Component,
+    ComponentType,
+    DataFrame,
+    Event,
+    NoData,
+    Packet,
+    PacketType,
+    Text,
+    command,
+    decode_packet,
+    packet_length,
+)
+from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
+from drivers.tcpline import connect_tcp, parse_address
+
+PORT = 3020
+
+_OPTIONS = ("body", "reference", "mode", "order", "rate", "deadline_ms", "latency_ms")
+_ORDERS = {"big": ByteOrder.BIG, "little": ByteOrder.LITTLE}
+_WANTED = "6D Events"
+_CONNECT_S = 2.0
+_SINGLE_HZ = 60
+_CHUNK_BYTES = 1 << 16
+_CLOSE_S = 0.1
+_STALE_PERIODS = 3
+_SLOWEST_PERIOD_NS = 50e6
+_FROZEN_READINGS = 12
+_EVENTS_KEPT = 100
+_LONGEST_WORDS = 200
+_REMADE = "The connection is made anew"
+_SERVER = "Check that First Principles is running and its real-time server is switched on"
+
+
+@dataclass(frozen=True, slots=True)
+class OptotrakOptions:
+    """The options of the URL, checked. body, reference: from 1. rate_hz: None for every frame."""
+
+    body: int = 1
+    reference: int | None = None
+    single: bool = False
+    order: ByteOrder = ByteOrder.BIG
+    rate_hz: int | None = None
+    deadline_ms: float = 250.0
+    latency_ms: float = 0.0
+
+
+def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "OptotrakTracker":
+    """target: host or host:port. Connects and starts the stream; see drivers.ports for what is raised."""
+    where = f"optotrak://{target}"
+    checked = parse_options(options, where)
+    return OptotrakTracker(*parse_address(target, PORT, where), checked, clock)
+
+
+def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
+    """Raises ConfigurationError naming the option that is unknown or out of range."""
+    if unknown := sorted(set(options) - set(_OPTIONS)):
+        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(_OPTIONS)}")
+    reader = _OptionReader(options, where)
+    checked = OptotrakOptions(
+        body=reader.whole("body", 255) or 1,
+        reference=reader.whole("reference", 255),
+        single=reader.word("mode", ("stream", "single")) == "single",
+        order=_ORDERS[reader.word("order", tuple(_ORDERS))],
+        rate_hz=reader.whole("rate", 4600),
+        deadline_ms=reader.number("deadline_ms", 250.0, 20, 5000),
+        latency_ms=reader.number("latency_ms", 0.0, 0, 500),
+    )
+    if checked.reference == checked.body:
+        raise ConfigurationError("body and reference are the same rigid body", where, "Give two different numbers")
+    if checked.rate_hz and 2000 / checked.rate_hz > checked.deadline_ms:
+        remedy = f"Use deadline_ms={2000 / checked.rate_hz:.0f} or a higher rate"
+        raise ConfigurationError(f"rate={checked.rate_hz} is too slow for the deadline", where, remedy)
+    return checked
+
+
+@dataclass(frozen=True, slots=True)
+class _OptionReader:
+    options: dict[str, str]
+    where: str
+
+    def whole(self, key: str, most: int) -> int | None:
+        """None when it is not given."""
+        text = self.options.get(key)
+        if text is None:
+            return None
+        if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= most):
+            raise self._refusal(key, f"Use a whole number from 1 to {most}")
+        return int(text)
+
+    def number(self, key: str, default: float, low: float, high: float) -> float:
+        try:
+            value = float(self.options.get(key, default))
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise self._refusal(key, f"Use a number from {low:g} to {high:g}")
+        return value
+
+    def word(self, key: str, words: tuple[str, ...]) -> str:
+        """The first word is the default."""
+        text = self.options.get(key, words[0])
+        if text not in words:
+            raise self._refusal(key, f"Use {' or '.join(words)}")
+        return text
+
+    def _refusal(self, key: str, remedy: str) -> ConfigurationError:
+        return ConfigurationError(f"{key}={self.options[key]} cannot be used", self.where, remedy)
+
+
+class OptotrakTracker:
+    """One connection to the server, streaming from construction until the context is left.
+
+    refused: packets dropped because they were damaged or said what cannot be. events: the last ones, as the server
+    sent them. restarts: how often the server's clock jumped.
+    """
+
+    def __init__(self, host: str, port: int, options: OptotrakOptions, clock: HostClock) -> None:
+        self.refused = 0
+        self.events: deque[Event] = deque(maxlen=_EVENTS_KEPT)
+        self._options, self._clock = options, clock
+        self._deadline_ns = round(options.deadline_ms * 1e6)
+        self._counter_clock = CounterClock(1e6)
+        self._news = _NewsWatch()
+        self._last_t_ns = 0
+        self._words = ""
+        deadline_ns = clock.now_ns() + round(_CONNECT_S * 1e9)
+        self._connection = _Connection(host, port, options.order, clock, _CONNECT_S)
+        try:
+            self._version = self._connection.ask("Version 1.0", deadline_ns)
+            self._connection.ask(f"SetByteOrder {options.order.word}", deadline_ns)
+            if not options.single:
+                self._connection.ask(f"StreamFrames {_stream_rate(options.rate_hz)} {_WANTED}", deadline_ns)
+        except BaseException:
+            self._connection.close(())
+            raise
+        self._heard_ns = self._next_request_ns = clock.now_ns()
+        self._asked = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self._connection.close(("Bye",) if self._options.single else ("StreamFrames Stop", "Bye"))
+
+    @property
+    def restarts(self) -> int:
+        """How often the server's clock jumped or began anew."""
+        return self._counter_clock.restarts
+
+    def identity(self) -> Identity:
+        """See drivers.ports.Identified."""
+        reference = self._options.reference
+        return Identity(
+            model="Optotrak, by the RTC3D server of First Principles",
+            firmware=self._version,
+            tools=(
+                f"rigid body {self._options.body}",
+                *(() if reference is None else (f"rigid body {reference} (reference)",)),
+            ),
+            rate_hz=self._news.rate_hz,
+            remarks=(f"{self.refused} damaged packets were refused",) if self.refused else (),
+        )
+
+    def read(self, timeout_s: float) -> Pose | None:
+        """The next pose, or word that there is none: see drivers.ports.
+
+        Frames whose number or time stands still for more than three periods give a STALE pose per period. Raises
+        DeviceLost when the server is silent for deadline_ms, closes the connection, or sends what cannot be read.
+        """
+        end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
+        while True:
+            pose = self._listen(self._prompt(end_ns))
+            if pose is not None or self._clock.now_ns() >= end_ns:
+                return pose
+
+    def _prompt(self, end_ns: int) -> int:
+        """Ask for a frame when it is due. Returns until when to listen, ns."""
+        if not self._options.single or self._asked:
+            return min(end_ns, self._heard_ns + self._deadline_ns)
+        now_ns = self._clock.now_ns()
+        if now_ns < self._next_request_ns:
+            return min(end_ns, self._next_request_ns)
+        self._connection.send(f"SendCurrentFrame {_WANTED}")
+        self._asked, self._heard_ns = True, now_ns
+        self._next_request_ns = now_ns + 1_000_000_000 // (self._options.rate_hz or _SINGLE_HZ)
+        return min(end_ns, now_ns + self._deadline_ns)
+
+    def _listen(self, until_ns: int) -> Pose | None:
+        """What one packet says; None also when none came. Raises DeviceLost after too long a silence."""
+        try:
+            packet = self._connection.receive(until_ns)
+        except ProtocolError as error:
+            self.refused += 1
+            self._words = error.what
+            packet = None
+        now_ns = self._clock.now_ns()
+        waiting = self._asked or not self._options.single
+        if waiting and packet is None and now_ns - self._heard_ns >= self._deadline_ns:
+            raise self._connection.lost(f"the server {self._silence()}", f"{_SERVER} and collects")
+        return None if packet is None else self._take(packet, self._connection.arrival_ns)
+
+    def _silence(self) -> str:
+        said = f"; before that: {self._words}" if self._words else ""
+        return f"sent no frame for {self._options.deadline_ms:g} ms{said}"
+
+    def _take(self, packet: Packet, arrival_ns: int) -> Pose | None:
+        match packet:
+            case DataFrame():
+                self._note_heard()
+                return self._measured(packet, arrival_ns)
+            case NoData():
+                self._note_heard()
+                return self._overdue(arrival_ns)
+            case Text(kind=PacketType.ERROR):
+                self._note_heard()
+                self._words = _error_words(packet.text)
+                return self._without_number(PoseStatus.FAULT, self._words, self._now_stamp(arrival_ns))
+            case _:
+                return None
+
+    def _note_heard(self) -> None:
+        self._heard_ns, self._asked, self._words = self._connection.arrival_ns, False, ""
+
+    def _measured(self, frame: DataFrame, arrival_ns: int) -> Pose | None:
+        events = frame.component(ComponentType.EVENTS)
+        if events is not None:
+            self.events.extend(item for item in events.items if isinstance(item, Event))
+        bodies = frame.component(ComponentType.BODIES)
+        if bodies is None or not self._news.take(bodies, self._options.body, arrival_ns):
+            return self._overdue(arrival_ns)
+        return self._fresh(bodies, arrival_ns)
+
+    def _fresh(self, bodies: Component, arrival_ns: int) -> Pose:
+        stamp = self._counter_clock.stamp(bodies.time_us % (1 << 32), arrival_ns)
+        stamp = self._later(stamp.t_ns - round(self._options.latency_ms * 1e6), stamp.err_ns)
+        probe = _listed(bodies, self._options.body)
+        rms_mm = probe.rms_mm if isinstance(probe, Body) else math.nan
+        if isinstance(probe, str):
+            return self._without_number(PoseStatus.DISABLED, probe, stamp)
+        if probe is None:
+            return self._without_number(PoseStatus.MISSING, "the tracker does not see the probe's rigid body", stamp)
+        if self._news.frozen:
+            reason = f"{_FROZEN_READINGS} poses in a row are equal to the last bit"
+            return self._without_number(PoseStatus.STALE, reason, stamp, rms_mm)
+        return self._relative(bodies, probe, stamp)
+
+    def _relative(self, bodies: Component, probe: Body, stamp: Stamp) -> Pose:
+        """The probe in the frame of the reference body, where one is configured."""
+        matrix: Matrix4 = probe.matrix()
+        if self._options.reference is not None:
+            reference = _listed(bodies, self._options.reference)
+            if isinstance(reference, str):
+                return self._without_number(PoseStatus.DISABLED, reference, stamp, probe.rms_mm)
+            if reference is None:
+                reason = "the tracker does not see the reference body"
+                return self._without_number(PoseStatus.MISSING, reason, stamp, probe.rms_mm)
+            matrix = np.asarray(np.linalg.solve(reference.matrix(), matrix))
+        return Pose(stamp, bodies.frame, matrix, probe.rms_mm, PoseStatus.OK)
+
+    def _overdue(self, arrival_ns: int) -> Pose | None:
+        reason = self._news.overdue(arrival_ns)
+        return self._without_number(PoseStatus.STALE, reason, self._now_stamp(arrival_ns)) if reason else None
+
+    def _without_number(self, status: PoseStatus, reason: str, stamp: Stamp, rms_mm: float = math.nan) -> Pose:
+        return Pose(stamp, self._news.frame, None, rms_mm, status, reason)
+
+    def _now_stamp(self, arrival_ns: int) -> Stamp:
+        return self._later(arrival_ns, 0)
+
+    def _later(self, t_ns: int, err_ns: int) -> Stamp:
+        """No stamp is as early as the one before; what that moves it is added to the bound."""
+        self._last_t_ns = max(t_ns, self._last_t_ns + 1)
+        return Stamp(self._last_t_ns, err_ns + self._last_t_ns - t_ns)
+
+
+class _Connection:
+    """Whole packets in, commands out, a deadline on every wait. arrival_ns: when the last bytes came."""
+
+    def __init__(self, host: str, port: int, order: ByteOrder, clock: HostClock, connect_s: float) -> None:
+        self._where, self._order, self._clock = f"optotrak://{host}:{port}", order, clock
+        self._line: socket.socket = connect_tcp(host, port, clock.real_s(connect_s))
+        self._received = bytearray()
+        self.arrival_ns = clock.now_ns()
+
+    def close(self, last_words: tuple[str, ...]) -> None:
+        """Take leave if the server still listens. Never raises."""
+        with suppress(OSError):
+            self._line.settimeout(_CLOSE_S)
+            for words in last_words:
+                self._line.sendall(command(words))
+        self._line.close()
+
+    def send(self, text: str) -> None:
+        """Raises DeviceLost."""
+        try:
+            self._line.settimeout(_CLOSE_S)
+            self._line.sendall(command(text))
+        except OSError as error:
+            raise self.lost(f"the connection broke off ({_words_of(error)})", _SERVER) from error
+
+    def ask(self, text: str, deadline_ns: int) -> str:
+        """The server's reply; measurements that come in between are dropped. Raises DeviceLost, also for a refusal."""
+        self.send(text)
+        while True:
+            try:
+                packet = self.receive(deadline_ns)
+            except ProtocolError:
+                continue
+            if packet is None and self._clock.now_ns() >= deadline_ns:
+                raise self.lost(f"no reply to '{text}'", _SERVER)
+            if isinstance(packet, Text) and packet.kind is PacketType.COMMAND:
+                return packet.text.strip()
+            if isinstance(packet, Text) and packet.kind is PacketType.ERROR:
+                words = _error_words(packet.text)
+                raise self.lost(f"the server refuses '{text}': {words}", "Start a collection in First Principles")
+
+    def receive(self, deadline_ns: int) -> Packet | None:
+        """The next packet, None when none was whole by the deadline; what had come until then is always taken in.
+
+        Raises DeviceLost when the connection ends or nothing can be told apart in it any more, ProtocolError for one
+        packet that must be refused.
+        """
+        while (data := self._whole()) is None:
+            if not self._fill(deadline_ns):
+                return None
+        return decode_packet(data, self._order)
+
+    def lost(self, what: str, remedy: str) -> DeviceLost:
+        return DeviceLost(what, self._where, remedy)
+
+    def _whole(self) -> bytes | None:
+        try:
+            length = packet_length(bytes(self._received[:HEADER_BYTES]))
+        except ProtocolError as error:
+            raise self.lost(f"the stream cannot be followed ({error.what})", _REMADE) from error
+        if length is None or len(self._received) < length:
+            return None
+        data = bytes(self._received[:length])
+        del self._received[:length]
+        return data
+
+    def _fill(self, deadline_ns: int) -> bool:
+        remaining_s = self._clock.real_s((deadline_ns - self._clock.now_ns()) / 1e9)
+        try:
+            self._line.settimeout(max(remaining_s, 0))
+            data = self._line.recv(_CHUNK_BYTES)
+        except (TimeoutError, BlockingIOError):
+            return False
+        except OSError as error:
+            raise self.lost(f"the connection broke off ({_words_of(error)})", _SERVER) from error
+        self.arrival_ns = self._clock.now_ns()
+        if not data:
+            raise self.lost("the server closed the connection", _SERVER)
+        self._received += data
+        return True
+
+
+class _NewsWatch:
+    """Tells new frames from repeated ones: both their number and their time must move on.
+
+    frame: number of the last new one, -1 before it. frozen: the pose repeats while the frames run.
+    """
+
+    def __init__(self) -> None:
+        self.frame = -1
+        self.frozen = False
+        self._time_us = -1
+        self._period_ns = _SLOWEST_PERIOD_NS
+        self._learnt = False
+        self._new_ns: int | None = None
+        self._told_ns = 0
+        self._odd = ""
+        self._body: Body | None = None
+        self._equal = 0
+
+    @property
+    def rate_hz(self) -> float:
+        """Shortest step of the server's time so far, as a rate; NaN before the second frame."""
+        return 1e9 / self._period_ns if self._learnt else math.nan
+
+    def take(self, bodies: Component, number: int, arrival_ns: int) -> bool:
+        """Whether this frame is new. number: of the rigid body whose pose is watched for repetition."""
+        same_frame, same_time = bodies.frame == self.frame, bodies.time_us == self._time_us
+        if same_frame or same_time:
+            self._odd = _disagreement(same_frame, same_time)
+            return False
+        self._learn(bodies)
+        body = _listed(bodies, number)
+        repeated = isinstance(body, Body) and body == self._body
+        self._equal = self._equal + 1 if repeated else 0
+        self.frozen = self._equal >= _FROZEN_READINGS - 1
+        self._body = body if isinstance(body, Body) else None
+        self.frame, self._time_us, self._odd = bodies.frame, bodies.time_us, ""
+        self._new_ns = self._told_ns = arrival_ns
+        return True
+
+    def overdue(self, arrival_ns: int) -> str:
+        """Why the data are stale; empty while they are not, or while it was said less than a period ago."""
+        if self._new_ns is None:
+            self._new_ns = arrival_ns
+        age_ns = arrival_ns - self._new_ns
+        if age_ns <= _STALE_PERIODS * self._period_ns or arrival_ns - self._told_ns < self._period_ns:
+            return ""
+        self._told_ns = arrival_ns
+        return f"{self._odd or 'no new frame'} for {age_ns / 1e6:.0f} ms"
+
+    def _learn(self, bodies: Component) -> None:
+        """A collection that begins anew may have another rate."""
+        if self.frame < 0:
+            return
+        step_ns = (bodies.time_us - self._time_us) * 1000.0
+        if step_ns <= 0 or bodies.frame < self.frame:
+            self._period_ns, self._learnt = _SLOWEST_PERIOD_NS, False
+        elif step_ns < self._period_ns or not self._learnt:
+            self._period_ns, self._learnt = step_ns, True
+
+
+def _disagreement(same_frame: bool, same_time: bool) -> str:
+    if same_frame and same_time:
+        return ""
+    return "the frame number has stood still" if same_frame else "the time of the frames has stood still"
+
+
+def _listed(bodies: Component, number: int) -> Body | str | None:
+    """The rigid body of that number, None where it is not seen, or the words for its not being listed."""
+    if number > len(bodies.items):
+        return f"the server lists {len(bodies.items)} rigid bodies, number {number} is not among them"
+    item = bodies.items[number - 1]
+    assert item is None or isinstance(item, Body)
+    return item
+
+
+def _stream_rate(rate_hz: int | None) -> str:
+    return "AllFrames" if rate_hz is None else f"Frequency:{rate_hz}"
+
+
+def _error_words(text: str) -> str:
+    words = text.strip().removeprefix("Error-").removeprefix("error-").strip() or "an error without words"
+    return f"the server reports: {words[:_LONGEST_WORDS]}"
+
+
+def _words_of(error: OSError) -> str:
+    return (error.strerror or "no answer").lower()
