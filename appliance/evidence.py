@@ -12,10 +12,14 @@ from appliance.watchers.calibration_change import agreement_check, calibration_c
 from appliance.watchers.polarity import flipped, weigh_polarity
 
 _SHORT_NS = 3_500_000_000
+_LONG_NS = 10_000_000_000
 _UNKNOWN_LATENCY_S = 0.05
 _RELINEARISE_S = 0.008
+_CONTRADICTION = 2.0
+_LEAST_LATENCY_SIGMA_S = 0.005
 _UNSEEN_TILT_RAD = 0.02
-"""A tilt that no motion shows is held near the reference: left free, noise tilts it, and its cosine shrinks the scales."""
+"""A tilt that no motion shows is held near the reference: left free, noise tilts it, and its cosine shrinks the scales.
+"""
 _NEAR = Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0)
 _REQUIRED_FOR = {
     "polarity": ("polarity",),
@@ -60,6 +64,7 @@ class Evidence:
         self._nothing = examine_nothing(limits)
         self._latest = self._best = self._nothing
         self._suspects: frozenset[str] = frozenset()
+        self._trimmed = False
 
     @property
     def estimate(self) -> Calibration | None:
@@ -76,6 +81,7 @@ class Evidence:
         self.window.restart()
         self._latest = self._nothing
         self._suspects = frozenset()
+        self._trimmed = False
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution."""
@@ -87,20 +93,22 @@ class Evidence:
         return good.issuperset(_REQUIRED_FOR[fault])
 
     def final(self) -> tuple[Check, ...]:
-        """Checks of the solution that showed most, after solving once more."""
-        self.solve()
+        """Checks of the solution that showed most, the one over everything remembered among them."""
+        whole = examine(self.window, self._reference, self._limits)
+        if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
+            self._best = whole
         return self._best.checks
 
     def solve(self) -> None:
-        """Examine the short window, and the long one unless the short one already shows a fault."""
-        finding = _without(examine(self.window.recent(_SHORT_NS), self._reference, self._limits), _SLOW)
-        if finding.failed and finding.failed & self._suspects:
+        """Examine the short window for a change, drop what came before one, and examine what is left."""
+        short = _without(examine(self.window.recent(_SHORT_NS), self._reference, self._limits), _SLOW)
+        if short.failed & self._suspects and not self._trimmed:
             self.window.keep_last(_SHORT_NS)
-        else:
-            finding = examine(self.window, self._reference, self._limits)
-        unconfirmed = finding.failed - self._suspects
-        self._suspects = finding.failed
-        self._latest = _without(finding, unconfirmed)
+            self._trimmed = True
+        finding = examine(self.window.recent(_LONG_NS), self._reference, self._limits)
+        self._trimmed = self._trimmed and bool(finding.failed)
+        self._latest = _without(finding, finding.failed - self._suspects)
+        self._suspects = finding.failed | short.failed
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
 
@@ -151,11 +159,14 @@ def _solved(window: PathWindow, reference: Calibration, lag: Latency | None) -> 
         return None, None
     if not trusted(solution):
         return solution, None
-    return solution, Latency(lag_s + float(solution.change[TAU]), sqrt(float(solution.covariance[TAU, TAU])))
+    sigma_s = max(sqrt(float(solution.covariance[TAU, TAU])), _LEAST_LATENCY_SIGMA_S)
+    return solution, Latency(lag_s + float(solution.change[TAU]), sigma_s)
 
 
 def _sharper(paths: Latency | None, solved: Latency | None) -> Latency | None:
-    """The joint estimate where it adds much to what the paths alone told; otherwise the one that needs no model."""
-    if solved is not None and (paths is None or solved.sigma_s < 0.5 * paths.sigma_s):
-        return solved if paths is not None or solved.sigma_s < 0.5 * _UNKNOWN_LATENCY_S else None
-    return paths
+    """The joint estimate where it is sharper than what the paths alone told, and no contradiction to it."""
+    if solved is None or paths is None:
+        return paths or (solved if solved is not None and solved.sigma_s < _UNKNOWN_LATENCY_S / 4 else None)
+    doubt_s = sqrt(solved.sigma_s**2 + paths.sigma_s**2)
+    agree = abs(solved.value_s - paths.value_s) < _CONTRADICTION * doubt_s
+    return solved if agree and solved.sigma_s < 0.5 * paths.sigma_s else paths

@@ -70,8 +70,7 @@ class _Steps:
 
     @property
     def independent(self) -> float:
-        """Degrees of freedom: a hand's motion and the misfit it leaves change over about `_MEMORY_S`, not every frame.
-        """
+        """Degrees of freedom: a hand's motion and what the map leaves of it change over about `_MEMORY_S`."""
         period_s = float(np.median(np.diff(self._t_s)))
         apart = max(self._frames, round(_MEMORY_S / period_s))
         return max(2 * float(np.count_nonzero(self._same)) / apart - _MAP_PARAMETERS, 0.0)

@@ -21,7 +21,6 @@ from appliance.watchers.picture_event import PictureEvent
 from drivers.samples import Frame, Matrix4, Pose
 
 _SOLVE_EVERY_NS = 330_000_000
-_STEADY_PX_PER_S = 900.0
 _STEADY_CORRELATION = 0.6
 _STALE_NS = 500_000_000
 
@@ -45,7 +44,6 @@ class Line:
         self._slip = MarkerSlip(limits)
         self._judgement = Judgement()
         self._keyframe_pose: tuple[int, Matrix4] | None = None
-        self._before_ns: int | None = None
         self._solve_ns: int | None = None
         self._frames = self._poses = self._paired = 0
         self.motion: Motion | None = None
@@ -91,7 +89,6 @@ class Line:
             self._lose_sight()
         else:
             self._watch(item)
-        self._before_ns = t_ns
         return self._judged(t_ns, (*self._evidence.checks(), *self._facts()))
 
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
@@ -121,11 +118,7 @@ class Line:
 
     def _compare(self, pair: StampedPair, tracked: Tracked) -> None:
         motion = self._analyse(pair, tracked)
-        if tracked.step is not None:
-            self._frozen_tracker.picture(tracked.step[0] * self._reference.scale_mm_per_px)
-        if not self._steady(tracked, pair.stamp.t_ns):
-            self._slip.pause()
-        elif self._slip.step(pair.stamp.t_ns, pair.matrix):
+        if self._slipped(pair, tracked):
             self._evidence.restart()
             return
         if motion.usable and self._tracker.settled:
@@ -143,13 +136,15 @@ class Line:
             self._keyframe_pose = (pair.frame.sequence, pair.matrix)
         return motion
 
-    def _steady(self, tracked: Tracked, t_ns: int) -> bool:
-        """The picture went on as a hand goes on: matched, in sequence, and not in leaps of its own."""
-        if tracked.step is None or tracked.registration is None or self._before_ns is None:
+    def _slipped(self, pair: StampedPair, tracked: Tracked) -> bool:
+        """Only a picture that was well followed can testify against the tracker."""
+        found = tracked.registration
+        if tracked.step is None or found is None or found.correlation < _STEADY_CORRELATION:
+            self._slip.pause()
             return False
-        elapsed_s = (t_ns - self._before_ns) / 1e9
-        calm = float(np.hypot(*tracked.step[0])) < _STEADY_PX_PER_S * elapsed_s
-        return calm and tracked.registration.correlation > _STEADY_CORRELATION
+        seen_mm = tracked.step[0] * self._reference.scale_mm_per_px
+        self._frozen_tracker.picture(seen_mm)
+        return self._slip.step(pair.stamp.t_ns, pair.matrix, float(np.hypot(*seen_mm)))
 
     def _solve(self, t_ns: int) -> None:
         if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < _SOLVE_EVERY_NS:

@@ -37,7 +37,7 @@ class OverlayMask:
     @property
     def settled(self) -> bool:
         """False while what does not move may still be taken for tissue."""
-        return self._seen >= _EARLY[-1]
+        return self._mask is not None
 
     def step(self, levels: Pyramid) -> bool:
         """Take the next picture; True when the mask changed."""
@@ -61,7 +61,7 @@ class OverlayMask:
         strong = gradient > _FLOOR_GREY
         change = np.abs(now - earlier)
         moved = np.count_nonzero(change[strong] > 0.5 * gradient[strong])
-        if moved < _MOVING_SHARE * max(np.count_nonzero(strong), 1):
+        if moved < _MOVING_SHARE * max(int(np.count_nonzero(strong)), 1):
             return False
         if self._change is None or self._gradient is None:
             self._change, self._gradient = np.zeros_like(change), np.zeros_like(gradient)
@@ -74,7 +74,7 @@ class OverlayMask:
         assert self._gradient is not None
         change, gradient = self._change, self._gradient
         floor = np.float32(_FLOOR_GREY * float(np.clip(self._seen, 0, 10)))
-        static = (change < np.float32(_STATIC_RATIO) * gradient) & (gradient > floor)
+        static = np.less(change, np.float32(_STATIC_RATIO) * gradient) & np.greater(gradient, floor)
         grown = cv2.dilate(static.astype(np.uint8), np.ones((3, 3), np.uint8))
         full = cv2.resize(grown, (self._shape[1], self._shape[0]), interpolation=cv2.INTER_NEAREST)
         return np.asarray(full == 0)

@@ -72,7 +72,7 @@ class PoseTrack:
 class PathWindow:
     """Registered pictures of the last `span_ns` and the poses around them."""
 
-    def __init__(self, reference: Calibration, span_ns: int = 10_000_000_000) -> None:
+    def __init__(self, reference: Calibration, span_ns: int = 30_000_000_000) -> None:
         self._reference = reference
         self._span_ns = span_ns
         self._seen: deque[Motion] = deque()

@@ -244,7 +244,7 @@ class _Problem:
         )
 
     def _observed(self, covariance: Array) -> tuple[bool, ...]:
-        """Where the motion, not the prior, tells: within half the prior's sd and within what a check could still use."""
+        """Where the motion, not the prior, tells: within half the prior's sd and what a check could still use."""
         useful = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2 + [4.0] * 3)
         enough = np.minimum(useful, 0.5 * self._prior_sd()[:TAU])
         return tuple(bool(flag) for flag in np.sqrt(np.diag(covariance)[:TAU]) < enough)

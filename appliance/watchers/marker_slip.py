@@ -6,6 +6,7 @@ forgiven; an outlier, which leaps out and back, sums to nothing.
 """
 
 from collections import deque
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,6 +20,8 @@ _LEAST_MM, _LEAST_RAD = 2.5, np.deg2rad(2.0)
 _FAST_MM_PER_S, _FAST_RAD_PER_S = 60.0, np.deg2rad(45.0)
 _HISTORY = 6
 _SETTLE = 3
+_SHARED = 1.5
+_LIVELY = 2.0
 
 
 class MarkerSlip:
@@ -35,13 +38,16 @@ class MarkerSlip:
         self._recent.clear()
         self._pending = None
 
-    def step(self, t_ns: int, matrix: Matrix4) -> bool:
-        """Take the pose of a picture that moved no more than a hand moves it; True when a leap was confirmed."""
+    def step(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> bool:
+        """Take the pose of a picture that could be followed; True when a leap was confirmed.
+
+        seen_mm: how far the picture moved since the one before. What it shares with the tracker is no leap.
+        """
         self._recent.append((t_ns, matrix))
         if self._pending is not None:
             return self._confirm(matrix)
         if len(self._recent) == _HISTORY:
-            self._look_for_leap()
+            self._look_for_leap(seen_mm)
         return False
 
     def forget_turn(self) -> None:
@@ -54,23 +60,31 @@ class MarkerSlip:
 
     def checks(self) -> tuple[Check, ...]:
         """Turn and shift of the marker body since the reference, deg and mm."""
-        turn = float(np.rad2deg(np.linalg.norm(vector_from_rotation(self._slip[:3, :3]))))
-        shift = float(np.linalg.norm(self._slip[:3, 3]))
+        shift, turn_rad = _extent(self._slip)
+        turn = float(np.rad2deg(turn_rad))
         bent, slid = turn > self._limits.rotation_deg, shift > self._limits.offset_mm
         return (
             _check("marker-turn", "rotation", turn, "deg", self._limits.rotation_deg, bent),
             _check("marker-shift", "offset", shift, "mm", self._limits.offset_mm, slid and not bent),
         )
 
-    def _look_for_leap(self) -> None:
+    def _look_for_leap(self, seen_mm: float) -> None:
         """The newest step against the usual ones before it."""
         (t_before, before), (t_now, now) = self._recent[-2], self._recent[-1]
-        leap = sensor_jump(before @ self._usual_step(), now)
+        expected = before @ self._usual_step()
+        moved_mm, turned_rad = _extent(sensor_jump(expected, now))
+        usual_mm, usual_rad = self._liveliest_step()
         dt_s = (t_now - t_before) / 1e9
-        far = np.linalg.norm(leap[:3, 3]) > max(_LEAST_MM, _FAST_MM_PER_S * dt_s)
-        turned = np.linalg.norm(vector_from_rotation(leap[:3, :3])) > max(_LEAST_RAD, _FAST_RAD_PER_S * dt_s)
+        far = moved_mm > max(_LEAST_MM, _FAST_MM_PER_S * dt_s) + _SHARED * seen_mm + _LIVELY * usual_mm
+        turned = turned_rad > max(_LEAST_RAD, _FAST_RAD_PER_S * dt_s) + _LIVELY * usual_rad
         if far or turned:
-            self._pending = (before @ self._usual_step(), _SETTLE)
+            self._pending = (expected, _SETTLE)
+
+    def _liveliest_step(self) -> tuple[float, float]:
+        """Largest step before the newest, mm and rad: a probe in full swing may well turn round."""
+        poses = [matrix for _, matrix in self._recent][:-1]
+        steps = [_extent(sensor_jump(a, b)) for a, b in pairwise(poses)]
+        return max(step[0] for step in steps), max(step[1] for step in steps)
 
     def _usual_step(self) -> Matrix4:
         """Mean step of the sensor over the frames before the newest, in sensor axes."""
@@ -85,9 +99,8 @@ class MarkerSlip:
         assert self._pending is not None
         expected, left = self._pending
         leap = sensor_jump(expected, matrix)
-        gone_back = np.linalg.norm(leap[:3, 3]) < _LEAST_MM / 2 and (
-            np.linalg.norm(vector_from_rotation(leap[:3, :3])) < _LEAST_RAD / 2
-        )
+        moved_mm, turned_rad = _extent(leap)
+        gone_back = moved_mm < _LEAST_MM / 2 and turned_rad < _LEAST_RAD / 2
         if gone_back:
             self._pending = None
             return False
@@ -98,6 +111,11 @@ class MarkerSlip:
         self._pending = None
         self._recent.clear()
         return True
+
+
+def _extent(step: Matrix4) -> tuple[float, float]:
+    """Length mm and angle rad of a rigid step."""
+    return float(np.linalg.norm(step[:3, 3])), float(np.linalg.norm(vector_from_rotation(step[:3, :3])))
 
 
 def _check(name: str, fault: str, value: float, unit: str, limit: float, failed: bool) -> Check:

@@ -17,6 +17,7 @@ from drivers.samples import GreyImage
 
 _SMALL_PX = 160
 _BETTER_BY = 0.2
+_CALM_FRAMES = 5
 _CONVINCING = 0.75
 _ZOOMS = tuple(float(z) for z in np.exp(np.arange(-0.7, 0.7001, 0.015)) if abs(z - 1) > 0.02)
 _FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
@@ -36,6 +37,7 @@ class PictureEvent:
     def __init__(self, scale_limit_percent: float) -> None:
         self._scale_limit = scale_limit_percent
         self._before: Array32 | None = None
+        self._followed = 0
         self._polarity = (1, 1)
         self._log_zoom = 0.0
 
@@ -46,9 +48,10 @@ class PictureEvent:
         """
         small = _small(image)
         before, self._before = self._before, small
-        if followed or before is None or before.shape != small.shape:
+        calm, self._followed = self._followed >= _CALM_FRAMES, self._followed + 1 if followed else 0
+        if not calm or followed or before is None or before.shape != small.shape:
             return None
-        change = _explanation(before, small, _likeness(before, small))
+        change = _explanation(before, small)
         if change is not None:
             self._polarity = (self._polarity[0] * change.polarity[0], self._polarity[1] * change.polarity[1])
             self._log_zoom += log(change.zoom)
@@ -82,13 +85,24 @@ def _small(image: GreyImage) -> Array32:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
-def _explanation(before: Array32, now: Array32, usual: float) -> PictureChange | None:
+def _explanation(before: Array32, now: Array32) -> PictureChange | None:
+    """The change that makes the two alike, None where a mere shift does nearly as well."""
+    usual = max(_likeness(before, now), _shift_likeness(before, now))
     candidates = [
         (_likeness(_mirrored(before, code), now), PictureChange(polarity)) for polarity, code in _FLIPS.items()
     ]
     candidates += [(_likeness(_zoomed(before, zoom), now), PictureChange(zoom=zoom)) for zoom in _ZOOMS]
     likeness, change = max(candidates, key=lambda candidate: candidate[0])
     return change if likeness > max(usual + _BETTER_BY, _CONVINCING) else None
+
+
+def _shift_likeness(before: Array32, now: Array32) -> float:
+    """Best correlation of the middle of the picture before with any place in this one: a fast hand explains that much."""
+    margin_y, margin_x = before.shape[0] // 4, before.shape[1] // 4
+    middle = before[margin_y : before.shape[0] - margin_y, margin_x : before.shape[1] - margin_x]
+    if middle.std() == 0:
+        return 1.0
+    return float(cv2.matchTemplate(now, middle, cv2.TM_CCOEFF_NORMED).max())
 
 
 def _mirrored(image: Array32, code: int) -> Array32:
