@@ -25,21 +25,23 @@ from drivers.ndi.replies import HandleState, ToolReply
 from drivers.ndi.tracker import NdiTracker, open_tracker
 from drivers.ndi.wire import Command, encode_command
 from drivers.samples import Matrix4, Pose, PoseStatus
-from drivers.twins.combined_api import Mode
+from drivers.twins.combined_api import CombinedApi, Mode
+from drivers.twins.control import FaultControl
 from drivers.twins.faults import Episode, Schedule
-from drivers.twins.polaris import PolarisTwin
+from drivers.twins.models import SPECTRA
+from drivers.twins.ndi import NdiTwin
 from drivers.twins.ptyline import PtyLine
 from drivers.twins.rom import PROBE, REFERENCE, make_rom
 
 RATE = 4.0
 
 
-def moving(main_type: int, t_s: float, frame: int) -> Matrix4:
+def moving(tool: str, t_s: float, number: int = 0) -> Matrix4:
     """The probe goes along x at 10 mm/s, turned 30° about z; the reference lies still, turned 90° about z."""
     matrix = np.eye(4)
-    angle = np.radians(90 if main_type == REFERENCE else 30)
+    angle = np.radians(90 if tool == "reference" else 30)
     matrix[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    matrix[:3, 3] = (100, 0, -1500) if main_type == REFERENCE else (10 * t_s, 20, -1600)
+    matrix[:3, 3] = (100, 0, -1500) if tool == "reference" else (10 * t_s, 20, -1600)
     return matrix
 
 
@@ -47,7 +49,7 @@ def moving(main_type: int, t_s: float, frame: int) -> Matrix4:
 class Bench:
     """A twin in a thread, and where its line and its tool definitions are."""
 
-    twin: PolarisTwin
+    twin: NdiTwin
     line: PtyLine
     clock: HostClock
     folder: Path
@@ -67,7 +69,8 @@ def bench(folder: Path, rate: float = RATE, schedule: Schedule | None = None, tr
     (folder / "probe.rom").write_bytes(make_rom(PROBE))
     (folder / "reference.rom").write_bytes(make_rom(REFERENCE))
     with PtyLine(folder / "tracker", clock) as line:
-        twin = PolarisTwin(line, clock, moving, schedule or Schedule(), track_hz)
+        device = CombinedApi(moving, SPECTRA, track_hz)
+        twin = NdiTwin(line, clock, device, FaultControl((), schedule))
         thread = Thread(target=_serve, args=(twin, stop))
         thread.start()
         try:
@@ -77,7 +80,7 @@ def bench(folder: Path, rate: float = RATE, schedule: Schedule | None = None, tr
             thread.join()
 
 
-def _serve(twin: PolarisTwin, stop: Event) -> None:
+def _serve(twin: NdiTwin, stop: Event) -> None:
     try:
         twin.run(stop)
     except (OSError, ValueError):
@@ -114,7 +117,7 @@ def test_poses_and_times_are_those_of_the_device(tmp_path: Path) -> None:
             assert pose.status is PoseStatus.OK
             assert pose.matrix is not None
             t_s = cart.twin.device.frame_s(pose.sequence)
-            np.testing.assert_allclose(pose.matrix, moving(PROBE, t_s, 0), atol=1e-3)
+            np.testing.assert_allclose(pose.matrix, moving("probe", t_s, 0), atol=1e-3)
             assert pose.rms_mm == pytest.approx(0.2, abs=1e-6)
         assert [b.sequence - a.sequence for a, b in pairwise(found)].count(1) >= 60
         errors_ns = np.array(
@@ -128,7 +131,7 @@ def test_poses_relative_to_the_reference_tool(tmp_path: Path) -> None:
     with bench(tmp_path) as cart, cart.open(reference=str(tmp_path / "reference.rom")) as tracker:
         (pose,) = poses(tracker, 1)
         t_s = cart.twin.device.frame_s(pose.sequence)
-        expected = np.linalg.inv(moving(REFERENCE, t_s, 0)) @ moving(PROBE, t_s, 0)
+        expected = np.linalg.inv(moving("reference", t_s, 0)) @ moving("probe", t_s, 0)
         assert pose.matrix is not None
         np.testing.assert_allclose(pose.matrix, expected, atol=1e-3)
         cart.twin.device.ports[cart.handle(REFERENCE)].seen = False
@@ -216,7 +219,7 @@ def test_closing_leaves_the_device_as_a_fresh_program_expects_it(tmp_path: Path)
 
 def test_the_first_wired_tool_needs_no_definition(tmp_path: Path) -> None:
     with bench(tmp_path) as cart:
-        cart.twin.device._wired = 1
+        cart.twin.device._wired = ("probe",)
         with open_tracker(str(tmp_path / "tracker"), {}, cart.clock) as tracker:
             assert until(tracker, PoseStatus.OK).matrix is not None
 
@@ -260,35 +263,35 @@ def test_missing_tool_is_a_fresh_fact(tmp_path: Path) -> None:
 def test_bump_is_latched_and_names_itself(tmp_path: Path) -> None:
     with bench(tmp_path) as cart, cart.open() as tracker:
         poses(tracker, 1)
-        cart.twin.device.alerts = 0x200000
+        cart.twin.device.raise_alert(0x200000)
         assert until(tracker, PoseStatus.FAULT).reason == "the position sensor was bumped"
-        assert cart.twin.device.alerts == 0, "the alert was read"
+        assert cart.twin.device.new_alerts == 0, "the alert was read"
         assert {pose.status for pose in poses(tracker, 5)} == {PoseStatus.FAULT}
 
 
 def test_low_battery_does_not_stop_the_watch(tmp_path: Path) -> None:
     with bench(tmp_path) as cart, cart.open() as tracker:
-        cart.twin.device.alerts = 0x100000
+        cart.twin.device.raise_alert(0x100000)
         assert {pose.status for pose in poses(tracker, 5)} == {PoseStatus.OK}
 
 
 def test_standing_counter_is_stale_and_recovers(tmp_path: Path) -> None:
     with bench(tmp_path, rate=1.0) as cart, cart.open() as tracker:
         poses(tracker, 30)
-        cart.twin._schedule = Schedule((Episode("stale-tracker", 0.0),))
+        cart.twin.control = FaultControl((), Schedule((Episode("stale-tracker", 0.0),)))
         began_ns = cart.clock.now_ns()
         stale = until(tracker, PoseStatus.STALE)
         assert "stood still" in stale.reason
         assert cart.clock.now_ns() - began_ns < 150e6
         assert tracker.read(0.2) is not None, "word that it is still stale"
-        cart.twin._schedule = Schedule()
+        cart.twin.control = FaultControl((), Schedule())
         assert until(tracker, PoseStatus.OK).matrix is not None
 
 
 def test_repeated_pose_under_a_running_counter_is_stale(tmp_path: Path) -> None:
     with bench(tmp_path) as cart, cart.open() as tracker:
         poses(tracker, 3)
-        cart.twin._pose_at = lambda main_type, t_s, frame: np.eye(4)
+        cart.twin.device._pose_at = lambda tool, t_s, number: np.eye(4)
         assert "equal to the last bit" in until(tracker, PoseStatus.STALE).reason
 
 
@@ -304,7 +307,7 @@ def test_scheduled_faults_act_on_the_probe(tmp_path: Path) -> None:
     with bench(tmp_path, schedule=schedule) as cart, cart.open() as tracker:
         (pose,) = poses(tracker, 1)
         assert pose.matrix is not None
-        true = moving(PROBE, cart.twin.device.frame_s(pose.sequence), 0)
+        true = moving("probe", cart.twin.device.frame_s(pose.sequence), 0)
         assert np.linalg.norm(pose.matrix[:3, 3] - true[:3, 3]) == pytest.approx(10.0, abs=0.05)
 
 
@@ -319,12 +322,12 @@ def test_silence_is_told_within_the_deadline_and_tracking_resumes(tmp_path: Path
     with bench(tmp_path, rate=1.0) as cart:
         with cart.open() as tracker:
             poses(tracker, 5)
-            cart.twin._schedule = Schedule((Episode("lose-tracker", 0.0),))
+            cart.twin.control = FaultControl((), Schedule((Episode("lose-tracker", 0.0),)))
             began_ns = cart.clock.now_ns()
             with pytest.raises(DeviceLost, match="no reply from the tracker"):
                 poses(tracker, 100)
             assert cart.clock.now_ns() - began_ns < 500e6
-            cart.twin._schedule = Schedule()
+            cart.twin.control = FaultControl((), Schedule())
         began_ns = cart.clock.now_ns()
         with cart.open() as tracker:
             assert until(tracker, PoseStatus.OK).matrix is not None
@@ -355,7 +358,7 @@ def test_damaged_replies_are_refused_and_asked_for_again(tmp_path: Path, spoil: 
         assert tracker.refused == 2
         for pose in found:
             assert pose.matrix is not None
-            expected = moving(PROBE, cart.twin.device.frame_s(pose.sequence), 0)
+            expected = moving("probe", cart.twin.device.frame_s(pose.sequence), 0)
             np.testing.assert_allclose(pose.matrix, expected, atol=1e-3)
 
 

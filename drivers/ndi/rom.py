@@ -6,14 +6,41 @@ Layout: `NDI\\0`, u16 sum of all bytes from offset 6 modulo 65536, subtype at 12
 
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from drivers.errors import ConfigurationError
+from drivers.marker_geometry import Points
 
 ROM_BYTES = 752
 CHUNK_BYTES = 64
 _LARGEST = 1024
+_MOST_MARKERS = 20
 _REMEDY = "Name the .rom file that came with the tool"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolDefinition:
+    """One tool. image: its 752 bytes. main_type: 1 reference, 2 probe, 3 button box. markers_mm: (n, 3) on the body.
+
+    largest_error_mm: the misfit of a marker above which the tracker leaves it out of the pose.
+    """
+
+    image: bytes
+    main_type: int
+    markers_mm: Points
+    largest_error_mm: float
+    part_number: str
+
+
+def definition_of(image: bytes) -> ToolDefinition:
+    """What an image of at least 752 bytes says, whether its check sum is right or not."""
+    count = min(struct.unpack_from("<I", image, 28)[0], _MOST_MARKERS)
+    markers_mm = np.array(struct.unpack_from(f"<{3 * count}f", image, 0x48), np.float64).reshape(count, 3)
+    part_number = image[0x250:0x264].decode("latin-1").strip(" \0")
+    return ToolDefinition(image, image[15], markers_mm, struct.unpack_from("<f", image, 36)[0], part_number)
 
 
 def read_rom(path: str) -> bytes:

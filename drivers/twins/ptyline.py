@@ -13,7 +13,7 @@ import tty
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from drivers.hosttime import HostClock
 
@@ -22,17 +22,44 @@ _SLICE_S = 0.001
 _TCGETS2, _TERMIOS2_BYTES, _OSPEED_AT = 0x802C542A, 44, 40
 
 
+class TwinLine(Protocol):
+    """The device's end of a line, whatever it is made of.
+
+    source: tells apart who sent what read() returned. monitor: that one came later than another who is still there.
+    """
+
+    source: int
+    monitor: bool
+
+    def __enter__(self) -> Self: ...
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None: ...
+
+    def plug(self) -> None:
+        """The host can open the device."""
+
+    def unplug(self) -> None:
+        """The host's reads end in an error from now on, as when the cable is pulled."""
+
+    def hears(self, baud: int) -> bool:
+        """Whether the host speaks at this line speed."""
+
+    def read(self, timeout_s: float) -> bytes:
+        """What the host has sent; empty when nothing came within timeout_s of the clock."""
+
+    def write(self, data: bytes, baud: int, start_ns: int) -> None:
+        """Send to whom read() heard last, the first byte from start_ns on; returns after the last byte."""
+
+
 class PtyLine:
     """The device's end. link: path of the symbolic link to the host's end; an older link is taken over."""
 
+    source, monitor = 0, False
+
     def __init__(self, link: Path, clock: HostClock) -> None:
         self._link, self._clock = link, clock
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave, termios.TCSANOW)
-        self._name = os.ttyname(self._slave)
-        fresh = link.with_name(f".{link.name}.{os.getpid()}")
-        fresh.symlink_to(self._name)
-        fresh.replace(link)
+        self.plug()
 
     def __enter__(self) -> Self:
         return self
@@ -41,21 +68,36 @@ class PtyLine:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
     ) -> None:
         self.unplug()
-        with suppress(OSError):
-            if str(self._link.readlink()) == self._name:
-                self._link.unlink()
+
+    def plug(self) -> None:
+        """Make a pseudo-terminal and let the link point to it."""
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave, termios.TCSANOW)
+        self._name = os.ttyname(self._slave)
+        fresh = self._link.with_name(f".{self._link.name}.{os.getpid()}")
+        fresh.unlink(missing_ok=True)
+        fresh.symlink_to(self._name)
+        fresh.replace(self._link)
 
     def unplug(self) -> None:
-        """The host's reads end in an error from now on, as when the adapter is pulled."""
+        """The host's reads end in an error from now on, and the link is gone, as when the adapter is pulled."""
         for end in (self._master, self._slave):
             with suppress(OSError):
                 os.close(end)
+        self._master = self._slave = -1
+        with suppress(OSError):
+            if str(self._link.readlink()) == self._name:
+                self._link.unlink()
 
     @property
     def host_baud(self) -> int:
         """Bits per second that the host has set."""
         settings = fcntl.ioctl(self._slave, _TCGETS2, bytes(_TERMIOS2_BYTES))
         return int(struct.unpack_from("=I", settings, _OSPEED_AT)[0])
+
+    def hears(self, baud: int) -> bool:
+        """Whether the host has set this line speed."""
+        return self.host_baud == baud
 
     def read(self, timeout_s: float) -> bytes:
         """What the host has sent; empty when nothing came within timeout_s of the clock."""
