@@ -151,10 +151,12 @@ def _solved(window: PathWindow, reference: Calibration, lag: Latency | None) -> 
     prior = replace(_NEAR, latency_s=_UNKNOWN_LATENCY_S if lag is None else max(lag.sigma_s, 0.005))
     try:
         solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
-        if not all(solution.calibration.observed[:2]):
-            prior = replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
-        lag_s += float(solution.change[TAU]) if abs(solution.change[TAU]) > _RELINEARISE_S else 0.0
-        solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
+        tilted = all(solution.calibration.observed[:2])
+        late = abs(float(solution.change[TAU])) > _RELINEARISE_S
+        if late or not tilted:
+            lag_s += float(solution.change[TAU]) if late else 0.0
+            prior = prior if tilted else replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
+            solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
     except ValueError:
         return None, None
     if not trusted(solution):

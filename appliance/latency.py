@@ -49,7 +49,7 @@ def estimate_latency(
     if not steps:
         return None
     lags = np.arange(-_RANGE_S, _RANGE_S + _STEP_S / 2, _STEP_S)
-    costs = np.array([[s.misfit(lag, pose_t_s, smooth) for s in steps] for lag in lags])
+    costs = np.stack([s.misfit(lags, pose_t_s, smooth) for s in steps], axis=1)
     return _minimum(lags, costs, np.array([s.independent for s in steps]))
 
 
@@ -75,20 +75,23 @@ class _Steps:
         apart = max(self._frames, round(_MEMORY_S / period_s))
         return max(2 * float(np.count_nonzero(self._same)) / apart - _MAP_PARAMETERS, 0.0)
 
-    def misfit(self, lag_s: float, pose_t_s: Array, centre_mm: Array) -> float:
-        """Robust mean square, mm², of what no linear map of the tracker's steps explains."""
-        at = np.stack([np.interp(self._t_s + lag_s, pose_t_s, centre_mm[:, k]) for k in range(3)], axis=1)
-        w = (at[self._frames :] - at[: -self._frames])[self._same]
-        moved = self._moved[self._same]
-        weight = np.ones(len(w))
-        left = moved
+    def misfit(self, lags_s: Array, pose_t_s: Array, centre_mm: Array) -> Array:
+        """(k,) lags → (k,) robust mean square, mm², of what no linear map of the tracker's steps explains."""
+        times = (self._t_s + lags_s[:, None]).ravel()
+        at = np.stack([np.interp(times, pose_t_s, centre_mm[:, axis]) for axis in range(3)], axis=1)
+        at = at.reshape(lags_s.size, self._t_s.size, 3)
+        w = (at[:, self._frames :] - at[:, : -self._frames])[:, self._same]
+        moved = np.broadcast_to(self._moved[self._same], (lags_s.size, w.shape[1], 2))
+        weight = np.ones(w.shape[:2])
+        left_square = np.zeros_like(weight)
         for _ in range(_ROBUST_ROUNDS):
-            H = (w * weight[:, None]).T @ w
-            H += np.eye(3) * (1e-6 * np.trace(H) + 1e-12)
-            left = moved - w @ np.linalg.solve(H, (w * weight[:, None]).T @ moved)
-            size = np.linalg.norm(left, axis=1)
-            weight = 1 / (1 + np.square(size / (2 * max(float(np.median(size)), 1e-3))))
-        return float((weight * np.square(left).sum(axis=1)).sum() / weight.sum())
+            weighted = np.swapaxes(w * weight[..., None], 1, 2)
+            H = weighted @ w
+            H += np.eye(3) * (1e-6 * np.trace(H, axis1=1, axis2=2) + 1e-12)[:, None, None]
+            left_square = np.square(moved - w @ np.linalg.solve(H, weighted @ moved)).sum(axis=2)
+            usual = np.maximum(np.median(left_square, axis=1, keepdims=True), 1e-6)
+            weight = 1 / (1 + left_square / (4 * usual))
+        return np.asarray((weight * left_square).sum(axis=1) / weight.sum(axis=1))
 
 
 def _smoothed(t_s: Array, values: Array, width_s: float) -> Array:

@@ -102,7 +102,7 @@ def path_cost(samples: PathSamples, reference: Calibration, noise: "_Noise | Non
     theta = np.zeros(9)
     noise = noise or problem.noise(theta, _Noise())
     whiten = problem.whitener(noise)
-    return _huber_cost(whiten(problem.rows(theta)[0])) + whiten.log_volume, noise
+    return _huber_cost(whiten(problem.residual(theta))) + whiten.log_volume, noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,37 +132,44 @@ class _Problem:
         self._earlier = _sensor_steps(samples.earlier_poses[keep])
         self._later = _sensor_steps(samples.later_poses[keep])
         self._apart_s = samples.apart_s
+        self._rows = 6 if prior.planar else 3
         self._unturn = _turn(-self._alpha_sign * self._alpha)
 
-    def rows(self, theta: Array) -> tuple[Array, Array]:
-        """Residual path (n, 3 or 6) and its Jacobian (n, 3 or 6, 9): in-plane mm (2), α rad[, elevational mm, tilt rad
-        (2)].
-        """
-        R = rotation_from_vector(theta[:3]) @ self._reference.rotation
-        offset = self._reference.offset_mm + theta[5:8]
-        step, jacobian = _predict(R, offset, self._steps)
-        before, after = _predict(R, offset, self._earlier)[0], _predict(R, offset, self._later)[0]
-        jacobian[..., TAU] = (after - before) / self._apart_s
-        step = step + jacobian[..., TAU] * theta[TAU]
-        return self._path(step, jacobian, theta[3:5])
-
-    def _path(self, step: Array, jacobian: Array, scale_change: Array) -> tuple[Array, Array]:
-        measured = np.einsum("nij,nj->ni", self._unturn, self._u_mm * (1 + scale_change))
-        by_scale = self._unturn * self._u_mm[:, None, :]
+    def residual(self, theta: Array) -> Array:
+        """Measured minus predicted path (n, 3 or 6): in-plane mm (2), α rad[, elevational mm, tilt rad (2)]."""
+        R, offset = self._moved(theta)
+        step = _picture_steps(R, offset, self._steps)
+        if theta[TAU]:
+            step = step + self._by_latency(R, offset) * theta[TAU]
         step[:, :2] = np.einsum("nij,nj->ni", self._unturn, step[:, :2])
-        jacobian[:, :2] = np.einsum("nij,njk->nik", self._unturn, jacobian[:, :2])
-        step[self._first], jacobian[self._first] = 0.0, 0.0
-        predicted, slope = np.cumsum(step, axis=0), np.cumsum(jacobian, axis=0)
-        residual, gradient = -predicted, -slope
-        residual[:, :2] += measured
-        residual[:, 2] += self._alpha_sign * self._alpha
-        gradient[:, :2, 3:5] += by_scale
-        rows = 6 if self._prior.planar else 3
-        return residual[:, :rows], gradient[:, :rows]
+        step[self._first] = 0.0
+        path = -np.cumsum(step, axis=0)
+        path[:, :2] += np.einsum("nij,nj->ni", self._unturn, self._u_mm * (1 + theta[3:5]))
+        path[:, 2] += self._alpha_sign * self._alpha
+        return path[:, : self._rows]
+
+    def gradient(self, theta: Array) -> Array:
+        """Derivative (n, 3 or 6, 9) of the residual path."""
+        R, offset = self._moved(theta)
+        slope = _picture_slopes(R, offset, self._steps)
+        slope[..., TAU] = self._by_latency(R, offset)
+        slope[:, :2] = np.einsum("nij,njk->nik", self._unturn, slope[:, :2])
+        slope[self._first] = 0.0
+        path = -np.cumsum(slope, axis=0)
+        path[:, :2, 3:5] += self._unturn * self._u_mm[:, None, :]
+        return path[:, : self._rows]
+
+    def _moved(self, theta: Array) -> tuple[Array, Array]:
+        rotation = rotation_from_vector(theta[:3]) @ self._reference.rotation
+        return rotation, self._reference.offset_mm + theta[5:8]
+
+    def _by_latency(self, R: Array, offset: Array) -> Array:
+        before = _picture_steps(R, offset, self._earlier)
+        return (_picture_steps(R, offset, self._later) - before) / self._apart_s
 
     def noise(self, theta: Array, before: _Noise) -> _Noise:
         """White noise and drift of the residual path from its structure function at one frame and at `_LONG_LAG_S`."""
-        residual, _ = self.rows(theta)
+        residual = self.residual(theta)
         position = self._structure(residual[:, :2], _POSITION_FLOOR_MM, _POSITION_DRIFT_FLOOR)
         angle = self._structure(residual[:, 2:3], _ANGLE_FLOOR_RAD, _ANGLE_DRIFT_FLOOR)
         return replace(
@@ -190,15 +197,15 @@ class _Problem:
         prior = np.diag(1 / self._prior_sd() ** 2)
         spread, cost = 1.0, 0.0
         for _ in range(_ITERATIONS):
-            residual, gradient = self.rows(theta)
-            r, J = whiten(residual).reshape(-1), whiten(gradient).reshape(-1, 9)
+            r = whiten(self.residual(theta)).reshape(-1)
+            J = whiten(self.gradient(theta)).reshape(-1, 9)
             weight = 1 / np.maximum(np.abs(r) / _HUBER, 1)
             weighted = J * weight[:, None]
             step = np.linalg.solve(weighted.T @ J + prior, weighted.T @ r + prior @ theta)
             theta = theta - step
             spread = float((weight * r * r).sum() / max(r.size - 9, 1))
             cost = _huber_cost(r)
-            if np.all(np.abs(step) < 1e-7):
+            if np.all(np.abs(step) < 1e-6):
                 break
         return theta, self._honest_covariance(whiten, prior) * max(1.0, spread), cost
 
@@ -209,7 +216,7 @@ class _Problem:
         elevational part would seem to show the rotations about lateral and axial; and at the solution the fit has
         already bent towards the noise, so the reference is where information is counted.
         """
-        gradient = whiten(self.rows(np.zeros(9))[1])
+        gradient = whiten(self.gradient(np.zeros(9)))
         J = gradient.reshape(-1, 9)
         information = J.T @ J + prior
         pretended = np.diag([2.0 * len(gradient)] * 3 + [0.0] * 6)
@@ -251,7 +258,7 @@ class _Problem:
 
     def _agreement(self, theta: Array) -> float:
         """Correlation of the measured with the predicted in-plane path over about half a second, worse moving axis."""
-        residual, _ = self.rows(theta)
+        residual = self.residual(theta)
         measured = np.einsum("nij,nj->ni", self._unturn, self._u_mm * (1 + theta[3:5]))
         lag = max(1, min(round(0.5 / max(float(np.median(np.diff(self._t_s))), 1e-3)), self._t_s.size // 3))
         same = self._chain[lag:] == self._chain[:-lag]
@@ -310,27 +317,34 @@ def _sensor_steps(poses: Array) -> tuple[Array, Array]:
     return R_b, t_b
 
 
-def _predict(R: Array, offset: Array, steps: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Per step (n, 6): t_x, t_y mm, α, t_z, tilt x, tilt y; Jacobian (n, 6, 9) by rotation, scale, offset, latency."""
-    R_b, t_b = steps
+def _picture_turns(R: Array, R_b: Array) -> tuple[Array, Array]:
+    """R_a = R R_b Rᵀ (n, 3, 3) and its small rotation vector (n, 3)."""
     R_a = R @ R_b @ R.T
-    moved = t_b @ R.T
-    lever = R_a @ offset
-    t_a = moved + offset - lever
     turn = 0.5 * np.stack(
         [R_a[:, 2, 1] - R_a[:, 1, 2], R_a[:, 0, 2] - R_a[:, 2, 0], R_a[:, 1, 0] - R_a[:, 0, 1]], axis=1
     )
-    by_rotation = -skew(moved) + skew(lever) - R_a @ skew(np.broadcast_to(offset, (1, 3)))
-    by_offset = np.eye(3) - R_a
+    return R_a, turn
+
+
+def _picture_steps(R: Array, offset: Array, steps: tuple[Array, Array]) -> Array:
+    """Steps of A = X B X⁻¹ (n, 6): t_x, t_y mm, α, t_z, tilt x, tilt y."""
+    R_b, t_b = steps
+    R_a, turn = _picture_turns(R, R_b)
+    t_a = t_b @ R.T + offset - R_a @ offset
+    return np.column_stack([t_a[:, :2], turn[:, 2], t_a[:, 2], turn[:, :2]])
+
+
+def _picture_slopes(R: Array, offset: Array, steps: tuple[Array, Array]) -> Array:
+    """Derivative (n, 6, 9) of _picture_steps by rotation and offset; the columns of scale and latency stay zero."""
+    R_b, t_b = steps
+    R_a, turn = _picture_turns(R, R_b)
+    by_rotation = skew(R_a @ offset - t_b @ R.T) - R_a @ skew(offset)
     turn_by_rotation = -skew(turn)
-    jacobian = np.zeros((len(t_b), 6, 9))
-    for row, source in ((0, 0), (1, 1), (3, 2)):
-        jacobian[:, row, :3] = by_rotation[:, source]
-        jacobian[:, row, 5:8] = by_offset[:, source]
-    for row, source in ((2, 2), (4, 0), (5, 1)):
-        jacobian[:, row, :3] = turn_by_rotation[:, source]
-    step = np.column_stack([t_a[:, :2], turn[:, 2], t_a[:, 2], turn[:, :2]])
-    return step, jacobian
+    slopes = np.zeros((len(t_b), 6, 9))
+    slopes[:, [0, 1, 3], :3] = by_rotation
+    slopes[:, [4, 5, 2], :3] = turn_by_rotation
+    slopes[:, [0, 1, 3], 5:8] = np.eye(3) - R_a
+    return slopes
 
 
 def _turn(angle_rad: Array) -> Array:
