@@ -28,8 +28,10 @@ class TwinLine(Protocol):
     source: tells apart who sent what read() returned. monitor: that one came later than another who is still there.
     """
 
-    source: int
-    monitor: bool
+    @property
+    def source(self) -> int: ...
+    @property
+    def monitor(self) -> bool: ...
 
     def __enter__(self) -> Self: ...
     def __exit__(
