@@ -1,6 +1,5 @@
 """`probewatch replay`: a recording through the same line as live data, and a report of what it shows."""
 
-import json
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,12 +17,11 @@ from appliance.line import Line
 from appliance.report import Change, LineReport, report_json
 from appliance.timeline import Timeline
 from appliance.types import Check, Verdict, VerdictKind
-from drivers.atomicfile import replacing
-from drivers.errors import ConfigurationError
 from drivers.replay import Recording, open_recording
 from drivers.samples import Sample
 from drivers.twins.faults import FAULT_CLASS, Episode, Schedule
 from tools.inject import inject
+from tools.json_report import check_writable, write_json
 
 
 def _episodes(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> Schedule:
@@ -67,13 +65,13 @@ def command(
     Exit code 0 says that a report was made; the verdict is in the report. 65: the recording cannot be used; 78: the
     calibration or an option cannot.
     """
-    _check_writable(json_path)
+    check_writable(json_path)
     session = open_recording(recording, poses=poses, probe=probe, reference=reference, orientation=orientation)
     nominal = read_calibration(calibration, session.size_px, probe or "Probe")
     report, timeline = run(session, Line(nominal, Limits()), schedule)
     _print(report, timeline, recording)
     if json_path is not None:
-        _write_json(json_path, report, timeline)
+        write_json(json_path, report_json(report, timeline))
 
 
 def run(session: Recording, line: Line, schedule: Schedule) -> tuple[LineReport, list[Change]]:
@@ -105,20 +103,6 @@ def _progress(samples: Iterator[Sample], total: int) -> Iterator[Sample]:
     if not console.is_terminal:
         return samples
     return iter(track(samples, "replay", total, transient=True, console=console))
-
-
-def _check_writable(path: Path | None) -> None:
-    if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
-        raise ConfigurationError("no file can be written here", str(path), "Name a file in a directory that exists")
-
-
-def _write_json(path: Path, report: LineReport, timeline: list[Change]) -> None:
-    try:
-        with replacing(path) as stream:
-            stream.write(json.dumps(report_json(report, timeline), indent=2, allow_nan=False).encode() + b"\n")
-    except OSError as error:
-        what = f"cannot be written: {error.strerror}"
-        raise ConfigurationError(what, str(path), "Check the directory and its permissions") from error
 
 
 def _print(report: LineReport, timeline: list[Change], recording: Path) -> None:
