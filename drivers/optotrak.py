@@ -260,7 +260,9 @@ class OptotrakTracker:
 
     def _fresh(self, bodies: Component, arrival_ns: int) -> Pose:
         stamp = self._counter_clock.stamp(bodies.time_us % (1 << 32), arrival_ns)
-        stamp = self._later(stamp.t_ns - round(self._options.latency_ms * 1e6), stamp.err_ns)
+        half_ns = self._connection.shortest_ns // 2
+        early_ns = round(self._options.latency_ms * 1e6) + half_ns
+        stamp = self._later(stamp.t_ns - early_ns, stamp.err_ns + half_ns)
         probe = _listed(bodies, self._options.body)
         rms_mm = probe.rms_mm if isinstance(probe, Body) else math.nan
         if isinstance(probe, str):
@@ -302,13 +304,18 @@ class OptotrakTracker:
 
 
 class _Connection:
-    """Whole packets in, commands out, a deadline on every wait. arrival_ns: when the last bytes came."""
+    """Whole packets in, commands out, a deadline on every wait. arrival_ns: when the last bytes came.
+
+    shortest_ns: shortest time from a command to its reply; part of it is the way of a frame, which no statistics of
+    arrivals can show.
+    """
 
     def __init__(self, host: str, port: int, order: ByteOrder, clock: HostClock, connect_s: float) -> None:
         self._where, self._order, self._clock = f"optotrak://{host}:{port}", order, clock
         self._line: socket.socket = connect_tcp(host, port, clock.real_s(connect_s))
         self._received = bytearray()
         self.arrival_ns = clock.now_ns()
+        self.shortest_ns = round(connect_s * 1e9)
 
     def close(self, last_words: tuple[str, ...]) -> None:
         """Take leave if the server still listens. Never raises."""
@@ -329,6 +336,7 @@ class _Connection:
     def ask(self, text: str, deadline_ns: int) -> str:
         """The server's reply; measurements that come in between are dropped. Raises DeviceLost, also for a refusal."""
         self.send(text)
+        began_ns = self._clock.now_ns()
         while True:
             try:
                 packet = self.receive(deadline_ns)
@@ -337,6 +345,7 @@ class _Connection:
             if packet is None and self._clock.now_ns() >= deadline_ns:
                 raise self.lost(f"no reply to '{text}'", _SERVER)
             if isinstance(packet, Text) and packet.kind is PacketType.COMMAND:
+                self.shortest_ns = min(self.shortest_ns, self.arrival_ns - began_ns)
                 return packet.text.strip()
             if isinstance(packet, Text) and packet.kind is PacketType.ERROR:
                 words = _error_words(packet.text)

@@ -125,6 +125,7 @@ class OptotrakTwin:
         self._active: frozenset[str] = frozenset()
         self._sent = -1
         self._held: int | None = None
+        self._ready: tuple[int, frozenset[str], DataFrame] | None = None
         self._shift_frames, self._shift_us, self._begin_number = 0, 0, 0
         self._door: socket.socket | None = None
         self._listen()
@@ -141,9 +142,11 @@ class OptotrakTwin:
         """Serve until stop is set."""
         while not stop.is_set():
             self._take_faults()
+            self._measured(self._sent + 1)
             self._serve(min(self._next_frame_ns(), self._flush()))
             if self._number() > self._sent:
                 self._stream(self._number())
+                self._flush()
 
     def _number(self) -> int:
         return floor((self._clock.now_ns() - self._clock.origin_ns) / 1e9 * self.device.frame_hz)
@@ -202,8 +205,8 @@ class OptotrakTwin:
             self._note("faults", sorted(active))
 
     def _serve(self, wake_ns: int) -> None:
-        """Wait for connections and commands until wake_ns."""
-        with selectors.DefaultSelector() as ready:
+        """Wait for connections and commands until wake_ns. Only select() does not round that to milliseconds."""
+        with selectors.SelectSelector() as ready:
             if self._door is not None:
                 ready.register(self._door, selectors.EVENT_READ)
             for client in () if "lose-tracker" in self._active else self._clients:
@@ -243,11 +246,12 @@ class OptotrakTwin:
         previous, self._sent = self._sent, number
 
         def put(client: _Client) -> None:
-            client.put(self._bytes(client, self._frame(client.session.wanted, number)))
+            turn = number - number % client.session.divisor
+            if turn > previous:
+                client.put(self._bytes(client, self._frame(client.session.wanted, turn)))
 
         for client in tuple(self._clients):
-            divisor = client.session.divisor
-            if divisor and number // divisor > previous // divisor:
+            if client.session.divisor:
                 self._for_client(client, put)
 
     def _frame(self, wanted: frozenset[ComponentType], number: int) -> Packet:
@@ -257,8 +261,14 @@ class OptotrakTwin:
         if "no-data" in active:
             return NoData()
         self._held = (number if self._held is None else self._held) if "stale-tracker" in active else None
-        frame = self.device.frame(number if self._held is None else self._held, active)
+        frame = self._measured(number if self._held is None else self._held)
         return DataFrame(tuple(self._renumbered(part) for part in frame.components if part.kind in wanted))
+
+    def _measured(self, number: int) -> DataFrame:
+        """Kept, so that a frame is computed before its time and sent at its time."""
+        if self._ready is None or self._ready[:2] != (number, self._active):
+            self._ready = (number, self._active, self.device.frame(number, self._active))
+        return self._ready[2]
 
     def _renumbered(self, component: Component) -> Component:
         """Numbers count from the last reset; a jump adds to them; one of the two may stand still."""
