@@ -19,7 +19,7 @@ import numpy as np
 from drivers.counter_clock import CounterClock
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.hosttime import HostClock
-from drivers.ports import Identity
+from drivers.ports import Description
 from drivers.rtc3d import (
     HEADER_BYTES,
     Body,
@@ -175,10 +175,10 @@ class OptotrakTracker:
         """How often the server's clock jumped or began anew."""
         return self._counter_clock.restarts
 
-    def identity(self) -> Identity:
+    def describe(self) -> Description:
         """See drivers.ports.Identified."""
         reference = self._options.reference
-        return Identity(
+        return Description(
             model="Optotrak, by the RTC3D server of First Principles",
             firmware=self._version,
             tools=(

@@ -34,7 +34,7 @@ class TrackerSource(_Device, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class Description:
     """What an open device says of itself; empty or NaN where it does not say.
 
     tools: what it tracks, the probe's tool first. rate_hz: measurements per second. remarks: what it warned of.
@@ -52,7 +52,7 @@ class Identity:
 class Identified(Protocol):
     """A device that knows more of itself than its URL."""
 
-    def identity(self) -> Identity:
+    def describe(self) -> Description:
         """Never asks the device anew, so it costs nothing while tracking."""
 
 

@@ -219,7 +219,7 @@ def test_one_damaged_packet_costs_one_pose() -> None:
             assert time.monotonic() < end_s
         cart.show()
         assert until(tracker, PoseStatus.OK).matrix is not None
-        assert tracker.identity().remarks == (f"{tracker.refused} damaged packets were refused",)
+        assert tracker.describe().remarks == (f"{tracker.refused} damaged packets were refused",)
 
 
 def test_a_jump_of_number_and_time_starts_the_clock_anew() -> None:
@@ -260,11 +260,11 @@ def test_identity_names_the_server_and_its_bodies() -> None:
     with bench() as cart, cart.open(reference="2") as tracker:
         assert isinstance(tracker, Identified)
         poses(tracker, 5)
-        identity = tracker.identity()
-        assert identity.firmware == "Version 1.0 (simulated)"
-        assert identity.tools == ("rigid body 1", "rigid body 2 (reference)")
-        assert identity.rate_hz == pytest.approx(100, rel=0.01)
-        assert identity.remarks == ()
+        told = tracker.describe()
+        assert told.firmware == "Version 1.0 (simulated)"
+        assert told.tools == ("rigid body 1", "rigid body 2 (reference)")
+        assert told.rate_hz == pytest.approx(100, rel=0.01)
+        assert told.remarks == ()
 
 
 def test_read_honours_its_timeout() -> None:
