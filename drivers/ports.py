@@ -79,9 +79,11 @@ def split_url(url: str) -> tuple[str, str, dict[str, str]]:
     """
     scheme, colon, rest = url.partition(":")
     target, _, query = rest.removeprefix("//").partition("?")
-    if not colon or not target or scheme not in _MODULES:
+    if not colon or scheme not in _MODULES:
         known = ", ".join(f"{name}:" for name in sorted(_MODULES))
         raise ConfigurationError(f"'{scheme}:' is no known device kind", url, f"Use one of {known}")
+    if not target:
+        raise ConfigurationError("names no device", url, f"Write {scheme}: and then a path or an address")
     return scheme, target, dict(parse_qsl(query))
 
 

@@ -17,6 +17,7 @@ import serial
 
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.hosttime import HostClock
+from drivers.ports import Description
 from drivers.serialport import open_serial
 
 BAUD = 9600
@@ -73,6 +74,13 @@ class RelayOutput:
             self.write(False)
         with suppress(OSError, termios.error):
             self._port.close()
+
+    def describe(self) -> Description:
+        """See drivers.ports.Identified."""
+        remark = (
+            "it reports its contacts" if self.confirmed else "it does not report its contacts"
+        )
+        return Description(f"LCUS-type relay board, contact {self._channel}", remarks=(remark,))
 
     def write(self, energised: bool) -> None:
         """Switch the contact. Returns after the board said so, or, of a silent board, after the last byte left.

@@ -9,6 +9,8 @@ from drivers.errors import ProbewatchError
 
 _COMMANDS = {
     "demo": "a simulated cart with injected faults, from bytes to alarm",
+    "devices": "what is connected to this host, and whether it can be opened",
+    "probe": "connect to a tracker, video source or output and say how well it does",
     "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",
     "replay": "run a recording through the line and print a report",
     "run": "the service: watch the devices named in the configuration",

@@ -1,0 +1,66 @@
+"""How good the time of a source is, from the stamps of what it sent. Pure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.samples import Frame, Pose
+
+
+@dataclass(frozen=True, slots=True)
+class TimeQuality:
+    """Of one stretch of samples; NaN where too few came.
+
+    rate_hz: samples per second of their own time. step: counts of the device's counter between two samples, usually.
+    bound_ms, worst_bound_ms: median and largest stated error bound. jitter_ms: standard deviation of the stamps about
+    the best straight line over the counter. delay_ms, worst_delay_ms: arrival after stamp, median and largest.
+    gaps: how often the counter stepped further than usual; lost: samples that went by there. longest_ms: the longest
+    time between two stamps.
+    """
+
+    samples: int
+    rate_hz: float
+    step: int
+    bound_ms: float
+    worst_bound_ms: float
+    jitter_ms: float
+    delay_ms: float
+    worst_delay_ms: float
+    gaps: int
+    lost: int
+    longest_ms: float
+
+
+def time_quality(samples: Sequence[Frame | Pose], arrivals_ns: Sequence[int]) -> TimeQuality | None:
+    """samples in the order read, each with its arrival on the same clock. None for fewer than three."""
+    if len(samples) < 3:
+        return None
+    t_ms = np.array([sample.stamp.t_ns - samples[0].stamp.t_ns for sample in samples]) / 1e6
+    counts = np.array([sample.sequence for sample in samples], float)
+    bounds_ms = np.array([sample.stamp.err_ns for sample in samples]) / 1e6
+    delays_ms = np.array([a - s.stamp.t_ns for a, s in zip(arrivals_ns, samples, strict=True)]) / 1e6
+    steps = np.diff(counts)
+    usual = max(1.0, float(np.median(steps)))
+    wide = steps > 1.5 * usual
+    return TimeQuality(
+        samples=len(samples),
+        rate_hz=float(1e3 * (len(samples) - 1) / max(t_ms[-1], 1e-6)),
+        step=round(usual),
+        bound_ms=float(np.median(bounds_ms)),
+        worst_bound_ms=float(bounds_ms.max()),
+        jitter_ms=_jitter_ms(t_ms, counts),
+        delay_ms=float(np.median(delays_ms)),
+        worst_delay_ms=float(delays_ms.max()),
+        gaps=int(wide.sum()),
+        lost=int(np.sum(np.round(steps[wide] / usual) - 1)),
+        longest_ms=float(np.diff(t_ms).max()),
+    )
+
+
+def _jitter_ms(t_ms: np.ndarray, counts: np.ndarray) -> float:
+    """A counter that stood still or ran back says nothing of jitter."""
+    if np.any(np.diff(counts) <= 0):
+        return float("nan")
+    line = np.polynomial.Polynomial.fit(counts, t_ms, 1)
+    return float(np.std(t_ms - line(counts)))
