@@ -75,7 +75,7 @@ def find_crossing(image: GreyImage, drawn: NDArray[np.uint8] | None = None) -> C
     smooth = cv2.GaussianBlur(image, (0, 0), 1.5)
     if drawn is not None:
         smooth[drawn > 0] = 0
-    background, peak = float(np.median(smooth)), float(smooth.max())
+    background, peak = float(np.median(smooth[::4, ::4])), float(smooth.max())
     if peak - background < _LEAST_CONTRAST_GREY:
         return NoCrossing.ABSENT
     floor = peak - _DEPTH_OF_SPOT * (peak - background)
