@@ -77,9 +77,7 @@ class RelayOutput:
 
     def describe(self) -> Description:
         """See drivers.ports.Identified."""
-        remark = (
-            "it reports its contacts" if self.confirmed else "it does not report its contacts"
-        )
+        remark = "it reports its contacts" if self.confirmed else "it does not report its contacts"
         return Description(f"LCUS-type relay board, contact {self._channel}", remarks=(remark,))
 
     def write(self, energised: bool) -> None:
