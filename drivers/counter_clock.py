@@ -1,12 +1,16 @@
-"""When a measurement was true: a device's frame counter turned into host time, with a bound of the error.
+"""When a measurement was true: a device's frame counter or clock turned into host time, with a bound of the error.
 
 A reading arrives late, never early. The delays of all readings are lowest when nothing was in the way, so the true line
-of host time over counter runs along the lower edge of the readings (the lower convex hull), as clock filters of NTP do
-with the shortest round trip. The constant part of the delay cannot be seen from here: subtract what is known of it,
-the transfer time of the reply, from `arrival_ns`.
+of host time over device time runs along the lower edge of the readings (the lower convex hull), as clock filters of NTP
+do with the shortest round trip. Where the device answers requests, it is bounded from below as well: what a reply did
+not contain was not there yet when its request was sent. The constant part of the delay cannot be seen from here:
+subtract what is known of it, the transfer time of the reply, from `arrival_ns`.
 """
 
+import math
+import statistics
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -18,6 +22,7 @@ _BIN_NS = 250_000_000
 _SHORTEST_EDGE_NS = 2_000_000_000
 _STEEPEST = 500e-6
 _USUAL_SKEW = 200e-6
+_SETTLED_SKEW = 50e-6
 _RECENT_READINGS = 120
 _LATE_NS = 12_000_000
 _EARLY_NS = 2_000_000
@@ -25,78 +30,101 @@ _SETTLING_READINGS = 60
 _JUMP_NS = 300_000_000
 _BOUND_FLOOR_NS = 150_000.0
 _FIRST_BOUND_NS = 100_000_000.0
-_SPREAD_FLOOR_NS = 500_000.0
-_LOWEST_OF_MANY = 12.0
+_RANK = 12
+_TILT = 1.0
+_MISS = 0.003
+_FLOORS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class _Reading:
-    """device_ns: counter × nominal period since the start. late_ns: arrival minus that."""
+    """device_ns: device time since the start. late_ns: host time since the start minus that."""
 
     device_ns: float
     late_ns: float
 
 
-class CounterClock:
-    """Feed every new counter value once; wrap-around, restart and jumps of the counter are noticed here.
+class DeviceClock:
+    """Feed every new device time once; steps of the device's clock and restarts are noticed here.
 
-    nominal_hz: counts per second by the data sheet; the true rate may differ by 500 ppm.
+    The device's rate may differ from the host's by 500 ppm. restarts: how often the line had to be begun anew.
     """
 
-    def __init__(self, nominal_hz: float) -> None:
-        self._period_ns = 1e9 / nominal_hz
+    def __init__(self) -> None:
         self.restarts = 0
-        self._counter, self._count, self._last_t_ns = 0, 0, 0
+        self._last_t_ns = 0
+        self._count = 0
         self._begin(0, 0)
 
-    def stamp(self, counter: int, arrival_ns: int) -> Stamp:
-        """Host time of the count, never before an earlier stamp; the bound holds for 99.7 % of all readings.
+    def stamp(self, device_ns: int, arrival_ns: int, absent_ns: int | None = None) -> Stamp:
+        """Host time of the measurement, never before an earlier stamp; the bound holds for 99.7 % of all readings.
 
-        arrival_ns: CLOCK_MONOTONIC of the last byte, less the known transfer time. counter: 32 bits.
+        device_ns: the device's clock, any zero. arrival_ns: CLOCK_MONOTONIC of the last byte, less the known transfer
+        time. absent_ns: when the last request went out whose answer did not contain this measurement yet, None where
+        that is not known.
         """
-        steps = (counter - self._counter) % _WRAP
         if self._count == 0:
-            self._begin(counter, arrival_ns)
-            steps = 0
-        elif steps >= _WRAP // 2 or self._jumped(steps, arrival_ns):
-            self._restart(counter, arrival_ns)
-            steps = 0
-        self._counter = counter
-        self._device_ns += steps * self._period_ns
-        self._add(_Reading(self._device_ns, arrival_ns - self._origin_ns - self._device_ns), arrival_ns)
+            self._begin(device_ns, arrival_ns)
+        elif self._jumped(device_ns, arrival_ns):
+            self._restart(device_ns, arrival_ns)
+        self._device_ns = float(device_ns - self._zero_ns)
+        late_ns = arrival_ns - self._origin_ns - self._device_ns
+        self._add(_Reading(self._device_ns, late_ns), arrival_ns)
+        if absent_ns is not None:
+            self._add_floor(_Reading(self._device_ns, late_ns - (arrival_ns - absent_ns)), arrival_ns)
         return self._estimate(arrival_ns)
 
-    def _restart(self, counter: int, arrival_ns: int) -> None:
-        self.restarts += 1
-        self._begin(counter, arrival_ns)
+    @property
+    def usual_delay_ns(self) -> int:
+        """Median of how much later than their stamps the recent readings arrived.
 
-    def _begin(self, counter: int, arrival_ns: int) -> None:
-        self._origin_ns, self._last_arrival_ns = arrival_ns, arrival_ns
-        self._device_ns, self._counter = 0.0, counter
+        Added to the stamps it gives a filter through the middle of the readings, which leaves a latency that was
+        calibrated on arrival times as it was.
+        """
+        return round(statistics.median(self._recent)) if self._recent else 0
+
+    def _restart(self, device_ns: int, arrival_ns: int) -> None:
+        self.restarts += 1
+        self._begin(device_ns, arrival_ns)
+
+    def _begin(self, device_ns: int, arrival_ns: int) -> None:
+        self._origin_ns, self._last_arrival_ns, self._zero_ns = arrival_ns, arrival_ns, device_ns
+        self._device_ns = 0.0
         self._lowest: deque[_Reading] = deque()
-        self._bin_sizes: deque[int] = deque()
-        self._seen = 0
+        self._floors: deque[_Reading] = deque(maxlen=_FLOORS)
         self._recent: deque[float] = deque(maxlen=_RECENT_READINGS)
         self._level_ns, self._slope, self._count = 0.0, 0.0, 0
         self._edge_ns = (0.0, float(_BIN_NS))
-        self._spread_ns = _FIRST_BOUND_NS / 10
+        self._doubt_ns = _FIRST_BOUND_NS
 
-    def _jumped(self, steps: int, arrival_ns: int) -> bool:
-        """The counter moved by a time that the host's clock did not see pass."""
+    def _jumped(self, device_ns: int, arrival_ns: int) -> bool:
+        """The device's clock moved back, or by a time that the host's clock did not see pass."""
+        moved_ns = device_ns - self._zero_ns - self._device_ns
         elapsed_ns = arrival_ns - self._last_arrival_ns
-        return abs(steps * self._period_ns - elapsed_ns) > _JUMP_NS + 2 * _STEEPEST * elapsed_ns
+        return moved_ns < 0 or abs(moved_ns - elapsed_ns) > _JUMP_NS + 2 * _STEEPEST * elapsed_ns
 
     def _add(self, reading: _Reading, arrival_ns: int) -> None:
         if self._count and self._misfits(reading):
-            self._restart(self._counter, arrival_ns)
+            self._restart(round(self._device_ns) + self._zero_ns, arrival_ns)
             reading = _Reading(0.0, 0.0)
         self._last_arrival_ns = arrival_ns
         self._count += 1
         if self._keep_lowest(reading):
             self._fit()
         self._recent.append(reading.late_ns - self._line(reading.device_ns))
-        excess_ns = max(self._recent[-1], 0.0)
-        self._spread_ns += (excess_ns - self._spread_ns) / min(self._count + 10, 600)
+
+    def _add_floor(self, floor: _Reading, arrival_ns: int) -> None:
+        """The truth lies above. A line far below has been left behind by a step of the device's clock."""
+        below_ns = floor.late_ns - self._line(floor.device_ns)
+        if self._count > _SETTLING_READINGS and below_ns > _EARLY_NS + self._bound_ns():
+            self._restart(round(self._device_ns) + self._zero_ns, arrival_ns)
+            self._add(_Reading(0.0, 0.0), arrival_ns)
+            return
+        if self._floors and floor.device_ns // _BIN_NS == self._floors[-1].device_ns // _BIN_NS:
+            if floor.late_ns <= self._floors[-1].late_ns:
+                return
+            self._floors.pop()
+        self._floors.append(floor)
 
     def _misfits(self, reading: _Reading) -> bool:
         """Far earlier than the line allows, or none of the recent readings came near it."""
@@ -110,15 +138,10 @@ class CounterClock:
         lowest = self._lowest
         while lowest and reading.device_ns - lowest[0].device_ns > _WINDOW_NS:
             lowest.popleft()
-            self._seen -= self._bin_sizes.popleft()
-        self._seen += 1
         if lowest and reading.device_ns // _BIN_NS == lowest[-1].device_ns // _BIN_NS:
-            self._bin_sizes[-1] += 1
             if reading.late_ns >= lowest[-1].late_ns:
                 return False
             lowest.pop()
-        else:
-            self._bin_sizes.append(1)
         lowest.append(reading)
         return True
 
@@ -133,6 +156,7 @@ class CounterClock:
         self._slope = min(max(slope, -_STEEPEST), _STEEPEST)
         self._edge_ns = ((left.device_ns + right.device_ns) / 2, length_ns)
         self._level_ns = min(reading.late_ns - self._slope * reading.device_ns for reading in self._lowest)
+        self._doubt_ns = _doubt_ns(sorted(reading.late_ns - self._line(reading.device_ns) for reading in self._lowest))
 
     def _line(self, device_ns: float) -> float:
         return self._level_ns + self._slope * device_ns
@@ -141,17 +165,78 @@ class CounterClock:
         """Never back in time, never after the arrival; what that moves the stamp is added to its bound."""
         raw_ns = self._origin_ns + round(self._device_ns + self._line(self._device_ns))
         self._last_t_ns = min(max(raw_ns, self._last_t_ns), arrival_ns)
-        return Stamp(self._last_t_ns, round(self._bound_ns()) + abs(self._last_t_ns - raw_ns))
+        bound_ns = min(self._bound_ns(), self._bracket_ns())
+        return Stamp(self._last_t_ns, round(bound_ns) + abs(self._last_t_ns - raw_ns))
 
     def _bound_ns(self) -> float:
-        """The lowest of n exponential delays of mean m lies about m ÷ n above zero; so do the two readings that carry
-        the line, and the error of its slope grows with the distance from them.
+        """How far the line may lie above the truth, and how that grows with the distance from the two readings that
+        carry it.
         """
         middle_ns, length_ns = self._edge_ns
         away_ns = abs(self._device_ns - middle_ns)
-        level_ns = _LOWEST_OF_MANY * max(self._spread_ns, _SPREAD_FLOOR_NS) / max(self._seen, 1)
-        tilt = 3 * level_ns / length_ns if length_ns >= _SHORTEST_EDGE_NS else _USUAL_SKEW
-        return min(_BOUND_FLOOR_NS + level_ns + tilt * away_ns, _FIRST_BOUND_NS)
+        tilt = _TILT * self._doubt_ns / length_ns if length_ns >= _SHORTEST_EDGE_NS else _USUAL_SKEW
+        return min(_BOUND_FLOOR_NS + self._doubt_ns + tilt * away_ns, _FIRST_BOUND_NS)
+
+    def _bracket_ns(self) -> float:
+        """How far the truth can be from the line: it lies above what was not yet there, and below what had arrived.
+
+        Both hold without any assumption on the delays, only on how far the rates of the clocks may differ from here on.
+        """
+        if not self._floors:
+            return _FIRST_BOUND_NS
+        skew = _SETTLED_SKEW if self._edge_ns[1] >= _SHORTEST_EDGE_NS else _STEEPEST
+        newest = list(self._lowest)[-_FLOORS:]
+        above_ns = min(self._room_ns(reading, skew, 1.0) for reading in newest)
+        below_ns = min(self._room_ns(floor, skew, -1.0) for floor in self._floors)
+        return max(above_ns, below_ns, 0.0)
+
+    def _room_ns(self, reading: _Reading, skew: float, side: float) -> float:
+        away_ns = abs(self._device_ns - reading.device_ns)
+        return side * (reading.late_ns - self._line(reading.device_ns)) + skew * away_ns
+
+
+class CounterClock(DeviceClock):
+    """The same for a frame counter of 32 bits; its wrap-around goes unnoticed.
+
+    nominal_hz: counts per second by the data sheet.
+    """
+
+    def __init__(self, nominal_hz: float) -> None:
+        super().__init__()
+        self._period_ns = 1e9 / nominal_hz
+        self._counter: int | None = None
+        self._counts = 0
+
+    def stamp(self, counter: int, arrival_ns: int, absent_ns: int | None = None) -> Stamp:
+        """As DeviceClock.stamp, for the value of the counter. A counter that runs backward starts anew."""
+        steps = 0 if self._counter is None else (counter - self._counter) % _WRAP
+        self._counts += steps - _WRAP if steps >= _WRAP // 2 else steps
+        self._counter = counter
+        return super().stamp(round(self._counts * self._period_ns), arrival_ns, absent_ns)
+
+
+def counter_rate_hz(counters: Sequence[int], arrivals_ns: Sequence[int]) -> float:
+    """Counts per second of a counter without a data sheet, by the line through all its readings.
+
+    counters: (n,), n >= 2, without wrap-around. arrivals_ns: (n,).
+    """
+    slope_ns = statistics.linear_regression(counters, [t_ns - arrivals_ns[0] for t_ns in arrivals_ns]).slope
+    return 1e9 / slope_ns
+
+
+def _doubt_ns(lateness_ns: list[float]) -> float:
+    """How late the lowest readings themselves may be, from how closely they lie together; exceeded in 0.3 % of cases.
+
+    lateness_ns: of the lowest reading of every bin above the line, rising; two are 0, as they carry the line. Where the
+    chance of a delay below x grows as x², as of requests that come at any time, the squares of the lowest are spaced
+    like arrivals at random: the first exceeds 1 / (ρ − 1) times its distance to one m places further with the chance
+    (1 + 1 / (ρ² − 1))⁻ᵐ. Where the chance grows as x, as of exponential delays, it does so less often.
+    """
+    places = min(_RANK, len(lateness_ns) - 1) - 1
+    if places < 1:
+        return _FIRST_BOUND_NS
+    rho = math.sqrt(1 + 1 / (_MISS ** (-1 / places) - 1))
+    return min(lateness_ns[places + 1] / (rho - 1), _FIRST_BOUND_NS)
 
 
 def _lower_hull(readings: deque[_Reading]) -> list[_Reading]:
