@@ -11,6 +11,7 @@ from appliance.types import State
 from tools.demo_judgement import Finding, History, Moment, Outcome
 
 VERSION = 1
+_SHOWN = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED, State.DEVICE_LOST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +44,13 @@ def _sentence(outcome: Outcome) -> str:
 
 
 def _timeline(findings: tuple[Finding, ...]) -> Table:
-    table = Table("fault", "at", "named", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    for title in ("fault", "at", "named"):
+        table.add_column(title, no_wrap=True)
     for title in ("warning", "halt", "recal.", "lost", "contact", "verified"):
         table.add_column(title, justify="right")
     for one in findings:
-        states = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED, State.DEVICE_LOST)
-        numbers = (*(one.reached.get(state) for state in states), one.contact_open_after_s, one.verified_after_s)
+        numbers = (*(one.reached.get(state) for state in _SHOWN), one.contact_open_after_s, one.verified_after_s)
         table.add_row(one.injection.fault, f"{one.injection.from_s:g}", one.named or "–", *map(_shown, numbers))
     return table
 

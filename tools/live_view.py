@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any, Self
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, Group
 from rich.live import Live
 from rich.panel import Panel
 from rich.table import Table
@@ -21,17 +21,18 @@ Status = Mapping[str, Any]
 
 _REDRAWS_PER_S = 8
 _BAR_CELLS = 12
-_FIXED_LINES = 22
+_FIXED_LINES = 21
 _COLOURS = {"OK": "green", "FAULT": "red", "NOT_VERIFIED": "cyan"}
 _MARKS = {"OK": "✓", "FAULT": "✗", "NOT_VERIFIED": "?"}
 
 
 class LiveView:
-    """Draws while its context is open; event() adds a line to those shown at the bottom."""
+    """Draws while its context is open; event() adds a line to those shown at the bottom. picture: what is shown."""
 
     def __init__(self, console: Console, script: Script) -> None:
         self._script = script
         self._events: deque[Text] = deque(maxlen=max(3, console.height - _FIXED_LINES))
+        self.picture = Group()
         self._live = Live(console=console, refresh_per_second=_REDRAWS_PER_S, transient=True)
 
     def __enter__(self) -> Self:
@@ -48,10 +49,9 @@ class LiveView:
 
     def show(self, t_s: float, status: Status) -> None:
         """The status as the service gave it at t_s."""
-        parts: list[RenderableType] = [_headline(t_s, self._script)]
-        if status:
-            parts += [_state(status), _rates(status), _checks([*status["checks"], *status["devices"]])]
-        self._live.update(Group(*parts, *self._events))
+        checks = _checks([*status["checks"], *status["devices"]])
+        self.picture = Group(_headline(t_s, self._script), _state(status), _rates(status), checks, *self._events)
+        self._live.update(self.picture)
 
 
 def _headline(t_s: float, script: Script) -> Text:
