@@ -7,6 +7,7 @@ which the tracker counts as lost, 250), latency_ms (exposure to arrival as measu
 """
 
 import math
+import random
 import socket
 from collections import deque
 from contextlib import suppress
@@ -16,7 +17,7 @@ from typing import Self
 
 import numpy as np
 
-from drivers.counter_clock import CounterClock
+from drivers.counter_clock import DeviceClock
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.hosttime import HostClock
 from drivers.ports import Description
@@ -145,7 +146,7 @@ class OptotrakTracker:
         self.events: deque[Event] = deque(maxlen=_EVENTS_KEPT)
         self._options, self._clock = options, clock
         self._deadline_ns = round(options.deadline_ms * 1e6)
-        self._counter_clock = CounterClock(1e6)
+        self._device_clock = DeviceClock()
         self._news = _NewsWatch()
         self._last_t_ns = 0
         self._words = ""
@@ -161,6 +162,9 @@ class OptotrakTracker:
             raise
         self._heard_ns = self._next_request_ns = clock.now_ns()
         self._asked = False
+        self._request_ns: int | None = None
+        self._absent_ns: int | None = None
+        self._random = random.Random(0)
 
     def __enter__(self) -> Self:
         return self
@@ -173,7 +177,7 @@ class OptotrakTracker:
     @property
     def restarts(self) -> int:
         """How often the server's clock jumped or began anew."""
-        return self._counter_clock.restarts
+        return self._device_clock.restarts
 
     def describe(self) -> Description:
         """See drivers.ports.Identified."""
@@ -202,7 +206,10 @@ class OptotrakTracker:
                 return pose
 
     def _prompt(self, end_ns: int) -> int:
-        """Ask for a frame when it is due. Returns until when to listen, ns."""
+        """Ask for a frame when it is due. Returns until when to listen, ns.
+
+        The random part keeps the requests from marching in step with the frames, which would hide the lowest delay.
+        """
         if not self._options.single or self._asked:
             return min(end_ns, self._heard_ns + self._deadline_ns)
         now_ns = self._clock.now_ns()
@@ -210,7 +217,9 @@ class OptotrakTracker:
             return min(end_ns, self._next_request_ns)
         self._connection.send(f"SendCurrentFrame {_WANTED}")
         self._asked, self._heard_ns = True, now_ns
-        self._next_request_ns = now_ns + 1_000_000_000 // (self._options.rate_hz or _SINGLE_HZ)
+        self._absent_ns, self._request_ns = self._request_ns, now_ns
+        period_ns = 1e9 / (self._options.rate_hz or _SINGLE_HZ)
+        self._next_request_ns = now_ns + round(period_ns * (0.8 + 0.4 * self._random.random()))
         return min(end_ns, now_ns + self._deadline_ns)
 
     def _listen(self, until_ns: int) -> Pose | None:
@@ -259,7 +268,7 @@ class OptotrakTracker:
         return self._fresh(bodies, arrival_ns)
 
     def _fresh(self, bodies: Component, arrival_ns: int) -> Pose:
-        stamp = self._counter_clock.stamp(bodies.time_us % (1 << 32), arrival_ns)
+        stamp = self._device_clock.stamp(bodies.time_us * 1000, arrival_ns, self._absent_ns)
         half_ns = self._connection.shortest_ns // 2
         early_ns = round(self._options.latency_ms * 1e6) + half_ns
         stamp = self._later(stamp.t_ns - early_ns, stamp.err_ns + half_ns)
