@@ -86,7 +86,7 @@ def command(
 
     \b
     How to scan
-      1. Two thin crossed wires in water at the temperature of the scanner's setting; tank and wires stand still.
+      1. Two thin crossed wires in water (48 °C, or 20 °C with 9 % ethanol: 1540 m/s); tank and wires stand still.
       2. Show the crossing: two bright spots run together into one. Pass through it slowly, 2 to 5 mm/s, to and fro.
       3. Tilt the probe between passages: left, right, forwards, backwards, 10° and more. At least 8 passages, 20 are
          better. Let the crossing appear in different places of the picture.
