@@ -1,12 +1,14 @@
 """What the last seconds of motion show of the calibration: latency first, then polarity, then every parameter of X."""
 
 from dataclasses import dataclass, replace
-from math import nan, sqrt
+from math import isnan, nan, sqrt
+
+import numpy as np
 
 from appliance.latency import Latency
 from appliance.limits import Limits
 from appliance.path import PathWindow
-from appliance.solver import TAU, Prior, Solution, solve
+from appliance.solver import TAU, Prior, Solution, path_misfit, solve
 from appliance.types import Calibration, Check, VerdictKind
 from appliance.watchers.calibration_change import agreement_check, calibration_checks, latency_check, trusted
 from appliance.watchers.polarity import flipped, weigh_polarity
@@ -15,8 +17,9 @@ _SHORT_NS = 3_500_000_000
 _LONG_NS = 10_000_000_000
 _UNKNOWN_LATENCY_S = 0.05
 _RELINEARISE_S = 0.008
-_CONTRADICTION = 2.0
 _LEAST_LATENCY_SIGMA_S = 0.005
+_LAGS_S = (-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
+_CONVINCING = 20.0
 _UNSEEN_TILT_RAD = 0.02
 """A tilt that no motion shows is held near the reference: left free, noise tilts it, and its cosine shrinks the scales.
 """
@@ -54,7 +57,7 @@ class Evidence:
 
     A short window sees a change soon, the long one measures well. Once the short one shows a fault, what came before it
     is dropped, so that old and new calibration are never mixed into one estimate. A fault counts when two solutions in
-    a row show it.
+    a row show it; while the short window still holds some of the time before the change, only that fault may be named.
     """
 
     def __init__(self, reference: Calibration, limits: Limits, window: PathWindow) -> None:
@@ -64,7 +67,8 @@ class Evidence:
         self._nothing = examine_nothing(limits)
         self._latest = self._best = self._nothing
         self._suspects: frozenset[str] = frozenset()
-        self._trimmed = False
+        self._culprits: frozenset[str] = frozenset()
+        self._valid_ns = self._settled_ns = 0
 
     @property
     def estimate(self) -> Calibration | None:
@@ -81,7 +85,7 @@ class Evidence:
         self.window.restart()
         self._latest = self._nothing
         self._suspects = frozenset()
-        self._trimmed = False
+        self._settled_ns = 0
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution."""
@@ -94,20 +98,27 @@ class Evidence:
 
     def final(self) -> tuple[Check, ...]:
         """Checks of the solution that showed most, the one over everything remembered among them."""
-        whole = examine(self.window, self._reference, self._limits)
+        whole = examine(self.window.since(self._valid_ns), self._reference, self._limits)
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
             self._best = whole
-        return self._best.checks
+        latency = latency_check(self.window.latency(), self._limits)
+        return tuple(
+            _sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks
+        )
 
     def solve(self) -> None:
         """Examine the short window for a change, drop what came before one, and examine what is left."""
-        short = _without(examine(self.window.recent(_SHORT_NS), self._reference, self._limits), _SLOW)
-        if short.failed & self._suspects and not self._trimmed:
-            self.window.keep_last(_SHORT_NS)
-            self._trimmed = True
-        finding = examine(self.window.recent(_LONG_NS), self._reference, self._limits)
-        self._trimmed = self._trimmed and bool(finding.failed)
-        self._latest = _without(finding, finding.failed - self._suspects)
+        now_ns = self.window.now_ns
+        short = _without(examine(self.window.since(now_ns - _SHORT_NS), self._reference, self._limits), _SLOW)
+        confirmed = short.failed & self._suspects
+        if confirmed and now_ns >= self._settled_ns:
+            self._valid_ns, self._settled_ns, self._culprits = now_ns - _SHORT_NS, now_ns + _SHORT_NS, confirmed
+        start_ns = max(self._valid_ns, now_ns - _LONG_NS)
+        finding = examine(self.window.since(start_ns), self._reference, self._limits)
+        doubtful = finding.failed - self._suspects
+        if now_ns < self._settled_ns:
+            doubtful |= finding.failed - self._culprits
+        self._latest = _without(finding, doubtful)
         self._suspects = finding.failed | short.failed
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
@@ -131,6 +142,11 @@ def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Findi
     return Finding(checks, solution)
 
 
+def _sharper_check(check: Check, whole: Check) -> Check:
+    """Of two checks on one quantity the one with the smaller sigma; NaN loses."""
+    return whole if isnan(check.sigma) or whole.sigma < check.sigma else check
+
+
 def _without(finding: Finding, names: frozenset[str]) -> Finding:
     """The finding with the named checks left undecided."""
     checks = (
@@ -146,29 +162,52 @@ def examine_nothing(limits: Limits) -> Finding:
 
 
 def _solved(window: PathWindow, reference: Calibration, lag: Latency | None) -> tuple[Solution | None, Latency | None]:
-    """Solution and the latency it found, solved anew where the first solution asks for it."""
-    lag_s = 0.0 if lag is None else lag.value_s
-    prior = replace(_NEAR, latency_s=_UNKNOWN_LATENCY_S if lag is None else max(lag.sigma_s, 0.005))
+    """Solution and the latency it found; None for what could not be found."""
     try:
-        solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
-        tilted = all(solution.calibration.observed[:2])
-        late = abs(float(solution.change[TAU])) > _RELINEARISE_S
-        if late or not tilted:
-            lag_s += float(solution.change[TAU]) if late else 0.0
-            prior = prior if tilted else replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
-            solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
+        if lag is not None:
+            solution, lag_s = _solved_near(window, reference, lag.value_s, max(lag.sigma_s, 0.005))
+            return solution, _solved_latency(solution, lag_s)
+        return _solved_far(window, reference)
     except ValueError:
         return None, None
-    if not trusted(solution):
+
+
+def _solved_far(window: PathWindow, reference: Calibration) -> tuple[Solution, Latency | None]:
+    """Where the paths alone tell no latency: from zero, and from where the reference fits best if that is elsewhere."""
+    solution, _ = _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S)
+    misfits = [path_misfit(window.samples(lag, in_plane_only=True), reference) for lag in _LAGS_S]
+    best_s = _LAGS_S[int(np.argmin(misfits))]
+    if best_s == 0.0:
         return solution, None
+    other, other_s = _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S)
+    if (solution.misfit - other.misfit) * other.motions < _CONVINCING:
+        return solution, None
+    return other, _solved_latency(other, other_s)
+
+
+def _solved_near(window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float) -> tuple[Solution, float]:
+    """Solution about one latency, solved anew where the first asks for it, and the latency it is linear about."""
+    prior = replace(_NEAR, latency_s=doubt_s)
+    solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
+    tilted = all(solution.calibration.observed[:2])
+    late = abs(float(solution.change[TAU])) > _RELINEARISE_S
+    if late or not tilted:
+        lag_s += float(solution.change[TAU]) if late else 0.0
+        prior = prior if tilted else replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
+        solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
+    return solution, lag_s
+
+
+def _solved_latency(solution: Solution, lag_s: float) -> Latency | None:
+    if not trusted(solution):
+        return None
     sigma_s = max(sqrt(float(solution.covariance[TAU, TAU])), _LEAST_LATENCY_SIGMA_S)
-    return solution, Latency(lag_s + float(solution.change[TAU]), sigma_s)
+    return Latency(lag_s + float(solution.change[TAU]), sigma_s)
 
 
 def _sharper(paths: Latency | None, solved: Latency | None) -> Latency | None:
-    """The joint estimate where it is sharper than what the paths alone told, and no contradiction to it."""
+    """The joint estimate where the paths alone told nothing, or where it only sharpens what they told."""
     if solved is None or paths is None:
-        return paths or (solved if solved is not None and solved.sigma_s < _UNKNOWN_LATENCY_S / 4 else None)
-    doubt_s = sqrt(solved.sigma_s**2 + paths.sigma_s**2)
-    agree = abs(solved.value_s - paths.value_s) < _CONTRADICTION * doubt_s
-    return solved if agree and solved.sigma_s < 0.5 * paths.sigma_s else paths
+        return paths or solved
+    near = abs(solved.value_s - paths.value_s) < paths.sigma_s
+    return solved if near and solved.sigma_s < 0.5 * paths.sigma_s else paths

@@ -9,7 +9,7 @@ REQUIRED = ("polarity", "scale-lateral", "scale-axial", "rotation-elevational")
 tilt and turn, which an ordinary sweep may lack; they can fail, but their absence does not withhold an OK."""
 
 _LASTING_NS = 1_000_000_000
-_FIRST = ("frozen-video", "tracker-stale", "polarity")
+_FIRST = ("frozen-video", "tracker-stale", "polarity", "latency")
 """Faults that spoil everything measured after them, in the order in which they are named."""
 
 

@@ -18,8 +18,8 @@ _STEP_S = 0.01
 _PARABOLA_S = 0.07
 _LAGS_S = (0.08, 0.16, 0.32)
 _LEAST = 12
-_LEAST_DEPTH = 6.0
-_MEMORY_S = 0.2
+_LEAST_DEPTH = 5.0
+_MEMORY_S = 0.35
 _MAP_PARAMETERS = 6
 _ROBUST_ROUNDS = 3
 
@@ -109,8 +109,11 @@ def _smoothed(t_s: Array, values: Array, width_s: float) -> Array:
 def _minimum(lags: Array, costs: Array, independent: Array) -> Latency | None:
     """Log-likelihood n/2 · log(cost) of every step length, averaged; a parabola through its minimum gives value and
     sigma.
+
+    Where the step lengths disagree about the minimum, the disagreement is part of sigma.
     """
-    score = (np.log(costs + 1e-9) * independent / 2).mean(axis=1)
+    scores = np.log(costs + 1e-9) * independent / 2
+    score = scores.mean(axis=1)
     best = int(np.argmin(score))
     if best in (0, len(lags) - 1) or np.median(score) - score[best] < _LEAST_DEPTH:
         return None
@@ -119,4 +122,6 @@ def _minimum(lags: Array, costs: Array, independent: Array) -> Latency | None:
     if curvature <= 0:
         return None
     shift = float(np.clip(-slope / (2 * curvature), -_PARABOLA_S / 2, _PARABOLA_S / 2))
-    return Latency(float(lags[best]) + shift, float(np.sqrt(1 / (2 * curvature))))
+    disagreement = lags[np.argmin(scores, axis=0)] - lags[best]
+    sigma = np.sqrt(1 / (2 * curvature) + np.mean(np.square(disagreement)))
+    return Latency(float(lags[best]) + shift, float(sigma))

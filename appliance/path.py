@@ -84,23 +84,23 @@ class PathWindow:
     def add(self, motion: Motion) -> None:
         """Take one usable motion."""
         self._seen.append(motion)
-        self.keep_last(self._span_ns)
-
-    def keep_last(self, span_ns: int) -> None:
-        """Forget what is older: it obeyed another calibration, or has served its time."""
-        while self._seen and self._seen[0].stamp.t_ns < self._seen[-1].stamp.t_ns - span_ns:
+        while self._seen[0].stamp.t_ns < motion.stamp.t_ns - self._span_ns:
             self._seen.popleft()
 
     def restart(self) -> None:
         """What comes next obeys another calibration: forget the pictures, keep the poses."""
         self._seen.clear()
 
-    def recent(self, span_ns: int) -> "PathWindow":
-        """A window on the last span_ns of this one, sharing its poses."""
-        window = PathWindow(self._reference, span_ns)
+    @property
+    def now_ns(self) -> int:
+        """Time of the latest motion; 0 while there is none."""
+        return self._seen[-1].stamp.t_ns if self._seen else 0
+
+    def since(self, start_ns: int) -> "PathWindow":
+        """A window on what is not older than start_ns, sharing the poses."""
+        window = PathWindow(self._reference, self._span_ns)
         window.poses = self.poses
-        window._seen.extend(self._seen)
-        window.keep_last(span_ns)
+        window._seen.extend(motion for motion in self._seen if motion.stamp.t_ns >= start_ns)
         return window
 
     def latency(self) -> Latency | None:

@@ -8,7 +8,7 @@ noisy side on the clean one gives maximum-likelihood estimates without the bias 
 section 3).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,13 @@ from appliance.geometry import Array, rotation_from_vector, skew
 from appliance.types import Calibration
 
 _ITERATIONS = 6
-_NOISE_ROUNDS = 2
+_NOISE_ROUNDS = 5
+_SAME_NOISE = 0.1
 _HUBER = 2.0
 _OFFSET_VARIANCE = 1e6
 _LONG_LAG_S = 0.7
+_CHANCE = 2.5
+_LEAST_SPREAD = 0.7
 _POSITION_FLOOR_MM, _ANGLE_FLOOR_RAD = 0.02, np.deg2rad(0.01)
 _POSITION_DRIFT_FLOOR, _ANGLE_DRIFT_FLOOR = 0.01, np.deg2rad(0.02)
 TAU = 8
@@ -70,8 +73,8 @@ class Solution:
     latency s.
 
     covariance: (9, 9). position_noise_mm, angle_noise_rad: white tracker noise found. correlation: of measured and
-    predicted in-plane steps, the worse of the two axes that moved; NaN where none did. cost: whitened sum of squares.
-    motions: pictures used.
+    predicted in-plane steps, the worse of the two axes that moved; NaN where none did. misfit: −2 log likelihood per
+    picture. motions: pictures used.
     """
 
     calibration: Calibration
@@ -80,39 +83,44 @@ class Solution:
     position_noise_mm: float
     angle_noise_rad: float
     correlation: float
-    cost: float
+    misfit: float
     motions: int
 
 
 def solve(samples: PathSamples, reference: Calibration, prior: Prior = Prior()) -> Solution:
     """Maximum-likelihood X near the reference. Needs at least 8 samples in one chain; raises ValueError below that."""
     problem = _Problem(samples, reference, prior)
-    theta = np.zeros(9)
-    noise = _Noise()
+    theta, noise = np.zeros(9), problem.noise(np.zeros(9))
     for _ in range(_NOISE_ROUNDS):
-        noise = problem.noise(theta, noise)
-        whitener = problem.whitener(noise)
-        theta, covariance, cost = problem.minimise(theta, whitener)
-    return problem.conclude(theta, covariance, cost, noise)
+        whiten = problem.whitener(noise)
+        theta, covariance, cost = problem.minimise(theta, whiten)
+        settled, noise = noise, problem.noise(theta)
+        if noise.like(settled):
+            break
+    return problem.conclude(theta, covariance, cost + whiten.log_volume, noise)
 
 
-def path_cost(samples: PathSamples, reference: Calibration, noise: "_Noise | None" = None) -> tuple[float, "_Noise"]:
-    """Whitened robust misfit of the reference itself, nothing estimated but the noise (unless given)."""
+def path_misfit(samples: PathSamples, reference: Calibration) -> float:
+    """−2 log likelihood per picture of the reference itself, only the noise estimated. ValueError as in solve."""
     problem = _Problem(samples, reference, Prior())
-    theta = np.zeros(9)
-    noise = noise or problem.noise(theta, _Noise())
-    whiten = problem.whitener(noise)
-    return _huber_cost(whiten(problem.residual(theta))) + whiten.log_volume, noise
+    residual = problem.residual(np.zeros(9))
+    whiten = problem.whitener(problem.noise(np.zeros(9)))
+    return (_huber_cost(whiten(residual)) + whiten.log_volume) / len(residual)
 
 
 @dataclass(frozen=True, slots=True)
 class _Noise:
     """White sd and random-walk sd per √s, of positions (mm) and angles (rad)."""
 
-    position_mm: float = 0.1
-    position_drift: float = 0.1
-    angle_rad: float = float(np.deg2rad(0.05))
-    angle_drift: float = float(np.deg2rad(0.05))
+    position_mm: float
+    position_drift: float
+    angle_rad: float
+    angle_drift: float
+
+    def like(self, other: "_Noise") -> bool:
+        """Whether another round with this noise would give the same answer."""
+        own, others = np.array(astuple(self)), np.array(astuple(other))
+        return bool(np.all(np.abs(own - others) <= _SAME_NOISE * others))
 
 
 class _Problem:
@@ -167,20 +175,19 @@ class _Problem:
         before = _picture_steps(R, offset, self._earlier)
         return (_picture_steps(R, offset, self._later) - before) / self._apart_s
 
-    def noise(self, theta: Array, before: _Noise) -> _Noise:
+    def noise(self, theta: Array) -> "_Noise":
         """White noise and drift of the residual path from its structure function at one frame and at `_LONG_LAG_S`."""
         residual = self.residual(theta)
         position = self._structure(residual[:, :2], _POSITION_FLOOR_MM, _POSITION_DRIFT_FLOOR)
         angle = self._structure(residual[:, 2:3], _ANGLE_FLOOR_RAD, _ANGLE_DRIFT_FLOOR)
-        return replace(
-            before, position_mm=position[0], position_drift=position[1], angle_rad=angle[0], angle_drift=angle[1]
-        )
+        return _Noise(*position, *angle)
 
     def _structure(self, path: Array, floor: float, drift_floor: float) -> tuple[float, float]:
         period_s = float(np.median(np.diff(self._t_s)))
         long_lag = max(2, min(round(_LONG_LAG_S / max(period_s, 1e-3)), path.shape[0] // 3))
         short, long = (self._lagged_variance(path, lag) for lag in (1, long_lag))
-        drift_variance = max((long - short) / ((long_lag - 1) * period_s), drift_floor**2)
+        chance = 1 + _CHANCE * np.sqrt(3 / max((path.shape[0] - long_lag) * path.shape[1], 1))
+        drift_variance = max((long - short * chance) / ((long_lag - 1) * period_s), drift_floor**2)
         white = max((short - drift_variance * period_s) / 2, floor**2)
         return float(np.sqrt(white)), float(np.sqrt(drift_variance))
 
@@ -207,7 +214,7 @@ class _Problem:
             cost = _huber_cost(r)
             if np.all(np.abs(step) < 1e-6):
                 break
-        return theta, self._honest_covariance(whiten, prior) * max(1.0, spread), cost
+        return theta, self._honest_covariance(whiten, prior) * max(_LEAST_SPREAD, spread), cost
 
     def _honest_covariance(self, whiten: "_Whitener", prior: Array) -> Array:
         """I_c⁻¹ I I_c⁻¹ at the reference, where I_c is the information I less what tracker noise in it pretends.
@@ -246,7 +253,7 @@ class _Problem:
             noise.position_mm,
             noise.angle_rad,
             self._agreement(theta),
-            cost,
+            cost / self._t_s.size,
             self._t_s.size,
         )
 

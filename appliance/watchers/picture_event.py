@@ -97,7 +97,7 @@ def _explanation(before: Array32, now: Array32) -> PictureChange | None:
 
 
 def _shift_likeness(before: Array32, now: Array32) -> float:
-    """Best correlation of the middle of the picture before with any place in this one: a fast hand explains that much."""
+    """Best correlation of the middle of the picture before with any place in this one: what a fast hand explains."""
     margin_y, margin_x = before.shape[0] // 4, before.shape[1] // 4
     middle = before[margin_y : before.shape[0] - margin_y, margin_x : before.shape[1] - margin_x]
     if middle.std() == 0:

@@ -6,7 +6,7 @@ that leaves the rotation nearest its reference (mathematics, section 2).
 
 from dataclasses import replace
 
-from appliance.solver import PathSamples, path_cost
+from appliance.solver import PathSamples, path_misfit
 from appliance.types import Calibration, Check, VerdictKind
 
 POLARITIES = ((1, 1), (-1, 1), (1, -1), (-1, -1))
@@ -19,22 +19,19 @@ def weigh_polarity(samples: PathSamples, reference: Calibration) -> tuple[tuple[
     The check's value is the number of flipped axes. It is OK only if every flip is worse than the reference by
     `_CONVINCING` in −2 log likelihood, so with motion along one axis alone it stays not verified.
     """
-    costs = {p: path_cost(samples, replace(reference, polarity=_product(p, reference.polarity)))[0] for p in POLARITIES}
-    best = min(costs, key=lambda p: costs[p])
-    margin = min(costs[p] for p in POLARITIES if p != best) - costs[best]
+    misfits = {p: path_misfit(samples, flipped(reference, p)) for p in POLARITIES}
+    best = min(misfits, key=lambda p: misfits[p])
+    margin = (min(misfits[p] for p in POLARITIES if p != best) - misfits[best]) * samples.t_s.size
     if margin < _CONVINCING:
         return (1, 1), _check(float("nan"), VerdictKind.NOT_VERIFIED)
-    flipped = float(best.count(-1))
-    return best, _check(flipped, VerdictKind.FAULT if flipped else VerdictKind.OK)
+    axes = float(best.count(-1))
+    return best, _check(axes, VerdictKind.FAULT if axes else VerdictKind.OK)
 
 
 def flipped(reference: Calibration, polarity: tuple[int, int]) -> Calibration:
     """The reference with its polarity multiplied by (lateral, axial) ±1."""
-    return replace(reference, polarity=_product(polarity, reference.polarity))
-
-
-def _product(a: tuple[int, int], b: tuple[int, int]) -> tuple[int, int]:
-    return a[0] * b[0], a[1] * b[1]
+    lateral, axial = reference.polarity
+    return replace(reference, polarity=(lateral * polarity[0], axial * polarity[1]))
 
 
 def _check(value: float, verdict: VerdictKind) -> Check:
