@@ -3,26 +3,25 @@
 Options: body, reference (numbers of the rigid bodies in the order in which the server lists them, from 1), mode
 (stream, which is the default, or single: each frame is asked for), order (byte order of the payload, big or little),
 rate (frames per second wanted; without it all of them in stream mode, 60 in single mode), deadline_ms (silence after
-which the tracker counts as lost, 250), latency_ms (exposure to arrival as measured on this unit, 0).
+which the tracker counts as lost, 200), latency_ms (exposure to arrival as measured on this unit, 0), log (file for a
+byte log, see drivers.tap).
 """
 
 import math
 import random
-import socket
 from collections import deque
-from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 
 from drivers.counter_clock import DeviceClock
-from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
+from drivers.errors import ConfigurationError, ProtocolError
 from drivers.hosttime import HostClock
 from drivers.ports import Description
 from drivers.rtc3d import (
-    HEADER_BYTES,
     Body,
     ByteOrder,
     Component,
@@ -33,29 +32,22 @@ from drivers.rtc3d import (
     Packet,
     PacketType,
     Text,
-    command,
-    decode_packet,
-    packet_length,
 )
+from drivers.rtc3d_client import SERVER_REMEDY, Rtc3dClient, error_words
 from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
-from drivers.tcpline import connect_tcp, parse_address
+from drivers.tcpline import parse_address
 
 PORT = 3020
 
-_OPTIONS = ("body", "reference", "mode", "order", "rate", "deadline_ms", "latency_ms")
+_OPTIONS = ("body", "reference", "mode", "order", "rate", "deadline_ms", "latency_ms", "log")
 _ORDERS = {"big": ByteOrder.BIG, "little": ByteOrder.LITTLE}
 _WANTED = "6D Events"
 _CONNECT_S = 2.0
 _SINGLE_HZ = 60
-_CHUNK_BYTES = 1 << 16
-_CLOSE_S = 0.1
 _STALE_PERIODS = 3
 _SLOWEST_PERIOD_NS = 50e6
 _FROZEN_READINGS = 12
 _EVENTS_KEPT = 100
-_LONGEST_WORDS = 200
-_REMADE = "The connection is made anew"
-_SERVER = "Check that First Principles is running and its real-time server is switched on"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +59,9 @@ class OptotrakOptions:
     single: bool = False
     order: ByteOrder = ByteOrder.BIG
     rate_hz: int | None = None
-    deadline_ms: float = 250.0
+    deadline_ms: float = 200.0
     latency_ms: float = 0.0
+    log: Path | None = None
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "OptotrakTracker":
@@ -89,8 +82,9 @@ def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
         single=reader.word("mode", ("stream", "single")) == "single",
         order=_ORDERS[reader.word("order", tuple(_ORDERS))],
         rate_hz=reader.whole("rate", 4600),
-        deadline_ms=reader.number("deadline_ms", 250.0, 20, 5000),
+        deadline_ms=reader.number("deadline_ms", 200.0, 20, 5000),
         latency_ms=reader.number("latency_ms", 0.0, 0, 500),
+        log=Path(options["log"]) if "log" in options else None,
     )
     if checked.reference == checked.body:
         raise ConfigurationError("body and reference are the same rigid body", where, "Give two different numbers")
@@ -151,7 +145,7 @@ class OptotrakTracker:
         self._last_t_ns = 0
         self._words = ""
         deadline_ns = clock.now_ns() + round(_CONNECT_S * 1e9)
-        self._connection = _Connection(host, port, options.order, clock, _CONNECT_S)
+        self._connection = Rtc3dClient(host, port, options.order, clock, _CONNECT_S, options.log)
         try:
             self._version = self._connection.ask("Version 1.0", deadline_ns)
             self._connection.ask(f"SetByteOrder {options.order.word}", deadline_ns)
@@ -233,7 +227,7 @@ class OptotrakTracker:
         now_ns = self._clock.now_ns()
         waiting = self._asked or not self._options.single
         if waiting and packet is None and now_ns - self._heard_ns >= self._deadline_ns:
-            raise self._connection.lost(f"the server {self._silence()}", f"{_SERVER} and collects")
+            raise self._connection.lost(f"the server {self._silence()}", f"{SERVER_REMEDY} and collects")
         return None if packet is None else self._take(packet, self._connection.arrival_ns)
 
     def _silence(self) -> str:
@@ -250,7 +244,7 @@ class OptotrakTracker:
                 return self._overdue(arrival_ns)
             case Text(kind=PacketType.ERROR):
                 self._note_heard()
-                self._words = _error_words(packet.text)
+                self._words = error_words(packet.text)
                 return self._without_number(PoseStatus.FAULT, self._words, self._now_stamp(arrival_ns))
             case _:
                 return None
@@ -310,95 +304,6 @@ class OptotrakTracker:
         """No stamp is as early as the one before; what that moves it is added to the bound."""
         self._last_t_ns = max(t_ns, self._last_t_ns + 1)
         return Stamp(self._last_t_ns, err_ns + self._last_t_ns - t_ns)
-
-
-class _Connection:
-    """Whole packets in, commands out, a deadline on every wait. arrival_ns: when the last bytes came.
-
-    shortest_ns: shortest time from a command to its reply; part of it is the way of a frame, which no statistics of
-    arrivals can show.
-    """
-
-    def __init__(self, host: str, port: int, order: ByteOrder, clock: HostClock, connect_s: float) -> None:
-        self._where, self._order, self._clock = f"optotrak://{host}:{port}", order, clock
-        self._line: socket.socket = connect_tcp(host, port, clock.real_s(connect_s))
-        self._received = bytearray()
-        self.arrival_ns = clock.now_ns()
-        self.shortest_ns = round(connect_s * 1e9)
-
-    def close(self, last_words: tuple[str, ...]) -> None:
-        """Take leave if the server still listens. Never raises."""
-        with suppress(OSError):
-            self._line.settimeout(_CLOSE_S)
-            for words in last_words:
-                self._line.sendall(command(words))
-        self._line.close()
-
-    def send(self, text: str) -> None:
-        """Raises DeviceLost."""
-        try:
-            self._line.settimeout(_CLOSE_S)
-            self._line.sendall(command(text))
-        except OSError as error:
-            raise self.lost(f"the connection broke off ({_words_of(error)})", _SERVER) from error
-
-    def ask(self, text: str, deadline_ns: int) -> str:
-        """The server's reply; measurements that come in between are dropped. Raises DeviceLost, also for a refusal."""
-        self.send(text)
-        began_ns = self._clock.now_ns()
-        while True:
-            try:
-                packet = self.receive(deadline_ns)
-            except ProtocolError:
-                continue
-            if packet is None and self._clock.now_ns() >= deadline_ns:
-                raise self.lost(f"no reply to '{text}'", _SERVER)
-            if isinstance(packet, Text) and packet.kind is PacketType.COMMAND:
-                self.shortest_ns = min(self.shortest_ns, self.arrival_ns - began_ns)
-                return packet.text.strip()
-            if isinstance(packet, Text) and packet.kind is PacketType.ERROR:
-                words = _error_words(packet.text)
-                raise self.lost(f"the server refuses '{text}': {words}", "Start a collection in First Principles")
-
-    def receive(self, deadline_ns: int) -> Packet | None:
-        """The next packet, None when none was whole by the deadline; what had come until then is always taken in.
-
-        Raises DeviceLost when the connection ends or nothing can be told apart in it any more, ProtocolError for one
-        packet that must be refused.
-        """
-        while (data := self._whole()) is None:
-            if not self._fill(deadline_ns):
-                return None
-        return decode_packet(data, self._order)
-
-    def lost(self, what: str, remedy: str) -> DeviceLost:
-        return DeviceLost(what, self._where, remedy)
-
-    def _whole(self) -> bytes | None:
-        try:
-            length = packet_length(bytes(self._received[:HEADER_BYTES]))
-        except ProtocolError as error:
-            raise self.lost(f"the stream cannot be followed ({error.what})", _REMADE) from error
-        if length is None or len(self._received) < length:
-            return None
-        data = bytes(self._received[:length])
-        del self._received[:length]
-        return data
-
-    def _fill(self, deadline_ns: int) -> bool:
-        remaining_s = self._clock.real_s((deadline_ns - self._clock.now_ns()) / 1e9)
-        try:
-            self._line.settimeout(max(remaining_s, 0))
-            data = self._line.recv(_CHUNK_BYTES)
-        except (TimeoutError, BlockingIOError):
-            return False
-        except OSError as error:
-            raise self.lost(f"the connection broke off ({_words_of(error)})", _SERVER) from error
-        self.arrival_ns = self._clock.now_ns()
-        if not data:
-            raise self.lost("the server closed the connection", _SERVER)
-        self._received += data
-        return True
 
 
 class _NewsWatch:
@@ -478,12 +383,3 @@ def _listed(bodies: Component, number: int) -> Body | str | None:
 
 def _stream_rate(rate_hz: int | None) -> str:
     return "AllFrames" if rate_hz is None else f"Frequency:{rate_hz}"
-
-
-def _error_words(text: str) -> str:
-    words = text.strip().removeprefix("Error-").removeprefix("error-").strip() or "an error without words"
-    return f"the server reports: {words[:_LONGEST_WORDS]}"
-
-
-def _words_of(error: OSError) -> str:
-    return (error.strerror or "no answer").lower()

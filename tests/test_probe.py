@@ -64,7 +64,7 @@ def test_a_tracker_that_falls_silent_is_an_error_after_what_was_measured() -> No
         fault.join()
     assert code == 69
     assert "can be used" in output
-    assert "sent no frame for 250 ms" in errors
+    assert "sent no frame for 200 ms" in errors
 
 
 @pytest.mark.parametrize(
