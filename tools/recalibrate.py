@@ -31,6 +31,28 @@ from tools.crosswire_input import ScanInput, recorded, simulated, simulated_refe
 _LOOK_EVERY_S = 0.25
 _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
 
+_HELP = """Scan a cross-wire, solve ζ, write a new calibration, and let the service verify it.
+
+ζ is the part of the calibration that watching cannot see: how far the picture's plane lies before or behind the
+marker body. It follows from one point seen under many tilts.
+
+\b
+How to scan
+  1. Two thin crossed wires in water (48 °C, or 20 °C with 9 % ethanol: 1540 m/s); tank and wires stand still.
+  2. Show the crossing: two bright spots run together into one. Pass through it slowly, 2 to 5 mm/s, to and fro.
+  3. Tilt the probe between passages: left, right, forwards, backwards, 10° and more. At least 8 passages, 20 are
+     better. Let the crossing appear in different places of the picture.
+  4. If the marker body may have slid: turn the probe in the picture's plane, too, and give --solve offset.
+
+With --config or --socket the service is told: its contact opens, and closes again only after the service itself has
+verified the new calibration on moving tissue, for which the command waits (--wait). When the scan is refused or
+interrupted, the service goes back to the calibration in force before.
+
+Exit code 0: written and, where a service was told, verified. 65: the scan or the recording cannot support it.
+69: no service answers, or it lost a device. 75: the service declined, or has not verified in time. 78: a file or an
+option cannot be used.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class _Reference:
@@ -42,7 +64,7 @@ class _Reference:
     sha256: str = ""
 
 
-@click.command(name="recalibrate", short_help="scan a cross-wire, solve ζ, write a new calibration")
+@click.command(name="recalibrate", help=_HELP, short_help="scan a cross-wire, solve ζ, write a new calibration")
 @click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: names the next two")
 @click.option("--socket", type=click.Path(path_type=Path), help="control socket of the running service")
 @click.option("--calibration", type=click.Path(path_type=Path), help="calibration in force: our .toml")
@@ -79,27 +101,6 @@ def command(
     sigma_mm: float,
     wait_s: float,
 ) -> None:
-    """Scan a cross-wire, solve ζ, write a new calibration, and let the service verify it.
-
-    ζ is the part of the calibration that watching cannot see: how far the picture's plane lies before or behind the
-    marker body. It follows from one point seen under many tilts.
-
-    \b
-    How to scan
-      1. Two thin crossed wires in water (48 °C, or 20 °C with 9 % ethanol: 1540 m/s); tank and wires stand still.
-      2. Show the crossing: two bright spots run together into one. Pass through it slowly, 2 to 5 mm/s, to and fro.
-      3. Tilt the probe between passages: left, right, forwards, backwards, 10° and more. At least 8 passages, 20 are
-         better. Let the crossing appear in different places of the picture.
-      4. If the marker body may have slid: turn the probe in the picture's plane, too, and give --solve offset.
-
-    With --config or --socket the service is told: its contact opens, and closes again only after the service itself has
-    verified the new calibration on moving tissue, for which the command waits (--wait). When the scan is refused or
-    interrupted, the service goes back to the calibration in force before.
-
-    Exit code 0: written and, where a service was told, verified. 65: the scan or the recording cannot support it.
-    69: no service answers, or it lost a device. 75: the service declined, or has not verified in time. 78: a file or an
-    option cannot be used.
-    """
     if simulate == (recording is not None):
         raise click.UsageError("give the scan: either --recording FILE or --simulated")
     before, socket = _in_force(config_file, socket, calibration, simulate)
