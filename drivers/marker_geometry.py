@@ -55,6 +55,24 @@ def marker_geometry(measured: Points, definition: Points, tolerance_mm: float = 
     return MarkerGeometry(rms_mm, float(residuals_mm.max()), len(seen), loose, loose_mm, bent, pose)
 
 
+def in_order(found: Points, definition: Points, pose: Matrix4, nearest_mm: float = 15.0) -> Points:
+    """Markers found without numbers, put in the order of the definition: each to its nearest place, closest pair first.
+
+    found: (m, 3) and pose: (4, 4) definition → tracker, in the tracker's frame, mm. Returns (n, 3), NaN where none of
+    them lies within nearest_mm.
+    """
+    ordered = np.full_like(definition, np.nan)
+    expected = definition @ pose[:3, :3].T + pose[:3, 3]
+    far_mm = np.linalg.norm(found[:, None] - expected[None], axis=2)
+    for _ in range(min(far_mm.shape)):
+        i, j = np.unravel_index(int(np.argmin(far_mm)), far_mm.shape)
+        if far_mm[i, j] > nearest_mm:
+            break
+        ordered[j] = found[i]
+        far_mm[i, :], far_mm[:, j] = np.inf, np.inf
+    return ordered
+
+
 def _fit(measured: Points, definition: Points) -> tuple[Matrix4, Points]:
     """(pose (4, 4), residuals (n,) mm) of the best rigid fit."""
     centre_m, centre_d = measured.mean(axis=0), definition.mean(axis=0)

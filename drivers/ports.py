@@ -65,6 +65,7 @@ class AlarmOutput(_Device, Protocol):
 
 _MODULES = {
     "ndi": "drivers.ndi.tracker",
+    "ndi+tcp": "drivers.ndi.network",
     "optotrak": "drivers.optotrak",
     "relay": "drivers.relay",
     "replay": "drivers.replay",

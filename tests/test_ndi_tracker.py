@@ -355,7 +355,7 @@ def test_damaged_replies_are_refused_and_asked_for_again(tmp_path: Path, spoil: 
         spoilt = iter((True, True))
         cart.twin.spoil = lambda reply: spoil(reply) if next(spoilt, False) else reply
         found = poses(tracker, 10)
-        assert tracker.refused == 2
+        assert tracker.facts.refused == 2
         for pose in found:
             assert pose.matrix is not None
             expected = moving("probe", cart.twin.device.frame_s(pose.sequence), 0)
@@ -446,7 +446,7 @@ def test_port_in_use_and_absent_port(tmp_path: Path) -> None:
         ({"baud": "12345"}, "baud=12345"),
         ({"probee": "x"}, "unknown option 'probee'"),
         ({"probe": "/nowhere/p.rom"}, "cannot be read"),
-        ({"reference": "r.rom"}, "needs a probe"),
+        ({"reference": "r.rom"}, "need a probe"),
         ({"deadline_ms": "0"}, "deadline_ms=0"),
         ({"counter_hz": "fast"}, "counter_hz=fast"),
     ],

@@ -1,11 +1,13 @@
 """Whether a reported pose may be believed: port status, system status and alerts → PoseStatus and words."""
 
+from drivers.ndi.bx2 import Tool6D
 from drivers.ndi.replies import HandleState, ToolReply
 from drivers.ndi.words import HARMLESS_ALERTS, alert_words
 from drivers.samples import PoseStatus
 
 SYSTEM_ALERTS_PENDING = 0x0100
 SYSTEM_PORTS_CHANGED = 0x00C0
+SYSTEM_TEMPERATURE = 0x0200
 
 _PORT_OCCUPIED, _PORT_READY = 0x01, 0x30
 _PORT_OUTSIDE, _PORT_PARTLY_OUTSIDE = 0x40, 0x80
@@ -24,7 +26,7 @@ _SYSTEM_FAULTS = {
     0x0002: "too much infrared light",
     0x0008: "processing exception in the tracker",
     0x0010: "hardware failure of the tracker",
-    0x0200: "the tracker is outside its temperature range",
+    SYSTEM_TEMPERATURE: "the tracker is outside its temperature range",
     0x0400: "the tracker's hardware configuration changed",
 }
 
@@ -34,6 +36,34 @@ _ABSENT = {
     HandleState.DISABLED: (PoseStatus.DISABLED, "the tool's port is disabled"),
     HandleState.UNOCCUPIED: (PoseStatus.DISABLED, "the tool is unplugged"),
 }
+
+
+_CODES_6D = {
+    0: (PoseStatus.OK, ""),
+    3: (PoseStatus.PARTIAL, "the tool is partly outside the measurement volume"),
+    5: (PoseStatus.FAULT, "the average lacks measurements"),
+    9: (PoseStatus.OUT_OF_VOLUME, "the tool is outside the measurement volume"),
+    13: (PoseStatus.MISSING, "the tracker sees too few markers"),
+    14: (PoseStatus.FAULT, "infrared interference or field disturbance"),
+    17: (PoseStatus.FAULT, "the markers do not fit the tool's definition"),
+    18: (PoseStatus.FAULT, "the tracker's data buffer is full"),
+    19: (PoseStatus.FAULT, "the tool's algorithm limit was reached"),
+    20: (PoseStatus.FAULT, "the tracker fell behind"),
+    21: (PoseStatus.FAULT, "the position sensors are out of step"),
+    22: (PoseStatus.FAULT, "processing exception in the tracker"),
+    31: (PoseStatus.MISSING, "the tracker does not see the tool"),
+    32: (PoseStatus.DISABLED, "the tool's port is not enabled"),
+    33: (PoseStatus.DISABLED, "the tool is unplugged"),
+}
+
+
+def judge_6d(tool: Tool6D) -> Judgement:
+    """One item of BX2; the code decides on trust, the missing bit on there being a pose at all."""
+    unknown = (PoseStatus.FAULT, f"the tracker gave the unknown status {tool.code}")
+    status, reason = _CODES_6D.get(tool.code, unknown)
+    if status is PoseStatus.OK and tool.transform is None:
+        return PoseStatus.MISSING, "the tracker does not see the tool"
+    return status, reason
 
 
 def judge_tool(tool: ToolReply) -> Judgement:

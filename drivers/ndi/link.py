@@ -1,23 +1,14 @@
 """The line to the tracker: whole replies in, whole requests out, and a deadline on every wait."""
 
-import os
 import select
-import termios
-from contextlib import suppress
-
-import serial
 
 from drivers.errors import DeviceLost, ProtocolError
 from drivers.hosttime import HostClock
+from drivers.ndi.lines import LINE_ERRORS, ByteLine
 from drivers.ndi.wire import encode_text, reply_length
-from drivers.serialport import open_serial
-
-FIRST_BAUD = 9600
-"""8N1 at this rate after power-up and after every reset."""
+from drivers.tap import Tap
 
 _RESET = encode_text("RESET")
-_BREAK_S = 0.25
-_BREAK_BAUD = 300
 _BITS_PER_BYTE = 10
 
 
@@ -30,62 +21,65 @@ class RebootedError(DeviceLost):
 
 
 class Link:
-    """Half-duplex requests and replies over one serial port. path: the device, also for messages.
+    """Half-duplex requests and replies over one line. where: the device, for messages. tap: records all bytes.
 
-    Every method raises DeviceLost when the port fails; read_reply also raises SilentError and ProtocolError.
+    Every method raises DeviceLost when the line fails; read_reply also raises SilentError and ProtocolError.
     """
 
-    def __init__(self, path: str, clock: HostClock) -> None:
-        self.path = path
-        self._clock = clock
-        self._port: serial.Serial = open_serial(path, FIRST_BAUD)
+    def __init__(self, line: ByteLine, clock: HostClock, tap: Tap | None = None) -> None:
+        self.where = line.where
+        self._line, self._clock, self._tap = line, clock, tap
         self._received = bytearray()
 
     @property
-    def baud(self) -> int:
-        """Bits per second of the host's side."""
-        return int(self._port.baudrate)
+    def baud(self) -> int | None:
+        """Bits per second of the host's side; None on a network."""
+        return self._line.baud
 
     def close(self) -> None:
-        """Give the port back."""
-        with suppress(OSError, termios.error):
-            self._port.close()
+        """Give the line back."""
+        self._line.close()
+        if self._tap is not None:
+            self._tap.close()
 
     def set_baud(self, baud: int) -> None:
         """Change the host's side; what was received at the old rate is thrown away."""
         try:
-            self._port.baudrate = baud
-        except (OSError, ValueError, termios.error) as error:
+            self._line.set_baud(baud)
+        except LINE_ERRORS as error:
             raise self._lost(error) from error
+        self._remark(f"{baud} baud")
         self.discard()
 
     def transfer_ns(self, count: int) -> int:
         """Time on the wire of `count` bytes, ns of the clock."""
-        return count * _BITS_PER_BYTE * 1_000_000_000 // self.baud
+        return 0 if self.baud is None else count * _BITS_PER_BYTE * 1_000_000_000 // self.baud
 
-    def send(self, request: bytes) -> None:
-        """Throw away what came late, then write. Raises RebootedError when that was the word RESET."""
-        if _RESET in self.discard():
-            raise RebootedError("the tracker restarted by itself", self.path, "Check its power supply and cables")
-        try:
-            self._port.write(request)
-        except (OSError, termios.error) as error:
-            raise self._lost(error) from error
+    def send(self, request: bytes) -> int:
+        """Throw away what came late, then write; ns of the clock just before the first byte went.
 
-    def send_break(self) -> None:
-        """Hold the line low, so that the device resets, then listen at 9600 baud.
-
-        Some adapters ignore the break request, so a NUL at 300 baud follows: 30 ms low, a break to any faster receiver.
+        Raises RebootedError when what came late was the word RESET.
         """
+        if _RESET in self.discard():
+            raise RebootedError("the tracker restarted by itself", self.where, "Check its power supply and cables")
+        if self._tap is not None:
+            self._tap.sent(request)
+        sent_ns = self._clock.now_ns()
         try:
-            self._port.send_break(_BREAK_S)
-            self._port.baudrate = _BREAK_BAUD
-            self._port.write(b"\0")
-            self._port.flush()
-        except (OSError, termios.error) as error:
+            self._line.write(request)
+        except LINE_ERRORS as error:
             raise self._lost(error) from error
-        self._clock.sleep_until(self._clock.now_ns() + 60_000_000)
-        self.set_baud(FIRST_BAUD)
+        return sent_ns
+
+    def reset(self) -> None:
+        """Make the device start anew; what was received is thrown away."""
+        self._remark("reset")
+        self._received.clear()
+        try:
+            self._line.reset(self._clock)
+        except LINE_ERRORS as error:
+            raise self._lost(error) from error
+        self.discard()
 
     def read_reply(self, deadline_ns: int) -> bytes:
         """One whole reply, text or binary.
@@ -121,32 +115,42 @@ class Link:
         remaining_ns = deadline_ns - self._clock.now_ns()
         if remaining_ns <= 0 or not self._readable(self._clock.real_s(remaining_ns / 1e9)):
             got = f"only {len(self._received)} bytes of a reply" if self._received else "no reply"
-            raise SilentError(f"{got} from the tracker", self.path, "Check that it is switched on and plugged in")
+            raise SilentError(f"{got} from the tracker", self.where, "Check that it is switched on and plugged in")
         self._receive()
 
     def _readable(self, real_s: float) -> bool:
-        return bool(select.select([self._port.fileno()], [], [], real_s)[0])
+        try:
+            return bool(select.select([self._line.fileno()], [], [], real_s)[0])
+        except LINE_ERRORS as error:
+            raise self._lost(error) from error
 
     def _receive(self) -> None:
         try:
-            data = os.read(self._port.fileno(), 4096)
-        except OSError as error:
+            data = self._line.read()
+        except LINE_ERRORS as error:
             raise self._lost(error) from error
         if not data:
-            raise self._lost(OSError("end of file"))
+            raise self._lost(OSError("the other end closed it"))
+        if self._tap is not None:
+            self._tap.received(data)
         self._received += data
 
+    def _remark(self, words: str) -> None:
+        if self._tap is not None:
+            self._tap.remark(words)
+
     def _lost(self, error: Exception) -> DeviceLost:
-        return DeviceLost(f"the serial port failed ({error})", self.path, "Check that the cable is plugged in")
+        kind = "network connection" if self.baud is None else "serial port"
+        return DeviceLost(f"the {kind} failed ({error})", self.where, "Check that the cable is plugged in")
 
 
-def refuse_reset(text: str, path: str) -> str:
+def refuse_reset(text: str, where: str) -> str:
     """The text as it is. Raises RebootedError for the word RESET."""
     if text == "RESET":
-        raise RebootedError("the tracker restarted by itself", path, "Check its power supply and cables")
+        raise RebootedError("the tracker restarted by itself", where, "Check its power supply and cables")
     return text
 
 
-def lost_by_protocol(error: ProtocolError, path: str) -> DeviceLost:
+def lost_by_protocol(error: ProtocolError, where: str) -> DeviceLost:
     """A reply that ends a session, as the owner of the device shall see it."""
-    return DeviceLost(error.what, path, error.remedy or "The connection is made anew")
+    return DeviceLost(error.what, where, error.remedy or "The connection is made anew")

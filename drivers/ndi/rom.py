@@ -43,8 +43,8 @@ def definition_of(image: bytes) -> ToolDefinition:
     return ToolDefinition(image, image[15], markers_mm, struct.unpack_from("<f", image, 36)[0], part_number)
 
 
-def read_rom(path: str) -> bytes:
-    """The checked image of one tool. Raises ConfigurationError when the file is absent or damaged."""
+def read_rom(path: str) -> ToolDefinition:
+    """One tool, checked. Raises ConfigurationError when the file is absent or damaged."""
     try:
         image = Path(path).read_bytes()
     except OSError as error:
@@ -53,7 +53,7 @@ def read_rom(path: str) -> bytes:
         raise ConfigurationError("this is not an NDI tool definition file", path, _REMEDY)
     if rom_sum(image[:ROM_BYTES]) != struct.unpack_from("<H", image, 4)[0]:
         raise ConfigurationError("the tool definition file is damaged (its check sum is wrong)", path, _REMEDY)
-    return image[:ROM_BYTES]
+    return definition_of(image[:ROM_BYTES])
 
 
 def rom_sum(image: bytes) -> int:

@@ -1,104 +1,97 @@
-"""`ndi:/dev/ttyUSB0?probe=FILE.rom&reference=FILE.rom&baud=115200`: poses of a Polaris or Aurora by BX.
+"""`ndi:/dev/ttyUSB0?probe=FILE.rom&reference=FILE.rom`: poses of a Polaris, Vega or Aurora; `ndi+tcp://` likewise.
 
-Options: probe, reference (tool definition files of passive tools; without probe the first wired tool), baud,
-counter_hz (of the device's frame counter: 60 for Polaris, which is the default), deadline_ms (silence after which the
-tracker counts as lost, 250), latency_ms (exposure to first byte of the reply as measured on this unit, 0).
+Options of the URL:
+    probe, reference: the tools, each as FILE.rom (wireless, loaded from its definition), @2 (on plug 2), @2b (second
+        sensor on plug 2), or FILE.rom@2 (on plug 2, without a memory of its own). Without probe the first wired tool
+        of six degrees of freedom. With reference all poses are relative to it.
+    tools: further tools, separated by commas; their poses are in `facts`.
+    baud: line speed, 115200 unless given. reply: bx2, bx or tx, if the firmware's own choice shall not hold.
+    counter_hz: rate of the frame counter, if the device's own shall not hold.
+    deadline_ms: silence after which the tracker counts as lost, 200. latency_ms: exposure to first byte of the reply,
+        as measured on this unit, 0. log: file for a byte log.
 """
 
 import math
 import random
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 
-from drivers.counter_clock import CounterClock
+from drivers.counter_clock import CounterClock, DeviceClock, counter_rate_hz
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.hosttime import HostClock
-from drivers.ndi.bx import decode_bx
-from drivers.ndi.judge import SYSTEM_ALERTS_PENDING, SYSTEM_PORTS_CHANGED, Judgement, judge_system, judge_tool
-from drivers.ndi.link import Link, lost_by_protocol, refuse_reset
-from drivers.ndi.replies import HandleState, Options, ToolReply, TrackingReply, Transform
-from drivers.ndi.rom import read_rom
-from drivers.ndi.session import COMM_CODES, Session
-from drivers.ndi.wire import Command, RefusedError, decode_text, encode_command, open_container
+from drivers.ndi.exchange import Answer, Exchange
+from drivers.ndi.facts import NdiFacts, tool_facts
+from drivers.ndi.health import HealthWatch
+from drivers.ndi.identity import ReplyKind
+from drivers.ndi.judge import Judgement
+from drivers.ndi.lines import ByteLine, SerialLine
+from drivers.ndi.link import Link, lost_by_protocol
+from drivers.ndi.news import News
+from drivers.ndi.options import TrackerOptions, parse_options
+from drivers.ndi.plausible import Plausibility
+from drivers.ndi.readings import Reading, Snapshot, dialect
+from drivers.ndi.session import Session
+from drivers.ndi.tools import Tool
+from drivers.ndi.wire import RefusedError
+from drivers.ndi.words import BUMPED
 from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
+from drivers.tap import Tap
 
-_OPTIONS = Options.POSE | Options.OUT_OF_VOLUME
-_REQUEST = encode_command(Command("BX", f"{int(_OPTIONS):04X}"))
-_STALE_PERIODS = 3
-_FROZEN_READINGS = 12
 _BACKWARD_READINGS = 3
-_SLOWEST_STEP_S = 0.05
-_GAP_NS = 40_000_000
-_RETRY_NS = 1_000_000.0
-_LEARNING_READINGS = 20
-_COUNTS = 1 << 32
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerOptions:
-    """The options of the URL, checked."""
-
-    probe: bytes | None = None
-    reference: bytes | None = None
-    baud: int = 115200
-    counter_hz: float = 60.0
-    deadline_ms: float = 250.0
-    latency_ms: float = 0.0
-
-    @property
-    def roms(self) -> tuple[bytes, ...]:
-        """Tool definitions to load, the probe's first."""
-        return tuple(rom for rom in (self.probe, self.reference) if rom is not None)
+_FROZEN = "many poses in a row are equal to the last bit"
+_DETAILS_S = 0.1
+_POLARIS_COUNTER_HZ = 60.0
+_AURORA_COUNTERS_HZ = (40.0, 320.0)
+_LEARN_NS = 400_000_000
+_LEARN_STEP_NS = 20_000_000
+_RETRY_NS = 1_000_000
+_REFERENCE_PERIODS = 3
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "NdiTracker":
     """Connect, load the tools and start tracking; see drivers.ports for what is raised."""
-    return NdiTracker(target, parse_options(options, f"ndi:{target}"), clock)
+    url = f"ndi:{target}"
+    wanted = parse_options(options, url)
+    return connect(SerialLine(target), url, wanted, clock)
 
 
-def parse_options(options: dict[str, str], where: str) -> TrackerOptions:
-    """Raises ConfigurationError naming the option that is unknown or out of range."""
-    known = ("probe", "reference", "baud", "counter_hz", "deadline_ms", "latency_ms")
-    if unknown := sorted(set(options) - set(known)):
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(known)}")
-    if "reference" in options and "probe" not in options:
-        raise ConfigurationError("a reference needs a probe", where, "Add probe=FILE.rom")
-    return TrackerOptions(
-        probe=read_rom(options["probe"]) if "probe" in options else None,
-        reference=read_rom(options["reference"]) if "reference" in options else None,
-        baud=_baud(options.get("baud", "115200"), where),
-        counter_hz=_number(options, "counter_hz", 60.0, (1, 1000), where),
-        deadline_ms=_number(options, "deadline_ms", 250.0, (20, 5000), where),
-        latency_ms=_number(options, "latency_ms", 0.0, (0, 500), where),
-    )
+def connect(line: ByteLine, url: str, options: TrackerOptions, clock: HostClock) -> "NdiTracker":
+    """Take the line over, whatever comes of it. Raises DeviceLost, ConfigurationError."""
+    try:
+        tap = None if options.log is None else Tap(options.log, url, clock)
+    except ConfigurationError:
+        line.close()
+        raise
+    return NdiTracker(Link(line, clock, tap), options, clock)
 
 
 class NdiTracker:
-    """One tracking device, tracking from construction until the context is left; then at 9600 baud again.
+    """One tracking device, tracking from construction until the context is left; then as a fresh program expects it."""
 
-    refused: replies dropped because their bytes were damaged. warnings: what the device remarked while starting.
-    """
-
-    def __init__(self, path: str, options: TrackerOptions, clock: HostClock) -> None:
-        self.refused = 0
-        self._options, self._clock = options, clock
-        self._counter_clock = CounterClock(options.counter_hz)
-        self._news = _NewsWatch(options.counter_hz)
-        self._alerts = 0
-        self._backward = 0
-        self._next_poll_ns = 0
+    def __init__(self, link: Link, options: TrackerOptions, clock: HostClock) -> None:
+        self._link, self._options, self._clock = link, options, clock
+        self._session = Session(link, clock)
         self._random = random.Random(0)
-        self._link = Link(path, clock)
-        self._session = Session(self._link, clock)
+        self._doubted, self._backward = 0, 0
+        self._absent_ns: int | None = None
+        self._next_poll_ns = 0
         try:
-            self._handles = self._session.start(options.baud, options.roms)
+            self._session.start(options.baud, options.wishes)
+            self._probe = self._choose_probe()
+            self._reference = self._session.tools[1] if options.reference is not None else None
+            self._tools = {tool.handle: tool for tool in self._in_order()}
+            self._readings: dict[int, Reading] = {}
+            self._detailed: dict[int, Reading] = {}
+            self._health = HealthWatch(self._session.bumped(), clock.now_ns())
+            self._begin(options.reply or self._session.identity.reply)
+        except RefusedError as error:
+            link.close()
+            raise lost_by_protocol(error, link.where) from error
         except BaseException:
-            self._link.close()
+            link.close()
             raise
-        self.warnings = tuple(self._session.warnings)
 
     def __enter__(self) -> Self:
         return self
@@ -109,11 +102,38 @@ class NdiTracker:
         self._session.stop()
         self._link.close()
 
+    @property
+    def facts(self) -> NdiFacts:
+        """Everything known by now besides the poses."""
+        return NdiFacts(
+            identity=self._session.identity,
+            reply=self._kind,
+            health=self._health.health,
+            tools=tuple(
+                tool_facts(tool, self._readings.get(handle), self._detailed.get(handle))
+                for handle, tool in self._tools.items()
+            ),
+            period_ms=self._news.period_ns / 1e6,
+            refused=self._exchange.refused,
+            doubted=self._doubted,
+            clock_restarts=self._device_clock.restarts,
+            warnings=tuple(self._session.warnings),
+        )
+
+    def clear_bump(self) -> None:
+        """A person has checked the position sensor after a bump: poses count again.
+
+        Raises DeviceLost, ProtocolError.
+        """
+        self._session.clear_bump()
+        self._health.clear_bump()
+        self._exchange.rest()
+
     def read(self, timeout_s: float) -> Pose | None:
         """The next pose the device has not yet reported, or word that there is none: see drivers.ports.
 
-        A counter that stands still for more than three periods gives a STALE pose per period. Raises DeviceLost when
-        the device is silent for deadline_ms, reboots, leaves tracking mode, or is unplugged.
+        Nothing new for more than three periods gives a STALE pose per period. Raises DeviceLost when the device is
+        silent for deadline_ms, reboots, leaves tracking mode, or is unplugged.
         """
         end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
         while True:
@@ -125,199 +145,233 @@ class NdiTracker:
             if pose is not None or self._clock.now_ns() >= end_ns:
                 return pose
 
-    def _poll(self) -> Pose | None:
-        reply, arrival_ns = self._exchange()
-        probe = self._listed(reply, self._handles[0])
-        self._watch_system(reply.system_status)
-        new = self._news.take(probe, arrival_ns)
-        self._plan(new, arrival_ns)
-        if new:
-            return self._fresh(reply, probe, arrival_ns)
-        if reason := self._news.overdue(arrival_ns):
-            kind = (
-                PoseStatus.DISABLED
-                if probe.state is not HandleState.VALID and probe.frame is None
-                else PoseStatus.STALE
+    def _choose_probe(self) -> Tool:
+        """As configured, else the first tool of six degrees of freedom that is no reference."""
+        tools = self._session.tools
+        candidates = [
+            tool for tool in tools if not tool.five_dof and not (tool.information and tool.information.is_reference)
+        ]
+        probe = tools[0] if self._options.probe is not None else (candidates or tools)[0]
+        if probe.five_dof:
+            what = (
+                f"the {probe.name} has sensors of five degrees of freedom: they do not tell the turn about their axis"
             )
-            return self._without_number((kind, reason), Stamp(arrival_ns, 0), math.nan)
-        return None
+            raise ConfigurationError(what, self._link.where, "Use a probe with a sensor of six degrees of freedom")
+        return probe
 
-    def _fresh(self, reply: TrackingReply, probe: ToolReply, arrival_ns: int) -> Pose:
-        stamp = self._counter_clock.stamp(self._news.frame, arrival_ns)
-        stamp = Stamp(stamp.t_ns - round(self._options.latency_ms * 1e6), stamp.err_ns)
+    def _in_order(self) -> list[Tool]:
+        first = [tool for tool in (self._probe, self._reference) if tool is not None]
+        return first + [tool for tool in self._session.tools if tool not in first]
+
+    def _begin(self, kind: ReplyKind) -> None:
+        """Settle on a tracking command that the device knows, with details if it has them."""
+        kinds = list(ReplyKind)
+        for self._kind in kinds[kinds.index(kind) :]:
+            self._dialect = dialect(self._kind)
+            deadline_ns = round(self._options.deadline_ms * 1e6)
+            self._news = News(1.0, self._dialect.repeats)
+            self._exchange = Exchange(self._link, self._dialect, deadline_ns, self._clock, self._refuse_old)
+            if self._understands(detailed=False):
+                break
+        else:
+            raise DeviceLost(
+                "the tracker knows no tracking command", self._link.where, "Check its firmware with NDI's program"
+            )
+        self._details = self._understands(detailed=True)
+        self._since_details = 0
+        self._plausible = {tool.handle: Plausibility() for tool in (self._probe, self._reference) if tool is not None}
+        self._device_clock, tick_ns = self._make_clock()
+        self._news = News(tick_ns, self._dialect.repeats)
+        self._exchange.rest()
+
+    def _understands(self, detailed: bool) -> bool:
+        try:
+            self._exchange.ask(detailed)
+        except RefusedError as refusal:
+            what = "marker details" if detailed else self._kind.name
+            self._session.warnings.append(f"{what}: {refusal.what}")
+            return False
+        return True
+
+    def _make_clock(self) -> tuple[DeviceClock, float]:
+        """(clock, nanoseconds of one tick): BX2 tells nanoseconds, TX and BX a counter."""
+        if self._kind is ReplyKind.BX2:
+            return DeviceClock(), 1.0
+        counter_hz = self._options.counter_hz or self._counter_hz()
+        return CounterClock(counter_hz), 1e9 / counter_hz
+
+    def _counter_hz(self) -> float:
+        identity = self._session.identity
+        if identity.electromagnetic:
+            measured_hz = self._measured_counter_hz()
+            return min(_AURORA_COUNTERS_HZ, key=lambda hz: abs(math.log(hz / measured_hz)))
+        published_hz = self._session.parameter("Param.Tracking.Frame Frequency") if identity.has_bx2 else None
+        return float(published_hz or _POLARIS_COUNTER_HZ)
+
+    def _measured_counter_hz(self) -> float:
+        """Of a device whose counter no document tells. Raises DeviceLost where it stands still."""
+        begin_ns = self._clock.now_ns()
+        counts: list[int] = []
+        arrivals_ns: list[int] = []
+        while self._clock.now_ns() < begin_ns + _LEARN_NS:
+            answer = self._exchange.ask(detailed=False)
+            reading = answer.snapshot.tools.get(self._probe.handle)
+            if reading is not None and reading.tick is not None:
+                counts.append(reading.tick)
+                arrivals_ns.append(answer.arrival_ns)
+            self._clock.sleep_until(self._clock.now_ns() + _LEARN_STEP_NS)
+        if not counts or counts[-1] <= counts[0]:
+            raise DeviceLost(
+                "the tracker's frame counter stands still", self._link.where, "Switch the tracker off and on"
+            )
+        return counter_rate_hz(counts, arrivals_ns)
+
+    def _poll(self) -> Pose | None:
+        answer = self._ask()
+        self._watch_health(answer)
+        probe = answer.snapshot.tools.get(self._probe.handle)
+        if probe is None and self._dialect.repeats:
+            raise self._lost(f"the tracker no longer lists the {self._probe.name}", "The connection is made anew")
+        if not self._believes(answer.snapshot):
+            self._doubted += 1
+            self._next_poll_ns = answer.arrival_ns + _RETRY_NS * (not self._dialect.repeats)
+            return None
+        self._readings |= answer.snapshot.tools
+        if probe is None or not self._news.is_new(probe, answer.arrival_ns):
+            return self._nothing_new(answer, probe)
+        return self._fresh(answer, probe)
+
+    def _fresh(self, answer: Answer, probe: Reading) -> Pose:
+        self._news.take(probe, answer.arrival_ns)
+        assert probe.tick is not None
+        measured = self._device_clock.stamp(probe.tick, answer.arrival_ns, self._absent_ns)
+        self._absent_ns = answer.sent_ns
+        self._plan(measured, answer.arrival_ns)
+        stamp = Stamp(measured.t_ns - round(self._options.latency_ms * 1e6), measured.err_ns)
+        judgement = self._judge(probe)
         rms_mm = probe.transform.error if probe.transform is not None else math.nan
-        judgement = self._judge(reply, probe)
-        if judgement[0] is not PoseStatus.OK or probe.transform is None:
+        if judgement[0] is not PoseStatus.OK:
             return self._without_number(judgement, stamp, rms_mm)
-        return Pose(stamp, self._news.frame, self._relative(reply, probe.transform), rms_mm, PoseStatus.OK)
+        return Pose(stamp, self._news.frame, self._relative(), rms_mm, PoseStatus.OK)
 
-    def _judge(self, reply: TrackingReply, probe: ToolReply) -> Judgement:
+    def _nothing_new(self, answer: Answer, probe: Reading | None) -> Pose | None:
+        self._absent_ns = answer.sent_ns
+        self._next_poll_ns = answer.arrival_ns + min(_RETRY_NS, round(self._news.period_ns / 4))
+        self._news.is_new(None, answer.arrival_ns)
+        reason = self._news.overdue(answer.arrival_ns)
+        if not reason:
+            return None
+        absent = probe is not None and probe.tick is None
+        judgement = probe.judgement if probe is not None and absent else (PoseStatus.STALE, reason)
+        return self._without_number(judgement, Stamp(answer.arrival_ns, 0), math.nan)
+
+    def _judge(self, probe: Reading) -> Judgement:
         """The worst word of device, probe and reference; the first that objects speaks."""
-        system = judge_system(reply.system_status, self._alerts)
+        system = self._health.health.judgement
         if system[0] is not PoseStatus.OK:
             return system
-        own = judge_tool(probe)
-        if own[0] is not PoseStatus.OK:
-            return own
+        if probe.judgement[0] is not PoseStatus.OK:
+            return probe.judgement
         if self._news.frozen:
-            return PoseStatus.STALE, f"{_FROZEN_READINGS} poses in a row are equal to the last bit"
-        return self._judge_reference(reply, probe)
+            return PoseStatus.STALE, _FROZEN
+        details = self._detailed.get(self._probe.handle)
+        if details is not None and details.markers is not None and details.markers.outside:
+            return PoseStatus.PARTIAL, f"{details.markers.outside} markers are outside the measurement volume"
+        return self._judge_reference()
 
-    def _judge_reference(self, reply: TrackingReply, probe: ToolReply) -> Judgement:
-        if len(self._handles) == 1:
+    def _judge_reference(self) -> Judgement:
+        """The last word on the reference, which may be a little older where the device measures the tools in turn."""
+        if self._reference is None:
             return PoseStatus.OK, ""
-        reference = self._listed(reply, self._handles[1])
-        status, reason = judge_tool(reference)
-        if status is PoseStatus.OK and reference.frame != probe.frame:
+        reading = self._readings.get(self._reference.handle)
+        if reading is None or abs(self._news.since_ns(reading)) > _REFERENCE_PERIODS * self._news.period_ns:
             return PoseStatus.STALE, "the reference tool was measured at another time than the probe"
+        status, reason = reading.judgement
         return status, f"reference tool: {reason}" if reason else ""
 
-    def _relative(self, reply: TrackingReply, probe: Transform) -> Matrix4:
-        if len(self._handles) == 1:
+    def _relative(self) -> Matrix4:
+        """(4, 4) probe → reference where there is one, else → tracker."""
+        probe = self._readings[self._probe.handle].transform
+        assert probe is not None
+        if self._reference is None:
             return probe.matrix()
-        reference = self._listed(reply, self._handles[1]).transform
+        reference = self._readings[self._reference.handle].transform
         assert reference is not None
         return np.asarray(np.linalg.solve(reference.matrix(), probe.matrix()))
 
     def _without_number(self, judgement: Judgement, stamp: Stamp, rms_mm: float) -> Pose:
-        return Pose(stamp, self._news.frame, None, rms_mm, judgement[0], judgement[1])
+        return Pose(stamp, max(self._news.frame, 0), None, rms_mm, judgement[0], judgement[1])
 
-    def _listed(self, reply: TrackingReply, handle: int) -> ToolReply:
-        tool = reply.tool(handle)
-        if tool is None:
-            raise self._lost(f"the tracker no longer lists the tool {handle:02X}", "The connection is made anew")
-        return tool
+    def _believes(self, snapshot: Snapshot) -> bool:
+        """No pose that the next one counts on has leapt without being confirmed."""
+        believed = True
+        for handle, watch in self._plausible.items():
+            reading, before = snapshot.tools.get(handle), self._readings.get(handle)
+            if reading is None or reading.transform is None or not reading.usable:
+                continue
+            if before is None or before.tick != reading.tick:
+                t_ns = self._news.device_ns + round(self._news.since_ns(reading))
+                believed = watch.believes(t_ns, reading.transform) and believed
+        return believed
 
-    def _watch_system(self, system_status: int) -> None:
-        """Ask what the alert is when the status says there is one; plugged tools need the whole start anew."""
-        if system_status & SYSTEM_PORTS_CHANGED:
-            raise self._lost("a tool was plugged in or unplugged", "The connection is made anew")
-        if system_status & SYSTEM_ALERTS_PENDING:
-            self._alerts |= self._new_alerts()
-
-    def _new_alerts(self) -> int:
-        """Mask of Info.Status.New Alerts; devices without the parameter count as bumped, the gravest meaning."""
+    def _ask(self) -> Answer:
+        """The next reply, with details of the markers ten times a second."""
+        interval = max(1, round(_DETAILS_S * 1e9 / self._news.period_ns))
+        detailed = self._details and self._since_details >= interval
         try:
-            text = self._session.command("GET", "Info.Status.New Alerts", timeout_s=self._deadline_s)
-            return int(text.strip().rpartition("=")[2])
-        except RefusedError:
-            return 0x200000
-        except (ProtocolError, ValueError):
-            self.refused += 1
-            return 0
+            answer = self._exchange.ask(detailed)
+        except RefusedError as error:
+            raise lost_by_protocol(error, self._link.where) from error
+        if detailed and self._probe.handle in answer.snapshot.tools:
+            self._since_details = 0
+            self._detailed |= answer.snapshot.tools
+        return answer
 
-    def _exchange(self) -> tuple[TrackingReply, int]:
-        """One good BX reply and when its first byte left the device, ns. Damaged replies are asked for again."""
-        deadline_ns = self._clock.now_ns() + round(self._deadline_s * 1e9)
-        while True:
-            self._link.send(_REQUEST)
-            try:
-                data = self._link.read_reply(deadline_ns)
-                arrival_ns = self._clock.now_ns() - self._link.transfer_ns(len(data))
-                return self._refuse_old(self._decode(data)), arrival_ns
-            except RefusedError as error:
-                raise lost_by_protocol(error, self._link.path) from error
-            except ProtocolError:
-                self.refused += 1
-                self._link.wait_quiet(_GAP_NS, deadline_ns)
+    def _watch_health(self, answer: Answer) -> None:
+        """Ask what an alert is when the status says there is one; plugged tools need the whole start anew."""
+        if answer.snapshot.ports_changed:
+            raise self._lost("a tool was plugged in or unplugged", "The connection is made anew")
+        self._health.note(answer.snapshot, answer.detailed, answer.arrival_ns)
+        if self._health.asks_for_new():
+            self._look_up("Info.Status.New Alerts")
+        elif self._health.asks_for_standing(answer.arrival_ns):
+            self._look_up("Info.Status.Alerts")
 
-    def _decode(self, data: bytes) -> TrackingReply:
-        if data.endswith(b"\r") and data.isascii():
-            refuse_reset(decode_text(data), self._link.path)
-        open_container(data)
-        return decode_bx(data, _OPTIONS)
+    def _look_up(self, name: str) -> None:
+        """Devices that announce new alerts without telling which count as bumped, the gravest meaning."""
+        try:
+            alerts = self._session.parameter(name, self._options.deadline_ms / 1e3)
+        except ProtocolError:
+            self._exchange.refused += 1
+            return
+        if name == "Info.Status.Alerts":
+            self._health.note_standing(alerts, self._clock.now_ns())
+        else:
+            self._health.note_new(BUMPED if alerts is None else alerts, self._clock.now_ns())
+        self._exchange.rest()
 
-    def _refuse_old(self, reply: TrackingReply) -> TrackingReply:
-        """A counter that runs backward is an old reply come late; if it insists, the device started it anew."""
-        tool = reply.tool(self._handles[0])
-        older = tool is not None and tool.frame is not None and self._news.runs_backward(tool.frame)
+    def _refuse_old(self, snapshot: Snapshot) -> None:
+        """A clock that runs backward is an old reply come late; if it insists, the device started it anew."""
+        reading = snapshot.tools.get(self._probe.handle)
+        older = reading is not None and self._news.is_old(reading)
         self._backward = self._backward + 1 if older else 0
         if 0 < self._backward < _BACKWARD_READINGS:
-            raise ProtocolError("an old reply came once more", self._link.path)
-        return reply
+            raise ProtocolError("an old reply came once more", self._link.where)
 
-    def _plan(self, new: bool, arrival_ns: int) -> None:
-        """When to ask again: soon after the next measurement is due, or at once when it is late.
+    def _plan(self, measured: Stamp, arrival_ns: int) -> None:
+        """Ask again when the next measurement is due; sooner while it is not known when that is.
 
-        The random part keeps the polls from marching in step with the device, which would hide the lowest delay.
+        The random part lets some requests come too early and some too late, which is what bounds the device's clock.
         """
-        pause_ns = self._news.pace_ns * (0.7 + 0.15 * self._random.random()) if new else _RETRY_NS
-        self._next_poll_ns = arrival_ns + round(pause_ns)
-
-    @property
-    def _deadline_s(self) -> float:
-        return self._options.deadline_ms / 1e3
+        self._since_details += 1
+        period_ns = self._news.period_ns
+        if self._news.learning or measured.err_ns > period_ns / 4:
+            pause_ns = _RETRY_NS if self._news.learning else period_ns * (0.7 + 0.15 * self._random.random())
+            self._next_poll_ns = arrival_ns + round(pause_ns)
+            return
+        spread = min(0.05, 1e6 / period_ns)
+        due_ns = measured.t_ns + round(period_ns * (1 + spread * self._random.uniform(-0.6, 1.0)))
+        self._next_poll_ns = due_ns - self._link.transfer_ns(len(self._dialect.request(False)))
 
     def _lost(self, what: str, remedy: str) -> DeviceLost:
-        return DeviceLost(what, self._link.path, remedy)
-
-
-class _NewsWatch:
-    """Tells new replies from repeated ones by the frame counter, and learns the step of the device.
-
-    frame: last counter value. period_ns: between two measurements, an upper bound at first; pace_ns: likewise, but a
-    lower bound at first. frozen: the pose repeats while the counter runs.
-    """
-
-    def __init__(self, counter_hz: float) -> None:
-        self.frame = -1
-        self.frozen = False
-        self._count_ns = 1e9 / counter_hz
-        self.period_ns = _SLOWEST_STEP_S * 1e9
-        self._learning = _LEARNING_READINGS
-        self._new_ns: int | None = None
-        self._told_ns = 0
-        self._transform: Transform | None = None
-        self._equal = 0
-
-    def take(self, tool: ToolReply, arrival_ns: int) -> bool:
-        """Whether the tool's entry is of another frame than the last."""
-        if self._new_ns is None:
-            self._new_ns = arrival_ns
-        if tool.frame is None or tool.frame == self.frame:
-            return False
-        if self.frame >= 0:
-            steps = (tool.frame - self.frame) % _COUNTS
-            self.period_ns = min(self.period_ns, steps * self._count_ns)
-            self._learning -= 1
-        repeated = tool.transform is not None and tool.transform == self._transform
-        self._equal = self._equal + 1 if repeated else 0
-        self.frozen = self._equal >= _FROZEN_READINGS - 1
-        self._transform = tool.transform
-        self.frame, self._new_ns, self._told_ns = tool.frame, arrival_ns, arrival_ns
-        return True
-
-    def runs_backward(self, frame: int) -> bool:
-        """Whether a counter value is older than the last, wrap-around considered."""
-        return self.frame >= 0 and (frame - self.frame) % _COUNTS >= _COUNTS // 2
-
-    @property
-    def pace_ns(self) -> float:
-        return self._count_ns if self._learning > 0 else self.period_ns
-
-    def overdue(self, arrival_ns: int) -> str:
-        """Why the data are stale; empty while they are not, or while it was said less than a period ago."""
-        assert self._new_ns is not None
-        age_ns = arrival_ns - self._new_ns
-        if age_ns <= _STALE_PERIODS * self.period_ns or arrival_ns - self._told_ns < self.period_ns:
-            return ""
-        self._told_ns = arrival_ns
-        return f"the frame counter has stood still for {age_ns / 1e6:.0f} ms"
-
-
-def _baud(text: str, where: str) -> int:
-    if not text.isdecimal() or int(text) not in COMM_CODES:
-        rates = ", ".join(str(rate) for rate in sorted(COMM_CODES))
-        raise ConfigurationError(f"baud={text} is not a line speed of these trackers", where, f"Use one of {rates}")
-    return int(text)
-
-
-def _number(options: dict[str, str], key: str, default: float, bounds: tuple[float, float], where: str) -> float:
-    low, high = bounds
-    try:
-        value = float(options.get(key, default))
-    except ValueError:
-        value = math.nan
-    if not low <= value <= high:
-        raise ConfigurationError(f"{key}={options[key]} is out of range", where, f"Use a number from {low} to {high}")
-    return value
+        return DeviceLost(what, self._link.where, remedy)

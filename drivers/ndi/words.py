@@ -1,5 +1,7 @@
 """Numbers of the Combined API in words: error codes, tool and system status bits, alerts."""
 
+from collections.abc import Iterable
+
 _ERRORS = {
     0x01: "invalid command",
     0x02: "command too long",
@@ -61,6 +63,11 @@ _ERRORS = {
     0x42: "the device is absent",
 }
 
+BUMPED = 0x200000
+PTP_LOST = 1 << (32 + 14)
+"""The device's clock has lost its master. BX2 alone tells of it and of other bits from 32 on."""
+
+_BX2_ALERT = 1 << 32
 _ALERTS = {
     0x1: "fatal parameter fault",
     0x2: "sensor parameter fault",
@@ -72,7 +79,8 @@ _ALERTS = {
     0x80: "right sensor temperature fault",
     0x100: "main board temperature fault",
     0x100000: "low battery",
-    0x200000: "the position sensor was bumped",
+    0x200: "sensor fault",
+    BUMPED: "the position sensor was bumped",
     0x400000: "incompatible cable",
     0x800000: "incompatible firmware",
     0x1000000: "parameter warning",
@@ -80,14 +88,48 @@ _ALERTS = {
     0x4000000: "low laser battery",
     0x20000000: "too hot",
     0x40000000: "too cold",
+    _BX2_ALERT << 7: "was stored too hot or too cold",
+    _BX2_ALERT << 10: "the system control unit is off",
+    _BX2_ALERT << 11: "the power supply is off",
+    _BX2_ALERT << 12: "the field generator is disconnected",
+    _BX2_ALERT << 13: "the hardware changed",
+    PTP_LOST: "the clock is not synchronised",
+    _BX2_ALERT << 15: "video camera fault",
+    _BX2_ALERT << 17: "safe mode",
 }
-HARMLESS_ALERTS = 0x100000 | 0x1000000 | 0x2000000 | 0x4000000
-"""Alerts that leave a pose as good as before: batteries, a parameter warning, full memory."""
+HARMLESS_ALERTS = 0x100000 | 0x1000000 | 0x2000000 | 0x4000000 | PTP_LOST | _BX2_ALERT << 15
+"""Alerts that leave a pose as good as before: batteries, a parameter warning, full memory, clock, video."""
+
+_BX2_BITS = {
+    1: 0x100000,
+    2: BUMPED,
+    3: 0x800000,
+    4: 0x1000000,
+    5: 0x2000000,
+    6: 0x4000000,
+    8: 0x20000000,
+    9: 0x40000000,
+}
+_FAULT, _ALERT, _EVENT = 0, 1, 2
+_MOST_FAULTS = 10
+BX2_PORT_EVENTS = frozenset((_EVENT, code) for code in range(1, 6))
+"""(kind, code) of what calls for a new start: tools or units plugged in or unplugged, hardware changed."""
 
 
 def error_words(code: int) -> str:
     """What ERRORxx means."""
     return _ERRORS.get(code, "a code that is not documented")
+
+
+def bx2_alert_mask(alerts: Iterable[tuple[int, int]]) -> int:
+    """(kind, code) of the alert component → bits as of Info.Status.Alerts, and further ones from bit 32 on."""
+    mask = 0
+    for kind, code in alerts:
+        if kind == _FAULT:
+            mask |= 1 << (code - 1) if 1 <= code <= _MOST_FAULTS else 1
+        elif kind == _ALERT:
+            mask |= _BX2_BITS.get(code, _BX2_ALERT << min(code, 31))
+    return mask
 
 
 def alert_words(mask: int) -> str:

@@ -1,0 +1,79 @@
+"""One good tracking reply at a time: asked again when damaged, refused when old, given up at the deadline."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.errors import ProtocolError
+from drivers.hosttime import HostClock
+from drivers.ndi.link import Link, refuse_reset
+from drivers.ndi.readings import Dialect, Snapshot
+from drivers.ndi.wire import EXTENDED_START, RefusedError, decode_text
+
+_GAP_NS = 40_000_000
+_LEAST_TRY_NS = 50_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """sent_ns: before the first byte of the request. detailed: as asked.
+
+    arrival_ns: after the last byte of the reply, less the time it takes on the line: when the device began to speak.
+    """
+
+    snapshot: Snapshot
+    sent_ns: int
+    arrival_ns: int
+    detailed: bool
+
+
+class Exchange:
+    """refused: replies dropped because they were damaged. deadline_ns: silence after which the tracker is lost.
+
+    accept: looks at a good reply and raises ProtocolError to have it refused all the same.
+    """
+
+    def __init__(
+        self, link: Link, dialect: Dialect, deadline_ns: int, clock: HostClock, accept: Callable[[Snapshot], None]
+    ) -> None:
+        self.refused = 0
+        self._link, self._dialect, self._deadline_ns, self._clock = link, dialect, deadline_ns, clock
+        self._accept = accept
+        self._good_ns = clock.now_ns()
+        self._longest = 0
+
+    def ask(self, detailed: bool) -> Answer:
+        """Raises DeviceLost when no good reply has come for the deadline, RefusedError when the device refuses.
+
+        The deadline runs from the last good reply, so that a silence between two requests counts as well.
+        """
+        deadline_ns = max(self._good_ns + self._deadline_ns, self._clock.now_ns() + _LEAST_TRY_NS)
+        deadline_ns += 2 * self._link.transfer_ns(self._longest)
+        while True:
+            try:
+                return self._ask_once(detailed, deadline_ns)
+            except RefusedError:
+                raise
+            except ProtocolError:
+                self.refused += 1
+                self._link.wait_quiet(_GAP_NS, deadline_ns)
+
+    def rest(self) -> None:
+        """The device was busy with another command until now; its silence did not count."""
+        self._good_ns = self._clock.now_ns()
+
+    def _ask_once(self, detailed: bool, deadline_ns: int) -> Answer:
+        sent_ns = self._link.send(self._dialect.request(detailed))
+        data = self._link.read_reply(deadline_ns)
+        read_ns = self._clock.now_ns()
+        snapshot = self._decode(data, detailed)
+        self._accept(snapshot)
+        self._good_ns, self._longest = read_ns, max(self._longest, len(data))
+        return Answer(snapshot, sent_ns, read_ns - self._link.transfer_ns(len(data)), detailed)
+
+    def _decode(self, data: bytes, detailed: bool) -> Snapshot:
+        """The long form of a binary reply has no check sum, so over a serial line nothing in it is believed."""
+        if data.startswith(EXTENDED_START) and self._link.baud is not None:
+            raise ProtocolError("a reply without check sum over a serial line", self._link.where)
+        if data.endswith(b"\r") and len(data) < 16:
+            refuse_reset(decode_text(data), self._link.where)
+        return self._dialect.decode(data, detailed)

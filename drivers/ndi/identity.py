@@ -1,0 +1,72 @@
+"""Who the device is, and which of its replies serve best: BX2 where it has it, else BX, else TX."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+TEXT_ONLY_TAGS = (
+    "AURORA Rev 007",
+    "AURORA Rev 008",
+    "Polaris Vega 008",
+    "Polaris Spectra Rev 006",
+    "Polaris Spectra Rev 007",
+)
+"""Firmware whose BX replies other clients found wanting."""
+
+_FIRST_API_WITH_BX2 = 3
+
+
+class ReplyKind(Enum):
+    """A tracking command."""
+
+    BX2 = "bx2"
+    BX = "bx"
+    TX = "tx"
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """title: such as "Polaris Vicra". characterised: date of the last calibration of the unit. api: such as G.003.008.
+
+    Empty texts where the device does not say.
+    """
+
+    title: str
+    serial_number: str
+    freeze_tag: str
+    characterised: str
+    api: str
+
+    @property
+    def electromagnetic(self) -> bool:
+        """An Aurora: its error field is an indicator value, its tools have no markers."""
+        return "aurora" in f"{self.title} {self.freeze_tag}".lower()
+
+    @property
+    def has_bx2(self) -> bool:
+        """By the revision of its interface."""
+        parts = self.api.split(".")
+        return len(parts) >= 2 and parts[1].isdecimal() and int(parts[1]) >= _FIRST_API_WITH_BX2
+
+    @property
+    def reply(self) -> ReplyKind:
+        """The tracking command to use."""
+        if self.has_bx2:
+            return ReplyKind.BX2
+        return ReplyKind.TX if self.freeze_tag in TEXT_ONLY_TAGS else ReplyKind.BX
+
+    def __str__(self) -> str:
+        return f"{self.title or 'tracker'} {self.serial_number} ({self.freeze_tag or 'unknown firmware'})"
+
+
+def identity_of(version: str, api: str) -> Identity:
+    """From the replies to VER 4 and APIREV; either may be empty."""
+    first, _, rest = version.partition("\n")
+    stated = dict(line.split(":", 1) for line in rest.splitlines() if ":" in line)
+    known = {key.strip(): value.strip() for key, value in stated.items()}
+    return Identity(
+        title=first.removesuffix("Control Firmware").strip(),
+        serial_number=known.get("NDI S/N", ""),
+        freeze_tag=known.get("Freeze Tag", ""),
+        characterised=known.get("Characterization Date", ""),
+        api=api,
+    )

@@ -1,0 +1,154 @@
+"""What carries the bytes of the Combined API: a serial port, or a TCP connection (Vega)."""
+
+import os
+import socket
+import termios
+from contextlib import suppress
+from typing import Protocol
+
+import serial
+
+from drivers.errors import DeviceLost
+from drivers.hosttime import HostClock
+from drivers.serialport import open_serial
+
+FIRST_BAUD = 9600
+"""8N1 at this rate after power-up and after every reset."""
+
+LINE_ERRORS = (OSError, ValueError, termios.error)
+"""What a line may raise besides DeviceLost; ValueError comes from a port that is closed."""
+
+_BREAK_S = 0.25
+_BREAK_BAUD = 300
+_BREAK_NS = 60_000_000
+_CONNECT_S = 1.0
+_SEND_S = 0.1
+_KEEPALIVE = (
+    (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1),
+    (socket.IPPROTO_TCP, socket.TCP_NODELAY, 1),
+    (socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 1),
+    (socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 1),
+    (socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3),
+    (socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 1000),
+)
+
+
+class ByteLine(Protocol):
+    """where: the device, for messages. baud: bits per second of the host's side, None where there is no line speed.
+
+    Methods raise DeviceLost or one of LINE_ERRORS when the line has failed.
+    """
+
+    where: str
+
+    @property
+    def baud(self) -> int | None: ...
+
+    def fileno(self) -> int:
+        """For select()."""
+
+    def read(self) -> bytes:
+        """What has come; empty at the end of the line."""
+
+    def write(self, data: bytes) -> None:
+        """Send all of it."""
+
+    def set_baud(self, baud: int) -> None:
+        """Change the host's side."""
+
+    def reset(self, clock: HostClock) -> None:
+        """Make the device start anew: by a break on a serial line, by a new connection on a network."""
+
+    def close(self) -> None:
+        """Give the line back; never raises."""
+
+
+class SerialLine:
+    """where: path of the port. Raises DeviceLost when it cannot be opened."""
+
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self._port: serial.Serial = open_serial(where, FIRST_BAUD)
+
+    @property
+    def baud(self) -> int:
+        return int(self._port.baudrate)
+
+    def fileno(self) -> int:
+        return int(self._port.fileno())
+
+    def read(self) -> bytes:
+        return os.read(self.fileno(), 4096)
+
+    def write(self, data: bytes) -> None:
+        self._port.write(data)
+
+    def set_baud(self, baud: int) -> None:
+        self._port.baudrate = baud
+
+    def reset(self, clock: HostClock) -> None:
+        """Hold the line low, so that the device resets, then listen at 9600 baud.
+
+        Some adapters ignore the break request, so a NUL at 300 baud follows: 30 ms low, a break to any faster receiver.
+        """
+        self._port.send_break(_BREAK_S)
+        self._port.baudrate = _BREAK_BAUD
+        self._port.write(b"\0")
+        self._port.flush()
+        clock.sleep_until(clock.now_ns() + _BREAK_NS)
+        self._port.baudrate = FIRST_BAUD
+
+    def close(self) -> None:
+        with suppress(*LINE_ERRORS):
+            self._port.close()
+
+
+class NetworkLine:
+    """where: `host:port`. Raises DeviceLost when nobody answers there."""
+
+    baud = None
+
+    def __init__(self, host: str, port: int) -> None:
+        self.where = f"{host}:{port}"
+        self._host, self._port = host, port
+        self._socket = self._connect()
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self) -> bytes:
+        return self._socket.recv(65536)
+
+    def write(self, data: bytes) -> None:
+        """A request that the other side does not take within a tenth of a second fails with TimeoutError."""
+        self._socket.sendall(data)
+
+    def set_baud(self, baud: int) -> None:
+        """Nothing: a network has no line speed."""
+
+    def reset(self, clock: HostClock) -> None:
+        """The connection to a device that resets is lost; make a new one."""
+        self.close()
+        self._socket = self._connect()
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def _connect(self) -> socket.socket:
+        try:
+            connection = socket.create_connection((self._host, self._port), _CONNECT_S)
+        except OSError as error:
+            raise self._refusal(error) from error
+        connection.settimeout(_SEND_S)
+        for level, option, value in _KEEPALIVE:
+            connection.setsockopt(level, option, value)
+        return connection
+
+    def _refusal(self, error: OSError) -> DeviceLost:
+        if isinstance(error, socket.gaierror):
+            remedy = "Check the name, or use the number of its address; names that end in .local need mDNS"
+            return DeviceLost("no computer or tracker of this name is known", self.where, remedy)
+        if isinstance(error, ConnectionRefusedError):
+            return DeviceLost("nothing accepts connections here", self.where, "Check the port; a Vega listens at 8765")
+        remedy = "Check that the tracker is switched on and that the network cable sits at both ends"
+        return DeviceLost(f"no connection ({error.strerror or 'no answer'})", self.where, remedy)
