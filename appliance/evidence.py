@@ -125,7 +125,10 @@ class Evidence:
 
 
 def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Finding:
-    """Latency from the two paths, polarity by likelihood, X by maximum likelihood on the in-plane motion."""
+    """Latency from the two paths, polarity by likelihood, X by maximum likelihood on the in-plane motion.
+
+    A late tracker looks like a wrong scale: no parameter of X is at fault before the latency is known to be in order.
+    """
     lag = window.latency()
     lag_s = 0.0 if lag is None else lag.value_s
     try:
@@ -133,13 +136,11 @@ def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Findi
     except ValueError:
         return examine_nothing(limits)
     solution, solved_lag = _solved(window, flipped(reference, polarity), lag)
-    checks = (
-        polarity_check,
-        *calibration_checks(solution, limits),
-        latency_check(_sharper(lag, solved_lag), limits),
-        agreement_check(solution),
-    )
-    return Finding(checks, solution)
+    lateness = latency_check(_sharper(lag, solved_lag), limits)
+    parameters = Finding(calibration_checks(solution, limits), solution)
+    if lateness.verdict is not VerdictKind.OK:
+        parameters = _without(parameters, parameters.failed)
+    return Finding((polarity_check, *parameters.checks, lateness, agreement_check(solution)), solution)
 
 
 def _sharper_check(check: Check, whole: Check) -> Check:

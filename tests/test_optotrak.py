@@ -133,11 +133,22 @@ def test_what_does_not_advance_is_stale_and_recovers(fault: str, words: str, mod
 
 
 def test_a_repeated_pose_under_running_frames_is_stale() -> None:
-    with bench(device=Device(lambda tool, t_s, number: np.eye(4))) as cart, cart.open() as tracker:
-        found = poses(tracker, 13)
-        assert {pose.status for pose in found[:11]} == {PoseStatus.OK}
-        assert "equal to the last bit" in found[11].reason
-        assert found[11].status is PoseStatus.STALE
+    with bench() as cart:
+        cart.show("frozen-pose")
+        with cart.open() as tracker:
+            found = poses(tracker, 13)
+            assert {pose.status for pose in found[:11]} == {PoseStatus.OK}
+            assert {pose.status for pose in found[11:]} == {PoseStatus.STALE}
+            assert found[11].reason == "12 poses in a row are equal to the last bit"
+            cart.show()
+            assert until(tracker, PoseStatus.OK).matrix is not None
+
+
+def test_a_poor_fit_is_passed_on() -> None:
+    with bench() as cart, cart.open() as tracker:
+        assert poses(tracker, 1)[0].rms_mm == pytest.approx(0.21)
+        cart.show("marker-drift")
+        assert until(tracker, lambda pose: pose.rms_mm > 1).rms_mm == pytest.approx(1.4)
 
 
 @pytest.mark.parametrize("mode", ["stream", "single"])
@@ -393,9 +404,7 @@ def test_the_byte_log_holds_both_directions_and_the_drivers_poses(tmp_path: Path
         tracker.__exit__(None, None, None)
     entries = read_log(log)
     sent = b"".join(entry.data for entry in entries if entry.direction is Direction.SENT)
-    assert sent == b"".join(
-        map(command, ["Version 1.0", "SetByteOrder BigEndian", *STREAM, "StreamFrames Stop", "Bye"])
-    )
+    assert sent == b"".join(map(command, SESSION))
     received = b"".join(entry.data for entry in entries if entry.direction is Direction.RECEIVED)
     frames = []
     while length := packet_length(received):

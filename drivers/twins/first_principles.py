@@ -28,7 +28,9 @@ from drivers.samples import Matrix4
 from drivers.twins.faults import pose_time_s, spoil_pose
 from drivers.twins.motion import PROBE, REFERENCE, PoseAt
 
-_RMS_MM = 0.21
+_RMS_MM, _DRIFTED_RMS_MM = 0.21, 1.4
+_DRIFT_MM = (0.0, 3.0, 0.0)
+_DITHER_MM = 3e-4
 _MARKERS_MM = ((0.0, 0.0, 0.0), (40.0, 0.0, 0.0), (0.0, 55.0, 0.0), (-30.0, 20.0, 10.0))
 _COMPONENTS = {
     "3d": ComponentType.MARKERS,
@@ -57,9 +59,14 @@ class Device:
         t_s = number / self.frame_hz
         time_us = round(t_s * 1e6 * (1 + self.skew_ppm * 1e-6))
         poses = [self._pose(index, t_s, number, active) for index in range(self.bodies)]
+        drifted = [index == 0 and "marker-drift" in active for index in range(self.bodies)]
         items: dict[ComponentType, tuple[Item, ...]] = {
-            ComponentType.MARKERS: tuple(marker for pose in poses for marker in _markers(pose)),
-            ComponentType.BODIES: tuple(_body(pose) for pose in poses),
+            ComponentType.MARKERS: tuple(
+                m for pose, drift in zip(poses, drifted, strict=True) for m in _markers(pose, drift)
+            ),
+            ComponentType.BODIES: tuple(
+                _body(pose, _DRIFTED_RMS_MM if drift else _RMS_MM) for pose, drift in zip(poses, drifted, strict=True)
+            ),
             ComponentType.ANALOG: (0.5, float(number % 100), None),
             ComponentType.FORCE: (Force((0.0, 0.0, -9.5), (0.25, 0.0, 0.0)), None),
         }
@@ -70,23 +77,37 @@ class Device:
     def _pose(self, index: int, t_s: float, number: int, active: Collection[str]) -> Matrix4 | None:
         name = (PROBE, REFERENCE)[index] if index < 2 else f"tool{index}"
         hidden = {PROBE: "missing", REFERENCE: "reference-missing"}.get(name)
-        pose = None if hidden in active else self.pose_at(name, pose_time_s(t_s, active), number)
-        return spoil_pose(pose, active) if pose is not None and name == PROBE else pose
+        if hidden in active:
+            return None
+        if "frozen-pose" in active:
+            return self.pose_at(name, 0.0, 0)
+        pose = self.pose_at(name, pose_time_s(t_s, active), number)
+        if pose is None:
+            return None
+        return _dithered(spoil_pose(pose, active) if name == PROBE else pose, index, number)
 
 
-def _body(pose: Matrix4 | None) -> Body | None:
+def _dithered(pose: Matrix4, index: int, number: int) -> Matrix4:
+    """No two measurements of a real tracker are equal to the last bit, not even of a body that lies still."""
+    dithered = pose.copy()
+    dithered[:3, 3] += np.random.default_rng((index, number)).uniform(-_DITHER_MM, _DITHER_MM, 3)
+    return dithered
+
+
+def _body(pose: Matrix4 | None, rms_mm: float) -> Body | None:
     if pose is None:
         return None
     qx, qy, qz, q0 = map(float, Rotation.from_matrix(pose[:3, :3]).as_quat())
     x_mm, y_mm, z_mm = map(float, pose[:3, 3])
-    return Body((q0, qx, qy, qz), (x_mm, y_mm, z_mm), _RMS_MM)
+    return Body((q0, qx, qy, qz), (x_mm, y_mm, z_mm), rms_mm)
 
 
-def _markers(pose: Matrix4 | None) -> list[Marker]:
+def _markers(pose: Matrix4 | None, drifted: bool) -> list[Marker]:
     if pose is None:
         return [Marker(None)] * len(_MARKERS_MM)
-    places = np.asarray(_MARKERS_MM) @ pose[:3, :3].T + pose[:3, 3]
-    return [Marker((float(x), float(y), float(z))) for x, y, z in places]
+    model = np.array(_MARKERS_MM)
+    model[-1] += np.multiply(_DRIFT_MM, drifted)
+    return [Marker((float(x), float(y), float(z))) for x, y, z in model @ pose[:3, :3].T + pose[:3, 3]]
 
 
 class Session:

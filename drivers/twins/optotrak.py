@@ -47,6 +47,8 @@ FAULTS = (
     "stale-time",
     "missing",
     "reference-missing",
+    "marker-drift",
+    "frozen-pose",
     "no-data",
     "error",
     "events",
@@ -61,7 +63,8 @@ FAULTS = (
     "unplug",
 )
 """lose-tracker: silence on an open connection. stale-tracker: the same frame again and again; stale-number, stale-time:
-only its number, or only its time, stands still. no-data: alive, nothing new. split: packets in segments of 37 bytes.
+only its number, or only its time, stands still. frozen-pose: the same pose in new frames. marker-drift: one marker of
+the probe sits elsewhere on its body, so the fit is poor. no-data: alive, nothing new. split: packets in segments of 37 bytes.
 dribble: one byte in 50 ms. counter-jump, reset: at their beginning. unplug: connections end and nobody listens."""
 
 _SEGMENT_BYTES, _SEGMENT_NS = 37, 1_000_000
