@@ -39,7 +39,6 @@ from drivers.rtc3d import (
 from drivers.samples import PoseStatus
 from drivers.tap import Direction, read_log
 from drivers.tcpline import parse_address
-from drivers.twins.first_principles import Device
 from drivers.twins.motion import PROBE, REFERENCE
 from drivers.twins.world import World
 from tests.optotrak_bench import Bench, bench, moving, poses, until

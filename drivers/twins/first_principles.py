@@ -58,15 +58,13 @@ class Device:
         """Everything measured in one frame. Numbers and times count from world time 0."""
         t_s = number / self.frame_hz
         time_us = round(t_s * 1e6 * (1 + self.skew_ppm * 1e-6))
-        poses = [self._pose(index, t_s, number, active) for index in range(self.bodies)]
-        drifted = [index == 0 and "marker-drift" in active for index in range(self.bodies)]
+        seen = [
+            (self._pose(index, t_s, number, active), index == 0 and "marker-drift" in active)
+            for index in range(self.bodies)
+        ]
         items: dict[ComponentType, tuple[Item, ...]] = {
-            ComponentType.MARKERS: tuple(
-                m for pose, drift in zip(poses, drifted, strict=True) for m in _markers(pose, drift)
-            ),
-            ComponentType.BODIES: tuple(
-                _body(pose, _DRIFTED_RMS_MM if drift else _RMS_MM) for pose, drift in zip(poses, drifted, strict=True)
-            ),
+            ComponentType.MARKERS: tuple(marker for pose, drifted in seen for marker in _markers(pose, drifted)),
+            ComponentType.BODIES: tuple(_body(pose, drifted) for pose, drifted in seen),
             ComponentType.ANALOG: (0.5, float(number % 100), None),
             ComponentType.FORCE: (Force((0.0, 0.0, -9.5), (0.25, 0.0, 0.0)), None),
         }
@@ -94,12 +92,12 @@ def _dithered(pose: Matrix4, index: int, number: int) -> Matrix4:
     return dithered
 
 
-def _body(pose: Matrix4 | None, rms_mm: float) -> Body | None:
+def _body(pose: Matrix4 | None, drifted: bool) -> Body | None:
     if pose is None:
         return None
     qx, qy, qz, q0 = map(float, Rotation.from_matrix(pose[:3, :3]).as_quat())
     x_mm, y_mm, z_mm = map(float, pose[:3, 3])
-    return Body((q0, qx, qy, qz), (x_mm, y_mm, z_mm), rms_mm)
+    return Body((q0, qx, qy, qz), (x_mm, y_mm, z_mm), _DRIFTED_RMS_MM if drifted else _RMS_MM)
 
 
 def _markers(pose: Matrix4 | None, drifted: bool) -> list[Marker]:

@@ -63,9 +63,9 @@ FAULTS = (
     "unplug",
 )
 """lose-tracker: silence on an open connection. stale-tracker: the same frame again and again; stale-number, stale-time:
-only its number, or only its time, stands still. frozen-pose: the same pose in new frames. marker-drift: one marker of
-the probe sits elsewhere on its body, so the fit is poor. no-data: alive, nothing new. split: packets in segments of 37 bytes.
-dribble: one byte in 50 ms. counter-jump, reset: at their beginning. unplug: connections end and nobody listens."""
+only its number, or only its time, stands still. frozen-pose: the same pose in new frames. marker-drift: a marker of the
+probe sits elsewhere on its body, so the fit is poor. no-data: alive, nothing new. split: segments of 37 bytes. dribble:
+one byte in 50 ms. counter-jump, reset: at their beginning. unplug: connections end and nobody listens."""
 
 _SEGMENT_BYTES, _SEGMENT_NS = 37, 1_000_000
 _DRIBBLE_NS = 50_000_000
