@@ -16,7 +16,7 @@ _LEARNING_READINGS = 20
 
 
 class News:
-    """frame: last frame number. device_ns: device time of the last measurement since the first, wrap-around undone.
+    """frame: last frame number. device_ns: device time of the last measurement, wrap-around undone.
 
     period_ns: between two measurements, an upper bound at first. frozen: the pose repeats while the clock runs.
     tick_ns: of the tick of readings: of the frame counter for TX and BX, 1 for BX2. repeats: old data are sent again.
@@ -56,10 +56,10 @@ class News:
         assert reading.tick is not None
         if self._tick is not None:
             passed_ns = self._steps(reading.tick) * self._tick_ns
-            self.device_ns += round(passed_ns)
             if passed_ns > 0:
                 self.period_ns = min(self.period_ns, passed_ns)
                 self._learning -= 1
+        self.device_ns = self.time_ns(reading)
         repeated = reading.transform is not None and reading.transform == self._transform
         self._equal = self._equal + 1 if repeated else 0
         self.frozen = self._equal >= _FROZEN_READINGS - 1
@@ -67,9 +67,12 @@ class News:
         self.frame = reading.tick if reading.frame is None else reading.frame
         self._new_ns = self._told_ns = arrival_ns
 
-    def since_ns(self, reading: Reading) -> float:
-        """Device time from the last measurement to this reading; 0 where there is none."""
-        return 0.0 if self._tick is None or reading.tick is None else self._steps(reading.tick) * self._tick_ns
+    def time_ns(self, reading: Reading) -> int:
+        """Device time of a reading that has one; negative steps from the last measurement go back in time."""
+        assert reading.tick is not None
+        if self._tick is None:
+            return round(reading.tick * self._tick_ns)
+        return self.device_ns + round(self._steps(reading.tick) * self._tick_ns)
 
     def overdue(self, arrival_ns: int) -> str:
         """Why the data are stale; empty while they are not, or while it was said less than a period ago."""

@@ -284,7 +284,9 @@ class NdiTracker:
         if self._reference is None:
             return PoseStatus.OK, ""
         reading = self._readings.get(self._reference.handle)
-        if reading is None or abs(self._news.since_ns(reading)) > _REFERENCE_PERIODS * self._news.period_ns:
+        if reading is None:
+            return PoseStatus.MISSING, "reference tool: nothing heard of it yet"
+        if reading.tick is not None and abs(self._news.time_ns(reading) - self._news.device_ns) > self._apart_ns:
             return PoseStatus.STALE, "the reference tool was measured at another time than the probe"
         status, reason = reading.judgement
         return status, f"reference tool: {reason}" if reason else ""
@@ -299,6 +301,11 @@ class NdiTracker:
         assert reference is not None
         return np.asarray(np.linalg.solve(reference.matrix(), probe.matrix()))
 
+    @property
+    def _apart_ns(self) -> float:
+        """How far apart in time probe and reference may be measured."""
+        return _REFERENCE_PERIODS * self._news.period_ns
+
     def _without_number(self, judgement: Judgement, stamp: Stamp, rms_mm: float) -> Pose:
         return Pose(stamp, max(self._news.frame, 0), None, rms_mm, judgement[0], judgement[1])
 
@@ -307,11 +314,10 @@ class NdiTracker:
         believed = True
         for handle, watch in self._plausible.items():
             reading, before = snapshot.tools.get(handle), self._readings.get(handle)
-            if reading is None or reading.transform is None or not reading.usable:
+            if reading is None or reading.tick is None or reading.transform is None or not reading.usable:
                 continue
             if before is None or before.tick != reading.tick:
-                t_ns = self._news.device_ns + round(self._news.since_ns(reading))
-                believed = watch.believes(t_ns, reading.transform) and believed
+                believed = watch.believes(self._news.time_ns(reading), reading.transform) and believed
         return believed
 
     def _ask(self) -> Answer:
