@@ -19,7 +19,8 @@ _UNKNOWN_LATENCY_S = 0.05
 _RELINEARISE_S = 0.008
 _LEAST_LATENCY_SIGMA_S = 0.005
 _LAGS_S = (-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
-_CONVINCING = 20.0
+_CONVINCING = 30.0
+_LEAST_FAR_NS = 3_000_000_000
 _UNSEEN_TILT_RAD = 0.02
 """A tilt that no motion shows is held near the reference: left free, noise tilts it, and its cosine shrinks the scales.
 """
@@ -176,6 +177,8 @@ def _solved(window: PathWindow, reference: Calibration, lag: Latency | None) -> 
 def _solved_far(window: PathWindow, reference: Calibration) -> tuple[Solution, Latency | None]:
     """Where the paths alone tell no latency: from zero, and from where the reference fits best if that is elsewhere."""
     solution, _ = _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S)
+    if window.span_ns < _LEAST_FAR_NS:
+        return solution, None
     misfits = [path_misfit(window.samples(lag, in_plane_only=True), reference) for lag in _LAGS_S]
     best_s = _LAGS_S[int(np.argmin(misfits))]
     if best_s == 0.0:

@@ -96,6 +96,11 @@ class PathWindow:
         """Time of the latest motion; 0 while there is none."""
         return self._seen[-1].stamp.t_ns if self._seen else 0
 
+    @property
+    def span_ns(self) -> int:
+        """From the first motion to the latest."""
+        return self._seen[-1].stamp.t_ns - self._seen[0].stamp.t_ns if self._seen else 0
+
     def since(self, start_ns: int) -> "PathWindow":
         """A window on what is not older than start_ns, sharing the poses."""
         window = PathWindow(self._reference, self._span_ns)

@@ -16,10 +16,12 @@ from appliance.types import Check, VerdictKind
 from drivers.samples import GreyImage
 
 _SMALL_PX = 160
-_BETTER_BY = 0.2
+_SHADE_PX = 5.0
+_BETTER_BY = 0.25
+_SLACK_PX = 3
 _CALM_FRAMES = 5
-_CONVINCING = 0.75
-_ZOOMS = tuple(float(z) for z in np.exp(np.arange(-0.7, 0.7001, 0.015)) if abs(z - 1) > 0.02)
+_CONVINCING = 0.55
+_ZOOMS = tuple(float(z) for z in np.exp(np.arange(-0.405, 0.4051, 0.015)) if abs(z - 1) > 0.02)
 _FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
 
 
@@ -80,9 +82,11 @@ def _judged(value: float, limit: float) -> VerdictKind:
 
 
 def _small(image: GreyImage) -> Array32:
-    factor = max(1, image.shape[1] // _SMALL_PX)
-    size = (max(image.shape[1] // factor, 1), max(image.shape[0] // factor, 1))
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    """About 160 columns, coarse enough that a zoom need not be exact, and without broad shade and gain."""
+    share = min(1.0, _SMALL_PX / image.shape[1])
+    size = (max(round(image.shape[1] * share), 1), max(round(image.shape[0] * share), 1))
+    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    return small - np.asarray(cv2.GaussianBlur(small, (0, 0), _SHADE_PX), dtype=np.float32)
 
 
 def _explanation(before: Array32, now: Array32) -> PictureChange | None:
@@ -117,9 +121,14 @@ def _zoomed(image: Array32, zoom: float) -> Array32:
 
 
 def _likeness(a: Array32, b: Array32) -> float:
-    """Correlation of the two, −1 … 1, over the middle of the picture, where overlays are rare."""
-    margin_y, margin_x = a.shape[0] // 10, a.shape[1] // 10
-    a, b = (x[margin_y : x.shape[0] - margin_y, margin_x : x.shape[1] - margin_x] for x in (a, b))
-    a, b = a - a.mean(), b - b.mean()
-    size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return float((a * b).sum()) / size if size > 0 else 1.0
+    """Correlation of the middle of a, where overlays are rare, with its place in b or a few pixels beside it."""
+    rows, columns = a.shape[0] // 10, a.shape[1] // 10
+    slack_rows, slack_columns = min(_SLACK_PX, rows), min(_SLACK_PX, columns)
+    middle = a[rows : a.shape[0] - rows, columns : a.shape[1] - columns]
+    around = b[
+        rows - slack_rows : b.shape[0] - rows + slack_rows,
+        columns - slack_columns : b.shape[1] - columns + slack_columns,
+    ]
+    if middle.std() == 0 or around.std() == 0:
+        return 1.0
+    return float(cv2.matchTemplate(around, middle, cv2.TM_CCOEFF_NORMED).max())
