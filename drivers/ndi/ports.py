@@ -92,7 +92,8 @@ class Ports:
         return True
 
     def _enable(self) -> tuple[Tool, ...]:
-        found: list[tuple[int, ToolInformation | None]] = []
+        """Plugs that a former program left enabled stay so; the device does not offer them for enabling again."""
+        found = [(handle, self._information(handle)) for handle in self._handles("04")]
         for handle in self._handles("03"):
             information = self._information(handle)
             self._ask("PENA", f"{handle:02X}{information.priority if information is not None else 'D'}")
