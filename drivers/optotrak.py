@@ -19,6 +19,7 @@ import numpy as np
 
 from drivers.counter_clock import DeviceClock
 from drivers.errors import ConfigurationError, ProtocolError
+from drivers.forward import Forward
 from drivers.hosttime import HostClock
 from drivers.ports import Description
 from drivers.rtc3d import (
@@ -142,7 +143,7 @@ class OptotrakTracker:
         self._deadline_ns = round(options.deadline_ms * 1e6)
         self._device_clock = DeviceClock()
         self._news = _NewsWatch()
-        self._last_t_ns = 0
+        self._forward = Forward()
         self._words = ""
         deadline_ns = clock.now_ns() + round(_CONNECT_S * 1e9)
         self._connection = Rtc3dClient(host, port, options.order, clock, _CONNECT_S, options.log)
@@ -245,7 +246,7 @@ class OptotrakTracker:
             case Text(kind=PacketType.ERROR):
                 self._note_heard()
                 self._words = error_words(packet.text)
-                return self._without_number(PoseStatus.FAULT, self._words, self._now_stamp(arrival_ns))
+                return self._without_number(PoseStatus.FAULT, self._words, self._forward.stamp(arrival_ns, 0))
             case _:
                 return None
 
@@ -265,7 +266,7 @@ class OptotrakTracker:
         stamp = self._device_clock.stamp(bodies.time_us * 1000, arrival_ns, self._absent_ns)
         half_ns = self._connection.shortest_ns // 2
         early_ns = round(self._options.latency_ms * 1e6) + half_ns
-        stamp = self._later(stamp.t_ns - early_ns, stamp.err_ns + half_ns)
+        stamp = self._forward.stamp(stamp.t_ns - early_ns, stamp.err_ns + half_ns)
         probe = _listed(bodies, self._options.body)
         rms_mm = probe.rms_mm if isinstance(probe, Body) else math.nan
         if isinstance(probe, str):
@@ -292,18 +293,10 @@ class OptotrakTracker:
 
     def _overdue(self, arrival_ns: int) -> Pose | None:
         reason = self._news.overdue(arrival_ns)
-        return self._without_number(PoseStatus.STALE, reason, self._now_stamp(arrival_ns)) if reason else None
+        return self._without_number(PoseStatus.STALE, reason, self._forward.stamp(arrival_ns, 0)) if reason else None
 
     def _without_number(self, status: PoseStatus, reason: str, stamp: Stamp, rms_mm: float = math.nan) -> Pose:
         return Pose(stamp, self._news.frame, None, rms_mm, status, reason)
-
-    def _now_stamp(self, arrival_ns: int) -> Stamp:
-        return self._later(arrival_ns, 0)
-
-    def _later(self, t_ns: int, err_ns: int) -> Stamp:
-        """No stamp is as early as the one before; what that moves it is added to the bound."""
-        self._last_t_ns = max(t_ns, self._last_t_ns + 1)
-        return Stamp(self._last_t_ns, err_ns + self._last_t_ns - t_ns)
 
 
 class _NewsWatch:

@@ -20,6 +20,7 @@ import numpy as np
 
 from drivers.counter_clock import CounterClock, DeviceClock, counter_rate_hz
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
+from drivers.forward import Forward
 from drivers.hosttime import HostClock
 from drivers.ndi.exchange import Answer, Exchange
 from drivers.ndi.facts import NdiFacts, tool_facts
@@ -74,6 +75,7 @@ class NdiTracker:
         self._link, self._options, self._clock = link, options, clock
         self._session = Session(link, clock)
         self._random = random.Random(0)
+        self._forward = Forward()
         self._doubted, self._backward = 0, 0
         self._absent_ns: int | None = None
         self._next_poll_ns = 0
@@ -247,7 +249,7 @@ class NdiTracker:
         measured = self._device_clock.stamp(probe.tick, answer.arrival_ns, self._absent_ns)
         self._absent_ns = answer.sent_ns
         self._plan(measured, answer.arrival_ns)
-        stamp = Stamp(measured.t_ns - round(self._options.latency_ms * 1e6), measured.err_ns)
+        stamp = self._forward.stamp(measured.t_ns - round(self._options.latency_ms * 1e6), measured.err_ns)
         judgement = self._judge(probe)
         rms_mm = probe.transform.error if probe.transform is not None else math.nan
         if judgement[0] is not PoseStatus.OK:
@@ -263,7 +265,7 @@ class NdiTracker:
             return None
         absent = probe is not None and probe.tick is None
         judgement = probe.judgement if probe is not None and absent else (PoseStatus.STALE, reason)
-        return self._without_number(judgement, Stamp(answer.arrival_ns, 0), math.nan)
+        return self._without_number(judgement, self._forward.stamp(answer.arrival_ns, 0), math.nan)
 
     def _judge(self, probe: Reading) -> Judgement:
         """The worst word of device, probe and reference; the first that objects speaks."""
