@@ -47,6 +47,20 @@ def test_a_tracker_that_works(tmp_path: Path) -> None:
     assert {"rate", "error of the time", "jitter of the time", "delay", "gaps"} <= set(told)
 
 
+def test_an_ndi_tracker_tells_of_its_tools_and_markers(tmp_path: Path) -> None:
+    options = ["--model", "polaris-vicra", "--pty", str(tmp_path / "tracker"), "--rom", str(tmp_path / "probe.rom")]
+    command = [PROBEWATCH, "simulate", "ndi", *options, "--fault", "marker-drift"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as twin:
+        assert twin.stdout is not None
+        code, output, errors = probed(json.loads(twin.stdout.readline())["url"], seconds="4")
+        twin.terminate()
+    assert (code, errors) == (0, "")
+    assert "Polaris Vicra" in output
+    assert "P6-00000" in output
+    assert "marker C LOOSE by" in output
+    assert "! the marker fit is poor" in output
+
+
 def test_a_tracker_that_sees_nothing_is_an_error_in_plain_words() -> None:
     with bench() as cart:
         cart.show("missing")

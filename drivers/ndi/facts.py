@@ -7,6 +7,7 @@ from drivers.ndi.health import Health
 from drivers.ndi.identity import Identity, ReplyKind
 from drivers.ndi.readings import MarkerReading, Reading
 from drivers.ndi.tools import Tool
+from drivers.ports import Description
 from drivers.samples import Matrix4, PoseStatus
 
 
@@ -44,6 +45,35 @@ class NdiFacts:
     doubted: int
     clock_restarts: int
     warnings: tuple[str, ...]
+
+
+def describe(facts: NdiFacts) -> Description:
+    """The facts in words; see drivers.ports.Identified."""
+    identity = facts.identity
+    counted = ((facts.refused, "damaged replies refused"), (facts.doubted, "poses that had to be confirmed"))
+    return Description(
+        model=identity.title or "NDI tracker",
+        firmware=f"{identity.freeze_tag or 'unknown'}, answers {facts.reply.name}",
+        serial_number=identity.serial_number,
+        tools=tuple(_tool_words(tool) for tool in facts.tools),
+        rate_hz=1e3 / facts.period_ms,
+        remarks=(
+            *facts.warnings,
+            *filter(None, [facts.health.warnings]),
+            *(f"{words}: {number}" for number, words in counted if number),
+        ),
+    )
+
+
+def _tool_words(facts: ToolFacts) -> str:
+    """Name and state, and how far the markers are from their definition."""
+    state = f"{facts.status.value}{f' ({facts.reason})' if facts.reason else ''}"
+    if facts.geometry is None:
+        return f"{facts.tool.name}: {state}"
+    wrong = ", BENT" if facts.geometry.bent else ""
+    if facts.geometry.loose is not None:
+        wrong = f", marker {chr(ord('A') + facts.geometry.loose)} LOOSE by {facts.geometry.loose_mm:.2f} mm"
+    return f"{facts.tool.name}: {state}, markers within {facts.geometry.worst_mm:.2f} mm of the definition{wrong}"
 
 
 def tool_facts(tool: Tool, reading: Reading | None, detailed: Reading | None) -> ToolFacts:

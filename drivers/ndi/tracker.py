@@ -23,7 +23,7 @@ from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.forward import Forward
 from drivers.hosttime import HostClock
 from drivers.ndi.exchange import Answer, Exchange
-from drivers.ndi.facts import NdiFacts, tool_facts
+from drivers.ndi.facts import NdiFacts, describe, tool_facts
 from drivers.ndi.health import HealthWatch
 from drivers.ndi.identity import ReplyKind
 from drivers.ndi.judge import Judgement
@@ -37,6 +37,7 @@ from drivers.ndi.session import Session
 from drivers.ndi.tools import Tool
 from drivers.ndi.wire import RefusedError
 from drivers.ndi.words import BUMPED
+from drivers.ports import Description
 from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
 from drivers.tap import Tap
 
@@ -121,6 +122,10 @@ class NdiTracker:
             clock_restarts=self._device_clock.restarts,
             warnings=tuple(self._session.warnings),
         )
+
+    def describe(self) -> Description:
+        """See drivers.ports.Identified."""
+        return describe(self.facts)
 
     def clear_bump(self) -> None:
         """A person has checked the position sensor after a bump: poses count again.
@@ -278,7 +283,7 @@ class NdiTracker:
             return PoseStatus.STALE, _FROZEN
         details = self._detailed.get(self._probe.handle)
         if details is not None and details.markers is not None and details.markers.outside:
-            return PoseStatus.PARTIAL, f"{details.markers.outside} markers are outside the measurement volume"
+            return PoseStatus.PARTIAL, f"markers outside the measurement volume: {details.markers.outside}"
         return self._judge_reference()
 
     def _judge_reference(self) -> Judgement:
