@@ -108,7 +108,8 @@ class Line:
     def _watch(self, item: StampedPair | Unpaired) -> None:
         frame = item.frame
         tracked = self._tracker.step(frame.image, frame.sequence)
-        if self._picture_event.step(frame.image, followed=tracked.registration is not None) is not None:
+        followed = tracked.registration is not None
+        if self._picture_event.step(frame.stamp.t_ns, frame.image, followed) is not None:
             self._evidence.restart()
         if isinstance(item, Unpaired):
             self._slip.pause()

@@ -20,6 +20,7 @@ _SHADE_PX = 5.0
 _BETTER_BY = 0.25
 _SLACK_PX = 3
 _CALM_FRAMES = 5
+_GAP_NS = 250_000_000
 _CONVINCING = 0.55
 _ZOOMS = tuple(float(z) for z in np.exp(np.arange(-0.405, 0.4051, 0.015)) if abs(z - 1) > 0.02)
 _FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
@@ -39,17 +40,22 @@ class PictureEvent:
     def __init__(self, scale_limit_percent: float) -> None:
         self._scale_limit = scale_limit_percent
         self._before: Array32 | None = None
+        self._before_ns = 0
         self._followed = 0
         self._polarity = (1, 1)
         self._log_zoom = 0.0
 
-    def step(self, image: GreyImage, followed: bool) -> PictureChange | None:
+    def step(self, t_ns: int, image: GreyImage, followed: bool) -> PictureChange | None:
         """The change between the picture before, (h, w) uint8, and this one; None where there was none.
 
-        followed: the Real-time Tracker could register the picture, so its geometry is what it was.
+        t_ns: of the picture; after a gap the two say nothing about one another. followed: the Real-time Tracker could
+        register the picture, so its geometry is what it was.
         """
         small = _small(image)
         before, self._before = self._before, small
+        gap_ns, self._before_ns = t_ns - self._before_ns, t_ns
+        if gap_ns > _GAP_NS:
+            self._followed = 0
         calm, self._followed = self._followed >= _CALM_FRAMES, self._followed + 1 if followed else 0
         if not calm or followed or before is None or before.shape != small.shape:
             return None
