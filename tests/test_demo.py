@@ -125,8 +125,9 @@ def test_the_report_is_json_and_a_table_of_80_columns() -> None:
     console = Console(file=io.StringIO(), width=80)
     print_report(console, outcome)
     table = console.file.getvalue()
-    assert "lose-tracker" in table
-    assert "FAILED: At 75.0 s" in table
+    assert max(map(len, table.splitlines())) <= 80
+    assert "…" not in table, "no column is cut"
+    assert all(word in table for word in ("lose-tracker", "verified", "FAILED: At 75.0 s"))
 
 
 def status(**changed: object) -> dict[str, object]:

@@ -44,7 +44,7 @@ def _sentence(outcome: Outcome) -> str:
 
 
 def _timeline(findings: tuple[Finding, ...]) -> Table:
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table = Table(box=SIMPLE_HEAD, padding=0)
     for title in ("fault", "at", "named"):
         table.add_column(title, no_wrap=True)
     for title in ("warning", "halt", "recal.", "lost", "contact", "verified"):
