@@ -8,9 +8,9 @@ from typing import Protocol
 
 import serial
 
-from drivers.errors import DeviceLost
 from drivers.hosttime import HostClock
 from drivers.serialport import open_serial
+from drivers.tcpline import connect_tcp
 
 FIRST_BAUD = 9600
 """8N1 at this rate after power-up and after every reset."""
@@ -25,11 +25,9 @@ _CONNECT_S = 1.0
 _SEND_S = 0.1
 _KEEPALIVE = (
     (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1),
-    (socket.IPPROTO_TCP, socket.TCP_NODELAY, 1),
     (socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 1),
     (socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 1),
     (socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3),
-    (socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 1000),
 )
 
 
@@ -135,20 +133,8 @@ class NetworkLine:
         self._socket.close()
 
     def _connect(self) -> socket.socket:
-        try:
-            connection = socket.create_connection((self._host, self._port), _CONNECT_S)
-        except OSError as error:
-            raise self._refusal(error) from error
+        connection = connect_tcp(self._host, self._port, _CONNECT_S)
         connection.settimeout(_SEND_S)
         for level, option, value in _KEEPALIVE:
             connection.setsockopt(level, option, value)
         return connection
-
-    def _refusal(self, error: OSError) -> DeviceLost:
-        if isinstance(error, socket.gaierror):
-            remedy = "Check the name, or use the number of its address; names that end in .local need mDNS"
-            return DeviceLost("no computer or tracker of this name is known", self.where, remedy)
-        if isinstance(error, ConnectionRefusedError):
-            return DeviceLost("nothing accepts connections here", self.where, "Check the port; a Vega listens at 8765")
-        remedy = "Check that the tracker is switched on and that the network cable sits at both ends"
-        return DeviceLost(f"no connection ({error.strerror or 'no answer'})", self.where, remedy)

@@ -5,6 +5,7 @@ from drivers.hosttime import HostClock
 from drivers.ndi.lines import NetworkLine
 from drivers.ndi.options import parse_options
 from drivers.ndi.tracker import NdiTracker, connect
+from drivers.tcpline import parse_address
 
 DEFAULT_PORT = 8765
 
@@ -15,16 +16,5 @@ def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> NdiT
     if "baud" in options:
         raise ConfigurationError("a network has no line speed", url, "Leave baud= out")
     wanted = parse_options(options, url)
-    host, port = _address(target, url)
+    host, port = parse_address(target, DEFAULT_PORT, url)
     return connect(NetworkLine(host, port), url, wanted, clock)
-
-
-def _address(target: str, url: str) -> tuple[str, int]:
-    """`host`, `host:port` or `[IPv6]:port`."""
-    host, colon, port = target.rpartition(":")
-    if not colon or target.endswith("]"):
-        host, port = target, str(DEFAULT_PORT)
-    host = host.removeprefix("[").removesuffix("]")
-    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ConfigurationError(f"'{target}' is no network address", url, "Write ndi+tcp://host:8765")
-    return host, int(port)
