@@ -42,6 +42,7 @@ from drivers.tcpline import parse_address
 from drivers.twins.motion import PROBE, REFERENCE
 from drivers.twins.world import World
 from tests.optotrak_bench import Bench, bench, moving, poses, until
+from tests.optotrak_logs import LOGS, OPTIONS, play
 
 SESSION = [
     "Version 1.0",
@@ -410,6 +411,18 @@ def test_the_byte_log_holds_both_directions_and_the_drivers_poses(tmp_path: Path
         packet, received = decode_packet(received[:length], ByteOrder.BIG), received[length:]
         frames += [packet] if isinstance(packet, DataFrame) else []
     assert [frame.components[0].frame for frame in frames][:5] == [pose.sequence for pose in found]
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_a_recorded_server_decodes_as_it_did(name: str) -> None:
+    stated = json.loads((LOGS / f"{name}.json").read_text())
+    assert play(name) == stated
+    assert {entry["status"] for entry in stated} >= {"ok", "missing", "fault"}
+    for entry in stated:
+        if "matrix" in entry and entry["frame"] < 100_000:
+            world = {tool: moving(tool, entry["frame"] / 100, 0) for tool in (PROBE, REFERENCE)}
+            true = np.linalg.inv(world[REFERENCE]) @ world[PROBE] if "reference" in OPTIONS[name] else world[PROBE]
+            np.testing.assert_allclose(entry["matrix"], true[:3], atol=1.5e-3)
 
 
 def test_a_byte_log_that_cannot_be_written_is_refused() -> None:
