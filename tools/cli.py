@@ -1,6 +1,7 @@
 """The `probewatch` command: finds the subcommand, and turns every known refusal into one line and an exit code."""
 
 import importlib
+import os
 import sys
 
 import click
@@ -16,6 +17,9 @@ _COMMANDS = {
     "run": "the service: watch the devices named in the configuration",
     "simulate": "a tracker that exists only as bytes, with faults at run time",
 }
+
+
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class _LazyGroup(click.Group):
@@ -46,7 +50,13 @@ def probewatch() -> None:
 
 
 def main() -> None:
-    """Entry point of the console script."""
+    """Entry point of the console script.
+
+    The matrices are small: more than one BLAS thread costs several times the processor time and gains nothing. It must
+    be said before NumPy is imported.
+    """
+    for name in _THREADS:
+        os.environ.setdefault(name, "1")
     try:
         sys.exit(probewatch.main(standalone_mode=False))
     except ProbewatchError as error:
