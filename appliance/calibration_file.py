@@ -14,7 +14,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from appliance.geometry import nearest_rotation
+from appliance.core.geometry import nearest_rotation
 from appliance.types import PARAMETERS, Calibration, Vector
 from drivers.atomicfile import replacing
 from drivers.errors import ConfigurationError

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from appliance.ledger import Durations
 from appliance.limits import Limits
-from appliance.watchers.facts import Patience
+from appliance.supervision.ledger import Durations
+from appliance.supervision.watchers.facts import Patience
 from drivers.errors import ConfigurationError
 from drivers.ports import split_url
 

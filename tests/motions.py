@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.geometry import Array, inverse, rigid, rotation_from_vector
-from appliance.solver import PathSamples
+from appliance.core.geometry import Array, inverse, rigid, rotation_from_vector
+from appliance.core.solver import PathSamples
 from appliance.types import Calibration
 
 TRUTH = Calibration(

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.faults import Schedule, pose_time_s, spoil_image, spoil_pose
+from drivers.twins.faults import Schedule, pose_time_s, spoil_pose
 from drivers.twins.world import World
 
 ORIGIN_NS = 5_000_000_000
@@ -12,7 +12,7 @@ ORIGIN_NS = 5_000_000_000
 def session(
     world: World, duration_s: float, schedule: Schedule | None = None, fps: float = 30.0, pose_hz: float = 60.0
 ) -> Iterator[Sample]:
-    """Frames and poses of `duration_s`, poses half a period off the frames; image and pose faults applied on the way."""
+    """Frames and poses of `duration_s`, poses half a period off the frames; faults are applied on the way."""
     plan = schedule or Schedule.parse("[]")
     frame_times = [(k / fps, "frame", k) for k in range(round(duration_s * fps))]
     pose_times = [((k + 0.5) / pose_hz, "pose", k) for k in range(round(duration_s * pose_hz))]

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from appliance.calibration_file import read_calibration
 from appliance.config import load_config
-from appliance.estimator_host import EstimatorHost
-from appliance.estimator_loop import serve as serve_estimator
 from appliance.limits import Limits
+from appliance.service.estimator_host import EstimatorHost
+from appliance.service.estimator_loop import serve as serve_estimator
 from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.hosttime import HostClock
 from drivers.samples import Frame, PoseStatus, Sample

@@ -3,8 +3,8 @@
 import sys
 import time
 
-from appliance.estimator_loop import serve
 from appliance.limits import Limits
+from appliance.service.estimator_loop import serve
 from appliance.types import Calibration, Check, Verdict, VerdictKind
 from drivers.samples import Frame, Sample
 

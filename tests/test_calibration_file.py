@@ -13,7 +13,7 @@ from appliance.calibration_file import (
     read_calibration,
     write_calibration,
 )
-from appliance.geometry import rotation_from_vector, vector_from_rotation
+from appliance.core.geometry import rotation_from_vector, vector_from_rotation
 from appliance.types import PARAMETERS, Calibration
 from drivers.errors import ConfigurationError
 from tests.recordings import plus_file

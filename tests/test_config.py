@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from appliance.config import SupervisorTimes, load_config
-from appliance.ledger import Durations
 from appliance.limits import Limits
-from appliance.watchers.facts import Patience
+from appliance.supervision.ledger import Durations
+from appliance.supervision.watchers.facts import Patience
 from drivers.errors import ConfigurationError
 
 EXAMPLE = Path(__file__).parent.parent / "config" / "probewatch.toml"

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from appliance.control import ControlClient, ControlRefused, ControlServer
+from appliance.service.control import ControlClient, ControlRefused, ControlServer
 from drivers.errors import ConfigurationError, DeviceLost
 
 

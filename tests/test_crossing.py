@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.crossing import Crossing, Drawings, NoCrossing, find_crossing
+from appliance.crosswire.crossing import Crossing, Drawings, NoCrossing, find_crossing
 from drivers.twins.world import World, WorldSettings
 
 SHAPE = (240, 320)

@@ -7,7 +7,15 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from appliance.crosswire import Demand, OffsetSolution, ScanRefused, refuse_slid, renewed, solve_offset, solve_zeta
+from appliance.crosswire.offset import (
+    Demand,
+    OffsetSolution,
+    ScanRefused,
+    refuse_slid,
+    renewed,
+    solve_offset,
+    solve_zeta,
+)
 from appliance.types import Calibration
 
 LOCALISATION_MM = 0.3

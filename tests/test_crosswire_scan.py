@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from appliance.calibration_file import calibration_from_image_to_probe
-from appliance.crossing import NoCrossing
-from appliance.crosswire import ScanRefused, solve_offset, solve_zeta
-from appliance.crosswire_scan import CrosswireScan, View
-from appliance.pairing import NO_POSE
+from appliance.core.pairing import NO_POSE
+from appliance.crosswire.crossing import NoCrossing
+from appliance.crosswire.offset import ScanRefused, solve_offset, solve_zeta
+from appliance.crosswire.scan import CrosswireScan, View
 from appliance.types import Calibration
 from drivers.samples import Frame, Pose, Sample
 from drivers.twins.world import World, WorldSettings

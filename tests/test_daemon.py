@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from appliance.alarms import HAZARDS
-from appliance.control import ControlClient, ControlRefused
+from appliance.service.control import ControlClient, ControlRefused
+from appliance.supervision.alarms import HAZARDS
 from tests.cart import PROBEWATCH, Cart
 from tests.polling import until
 

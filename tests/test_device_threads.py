@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import structlog
 
-from appliance.backoff import Backoff
-from appliance.log import configure, get_log
-from appliance.output_thread import OutputThread
-from appliance.rate_meter import RateMeter
-from appliance.source_thread import CaptureThread, TrackerThread
+from appliance.service.backoff import Backoff
+from appliance.service.log import configure, get_log
+from appliance.service.output_thread import OutputThread
+from appliance.service.rate_meter import RateMeter
+from appliance.service.source_thread import CaptureThread, TrackerThread
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.hosttime import HostClock
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp

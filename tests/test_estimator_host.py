@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.estimator_host import EstimatorHost
 from appliance.limits import Limits
+from appliance.service.estimator_host import EstimatorHost
 from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from tests import stand_in_estimator as stand_in
@@ -120,7 +120,7 @@ def test_it_dies_with_its_parent(tmp_path: Path) -> None:
     program = """
         import sys, time
         from appliance.limits import Limits
-        from appliance.estimator_host import EstimatorHost
+        from appliance.service.estimator_host import EstimatorHost
         from tests.test_estimator_host import COMMAND, reference
         host = EstimatorHost(reference(), Limits(), COMMAND)
         while not host.poll()[0]:

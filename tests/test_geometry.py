@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from appliance.geometry import (
+from appliance.core.geometry import (
     interpolate,
     inverse,
     nearest_rotation,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from appliance.calibration_file import calibration_from_image_to_probe
+from appliance.core.line import Line
 from appliance.limits import Limits
-from appliance.line import Line
 from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.faults import FAULT_CLASS, Schedule

@@ -9,10 +9,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -22,83 +20,13 @@ from drivers.errors import ConfigurationError, DeviceLost
 from drivers.hosttime import HostClock
 from drivers.ndi.judge import judge_system, judge_tool
 from drivers.ndi.replies import HandleState, ToolReply
-from drivers.ndi.tracker import NdiTracker, open_tracker
+from drivers.ndi.tracker import open_tracker
 from drivers.ndi.wire import Command, encode_command
-from drivers.samples import Matrix4, Pose, PoseStatus
-from drivers.twins.combined_api import CombinedApi, Mode
-from drivers.twins.control import FaultControl
+from drivers.samples import PoseStatus
+from drivers.twins.combined_api import Mode
 from drivers.twins.faults import Episode, Schedule
-from drivers.twins.models import SPECTRA
-from drivers.twins.ndi import NdiTwin
-from drivers.twins.ptyline import PtyLine
-from drivers.twins.rom import PROBE, REFERENCE, make_rom
-
-RATE = 4.0
-
-
-def moving(tool: str, t_s: float, number: int = 0) -> Matrix4:
-    """The probe goes along x at 10 mm/s, turned 30° about z; the reference lies still, turned 90° about z."""
-    matrix = np.eye(4)
-    angle = np.radians(90 if tool == "reference" else 30)
-    matrix[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    matrix[:3, 3] = (100, 0, -1500) if tool == "reference" else (10 * t_s, 20, -1600)
-    return matrix
-
-
-@dataclass
-class Bench:
-    """A twin in a thread, and where its line and its tool definitions are."""
-
-    twin: NdiTwin
-    line: PtyLine
-    clock: HostClock
-    folder: Path
-
-    def open(self, **options: str) -> NdiTracker:
-        return open_tracker(
-            str(self.folder / "tracker"), {"probe": str(self.folder / "probe.rom")} | options, self.clock
-        )
-
-    def handle(self, main_type: int = PROBE) -> int:
-        return next(h for h, port in self.twin.device.ports.items() if port.main_type == main_type)
-
-
-@contextmanager
-def bench(folder: Path, rate: float = RATE, schedule: Schedule | None = None, track_hz: int = 60) -> Iterator[Bench]:
-    clock, stop = HostClock(rate), Event()
-    (folder / "probe.rom").write_bytes(make_rom(PROBE))
-    (folder / "reference.rom").write_bytes(make_rom(REFERENCE))
-    with PtyLine(folder / "tracker", clock) as line:
-        device = CombinedApi(moving, SPECTRA, track_hz)
-        twin = NdiTwin(line, clock, device, FaultControl((), schedule))
-        thread = Thread(target=_serve, args=(twin, stop))
-        thread.start()
-        try:
-            yield Bench(twin, line, clock, folder)
-        finally:
-            stop.set()
-            thread.join()
-
-
-def _serve(twin: NdiTwin, stop: Event) -> None:
-    try:
-        twin.run(stop)
-    except (OSError, ValueError):
-        assert stop.wait(10), "only an unplugged line may end the twin"
-
-
-def poses(tracker: NdiTracker, count: int) -> list[Pose]:
-    found = [tracker.read(1.0) for _ in range(count)]
-    assert all(found), "a pose within a second of the clock"
-    return [pose for pose in found if pose is not None]
-
-
-def until(tracker: NdiTracker, status: PoseStatus, limit: int = 60) -> Pose:
-    for _ in range(limit):
-        pose = tracker.read(1.0)
-        if pose is not None and pose.status is status:
-            return pose
-    raise AssertionError(f"no {status} pose came")
+from drivers.twins.rom import REFERENCE, make_rom
+from tests.ndi_bench import Bench, bench, moving, poses, until
 
 
 def speak(path: Path, baud: int, *commands: str) -> None:
@@ -278,13 +206,13 @@ def test_low_battery_does_not_stop_the_watch(tmp_path: Path) -> None:
 def test_standing_counter_is_stale_and_recovers(tmp_path: Path) -> None:
     with bench(tmp_path, rate=1.0) as cart, cart.open() as tracker:
         poses(tracker, 30)
-        cart.twin.control = FaultControl((), Schedule((Episode("stale-tracker", 0.0),)))
+        cart.faults("stale-tracker")
         began_ns = cart.clock.now_ns()
         stale = until(tracker, PoseStatus.STALE)
         assert "stood still" in stale.reason
         assert cart.clock.now_ns() - began_ns < 150e6
         assert tracker.read(0.2) is not None, "word that it is still stale"
-        cart.twin.control = FaultControl((), Schedule())
+        cart.faults()
         assert until(tracker, PoseStatus.OK).matrix is not None
 
 
@@ -322,12 +250,12 @@ def test_silence_is_told_within_the_deadline_and_tracking_resumes(tmp_path: Path
     with bench(tmp_path, rate=1.0) as cart:
         with cart.open() as tracker:
             poses(tracker, 5)
-            cart.twin.control = FaultControl((), Schedule((Episode("lose-tracker", 0.0),)))
+            cart.faults("lose-tracker")
             began_ns = cart.clock.now_ns()
             with pytest.raises(DeviceLost, match="no reply from the tracker"):
                 poses(tracker, 100)
             assert cart.clock.now_ns() - began_ns < 500e6
-            cart.twin.control = FaultControl((), Schedule())
+            cart.faults()
         began_ns = cart.clock.now_ns()
         with cart.open() as tracker:
             assert until(tracker, PoseStatus.OK).matrix is not None

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.geometry import rigid, rotation_from_vector
-from appliance.pairing import BACKWARDS, GAP, NEVER, NO_POSE, NOT_OK, Pairing, Unpaired
+from appliance.core.geometry import rigid, rotation_from_vector
+from appliance.core.pairing import BACKWARDS, GAP, NEVER, NO_POSE, NOT_OK, Pairing, Unpaired
 from appliance.types import StampedPair
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from appliance.calibration_file import calibration_from_image_to_probe, read_calibration, write_calibration
-from appliance.control import ControlRefused, ControlServer
+from appliance.service.control import ControlRefused, ControlServer
 from drivers.metaimage import SequenceItem, write_metaimage
 from drivers.twins.world import World, WorldSettings
 from tests.cart import PROBEWATCH, Cart

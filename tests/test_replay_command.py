@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from appliance.calibration_file import write_calibration
-from appliance.geometry import rotation_from_vector
-from appliance.report import Change, LineReport, report_json
-from appliance.timeline import Timeline
+from appliance.core.geometry import rotation_from_vector
+from appliance.core.report import Change, LineReport, report_json
+from appliance.supervision.timeline import Timeline
 from appliance.types import Calibration, Check, State, Verdict, VerdictKind
 from drivers.metaimage import write_metaimage
 from drivers.replay import open_recording

@@ -10,14 +10,14 @@ import time
 import numpy as np
 import pytest
 
-from appliance.ring import FRAMES, POSES, Ring, Shape
+from appliance.service.ring import FRAMES, POSES, Ring, Shape
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 
 SMALL = Shape(slots=4, payload_bytes=64 * 48 + 64)
 PRODUCER = """
 import sys, time
 import numpy as np
-from appliance.ring import Ring, Shape
+from appliance.service.ring import Ring, Shape
 from drivers.samples import Frame, Stamp
 ring = Ring(Shape(slots=4, payload_bytes=64 * 48 + 64), int(sys.argv[1]))
 print("ready", flush=True)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.geometry import rotation_from_vector, vector_from_rotation
-from appliance.solver import Prior, path_misfit, solve
+from appliance.core.geometry import rotation_from_vector, vector_from_rotation
+from appliance.core.solver import Prior, path_misfit, solve
 from appliance.types import Calibration
 from tests.motions import TRUTH, Noise, planar_path, samples, tilting_path
 

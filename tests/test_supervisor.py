@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from appliance.alarms import HAZARDS, Kind
-from appliance.supervisor import AlarmTable, Durations, Inputs, Request, Supervisor
+from appliance.supervision.alarms import HAZARDS, Kind
+from appliance.supervision.supervisor import AlarmTable, Durations, Inputs, Request, Supervisor
 from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
 
 S_NS = 1_000_000_000

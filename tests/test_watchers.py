@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from appliance.alarms import HAZARDS, SIGNALS, UNVERIFIED, Kind, Priority, operator_text
+from appliance.supervision.alarms import HAZARDS, SIGNALS, UNVERIFIED, Kind, Priority, operator_text
+from appliance.supervision.watchers.devices import watch_devices
+from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import State, VerdictKind
-from appliance.watchers.devices import watch_devices
-from appliance.watchers.facts import Facts, Patience
 from drivers.samples import PoseStatus
 
 NOW_NS = 1_000_000_000_000

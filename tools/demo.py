@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from appliance.supervisor import LATCHED
+from appliance.supervision.supervisor import LATCHED
 from appliance.types import State
 from drivers.errors import DeviceLost
 from drivers.twins.faults import FAULT_CLASS

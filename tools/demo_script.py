@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
-from appliance.alarms import Kind, kind_of
+from appliance.supervision.alarms import Kind, kind_of
 from appliance.types import State
 from drivers.errors import ConfigurationError
 from drivers.twins.faults import FAULT_CLASS, Episode, Schedule

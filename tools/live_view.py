@@ -13,7 +13,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from appliance.alarms import SIGNALS
+from appliance.supervision.alarms import SIGNALS
 from appliance.types import State
 from tools.demo_script import Script
 

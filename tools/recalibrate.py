@@ -21,9 +21,17 @@ from rich.table import Table
 
 from appliance.calibration_file import read_calibration, write_calibration
 from appliance.config import load_config
-from appliance.control import ControlClient, ControlRefused
-from appliance.crosswire import Demand, OffsetSolution, ScanRefused, refuse_slid, renewed, solve_offset, solve_zeta
-from appliance.crosswire_scan import CrosswireScan
+from appliance.crosswire.offset import (
+    Demand,
+    OffsetSolution,
+    ScanRefused,
+    refuse_slid,
+    renewed,
+    solve_offset,
+    solve_zeta,
+)
+from appliance.crosswire.scan import CrosswireScan
+from appliance.service.control import ControlClient, ControlRefused
 from appliance.types import Calibration, State
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from tools.crosswire_input import ScanInput, recorded, simulated, simulated_reference

@@ -12,10 +12,10 @@ from rich.progress import track
 from rich.table import Table
 
 from appliance.calibration_file import read_calibration
+from appliance.core.line import Line
+from appliance.core.report import Change, LineReport, report_json
 from appliance.limits import Limits
-from appliance.line import Line
-from appliance.report import Change, LineReport, report_json
-from appliance.timeline import Timeline
+from appliance.supervision.timeline import Timeline
 from appliance.types import Check, Verdict, VerdictKind
 from drivers.replay import Recording, open_recording
 from drivers.samples import Sample

@@ -7,10 +7,10 @@ import click
 
 from appliance.calibration_file import read_calibration
 from appliance.config import Config, load_config
-from appliance.control import ControlServer
-from appliance.daemon import Daemon
-from appliance.estimator_host import EstimatorHost
-from appliance.log import configure
+from appliance.service.control import ControlServer
+from appliance.service.daemon import Daemon
+from appliance.service.estimator_host import EstimatorHost
+from appliance.service.log import configure
 from drivers.hosttime import HostClock
 
 

@@ -1,0 +1,217 @@
+"""What the last seconds of motion show of the calibration: latency first, then polarity, then every parameter of X."""
+
+from dataclasses import dataclass, replace
+from math import isnan, nan, sqrt
+
+import numpy as np
+
+from appliance.core.latency import Latency
+from appliance.core.path import PathWindow
+from appliance.core.solver import TAU, Prior, Solution, path_misfit, solve
+from appliance.core.watchers.calibration_change import agreement_check, calibration_checks, latency_check, trusted
+from appliance.core.watchers.polarity import flipped, weigh_polarity
+from appliance.limits import Limits
+from appliance.types import Calibration, Check, VerdictKind
+
+_SHORT_NS = 3_500_000_000
+_LONG_NS = 10_000_000_000
+_UNKNOWN_LATENCY_S = 0.05
+_RELINEARISE_S = 0.008
+_LEAST_LATENCY_SIGMA_S = 0.005
+_LAGS_S = (-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
+_CONVINCING = 30.0
+_LEAST_FAR_NS = 3_000_000_000
+_UNSEEN_TILT_RAD = 0.02
+"""A tilt that no motion shows is held near the reference: left free, noise tilts it, and its cosine shrinks the scales.
+"""
+_NEAR = Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0)
+_REQUIRED_FOR = {
+    "polarity": ("polarity",),
+    "scale": ("scale-lateral", "scale-axial"),
+    "rotation": ("rotation-lateral", "rotation-axial", "rotation-elevational"),
+}
+_SLOW = frozenset({"rotation-lateral", "rotation-axial", "offset-lateral", "offset-axial", "offset-elevational"})
+"""Shown only by tilt and turn, of which a few seconds hold too little to decide."""
+_UNWEIGHED = Check("polarity", "polarity", nan, 0.0, "axes", 0.5, VerdictKind.NOT_VERIFIED)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finding:
+    """What one window showed."""
+
+    checks: tuple[Check, ...]
+    solution: Solution | None = None
+
+    @property
+    def failed(self) -> frozenset[str]:
+        """Names of the checks that are shown to be outside their limit."""
+        return frozenset(check.name for check in self.checks if check.verdict is VerdictKind.FAULT)
+
+    @property
+    def shown(self) -> int:
+        """Number of checks that are decided either way."""
+        return sum(check.verdict is not VerdictKind.NOT_VERIFIED for check in self.checks)
+
+
+class Evidence:
+    """Solves the window anew whenever asked; between two solutions the last one stands.
+
+    A short window sees a change soon, the long one measures well. Once the short one shows a fault, what came before it
+    is dropped, so that old and new calibration are never mixed into one estimate. A fault counts when two solutions in
+    a row show it; while the short window still holds some of the time before the change, only that fault may be named.
+    """
+
+    def __init__(self, reference: Calibration, limits: Limits, window: PathWindow) -> None:
+        self._reference = reference
+        self._limits = limits
+        self.window = window
+        self._nothing = examine_nothing(limits)
+        self._latest = self._best = self._nothing
+        self._suspects: frozenset[str] = frozenset()
+        self._culprits: frozenset[str] = frozenset()
+        self._valid_ns = self._settled_ns = 0
+
+    @property
+    def estimate(self) -> Calibration | None:
+        """The solution that showed most, None where there was none."""
+        return None if self._best.solution is None else self._best.solution.calibration
+
+    @property
+    def motions(self) -> int:
+        """Pictures that went into the estimate."""
+        return 0 if self._best.solution is None else self._best.solution.motions
+
+    def restart(self) -> None:
+        """The geometry has changed: what was measured before says nothing of what comes."""
+        self.window.restart()
+        self._latest = self._nothing
+        self._suspects = frozenset()
+        self._settled_ns = 0
+
+    def checks(self) -> tuple[Check, ...]:
+        """Checks of the latest solution."""
+        return self._latest.checks
+
+    def shows(self, fault: str) -> bool:
+        """True where the latest solution verified every parameter of that class."""
+        good = {check.name for check in self._latest.checks if check.verdict is VerdictKind.OK}
+        return good.issuperset(_REQUIRED_FOR[fault])
+
+    def final(self) -> tuple[Check, ...]:
+        """Checks of the solution that showed most, the one over everything remembered among them."""
+        whole = examine(self.window.since(self._valid_ns), self._reference, self._limits)
+        if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
+            self._best = whole
+        latency = latency_check(self.window.latency(), self._limits)
+        return tuple(
+            _sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks
+        )
+
+    def solve(self) -> None:
+        """Examine the short window for a change, drop what came before one, and examine what is left."""
+        now_ns = self.window.now_ns
+        short = _without(examine(self.window.since(now_ns - _SHORT_NS), self._reference, self._limits), _SLOW)
+        confirmed = short.failed & self._suspects
+        if confirmed and now_ns >= self._settled_ns:
+            self._valid_ns, self._settled_ns, self._culprits = now_ns - _SHORT_NS, now_ns + _SHORT_NS, confirmed
+        start_ns = max(self._valid_ns, now_ns - _LONG_NS)
+        finding = examine(self.window.since(start_ns), self._reference, self._limits)
+        doubtful = finding.failed - self._suspects
+        if now_ns < self._settled_ns:
+            doubtful |= finding.failed - self._culprits
+        self._latest = _without(finding, doubtful)
+        self._suspects = finding.failed | short.failed
+        if self._latest.shown >= self._best.shown:
+            self._best = self._latest
+
+
+def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Finding:
+    """Latency from the two paths, polarity by likelihood, X by maximum likelihood on the in-plane motion.
+
+    A late tracker looks like a wrong scale: no parameter of X is at fault before the latency is known to be in order.
+    """
+    lag = window.latency()
+    lag_s = 0.0 if lag is None else lag.value_s
+    try:
+        polarity, polarity_check = weigh_polarity(window.samples(lag_s, in_plane_only=False), reference)
+    except ValueError:
+        return examine_nothing(limits)
+    solution, solved_lag = _solved(window, flipped(reference, polarity), lag)
+    lateness = latency_check(_sharper(lag, solved_lag), limits)
+    parameters = Finding(calibration_checks(solution, limits), solution)
+    if lateness.verdict is not VerdictKind.OK:
+        parameters = _without(parameters, parameters.failed)
+    return Finding((polarity_check, *parameters.checks, lateness, agreement_check(solution)), solution)
+
+
+def _sharper_check(check: Check, whole: Check) -> Check:
+    """Of two checks on one quantity the one with the smaller sigma; NaN loses."""
+    return whole if isnan(check.sigma) or whole.sigma < check.sigma else check
+
+
+def _without(finding: Finding, names: frozenset[str]) -> Finding:
+    """The finding with the named checks left undecided."""
+    checks = (
+        replace(check, verdict=VerdictKind.NOT_VERIFIED) if check.name in names else check for check in finding.checks
+    )
+    return Finding(tuple(checks), finding.solution)
+
+
+def examine_nothing(limits: Limits) -> Finding:
+    """The finding of a window without motion."""
+    checks = (_UNWEIGHED, *calibration_checks(None, limits), latency_check(None, limits), agreement_check(None))
+    return Finding(checks)
+
+
+def _solved(window: PathWindow, reference: Calibration, lag: Latency | None) -> tuple[Solution | None, Latency | None]:
+    """Solution and the latency it found; None for what could not be found."""
+    try:
+        if lag is not None:
+            solution, lag_s = _solved_near(window, reference, lag.value_s, max(lag.sigma_s, 0.005))
+            return solution, _solved_latency(solution, lag_s)
+        return _solved_far(window, reference)
+    except ValueError:
+        return None, None
+
+
+def _solved_far(window: PathWindow, reference: Calibration) -> tuple[Solution, Latency | None]:
+    """Where the paths alone tell no latency: from zero, and from where the reference fits best if that is elsewhere."""
+    solution, _ = _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S)
+    if window.span_ns < _LEAST_FAR_NS:
+        return solution, None
+    misfits = [path_misfit(window.samples(lag, in_plane_only=True), reference) for lag in _LAGS_S]
+    best_s = _LAGS_S[int(np.argmin(misfits))]
+    if best_s == 0.0:
+        return solution, None
+    other, other_s = _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S)
+    if (solution.misfit - other.misfit) * other.motions < _CONVINCING:
+        return solution, None
+    return other, _solved_latency(other, other_s)
+
+
+def _solved_near(window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float) -> tuple[Solution, float]:
+    """Solution about one latency, solved anew where the first asks for it, and the latency it is linear about."""
+    prior = replace(_NEAR, latency_s=doubt_s)
+    solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
+    tilted = all(solution.calibration.observed[:2])
+    late = abs(float(solution.change[TAU])) > _RELINEARISE_S
+    if late or not tilted:
+        lag_s += float(solution.change[TAU]) if late else 0.0
+        prior = prior if tilted else replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
+        solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
+    return solution, lag_s
+
+
+def _solved_latency(solution: Solution, lag_s: float) -> Latency | None:
+    if not trusted(solution):
+        return None
+    sigma_s = max(sqrt(float(solution.covariance[TAU, TAU])), _LEAST_LATENCY_SIGMA_S)
+    return Latency(lag_s + float(solution.change[TAU]), sigma_s)
+
+
+def _sharper(paths: Latency | None, solved: Latency | None) -> Latency | None:
+    """The joint estimate where the paths alone told nothing, or where it only sharpens what they told."""
+    if solved is None or paths is None:
+        return paths or solved
+    near = abs(solved.value_s - paths.value_s) < paths.sigma_s
+    return solved if near and solved.sigma_s < 0.5 * paths.sigma_s else paths

@@ -1,0 +1,165 @@
+"""The line: samples in, verdicts out. Pure: no clock, no thread, no file; time is in the stamps.
+
+Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quality Control, one picture after the other.
+"""
+
+import numpy as np
+
+from appliance.core.evidence import Evidence
+from appliance.core.judgement import Judgement, judge
+from appliance.core.motion import analyse, wants_keyframe
+from appliance.core.pairing import Pairing, Unpaired
+from appliance.core.path import PathWindow
+from appliance.core.realtime_tracker import RealTimeTracker, Tracked
+from appliance.core.report import LineReport
+from appliance.core.watchers.frozen_tracker import FrozenTracker
+from appliance.core.watchers.frozen_video import FrozenVideo
+from appliance.core.watchers.marker_slip import MarkerSlip
+from appliance.core.watchers.picture_event import PictureEvent
+from appliance.limits import Limits
+from appliance.types import Calibration, Check, Motion, StampedPair, Verdict, VerdictKind
+from drivers.samples import Frame, Matrix4, Pose
+
+_SOLVE_EVERY_NS = 330_000_000
+_STEADY_CORRELATION = 0.6
+_STALE_NS = 500_000_000
+
+
+class Line:
+    """reference: the calibration that is watched. Give frames and poses in the order in which they came.
+
+    step() accepts any frame: one of another size than the reference's is a scale fault, not an exception.
+    motion: the latest motion that was sorted, None before the first.
+    """
+
+    def __init__(self, reference: Calibration, limits: Limits) -> None:
+        self._reference = reference
+        self._pairing = Pairing()
+        self._tracker = RealTimeTracker(float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0]))
+        self._evidence = Evidence(reference, limits, PathWindow(reference))
+        self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
+        self._frozen_check: Check | None = None
+        self._frozen_tracker = FrozenTracker(_STALE_NS)
+        self._picture_event = PictureEvent(limits.scale_percent)
+        self._slip = MarkerSlip(limits)
+        self._judgement = Judgement()
+        self._keyframe_pose: tuple[int, Matrix4] | None = None
+        self._solve_ns: int | None = None
+        self._frames = self._poses = self._paired = 0
+        self.motion: Motion | None = None
+
+    def step(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
+        """Take the next sample; one verdict for each frame that it settles."""
+        if isinstance(sample, Pose):
+            self._poses += 1
+            self._take_pose(sample)
+        else:
+            self._frames += 1
+        return tuple(self._settled(item) for item in self._pairing.step(sample))
+
+    def report(self) -> LineReport:
+        """What the whole session showed; frames still waiting for a pose stay unpaired."""
+        self._pairing.finish()
+        verdict = self._judgement.overall((*self._evidence.final(), *self._facts()))
+        return LineReport(
+            frames=self._frames,
+            poses=self._poses,
+            paired=self._paired,
+            unpaired=dict(self._pairing.unpaired),
+            latency=next((check for check in verdict.checks if check.name == "latency"), None),
+            estimate=self._evidence.estimate,
+            motions=self._evidence.motions,
+            checks=verdict.checks,
+            verdict=verdict,
+        )
+
+    def _take_pose(self, pose: Pose) -> None:
+        if pose.matrix is not None:
+            self._evidence.window.poses.add(pose.stamp.t_ns, pose.matrix)
+            self._frozen_tracker.pose(pose)
+
+    def _settled(self, item: StampedPair | Unpaired) -> Verdict:
+        t_ns = item.frame.stamp.t_ns
+        self._paired += isinstance(item, StampedPair)
+        height, width = item.frame.image.shape[:2]
+        if (width, height) != self._reference.image_size_px:
+            return self._judged(t_ns, (self._wrong_size(width, height),))
+        self._frozen_check = self._frozen.step(item.frame)
+        if self._frozen.repeats:
+            self._lose_sight()
+        else:
+            self._watch(item)
+        return self._judged(t_ns, (*self._evidence.checks(), *self._facts()))
+
+    def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
+        verdict = judge(t_ns, checks)
+        self._judgement.note(verdict)
+        return verdict
+
+    def _facts(self) -> tuple[Check, ...]:
+        frozen = () if self._frozen_check is None else (self._frozen_check,)
+        return (*self._picture_event.checks(), *self._slip.checks(), *frozen, self._frozen_tracker.check())
+
+    def _lose_sight(self) -> None:
+        """A repeated picture shows no motion: nothing may be learnt from it, and the chain ends here."""
+        self._tracker.restart()
+        self._slip.pause()
+
+    def _watch(self, item: StampedPair | Unpaired) -> None:
+        frame = item.frame
+        tracked = self._tracker.step(frame.image, frame.sequence)
+        followed = tracked.registration is not None
+        if self._picture_event.step(frame.stamp.t_ns, frame.image, followed) is not None:
+            self._evidence.restart()
+        if isinstance(item, Unpaired):
+            self._slip.pause()
+            return
+        self._compare(item, tracked)
+        self._solve(frame.stamp.t_ns)
+
+    def _compare(self, pair: StampedPair, tracked: Tracked) -> None:
+        motion = self._analyse(pair, tracked)
+        if self._slipped(pair, tracked):
+            self._evidence.restart()
+            return
+        if motion.usable and self._tracker.settled:
+            self._evidence.window.add(motion)
+
+    def _analyse(self, pair: StampedPair, tracked: Tracked) -> Motion:
+        """Sort the motion and let it steer the keyframe."""
+        known = self._keyframe_pose is not None and self._keyframe_pose[0] == tracked.keyframe
+        keyframe_pose = self._keyframe_pose[1] if known and self._keyframe_pose else pair.matrix
+        motion = self.motion = analyse(tracked, pair, self._reference, keyframe_pose)
+        renew = tracked.registration is not None and wants_keyframe(motion, tracked.registration.overlap)
+        if renew:
+            self._tracker.renew_keyframe()
+        if renew or tracked.keyframe == pair.frame.sequence:
+            self._keyframe_pose = (pair.frame.sequence, pair.matrix)
+        return motion
+
+    def _slipped(self, pair: StampedPair, tracked: Tracked) -> bool:
+        """Only a picture that was well followed can testify against the tracker."""
+        found = tracked.registration
+        if tracked.step is None or found is None or found.correlation < _STEADY_CORRELATION:
+            self._slip.pause()
+            return False
+        seen_mm = tracked.step[0] * self._reference.scale_mm_per_px
+        self._frozen_tracker.picture(seen_mm)
+        return self._slip.step(pair.stamp.t_ns, pair.matrix, float(np.hypot(*seen_mm)))
+
+    def _solve(self, t_ns: int) -> None:
+        if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < _SOLVE_EVERY_NS:
+            return
+        self._solve_ns = t_ns
+        self._evidence.solve()
+        if self._evidence.shows("polarity"):
+            self._picture_event.forget_flips()
+        if self._evidence.shows("scale"):
+            self._picture_event.forget_zoom()
+        if self._evidence.shows("rotation"):
+            self._slip.forget_turn()
+
+    def _wrong_size(self, width: int, height: int) -> Check:
+        wanted = self._reference.image_size_px
+        change = 100.0 * (width / wanted[0] - 1) or 100.0 * (height / wanted[1] - 1)
+        return Check("picture-size", "scale", change, 0.0, "%", 0.1, VerdictKind.FAULT)

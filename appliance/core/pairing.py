@@ -1,0 +1,103 @@
+"""Acquisition: a frame gets the pose of its own time, between the two that bracket it: never nearest, never beyond."""
+
+from collections import Counter, deque
+from dataclasses import dataclass
+
+from appliance.core.geometry import interpolate
+from appliance.types import StampedPair
+from drivers.samples import Frame, Pose, PoseStatus, Stamp
+
+NO_POSE = "no pose before the frame"
+GAP = "poses too far apart"
+NOT_OK = "pose not usable: "
+NEVER = "no pose after the frame"
+BACKWARDS = "frame older than the one before"
+
+
+@dataclass(frozen=True, slots=True)
+class Unpaired:
+    """A frame that got no pose, and why; reasons are the keys of the report."""
+
+    frame: Frame
+    reason: str
+
+
+class Pairing:
+    """Holds frames until a pose at or after frame time + latency has come.
+
+    latency_ns > 0 where the tracker is late: the pose stamped t + latency belongs to the image stamped t.
+    max_gap_ns: poses further apart than this do not bracket. max_waiting: frames held before the oldest is given up.
+    """
+
+    def __init__(self, max_gap_ns: int = 250_000_000, max_waiting: int = 64) -> None:
+        self._max_gap_ns = max_gap_ns
+        self._max_waiting = max_waiting
+        self._poses: deque[Pose] = deque()
+        self._frames: deque[Frame] = deque()
+        self._last_frame_ns: int | None = None
+        self.latency_ns = 0
+        self.unpaired: Counter[str] = Counter()
+
+    def step(self, sample: Frame | Pose) -> tuple[StampedPair | Unpaired, ...]:
+        """Take the next sample; return every frame whose fate it settles, in frame order."""
+        refused = self._admit(sample)
+        settled = [*refused, *self._settle()]
+        for item in settled:
+            if isinstance(item, Unpaired):
+                self.unpaired[item.reason] += 1
+        return tuple(settled)
+
+    def finish(self) -> tuple[Unpaired, ...]:
+        """The stream has ended: frames still waiting stay without a pose."""
+        left = tuple(Unpaired(frame, NEVER) for frame in self._frames)
+        self._frames.clear()
+        self.unpaired.update(item.reason for item in left)
+        return left
+
+    def _admit(self, sample: Frame | Pose) -> list[Unpaired]:
+        if isinstance(sample, Pose):
+            if self._poses and sample.stamp.t_ns <= self._poses[-1].stamp.t_ns:
+                return []
+            self._poses.append(sample)
+            return []
+        if self._last_frame_ns is not None and sample.stamp.t_ns <= self._last_frame_ns:
+            return [Unpaired(sample, BACKWARDS)]
+        self._last_frame_ns = sample.stamp.t_ns
+        self._frames.append(sample)
+        if len(self._frames) > self._max_waiting:
+            return [Unpaired(self._frames.popleft(), NEVER)]
+        return []
+
+    def _settle(self) -> list[StampedPair | Unpaired]:
+        settled: list[StampedPair | Unpaired] = []
+        while self._frames and self._poses and self._poses[-1].stamp.t_ns >= self._pose_time(self._frames[0]):
+            settled.append(self._pair(self._frames.popleft()))
+        return settled
+
+    def _pose_time(self, frame: Frame) -> int:
+        return frame.stamp.t_ns + self.latency_ns
+
+    def _pair(self, frame: Frame) -> StampedPair | Unpaired:
+        wanted_ns = self._pose_time(frame)
+        while len(self._poses) >= 2 and self._poses[1].stamp.t_ns <= wanted_ns:
+            self._poses.popleft()
+        before, after = self._poses[0], self._poses[min(1, len(self._poses) - 1)]
+        if before.stamp.t_ns > wanted_ns:
+            return Unpaired(frame, NO_POSE)
+        if before.stamp.t_ns == wanted_ns:
+            after = before
+        return self._between(frame, before, after, wanted_ns)
+
+    def _between(self, frame: Frame, before: Pose, after: Pose, wanted_ns: int) -> StampedPair | Unpaired:
+        for pose in (before, after):
+            if pose.status is not PoseStatus.OK:
+                return Unpaired(frame, NOT_OK + pose.status.value)
+        gap_ns = after.stamp.t_ns - before.stamp.t_ns
+        if gap_ns > self._max_gap_ns:
+            return Unpaired(frame, GAP)
+        assert before.matrix is not None
+        assert after.matrix is not None
+        fraction = (wanted_ns - before.stamp.t_ns) / gap_ns if gap_ns else 0.0
+        matrix = interpolate(before.matrix, after.matrix, fraction)
+        err_ns = max(frame.stamp.err_ns, before.stamp.err_ns, after.stamp.err_ns)
+        return StampedPair(Stamp(frame.stamp.t_ns, err_ns), frame, matrix, gap_ns)

@@ -1,0 +1,1 @@
+"""One watcher a file: what of the picture, the tracker and the calibration may be wrong."""

@@ -1,0 +1,68 @@
+"""Each parameter of the solved calibration against the reference: shown inside, shown outside, or not shown."""
+
+from math import nan, sqrt
+
+import numpy as np
+
+from appliance.core.latency import Latency
+from appliance.core.solver import Solution
+from appliance.limits import Limits
+from appliance.types import PARAMETERS, Check, VerdictKind
+
+_LEAST_AGREEMENT = 0.9
+
+
+def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check, ...]:
+    """One check for each of PARAMETERS, in deg, % and mm.
+
+    Where picture and tracker do not agree on the motion (correlation below 0.9) the model does not hold, and nothing is
+    concluded from it.
+    """
+    return tuple(_parameter(index, solution, limits) for index in range(len(PARAMETERS)))
+
+
+def trusted(solution: Solution) -> bool:
+    """Whether picture and tracker agree on the in-plane motion well enough for the model to hold."""
+    return solution.correlation >= _LEAST_AGREEMENT
+
+
+def latency_check(latency: Latency | None, limits: Limits) -> Check:
+    """Lag of the tracker, ms, positive when it is late."""
+    value, sigma = (nan, nan) if latency is None else (latency.value_s * 1e3, latency.sigma_s * 1e3)
+    return _judge("latency", "latency", value, sigma, "ms", limits.latency_ms, limits.confidence_sigma)
+
+
+def agreement_check(solution: Solution | None) -> Check:
+    """How far the predicted in-plane motion is from perfect correlation with the measured one; a fact, it names no
+    fault.
+    """
+    value = nan if solution is None else 1 - solution.correlation
+    verdict = VerdictKind.OK if value <= 1 - _LEAST_AGREEMENT else VerdictKind.NOT_VERIFIED
+    return Check("motion-agreement", "agreement", value, 0.0, "1 − r", 1 - _LEAST_AGREEMENT, verdict)
+
+
+def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
+    name = PARAMETERS[index]
+    fault = name.split("-", 1)[0]
+    factor, unit, limit = {
+        "rotation": (float(np.rad2deg(1.0)), "deg", limits.rotation_deg),
+        "scale": (100.0, "%", limits.scale_percent),
+        "offset": (1.0, "mm", limits.offset_mm),
+    }[fault]
+    if solution is None or not trusted(solution):
+        return Check(name, fault, nan, nan, unit, limit, VerdictKind.NOT_VERIFIED)
+    value = float(solution.change[index]) * factor
+    sigma = sqrt(float(solution.covariance[index, index])) * factor
+    if not solution.calibration.observed[index]:
+        return Check(name, fault, nan, sigma, unit, limit, VerdictKind.NOT_VERIFIED)
+    return _judge(name, fault, value, sigma, unit, limit, limits.confidence_sigma)
+
+
+def _judge(name: str, fault: str, value: float, sigma: float, unit: str, limit: float, confidence: float) -> Check:
+    """OK and FAULT both need `confidence` standard deviations of room; NaN and what lies between show nothing."""
+    verdict = VerdictKind.NOT_VERIFIED
+    if abs(value) + confidence * sigma <= limit:
+        verdict = VerdictKind.OK
+    elif abs(value) - confidence * sigma > limit:
+        verdict = VerdictKind.FAULT
+    return Check(name, fault, value, sigma, unit, limit, verdict)

@@ -1,0 +1,38 @@
+"""Which of the four picture orientations the motion supports.
+
+Motion alone cannot tell a lateral flip from a sensor turned by 180° about image depth; the polarity is the explanation
+that leaves the rotation nearest its reference (mathematics, section 2).
+"""
+
+from dataclasses import replace
+
+from appliance.core.solver import PathSamples, path_misfit
+from appliance.types import Calibration, Check, VerdictKind
+
+POLARITIES = ((1, 1), (-1, 1), (1, -1), (-1, -1))
+_CONVINCING = 40.0
+
+
+def weigh_polarity(samples: PathSamples, reference: Calibration) -> tuple[tuple[int, int], Check]:
+    """Best polarity and the check on it. Raises ValueError where the samples are too few.
+
+    The check's value is the number of flipped axes. It is OK only if every flip is worse than the reference by
+    `_CONVINCING` in −2 log likelihood, so with motion along one axis alone it stays not verified.
+    """
+    misfits = {p: path_misfit(samples, flipped(reference, p)) for p in POLARITIES}
+    best = min(misfits, key=lambda p: misfits[p])
+    margin = (min(misfits[p] for p in POLARITIES if p != best) - misfits[best]) * samples.t_s.size
+    if margin < _CONVINCING:
+        return (1, 1), _check(float("nan"), VerdictKind.NOT_VERIFIED)
+    axes = float(best.count(-1))
+    return best, _check(axes, VerdictKind.FAULT if axes else VerdictKind.OK)
+
+
+def flipped(reference: Calibration, polarity: tuple[int, int]) -> Calibration:
+    """The reference with its polarity multiplied by (lateral, axial) ±1."""
+    lateral, axial = reference.polarity
+    return replace(reference, polarity=(lateral * polarity[0], axial * polarity[1]))
+
+
+def _check(value: float, verdict: VerdictKind) -> Check:
+    return Check("polarity", "polarity", value, 0.0, "axes", 0.5, verdict)

@@ -1,0 +1,246 @@
+"""The control socket: JSON lines over a Unix socket, protocol version 1.
+
+Request: {"v": 1, "do": "status" | "acknowledge" | "begin-recalibration" | "end-recalibration" | "abort-recalibration",
+"file": PATH for end-recalibration}. Reply: {"v": 1, "ok": true, …} or {"v": 1, "ok": false, "error": TEXT}.
+The server is polled by the tick: it never blocks, takes at most one request of each client a tick, and drops whoever
+sends too much or reads too slowly; one client too many drops the one that has been silent longest.
+"""
+
+import contextlib
+import fcntl
+import json
+import os
+import selectors
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+
+VERSION = 1
+_MOST_CLIENTS = 8
+_LONGEST_LINE = 4096
+_MOST_UNSENT = 1 << 18
+_ACCEPTS_A_TICK, _BACKLOG = 16, 128
+
+Reply = dict[str, Any]
+Answer = Callable[[str, dict[str, Any]], Reply]
+"""(what to do, whole request) → fields of the reply. Raises ControlRefused."""
+
+
+class ControlRefused(ProbewatchError):  # noqa: N818  an answer, as the operator reads it
+    """The service does not do what was asked."""
+
+    exit_code = 75
+
+
+@dataclass(slots=True, eq=False)
+class _Client:
+    link: socket.socket
+    received: bytearray = field(default_factory=bytearray)
+    unsent: bytearray = field(default_factory=bytearray)
+
+
+class ControlServer:
+    """Holds the socket at `path`, mode 0660; a lock beside it keeps a second service out.
+
+    Raises DeviceLost when another service runs, ConfigurationError when the socket cannot be made there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._clients: list[_Client] = []
+        self._lock_fd = _locked(path)
+        self._listener = self._listen()
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._listener, selectors.EVENT_READ)
+        self.dropped_clients = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for client in tuple(self._clients):
+            self._drop(client)
+        self._selector.close()
+        self._listener.close()
+        self._path.unlink(missing_ok=True)
+        os.close(self._lock_fd)
+
+    def poll(self, answer: Answer) -> None:
+        """Serve what is there now."""
+        for key, _ in self._selector.select(0):
+            if key.fileobj is self._listener:
+                self._accept()
+        for client in tuple(self._clients):
+            self._serve(client, answer)
+
+    def _listen(self) -> socket.socket:
+        self._path.unlink(missing_ok=True)
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
+        try:
+            listener.bind(str(self._path))
+            self._path.chmod(0o660)
+            listener.listen(_BACKLOG)
+        except OSError as error:
+            listener.close()
+            raise _unusable(self._path, error) from None
+        return listener
+
+    def _accept(self) -> None:
+        for _ in range(_ACCEPTS_A_TICK):
+            try:
+                link, _address = self._listener.accept()
+            except OSError:
+                return
+            if len(self._clients) >= _MOST_CLIENTS:
+                self._drop(self._clients[0])
+                self.dropped_clients += 1
+            link.setblocking(False)
+            self._clients.append(_Client(link))
+
+    def _serve(self, client: _Client, answer: Answer) -> None:
+        try:
+            self._read(client)
+            line, newline, rest = bytes(client.received).partition(b"\n")
+            if newline:
+                client.received = bytearray(rest)
+                self._clients.remove(client)
+                self._clients.append(client)
+                client.unsent += json.dumps(_reply(line, answer), ensure_ascii=False).encode() + b"\n"
+            elif len(line) > _LONGEST_LINE:
+                raise ConnectionAbortedError
+            self._write(client)
+        except OSError:
+            self._drop(client)
+
+    def _read(self, client: _Client) -> None:
+        if len(client.received) > _LONGEST_LINE:
+            return
+        with contextlib.suppress(BlockingIOError):
+            received = client.link.recv(_LONGEST_LINE)
+            if not received and b"\n" not in client.received:
+                raise ConnectionResetError
+            client.received += received
+
+    def _write(self, client: _Client) -> None:
+        if len(client.unsent) > _MOST_UNSENT:
+            raise ConnectionAbortedError
+        if client.unsent:
+            with contextlib.suppress(BlockingIOError):
+                del client.unsent[: client.link.send(client.unsent)]
+
+    def _drop(self, client: _Client) -> None:
+        self._clients.remove(client)
+        client.link.close()
+
+
+def _locked(path: Path) -> int:
+    lock = path.with_name(path.name + ".lock")
+    try:
+        fd = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o660)
+    except OSError as error:
+        raise _unusable(path, error) from None
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(fd)
+        raise DeviceLost(
+            "another probewatch service is running here", str(path), "Stop it first: systemctl stop probewatch"
+        ) from None
+    return fd
+
+
+def _unusable(path: Path, error: OSError) -> ConfigurationError:
+    where = f"[control] socket = '{path}'"
+    return ConfigurationError(f"cannot be made ({error.strerror})", where, "Create its folder, or choose another path")
+
+
+def _reply(line: bytes, answer: Answer) -> Reply:
+    try:
+        request = json.loads(line)
+        if not isinstance(request, dict) or request.get("v") != VERSION:
+            raise ControlRefused(f"a request is a JSON object with v = {VERSION}")
+        return {"v": VERSION, "ok": True, **answer(str(request.get("do")), request)}
+    except ProbewatchError as error:
+        return {"v": VERSION, "ok": False, "error": str(error)}
+    except (ValueError, RecursionError):
+        return {"v": VERSION, "ok": False, "error": "the line is not JSON"}
+
+
+class ControlClient:
+    """Speaks to a running service. Raises DeviceLost when none answers, ControlRefused when it declines."""
+
+    def __init__(self, path: Path, timeout_s: float = 2.0) -> None:
+        self._path = path
+        self._link = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._link.settimeout(timeout_s)
+        try:
+            self._connect(time.monotonic() + timeout_s)
+        except OSError as error:
+            self._link.close()
+            raise self._gone(error) from None
+        self._lines = self._link.makefile("rb")
+
+    def _connect(self, deadline_s: float) -> None:
+        """Linux refuses at once, with EAGAIN, where a crowd is waiting to be accepted."""
+        while True:
+            try:
+                return self._link.connect(str(self._path))
+            except BlockingIOError:
+                if time.monotonic() >= deadline_s:
+                    raise
+                time.sleep(0.01)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._lines.close()
+        self._link.close()
+
+    def status(self) -> Reply:
+        """The whole status, as documented in appliance.service.status."""
+        status = self._ask(do="status")["status"]
+        assert isinstance(status, dict)
+        return status
+
+    def acknowledge(self) -> None:
+        """Leave a latched state whose cause is gone."""
+        self._ask(do="acknowledge")
+
+    def begin_recalibration(self) -> None:
+        """Stop monitoring for a scan."""
+        self._ask(do="begin-recalibration")
+
+    def end_recalibration(self, file: Path) -> None:
+        """Take this calibration as the reference; monitoring resumes once the line has confirmed it."""
+        self._ask(do="end-recalibration", file=str(file.absolute()))
+
+    def abort_recalibration(self) -> None:
+        """Back to the reference in force before."""
+        self._ask(do="abort-recalibration")
+
+    def _ask(self, **request: str) -> Reply:
+        try:
+            self._link.sendall(json.dumps({"v": VERSION, **request}).encode() + b"\n")
+            line = self._lines.readline()
+        except OSError as error:
+            raise self._gone(error) from None
+        if not line:
+            raise DeviceLost("the service closed the control socket", str(self._path), "Ask again; else see its log")
+        reply = json.loads(line)
+        assert isinstance(reply, dict)
+        if not reply["ok"]:
+            raise ControlRefused(str(reply["error"]), "probewatch")
+        return reply
+
+    def _gone(self, error: OSError) -> DeviceLost:
+        what = f"no service answers ({error.strerror or 'timed out'})"
+        return DeviceLost(what, str(self._path), "Start it: probewatch run --config FILE")

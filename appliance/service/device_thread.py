@@ -1,0 +1,63 @@
+"""A thread that keeps one device open: it blocks in the kernel so that the tick need not."""
+
+import threading
+from abc import ABC, abstractmethod
+
+from appliance.service.backoff import Backoff
+from appliance.service.log import get_log
+from drivers.errors import DeviceLost, ProbewatchError, ProtocolError
+from drivers.hosttime import HostClock
+
+
+class DeviceThread(threading.Thread, ABC):
+    """Opens, works, and after a loss opens again with capped backoff; logs once that it is lost, once that it is back.
+
+    failure: an error of ours, or a configuration that can never work; the tick raises it. lost: what is wrong, in
+    words, while the device is lost. losses: how often it was lost.
+    """
+
+    def __init__(self, role: str, url: str, clock: HostClock) -> None:
+        super().__init__(name=role, daemon=True)
+        self._clock = clock
+        self._stopping = threading.Event()
+        self._backoff = Backoff()
+        self._log = get_log(device=role, url=url)
+        self.role, self.url = role, url
+        self.failure: BaseException | None = None
+        self.lost: str | None = None
+        self.losses = 0
+
+    def stop(self) -> None:
+        """Ask the thread to close its device and end."""
+        self._stopping.set()
+
+    def run(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                self._keep_open()
+        except BaseException as error:
+            self.failure = error  # the tick raises it
+
+    @abstractmethod
+    def work(self) -> None:
+        """Open the device and use it until stopped. Raises DeviceLost, ProtocolError."""
+
+    def _keep_open(self) -> None:
+        try:
+            self.work()
+        except (DeviceLost, ProtocolError) as error:
+            self._note_loss(error)
+            self._stopping.wait(self._clock.real_s(self._backoff.next_s()))
+
+    def _note_loss(self, error: ProbewatchError) -> None:
+        if self.lost is None:
+            self.losses += 1
+            self._log.warning("device lost", what=error.what, where=error.where, remedy=error.remedy)
+        self.lost = str(error)
+
+    def note_success(self) -> None:
+        """The device has just done its work."""
+        self._backoff.reset()
+        if self.lost is not None:
+            self.lost = None
+            self._log.info("device back")

@@ -1,0 +1,135 @@
+"""The hardware process's side of the estimator: starts it, hears it without waiting, restarts it when dead or hung."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+
+from appliance.limits import Limits
+from appliance.service.estimator_link import LinkClosed, Order, Word, link_pair, receive, send
+from appliance.service.ring import FRAMES, POSES, Ring
+from appliance.types import Calibration, Verdict
+from drivers.samples import Frame, Sample
+
+_COMMAND = (sys.executable, "-m", "appliance.service.estimator_process")
+_FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 5.0
+_HUNG_S, _LOADING_S = 5.0, 20.0
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+class EstimatorHost:
+    """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
+
+    restarts: processes started after the first. last: what it said last, None before its first word.
+    """
+
+    def __init__(self, reference: Calibration, limits: Limits, command: Sequence[str] = _COMMAND) -> None:
+        self._command, self._limits = tuple(command), limits
+        self._order = Order(1, reference, limits)
+        self._frames, self._poses = Ring(FRAMES), Ring(POSES)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._link: socket.socket | None = None
+        self._started_s = self._heard_s = self._start_at_s = 0.0
+        self._spoken = False
+        self._wait_s = _FIRST_WAIT_S
+        self.restarts = -1
+        self.last: Word | None = None
+
+    @property
+    def pid(self) -> int | None:
+        """Of the running process, None between two of them."""
+        return None if self._process is None else self._process.pid
+
+    @property
+    def speaking(self) -> bool:
+        """The present process has spoken; False from the death of one to the first word of the next."""
+        return self._spoken
+
+    @property
+    def reference(self) -> Calibration:
+        """The calibration that verdicts speak of."""
+        return self._order.reference
+
+    def put(self, sample: Sample) -> None:
+        """Hand a sample on; never blocks. One thread for frames, one for poses. Raises ValueError when too large."""
+        (self._frames if isinstance(sample, Frame) else self._poses).put(sample)
+
+    def refer(self, reference: Calibration) -> None:
+        """Verify against another reference from now on; what is said of the old one is no longer passed on."""
+        self._order = Order(self._order.generation + 1, reference, self._limits)
+        self._send_order()
+
+    def poll(self) -> tuple[bool, tuple[Verdict, ...]]:
+        """(heard anything, verdicts on the present reference). Never blocks; call it every tick."""
+        words = self._hear()
+        now_s = time.monotonic()
+        if words:
+            self._heard_s, self._spoken, self.last = now_s, True, words[-1]
+        self._look_after(now_s)
+        present = [word for word in words if word.generation == self._order.generation]
+        return bool(words), tuple(verdict for word in present for verdict in word.verdicts)
+
+    def close(self) -> None:
+        """Stop the process and free the rings."""
+        self._stop()
+        self._frames.close()
+        self._poses.close()
+
+    def _hear(self) -> list[Word]:
+        words: list[Word] = []
+        try:
+            while self._link is not None and (word := receive(self._link)) is not None:
+                assert isinstance(word, Word)
+                words.append(word)
+        except LinkClosed:
+            self._drop_link()
+        return words
+
+    def _look_after(self, now_s: float) -> None:
+        if self._process is None:
+            if now_s >= self._start_at_s:
+                self._start(now_s)
+        elif self._process.poll() is not None or self._hung(now_s):
+            lived_s = now_s - self._started_s
+            self._stop()
+            self._wait_s = _FIRST_WAIT_S if lived_s > 10 else min(2 * self._wait_s, _LONGEST_WAIT_S)
+            self._start_at_s = now_s + self._wait_s
+
+    def _hung(self, now_s: float) -> bool:
+        return now_s - self._heard_s > (_HUNG_S if self._spoken else _LOADING_S)
+
+    def _start(self, now_s: float) -> None:
+        self._link, theirs = link_pair()
+        self._link.setblocking(False)
+        fds = (theirs.fileno(), self._frames.fd, self._poses.fd)
+        with theirs:
+            self._process = subprocess.Popen(
+                [*self._command, *(str(fd) for fd in fds)], pass_fds=fds, env=os.environ | _ONE_THREAD
+            )
+        self._started_s = self._heard_s = now_s
+        self._spoken = False
+        self.restarts += 1
+        self._send_order()
+
+    def _send_order(self) -> None:
+        if self._link is not None:
+            try:
+                send(self._link, self._order)
+            except (LinkClosed, BlockingIOError):
+                self._drop_link()
+
+    def _drop_link(self) -> None:
+        """Without a link the process ends by itself, or is found dead at the next tick."""
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def _stop(self) -> None:
+        self._drop_link()
+        if self._process is not None:
+            self._process.send_signal(signal.SIGKILL)
+            self._process.wait()
+            self._process, self._spoken = None, False

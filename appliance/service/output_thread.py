@@ -1,0 +1,71 @@
+"""One thread for each alarm output, so that one that hangs holds up neither the tick nor the others."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from appliance.service.device_thread import DeviceThread
+from drivers.hosttime import HostClock
+from drivers.ports import AlarmOutput
+
+_COMMAND_LIFE_S = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class _Command:
+    energised: bool
+    given_ns: int
+
+
+class OutputThread(DeviceThread):
+    """Writes the last command of the tick; without a fresh one, as when the tick hangs, it writes de-energised.
+
+    written_ns: time of the last completed write. writes: how many. energised: what was written last, None before.
+    """
+
+    def __init__(
+        self, role: str, url: str, open_output: Callable[[str, HostClock], AlarmOutput], clock: HostClock
+    ) -> None:
+        super().__init__(role, url, clock)
+        self._open = open_output
+        self._wake = threading.Event()
+        self._command: _Command | None = None
+        self.written_ns: int | None = None
+        self.writes = 0
+        self.energised: bool | None = None
+
+    def command(self, energised: bool, given_ns: int) -> None:
+        """From the tick; never blocks."""
+        self._command = _Command(energised, given_ns)
+        self._wake.set()
+
+    def stop(self) -> None:
+        super().stop()
+        self._wake.set()
+
+    def work(self) -> None:
+        with self._open(self.url, self._clock) as output:
+            while not self._stopping.is_set():
+                self._write(output, self._next())
+        self.energised = False
+
+    def _next(self) -> _Command:
+        """The command just given, or de-energised when none was given in time."""
+        given = self._wake.wait(_COMMAND_LIFE_S)
+        self._wake.clear()
+        command = self._command
+        if given and command is not None:
+            return command
+        return _Command(False, self._clock.now_ns())
+
+    def _write(self, output: AlarmOutput, command: _Command) -> None:
+        if self._stopping.is_set():
+            return
+        output.write(command.energised)
+        now_ns = self._clock.now_ns()
+        if command.energised != self.energised:
+            delay_ms = round((now_ns - command.given_ns) / 1e6, 3)
+            self._log.info("contact", energised=command.energised, delay_ms=delay_ms)
+        self.energised, self.written_ns = command.energised, now_ns
+        self.writes += 1
+        self.note_success()

@@ -1,0 +1,72 @@
+"""The supervisor over a recording: the states a room would have seen. Pure: time is that of the samples."""
+
+from dataclasses import replace
+
+from appliance.core.report import Change
+from appliance.supervision.supervisor import Durations, Inputs, Supervisor
+from appliance.supervision.watchers.devices import watch_devices
+from appliance.supervision.watchers.facts import Facts, Patience
+from appliance.types import AlarmState, Check, Verdict, VerdictKind
+from drivers.samples import Frame, PoseStatus, Sample
+
+_TICK_NS = 50_000_000
+
+
+class Timeline:
+    """Ticks the supervisor at its usual rate between start_ns and end_ns, while both devices were recorded.
+
+    origin_ns: time that t_s counts from. All times ns of the recording's clock.
+    """
+
+    def __init__(self, origin_ns: int, start_ns: int, end_ns: int) -> None:
+        self._origin_ns, self._end_ns = origin_ns, end_ns
+        self._next_ns = start_ns
+        self._facts = Facts(started_ns=start_ns)
+        self._verdicts: list[Verdict] = []
+        self._supervisor = Supervisor(Durations())
+        self._last: AlarmState | None = None
+        self.devices: tuple[Check, ...] = ()
+        self.changes: list[Change] = []
+
+    def step(self, sample: Sample, verdicts: tuple[Verdict, ...]) -> None:
+        """Take the next sample, in time order, and what the line said to it."""
+        self._tick_until(sample.stamp.t_ns)
+        self._facts = _noted(self._facts, sample)
+        self._verdicts += verdicts
+
+    def finish(self) -> None:
+        """Tick to the end, also where the samples stopped before it."""
+        self._tick_until(self._end_ns + 1)
+
+    def lasting_fault(self) -> Check | None:
+        """The device that was failing when the recording ended, None if all were well."""
+        return next((check for check in self.devices if check.verdict is VerdictKind.FAULT), None)
+
+    def _tick_until(self, t_ns: int) -> None:
+        while self._next_ns < t_ns and self._next_ns <= self._end_ns:
+            self._tick(self._next_ns)
+            self._next_ns += _TICK_NS
+
+    def _tick(self, now_ns: int) -> None:
+        """A recording has no estimator process and no outputs to lose: both are reported as just heard of."""
+        facts = replace(self._facts, heartbeat_ns=now_ns, output_ns=now_ns)
+        self.devices = watch_devices(now_ns, facts, Patience())
+        state = self._supervisor.step(now_ns, Inputs(tuple(self._verdicts), self.devices))
+        self._verdicts.clear()
+        if self._last is None or (state.state, state.fault) != (self._last.state, self._last.fault):
+            t_s = (now_ns - self._origin_ns) / 1e9
+            self.changes.append(Change(t_s, state.state, state.fault, state.reason))
+        self._last = state
+
+
+def _noted(facts: Facts, sample: Sample) -> Facts:
+    t_ns = sample.stamp.t_ns
+    if isinstance(sample, Frame):
+        return replace(facts, frame_ns=t_ns)
+    return replace(
+        facts,
+        reply_ns=t_ns,
+        fresh_ns=facts.fresh_ns if sample.status is PoseStatus.STALE else t_ns,
+        pose_ns=t_ns if sample.status is PoseStatus.OK else facts.pose_ns,
+        pose_status=sample.status,
+    )

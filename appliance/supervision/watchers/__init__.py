@@ -1,0 +1,1 @@
+"""One watcher a file: is every device and every process still there?"""

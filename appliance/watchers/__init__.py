@@ -1,1 +1,0 @@
-"""One watcher a file: each turns a few facts into one Check, and knows no device, no clock, no thread."""

@@ -1,9 +1,0 @@
-"""The tracker must keep answering for the probe's tool; an answer without a pose still counts."""
-
-from appliance.types import Check
-from appliance.watchers.facts import Facts, Patience, presence
-
-
-def tracker_presence(now_ns: int, facts: Facts, patience: Patience) -> Check:
-    """tracker-lost when no reply has arrived for patience.tracker_ns."""
-    return presence("tracker presence", "tracker-lost", now_ns, facts.started_ns, facts.reply_ns, patience.tracker_ns)
