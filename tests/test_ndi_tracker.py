@@ -279,7 +279,7 @@ def flip_a_bit(reply: bytes) -> bytes:
     ids=["bit", "junk before", "OKAY in place of data", "header CRC"],
 )
 def test_damaged_replies_are_refused_and_asked_for_again(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
-    with bench(tmp_path, rate=1.0) as cart, cart.open() as tracker:
+    with bench(tmp_path, rate=1.0) as cart, cart.open(deadline_ms="1000") as tracker:
         spoilt = iter((True, True))
         cart.twin.spoil = lambda reply: spoil(reply) if next(spoilt, False) else reply
         found = poses(tracker, 10)

@@ -9,7 +9,7 @@ from drivers.ndi.link import Link, refuse_reset
 from drivers.ndi.readings import Dialect, Snapshot
 from drivers.ndi.wire import EXTENDED_START, RefusedError, decode_text
 
-_GAP_NS = 40_000_000
+_GAP_NS = 25_000_000
 _LEAST_TRY_NS = 50_000_000
 
 
