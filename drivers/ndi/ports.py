@@ -29,7 +29,7 @@ class Ports:
 
         Raises DeviceLost where a tool is not there, ProtocolError for replies that make no sense.
         """
-        self._free_handles()
+        self._free_handles(any(wish.wireless for wish in wishes))
         wireless = [self._load(wish) for wish in wishes if wish.wireless]
         self._initialise(wishes)
         tools = self._enable()
@@ -40,13 +40,16 @@ class Ports:
         chosen = [self._by_handle(tools, next(waiting)) if w.wireless else self._by_plug(tools, w) for w in wishes]
         return (*chosen, *(tool for tool in tools if tool not in chosen))
 
-    def _free_handles(self) -> None:
-        """Those the device wants freed, and wireless tools that a former program loaded; plugs stay as they are."""
+    def _free_handles(self, unknown: bool) -> None:
+        """Those the device wants freed, and wireless tools that a former program loaded; plugs stay as they are.
+
+        unknown: whether to free those as well of which the device does not say what they are.
+        """
         for handle in self._handles("01"):
             self._ask("PHF", f"{handle:02X}")
         for handle in self._handles("00"):
             information = self._information(handle)
-            if information is None or information.wireless:
+            if unknown if information is None else information.wireless:
                 self._ask("PHF", f"{handle:02X}")
 
     def _load(self, wish: ToolWish) -> int:
@@ -124,13 +127,18 @@ class Ports:
         return tool
 
     def _information(self, handle: int) -> ToolInformation | None:
-        """None where the device has none to give."""
+        """None where the device has none to give, or none that can be read."""
         try:
-            return parse_information(self._ask("PHINF", f"{handle:02X}{INFORMATION}"))
+            text = self._ask("PHINF", f"{handle:02X}{INFORMATION}")
         except RefusedError as refusal:
             if refusal.code in _CONTEXT_ERRORS:
                 return None
             raise
+        try:
+            return parse_information(text)
+        except ProtocolError as error:
+            self._warnings.append(error.what)
+            return None
 
     def _handles(self, group: str) -> Iterator[int]:
         """Port handles of one group of PHSR: 00 all, 01 to free, 02 to initialise, 03 to enable."""
