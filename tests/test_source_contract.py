@@ -79,6 +79,7 @@ KINDS: dict[str, Callable[[Path], list[str]]] = {
 }
 MORE = {"optotrak-single": "mode=single&order=little&reference=2"}
 TRACKERS = [kind for kind in KINDS if kind != "sim"]
+LINES = ["ndi", "ndi+tcp", "optotrak", "sim"]
 
 
 @pytest.fixture
@@ -139,7 +140,7 @@ def require_pose(pose: Pose) -> None:
 def test_a_source_yields_samples_in_order_with_times_and_bounds(kind: str, start: Callable[[str], Device]) -> None:
     device, opened_ns = start(kind), time.monotonic_ns()
     with device.open(MORE.get(kind, "")) as source:
-        found = samples(source, 40)
+        found = samples(source, 15)
         require_contract(found, opened_ns)
         assert [s for s in found if isinstance(s, Frame) or s.status is PoseStatus.OK], "some can be used"
         require_timeouts(source)
@@ -151,7 +152,7 @@ def test_a_source_yields_samples_in_order_with_times_and_bounds(kind: str, start
 def require_timeouts(source: TrackerSource | VideoSource) -> None:
     """A read takes no longer than it was given, and finds nothing when it is given less than a period."""
     found = []
-    for _ in range(30):
+    for _ in range(15):
         began_s = time.monotonic()
         found.append(source.read(0.003))
         assert time.monotonic() - began_s < 0.003 + SLACK_S
@@ -161,7 +162,7 @@ def require_timeouts(source: TrackerSource | VideoSource) -> None:
     assert time.monotonic() - began_s < SLACK_S
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", LINES)
 def test_a_device_that_is_gone_is_lost_and_comes_back(kind: str, start: Callable[[str], Device]) -> None:
     device = start(kind)
     with device.open(MORE.get(kind, "")) as source:
@@ -234,7 +235,7 @@ def test_a_replay_keeps_the_same_promises(tmp_path: Path, opener: Callable[..., 
     image = np.zeros((16, 24), np.uint8)
     session = [
         SequenceItem(round(n * 2e7), image, {"ProbeToTracker": world.measured_pose(n / 50, n)}, sequence=n)
-        for n in range(1, 46)
+        for n in range(1, 26)
     ]
     write_metaimage(path, session, (24, 16))
     for _ in range(2):
