@@ -4,7 +4,7 @@
 class Backoff:
     """Seconds between attempts."""
 
-    def __init__(self, first_s: float = 0.1, cap_s: float = 2.0) -> None:
+    def __init__(self, first_s: float = 0.1, cap_s: float = 1.0) -> None:
         self._first_s, self._cap_s = first_s, cap_s
         self._next_s = first_s
 
