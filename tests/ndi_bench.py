@@ -50,9 +50,10 @@ class Bench:
         return f"ndi:{self.folder / 'tracker'}"
 
     def open(self, **options: str) -> NdiTracker:
-        """Connect; the probe is a wireless tool unless the options say otherwise."""
+        """Connect; the probe is a wireless tool unless the options say otherwise, and a busy host is given time."""
         wired = self.twin.device.model.electromagnetic
-        wanted = ({} if wired else {"probe": str(self.folder / "probe.rom")}) | options
+        wanted = {} if wired else {"probe": str(self.folder / "probe.rom")}
+        wanted |= {"deadline_ms": str(min(500 * self.clock.rate, 5000))} | options
         query = "&".join(f"{key}={value}" for key, value in wanted.items())
         tracker = open_tracker(f"{self.place}?{query}", self.clock)
         assert isinstance(tracker, NdiTracker)

@@ -1,27 +1,31 @@
-"""One good tracking reply at a time: asked again when damaged, refused when old, given up at the deadline."""
+"""One good tracking reply at a time: asked again when damaged or late, refused when old, given up at the deadline."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from drivers.errors import ProtocolError
 from drivers.hosttime import HostClock
-from drivers.ndi.link import Link, refuse_reset
+from drivers.ndi.link import Link, SilentError, refuse_reset
 from drivers.ndi.readings import Dialect, Snapshot
 from drivers.ndi.wire import EXTENDED_START, RefusedError, decode_text
 
 _GAP_NS = 25_000_000
 _LEAST_TRY_NS = 50_000_000
+_TRY_SHARE = 0.4
+_UNSURE_ANSWERS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """sent_ns: before the first byte of the request. detailed: as asked.
+    """sent_ns: before the first byte of the request, None while a late reply may have taken the place of the right one.
+
+    detailed: as asked.
 
     arrival_ns: after the last byte of the reply, less the time it takes on the line: when the device began to speak.
     """
 
     snapshot: Snapshot
-    sent_ns: int
+    sent_ns: int | None
     arrival_ns: int
     detailed: bool
 
@@ -40,22 +44,29 @@ class Exchange:
         self._accept = accept
         self._good_ns = clock.now_ns()
         self._longest = 0
+        self._unsure = 0
 
     def ask(self, detailed: bool) -> Answer:
         """Raises DeviceLost when no good reply has come for the deadline, RefusedError when the device refuses.
 
         The deadline runs from the last good reply, so that a silence between two requests counts as well.
         """
-        deadline_ns = max(self._good_ns + self._deadline_ns, self._clock.now_ns() + _LEAST_TRY_NS)
-        deadline_ns += 2 * self._link.transfer_ns(self._longest)
+        spare_ns = 2 * self._link.transfer_ns(self._longest)
+        deadline_ns = max(self._good_ns + self._deadline_ns, self._clock.now_ns() + _LEAST_TRY_NS) + spare_ns
         while True:
+            try_ns = min(deadline_ns, self._clock.now_ns() + round(_TRY_SHARE * self._deadline_ns) + spare_ns)
             try:
-                return self._ask_once(detailed, deadline_ns)
+                return self._ask_once(detailed, try_ns)
             except RefusedError:
                 raise
+            except SilentError:
+                if self._clock.now_ns() >= deadline_ns:
+                    raise
+                self._unsure = _UNSURE_ANSWERS
             except ProtocolError:
-                self.refused += 1
-                self._link.wait_quiet(_GAP_NS, deadline_ns)
+                pass
+            self.refused += 1
+            self._link.wait_quiet(_GAP_NS, deadline_ns)
 
     def rest(self) -> None:
         """The device was busy with another command until now; its silence did not count."""
@@ -68,7 +79,9 @@ class Exchange:
         snapshot = self._decode(data, detailed)
         self._accept(snapshot)
         self._good_ns, self._longest = read_ns, max(self._longest, len(data))
-        return Answer(snapshot, sent_ns, read_ns - self._link.transfer_ns(len(data)), detailed)
+        self._unsure = max(self._unsure - 1, 0)
+        sure_ns = None if self._unsure else sent_ns
+        return Answer(snapshot, sure_ns, read_ns - self._link.transfer_ns(len(data)), detailed)
 
     def _decode(self, data: bytes, detailed: bool) -> Snapshot:
         """The long form of a binary reply has no check sum, so over a serial line nothing in it is believed."""

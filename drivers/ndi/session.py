@@ -23,12 +23,13 @@ COMM_CODES = {
     1228739: "7",
     230400: "A",
 }
-_USUAL_BAUDS = (FIRST_BAUD, 115200, 921600)
+_USUAL_BAUDS = (FIRST_BAUD, 115200)
 _S = 1_000_000_000
 _REPLY_S = 2.0
 _SLOW_S = {"INIT": 6.0, "PINIT": 6.0, "TSTART": 6.0, "SET": 8.0, "GET": 4.0}
 _KNOCK_S = 0.3
-_LISTEN_S = 0.8
+_LISTEN_S = 1.5
+_RESET_S = 4.0
 _SEARCH_S = 8.0
 _SWITCH_S = 0.1
 _NETWORK_KNOCK_S = 1.0
@@ -124,9 +125,11 @@ class Session:
         if any(self._answers(rate, _KNOCK_S) for rate in likely):
             return
         self.link.reset()
-        deadline_ns = self._clock.now_ns() + round(_SEARCH_S * _S)
-        while self._clock.now_ns() < deadline_ns:
-            if self._answers(FIRST_BAUD, _LISTEN_S) or self._answers(baud, _KNOCK_S):
+        reset_ns = self._clock.now_ns()
+        while self._clock.now_ns() < reset_ns + _SEARCH_S * _S:
+            if self._answers(FIRST_BAUD, _LISTEN_S):
+                return
+            if self._clock.now_ns() > reset_ns + _RESET_S * _S and self._answers(baud, _KNOCK_S):
                 return
         if any(self._answers(rate, _KNOCK_S) for rate in COMM_CODES):
             return
