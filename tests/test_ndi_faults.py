@@ -92,7 +92,7 @@ def test_tracking_resumes_within_two_seconds(model: Model, fault: str, tmp_path:
             cart.faults(fault)
             wait_until(lambda: thread.losses == 1)
             cart.faults()
-            wait_until(lambda: cart.twin._since == {} and cart.twin._boot_ns is None)
+            wait_until(lambda: cart.twin._since == {} and not cart.twin.starting)
             ended_ns = cart.clock.now_ns()
             wait_until(lambda: any(p.status is PoseStatus.OK and p.stamp.t_ns > ended_ns for p in found))
             assert cart.clock.now_ns() - ended_ns < 2e9 + (BREAK_NS if fault == "baud-mismatch" else 0)

@@ -1,41 +1,28 @@
 """The NDI driver against a simulated Polaris on a real pseudo-terminal: states it may find, faults it must tell."""
 
 import json
-import os
-import random
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-import serial
 
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.hosttime import HostClock
 from drivers.ndi.judge import judge_system, judge_tool
 from drivers.ndi.replies import HandleState, ToolReply
 from drivers.ndi.tracker import open_tracker
-from drivers.ndi.wire import Command, encode_command
 from drivers.samples import PoseStatus
 from drivers.twins.combined_api import Mode
 from drivers.twins.faults import Episode, Schedule
 from drivers.twins.rom import REFERENCE, make_rom
-from tests.ndi_bench import Bench, bench, moving, poses, until
-
-
-def speak(path: Path, baud: int, *commands: str) -> None:
-    """What another program did to the device before us."""
-    with serial.Serial(str(path), baud, timeout=0.5) as port:
-        for text in commands:
-            name, _, arguments = text.partition(" ")
-            port.write(encode_command(Command(name, arguments)))
-            assert port.read_until(b"\r"), f"no reply to {text}"
+from tests.ndi_bench import bench, moving, poses, until
 
 
 def test_poses_and_times_are_those_of_the_device(tmp_path: Path) -> None:
@@ -64,78 +51,6 @@ def test_poses_relative_to_the_reference_tool(tmp_path: Path) -> None:
         np.testing.assert_allclose(pose.matrix, expected, atol=1e-3)
         cart.twin.device.ports[cart.handle(REFERENCE)].seen = False
         assert until(tracker, PoseStatus.MISSING).reason == "reference tool: the tracker does not see the tool"
-
-
-def leave_fresh(cart: Bench) -> None:
-    assert cart.twin.device.mode is Mode.SETUP
-
-
-def leave_at_115200(cart: Bench) -> None:
-    speak(cart.folder / "tracker", 9600, "INIT", "COMM 50000")
-
-
-def leave_at_an_odd_speed(cart: Bench) -> None:
-    speak(cart.folder / "tracker", 9600, "INIT", "COMM 30000")
-
-
-def leave_tracking_at_115200(cart: Bench) -> None:
-    with cart.open() as tracker:
-        poses(tracker, 2)
-        tracker._session.stop = lambda: None  # type: ignore[method-assign]
-    assert cart.twin.device.mode is Mode.TRACKING
-
-
-def leave_handles(cart: Bench) -> None:
-    speak(cart.folder / "tracker", 9600, "INIT", *["PHRQ *********1****"] * 5)
-    assert len(cart.twin.device.ports) == 5
-
-
-def leave_half_a_command(cart: Bench) -> None:
-    with serial.Serial(str(cart.folder / "tracker"), 9600) as port:
-        port.write(b"PVWR:0A0040000102")
-
-
-def leave_garbage_for_the_host(cart: Bench) -> None:
-    os.write(cart.line._master, bytes(range(1, 256)) + b"\xc4\xa5\xff\xff")
-
-
-def leave_a_reset_pending(cart: Bench) -> None:
-    cart.twin.reset()
-
-
-STATES = [
-    leave_fresh,
-    leave_at_115200,
-    leave_at_an_odd_speed,
-    leave_tracking_at_115200,
-    leave_handles,
-    leave_half_a_command,
-    leave_garbage_for_the_host,
-    leave_a_reset_pending,
-]
-
-
-@pytest.mark.parametrize("leave", STATES)
-def test_first_connection_succeeds_from_every_state(tmp_path: Path, leave: Callable[[Bench], None]) -> None:
-    with bench(tmp_path, rate=8.0) as cart:
-        leave(cart)
-        with cart.open() as tracker:
-            assert until(tracker, PoseStatus.OK).matrix is not None
-            assert len(cart.twin.device.ports) == 1, "left-over handles are freed"
-            assert cart.twin.device.baud == 115200
-
-
-@pytest.mark.slow
-def test_a_hundred_first_connections_from_random_states(tmp_path: Path) -> None:
-    choose = random.Random(20)
-    with bench(tmp_path, rate=20.0) as cart:
-        for _ in range(100):
-            for leave in choose.sample(STATES[1:], choose.randint(1, 3)):
-                with suppress(AssertionError):  # what one program leaves may keep the next from speaking
-                    leave(cart)
-            with cart.open() as tracker:
-                assert until(tracker, PoseStatus.OK).matrix is not None
-                tracker._session.stop = lambda: None  # type: ignore[method-assign]
 
 
 def test_closing_leaves_the_device_as_a_fresh_program_expects_it(tmp_path: Path) -> None:

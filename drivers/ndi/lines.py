@@ -8,6 +8,7 @@ from typing import Protocol
 
 import serial
 
+from drivers.errors import DeviceLost
 from drivers.hosttime import HostClock
 from drivers.serialport import open_serial
 from drivers.tcpline import connect_tcp
@@ -23,6 +24,8 @@ _BREAK_BAUD = 300
 _BREAK_NS = 60_000_000
 _CONNECT_S = 1.0
 _SEND_S = 0.1
+_STARTING_NS = 1_750_000_000
+_PAUSE_NS = 200_000_000
 _KEEPALIVE = (
     (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1),
     (socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 1),
@@ -102,14 +105,17 @@ class SerialLine:
 
 
 class NetworkLine:
-    """where: `host:port`. Raises DeviceLost when nobody answers there."""
+    """where: `host:port`. A device that is just starting anew is waited for.
+
+    Raises DeviceLost when nobody answers there within two seconds of the clock.
+    """
 
     baud = None
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, clock: HostClock) -> None:
         self.where = f"{host}:{port}"
         self._host, self._port = host, port
-        self._socket = self._connect()
+        self._socket = self._connect_patiently(clock)
 
     def fileno(self) -> int:
         return self._socket.fileno()
@@ -131,6 +137,16 @@ class NetworkLine:
 
     def close(self) -> None:
         self._socket.close()
+
+    def _connect_patiently(self, clock: HostClock) -> socket.socket:
+        end_ns = clock.now_ns() + _STARTING_NS
+        while True:
+            try:
+                return self._connect()
+            except DeviceLost:
+                if clock.now_ns() > end_ns:
+                    raise
+            clock.sleep_until(clock.now_ns() + _PAUSE_NS)
 
     def _connect(self) -> socket.socket:
         connection = connect_tcp(self._host, self._port, _CONNECT_S)

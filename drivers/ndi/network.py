@@ -17,4 +17,4 @@ def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> NdiT
         raise ConfigurationError("a network has no line speed", url, "Leave baud= out")
     wanted = parse_options(options, url)
     host, port = parse_address(target, DEFAULT_PORT, url)
-    return connect(NetworkLine(host, port), url, wanted, clock)
+    return connect(NetworkLine(host, port, clock), url, wanted, clock)

@@ -56,11 +56,14 @@ class NdiTwin:
         self._boot_ns: int | None = None
         self._replies = 0
         self._refusal = ""
+        self._reset_asked = Event()
 
     def run(self, stop: Event) -> None:
         """Serve the line until stop is set."""
         while not stop.is_set():
             self._follow(self.control.active(self._now_s()))
+            if self._reset_asked.is_set():
+                self._reset()
             if "unplug" in self._since:
                 self._clock.sleep_until(self._clock.now_ns() + round(_IDLE_S * 1e9))
                 continue
@@ -69,8 +72,17 @@ class NdiTwin:
             if data and self._boot_ns is None and not self._since.keys() & {"lose-tracker", "no-reply"}:
                 self._hear(data, stop)
 
+    @property
+    def starting(self) -> bool:
+        """Deaf, because it has been told to start anew and has not yet done so."""
+        return self._reset_asked.is_set() or self._boot_ns is not None
+
     def reset(self) -> None:
         """The device restarts, as after a power glitch or a break: deaf for a second, then RESET at 9600 baud."""
+        self._reset_asked.set()
+
+    def _reset(self) -> None:
+        self._reset_asked.clear()
         self.device.reset()
         self._received.clear()
         self._boot_ns = self._clock.now_ns() + round(BOOT_S * 1e9)
@@ -116,7 +128,7 @@ class NdiTwin:
             case "hot":
                 self.device.raise_alert(TOO_HOT)
             case "reset":
-                self.reset()
+                self._reset()
             case "stale-counter" | "stale-tracker":
                 self.device.hold_s = now_s
             case "unplug":
@@ -137,7 +149,7 @@ class NdiTwin:
     def _hear(self, data: bytes, stop: Event) -> None:
         """Bytes at another speed than the device's are noise; a NUL stands for a break."""
         if b"\0" in data and not self.device.model.network:
-            self.reset()
+            self._reset()
             return
         received = self._received.setdefault(self._line.source, bytearray())
         received += data if self._line.hears(self.device.baud) else b"\xff" * len(data)
@@ -149,7 +161,7 @@ class NdiTwin:
     def _answer(self, line: bytes, stop: Event) -> None:
         """Reply in the time both directions take on the line; a new line speed holds from the next byte on."""
         if line.startswith((b"RESET:", b"RESET ")):
-            self.reset()
+            self._reset()
             return
         baud = self.device.baud
         start_ns = self._clock.now_ns()
