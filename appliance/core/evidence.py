@@ -20,6 +20,7 @@ _RELINEARISE_S = 0.008
 _LEAST_LATENCY_SIGMA_S = 0.005
 _LAGS_S = (-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
 _CONVINCING = 30.0
+_MOSTLY = 0.7
 _LEAST_FAR_NS = 3_000_000_000
 _UNSEEN_TILT_RAD = 0.02
 """A tilt that no motion shows is held near the reference: left free, noise tilts it, and its cosine shrinks the scales.
@@ -137,7 +138,8 @@ def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Findi
     except ValueError:
         return examine_nothing(limits)
     solution, solved_lag = _solved(window, flipped(reference, polarity), lag)
-    lateness = latency_check(_sharper(lag, solved_lag), limits)
+    mostly_in_plane = solution is not None and solution.motions >= _MOSTLY * len(window)
+    lateness = latency_check(_sharper(lag, solved_lag if mostly_in_plane else None), limits)
     parameters = Finding(calibration_checks(solution, limits), solution)
     if lateness.verdict is not VerdictKind.OK:
         parameters = _without(parameters, parameters.failed)

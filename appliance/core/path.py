@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from appliance.core.geometry import Array, inverse, quaternion_from_rotation, rigid
 from appliance.core.latency import Latency, estimate_latency
-from appliance.core.solver import PathSamples
+from appliance.core.solver import PathSamples, predicted_path
 from appliance.types import Calibration, Motion
 from drivers.samples import Matrix4
 
 _APART_S = 0.1
+_BEFORE_S = 0.5
 _SORT_S = 0.3
 _OUT_RATIO = 1.5
 _OUT_FLOOR_MM = 0.3
@@ -114,11 +115,12 @@ class PathWindow:
             return None
         t_s, chain, u_px, alpha = self._arrays()
         times, positions, turns = self.poses.arrays(self._seen[0].stamp.t_ns)
-        if times.size < 2:
+        reach = times >= t_s[0] - _BEFORE_S
+        if np.count_nonzero(reach) < 2:
             return None
-        centre = -self._reference.rotation.T @ self._reference.offset_mm
-        centre_mm = _rotation_from_quaternion(turns) @ centre + positions
-        return estimate_latency(t_s, chain, self._picture_path(u_px, alpha), times, centre_mm)
+        poses = rigid(_rotation_from_quaternion(turns[reach]), positions[reach])
+        sensor_path = predicted_path(poses, self._reference)
+        return estimate_latency(t_s, chain, self._picture_path(u_px, alpha), times[reach], sensor_path)
 
     def samples(self, latency_s: float, in_plane_only: bool) -> PathSamples:
         """The pictures whose poses are bracketed at the given latency.

@@ -108,6 +108,23 @@ def path_misfit(samples: PathSamples, reference: Calibration) -> float:
     return (_huber_cost(whiten(residual)) + whiten.log_volume) / len(residual)
 
 
+def path_agreement(samples: PathSamples, reference: Calibration) -> float:
+    """Correlation of measured and predicted in-plane motion under the reference itself, as Solution.correlation."""
+    return _Problem(samples, reference, Prior()).agreement(np.zeros(9))
+
+
+def predicted_path(poses: Array, reference: Calibration) -> Array:
+    """(m, 4, 4) successive poses → (m, 3) mm: way of the image centre in its own turning axes: lateral, axial,
+    elevational.
+
+    The in-plane part is what a perfect registration would integrate, whatever the probe tilts on its way.
+    """
+    step = _picture_steps(reference.rotation, reference.offset_mm, _sensor_steps(poses))
+    unturn = _turn(-np.cumsum(step[:, 2]))
+    in_plane = np.einsum("nij,nj->ni", unturn, step[:, :2])
+    return -np.cumsum(np.column_stack([in_plane, step[:, 3]]), axis=0)
+
+
 @dataclass(frozen=True, slots=True)
 class _Noise:
     """White sd and random-walk sd per √s, of positions (mm) and angles (rad)."""
@@ -252,7 +269,7 @@ class _Problem:
             covariance,
             noise.position_mm,
             noise.angle_rad,
-            self._agreement(theta),
+            self.agreement(theta),
             cost / self._t_s.size,
             self._t_s.size,
         )
@@ -263,7 +280,7 @@ class _Problem:
         enough = np.minimum(useful, 0.5 * self._prior_sd()[:TAU])
         return tuple(bool(flag) for flag in np.sqrt(np.diag(covariance)[:TAU]) < enough)
 
-    def _agreement(self, theta: Array) -> float:
+    def agreement(self, theta: Array) -> float:
         """Correlation of the measured with the predicted in-plane path over about half a second, worse moving axis."""
         residual = self.residual(theta)
         measured = np.einsum("nij,nj->ni", self._unturn, self._u_mm * (1 + theta[3:5]))

@@ -1,4 +1,4 @@
-"""The process that computes. appliance.service.estimator_host starts it: `-m appliance.service.estimator_process LINK FRAMES POSES`."""
+"""The process that computes, started by estimator_host: `-m appliance.service.estimator_process LINK FRAMES POSES`."""
 
 import sys
 

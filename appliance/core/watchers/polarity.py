@@ -6,23 +6,26 @@ that leaves the rotation nearest its reference (mathematics, section 2).
 
 from dataclasses import replace
 
-from appliance.core.solver import PathSamples, path_misfit
+from appliance.core.solver import PathSamples, path_agreement, path_misfit
 from appliance.types import Calibration, Check, VerdictKind
 
 POLARITIES = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 _CONVINCING = 40.0
+_LEAST_AGREEMENT = 0.7
 
 
 def weigh_polarity(samples: PathSamples, reference: Calibration) -> tuple[tuple[int, int], Check]:
     """Best polarity and the check on it. Raises ValueError where the samples are too few.
 
     The check's value is the number of flipped axes. It is OK only if every flip is worse than the reference by
-    `_CONVINCING` in −2 log likelihood, so with motion along one axis alone it stays not verified.
+    `_CONVINCING` in −2 log likelihood, so with motion along one axis alone it stays not verified;
+    and nothing is decided where even the best explanation does not resemble what the picture did.
     """
     misfits = {p: path_misfit(samples, flipped(reference, p)) for p in POLARITIES}
     best = min(misfits, key=lambda p: misfits[p])
     margin = (min(misfits[p] for p in POLARITIES if p != best) - misfits[best]) * samples.t_s.size
-    if margin < _CONVINCING:
+    agreement = path_agreement(samples, flipped(reference, best))
+    if margin < _CONVINCING or not agreement > _LEAST_AGREEMENT:
         return (1, 1), _check(float("nan"), VerdictKind.NOT_VERIFIED)
     axes = float(best.count(-1))
     return best, _check(axes, VerdictKind.FAULT if axes else VerdictKind.OK)
