@@ -186,9 +186,16 @@ def _solved_far(window: PathWindow, reference: Calibration) -> tuple[Solution, L
     if best_s == 0.0:
         return solution, None
     other, other_s = _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S)
-    if (solution.misfit - other.misfit) * other.motions < _CONVINCING:
+    gain = (solution.misfit - other.misfit) * other.motions
+    if gain < _CONVINCING or not _unchanged(other):
         return solution, None
     return other, _solved_latency(other, other_s)
+
+
+def _unchanged(solution: Solution) -> bool:
+    """Whether X is the reference's to within 2° and 3 %: then a far latency is all that is wrong."""
+    near = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2)
+    return bool(np.all(np.abs(solution.change[:5]) < near))
 
 
 def _solved_near(window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float) -> tuple[Solution, float]:
