@@ -31,9 +31,10 @@ _JUMP_NS = 300_000_000
 _BOUND_FLOOR_NS = 150_000.0
 _FIRST_BOUND_NS = 100_000_000.0
 _RANK = 12
-_TILT = 1.0
+_TILT = 2.0
 _MISS = 0.003
 _FLOORS = 8
+_BRACKET_FLOOR_NS = 50_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,19 +55,25 @@ class DeviceClock:
         self.restarts = 0
         self._last_t_ns = 0
         self._count = 0
+        self._shortest_ns = 0
         self._begin(0, 0)
 
-    def stamp(self, device_ns: int, arrival_ns: int, absent_ns: int | None = None) -> Stamp:
+    def stamp(
+        self, device_ns: int, arrival_ns: int, absent_ns: int | None = None, asked_ns: int | None = None
+    ) -> Stamp:
         """Host time of the measurement, never before an earlier stamp; the bound holds for 99.7 % of all readings.
 
         device_ns: the device's clock, any zero. arrival_ns: CLOCK_MONOTONIC of the last byte, less the known transfer
         time. absent_ns: when the last request went out whose answer did not contain this measurement yet, None where
-        that is not known.
+        that is not known. asked_ns: when the request went out that it answers; the shortest time from there to the
+        arrival is how much of a delay may be common to all readings, taken as 0 where that is not known.
         """
         if self._count == 0:
             self._begin(device_ns, arrival_ns)
         elif self._jumped(device_ns, arrival_ns):
             self._restart(device_ns, arrival_ns)
+        if asked_ns is not None:
+            self._shortest_ns = min(self._shortest_ns or arrival_ns - asked_ns, arrival_ns - asked_ns)
         self._device_ns = float(device_ns - self._zero_ns)
         late_ns = arrival_ns - self._origin_ns - self._device_ns
         self._add(_Reading(self._device_ns, late_ns), arrival_ns)
@@ -165,7 +172,7 @@ class DeviceClock:
         """Never back in time, never after the arrival; what that moves the stamp is added to its bound."""
         raw_ns = self._origin_ns + round(self._device_ns + self._line(self._device_ns))
         self._last_t_ns = min(max(raw_ns, self._last_t_ns), arrival_ns)
-        bound_ns = min(self._bound_ns(), self._bracket_ns())
+        bound_ns = min(self._bound_ns() + self._shortest_ns, self._bracket_ns() + _BRACKET_FLOOR_NS)
         return Stamp(self._last_t_ns, round(bound_ns) + abs(self._last_t_ns - raw_ns))
 
     def _bound_ns(self) -> float:
@@ -177,18 +184,29 @@ class DeviceClock:
         tilt = _TILT * self._doubt_ns / length_ns if length_ns >= _SHORTEST_EDGE_NS else _USUAL_SKEW
         return min(_BOUND_FLOOR_NS + self._doubt_ns + tilt * away_ns, _FIRST_BOUND_NS)
 
-    def _bracket_ns(self) -> float:
-        """How far the truth can be from the line: it lies above what was not yet there, and below what had arrived.
+    @property
+    def early_ns(self) -> float:
+        """How far before the stamps the truth may lie, by what requests came too early for; at most 100 ms.
 
-        Both hold without any assumption on the delays, only on how far the rates of the clocks may differ from here on.
+        This holds without any assumption on the delays, only on how far the rates of the clocks may differ from now on.
         """
-        if not self._floors:
-            return _FIRST_BOUND_NS
-        skew = _SETTLED_SKEW if self._edge_ns[1] >= _SHORTEST_EDGE_NS else _STEEPEST
+        skew = self._skew
+        return max(min((self._room_ns(floor, skew, -1.0) for floor in self._floors), default=_FIRST_BOUND_NS), 0.0)
+
+    @property
+    def _skew(self) -> float:
+        """How far the slope of the line may be wrong."""
+        length_ns = self._edge_ns[1]
+        if length_ns < _SHORTEST_EDGE_NS:
+            return _STEEPEST
+        return min(_SETTLED_SKEW + _TILT * self._doubt_ns / length_ns, _STEEPEST)
+
+    def _bracket_ns(self) -> float:
+        """How far the truth can be from the line: it lies above what was not there yet, and below what had arrived."""
+        skew = self._skew
         newest = list(self._lowest)[-_FLOORS:]
         above_ns = min(self._room_ns(reading, skew, 1.0) for reading in newest)
-        below_ns = min(self._room_ns(floor, skew, -1.0) for floor in self._floors)
-        return max(above_ns, below_ns, 0.0)
+        return max(above_ns, self.early_ns)
 
     def _room_ns(self, reading: _Reading, skew: float, side: float) -> float:
         away_ns = abs(self._device_ns - reading.device_ns)
@@ -207,12 +225,12 @@ class CounterClock(DeviceClock):
         self._counter: int | None = None
         self._counts = 0
 
-    def stamp(self, counter: int, arrival_ns: int, absent_ns: int | None = None) -> Stamp:
+    def stamp(self, counter: int, arrival_ns: int, absent_ns: int | None = None, asked_ns: int | None = None) -> Stamp:
         """As DeviceClock.stamp, for the value of the counter. A counter that runs backward starts anew."""
         steps = 0 if self._counter is None else (counter - self._counter) % _WRAP
         self._counts += steps - _WRAP if steps >= _WRAP // 2 else steps
         self._counter = counter
-        return super().stamp(round(self._counts * self._period_ns), arrival_ns, absent_ns)
+        return super().stamp(round(self._counts * self._period_ns), arrival_ns, absent_ns, asked_ns)
 
 
 def counter_rate_hz(counters: Sequence[int], arrivals_ns: Sequence[int]) -> float:

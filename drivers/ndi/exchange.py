@@ -17,7 +17,8 @@ _UNSURE_ANSWERS = 3
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """sent_ns: before the first byte of the request, None while a late reply may have taken the place of the right one.
+    """sent_ns: when the request had reached the device, at the earliest; None while a late reply may have come in place
+    of the right one.
 
     detailed: as asked.
 
@@ -68,12 +69,18 @@ class Exchange:
             self.refused += 1
             self._link.wait_quiet(_GAP_NS, deadline_ns)
 
+    @property
+    def reply_ns(self) -> int:
+        """Time on the line of the longest reply so far."""
+        return self._link.transfer_ns(self._longest)
+
     def rest(self) -> None:
         """The device was busy with another command until now; its silence did not count."""
         self._good_ns = self._clock.now_ns()
 
     def _ask_once(self, detailed: bool, deadline_ns: int) -> Answer:
-        sent_ns = self._link.send(self._dialect.request(detailed))
+        request = self._dialect.request(detailed)
+        sent_ns = self._link.send(request) + self._link.transfer_ns(len(request))
         data = self._link.read_reply(deadline_ns)
         read_ns = self._clock.now_ns()
         snapshot = self._decode(data, detailed)

@@ -79,8 +79,10 @@ class Session:
     def start(self, baud: int, wishes: tuple[ToolWish, ...]) -> None:
         """Bring the device to tracking, with the tools in the order of `wishes` first, then all others it has.
 
-        Without any wish for a wireless tool none is loaded. A damaged reply starts the whole sequence again, which is
-        harmless from every state. Raises DeviceLost, or ConfigurationError for a line speed the device does not have.
+        Without any wish for a wireless tool none is loaded. A reply that is damaged or does not come starts the whole
+        sequence again, which is harmless from every state.
+
+        Raises DeviceLost, or ConfigurationError for a line speed the device does not have.
         """
         for _ in range(_CONNECT_ATTEMPTS):
             try:
@@ -92,11 +94,10 @@ class Session:
                 return
             except RefusedError as error:
                 raise lost_by_protocol(error, self.link.where) from error
-            except (ProtocolError, RebootedError) as error:
+            except (ProtocolError, RebootedError, SilentError) as error:
                 last = error
-        raise DeviceLost(
-            f"replies stay damaged ({last.what})", self.link.where, "Check the cable, or use a lower baud="
-        )
+        remedy = "Check the cable, or use a lower baud="
+        raise DeviceLost(f"replies stay damaged or away ({last.what})", self.link.where, remedy)
 
     def stop(self) -> None:
         """Leave the device as a fresh program expects it: not tracking, at 9600 baud. Never raises."""
@@ -133,7 +134,7 @@ class Session:
                 return
         if any(self._answers(rate, _KNOCK_S) for rate in COMM_CODES):
             return
-        raise SilentError("the tracker does not answer at any line speed", self.link.where, _SILENT_REMEDY)
+        raise DeviceLost("the tracker does not answer at any line speed", self.link.where, _SILENT_REMEDY)
 
     def _find_on_network(self) -> None:
         """INIT, or a RESET, and new connections until it answers INIT."""
@@ -152,7 +153,7 @@ class Session:
                 raise
             except DeviceLost:
                 continue
-        raise SilentError("the tracker accepts connections but does not answer", self.link.where, _SILENT_REMEDY)
+        raise DeviceLost("the tracker accepts connections but does not answer", self.link.where, _SILENT_REMEDY)
 
     def _answers(self, baud: int | None, wait_s: float) -> bool:
         """One INIT at one speed. The second try is for a device with half a command in its buffer, or one that has

@@ -49,6 +49,7 @@ _AURORA_COUNTERS_HZ = (40.0, 320.0)
 _LEARN_NS = 400_000_000
 _LEARN_STEP_NS = 20_000_000
 _RETRY_NS = 1_000_000
+_RISKED = 0.1
 _REFERENCE_PERIODS = 3
 
 
@@ -251,7 +252,7 @@ class NdiTracker:
     def _fresh(self, answer: Answer, probe: Reading) -> Pose:
         self._news.take(probe, answer.arrival_ns)
         assert probe.tick is not None
-        measured = self._device_clock.stamp(probe.tick, answer.arrival_ns, self._absent_ns)
+        measured = self._device_clock.stamp(probe.tick, answer.arrival_ns, self._absent_ns, answer.sent_ns)
         self._absent_ns = answer.sent_ns
         self._plan(measured, answer.arrival_ns)
         stamp = self._forward.stamp(measured.t_ns - round(self._options.latency_ms * 1e6), measured.err_ns)
@@ -374,17 +375,20 @@ class NdiTracker:
     def _plan(self, measured: Stamp, arrival_ns: int) -> None:
         """Ask again when the next measurement is due; sooner while it is not known when that is.
 
-        The random part lets some requests come too early and some too late, which is what bounds the device's clock.
+        Requests are spread over the time in which it may come to be there: one that comes too early bounds the device's
+        clock from below, one that finds it bounds it from above. Where replies are so long that there is no time for a
+        second request, only some are risked.
         """
         self._since_details += 1
         period_ns = self._news.period_ns
-        if self._news.learning or measured.err_ns > period_ns / 4:
-            pause_ns = _RETRY_NS if self._news.learning else period_ns * (0.7 + 0.15 * self._random.random())
-            self._next_poll_ns = arrival_ns + round(pause_ns)
+        if self._news.learning:
+            self._next_poll_ns = arrival_ns + _RETRY_NS
             return
-        spread = min(0.05, 1e6 / period_ns)
-        due_ns = measured.t_ns + round(period_ns * (1 + spread * self._random.uniform(-0.6, 1.0)))
-        self._next_poll_ns = due_ns - self._link.transfer_ns(len(self._dialect.request(False)))
+        early_ns = min(self._device_clock.early_ns, period_ns / 3)
+        hurried = self._exchange.reply_ns > period_ns / 3 and self._random.random() > _RISKED
+        early_ns *= 0.0 if hurried else self._random.random()
+        transfer_ns = self._link.transfer_ns(len(self._dialect.request(False)))
+        self._next_poll_ns = measured.t_ns + round(period_ns - early_ns) - transfer_ns
 
     def _lost(self, what: str, remedy: str) -> DeviceLost:
         return DeviceLost(what, self._link.where, remedy)

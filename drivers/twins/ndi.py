@@ -164,11 +164,11 @@ class NdiTwin:
             self._reset()
             return
         baud = self.device.baud
-        start_ns = self._clock.now_ns()
         if not self.device.model.network:
-            start_ns += len(line) * _BITS_PER_BYTE * 1_000_000_000 // baud
-            self._clock.sleep_until(start_ns)
-        reply = self.device.answer(line, self._now_s(), self._line.monitor)
+            transfer_ns = len(line) * _BITS_PER_BYTE * 1_000_000_000 // baud
+            self._clock.sleep_until(self._clock.now_ns() + transfer_ns)
+        start_ns = self._clock.now_ns()
+        reply = self.device.answer(line, (start_ns - self._clock.origin_ns) / 1e9, self._line.monitor)
         if line.startswith((b"BX", b"TX")):
             reply = self._spoilt(self.spoil(reply))
         if "slow" in self._since:
