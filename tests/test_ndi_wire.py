@@ -414,39 +414,3 @@ def test_binary_reply_with_carriage_returns_is_read_by_length() -> None:
 def test_length_is_unknown_until_the_header_is_whole() -> None:
     lengths = [reply_length(BX_ONE_TOOL[:n]) for n in range(len(BX_ONE_TOOL) + 1)]
     assert lengths == [None] * 6 + [len(BX_ONE_TOOL)] * (len(BX_ONE_TOOL) - 5)
-
-
-def _mutated(reply: bytes, draw: np.random.Generator) -> bytes:
-    """One to four bytes changed, or a piece cut out, doubled, or replaced; always different from the reply."""
-    data = bytearray(reply)
-    kind, at = draw.integers(0, 4), int(draw.integers(0, len(data)))
-    if kind == 0:
-        del data[at : at + int(draw.integers(1, 9))]
-    elif kind == 1:
-        data[at:at] = data[at : at + int(draw.integers(1, 9))]
-    else:
-        for spot in {at, *draw.integers(0, len(data), int(kind))}:
-            data[spot] ^= int(draw.integers(1, 256))
-    return bytes(data)
-
-
-@pytest.mark.slow
-def test_a_million_mutated_replies_give_no_other_error_and_no_pose_that_was_not_sent() -> None:
-    draw = np.random.default_rng(7)
-    cases = [(BX_ONE_TOOL, 0x0801), (BX_VALID_MISSING, 0x0801), (TX_ONE_TOOL, 0x0001), (BX2_MISSING, 0)]
-    passed = 0
-    for i in range(1_000_000):
-        reply, options = cases[i % len(cases)]
-        data = _mutated(reply, draw)
-        try:
-            reply_length(data)
-            if reply is TX_ONE_TOOL:
-                decode_tx(data, options)
-            elif reply is BX2_MISSING:
-                bx2.decode_bx2(data)
-            else:
-                decode_bx(data, options)
-        except ProtocolError:
-            continue
-        passed += data != reply
-    assert passed <= 60, "a 16-bit CRC lets through one damage in 65536, less what the length and the values refuse"
