@@ -7,7 +7,7 @@ export PROBEWATCH_PLUS_DATA ?= $(DATA)
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts evidence bench lock clean
+.PHONY: help demo test lint types contracts live evidence bench lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -16,7 +16,7 @@ demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults,
 	$(BIN)/probewatch demo
 
 test: $(VENV)/dev lint types contracts ## lint, types, import contracts and the quick test suite (under 3 minutes)
-	$(BIN)/pytest -n 2 -m "not slow"
+	$(BIN)/pytest -n 2 -m "not slow and not live"
 
 lint: $(VENV)/dev ## ruff: style and formatting
 	$(BIN)/ruff check .
@@ -27,6 +27,9 @@ types: $(VENV)/dev ## mypy --strict
 
 contracts: $(VENV)/dev ## who may import whom
 	$(BIN)/lint-imports
+
+live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about four minutes)
+	$(BIN)/pytest -n 2 -m "live and not slow"
 
 evidence: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m slow -n 2

@@ -2,5 +2,24 @@
 
 import os
 
+import pytest
+
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+LIVE = (
+    "test_daemon",
+    "test_demo",
+    "test_ndi_faults",
+    "test_public_clients",
+    "test_recalibrate",
+    "test_source_contract",
+)
+"""Rooms whose tests run whole carts and devices in real time: `make live`."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what needs minutes of real time, so that the quick suite can leave it out."""
+    for item in items:
+        if item.path.stem in LIVE:
+            item.add_marker(pytest.mark.live)
