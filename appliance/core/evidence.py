@@ -71,6 +71,7 @@ class Evidence:
         self._suspects: frozenset[str] = frozenset()
         self._culprits: frozenset[str] = frozenset()
         self._valid_ns = self._settled_ns = 0
+        self._slow_ns: int | None = None
 
     @property
     def estimate(self) -> Calibration | None:
@@ -88,6 +89,7 @@ class Evidence:
         self._latest = self._nothing
         self._suspects = frozenset()
         self._settled_ns = 0
+        self._slow_ns = None
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution."""
@@ -108,6 +110,14 @@ class Evidence:
             _sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks
         )
 
+    def _hasty(self, slow: frozenset[str], now_ns: int) -> frozenset[str]:
+        """Slow checks that failed for less than the short window: a change elsewhere would show there first."""
+        if not slow:
+            self._slow_ns = None
+        elif self._slow_ns is None:
+            self._slow_ns = now_ns
+        return slow if self._slow_ns is None or now_ns - self._slow_ns < _SHORT_NS else frozenset()
+
     def solve(self) -> None:
         """Examine the short window for a change, drop what came before one, and examine what is left."""
         now_ns = self.window.now_ns
@@ -120,6 +130,7 @@ class Evidence:
         doubtful = finding.failed - self._suspects
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits
+        doubtful |= self._hasty(finding.failed & _SLOW, now_ns)
         self._latest = _without(finding, doubtful)
         self._suspects = finding.failed | short.failed
         if self._latest.shown >= self._best.shown:
