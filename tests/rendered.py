@@ -12,7 +12,7 @@ from drivers.samples import GreyImage, Matrix4
 from drivers.twins.world import World, WorldSettings
 
 FULL = WorldSettings()
-SMALL = WorldSettings(width_px=320, height_px=240, scale_mm_per_px=(0.1, 0.08))
+SMALL = WorldSettings(width_px=320, height_px=240, scale_mm_per_px=(0.08, 0.07))
 
 Warp = tuple[Array, float]
 

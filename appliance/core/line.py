@@ -43,7 +43,7 @@ class Line:
         self._picture_event = PictureEvent(limits.scale_percent)
         self._slip = MarkerSlip(limits)
         self._judgement = Judgement()
-        self._keyframe_pose: tuple[int, Matrix4] | None = None
+        self._known_poses: tuple[tuple[int, Matrix4], ...] = ()
         self._solve_ns: int | None = None
         self._frames = self._poses = self._paired = 0
         self.motion: Motion | None = None
@@ -126,15 +126,17 @@ class Line:
             self._evidence.window.add(motion)
 
     def _analyse(self, pair: StampedPair, tracked: Tracked) -> Motion:
-        """Sort the motion and let it steer the keyframe."""
-        known = self._keyframe_pose is not None and self._keyframe_pose[0] == tracked.keyframe
-        keyframe_pose = self._keyframe_pose[1] if known and self._keyframe_pose else pair.matrix
-        motion = self.motion = analyse(tracked, pair, self._reference, keyframe_pose)
+        """Sort the motion and let it steer the keyframe.
+
+        The Real-time Tracker may have made the picture before its keyframe, so that one's pose is kept as well.
+        """
+        own = (pair.frame.sequence, pair.matrix)
+        keyframe = next((pose for pose in self._known_poses if pose[0] == tracked.keyframe), own)
+        motion = self.motion = analyse(tracked, pair, self._reference, keyframe[1])
         renew = tracked.registration is not None and wants_keyframe(motion, tracked.registration.overlap)
         if renew:
             self._tracker.renew_keyframe()
-        if renew or tracked.keyframe == pair.frame.sequence:
-            self._keyframe_pose = (pair.frame.sequence, pair.matrix)
+        self._known_poses = (own if renew else keyframe, own)
         return motion
 
     def _slipped(self, pair: StampedPair, tracked: Tracked) -> bool:

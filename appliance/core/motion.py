@@ -1,7 +1,7 @@
 """Motion Analyzer: sorts each motion, and tells the Real-time Tracker when to change the keyframe.
 
 It looks at the picture, at the tracker, and at their disagreement, so that a wrong calibration cannot hide itself by
-spoiling the sorting: what the tracker alone calls out-of-plane while the picture still matches stays in the evidence.
+spoiling the sorting: what the tracker alone calls out-of-plane counts for nothing while the picture looks the same.
 """
 
 import numpy as np
@@ -12,9 +12,10 @@ from appliance.core.registration import Array
 from appliance.types import Calibration, Motion, MotionKind, StampedPair
 from drivers.samples import Matrix4
 
-_STILL_MM, _STILL_RAD = 0.15, np.deg2rad(0.15)
+_STILL_MM = 0.15
 _TURN_RAD = np.deg2rad(0.7)
-_OUT_MM, _OUT_RAD = 0.6, np.deg2rad(1.5)
+_OUT_MM = 0.25
+_ALIKE = 0.95
 _FAST_PX = 40.0
 _RENEW_CORRELATION = 0.8
 _RENEW_OVERLAP = 0.85
@@ -36,16 +37,21 @@ def sort_motion(tracked: Tracked, calibration: Calibration, keyframe_pose: Matri
         return MotionKind.DECORRELATED
     if tracked.step is not None and np.hypot(*tracked.step[0]) > _FAST_PX:
         return MotionKind.TOO_FAST
-    t_a, turn = predicted_motion(calibration, keyframe_pose, pose)
-    seen_mm = float(np.hypot(*(found.u_px * calibration.scale_mm_per_px)))
-    tracker_out = abs(t_a[2]) > _OUT_MM or float(np.hypot(*turn[:2])) > _OUT_RAD
-    if tracker_out and found.correlation < _RENEW_CORRELATION:
+    reach_mm = calibration.scale_mm_per_px * calibration.image_size_px / np.sqrt(12)
+    turned_mm = found.alpha_rad * np.hypot(*reach_mm)
+    seen_mm = float(np.linalg.norm([*(found.u_px * calibration.scale_mm_per_px), turned_mm]))
+    hidden_mm = _elevation_mm(predicted_motion(calibration, keyframe_pose, pose), reach_mm)
+    if hidden_mm > max(_OUT_MM, seen_mm) and found.correlation < _ALIKE:
         return MotionKind.OUT_OF_PLANE
-    if seen_mm < _STILL_MM and abs(found.alpha_rad) < _STILL_RAD and np.linalg.norm(t_a) < 2 * _STILL_MM:
+    if seen_mm < _STILL_MM:
         return MotionKind.STILL
-    if tracker_out:
-        return MotionKind.OUT_OF_PLANE
     return MotionKind.PLANAR if abs(found.alpha_rad) > _TURN_RAD else MotionKind.TRANSLATION
+
+
+def _elevation_mm(motion: tuple[Array, Array], reach_mm: Array) -> float:
+    """RMS out-of-plane displacement over the picture; reach_mm: (2,) RMS distance from its centre along x and y."""
+    t_a, turn = motion
+    return float(np.linalg.norm([t_a[2], turn[0] * reach_mm[1], turn[1] * reach_mm[0]]))
 
 
 def analyse(tracked: Tracked, pair: StampedPair, calibration: Calibration, keyframe_pose: Matrix4) -> Motion:

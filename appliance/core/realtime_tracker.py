@@ -67,7 +67,7 @@ class RealTimeTracker:
         if self._before is not None:
             self._take_keyframe(*self._before)
 
-    def restart(self, reason: str = "restart") -> None:
+    def restart(self) -> None:
         """Forget the keyframe: what comes next cannot be compared with what came before."""
         self._keyframe = None
         self._before = None
