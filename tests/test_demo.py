@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import subprocess
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -193,9 +194,9 @@ class Demo:
         return found
 
     def pid_of(self, part: str) -> int:
-        return until(lambda: next((pid for pid, line in self.processes().items() if part in line), 0))
+        return until(lambda: next((pid for pid, line in self.processes().items() if part in line), 0), 20)
 
-    def finish(self, deadline_s: float = 20.0) -> tuple[int, str, str]:
+    def finish(self, deadline_s: float = 40.0) -> tuple[int, str, str]:
         out, err = self.process.communicate(timeout=deadline_s)
         return self.process.returncode, out, err
 
@@ -204,7 +205,7 @@ class Demo:
 
 
 @pytest.fixture
-def demos(tmp_path: Path) -> Iterator[list[Demo]]:
+def demos() -> Iterator[list[Demo]]:
     started: list[Demo] = []
     yield started
     for demo in started:
@@ -213,17 +214,18 @@ def demos(tmp_path: Path) -> Iterator[list[Demo]]:
             demo.process.communicate()
 
 
-def folder(tmp_path: Path) -> Path:
-    place = tmp_path / "t"
-    place.mkdir()
-    return place
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    """For the demo's temporary files; near the root, as the path of a Unix socket is bounded."""
+    with tempfile.TemporaryDirectory(prefix="pw-") as place:
+        yield Path(place)
 
 
-def test_a_mirrored_picture_from_bytes_to_halt_and_back(tmp_path: Path, demos: list[Demo]) -> None:
+def test_a_mirrored_picture_from_bytes_to_halt_and_back(tmp_path: Path, folder: Path, demos: list[Demo]) -> None:
     report = tmp_path / "demo.json"
-    demo = Demo(folder(tmp_path), "--fault", "flip-lateral@15", "--json", str(report))
+    demo = Demo(folder, "--fault", "flip-lateral@19", "--json", str(report))
     demos.append(demo)
-    code, out, err = demo.finish(60)
+    code, out, err = demo.finish(90)
     assert (code, err) == (0, ""), out
     assert not [character for character in out if ord(character) < 32 and character != "\n"]
     assert demo.left_nothing()
@@ -236,8 +238,8 @@ def test_a_mirrored_picture_from_bytes_to_halt_and_back(tmp_path: Path, demos: l
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_stop_ends_everything(tmp_path: Path, demos: list[Demo], number: signal.Signals) -> None:
-    demo = Demo(folder(tmp_path))
+def test_a_stop_ends_everything(folder: Path, demos: list[Demo], number: signal.Signals) -> None:
+    demo = Demo(folder)
     demos.append(demo)
     demo.pid_of("estimator_process")
     demo.process.send_signal(number)
@@ -247,8 +249,8 @@ def test_a_stop_ends_everything(tmp_path: Path, demos: list[Demo], number: signa
     assert demo.left_nothing()
 
 
-def test_a_stop_while_starting_ends_everything(tmp_path: Path, demos: list[Demo]) -> None:
-    demo = Demo(folder(tmp_path))
+def test_a_stop_while_starting_ends_everything(folder: Path, demos: list[Demo]) -> None:
+    demo = Demo(folder)
     demos.append(demo)
     demo.pid_of("scanner")
     demo.process.send_signal(signal.SIGINT)
@@ -257,8 +259,8 @@ def test_a_stop_while_starting_ends_everything(tmp_path: Path, demos: list[Demo]
 
 
 @pytest.mark.parametrize(("part", "name"), [("drivers.twins.polaris", "polaris"), ("run", "service")])
-def test_a_part_that_dies_is_named(tmp_path: Path, demos: list[Demo], part: str, name: str) -> None:
-    demo = Demo(folder(tmp_path))
+def test_a_part_that_dies_is_named(folder: Path, demos: list[Demo], part: str, name: str) -> None:
+    demo = Demo(folder)
     demos.append(demo)
     demo.pid_of("estimator_process")
     os.kill(demo.pid_of(f"\0{part}\0"), signal.SIGKILL)
@@ -269,13 +271,13 @@ def test_a_part_that_dies_is_named(tmp_path: Path, demos: list[Demo], part: str,
     assert demo.left_nothing()
 
 
-def test_a_killed_demo_takes_its_processes_with_it(tmp_path: Path, demos: list[Demo]) -> None:
-    demo = Demo(folder(tmp_path))
+def test_a_killed_demo_takes_its_processes_with_it(folder: Path, demos: list[Demo]) -> None:
+    demo = Demo(folder)
     demos.append(demo)
     demo.pid_of("estimator_process")
     demo.process.kill()
     demo.process.communicate()
-    until(lambda: not demo.processes())
+    until(lambda: not demo.processes(), 40)
 
 
 @pytest.mark.parametrize(
@@ -293,7 +295,7 @@ def test_a_bad_command_line_is_refused_before_anything_starts(arguments: list[st
     refused = subprocess.run([str(PROBEWATCH), "demo", *arguments], capture_output=True, text=True, check=False)
     assert (refused.returncode, refused.stdout) == (code, "")
     assert said in refused.stderr
-    assert time.monotonic() - began_s < 15
+    assert time.monotonic() - began_s < 30
 
 
 def test_the_help_names_every_fault() -> None:
