@@ -13,6 +13,9 @@ class Limits(BaseModel):
     offset_mm: float = Field(default=4.0, ge=0.5, le=50, description="shift of the marker body, mm")
     latency_ms: float = Field(default=60.0, ge=5, le=1000, description="tracker later or earlier than the video, ms")
     frozen_ms: float = Field(default=500.0, ge=100, le=10_000, description="identical pictures for this long, ms")
+    marker_fit_mm: float = Field(default=0.75, ge=0.1, le=10, description="markers around the pose, RMS, mm")
+    marker_shape_mm: float = Field(default=0.75, ge=0.1, le=10, description="markers around their definition, RMS, mm")
+    field_indicator: float = Field(default=1.5, ge=0.1, le=10, description="indicator value of an Aurora")
     confidence_sigma: float = Field(
         default=3.0, ge=1, le=6, description="standard deviations between 'seen' and 'shown'"
     )

@@ -35,7 +35,7 @@ from drivers.rtc3d import (
     Text,
 )
 from drivers.rtc3d_client import SERVER_REMEDY, Rtc3dClient, error_words
-from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
+from drivers.samples import MarkerBody, Matrix4, Pose, PoseStatus, Stamp
 from drivers.tcpline import parse_address
 
 PORT = 3020
@@ -145,6 +145,7 @@ class OptotrakTracker:
         self._news = _NewsWatch()
         self._forward = Forward()
         self._words = ""
+        self._bodies: Component | None = None
         deadline_ns = clock.now_ns() + round(_CONNECT_S * 1e9)
         self._connection = Rtc3dClient(host, port, options.order, clock, _CONNECT_S, options.log)
         try:
@@ -187,6 +188,14 @@ class OptotrakTracker:
             rate_hz=self._news.rate_hz,
             remarks=(f"{self.refused} damaged packets were refused",) if self.refused else (),
         )
+
+    def body(self) -> MarkerBody:
+        """See drivers.ports.Watched: the fit alone, as the stream does not tell the definition of a rigid body."""
+        if self._bodies is None:
+            return MarkerBody()
+        numbers = (self._options.body, self._options.reference)
+        listed = [_listed(self._bodies, number) for number in numbers if number is not None]
+        return MarkerBody(fit_mm=max((body.rms_mm for body in listed if isinstance(body, Body)), default=None))
 
     def read(self, timeout_s: float) -> Pose | None:
         """The next pose, or word that there is none: see drivers.ports.
@@ -260,6 +269,7 @@ class OptotrakTracker:
         bodies = frame.component(ComponentType.BODIES)
         if bodies is None or not self._news.take(bodies, self._options.body, arrival_ns):
             return self._overdue(arrival_ns)
+        self._bodies = bodies
         return self._fresh(bodies, arrival_ns)
 
     def _fresh(self, bodies: Component, arrival_ns: int) -> Pose:

@@ -9,7 +9,7 @@ from urllib.parse import parse_qsl
 
 from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
-from drivers.samples import Frame, Pose
+from drivers.samples import Frame, MarkerBody, Pose
 
 
 class _Device(Protocol):
@@ -54,6 +54,22 @@ class Identified(Protocol):
 
     def describe(self) -> Description:
         """Never asks the device anew, so it costs nothing while tracking."""
+
+
+@runtime_checkable
+class Watched(Protocol):
+    """A tracker that knows how well it can measure."""
+
+    def body(self) -> MarkerBody:
+        """As of the last replies; never asks the device."""
+
+
+@runtime_checkable
+class BumpDetector(Protocol):
+    """A tracker that remembers a blow to its position sensor: until it is cleared, all its poses are FAULT."""
+
+    def clear_bump(self) -> None:
+        """A person has checked the sensor. Between reads only. Raises DeviceLost, ProtocolError."""
 
 
 class AlarmOutput(_Device, Protocol):

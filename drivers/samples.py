@@ -66,4 +66,17 @@ class Pose:
             raise ValueError(f"a pose has a matrix if and only if it is OK, not {self.status.name}")
 
 
+@dataclass(frozen=True, slots=True)
+class MarkerBody:
+    """How well the probe, and the reference if there is one, can be measured at present; None where nobody knows.
+
+    fit_mm: RMS of the markers around the pose. shape_mm: RMS of the markers around the definition of the body, however
+    it lies. indicator: quality of an electromagnetic measurement, in the tracker's own unit; it rises with distortion.
+    """
+
+    fit_mm: float | None = None
+    shape_mm: float | None = None
+    indicator: float | None = None
+
+
 Sample = Frame | Pose

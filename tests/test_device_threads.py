@@ -17,9 +17,10 @@ from appliance.service.log import configure, get_log
 from appliance.service.output_thread import OutputThread
 from appliance.service.rate_meter import RateMeter
 from appliance.service.source_thread import CaptureThread, TrackerThread
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.hosttime import HostClock
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from drivers.ports import Description
+from drivers.samples import Frame, MarkerBody, Pose, PoseStatus, Sample, Stamp
 from tests.polling import until
 
 CLOCK = HostClock()
@@ -174,13 +175,76 @@ def test_the_tracker_thread_tells_answers_from_news_from_poses() -> None:
         PoseStatus.MISSING: (True, True, False),
         PoseStatus.STALE: (True, False, False),
         PoseStatus.DISABLED: (False, True, False),
-        PoseStatus.FAULT: (False, True, False),
+        PoseStatus.FAULT: (True, False, False),
     }
     for status, expected in kinds.items():
         thread = TrackerThread("tracker", "ndi:/x", lambda url, clock: Tape([], None), lambda _: None, CLOCK)  # type: ignore[arg-type,return-value]
         thread.note(pose(status), 7)
         noted = (thread.reply_ns, thread.fresh_ns, thread.pose_ns)
         assert tuple(value == 7 for value in noted) == expected
+
+
+class Bumped(Tape):
+    """A tracker that was bumped, as long as nobody clears it; its first clearing fails."""
+
+    def __init__(self, deaf: bool) -> None:
+        super().__init__([], None)
+        self.bumped, self._deaf = True, deaf
+
+    def read(self, timeout_s: float) -> Sample | None:  # type: ignore[override]
+        super().read(timeout_s)
+        return Pose(Stamp(1, 0), 1, None, 0.1, PoseStatus.FAULT, "bumped" if self.bumped else "hot")
+
+    def describe(self) -> Description:
+        return Description("a tape", remarks=("low battery",))
+
+    def clear_bump(self) -> None:
+        if self._deaf:
+            raise ProtocolError("no reply", "tape")
+        self.bumped = False
+
+
+def test_a_bump_is_cleared_in_the_tracker_that_is_open_and_in_no_later_one() -> None:
+    tapes = [deaf := Bumped(True), later := Bumped(False), Bumped(False)]
+    left = list(tapes)
+    thread = TrackerThread("tracker", "ndi:/x", lambda url, clock: left.pop(0), lambda _: None, CLOCK)  # type: ignore[arg-type,return-value]
+    assert not thread.clear_bump(), "nothing is open yet"
+    thread.start()
+    until(thread.clear_bump)
+    until(lambda: thread.losses == 1 and thread.lost is None)
+    until(lambda: thread.remarks == ("bumped", "low battery"))
+    assert (deaf.bumped, later.bumped) == (True, True)
+    assert thread.clear_bump()
+    until(lambda: thread.remarks == ("hot", "low battery"))
+    thread.stop()
+    thread.join(5)
+    assert not later.bumped
+    assert not thread.clear_bump()
+
+
+class Measuring(Tape):
+    """A tracker that fits the markers ever worse, but for one look."""
+
+    def __init__(self) -> None:
+        super().__init__([], None)
+        self.fits_mm = [0.2, 5.0, 0.3, None, 0.3, *[2.0] * 5]
+
+    def body(self) -> MarkerBody:
+        return MarkerBody(fit_mm=self.fits_mm.pop(0), shape_mm=0.1)
+
+
+def test_one_bad_fit_is_not_taken_for_a_bad_body() -> None:
+    tape = Measuring()
+    thread = TrackerThread("tracker", "ndi:/x", lambda url, clock: tape, lambda _: None, HostClock(10.0))  # type: ignore[arg-type,return-value]
+    seen = [_looked(thread, tape) for _ in range(10)]
+    assert seen == pytest.approx([0.2, 2.6, 0.3, 0.3, 0.3, 1.15, 1.15, 2.0, 2.0, 2.0])
+    assert thread.body is not None
+    assert (thread.body.shape_mm, thread.body.indicator) == (0.1, None)
+
+
+def _looked(thread: TrackerThread, tape: Measuring) -> float | None:
+    thread._look(tape)  # type: ignore[arg-type]
+    return thread.body.fit_mm if thread.body else None
 
 
 def test_a_url_that_can_never_work_ends_the_thread_with_its_error() -> None:

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import pytest
 
+from appliance.limits import Limits
 from appliance.supervision.alarms import HAZARDS, SIGNALS, UNVERIFIED, Kind, Priority, operator_text
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import State, VerdictKind
-from drivers.samples import PoseStatus
+from drivers.samples import MarkerBody, PoseStatus
 
 NOW_NS = 1_000_000_000_000
-PATIENCE = Patience()
+PATIENCE, LIMITS = Patience(), Limits()
 HEALTHY = Facts(
     started_ns=0,
     frame_ns=NOW_NS,
@@ -25,7 +26,7 @@ HEALTHY = Facts(
 
 
 def failing(facts: Facts) -> dict[str, VerdictKind]:
-    checks = watch_devices(NOW_NS, facts, PATIENCE)
+    checks = watch_devices(NOW_NS, facts, PATIENCE, LIMITS)
     return {check.fault: check.verdict for check in checks if check.verdict is not VerdictKind.OK}
 
 
@@ -55,6 +56,26 @@ def test_stale_replies_fail_only_when_they_last() -> None:
     stale = replace(HEALTHY, pose_status=PoseStatus.STALE, fresh_ns=NOW_NS - PATIENCE.stale_ns)
     assert failing(stale) == {}
     assert failing(replace(stale, fresh_ns=NOW_NS - PATIENCE.stale_ns - 1)) == {"tracker-stale": VerdictKind.FAULT}
+
+
+def test_complaints_of_the_tracker_fail_only_when_they_last() -> None:
+    complaining = replace(HEALTHY, pose_status=PoseStatus.FAULT, fresh_ns=NOW_NS - PATIENCE.tracker_ns)
+    assert failing(complaining) == {}
+    assert failing(replace(complaining, fresh_ns=complaining.fresh_ns - 1)) == {"tracker-alert": VerdictKind.FAULT}  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(
+    ("figure", "limit", "fault"),
+    [
+        ("fit_mm", LIMITS.marker_fit_mm, "marker-body"),
+        ("shape_mm", LIMITS.marker_shape_mm, "marker-body"),
+        ("indicator", LIMITS.field_indicator, "field-distortion"),
+    ],
+)
+def test_a_bad_marker_body_or_field_fails_beyond_its_limit(figure: str, limit: float, fault: str) -> None:
+    assert failing(replace(HEALTHY, body=MarkerBody(**{figure: limit}))) == {}
+    assert failing(replace(HEALTHY, body=MarkerBody(**{figure: limit * 1.001}))) == {fault: VerdictKind.FAULT}
+    assert failing(replace(HEALTHY, body=MarkerBody())) == {}, "what no tracker tells fails nothing"
 
 
 @pytest.mark.parametrize("status", [PoseStatus.MISSING, PoseStatus.OUT_OF_VOLUME, PoseStatus.PARTIAL])

@@ -1,7 +1,8 @@
 """The control socket: JSON lines over a Unix socket, protocol version 1.
 
-Request: {"v": 1, "do": "status" | "acknowledge" | "begin-recalibration" | "end-recalibration" | "abort-recalibration",
-"file": PATH for end-recalibration}. Reply: {"v": 1, "ok": true, …} or {"v": 1, "ok": false, "error": TEXT}.
+Request: {"v": 1, "do": "status" | "acknowledge" | "clear-bump" | "begin-recalibration" | "end-recalibration" |
+"abort-recalibration", "file": PATH for end-recalibration}. Reply: {"v": 1, "ok": true, …} or
+{"v": 1, "ok": false, "error": TEXT}.
 The server is polled by the tick: it never blocks, takes at most one request of each client a tick, and drops whoever
 sends too much or reads too slowly; one client too many drops the one that has been silent longest.
 """
@@ -214,6 +215,10 @@ class ControlClient:
     def acknowledge(self) -> None:
         """Leave a latched state whose cause is gone."""
         self._ask(do="acknowledge")
+
+    def clear_bump(self) -> None:
+        """A person has checked the tracker's position sensor after a blow: its poses count again."""
+        self._ask(do="clear-bump")
 
     def begin_recalibration(self) -> None:
         """Stop monitoring for a scan."""

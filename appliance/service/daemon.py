@@ -33,7 +33,7 @@ class Daemon:
 
     def __init__(self, config: Config, estimator: EstimatorHost, clock: HostClock, control: ControlServer) -> None:
         self._clock, self._control = clock, control
-        self._patience = config.supervisor.patience()
+        self._patience, self._limits = config.supervisor.patience(), config.limits
         self._supervisor = Supervisor(config.supervisor.durations())
         self._estimator = estimator
         self._recalibration = Recalibration(self._supervisor, self._estimator, self._ask)
@@ -90,7 +90,7 @@ class Daemon:
             self._heard_ns = self._now_ns if heard else None
             self._verdict = self._verdict if heard else None
         self._verdict = verdicts[-1] if verdicts else self._verdict
-        self._devices = watch_devices(self._now_ns, self._facts(), self._patience)
+        self._devices = watch_devices(self._now_ns, self._facts(), self._patience, self._limits)
         alarm = self._step(Inputs(verdicts, self._devices))
         self._control.poll(self._answer)
         alarm = self._alarm or alarm
@@ -123,6 +123,7 @@ class Daemon:
             pose_status=self._tracker.pose_status,
             heartbeat_ns=self._heard_ns,
             output_ns=min(known) if len(known) == len(written) else None,
+            body=self._tracker.body,
         )
 
     def _step(self, inputs: Inputs) -> AlarmState:
@@ -154,6 +155,8 @@ class Daemon:
             return {"status": self._status()}
         if do == "acknowledge":
             self._ask(Request.ACKNOWLEDGE)
+        elif do == "clear-bump":
+            self._clear_bump()
         elif do == "begin-recalibration":
             self._recalibration.begin()
         elif do == "end-recalibration":
@@ -164,10 +167,16 @@ class Daemon:
             raise ControlRefused(f"'{do}' is no request of this service")
         return {}
 
+    def _clear_bump(self) -> None:
+        if not self._tracker.clear_bump():
+            raise ControlRefused("the tracker has no bump detector, or is lost")
+        self._log.info("request granted", request="clear-bump")
+
     def _status(self) -> dict[str, Any]:
         assert self._alarm is not None
         fields = status_fields(self._now_ns, self._alarm, self._verdict, self._devices, self._counters())
         fields["lost"] = {f"{one.role} {one.url}": one.lost for one in self._threads() if one.lost is not None}
+        fields["remarks"] = list(self._tracker.remarks)
         fields["fps"] = {name: round(meter.per_s, 2) for name, meter in self._fps.items()}
         return fields
 

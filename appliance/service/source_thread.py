@@ -1,16 +1,21 @@
 """Capture and tracker threads: read a source, note the arrival, hand the sample on."""
 
-from collections.abc import Callable
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable
+from statistics import median
+from typing import Any
 
 from appliance.service.device_thread import DeviceThread
 from drivers.errors import DeviceLost
 from drivers.hosttime import HostClock
-from drivers.ports import TrackerSource, VideoSource
-from drivers.samples import Frame, Pose, PoseStatus, Sample
+from drivers.ports import BumpDetector, Identified, TrackerSource, VideoSource, Watched
+from drivers.samples import Frame, MarkerBody, Pose, PoseStatus, Sample
 
 _READ_S = 0.1
 _REOPEN_AFTER_NS = 3_000_000_000
-_IN_SERVICE = frozenset(PoseStatus) - {PoseStatus.DISABLED, PoseStatus.FAULT}
+_LOOK_NS = 100_000_000
+_LOOKS = 5
 
 
 class SourceThread(DeviceThread):
@@ -32,10 +37,14 @@ class SourceThread(DeviceThread):
         """Keep what the watchers need to know of this sample."""
         raise NotImplementedError
 
+    def tend(self, source: VideoSource | TrackerSource) -> None:
+        """What is to be done with the open device between two reads; nothing unless a kind of source says otherwise."""
+
     def work(self) -> None:
         with self._open(self.url, self._clock) as source:
             last_ns = self._clock.now_ns()
             while not self._stopping.is_set():
+                self.tend(source)
                 sample = source.read(_READ_S)
                 now_ns = self._clock.now_ns()
                 if sample is not None:
@@ -70,19 +79,78 @@ class CaptureThread(SourceThread):
 
 
 class TrackerThread(SourceThread):
-    """Arrival times as appliance.supervision.watchers.facts.Facts names them."""
+    """Arrival times and body as appliance.supervision.watchers.facts.Facts names them.
+
+    remarks: what the tracker says besides its poses, such as a low battery; first why the last pose has no number.
+    """
 
     reply_ns: int | None = None
     fresh_ns: int | None = None
     pose_ns: int | None = None
     pose_status: PoseStatus | None = None
+    body: MarkerBody | None = None
+    remarks: tuple[str, ...] = ()
+    _reason = ""
+    _look_ns = 0
+    _has_bump_detector = False
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._looks = deque[MarkerBody](maxlen=_LOOKS)
+        self._bump_checked = threading.Event()
+
+    def work(self) -> None:
+        self.body = None
+        self._looks.clear()
+        try:
+            super().work()
+        finally:
+            self._has_bump_detector, self.remarks = False, ()
+            self._bump_checked.clear()
 
     def note(self, sample: Sample, now_ns: int) -> None:
         assert isinstance(sample, Pose)
-        if sample.status in _IN_SERVICE:
+        if sample.status is not PoseStatus.DISABLED:
             self.reply_ns = now_ns
-        if sample.status is not PoseStatus.STALE:
+        if sample.status not in (PoseStatus.STALE, PoseStatus.FAULT):
             self.fresh_ns = now_ns
         if sample.status is PoseStatus.OK:
             self.pose_ns = now_ns
-        self.pose_status = sample.status
+        self.pose_status, self._reason = sample.status, sample.reason
+
+    def tend(self, source: VideoSource | TrackerSource) -> None:
+        """Look at what it says of itself now and then, and tell it of a bump that was checked."""
+        now_ns = self._clock.now_ns()
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + _LOOK_NS
+            self._look(source)
+        if isinstance(source, BumpDetector):
+            self._has_bump_detector = True
+            if self._bump_checked.is_set():
+                source.clear_bump()
+                self._bump_checked.clear()
+                self._log.info("bump cleared")
+
+    def clear_bump(self) -> bool:
+        """Ask the open tracker to believe its position sensor again; False where there is none that can be asked."""
+        if self._has_bump_detector:
+            self._bump_checked.set()
+        return self._has_bump_detector
+
+    def _look(self, source: VideoSource | TrackerSource) -> None:
+        if isinstance(source, Watched):
+            self._looks.append(source.body())
+            self.body = _middle(self._looks)
+        told = source.describe().remarks if isinstance(source, Identified) else ()
+        self.remarks = tuple(filter(None, (self._reason, *told)))
+
+
+def _middle(bodies: Iterable[MarkerBody]) -> MarkerBody:
+    """The median of each figure, so that one bad fit is not taken for a bad body."""
+    fits, shapes, indicators = zip(*((b.fit_mm, b.shape_mm, b.indicator) for b in bodies), strict=True)
+    return MarkerBody(*(_median(figures) for figures in (fits, shapes, indicators)))
+
+
+def _median(figures: Iterable[float | None]) -> float | None:
+    known = [figure for figure in figures if figure is not None]
+    return median(known) if known else None

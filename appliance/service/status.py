@@ -2,7 +2,8 @@
 
 state, text, remedy, fault, reason, energised; since_s and verification_age_s: ages, s; verdict: kind of the line's last
 verdict; checks (of the line), devices (of their watchers): [{name, fault, value, sigma, unit, limit, ratio, verdict}];
-lost: {device: what is wrong}; fps: {video, tracker}; counters: {name: count since the start}.
+lost: {device: what is wrong}; remarks: [what the tracker says besides its poses]; fps: {video, tracker}; counters:
+{name: count since the start}.
 """
 
 import math
@@ -16,7 +17,7 @@ from appliance.types import AlarmState, Check, Verdict
 def status_fields(
     now_ns: int, alarm: AlarmState, verdict: Verdict | None, devices: tuple[Check, ...], counters: Mapping[str, int]
 ) -> dict[str, Any]:
-    """Everything but lost and fps, which the threads know."""
+    """Everything but lost, remarks and fps, which the threads know."""
     text, remedy = operator_text(alarm.state, alarm.fault)
     verified_ns = alarm.verified_ns
     return {

@@ -66,7 +66,7 @@ def _noted(facts: Facts, sample: Sample) -> Facts:
     return replace(
         facts,
         reply_ns=t_ns,
-        fresh_ns=facts.fresh_ns if sample.status is PoseStatus.STALE else t_ns,
+        fresh_ns=facts.fresh_ns if sample.status in (PoseStatus.STALE, PoseStatus.FAULT) else t_ns,
         pose_ns=t_ns if sample.status is PoseStatus.OK else facts.pose_ns,
         pose_status=sample.status,
     )

@@ -22,6 +22,7 @@ from drivers.counter_clock import CounterClock, DeviceClock, counter_rate_hz
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.forward import Forward
 from drivers.hosttime import HostClock
+from drivers.ndi.body import BodyWatch, worst
 from drivers.ndi.exchange import Answer, Exchange
 from drivers.ndi.facts import NdiFacts, describe, tool_facts
 from drivers.ndi.health import HealthWatch
@@ -38,7 +39,7 @@ from drivers.ndi.tools import Tool
 from drivers.ndi.wire import RefusedError
 from drivers.ndi.words import BUMPED
 from drivers.ports import Description
-from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
+from drivers.samples import MarkerBody, Matrix4, Pose, PoseStatus, Stamp
 from drivers.tap import Tap
 
 _BACKWARD_READINGS = 3
@@ -88,6 +89,7 @@ class NdiTracker:
             self._tools = {tool.handle: tool for tool in self._in_order()}
             self._readings: dict[int, Reading] = {}
             self._detailed: dict[int, Reading] = {}
+            self._bodies = self._watched_bodies()
             self._health = HealthWatch(self._session.bumped(), clock.now_ns())
             self._begin(options.reply or self._session.identity.reply)
         except RefusedError as error:
@@ -128,11 +130,14 @@ class NdiTracker:
         """See drivers.ports.Identified."""
         return describe(self.facts)
 
-    def clear_bump(self) -> None:
-        """A person has checked the position sensor after a bump: poses count again.
+    def body(self) -> MarkerBody:
+        """See drivers.ports.Watched: the worse of probe and reference."""
+        return worst(
+            watch.look(self._readings.get(handle), self._detailed.get(handle)) for handle, watch in self._bodies.items()
+        )
 
-        Raises DeviceLost, ProtocolError.
-        """
+    def clear_bump(self) -> None:
+        """See drivers.ports.BumpDetector."""
         self._session.clear_bump()
         self._health.clear_bump()
         self._exchange.rest()
@@ -167,8 +172,16 @@ class NdiTracker:
             raise ConfigurationError(what, self._link.where, "Use a probe with a sensor of six degrees of freedom")
         return probe
 
+    def _watched_bodies(self) -> dict[int, BodyWatch]:
+        electromagnetic = self._session.identity.electromagnetic
+        return {tool.handle: BodyWatch(tool, electromagnetic) for tool in self._posed()}
+
+    def _posed(self) -> list[Tool]:
+        """The tools that a pose is made of."""
+        return [tool for tool in (self._probe, self._reference) if tool is not None]
+
     def _in_order(self) -> list[Tool]:
-        first = [tool for tool in (self._probe, self._reference) if tool is not None]
+        first = self._posed()
         return first + [tool for tool in self._session.tools if tool not in first]
 
     def _begin(self, kind: ReplyKind) -> None:
@@ -187,7 +200,7 @@ class NdiTracker:
             )
         self._details = self._understands(detailed=True)
         self._since_details = 0
-        self._plausible = {tool.handle: Plausibility() for tool in (self._probe, self._reference) if tool is not None}
+        self._plausible = {tool.handle: Plausibility() for tool in self._posed()}
         self._device_clock, tick_ns = self._make_clock()
         self._news = News(tick_ns, self._dialect.repeats)
         self._exchange.rest()

@@ -1,18 +1,20 @@
 """What the hardware process knows of its devices at one tick, and how long each of them may be silent."""
 
 from dataclasses import dataclass
+from math import nan
 
 from appliance.types import Check, VerdictKind
-from drivers.samples import PoseStatus
+from drivers.samples import MarkerBody, PoseStatus
 
 
 @dataclass(frozen=True, slots=True)
 class Facts:
     """Arrival times, ns of the host clock; None where there was none since the start.
 
-    reply_ns: last reply of the tracker in which the probe's tool was in service, whatever it saw.
-    fresh_ns: last of those that was not STALE. pose_ns: last with a pose. pose_status: of the last reply.
+    reply_ns: last reply of the tracker in which the probe's tool was not DISABLED, whatever it saw.
+    fresh_ns: last reply that was neither STALE nor FAULT. pose_ns: last with a pose. pose_status: of the last reply.
     heartbeat_ns: last word of the present estimator process. output_ns: last write of the output that lags most.
+    body: how well the tracker measures, the middle of the last half second; None for one that does not say.
     """
 
     started_ns: int
@@ -23,6 +25,7 @@ class Facts:
     pose_status: PoseStatus | None = None
     heartbeat_ns: int | None = None
     output_ns: int | None = None
+    body: MarkerBody | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,3 +51,10 @@ def presence(name: str, fault: str, now_ns: int, started_ns: int, last_ns: int |
     if last_ns is None:
         return Check(name, fault, (now_ns - started_ns) / 1e6, 0.0, "ms", limit_ns / 1e6, VerdictKind.FAULT)
     return silence(name, fault, now_ns - last_ns, limit_ns)
+
+
+def quality(name: str, fault: str, value: float | None, unit: str, limit: float) -> Check:
+    """Check that a quality figure is no worse than its limit; one that is not known, with value NaN, fails nothing."""
+    failed = value is not None and value > limit
+    shown = nan if value is None else value
+    return Check(name, fault, shown, 0.0, unit, limit, VerdictKind.FAULT if failed else VerdictKind.OK)
