@@ -1,0 +1,42 @@
+"""The freehand two-row form: Λ u = [R_x v]_xy, the picture showing two components of a motion in all three.
+
+v is the displacement of the picture's centre in sensor axes with the nominal lever arm (`Motions.displacements`);
+within 5 mm of the truth is enough. For each axis λ u = r · v with |r| = 1: with λ eliminated, r is the lowest
+eigenvector of Σ v vᵀ − Σ u v Σ u vᵀ / Σ u². Tracker noise adds a multiple of the identity there, so r is unbiased,
+and λ = Σ u r·v / Σ u² is regressed on the clean side. In purely planar motion the plane's normal would do as well for
+r: v must span 3 directions.
+"""
+
+import numpy as np
+
+from appliance.core.geometry import Array
+from appliance.core.handeye.motions import HandEye, independent, rows_to_rotation, without_offset
+from appliance.core.handeye.sums import Sums
+
+_SEPARATION = 3.0
+
+
+def solve_freehand(u: Array, v: Array) -> HandEye:
+    """u: (n, 2) px, v: (n, 3) mm. ValueError where v does not span three directions or u two."""
+    return freehand(Sums.of(u, v))
+
+
+def freehand(sums: Sums) -> HandEye:
+    """The same from running sums."""
+    independent(sums.uu, 2, "displacements of the picture")
+    independent(sums.vv, 3, "displacements of the sensor")
+    rotation = rows_to_rotation(np.stack([_row(sums, axis) for axis in (0, 1)]))
+    scale = np.einsum("ji,ji->j", sums.uv, rotation[:2]) / np.diag(sums.uu)
+    if not np.all(scale > 0):
+        raise ValueError("the rows of R_x that fit best contradict each other: the motion does not determine them")
+    return without_offset(rotation, scale)
+
+
+def _row(sums: Sums, axis: int) -> Array:
+    cross = sums.uv[axis]
+    values, vectors = np.linalg.eigh(sums.vv - np.outer(cross, cross) / sums.uu[axis, axis])
+    noise = max(float(values[0]), 1e-9 * float(values[2]))
+    if values[1] < _SEPARATION * noise:
+        raise ValueError("the out-of-plane motion does not rise above the noise: use the planar form")
+    row = vectors[:, 0]
+    return np.asarray(row if row @ cross > 0 else -row)

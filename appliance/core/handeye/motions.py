@@ -1,0 +1,113 @@
+"""What every AX = XB solver takes and gives, and what motion alone cannot decide: the polarity."""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from appliance.core.geometry import Array, inverse, rigid, rotation_from_vector, vector_from_rotation
+
+_LEAST_RATIO = 1e-6
+"""Smallest singular value, as a share of the largest, at which a direction still counts as moved."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motions:
+    """n relative motions A_i, B_i with A_i X = X B_i.
+
+    u: (n, 2) px for pictures, (n, 3) voxels for volumes; t_a = Λ u. R_a: (n, 3, 3), in-plane turns for pictures.
+    R_b: (n, 3, 3), t_b: (n, 3) mm, of B = B_2⁻¹ B_1.
+    """
+
+    u: Array
+    R_a: Array
+    R_b: Array
+    t_b: Array
+
+    @classmethod
+    def of_pictures(
+        cls, u_px: Array, alpha_rad: Array, first: Array, second: Array, polarity: tuple[int, int] = (1, 1)
+    ) -> "Motions":
+        """u_px (n, 2), alpha_rad (n,) as registered; first, second: (n, 4, 4) sensor → tracker.
+
+        A mirrored axis mirrors the displacement along it and the sense of the turn.
+        """
+        turn = np.zeros((len(alpha_rad), 3))
+        turn[:, 2] = np.asarray(alpha_rad) * polarity[0] * polarity[1]
+        B = inverse(second) @ first
+        return cls(np.asarray(u_px) * np.array(polarity), rotation_from_vector(turn), B[:, :3, :3], B[:, :3, 3])
+
+    def displacements(self, lever_mm: Array) -> Array:
+        """(n, 3) v = t_b + (I − R_b) c with t_a = R_x v whatever the probe turns; c = R_xᵀ t_x, nominal is enough."""
+        return self.t_b + lever_mm - self.R_b @ lever_mm
+
+    def __len__(self) -> int:
+        return len(self.t_b)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandEye:
+    """X and the scales as one method found them.
+
+    rotation: (3, 3) proper, R_x. scale: (2,) or (3,) mm per px, > 0. offset_mm: (3,) t_x, NaN where the motion does not
+    determine it. free: (3,) t_n of Eq. 7, the direction in which t_x stays free; NaN where there is none.
+    covariance: (3 + k + 3) square of rotation rad (R = exp([δ]×) R_x), relative scale, offset mm; None where the method
+    gives none.
+    """
+
+    rotation: Array
+    scale: Array
+    offset_mm: Array
+    free: Array
+    covariance: Array | None = None
+
+    def matrix(self) -> Array:
+        """(4, 4) X; NaN where undetermined."""
+        return rigid(self.rotation, self.offset_mm)
+
+
+UNKNOWN = np.full(3, np.nan)
+
+
+def without_offset(rotation: Array, scale: Array) -> HandEye:
+    """What translations alone can tell."""
+    return HandEye(rotation, scale, UNKNOWN, UNKNOWN)
+
+
+def nearest_polarity(found: HandEye, nominal_rotation: Array) -> tuple[HandEye, tuple[int, int]]:
+    """The same motion read with the polarity that leaves R_x nearest the nominal one, and that polarity.
+
+    found: as solved with polarity (1, 1). Mirroring both the picture's axes s and R_x by diag(s_x, s_y, s_x s_y)
+    changes no prediction (mathematics, section 2), so only nearness decides. Rows of t_x go with their axes.
+    """
+    best = max(
+        product((1, -1), repeat=2), key=lambda s: float(np.trace(nominal_rotation.T @ _mirror(s) @ found.rotation))
+    )
+    mirror = _mirror(best)
+    turned = replace(
+        found, rotation=mirror @ found.rotation, offset_mm=mirror @ found.offset_mm, free=mirror @ found.free
+    )
+    return turned, (int(best[0]), int(best[1]))
+
+
+def rodrigues_rad(rotation: Array) -> float:
+    """Angle of a rotation (3, 3): the magnitude of its Rodrigues vector, 0 … π, as in Table 1."""
+    return float(np.linalg.norm(vector_from_rotation(rotation)))
+
+
+def independent(vectors: Array, rank: int, what: str) -> None:
+    """Raise ValueError unless the (n, 3) vectors span `rank` directions."""
+    values = np.linalg.svd(np.asarray(vectors, dtype=np.float64), compute_uv=False)
+    if values.size < rank or not values[rank - 1] > _LEAST_RATIO * max(float(values[0]), 1e-12):
+        raise ValueError(f"{what} must span {rank} directions; these do not")
+
+
+def rows_to_rotation(rows: Array) -> Array:
+    """(2, 3) estimates of the first two rows of R_x → the nearest proper rotation, r₃ = r₁ × r₂."""
+    u, _, vt = np.linalg.svd(rows / np.linalg.norm(rows, axis=1, keepdims=True), full_matrices=False)
+    first = u @ vt
+    return np.vstack([first, np.cross(first[0], first[1])])
+
+
+def _mirror(polarity: tuple[int, ...]) -> Array:
+    return np.diag([*polarity, polarity[0] * polarity[1]]).astype(np.float64)
