@@ -19,6 +19,7 @@ import numpy as np
 
 from drivers.atomicfile import replacing
 from drivers.errors import RecordingError
+from drivers.picture import FLIPS
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 
 _MAX_LINE_BYTES = 65_536
@@ -27,9 +28,6 @@ _MAX_STAMP_S = 9_000_000_000
 _BLOCK_BYTES = 262_144
 _ROTATION_TOLERANCE = 2e-3
 _FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
-
-_FLIPS = {"MF": (False, False), "MN": (True, False), "UF": (False, True), "UN": (True, True)}
-"""Stored orientation → (rows, columns) to reverse for MF: marked side at column 0, near side at row 0."""
 
 _STATUSES = {
     "INVALID": PoseStatus.MISSING,
@@ -117,7 +115,7 @@ class MetaImage:
         if self.size_px is None:
             return
         width, height = self.size_px
-        flip_rows, flip_columns = _FLIPS[self._orientation]
+        flip_rows, flip_columns = FLIPS[self._orientation]
         rows, columns = slice(None, None, -1 if flip_rows else 1), slice(None, None, -1 if flip_columns else 1)
         for block in self._blocks(width * height):
             stored = np.frombuffer(block, np.uint8).reshape(height, width)
@@ -169,7 +167,7 @@ def write_metaimage(
     Raises OSError, and ValueError for an image of another size.
     """
     with tempfile.TemporaryFile(dir=path.parent) as data:
-        lines = _spool(data, items, size_px, compressed, _FLIPS[orientation[:2]])
+        lines = _spool(data, items, size_px, compressed, FLIPS[orientation[:2]])
         data_path = path.with_suffix(".zraw" if compressed else ".raw")
         head = _general_lines(size_px, lines.count, data.tell() if compressed else None, orientation)
         target = data_path.name if detached else "LOCAL"
@@ -268,7 +266,7 @@ def _check_pictures(sequence: MetaImage, general: dict[str, str], orientation: s
         if value.upper() != allowed.upper():
             raise _refusal(sequence.path, key, f"is {value!r}, not {allowed}", remedy)
     named = orientation or general.get("UltrasoundImageOrientation", "")
-    if named.upper() not in {two + three for two in _FLIPS for three in ("", "A", "D")}:
+    if named.upper() not in {two + three for two in FLIPS for three in ("", "A", "D")}:
         what = f"{named!r} is not M or U, then F or N"
         remedy = "State how the pictures are stored, for example MF, in the header or with --orientation"
         raise _refusal(sequence.path, "UltrasoundImageOrientation", what, remedy)

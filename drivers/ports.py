@@ -76,16 +76,26 @@ class AlarmOutput(_Device, Protocol):
     """One contact in the scanner room: energised means safe."""
 
     def write(self, energised: bool) -> None:
-        """Returns only after the device took the state. Raises DeviceLost. Leaving the context de-energises."""
+        """Returns only after the device took the state. Raises DeviceLost. Leaving the context de-energises.
+
+        Comes at least four times a second while all is well; with the option heartbeat=HZ these writes make the wave.
+        """
+
+    def read_back(self) -> bool | None:
+        """Whether the contact is closed, as the hardware reports it; None where it cannot tell. Raises DeviceLost."""
 
 
 _MODULES = {
+    "gpio": "drivers.gpio",
     "ndi": "drivers.ndi.tracker",
     "ndi+tcp": "drivers.ndi.network",
+    "opencv": "drivers.opencv",
     "optotrak": "drivers.optotrak",
     "relay": "drivers.relay",
     "replay": "drivers.replay",
+    "serialpin": "drivers.serialpin",
     "sim": "drivers.sim",
+    "v4l2": "drivers.v4l2.source",
 }
 
 

@@ -2,7 +2,12 @@
 
 9600 baud 8N1. Command: A0, channel, 00 off or 01 on, sum of the three modulo 256. Boards with a microcontroller answer
 the byte FF with `CHn: ON` or `CHn: OFF` lines; the bare LCUS-1 never answers. Which of the two is asked once, when the
-port is opened; `confirm=yes` refuses a board that does not answer, `confirm=no` does not ask.
+port is opened; `confirm=yes` refuses a board that does not answer, `confirm=no` does not ask. heartbeat=HZ, up to 1,
+clicks the relay for an external watchdog relay; a mechanical one makes some 100 000 clicks under load, so at 1 Hz it
+lasts about a day: a GPIO line or a control line of a serial port does this better.
+
+Release: on every orderly end the contact is opened first. The board holds its contact when the process dies or the
+data line breaks, and drops it when it loses power. `probewatch release` (the unit's ExecStopPost) opens it then.
 """
 
 import os
@@ -16,6 +21,7 @@ from typing import Self
 import serial
 
 from drivers.errors import ConfigurationError, DeviceLost
+from drivers.heartbeat import Heartbeat, heartbeat_from
 from drivers.hosttime import HostClock
 from drivers.ports import Description
 from drivers.serialport import open_serial
@@ -25,6 +31,8 @@ STATUS_QUERY = b"\xff"
 _START = 0xA0
 _ANSWER_S = 0.5
 _COMMAND_S = 4 * 10 / BAUD
+_OPTIONS = ("channel", "confirm", "heartbeat")
+_FASTEST_CLICK_HZ = 1.0
 _CONFIRM = ("auto", "yes", "no")
 _CHECK = "Check the relay board's cable"
 
@@ -38,21 +46,21 @@ def relay_command(channel: int, energised: bool) -> bytes:
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "RelayOutput":
     """See drivers.ports for what is raised. The contact stays as it is until the first write."""
     where = f"relay:{target}"
-    if unknown := sorted(set(options) - {"channel", "confirm"}):
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, "Use channel, confirm")
+    if unknown := sorted(set(options) - set(_OPTIONS)):
+        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(_OPTIONS)}")
     text, confirm = options.get("channel", "1"), options.get("confirm", "auto")
     if not text.isdecimal() or not 1 <= int(text) <= 16:
         raise ConfigurationError(f"channel={text} is not a relay of such a board", where, "Use a number from 1 to 16")
     if confirm not in _CONFIRM:
         raise ConfigurationError(f"confirm={confirm} is not known", where, f"Use {', '.join(_CONFIRM)}")
-    return RelayOutput(target, int(text), confirm, clock)
+    return RelayOutput(target, int(text), confirm, heartbeat_from(options, where, _FASTEST_CLICK_HZ), clock)
 
 
 class RelayOutput:
     """confirmed: the board reports its contacts, so a write that it did not take is noticed."""
 
-    def __init__(self, path: str, channel: int, confirm: str, clock: HostClock) -> None:
-        self._path, self._channel, self._clock = path, channel, clock
+    def __init__(self, path: str, channel: int, confirm: str, heartbeat: Heartbeat, clock: HostClock) -> None:
+        self._path, self._channel, self._heartbeat, self._clock = path, channel, heartbeat, clock
         self._line = re.compile(rb"CH *%d *: *(ON|OFF)\s" % channel)
         self._port: serial.Serial = open_serial(path, BAUD)
         self.confirmed = False
@@ -85,11 +93,16 @@ class RelayOutput:
 
         Raises DeviceLost when the port fails or the board reports the other state.
         """
-        self._send(relay_command(self._channel, energised))
+        level = self._heartbeat.level(energised, self._clock.now_ns())
+        self._send(relay_command(self._channel, level))
         if self.confirmed:
-            self._confirm(energised)
+            self._confirm(level)
         else:
             self._clock.sleep_until(self._clock.now_ns() + round(_COMMAND_S * 1e9))
+
+    def read_back(self) -> bool | None:
+        """See drivers.ports.AlarmOutput."""
+        return self._state() if self.confirmed else None
 
     def _confirm(self, energised: bool) -> None:
         state = self._state()

@@ -8,15 +8,20 @@ import serial
 from drivers.errors import DeviceLost
 
 
-def open_serial(path: str, baud: int) -> serial.Serial:
+def open_serial(path: str, baud: int, raise_lines: bool = True) -> serial.Serial:
     """An 8N1 port that no other program can open at the same time; reads do not block.
 
+    raise_lines: leave RTS and DTR raised, as the kernel does on opening; else they are dropped right after that.
     Raises DeviceLost when the port is absent, in use, or not permitted to this user.
     """
     try:
-        return serial.Serial(path, baud, timeout=0, write_timeout=1.0, exclusive=True)
+        port = serial.Serial(None, baud, timeout=0, write_timeout=1.0, exclusive=True)
+        port.rts = port.dtr = raise_lines
+        port.port = path
+        port.open()
     except (OSError, serial.SerialException) as error:
         raise _refusal(path, error) from error
+    return port
 
 
 def _refusal(path: str, error: OSError) -> DeviceLost:

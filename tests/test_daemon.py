@@ -13,7 +13,7 @@ import pytest
 
 from appliance.service.control import ControlClient, ControlRefused
 from appliance.supervision.alarms import HAZARDS
-from tests.cart import PROBEWATCH, Cart
+from tests.demo_cart import PROBEWATCH, Cart
 from tests.polling import until
 
 ALARM_S = 2.0

@@ -16,7 +16,7 @@ from rich.console import Console
 from appliance.types import State
 from drivers.errors import ConfigurationError
 from drivers.twins.faults import FAULT_CLASS
-from tests.cart import PROBEWATCH
+from tests.demo_cart import PROBEWATCH
 from tests.polling import until
 from tools.demo_judgement import History, Moment, Switch, judge
 from tools.demo_report import Circumstances, print_report, report_fields

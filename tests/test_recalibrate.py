@@ -19,7 +19,7 @@ from appliance.calibration_file import calibration_from_image_to_probe, read_cal
 from appliance.service.control import ControlRefused, ControlServer
 from drivers.metaimage import SequenceItem, write_metaimage
 from drivers.twins.world import World, WorldSettings
-from tests.cart import PROBEWATCH, Cart
+from tests.demo_cart import PROBEWATCH, Cart
 from tests.polling import until
 from tools.cli import main
 

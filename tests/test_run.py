@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from appliance.service.systemd_notify import Notifier
-from tests.cart import PROBEWATCH
+from tests.demo_cart import PROBEWATCH
 
 UNIT = Path(__file__).parent.parent / "systemd" / "probewatch.service"
 GOOD = """

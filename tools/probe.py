@@ -58,7 +58,8 @@ class Measured:
 def command(url: str, seconds: float, may_click: bool) -> None:
     """Connect to the device at URL, measure for some seconds, and say what it is and how well it does.
 
-    URL as in the configuration: ndi:/dev/ttyUSB0, ndi+tcp://host, optotrak://host, sim:, replay:, relay:.
+    URL as in the configuration: ndi:/dev/ttyUSB0, ndi+tcp://host, optotrak://host, v4l2:/dev/video0, opencv:, sim:,
+    replay:, gpio:/dev/gpiochip0?line=17, serialpin:, relay:.
 
     Exit code 0 when it works; else that of the fault: 69 the device is lost or gives nothing to use, 76 it breaks its
     protocol, 78 the URL can never work, 65 the recording cannot be read.
