@@ -1,4 +1,4 @@
-"""A capture driver that exists only as answers to requests, below drivers.v4l2.node; real kernel devices: tests/cart."""
+"""A capture driver that exists only as answers to requests, below drivers.v4l2.node."""
 
 import errno
 import mmap

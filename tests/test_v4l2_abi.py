@@ -49,28 +49,14 @@ FIELDS: dict[str, tuple[type[ctypes.Structure], dict[str, str]]] = {
     "v4l2_event": (abi.Event, {"u": "u", "timestamp_s": "timestamp.tv_sec", "id": "id"}),
     "v4l2_event_subscription": (abi.EventSubscription, {"flags": "flags"}),
 }
-REQUESTS = [
-    "QUERYCAP",
-    "ENUM_FMT",
-    "G_FMT",
-    "S_FMT",
-    "REQBUFS",
-    "QUERYBUF",
-    "QBUF",
-    "DQBUF",
-    "STREAMON",
-    "STREAMOFF",
-    "G_PARM",
-    "S_PARM",
-    "ENUMINPUT",
-    "G_INPUT",
-    "S_INPUT",
-    "S_DV_TIMINGS",
-    "G_DV_TIMINGS",
-    "QUERY_DV_TIMINGS",
-    "DQEVENT",
-    "SUBSCRIBE_EVENT",
-]
+REQUESTS = tuple(
+    name
+    for line in (
+        "QUERYCAP ENUM_FMT G_FMT S_FMT REQBUFS QUERYBUF QBUF DQBUF STREAMON STREAMOFF G_PARM S_PARM ENUMINPUT",
+        "G_INPUT S_INPUT S_DV_TIMINGS G_DV_TIMINGS QUERY_DV_TIMINGS DQEVENT SUBSCRIBE_EVENT",
+    )
+    for name in line.split(" ")
+)
 CONSTANTS = [name for name in vars(abi) if name.startswith(("BUF_", "CAP_", "EVENT_", "FIELD_", "IN_", "MEMORY_"))]
 
 

@@ -4,6 +4,7 @@ import errno
 import fcntl
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,6 +31,10 @@ def driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[Driver]:
     yield made
     made.close()
     os.close(made.fd)
+
+
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 def opened(query: str = "", rate: float = 1.0) -> V4l2Video:
@@ -110,12 +115,12 @@ def test_refusals_at_opening_are_losses_and_leave_nothing_open(
     driver: Driver, request_number: int, number: int, words: str
 ) -> None:
     driver.refuse[request_number] = number
-    before = len(os.listdir("/proc/self/fd"))
+    before = open_files()
     with pytest.raises(DeviceLost, match=words) as refusal:
         opened()
     assert refusal.value.remedy
     del refusal
-    assert len(os.listdir("/proc/self/fd")) == before
+    assert open_files() == before
     driver.refuse.clear()
     with opened() as source:
         driver.send(noise().tobytes())
@@ -218,5 +223,5 @@ def test_a_url_that_can_never_work_is_refused(url: str, words: str) -> None:
 
 @pytest.mark.parametrize("path", ["/dev/no-such-video", "/dev/zero", "/etc/passwd"])
 def test_what_is_no_video_device_is_lost(path: str) -> None:
-    with pytest.raises(DeviceLost, match="no such video device|is no video device"):
+    with pytest.raises(DeviceLost, match=r"no such video device|is no video device"):
         open_video(f"v4l2:{path}", HostClock())

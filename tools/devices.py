@@ -25,8 +25,9 @@ _HEADINGS = ("kind", "path", "node", "what it is", "state")
 def command(root: Path) -> None:
     """List serial ports, video devices and GPIO chips, and whether they can be opened.
 
-    Nothing is opened for that. In a URL, write ndi:, relay: or serialpin: before a serial port, v4l2: before video, gpio:
-    before a GPIO chip and ?line= after it. Trackers on the network are not searched for: try one with `probewatch probe URL`.
+    Nothing is opened for that. In a URL, write ndi:, relay: or serialpin: before a serial port, v4l2: before video,
+    gpio: before a GPIO chip and ?line= after it. Trackers on the network are not searched for: try one with
+    `probewatch probe URL`.
     """
     rows = [_row(kind, found) for kind, look in _KINDS.items() for found in look(root)]
     if not rows:

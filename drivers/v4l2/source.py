@@ -72,9 +72,8 @@ class V4l2Video:
             remarks.append(f"{times.foreign} pictures without a time of this host, stamped at their arrival")
         if times.ahead:
             remarks.append(f"{times.ahead} pictures stamped later than they arrived")
-        return Description(
-            f"{agreed.card} at {agreed.bus or 'an unnamed bus'}", rate_hz=agreed.rate_hz, remarks=tuple(remarks)
-        )
+        model = ", ".join(word for word in (agreed.card, agreed.bus) if word)
+        return Description(model, rate_hz=agreed.rate_hz, remarks=tuple(remarks))
 
     def read(self, timeout_s: float) -> Frame | None:
         """Next whole picture, or None when none came within timeout_s of the clock. Raises DeviceLost."""
