@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from appliance.core.geometry import Array, inverse, quaternion_from_rotation, rigid
 from appliance.core.latency import Latency, estimate_latency
-from appliance.core.solver import PathSamples, predicted_path
+from appliance.core.picture_steps import predicted_path
+from appliance.core.solver import PathSamples
 from appliance.types import Calibration, Motion
 from drivers.samples import Matrix4
 

@@ -8,25 +8,21 @@ noisy side on the clean one gives maximum-likelihood estimates without the bias 
 section 3).
 """
 
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
 
-from appliance.core.geometry import Array, rotation_from_vector, skew
+from appliance.core.geometry import Array, rotation_from_vector
+from appliance.core.path_noise import Noise, Times, Whitener, position_weight
+from appliance.core.picture_steps import SensorSteps, picture_slopes, picture_steps, plane_rotation
 from appliance.types import Calibration
 
 _ITERATIONS = 6
 _NOISE_ROUNDS = 5
-_SAME_NOISE = 0.1
 _HUBER = 2.0
-_OFFSET_VARIANCE = 1e6
-_LONG_LAG_S = 0.7
-_CHANCE = 2.5
 _LEAST_SPREAD = 0.7
-_POSITION_FLOOR_MM, _ANGLE_FLOOR_RAD = 0.02, np.deg2rad(0.01)
-_POSITION_DRIFT_FLOOR, _ANGLE_DRIFT_FLOOR = 0.01, np.deg2rad(0.02)
+_RISES = 2.0
 TAU = 8
 """Index of the latency, s, behind the eight parameters of X."""
 
@@ -93,7 +89,7 @@ def solve(samples: PathSamples, reference: Calibration, prior: Prior = Prior()) 
     theta, noise = np.zeros(9), problem.noise(np.zeros(9))
     for _ in range(_NOISE_ROUNDS):
         whiten = problem.whitener(noise)
-        theta, covariance, cost = problem.minimise(theta, whiten)
+        theta, covariance, cost = problem.minimise(theta, whiten, noise)
         settled, noise = noise, problem.noise(theta)
         if noise.like(settled):
             break
@@ -113,33 +109,6 @@ def path_agreement(samples: PathSamples, reference: Calibration) -> float:
     return _Problem(samples, reference, Prior()).agreement(np.zeros(9))
 
 
-def predicted_path(poses: Array, reference: Calibration) -> Array:
-    """(m, 4, 4) successive poses → (m, 3) mm: way of the image centre in its own turning axes: lateral, axial,
-    elevational.
-
-    The in-plane part is what a perfect registration would integrate, whatever the probe tilts on its way.
-    """
-    step = _picture_steps(reference.rotation, reference.offset_mm, _sensor_steps(poses))
-    unturn = _turn(-np.cumsum(step[:, 2]))
-    in_plane = np.einsum("nij,nj->ni", unturn, step[:, :2])
-    return -np.cumsum(np.column_stack([in_plane, step[:, 3]]), axis=0)
-
-
-@dataclass(frozen=True, slots=True)
-class _Noise:
-    """White sd and random-walk sd per √s, of positions (mm) and angles (rad)."""
-
-    position_mm: float
-    position_drift: float
-    angle_rad: float
-    angle_drift: float
-
-    def like(self, other: "_Noise") -> bool:
-        """Whether another round with this noise would give the same answer."""
-        own, others = np.array(astuple(self)), np.array(astuple(other))
-        return bool(np.all(np.abs(own - others) <= _SAME_NOISE * others))
-
-
 class _Problem:
     def __init__(self, samples: PathSamples, reference: Calibration, prior: Prior) -> None:
         keep = _long_chains(samples.chain)
@@ -147,23 +116,22 @@ class _Problem:
             raise ValueError(f"{int(keep.sum())} registered pictures are too few to solve; 8 are needed")
         self._reference = reference
         self._prior = prior
-        self._t_s = samples.t_s[keep]
-        self._chain = samples.chain[keep]
-        self._first = np.r_[True, np.diff(self._chain) != 0]
+        self._times = Times(samples.t_s[keep], samples.chain[keep])
+        self._first = np.r_[True, ~self._times.joined]
         self._alpha = samples.alpha_rad[keep]
         self._u_mm = samples.u_px[keep] * reference.scale_mm_per_px * np.array(reference.polarity)
         self._alpha_sign = float(np.prod(reference.polarity))
-        self._steps = _sensor_steps(samples.poses[keep])
-        self._earlier = _sensor_steps(samples.earlier_poses[keep])
-        self._later = _sensor_steps(samples.later_poses[keep])
+        self._steps = SensorSteps.between(samples.poses[keep])
+        self._earlier = SensorSteps.between(samples.earlier_poses[keep])
+        self._later = SensorSteps.between(samples.later_poses[keep])
         self._apart_s = samples.apart_s
         self._rows = 6 if prior.planar else 3
-        self._unturn = _turn(-self._alpha_sign * self._alpha)
+        self._unturn = plane_rotation(-self._alpha_sign * self._alpha)
 
     def residual(self, theta: Array) -> Array:
         """Measured minus predicted path (n, 3 or 6): in-plane mm (2), α rad[, elevational mm, tilt rad (2)]."""
         R, offset = self._moved(theta)
-        step = _picture_steps(R, offset, self._steps)
+        step = picture_steps(R, offset, self._steps)
         if theta[TAU]:
             step = step + self._by_latency(R, offset) * theta[TAU]
         step[:, :2] = np.einsum("nij,nj->ni", self._unturn, step[:, :2])
@@ -176,7 +144,7 @@ class _Problem:
     def gradient(self, theta: Array) -> Array:
         """Derivative (n, 3 or 6, 9) of the residual path."""
         R, offset = self._moved(theta)
-        slope = _picture_slopes(R, offset, self._steps)
+        slope = picture_slopes(R, offset, self._steps)
         slope[..., TAU] = self._by_latency(R, offset)
         slope[:, :2] = np.einsum("nij,njk->nik", self._unturn, slope[:, :2])
         slope[self._first] = 0.0
@@ -189,71 +157,67 @@ class _Problem:
         return rotation, self._reference.offset_mm + theta[5:8]
 
     def _by_latency(self, R: Array, offset: Array) -> Array:
-        before = _picture_steps(R, offset, self._earlier)
-        return (_picture_steps(R, offset, self._later) - before) / self._apart_s
+        before = picture_steps(R, offset, self._earlier)
+        return (picture_steps(R, offset, self._later) - before) / self._apart_s
 
-    def noise(self, theta: Array) -> "_Noise":
-        """White noise and drift of the residual path from its structure function at one frame and at `_LONG_LAG_S`."""
-        residual = self.residual(theta)
-        position = self._structure(residual[:, :2], _POSITION_FLOOR_MM, _POSITION_DRIFT_FLOOR)
-        angle = self._structure(residual[:, 2:3], _ANGLE_FLOOR_RAD, _ANGLE_DRIFT_FLOOR)
-        return _Noise(*position, *angle)
+    def noise(self, theta: Array) -> Noise:
+        """Of the residual path."""
+        return self._times.estimated_noise(self.residual(theta))
 
-    def _structure(self, path: Array, floor: float, drift_floor: float) -> tuple[float, float]:
-        period_s = float(np.median(np.diff(self._t_s)))
-        long_lag = max(2, min(round(_LONG_LAG_S / max(period_s, 1e-3)), path.shape[0] // 3))
-        short, long = (self._lagged_variance(path, lag) for lag in (1, long_lag))
-        chance = 1 + _CHANCE * np.sqrt(3 / max((path.shape[0] - long_lag) * path.shape[1], 1))
-        drift_variance = max((long - short * chance) / ((long_lag - 1) * period_s), drift_floor**2)
-        white = max((short - drift_variance * period_s) / 2, floor**2)
-        return float(np.sqrt(white)), float(np.sqrt(drift_variance))
+    def whitener(self, noise: Noise) -> Whitener:
+        """For paths of this problem."""
+        return Whitener(self._times, noise, self._rows)
 
-    def _lagged_variance(self, path: Array, lag: int) -> float:
-        same = self._chain[lag:] == self._chain[:-lag]
-        change = np.abs((path[lag:] - path[:-lag])[same])
-        return float((1.4826 * np.median(change)) ** 2) if change.size else 0.0
-
-    def whitener(self, noise: _Noise) -> "_Whitener":
-        return _Whitener(self._t_s, self._chain, noise, self._prior.planar)
-
-    def minimise(self, theta: Array, whiten: "_Whitener") -> tuple[Array, Array, float]:
+    def minimise(self, theta: Array, whiten: Whitener, noise: Noise) -> tuple[Array, Array, float]:
         """Gauss–Newton with Huber weights on the innovations; covariance grows where they are wider than the model."""
         prior = np.diag(1 / self._prior_sd() ** 2)
+        covariance, excess = self._honest_covariance(whiten, noise, prior)
         spread, cost = 1.0, 0.0
         for _ in range(_ITERATIONS):
             r = whiten(self.residual(theta)).reshape(-1)
             J = whiten(self.gradient(theta)).reshape(-1, 9)
             weight = 1 / np.maximum(np.abs(r) / _HUBER, 1)
             weighted = J * weight[:, None]
-            step = np.linalg.solve(weighted.T @ J + prior, weighted.T @ r + prior @ theta)
+            slope = weighted.T @ r + prior @ theta
+            slope[5:8] -= excess * (self._reference.offset_mm + theta[5:8])
+            information = weighted.T @ J + prior
+            information[range(5, 8), range(5, 8)] -= excess
+            step = np.linalg.solve(information, slope)
             theta = theta - step
             spread = float((weight * r * r).sum() / max(r.size - 9, 1))
             cost = _huber_cost(r)
             if np.all(np.abs(step) < 1e-6):
                 break
-        return theta, self._honest_covariance(whiten, prior) * max(_LEAST_SPREAD, spread), cost
+        return theta, covariance * max(_LEAST_SPREAD, spread), cost
 
-    def _honest_covariance(self, whiten: "_Whitener", prior: Array) -> Array:
-        """I_c⁻¹ I I_c⁻¹ at the reference, where I_c is the information I less what tracker noise in it pretends.
+    def _honest_covariance(self, whiten: Whitener, noise: Noise, prior: Array) -> tuple[Array, Array]:
+        """I_c⁻¹ I I_c⁻¹ at the reference, where I_c is the information I less what tracker noise in it pretends; and
+        the excess (3,) of the offsets, zero where the motion does not rise well above it.
 
         Each picture adds one such unit in each of the two rows that a rotation enters. Without this, motion that has no
         elevational part would seem to show the rotations about lateral and axial; and at the solution the fit has
         already bent towards the noise, so the reference is where information is counted.
+
+        A turn error δ of one pose moves the residual by δ × t_x and its derivative by t_x with it: the offset would
+        shrink by the ratio of excess to information, so `minimise` takes the excess off (errors in variables).
         """
         gradient = whiten(self.gradient(np.zeros(9)))
         J = gradient.reshape(-1, 9)
         information = J.T @ J + prior
-        pretended = np.diag([2.0 * len(gradient)] * 3 + [0.0] * 6)
-        values, axes = np.linalg.eigh(information - prior - pretended)
+        entered = np.array([2.0, 2.0, 2.0] if self._prior.planar else [1.0, 1.0, 2.0])
+        excess = entered * len(gradient) * noise.angle_rad**2 * position_weight(noise, self._times.period_s)
+        pretended = np.concatenate([np.full(3, 2.0 * len(gradient)), np.zeros(2), excess, [0.0]])
+        values, axes = np.linalg.eigh(information - prior - np.diag(pretended))
         told = (axes * np.maximum(values, 0.0)) @ axes.T
         corrected = np.linalg.inv(told + prior)
-        return np.asarray(corrected @ information @ corrected)
+        alone = 1 / np.diag(np.linalg.inv(information))[5:8] - np.diag(prior)[5:8]
+        return corrected @ information @ corrected, np.where(alone > _RISES * excess, excess, 0.0)
 
     def _prior_sd(self) -> Array:
         p = self._prior
         return np.array([p.tilt_rad] * 2 + [p.rotation_rad] + [p.scale] * 2 + [p.offset_mm] * 3 + [p.latency_s])
 
-    def conclude(self, theta: Array, covariance: Array, cost: float, noise: _Noise) -> Solution:
+    def conclude(self, theta: Array, covariance: Array, cost: float, noise: Noise) -> Solution:
         reference = self._reference
         estimate = replace(
             reference,
@@ -270,8 +234,8 @@ class _Problem:
             noise.position_mm,
             noise.angle_rad,
             self.agreement(theta),
-            cost / self._t_s.size,
-            self._t_s.size,
+            cost / len(self._first),
+            len(self._first),
         )
 
     def _observed(self, covariance: Array) -> tuple[bool, ...]:
@@ -284,97 +248,13 @@ class _Problem:
         """Correlation of the measured with the predicted in-plane path over about half a second, worse moving axis."""
         residual = self.residual(theta)
         measured = np.einsum("nij,nj->ni", self._unturn, self._u_mm * (1 + theta[3:5]))
-        lag = max(1, min(round(0.5 / max(float(np.median(np.diff(self._t_s))), 1e-3)), self._t_s.size // 3))
-        same = self._chain[lag:] == self._chain[:-lag]
+        lag = max(1, min(round(0.5 / self._times.period_s), len(self._first) // 3))
+        same = self._times.chain[lag:] == self._times.chain[:-lag]
         moved = (measured[lag:] - measured[:-lag])[same]
         missed = (residual[lag:, :2] - residual[:-lag, :2])[same]
         axes = [k for k in (0, 1) if len(moved) > 2 and moved[:, k].std() > 0.2]
         agreed = [_correlation(moved[:, k], moved[:, k] - missed[:, k]) for k in axes]
         return min(agreed, default=float("nan"))
-
-
-class _Whitener:
-    """Applies L⁻¹, where L Lᵀ is the covariance of white noise + random walk + one free offset per chain."""
-
-    def __init__(self, t_s: Array, chain: NDArray[np.int64], noise: _Noise, planar: bool) -> None:
-        self._blocks = []
-        self.log_volume = 0.0
-        position = (noise.position_mm, noise.position_drift)
-        angle = (noise.angle_rad, noise.angle_drift)
-        kinds = [(position, slice(0, 2)), (angle, slice(2, 3))]
-        if planar:
-            kinds += [(position, slice(3, 4)), (angle, slice(4, 6))]
-        for name in np.unique(chain):
-            rows = np.flatnonzero(chain == name)
-            factors = {kind: _factor(t_s[rows], *kind) for kind in (position, angle)}
-            self._blocks += [(rows, columns, factors[kind]) for kind, columns in kinds]
-            self.log_volume += sum(
-                2 * float(np.log(np.diag(factors[kind])).sum()) * (columns.stop - columns.start)
-                for kind, columns in kinds
-            )
-
-    def __call__(self, path: Array) -> Array:
-        """(n, k, …) → the same shape, innovations of unit variance; the offset's own row becomes ≈ 0."""
-        out = np.empty_like(path)
-        for rows, columns, factor in self._blocks:
-            block = path[rows][:, columns]
-            flat = solve_triangular(factor, block.reshape(rows.size, -1), lower=True, check_finite=False)
-            out[rows[:, None], np.arange(path.shape[1])[columns]] = flat.reshape(block.shape)
-        return out
-
-
-def _factor(t_s: Array, white: float, drift: float) -> Array:
-    since = t_s - t_s[0]
-    covariance = np.minimum(since[:, None], since[None, :]) * drift**2
-    covariance += white**2 * np.eye(t_s.size) + _OFFSET_VARIANCE * white**2
-    return np.asarray(cholesky(covariance, lower=True, check_finite=False))
-
-
-def _sensor_steps(poses: Array) -> tuple[Array, Array]:
-    """(n, 4, 4) → B_j⁻¹ B_{j−1} as R_b (n, 3, 3), t_b (n, 3); the first is the identity."""
-    R, t = poses[:, :3, :3], poses[:, :3, 3]
-    R_b = np.tile(np.eye(3), (len(R), 1, 1))
-    t_b = np.zeros((len(R), 3))
-    back = np.swapaxes(R[1:], -1, -2)
-    R_b[1:] = back @ R[:-1]
-    t_b[1:] = np.einsum("nij,nj->ni", back, t[:-1] - t[1:])
-    return R_b, t_b
-
-
-def _picture_turns(R: Array, R_b: Array) -> tuple[Array, Array]:
-    """R_a = R R_b Rᵀ (n, 3, 3) and its small rotation vector (n, 3)."""
-    R_a = R @ R_b @ R.T
-    turn = 0.5 * np.stack(
-        [R_a[:, 2, 1] - R_a[:, 1, 2], R_a[:, 0, 2] - R_a[:, 2, 0], R_a[:, 1, 0] - R_a[:, 0, 1]], axis=1
-    )
-    return R_a, turn
-
-
-def _picture_steps(R: Array, offset: Array, steps: tuple[Array, Array]) -> Array:
-    """Steps of A = X B X⁻¹ (n, 6): t_x, t_y mm, α, t_z, tilt x, tilt y."""
-    R_b, t_b = steps
-    R_a, turn = _picture_turns(R, R_b)
-    t_a = t_b @ R.T + offset - R_a @ offset
-    return np.column_stack([t_a[:, :2], turn[:, 2], t_a[:, 2], turn[:, :2]])
-
-
-def _picture_slopes(R: Array, offset: Array, steps: tuple[Array, Array]) -> Array:
-    """Derivative (n, 6, 9) of _picture_steps by rotation and offset; the columns of scale and latency stay zero."""
-    R_b, t_b = steps
-    R_a, turn = _picture_turns(R, R_b)
-    by_rotation = skew(R_a @ offset - t_b @ R.T) - R_a @ skew(offset)
-    turn_by_rotation = -skew(turn)
-    slopes = np.zeros((len(t_b), 6, 9))
-    slopes[:, [0, 1, 3], :3] = by_rotation
-    slopes[:, [4, 5, 2], :3] = turn_by_rotation
-    slopes[:, [0, 1, 3], 5:8] = np.eye(3) - R_a
-    return slopes
-
-
-def _turn(angle_rad: Array) -> Array:
-    """(n,) → (n, 2, 2) plane rotations."""
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
 
 
 def _long_chains(chain: NDArray[np.int64], least: int = 4) -> NDArray[np.bool_]:

@@ -1,0 +1,117 @@
+"""Noise of the residual path: white tracker noise and a random walk, on an offset of its own for each chain.
+
+Within a chain the differences of successive residuals are free of the offset; their covariance is tridiagonal, so
+whitening costs time in proportion to the pictures.
+"""
+
+from dataclasses import astuple, dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky_banded
+from scipy.linalg.lapack import dtbtrs
+
+from appliance.core.geometry import Array
+
+_SAME_NOISE = 0.1
+_LONG_LAG_S = 0.7
+_CHANCE = 2.5
+_POSITION_FLOOR_MM, _ANGLE_FLOOR_RAD = 0.02, np.deg2rad(0.01)
+_POSITION_DRIFT_FLOOR, _ANGLE_DRIFT_FLOOR = 0.01, np.deg2rad(0.02)
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """White sd and random-walk sd per √s, of positions (mm) and angles (rad)."""
+
+    position_mm: float
+    position_drift: float
+    angle_rad: float
+    angle_drift: float
+
+    def like(self, other: "Noise") -> bool:
+        """Whether another round with this noise would give the same answer."""
+        own, others = np.array(astuple(self)), np.array(astuple(other))
+        return bool(np.all(np.abs(own - others) <= _SAME_NOISE * others))
+
+
+@dataclass(frozen=True, eq=False)
+class Times:
+    """t_s (n,) and chain (n,) of the residuals, in time order."""
+
+    t_s: Array
+    chain: NDArray[np.int64]
+
+    @cached_property
+    def joined(self) -> NDArray[np.bool_]:
+        """(n − 1,) whether a residual and the next belong to one chain."""
+        return np.asarray(self.chain[1:] == self.chain[:-1])
+
+    @cached_property
+    def period_s(self) -> float:
+        """Usual time between two pictures."""
+        return max(float(np.median(np.diff(self.t_s))), 1e-3)
+
+    def estimated_noise(self, residual: Array) -> Noise:
+        """Of a residual path (n, ≥ 3): in-plane mm (2), angle rad; by its structure function, which outliers spare."""
+        position = self._structure(residual[:, :2], _POSITION_FLOOR_MM, _POSITION_DRIFT_FLOOR)
+        angle = self._structure(residual[:, 2:3], _ANGLE_FLOOR_RAD, _ANGLE_DRIFT_FLOOR)
+        return Noise(*position, *angle)
+
+    def _structure(self, path: Array, floor: float, drift_floor: float) -> tuple[float, float]:
+        """White noise and drift from the squared differences at one frame and at `_LONG_LAG_S`."""
+        long_lag = max(2, min(round(_LONG_LAG_S / self.period_s), path.shape[0] // 3))
+        short, long = (self._lagged_variance(path, lag) for lag in (1, long_lag))
+        chance = 1 + _CHANCE * np.sqrt(3 / max((path.shape[0] - long_lag) * path.shape[1], 1))
+        drift_variance = max((long - short * chance) / ((long_lag - 1) * self.period_s), drift_floor**2)
+        white = max((short - drift_variance * self.period_s) / 2, floor**2)
+        return float(np.sqrt(white)), float(np.sqrt(drift_variance))
+
+    def _lagged_variance(self, path: Array, lag: int) -> float:
+        same = self.chain[lag:] == self.chain[:-lag]
+        change = np.abs((path[lag:] - path[:-lag])[same])
+        return float((1.4826 * np.median(change)) ** 2) if change.size else 0.0
+
+
+class Whitener:
+    """Turns a residual path into innovations of unit variance, one fewer than pictures in each chain.
+
+    rows: columns of the path: in-plane position (2), angle[, elevational position, tilt (2)].
+    """
+
+    def __init__(self, times: Times, noise: Noise, rows: int) -> None:
+        self._joined = times.joined
+        dt_s = np.diff(times.t_s)[self._joined]
+        # Two successive differences share a residual where no chain ended between them.
+        self._shared = np.diff(np.flatnonzero(self._joined)) == 1
+        position = _factor(dt_s, self._shared, noise.position_mm, noise.position_drift)
+        angle = _factor(dt_s, self._shared, noise.angle_rad, noise.angle_drift)
+        kinds = [(position, [0, 1]), (angle, [2])]
+        self._kinds = kinds if rows == 3 else [(position, [0, 1, 3]), (angle, [2, 4, 5])]
+        self.log_volume = sum(2 * float(np.log(factor[0]).sum()) * len(columns) for factor, columns in self._kinds)
+
+    def __call__(self, path: Array) -> Array:
+        """(n, rows, …) → (m, rows, …)."""
+        steps = np.diff(path, axis=0)[self._joined]
+        out = np.empty_like(steps)
+        for factor, columns in self._kinds:
+            block = steps[:, columns]
+            white, _ = dtbtrs(factor, block.reshape(len(block), -1), uplo="L")
+            out[:, columns] = white.reshape(block.shape)
+        return out
+
+
+def position_weight(noise: Noise, period_s: float) -> float:
+    """1/mm²: what one picture's position counts beside its neighbours, the mean diagonal of the inverse covariance."""
+    walk = noise.position_drift**2 * period_s
+    white = noise.position_mm**2
+    return float((1 - np.sqrt(walk / (walk + 4 * white))) / white)
+
+
+def _factor(dt_s: Array, shared: NDArray[np.bool_], white: float, drift: float) -> Array:
+    """(2, m) banded Cholesky factor of the covariance of differences: 2 w² + q dt, and −w² between neighbours."""
+    banded = np.zeros((2, dt_s.size))
+    banded[0] = 2 * white**2 + drift**2 * dt_s
+    banded[1, :-1] = np.where(shared, -(white**2), 0.0)
+    return np.asarray(cholesky_banded(banded, lower=True, check_finite=False))
