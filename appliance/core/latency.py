@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from appliance.core.geometry import Array
 
 _RANGE_S = 0.3
-_STEP_S = 0.01
+_COARSE_S, _FINE_S = 0.02, 0.01
 _PARABOLA_S = 0.07
 _LAGS_S = (0.08, 0.16, 0.32)
 _LEAST = 12
@@ -48,9 +48,23 @@ def estimate_latency(
     steps = [s for s in steps if s.usable(pose_t_s)]
     if not steps:
         return None
-    lags = np.arange(-_RANGE_S, _RANGE_S + _STEP_S / 2, _STEP_S)
-    costs = np.stack([s.misfit(lags, pose_t_s, smooth) for s in steps], axis=1)
-    return _minimum(lags, costs, np.array([s.independent for s in steps]))
+    independent = np.array([s.independent for s in steps])
+
+    def scores(lags: Array) -> Array:
+        """(k,) lags → (k, lengths) −log likelihood of every step length, n/2 · log(cost)."""
+        costs = np.stack([s.misfit(lags, pose_t_s, smooth) for s in steps], axis=1)
+        return np.asarray(np.log(costs + 1e-9) * independent / 2)
+
+    coarse = np.arange(-_RANGE_S, _RANGE_S + _COARSE_S / 2, _COARSE_S)
+    known = scores(coarse)
+    score = known.mean(axis=1)
+    best = int(np.argmin(score))
+    if best in (0, len(coarse) - 1) or np.median(score) - score[best] < _LEAST_DEPTH:
+        return None
+    between = coarse[best] + _FINE_S * np.arange(-7, 8, 2)
+    lags = np.concatenate([coarse, between])
+    order = np.argsort(lags)
+    return _minimum(lags[order], np.concatenate([known, scores(between)])[order])
 
 
 class _Steps:
@@ -106,17 +120,13 @@ def _smoothed(t_s: Array, values: Array, width_s: float) -> Array:
     return np.asarray(total / weights[:, None])
 
 
-def _minimum(lags: Array, costs: Array, independent: Array) -> Latency | None:
-    """Log-likelihood n/2 · log(cost) of every step length, averaged; a parabola through its minimum gives value and
-    sigma.
+def _minimum(lags: Array, scores: Array) -> Latency | None:
+    """A parabola through the minimum of the mean score gives value and sigma.
 
     Where the step lengths disagree about the minimum, the disagreement is part of sigma.
     """
-    scores = np.log(costs + 1e-9) * independent / 2
     score = scores.mean(axis=1)
     best = int(np.argmin(score))
-    if best in (0, len(lags) - 1) or np.median(score) - score[best] < _LEAST_DEPTH:
-        return None
     near = np.abs(lags - lags[best]) <= _PARABOLA_S
     curvature, slope, _ = np.polyfit(lags[near] - lags[best], score[near], 2)
     if curvature <= 0:

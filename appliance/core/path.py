@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from appliance.core.geometry import Array, inverse, quaternion_from_rotation, rigid
 from appliance.core.latency import Latency, estimate_latency
+from appliance.core.path_samples import PathSamples
 from appliance.core.picture_steps import predicted_path
-from appliance.core.solver import PathSamples
 from appliance.types import Calibration, Motion
 from drivers.samples import Matrix4
 
@@ -79,19 +79,27 @@ class PathWindow:
         self._span_ns = span_ns
         self._seen: deque[Motion] = deque()
         self.poses = PoseTrack(span_ns + 2_000_000_000)
+        self._arrays_known: tuple[Array, NDArray[np.int64], Array, Array] | None = None
+        self._samples_known: dict[tuple[float, bool], PathSamples] = {}
 
     def __len__(self) -> int:
         return len(self._seen)
 
     def add(self, motion: Motion) -> None:
         """Take one usable motion."""
+        self._changed()
         self._seen.append(motion)
         while self._seen[0].stamp.t_ns < motion.stamp.t_ns - self._span_ns:
             self._seen.popleft()
 
     def restart(self) -> None:
         """What comes next obeys another calibration: forget the pictures, keep the poses."""
+        self._changed()
         self._seen.clear()
+
+    def _changed(self) -> None:
+        self._arrays_known = None
+        self._samples_known.clear()
 
     @property
     def now_ns(self) -> int:
@@ -130,6 +138,12 @@ class PathWindow:
         """
         if not self._seen:
             return _NOTHING
+        asked = (latency_s, in_plane_only)
+        if asked not in self._samples_known:
+            self._samples_known[asked] = self._samples(*asked)
+        return self._samples_known[asked]
+
+    def _samples(self, latency_s: float, in_plane_only: bool) -> PathSamples:
         t_s, chain, u_px, alpha = self._arrays()
         origin_ns = self._seen[0].stamp.t_ns
         poses, known = self.poses.at(t_s + latency_s, origin_ns)
@@ -142,11 +156,13 @@ class PathWindow:
         return PathSamples(t_s[keep], chain[keep], u_px[keep], alpha[keep], *around, _APART_S)
 
     def _arrays(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
-        origin_ns = self._seen[0].stamp.t_ns
-        t_s = np.array([(s.stamp.t_ns - origin_ns) / 1e9 for s in self._seen])
-        chain = np.array([s.chain for s in self._seen], dtype=np.int64)
-        u_px = np.array([s.path_px for s in self._seen])
-        return t_s, chain, u_px, np.array([s.path_rad for s in self._seen])
+        if self._arrays_known is None:
+            origin_ns = self._seen[0].stamp.t_ns
+            t_s = np.array([(s.stamp.t_ns - origin_ns) / 1e9 for s in self._seen])
+            chain = np.array([s.chain for s in self._seen], dtype=np.int64)
+            u_px = np.array([s.path_px for s in self._seen])
+            self._arrays_known = t_s, chain, u_px, np.array([s.path_rad for s in self._seen])
+        return self._arrays_known
 
     def _picture_path(self, u_px: Array, alpha: Array) -> Array:
         """(n, 2) mm, image centre in the axes of the chain's first picture: −R(−α) Λ u."""

@@ -75,7 +75,7 @@ class Times:
 
 
 class Whitener:
-    """Turns a residual path into innovations of unit variance, one fewer than pictures in each chain.
+    """Turns the steps of a residual path into innovations of unit variance, one fewer than pictures in each chain.
 
     rows: columns of the path: in-plane position (2), angle[, elevational position, tilt (2)].
     """
@@ -91,9 +91,9 @@ class Whitener:
         self._kinds = kinds if rows == 3 else [(position, [0, 1, 3]), (angle, [2, 4, 5])]
         self.log_volume = sum(2 * float(np.log(factor[0]).sum()) * len(columns) for factor, columns in self._kinds)
 
-    def __call__(self, path: Array) -> Array:
-        """(n, rows, …) → (m, rows, …)."""
-        steps = np.diff(path, axis=0)[self._joined]
+    def __call__(self, steps: Array) -> Array:
+        """(n, rows, …), of which the first of each chain is left out → (m, rows, …)."""
+        steps = steps[1:][self._joined]
         out = np.empty_like(steps)
         for factor, columns in self._kinds:
             block = steps[:, columns]

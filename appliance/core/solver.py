@@ -11,11 +11,11 @@ section 3).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from appliance.core.geometry import Array, rotation_from_vector
-from appliance.core.path_noise import Noise, Times, Whitener, position_weight
-from appliance.core.picture_steps import SensorSteps, picture_slopes, picture_steps, plane_rotation
+from appliance.core.path_noise import Noise, Whitener, position_weight
+from appliance.core.path_samples import PathSamples
+from appliance.core.picture_steps import picture_slopes, picture_steps, plane_rotation
 from appliance.types import Calibration
 
 _ITERATIONS = 6
@@ -25,25 +25,6 @@ _LEAST_SPREAD = 0.7
 _RISES = 2.0
 TAU = 8
 """Index of the latency, s, behind the eight parameters of X."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PathSamples:
-    """n pictures of one or more chains, in time order.
-
-    t_s: (n,). chain: (n,) int. u_px: (n, 2), alpha_rad: (n,) path within the chain. poses: (n, 4, 4) sensor → tracker
-    at t_s + latency; earlier_poses, later_poses: the same, half of `apart_s` before and after, for the derivative by
-    latency. apart_s spans several pose periods, or tracker noise would drown the velocity.
-    """
-
-    t_s: Array
-    chain: NDArray[np.int64]
-    u_px: Array
-    alpha_rad: Array
-    poses: Array
-    earlier_poses: Array
-    later_poses: Array
-    apart_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +80,9 @@ def solve(samples: PathSamples, reference: Calibration, prior: Prior = Prior()) 
 def path_misfit(samples: PathSamples, reference: Calibration) -> float:
     """−2 log likelihood per picture of the reference itself, only the noise estimated. ValueError as in solve."""
     problem = _Problem(samples, reference, Prior())
-    residual = problem.residual(np.zeros(9))
-    whiten = problem.whitener(problem.noise(np.zeros(9)))
-    return (_huber_cost(whiten(residual)) + whiten.log_volume) / len(residual)
+    steps = problem.steps(np.zeros(9))
+    whiten = problem.whitener(samples.times.estimated_noise(np.cumsum(steps, axis=0)))
+    return (_huber_cost(whiten(steps)) + whiten.log_volume) / len(steps)
 
 
 def path_agreement(samples: PathSamples, reference: Calibration) -> float:
@@ -111,58 +92,50 @@ def path_agreement(samples: PathSamples, reference: Calibration) -> float:
 
 class _Problem:
     def __init__(self, samples: PathSamples, reference: Calibration, prior: Prior) -> None:
-        keep = _long_chains(samples.chain)
-        if keep.sum() < 8:
-            raise ValueError(f"{int(keep.sum())} registered pictures are too few to solve; 8 are needed")
+        kept = samples.kept
+        self._samples = samples
         self._reference = reference
         self._prior = prior
-        self._times = Times(samples.t_s[keep], samples.chain[keep])
-        self._first = np.r_[True, ~self._times.joined]
-        self._alpha = samples.alpha_rad[keep]
-        self._u_mm = samples.u_px[keep] * reference.scale_mm_per_px * np.array(reference.polarity)
-        self._alpha_sign = float(np.prod(reference.polarity))
-        self._steps = SensorSteps.between(samples.poses[keep])
-        self._earlier = SensorSteps.between(samples.earlier_poses[keep])
-        self._later = SensorSteps.between(samples.later_poses[keep])
-        self._apart_s = samples.apart_s
+        self._times = samples.times
+        polarity = np.array(reference.polarity)
+        u_mm = samples.u_px[kept] * reference.scale_mm_per_px * polarity
+        self._alpha = samples.alpha_rad[kept] * float(np.prod(polarity))
+        self._unturn = plane_rotation(-self._alpha)
+        self._seen = self._unturn * u_mm[:, None, :]
+        """(n, 2, 2): times the scales it is the path of the picture's centre, but for its sign."""
+        self._seen_steps = np.diff(self._seen, axis=0, prepend=self._seen[:1])
+        self._alpha_steps = np.diff(self._alpha, prepend=self._alpha[:1])
+        self._by_tau = np.zeros((len(u_mm), 6))
         self._rows = 6 if prior.planar else 3
-        self._unturn = plane_rotation(-self._alpha_sign * self._alpha)
 
-    def residual(self, theta: Array) -> Array:
-        """Measured minus predicted path (n, 3 or 6): in-plane mm (2), α rad[, elevational mm, tilt rad (2)]."""
-        R, offset = self._moved(theta)
-        step = picture_steps(R, offset, self._steps)
-        if theta[TAU]:
-            step = step + self._by_latency(R, offset) * theta[TAU]
-        step[:, :2] = np.einsum("nij,nj->ni", self._unturn, step[:, :2])
-        step[self._first] = 0.0
-        path = -np.cumsum(step, axis=0)
-        path[:, :2] += np.einsum("nij,nj->ni", self._unturn, self._u_mm * (1 + theta[3:5]))
-        path[:, 2] += self._alpha_sign * self._alpha
-        return path[:, : self._rows]
+    def steps(self, theta: Array) -> Array:
+        """Measured minus predicted path, by steps (n, 3 or 6): in-plane mm (2), α rad[, elevational mm, tilt rad (2)]."""
+        step = -picture_steps(*self._moved(theta), self._samples.steps) - self._by_tau * theta[TAU]
+        step[:, :2] = np.einsum("nij,nj->ni", self._unturn, step[:, :2]) + self._seen_steps @ (1 + theta[3:5])
+        step[:, 2] += self._alpha_steps
+        return np.asarray(step[:, : self._rows])
 
-    def gradient(self, theta: Array) -> Array:
-        """Derivative (n, 3 or 6, 9) of the residual path."""
-        R, offset = self._moved(theta)
-        slope = picture_slopes(R, offset, self._steps)
-        slope[..., TAU] = self._by_latency(R, offset)
-        slope[:, :2] = np.einsum("nij,njk->nik", self._unturn, slope[:, :2])
-        slope[self._first] = 0.0
-        path = -np.cumsum(slope, axis=0)
-        path[:, :2, 3:5] += self._unturn * self._u_mm[:, None, :]
-        return path[:, : self._rows]
+    def slopes(self, theta: Array) -> Array:
+        """Derivative (n, 3 or 6, 9) of the steps."""
+        slope = -picture_slopes(*self._moved(theta), self._samples.steps)
+        slope[..., TAU] = -self._by_tau
+        slope[:, :2] = self._unturn @ slope[:, :2]
+        slope[:, :2, 3:5] = self._seen_steps
+        return np.asarray(slope[:, : self._rows])
+
+    def linearise_latency(self, theta: Array) -> None:
+        """Take the derivative of the steps by latency at theta; it changes little with X."""
+        moved = self._moved(theta)
+        before, after = (picture_steps(*moved, s) for s in (self._samples.earlier_steps, self._samples.later_steps))
+        self._by_tau = (after - before) / self._samples.apart_s
 
     def _moved(self, theta: Array) -> tuple[Array, Array]:
         rotation = rotation_from_vector(theta[:3]) @ self._reference.rotation
         return rotation, self._reference.offset_mm + theta[5:8]
 
-    def _by_latency(self, R: Array, offset: Array) -> Array:
-        before = picture_steps(R, offset, self._earlier)
-        return (picture_steps(R, offset, self._later) - before) / self._apart_s
-
     def noise(self, theta: Array) -> Noise:
         """Of the residual path."""
-        return self._times.estimated_noise(self.residual(theta))
+        return self._times.estimated_noise(np.cumsum(self.steps(theta), axis=0))
 
     def whitener(self, noise: Noise) -> Whitener:
         """For paths of this problem."""
@@ -170,12 +143,13 @@ class _Problem:
 
     def minimise(self, theta: Array, whiten: Whitener, noise: Noise) -> tuple[Array, Array, float]:
         """Gauss–Newton with Huber weights on the innovations; covariance grows where they are wider than the model."""
+        self.linearise_latency(theta)
         prior = np.diag(1 / self._prior_sd() ** 2)
         covariance, excess = self._honest_covariance(whiten, noise, prior)
         spread, cost = 1.0, 0.0
         for _ in range(_ITERATIONS):
-            r = whiten(self.residual(theta)).reshape(-1)
-            J = whiten(self.gradient(theta)).reshape(-1, 9)
+            r = whiten(self.steps(theta)).reshape(-1)
+            J = whiten(self.slopes(theta)).reshape(-1, 9)
             weight = 1 / np.maximum(np.abs(r) / _HUBER, 1)
             weighted = J * weight[:, None]
             slope = weighted.T @ r + prior @ theta
@@ -201,7 +175,7 @@ class _Problem:
         A turn error δ of one pose moves the residual by δ × t_x and its derivative by t_x with it: the offset would
         shrink by the ratio of excess to information, so `minimise` takes the excess off (errors in variables).
         """
-        gradient = whiten(self.gradient(np.zeros(9)))
+        gradient = whiten(self.slopes(np.zeros(9)))
         J = gradient.reshape(-1, 9)
         information = J.T @ J + prior
         entered = np.array([2.0, 2.0, 2.0] if self._prior.planar else [1.0, 1.0, 2.0])
@@ -234,8 +208,8 @@ class _Problem:
             noise.position_mm,
             noise.angle_rad,
             self.agreement(theta),
-            cost / len(self._first),
-            len(self._first),
+            cost / len(self._alpha),
+            len(self._alpha),
         )
 
     def _observed(self, covariance: Array) -> tuple[bool, ...]:
@@ -246,20 +220,15 @@ class _Problem:
 
     def agreement(self, theta: Array) -> float:
         """Correlation of the measured with the predicted in-plane path over about half a second, worse moving axis."""
-        residual = self.residual(theta)
-        measured = np.einsum("nij,nj->ni", self._unturn, self._u_mm * (1 + theta[3:5]))
-        lag = max(1, min(round(0.5 / self._times.period_s), len(self._first) // 3))
+        missed_path = np.cumsum(self.steps(theta)[:, :2], axis=0)
+        measured = self._seen @ (1 + theta[3:5])
+        lag = max(1, min(round(0.5 / self._times.period_s), len(self._alpha) // 3))
         same = self._times.chain[lag:] == self._times.chain[:-lag]
         moved = (measured[lag:] - measured[:-lag])[same]
-        missed = (residual[lag:, :2] - residual[:-lag, :2])[same]
+        missed = (missed_path[lag:] - missed_path[:-lag])[same]
         axes = [k for k in (0, 1) if len(moved) > 2 and moved[:, k].std() > 0.2]
         agreed = [_correlation(moved[:, k], moved[:, k] - missed[:, k]) for k in axes]
         return min(agreed, default=float("nan"))
-
-
-def _long_chains(chain: NDArray[np.int64], least: int = 4) -> NDArray[np.bool_]:
-    _, index, count = np.unique(chain, return_inverse=True, return_counts=True)
-    return np.asarray(count[index] >= least)
 
 
 def _huber_cost(residual: Array) -> float:

@@ -1,0 +1,61 @@
+"""The path of the picture with the poses around it, and what every solution on it has in common."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from appliance.core.geometry import Array
+from appliance.core.path_noise import Times
+from appliance.core.picture_steps import SensorSteps
+
+_LEAST_CHAIN = 4
+_LEAST_PICTURES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class PathSamples:
+    """n pictures of one or more chains, in time order.
+
+    t_s: (n,). chain: (n,) int. u_px: (n, 2), alpha_rad: (n,) path within the chain. poses: (n, 4, 4) sensor → tracker
+    at t_s + latency; earlier_poses, later_poses: the same, half of `apart_s` before and after, for the derivative by
+    latency. apart_s spans several pose periods, or tracker noise would drown the velocity.
+    """
+
+    t_s: Array
+    chain: NDArray[np.int64]
+    u_px: Array
+    alpha_rad: Array
+    poses: Array
+    earlier_poses: Array
+    later_poses: Array
+    apart_s: float
+
+    @cached_property
+    def kept(self) -> NDArray[np.bool_]:
+        """(n,) in a chain long enough to tell anything. Raises ValueError where too few are."""
+        _, index, count = np.unique(self.chain, return_inverse=True, return_counts=True)
+        kept = np.asarray(count[index] >= _LEAST_CHAIN)
+        if kept.sum() < _LEAST_PICTURES:
+            raise ValueError(
+                f"{int(kept.sum())} registered pictures are too few to solve; {_LEAST_PICTURES} are needed"
+            )
+        return kept
+
+    @cached_property
+    def times(self) -> Times:
+        """Of the kept pictures, as are the steps."""
+        return Times(self.t_s[self.kept], self.chain[self.kept])
+
+    @cached_property
+    def steps(self) -> SensorSteps:
+        return SensorSteps.between(self.poses[self.kept])
+
+    @cached_property
+    def earlier_steps(self) -> SensorSteps:
+        return SensorSteps.between(self.earlier_poses[self.kept])
+
+    @cached_property
+    def later_steps(self) -> SensorSteps:
+        return SensorSteps.between(self.later_poses[self.kept])
