@@ -109,7 +109,7 @@ class _Problem:
         self._rows = 6 if prior.planar else 3
 
     def steps(self, theta: Array) -> Array:
-        """Measured minus predicted path, by steps (n, 3 or 6): in-plane mm (2), α rad[, elevational mm, tilt rad (2)]."""
+        """Steps of measured minus predicted path (n, 3 or 6): in-plane mm (2), α rad[, elevational mm, tilt (2)]."""
         step = -picture_steps(*self._moved(theta), self._samples.steps) - self._by_tau * theta[TAU]
         step[:, :2] = np.einsum("nij,nj->ni", self._unturn, step[:, :2]) + self._seen_steps @ (1 + theta[3:5])
         step[:, 2] += self._alpha_steps
