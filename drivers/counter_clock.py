@@ -49,10 +49,13 @@ class DeviceClock:
     """Feed every new device time once; steps of the device's clock and restarts are noticed here.
 
     The device's rate may differ from the host's by 500 ppm. restarts: how often the line had to be begun anew.
+    early_ns: how far before the last stamp the truth may lie, by what requests came too early for; at most 100 ms. It
+    holds without any assumption on the delays, only on how far the rates of the clocks may differ from now on.
     """
 
     def __init__(self) -> None:
         self.restarts = 0
+        self.early_ns = _FIRST_BOUND_NS
         self._last_t_ns = 0
         self._count = 0
         self._shortest_ns = 0
@@ -184,13 +187,7 @@ class DeviceClock:
         tilt = _TILT * self._doubt_ns / length_ns if length_ns >= _SHORTEST_EDGE_NS else _USUAL_SKEW
         return min(_BOUND_FLOOR_NS + self._doubt_ns + tilt * away_ns, _FIRST_BOUND_NS)
 
-    @property
-    def early_ns(self) -> float:
-        """How far before the stamps the truth may lie, by what requests came too early for; at most 100 ms.
-
-        This holds without any assumption on the delays, only on how far the rates of the clocks may differ from now on.
-        """
-        skew = self._skew
+    def _early_ns(self, skew: float) -> float:
         return max(min((self._room_ns(floor, skew, -1.0) for floor in self._floors), default=_FIRST_BOUND_NS), 0.0)
 
     @property
@@ -206,6 +203,7 @@ class DeviceClock:
         skew = self._skew
         newest = list(self._lowest)[-_FLOORS:]
         above_ns = min(self._room_ns(reading, skew, 1.0) for reading in newest)
+        self.early_ns = self._early_ns(skew)
         return max(above_ns, self.early_ns)
 
     def _room_ns(self, reading: _Reading, skew: float, side: float) -> float:

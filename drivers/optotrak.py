@@ -15,13 +15,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import numpy as np
-
 from drivers.counter_clock import DeviceClock
 from drivers.errors import ConfigurationError, ProtocolError
 from drivers.forward import Forward
 from drivers.hosttime import HostClock
 from drivers.ports import Description
+from drivers.rigid import seen_from
 from drivers.rtc3d import (
     Body,
     ByteOrder,
@@ -298,7 +297,7 @@ class OptotrakTracker:
             if reference is None:
                 reason = "the tracker does not see the reference body"
                 return self._without_number(PoseStatus.MISSING, reason, stamp, probe.rms_mm)
-            matrix = np.asarray(np.linalg.solve(reference.matrix(), matrix))
+            matrix = seen_from(reference.matrix(), matrix)
         return Pose(stamp, bodies.frame, matrix, probe.rms_mm, PoseStatus.OK)
 
     def _overdue(self, arrival_ns: int) -> Pose | None:

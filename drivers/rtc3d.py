@@ -11,9 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
-import numpy as np
-
 from drivers.errors import ProtocolError
+from drivers.rigid import pose_matrix
 from drivers.samples import Matrix4
 
 HEADER_BYTES = 8
@@ -107,16 +106,8 @@ class Body:
             raise ProtocolError("a rigid body kilometres away, or a fit that cannot be")
 
     def matrix(self) -> Matrix4:
-        """(4, 4) body → tracker, mm; the rotation is orthonormal whatever the rounding of the quaternion."""
-        w, x, y, z = np.asarray(self.quaternion) / math.hypot(*self.quaternion)
-        matrix = np.eye(4)
-        matrix[:3, :3] = (
-            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        )
-        matrix[:3, 3] = self.translation_mm
-        return matrix
+        """(4, 4) body → tracker, mm."""
+        return pose_matrix(self.quaternion, self.translation_mm)
 
 
 @dataclass(frozen=True, slots=True)

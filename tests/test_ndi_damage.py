@@ -14,7 +14,7 @@ from drivers.ndi.bx2 import encode_bx2
 from drivers.ndi.identity import ReplyKind
 from drivers.ndi.plausible import Plausibility, turn_rad
 from drivers.ndi.readings import dialect
-from drivers.ndi.replies import Options, Transform
+from drivers.ndi.replies import Transform
 from drivers.ndi.tx import encode_tx
 from drivers.ndi.wire import EXTENDED_START, reply_length
 from drivers.samples import Matrix4
@@ -26,7 +26,7 @@ PERIOD_NS = 16_666_667
 LEAP_MM, LEAP_RAD = 2.5, math.radians(2.0)
 """What a pose may differ from the one sent and still pass for a hand's motion at 60 Hz."""
 
-DETAILS = int(Options(0x180B))
+DETAILS = 0x180B
 
 
 def hand(tool: str, t_s: float, number: int = 0) -> Matrix4:

@@ -293,7 +293,7 @@ def markers(draw: st.DrawFn, everywhere: bool) -> Markers:
 
 @st.composite
 def tracking_replies(draw: st.DrawFn) -> tuple[TrackingReply, int]:
-    options = Options(draw(st.integers(0, 15)) | draw(st.sampled_from([0, 0x800, 0x1000, 0x1800])) | Options.POSE)
+    options = draw(st.integers(0, 15)) | draw(st.sampled_from([0, 0x800, 0x1000, 0x1800])) | Options.POSE
     everywhere = bool(options & Options.OUT_OF_VOLUME)
     u32 = st.integers(0, 2**32 - 1)
     tools = []

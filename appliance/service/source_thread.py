@@ -14,8 +14,9 @@ from drivers.samples import Frame, MarkerBody, Pose, PoseStatus, Sample
 
 _READ_S = 0.1
 _REOPEN_AFTER_NS = 3_000_000_000
-_LOOK_NS = 100_000_000
+_LOOK_NS = 200_000_000
 _LOOKS = 5
+_LISTEN_NS = 1_000_000_000
 
 
 class SourceThread(DeviceThread):
@@ -91,7 +92,8 @@ class TrackerThread(SourceThread):
     body: MarkerBody | None = None
     remarks: tuple[str, ...] = ()
     _reason = ""
-    _look_ns = 0
+    _look_ns = _listen_ns = 0
+    _told: tuple[str, ...] = ()
     _has_bump_detector = False
 
     def __init__(self, *arguments: Any) -> None:
@@ -100,7 +102,7 @@ class TrackerThread(SourceThread):
         self._bump_checked = threading.Event()
 
     def work(self) -> None:
-        self.body = None
+        self.body, self._look_ns, self._listen_ns = None, 0, 0
         self._looks.clear()
         try:
             super().work()
@@ -121,15 +123,19 @@ class TrackerThread(SourceThread):
     def tend(self, source: VideoSource | TrackerSource) -> None:
         """Look at what it says of itself now and then, and tell it of a bump that was checked."""
         now_ns = self._clock.now_ns()
-        if now_ns >= self._look_ns:
-            self._look_ns = now_ns + _LOOK_NS
-            self._look(source)
-        if isinstance(source, BumpDetector):
-            self._has_bump_detector = True
-            if self._bump_checked.is_set():
-                source.clear_bump()
-                self._bump_checked.clear()
-                self._log.info("bump cleared")
+        if now_ns < self._look_ns:
+            return
+        self._look_ns = now_ns + _LOOK_NS
+        self._look(source)
+        if now_ns >= self._listen_ns:
+            self._listen_ns = now_ns + _LISTEN_NS
+            self._told = source.describe().remarks if isinstance(source, Identified) else ()
+        self.remarks = tuple(filter(None, (self._reason, *self._told)))
+        self._has_bump_detector = isinstance(source, BumpDetector)
+        if isinstance(source, BumpDetector) and self._bump_checked.is_set():
+            source.clear_bump()
+            self._bump_checked.clear()
+            self._log.info("bump cleared")
 
     def clear_bump(self) -> bool:
         """Ask the open tracker to believe its position sensor again; False where there is none that can be asked."""
@@ -141,8 +147,6 @@ class TrackerThread(SourceThread):
         if isinstance(source, Watched):
             self._looks.append(source.body())
             self.body = _middle(self._looks)
-        told = source.describe().remarks if isinstance(source, Identified) else ()
-        self.remarks = tuple(filter(None, (self._reason, *told)))
 
 
 def _middle(bodies: Iterable[MarkerBody]) -> MarkerBody:

@@ -48,7 +48,7 @@ def encode_bx(reply: TrackingReply, options: int) -> bytes:
     return encode_container(body + struct.pack("<H", reply.system_status))
 
 
-def _tool(cursor: Cursor, wanted: Options) -> ToolReply:
+def _tool(cursor: Cursor, wanted: int) -> ToolReply:
     handle, code = cursor.unpack("BB")
     if code not in _STATES:
         raise cursor.refuse(f"handle {handle:02X} has the unknown state {code:02X}")
@@ -56,8 +56,10 @@ def _tool(cursor: Cursor, wanted: Options) -> ToolReply:
     if state is HandleState.DISABLED:
         return ToolReply(handle, state)
     transform, port_status, frame = None, None, None
-    if wanted & Options.POSE:
-        transform = _transform(cursor) if state is HandleState.VALID else None
+    if wanted & Options.POSE and state is HandleState.VALID:
+        q0, qx, qy, qz, x, y, z, error, port_status, frame = cursor.unpack("8fII")
+        transform = Transform((q0, qx, qy, qz), (x, y, z), error)
+    elif wanted & Options.POSE:
         port_status, frame = cursor.unpack("II")
     information = _information(cursor) if wanted & Options.TOOL_INFORMATION else None
     stray = _stray(cursor, wanted) if wanted & Options.ACTIVE_STRAY else None
@@ -65,17 +67,12 @@ def _tool(cursor: Cursor, wanted: Options) -> ToolReply:
     return ToolReply(handle, state, transform, port_status, frame, information, stray, markers)
 
 
-def _transform(cursor: Cursor) -> Transform:
-    values = cursor.unpack("8f")
-    return Transform(values[:4], values[4:7], values[7])
-
-
 def _information(cursor: Cursor) -> ToolInformation:
     flags = cursor.number("B")
     return ToolInformation(flags, marker_nibbles(int.from_bytes(cursor.take(10), "big")))
 
 
-def _stray(cursor: Cursor, wanted: Options) -> ActiveStray:
+def _stray(cursor: Cursor, wanted: int) -> ActiveStray:
     status = cursor.number("B")
     if status not in _STRAY_STATES:
         raise cursor.refuse(f"a single marker has the unknown state {status:02X}")
@@ -83,7 +80,7 @@ def _stray(cursor: Cursor, wanted: Options) -> ActiveStray:
     return ActiveStray(status, _position(cursor) if located else None)
 
 
-def _markers(cursor: Cursor, wanted: Options) -> Markers:
+def _markers(cursor: Cursor, wanted: int) -> Markers:
     """Without the out-of-volume option, markers outside are counted and flagged, yet their positions are left out."""
     count = cursor.number("B")
     outside = outside_flags(count, int.from_bytes(cursor.take((count + 7) // 8), "little"))
@@ -99,7 +96,7 @@ def _position(cursor: Cursor) -> Position:
     return position
 
 
-def _tool_bytes(tool: ToolReply, wanted: Options) -> bytes:
+def _tool_bytes(tool: ToolReply, wanted: int) -> bytes:
     data = struct.pack("<BB", tool.handle, _CODES[tool.state])
     if tool.state in (HandleState.DISABLED, HandleState.UNOCCUPIED):
         return data

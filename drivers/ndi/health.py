@@ -72,12 +72,14 @@ class HealthWatch:
     def note(self, snapshot: Snapshot, detailed: bool, now_ns: int) -> None:
         """What a reply tells by itself."""
         strays = snapshot.strays if detailed else self.health.strays
-        self.health = replace(self.health, system_status=snapshot.system_status, strays=strays)
+        if (snapshot.system_status, strays) != (self.health.system_status, self.health.strays):
+            self.health = replace(self.health, system_status=snapshot.system_status, strays=strays)
         self.note_new(snapshot.alerts, now_ns)
 
     def note_new(self, alerts: int, now_ns: int) -> None:
         """Alerts that came up."""
-        self._seen_ns |= dict.fromkeys(_bits(alerts), now_ns)
+        if alerts:
+            self._seen_ns |= dict.fromkeys(_bits(alerts), now_ns)
         if alerts & ~self.health.alerts:
             self.health = replace(self.health, alerts=self.health.alerts | alerts)
 

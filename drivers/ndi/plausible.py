@@ -45,13 +45,13 @@ class Plausibility:
         if last is None or not 0 < t_ns - last.t_ns <= _GAP_NS:
             return False
         dt_s = (t_ns - last.t_ns) / 1e9
-        moved = _difference(last.transform, transform)
-        off_mm = math.dist(moved, [v * dt_s for v in last.velocity_mm_s])
-        off_rad = abs(turn_rad(last.transform, transform) - last.turn_rad_s * dt_s)
+        placed = _moved(last, t_ns, transform)
+        off_mm = math.dist(placed.velocity_mm_s, last.velocity_mm_s) * dt_s
+        off_rad = abs(placed.turn_rad_s - last.turn_rad_s) * dt_s
         near = off_mm <= _NOISE_MM + _ACCELERATION_MM_S2 * dt_s**2 / 2
         if not near or off_rad > _NOISE_RAD + _ACCELERATION_RAD_S2 * dt_s**2 / 2:
             return False
-        self._take(t_ns, transform, last)
+        self._last, self._doubted = placed, None
         return True
 
     def _confirms(self, t_ns: int, transform: Transform) -> bool:
@@ -66,18 +66,16 @@ class Plausibility:
             near = math.hypot(*_difference(doubted.transform, transform)) <= _NOISE_MM + _SPEED_MM_S * dt_s
             agrees = near and turn_rad(doubted.transform, transform) <= _NOISE_RAD + _SPEED_RAD_S * dt_s
         if agrees:
-            self._take(t_ns, transform, doubted if t_ns > doubted.t_ns else None)
+            self._last = _moved(doubted, t_ns, transform) if t_ns > doubted.t_ns else _Placed(t_ns, transform)
         return agrees
 
-    def _take(self, t_ns: int, transform: Transform, before: _Placed | None) -> None:
-        self._doubted = None
-        if before is None:
-            self._last = _Placed(t_ns, transform)
-            return
-        dt_s = (t_ns - before.t_ns) / 1e9
-        x, y, z = _difference(before.transform, transform)
-        turn_rad_s = turn_rad(before.transform, transform) / dt_s
-        self._last = _Placed(t_ns, transform, (x / dt_s, y / dt_s, z / dt_s), turn_rad_s)
+
+def _moved(before: _Placed, t_ns: int, transform: Transform) -> _Placed:
+    """The tool at t_ns, with its motion since then."""
+    dt_s = (t_ns - before.t_ns) / 1e9
+    x, y, z = _difference(before.transform, transform)
+    turn_rad_s = turn_rad(before.transform, transform) / dt_s
+    return _Placed(t_ns, transform, (x / dt_s, y / dt_s, z / dt_s), turn_rad_s)
 
 
 def turn_rad(first: Transform, second: Transform) -> float:

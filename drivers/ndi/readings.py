@@ -17,7 +17,7 @@ from drivers.ndi.identity import ReplyKind
 from drivers.ndi.judge import SYSTEM_PORTS_CHANGED, Judgement, judge_6d, judge_tool
 from drivers.ndi.replies import HandleState, Markers, Options, ToolInformation, ToolReply, Transform
 from drivers.ndi.tx import decode_tx
-from drivers.ndi.wire import Command, encode_command, open_container
+from drivers.ndi.wire import Command, encode_command
 from drivers.ndi.words import BX2_PORT_EVENTS, bx2_alert_mask
 from drivers.samples import PoseStatus
 
@@ -96,7 +96,6 @@ class RepeatingDialect:
 
     def __init__(self, kind: ReplyKind) -> None:
         self._decode = decode_bx if kind is ReplyKind.BX else decode_tx
-        self._binary = kind is ReplyKind.BX
         self._requests = {
             detailed: encode_command(Command(kind.name, f"{int(options):04X}"))
             for detailed, options in ((False, _SHORT), (True, _DETAILED))
@@ -106,8 +105,6 @@ class RepeatingDialect:
         return self._requests[detailed]
 
     def decode(self, reply: bytes, detailed: bool) -> Snapshot:
-        if self._binary:
-            open_container(reply)
         said = self._decode(reply, _DETAILED if detailed else _SHORT)
         strays = 0 if said.strays is None else len(said.strays.outside)
         tools = {tool.handle: _reading(tool) for tool in said.tools}

@@ -2,11 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from enum import Enum, IntFlag
-
-import numpy as np
+from enum import Enum, IntEnum
 
 from drivers.errors import ProtocolError
+from drivers.rigid import pose_matrix
 from drivers.samples import Matrix4
 
 Position = tuple[float, float, float]
@@ -16,7 +15,7 @@ _FURTHEST_MM = 1e6
 _UNIT_TOLERANCE = 1e-3
 
 
-class Options(IntFlag):
+class Options(IntEnum):
     """Reply options of TX and BX; the sum is the request's argument and decides how the reply is read."""
 
     POSE = 0x0001
@@ -50,25 +49,16 @@ class Transform:
     error: float
 
     def __post_init__(self) -> None:
-        values = (*self.quaternion, *self.translation_mm, self.error)
-        if not all(map(math.isfinite, values)):
-            raise ProtocolError("a pose with a number that is not finite")
-        if abs(math.hypot(*self.quaternion) - 1.0) > _UNIT_TOLERANCE:
-            raise ProtocolError(f"a pose whose quaternion has length {math.hypot(*self.quaternion):.4g}")
-        if max(map(abs, (*self.translation_mm, self.error))) > _FURTHEST_MM:
-            raise ProtocolError("a pose kilometres away")
+        length = math.hypot(*self.quaternion)
+        if not abs(length - 1.0) <= _UNIT_TOLERANCE:  # not a number fails every comparison
+            raise ProtocolError(f"a pose whose quaternion has length {length:.4g}")
+        for value in (*self.translation_mm, self.error):
+            if not -_FURTHEST_MM <= value <= _FURTHEST_MM:
+                raise ProtocolError(f"a pose with {value:.4g} mm in it")
 
     def matrix(self) -> Matrix4:
-        """(4, 4) tool → tracker, mm; the rotation is orthonormal whatever the quantisation of the quaternion."""
-        w, x, y, z = np.asarray(self.quaternion) / math.hypot(*self.quaternion)
-        matrix = np.eye(4)
-        matrix[:3, :3] = (
-            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        )
-        matrix[:3, 3] = self.translation_mm
-        return matrix
+        """(4, 4) tool → tracker, mm."""
+        return pose_matrix(self.quaternion, self.translation_mm)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,11 +115,11 @@ class TrackingReply:
         return next((tool for tool in self.tools if tool.handle == handle), None)
 
 
-def known_options(options: int) -> Options:
-    """Raises ProtocolError for reply options this decoder cannot read."""
+def known_options(options: int) -> int:
+    """The options as given. Raises ProtocolError for reply options this decoder cannot read."""
     if options & ~_ALL_OPTIONS:
         raise ProtocolError(f"reply options {options:04X} are not supported")
-    return Options(options)
+    return int(options)
 
 
 def distinct_handles(tools: tuple[ToolReply, ...]) -> tuple[ToolReply, ...]:

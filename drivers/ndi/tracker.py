@@ -16,8 +16,6 @@ import random
 from types import TracebackType
 from typing import Self
 
-import numpy as np
-
 from drivers.counter_clock import CounterClock, DeviceClock, counter_rate_hz
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.forward import Forward
@@ -39,6 +37,7 @@ from drivers.ndi.tools import Tool
 from drivers.ndi.wire import RefusedError
 from drivers.ndi.words import BUMPED
 from drivers.ports import Description
+from drivers.rigid import seen_from
 from drivers.samples import MarkerBody, Matrix4, Pose, PoseStatus, Stamp
 from drivers.tap import Tap
 
@@ -320,7 +319,7 @@ class NdiTracker:
             return probe.matrix()
         reference = self._readings[self._reference.handle].transform
         assert reference is not None
-        return np.asarray(np.linalg.solve(reference.matrix(), probe.matrix()))
+        return seen_from(reference.matrix(), probe.matrix())
 
     @property
     def _apart_ns(self) -> float:

@@ -56,7 +56,7 @@ def encode_tx(reply: TrackingReply, options: int) -> bytes:
     return encode_text(f"{text}{reply.system_status:04X}")
 
 
-def _tool(cursor: Cursor, wanted: Options) -> ToolReply:
+def _tool(cursor: Cursor, wanted: int) -> ToolReply:
     handle, state = _hex(cursor, 2), _state(cursor)
     if state in (HandleState.DISABLED, HandleState.UNOCCUPIED):
         _end_of_line(cursor)
@@ -89,7 +89,7 @@ def _information(cursor: Cursor) -> ToolInformation:
     return ToolInformation(_hex(cursor, 2), marker_nibbles(_hex(cursor, 20)))
 
 
-def _stray(cursor: Cursor, wanted: Options) -> ActiveStray:
+def _stray(cursor: Cursor, wanted: int) -> ActiveStray:
     status = _hex(cursor, 2)
     if status not in _STRAY_STATES:
         raise cursor.refuse(f"a single marker has the unknown state {status:02X}")
@@ -97,7 +97,7 @@ def _stray(cursor: Cursor, wanted: Options) -> ActiveStray:
     return ActiveStray(status, _position(cursor) if located else None)
 
 
-def _markers(cursor: Cursor, wanted: Options) -> Markers:
+def _markers(cursor: Cursor, wanted: int) -> Markers:
     """Without the out-of-volume option, markers outside are counted and flagged, yet their positions are left out."""
     count = _hex(cursor, 2)
     nibbles = [_hex(cursor, 1) for _ in range((count + 3) // 4)]
@@ -130,7 +130,7 @@ def _end_of_line(cursor: Cursor) -> None:
         raise cursor.refuse("a tool's line does not end where its fields end")
 
 
-def _tool_text(tool: ToolReply, wanted: Options) -> str:
+def _tool_text(tool: ToolReply, wanted: int) -> str:
     text = f"{tool.handle:02X}" + _TEXT.get(tool.state, "")
     if tool.state in (HandleState.DISABLED, HandleState.UNOCCUPIED):
         return text + "\n"

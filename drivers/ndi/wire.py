@@ -8,6 +8,7 @@ word A5C8, u32 length, body, without any CRC. Everything here is pure; every fun
 import re
 import struct
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from drivers.errors import ProtocolError
@@ -160,6 +161,11 @@ def decode_stream(packet: bytes) -> tuple[str, bytes]:
     return packet[4:end].decode("latin-1"), packet[end + 2 :]
 
 
+@cache
+def _layout(layout: str) -> struct.Struct:
+    return struct.Struct("<" + layout)
+
+
 class Cursor:
     """Reads a body from front to back and refuses to pass its end. where: the reply's name, for messages."""
 
@@ -175,7 +181,11 @@ class Cursor:
 
     def unpack(self, layout: str) -> tuple[Any, ...]:
         """Little-endian fields in the notation of the struct module."""
-        return struct.unpack("<" + layout, self.take(struct.calcsize("<" + layout)))
+        compiled = _layout(layout)
+        at, self._at = self._at, self._at + compiled.size
+        if self._at > len(self._data):
+            raise ProtocolError(f"ends {self._at - len(self._data)} bytes too early", self._where)
+        return compiled.unpack_from(self._data, at)
 
     def number(self, layout: str) -> int:
         """One little-endian integer."""

@@ -14,7 +14,7 @@ class Facts:
     reply_ns: last reply of the tracker in which the probe's tool was not DISABLED, whatever it saw.
     fresh_ns: last reply that was neither STALE nor FAULT. pose_ns: last with a pose. pose_status: of the last reply.
     heartbeat_ns: last word of the present estimator process. output_ns: last write of the output that lags most.
-    body: how well the tracker measures, the middle of the last half second; None for one that does not say.
+    body: how well the tracker measures, the middle of the last second; None for one that does not say.
     """
 
     started_ns: int
