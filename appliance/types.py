@@ -147,7 +147,8 @@ class Verdict:
 class State(Enum):
     """States of the supervisor, as the operator reads them."""
 
-    STARTING = "starting"
+    SELF_TEST = "self-test"
+    WAITING = "waiting for devices"
     NOT_VERIFIED = "not verified"
     MONITORING = "monitoring"
     WARNING = "warning"
@@ -155,13 +156,17 @@ class State(Enum):
     RECALIBRATION_REQUESTED = "recalibration requested"
     RECALIBRATING = "recalibrating"
     DEVICE_LOST = "device lost"
+    INTERNAL_FAULT = "internal fault"
 
 
 @dataclass(frozen=True, slots=True)
 class AlarmState:
     """What the room sees: one row of the alarm table, in force since since_ns.
 
-    energised: contact closed, which means safe. fault: class that caused the state, None where none.
+    energised: contact closed, which means safe. fault: class that caused the state, None where none. verified_ns: when
+    the calibration was last verified, None when it is not. latched, latched_fault: the state that holds until a person
+    acknowledges and the calibration is verified again, also through recalibration, loss of a device and restart; and
+    its cause. acknowledged: a person has. notices: classes of advisories, shown besides.
     """
 
     state: State
@@ -170,3 +175,7 @@ class AlarmState:
     reason: str
     energised: bool
     verified_ns: int | None
+    latched: State | None = None
+    latched_fault: str | None = None
+    acknowledged: bool = False
+    notices: tuple[str, ...] = ()

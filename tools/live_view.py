@@ -44,7 +44,7 @@ class LiveView:
 
     def event(self, t_s: float, text: str, state: State | None = None) -> None:
         """state: the one that was entered, if any; it gives the line its colour."""
-        colour = "" if state is None else SIGNALS[state].lamp
+        colour = "" if state is None else SIGNALS[state].lamp.value
         self._events.append(Text(f"{t_s:7.2f} s  {text}", style=colour, no_wrap=True, overflow="ellipsis"))
 
     def show(self, t_s: float, status: Status) -> None:
@@ -67,7 +67,7 @@ def _headline(t_s: float, script: Script) -> Text:
 
 
 def _state(status: Status) -> Panel:
-    lamp = SIGNALS[State(status["state"])].lamp
+    lamp = SIGNALS[State(status["state"])].lamp.value
     age_s = status["verification_age_s"]
     age = "not verified now" if age_s is None else f"verified {age_s:.1f} s ago"
     contact = "contact closed (safe)" if status["energised"] else "contact OPEN"

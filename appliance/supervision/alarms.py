@@ -1,13 +1,17 @@
-"""What each state looks and sounds like, and what each hazard asks of the people in the room.
+"""The alarm table: what each state looks and sounds like, and what each hazard asks of the people in the room.
 
-Lamp colours, flash rates and pulse counts follow the style of IEC 60601-1-8: high priority red, 1.4 … 2.8 Hz, bursts of
-5 + 5 pulses; medium yellow, 0.4 … 0.8 Hz, 3 pulses; low cyan, steady, 1 pulse.
+In the style of IEC 60601-1-8: high priority red, flashing at 1.4 … 2.8 Hz, bursts of 5 + 5 pulses; medium yellow, 0.4 …
+0.8 Hz, 3 pulses; low cyan, steady, 1 pulse. Texts are English; appliance.supervision.languages translates them.
 """
 
 from dataclasses import dataclass
 from enum import Enum
 
+from appliance.supervision.languages import translated
 from appliance.types import State
+
+TEXT_COLUMNS, REMEDY_COLUMNS = 64, 78
+"""The narrowest display: a terminal of 80 columns, one line for what is wrong and one for what to do."""
 
 
 class Priority(Enum):
@@ -19,19 +23,44 @@ class Priority(Enum):
     NONE = "none"
 
 
+class Lamp(Enum):
+    """The one colour that shows; each means one thing everywhere."""
+
+    GREEN = "green"
+    CYAN = "cyan"
+    YELLOW = "yellow"
+    RED = "red"
+
+
 class Kind(Enum):
-    """What a hazard leads to: CALIBRATION halts and latches; DEVICE recovers by itself once the device is back."""
+    """What a hazard leads to.
+
+    CALIBRATION: warns, halts and latches. DEVICE: warns, is lost, and recovers by itself. INTERNAL: a part of
+    probewatch itself; recovers by itself. INTEGRITY: what was written down is damaged; stands until acknowledged.
+    ADVISORY: shown and logged, the contact stays as it is.
+    """
 
     CALIBRATION = "calibration"
     DEVICE = "device"
+    INTERNAL = "internal"
+    INTEGRITY = "integrity"
+    ADVISORY = "advisory"
+
+
+class Severity(Enum):
+    """How soon a calibration fault halts: GROSS misleads about the side or the place at once, the others drift."""
+
+    GROSS = "gross"
+    PLAIN = "plain"
 
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """Lamp and tone of one state. flash_hz 0 is steady; pulses: tone pulses in a burst, 0 is silence."""
+    """One state. flash_hz 0 is steady; pulses: tone pulses in a burst, 0 is silence. technical: not about the probe."""
 
     priority: Priority
-    lamp: str
+    technical: bool
+    lamp: Lamp
     flash_hz: float
     pulses: int
     text: str
@@ -40,43 +69,50 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Hazard:
-    """One class of fault: what the operator reads and does."""
+    """One class of fault: what the operator reads and does. tested: the power-on self-test must see it absent."""
 
     kind: Kind
     text: str
     remedy: str
+    severity: Severity = Severity.PLAIN
+    tested: bool = False
+
+
+def _high(technical: bool, text: str, remedy: str) -> Signal:
+    return Signal(Priority.HIGH, technical, Lamp.RED, 2.0, 10, text, remedy)
+
+
+def _low(pulses: int, text: str, remedy: str) -> Signal:
+    return Signal(Priority.LOW, True, Lamp.CYAN, 0.0, pulses, text, remedy)
 
 
 SIGNALS = {
-    State.STARTING: Signal(Priority.LOW, "cyan", 0.0, 0, "Starting", "Wait; scanner and tracker must be switched on"),
-    State.NOT_VERIFIED: Signal(
-        Priority.LOW, "cyan", 0.0, 1, "Calibration not verified", "Move the probe over tissue in view of the tracker"
-    ),
-    State.MONITORING: Signal(Priority.NONE, "green", 0.0, 0, "Calibration verified", "None needed"),
+    State.SELF_TEST: _low(0, "Self-test", "Wait a few seconds"),
+    State.WAITING: _low(0, "Waiting for devices", "Switch on the scanner and the tracker"),
+    State.NOT_VERIFIED: _low(1, "Calibration not verified", "Move the probe over tissue in view of the tracker"),
+    State.MONITORING: Signal(Priority.NONE, False, Lamp.GREEN, 0.0, 0, "Calibration verified", "None needed"),
     State.WARNING: Signal(
-        Priority.MEDIUM, "yellow", 0.6, 3, "Do not rely on the overlay", "Look at the cause; wait a few seconds"
+        Priority.MEDIUM,
+        False,
+        Lamp.YELLOW,
+        0.6,
+        3,
+        "Do not rely on the overlay",
+        "Look at the cause; wait a few seconds",
     ),
-    State.HALT: Signal(
-        Priority.HIGH, "red", 2.0, 10, "HALT: calibration is wrong", "Stop; mend the cause, verify, acknowledge"
+    State.HALT: _high(False, "HALT: calibration is wrong", "Stop; mend the cause, verify, acknowledge"),
+    State.RECALIBRATION_REQUESTED: _high(
+        False, "HALT: recalibrate the probe", "Stop; mend the cause or recalibrate; acknowledge"
     ),
-    State.RECALIBRATION_REQUESTED: Signal(
-        Priority.HIGH, "red", 2.0, 10, "HALT: recalibrate the probe", "Stop; mend the cause or recalibrate"
-    ),
-    State.RECALIBRATING: Signal(
-        Priority.LOW, "cyan", 0.0, 1, "Recalibrating", "Finish the scan, then move the probe over tissue to verify"
-    ),
-    State.DEVICE_LOST: Signal(
-        Priority.HIGH,
-        "red",
-        2.0,
-        10,
-        "Device lost: not watching",
-        "Bring the device back; monitoring resumes by itself",
-    ),
+    State.RECALIBRATING: _low(1, "Recalibrating", "Finish the scan, then move the probe over tissue to verify"),
+    State.DEVICE_LOST: _high(True, "Device lost: not watching", "Bring it back; monitoring resumes by itself"),
+    State.INTERNAL_FAULT: _high(True, "Internal fault: not watching", "Wait for its restart; else restart the cart"),
 }
 
 HAZARDS = {
-    "polarity": Hazard(Kind.CALIBRATION, "Picture is mirrored", "Reset the scanner's left/right and up/down flip"),
+    "polarity": Hazard(
+        Kind.CALIBRATION, "Picture is mirrored", "Reset the scanner's left/right and up/down flip", Severity.GROSS
+    ),
     "scale": Hazard(Kind.CALIBRATION, "Picture scale has changed", "Set the scanner's depth and zoom as calibrated"),
     "rotation": Hazard(Kind.CALIBRATION, "Marker body has turned", "Check the marker clamp, then recalibrate"),
     "offset": Hazard(Kind.CALIBRATION, "Marker body has slipped", "Check the marker clamp, then recalibrate"),
@@ -88,12 +124,25 @@ HAZARDS = {
     "field-distortion": Hazard(Kind.DEVICE, "Tracker's field is distorted", "Move metal and cables away from it"),
     "tracker-lost": Hazard(Kind.DEVICE, "No answer from the tracker", "Check the tracker's power and cable"),
     "tracker-stale": Hazard(Kind.DEVICE, "Tracker repeats old positions", "Restart tracking; check the tracker"),
-    "estimator-silent": Hazard(Kind.DEVICE, "Verification has stopped", "Wait for its restart; else restart the cart"),
-    "output-failed": Hazard(Kind.DEVICE, "Alarm output does not respond", "Check the relay's cable and power"),
+    "output-failed": Hazard(
+        Kind.DEVICE, "Alarm output does not respond", "Check the relay's cable and power", tested=True
+    ),
+    "estimator-silent": Hazard(
+        Kind.INTERNAL, "Verification has stopped", "Wait for its restart; else restart the cart", tested=True
+    ),
+    "memory-damaged": Hazard(
+        Kind.INTEGRITY, "Alarm memory is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True
+    ),
+    "log-damaged": Hazard(
+        Kind.INTEGRITY, "Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True
+    ),
+    "log-not-written": Hazard(Kind.ADVISORY, "Alarm log cannot be written", "Make room on the cart's disk"),
 }
 
 UNVERIFIED = {"line-of-sight": "probe not seen by the tracker"}
 """Checks that are no hazard but keep the calibration from being verified, and why."""
+
+ACKNOWLEDGED = "acknowledged, waiting until the calibration is verified again"
 
 
 def kind_of(fault: str) -> Kind:
@@ -101,10 +150,11 @@ def kind_of(fault: str) -> Kind:
     return HAZARDS[fault].kind
 
 
-def operator_text(state: State, fault: str | None) -> tuple[str, str]:
+def operator_text(state: State, fault: str | None, language: str = "en") -> tuple[str, str]:
     """(text, remedy) for the operator: the state's own, sharpened by the hazard where one is named."""
     signal = SIGNALS[state]
+    text = translated(signal.text, language)
     if fault is None:
-        return signal.text, signal.remedy
+        return text, translated(signal.remedy, language)
     hazard = HAZARDS[fault]
-    return f"{signal.text} · {hazard.text}", hazard.remedy
+    return f"{text} · {translated(hazard.text, language)}", translated(hazard.remedy, language)

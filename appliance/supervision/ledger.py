@@ -2,58 +2,23 @@
 
 from dataclasses import dataclass
 
-from appliance.supervision.alarms import HAZARDS, UNVERIFIED, Kind, kind_of
-from appliance.types import Check, Verdict, VerdictKind
+from appliance.supervision.alarms import HAZARDS, UNVERIFIED, Kind, Severity, kind_of
+from appliance.supervision.condition import Condition
+from appliance.types import Check, State, Verdict, VerdictKind
 
 
 @dataclass(frozen=True, slots=True)
 class Durations:
     """Times of the table, ns of the host clock."""
 
+    gross_halt_after_ns: int = 300_000_000
     halt_after_ns: int = 1_000_000_000
     recalibrate_after_ns: int = 2_000_000_000
     device_lost_after_ns: int = 1_000_000_000
     probation_ns: int = 1_000_000_000
     max_verification_age_ns: int = 30_000_000_000
+    self_test_ns: int = 10_000_000_000
     starting_ns: int = 10_000_000_000
-
-
-@dataclass(slots=True)
-class Condition:
-    """One kind of hazard over time. It is shown, or stands (neither shown nor disproved), or is gone.
-
-    onset_ns: when it was first shown since it was last gone, None while gone. lifted_ns: when it went.
-    """
-
-    fault: str | None = None
-    reason: str = ""
-    shown: bool = False
-    onset_ns: int | None = None
-    lifted_ns: int | None = None
-
-    @property
-    def active(self) -> bool:
-        return self.onset_ns is not None
-
-    def show(self, now_ns: int, fault: str, reason: str) -> None:
-        self.fault, self.reason, self.shown = fault, reason, True
-        self.onset_ns = now_ns if self.onset_ns is None else self.onset_ns
-
-    def stand(self) -> None:
-        self.shown = False
-
-    def lift(self, now_ns: int) -> None:
-        if self.active:
-            self.lifted_ns = now_ns
-        self.shown, self.onset_ns = False, None
-
-    def lasts(self, now_ns: int, duration_ns: int) -> bool:
-        """Shown now, and not gone since duration_ns ago or longer."""
-        return self.shown and self.onset_ns is not None and now_ns - self.onset_ns >= duration_ns
-
-    def gone(self, now_ns: int, duration_ns: int) -> bool:
-        """Gone for duration_ns or longer."""
-        return not self.active and (self.lifted_ns is None or now_ns - self.lifted_ns >= duration_ns)
 
 
 class Ledger:
@@ -66,40 +31,61 @@ class Ledger:
         self.verified_ns: int | None = None
         self.last: Verdict | None = None
         self.unverified = ""
+        self.notices: tuple[str, ...] = ()
         self.scanning = self.confirming = False
+        self.acknowledged = False
+        self.latched: State | None = None
+        self.latched_fault: str | None = None
         self.calibration, self.device = Condition(), Condition()
+        self.internal, self.integrity = Condition(), Condition()
+        self._accepted: frozenset[str] = frozenset()
+        self._untested = False
         self._barrier_ns: int | None = None
 
     def note(self, now_ns: int, verdicts: tuple[Verdict, ...], devices: tuple[Check, ...]) -> None:
         """Fold in what came since the last tick. verdicts are in the order in which the line spoke."""
         self.now_ns = now_ns
         self.started_ns = now_ns if self.started_ns is None else self.started_ns
-        frozen = self._frozen(verdicts[-1] if verdicts else self.last)
-        self._note_devices(devices, frozen)
+        failing = [check.fault for check in devices if check.verdict is VerdictKind.FAULT]
+        self._note_hazards(failing + self._frozen(verdicts[-1] if verdicts else self.last))
+        self._note_sight(devices)
         if not self.scanning:
             for verdict in verdicts:
                 self._note_verdict(verdict)
-        if not verdicts and self.device.active:
+        if not verdicts and (self.device.active or self.internal.active):
             self.calibration.stand()
 
-    def _frozen(self, verdict: Verdict | None) -> Verdict | None:
+    def _frozen(self, verdict: Verdict | None) -> list[str]:
         """The line's own device hazard: a frozen picture is the scanner's doing, not the calibration's."""
         if verdict is None or verdict.fault is None or self.scanning or kind_of(verdict.fault) is Kind.CALIBRATION:
-            return None
-        return verdict
+            return []
+        return [verdict.fault]
 
-    def _note_devices(self, devices: tuple[Check, ...], frozen: Verdict | None) -> None:
-        failing = next((check for check in devices if check.verdict is VerdictKind.FAULT), None)
-        if failing is not None:
-            self.device.show(self.now_ns, failing.fault, HAZARDS[failing.fault].text)
-        elif frozen is not None and frozen.fault is not None:
-            self.device.show(self.now_ns, frozen.fault, frozen.reason or HAZARDS[frozen.fault].text)
-        else:
-            self.device.lift(self.now_ns)
+    def _note_hazards(self, failing: list[str]) -> None:
+        self._note_integrity([fault for fault in failing if fault not in self._accepted])
+        self._note_kind(self.internal, failing, Kind.INTERNAL)
+        self._note_kind(self.device, failing, Kind.DEVICE)
+        self.notices = tuple(fault for fault in failing if kind_of(fault) is Kind.ADVISORY)
+        self._untested = any(HAZARDS[fault].tested for fault in failing)
+
+    def _note_sight(self, devices: tuple[Check, ...]) -> None:
         unseen = next((check for check in devices if check.verdict is VerdictKind.NOT_VERIFIED), None)
         self.unverified = "" if unseen is None else UNVERIFIED[unseen.fault]
-        if self.device.active or self.unverified:
+        if self.device.active or self.internal.active or self.unverified:
             self._forget_verification()
+
+    def _note_integrity(self, failing: list[str]) -> None:
+        """Damage that was seen stands until it is accepted, whether or not it is still reported."""
+        standing = self.integrity.active and self.integrity.fault not in self._accepted
+        if not standing:
+            self._note_kind(self.integrity, failing, Kind.INTEGRITY)
+
+    def _note_kind(self, condition: Condition, failing: list[str], kind: Kind) -> None:
+        fault = next((fault for fault in failing if kind_of(fault) is kind), None)
+        if fault is None:
+            condition.lift(self.now_ns)
+        else:
+            condition.show(self.now_ns, fault, HAZARDS[fault].text)
 
     def _forget_verification(self) -> None:
         self.verified_ns, self._barrier_ns = None, self.now_ns
@@ -110,6 +96,7 @@ class Ledger:
             self._note_ok(verdict)
         elif verdict.fault is not None and kind_of(verdict.fault) is Kind.CALIBRATION:
             self.verified_ns = None
+            self.acknowledged = self.acknowledged and self.calibration.active
             self.calibration.show(self.now_ns, verdict.fault, verdict.reason or HAZARDS[verdict.fault].text)
         else:
             self.calibration.stand()
@@ -120,6 +107,27 @@ class Ledger:
             return
         self.calibration.lift(self.now_ns)
         self.verified_ns = min(verdict.t_ns, self.now_ns)
+
+    def acknowledge(self) -> None:
+        """A person has seen what stands now; a fault that comes anew is not acknowledged."""
+        self.acknowledged = True
+        if self.integrity.fault is not None:
+            self._accepted |= {self.integrity.fault}
+
+    def latch(self, state: State, fault: str | None) -> None:
+        """Hold this state until it is released; a person must acknowledge it."""
+        self.latched, self.latched_fault = state, fault
+        self.acknowledged = False
+
+    def release(self) -> None:
+        self.latched, self.latched_fault = None, None
+        self.acknowledged = False
+
+    def restore(self, reason: str) -> None:
+        """What is latched stands again until the line disproves it."""
+        if self.latched_fault is not None:
+            self.calibration.show(self.now_ns, self.latched_fault, reason)
+            self.calibration.stand()
 
     def begin_recalibration(self) -> None:
         """What the probe shows during the scan says nothing of the calibration in force."""
@@ -132,11 +140,11 @@ class Ledger:
         self._start_afresh()
 
     def leave_recalibration(self) -> None:
+        """The reference before it is in force, unless the new one has been confirmed."""
+        confirmed = self.confirming and self.verified
         self.scanning = self.confirming = False
-
-    def abort_recalibration(self) -> None:
-        self.leave_recalibration()
-        self._start_afresh()
+        if not confirmed:
+            self._start_afresh()
 
     def _start_afresh(self) -> None:
         self.last = None
@@ -145,7 +153,8 @@ class Ledger:
 
     @property
     def hazard(self) -> bool:
-        return self.calibration.active or self.device.active
+        conditions = (self.calibration, self.device, self.internal, self.integrity)
+        return any(condition.active for condition in conditions)
 
     @property
     def calibration_fault(self) -> bool:
@@ -156,32 +165,78 @@ class Ledger:
         return self.device.active
 
     @property
+    def internal_fault(self) -> bool:
+        return self.internal.active or self.integrity.active
+
+    @property
+    def integrity_broken(self) -> bool:
+        return self.integrity.active
+
+    @property
+    def self_tested(self) -> bool:
+        return not self._untested
+
+    @property
     def verified(self) -> bool:
         if self.verified_ns is None or self.unverified:
             return False
         return self.now_ns - self.verified_ns <= self.durations.max_verification_age_ns
 
     @property
+    def _halt_after_ns(self) -> int:
+        gross = self.calibration.fault is not None and HAZARDS[self.calibration.fault].severity is Severity.GROSS
+        return self.durations.gross_halt_after_ns if gross else self.durations.halt_after_ns
+
+    @property
     def halting(self) -> bool:
-        return self.calibration.lasts(self.now_ns, self.durations.halt_after_ns)
+        return self.calibration.lasts(self.now_ns, self._halt_after_ns)
 
     @property
     def recalibration_due(self) -> bool:
-        total_ns = self.durations.halt_after_ns + self.durations.recalibrate_after_ns
-        return self.calibration.lasts(self.now_ns, total_ns)
+        return self.calibration.lasts(self.now_ns, self._halt_after_ns + self.durations.recalibrate_after_ns)
 
     @property
     def losing_device(self) -> bool:
         return self.device.lasts(self.now_ns, self.durations.device_lost_after_ns)
 
     @property
+    def losing_internal(self) -> bool:
+        return self.internal.lasts(self.now_ns, self.durations.device_lost_after_ns)
+
+    @property
     def device_back(self) -> bool:
         return self.device.gone(self.now_ns, self.durations.probation_ns)
 
     @property
+    def internal_back(self) -> bool:
+        return self.internal.gone(self.now_ns, self.durations.probation_ns) and not self.integrity.active
+
+    @property
     def cleared(self) -> bool:
-        return self.device_back and self.calibration.gone(self.now_ns, self.durations.probation_ns)
+        gone = self.calibration.gone(self.now_ns, self.durations.probation_ns)
+        return self.device_back and self.internal_back and gone
+
+    @property
+    def disproved(self) -> bool:
+        """The latched cause is acknowledged, and the line has verified the calibration since."""
+        gone = self.calibration.gone(self.now_ns, self.durations.probation_ns)
+        return self.acknowledged and gone and self.verified
+
+    @property
+    def latched_halt(self) -> bool:
+        return self.latched is State.HALT
+
+    @property
+    def latched_request(self) -> bool:
+        return self.latched is State.RECALIBRATION_REQUESTED
+
+    @property
+    def self_test_overdue(self) -> bool:
+        return self._running_ns() >= self.durations.self_test_ns
 
     @property
     def start_overdue(self) -> bool:
-        return self.started_ns is not None and self.now_ns - self.started_ns >= self.durations.starting_ns
+        return self._running_ns() >= self.durations.starting_ns
+
+    def _running_ns(self) -> int:
+        return 0 if self.started_ns is None else self.now_ns - self.started_ns

@@ -4,7 +4,10 @@ Decisions that the table alone does not tell:
 - A calibration fault once shown stands until the line says OK; NOT_VERIFIED neither lifts it nor lets it escalate.
 - A frozen picture is of the device kind: the contact opens at once, and monitoring resumes by itself after the
   picture moves again and the calibration has been verified again; nothing about the calibration is to be done.
-- A latched state keeps the fault that led to it; a device lost meanwhile does not replace it.
+- A latched state keeps the fault that led to it; a device lost meanwhile does not replace it. It is left only when a
+  person has acknowledged it and the line has verified the calibration since, in either order, or by a recalibration
+  that was confirmed; a recalibration that was given up comes back to it.
+- Damage to the alarm's memory or log opens the contact until a person has acknowledged it.
 - Verification is forgotten whenever a hazard is active or the probe is out of the tracker's sight.
 """
 
@@ -13,14 +16,15 @@ from enum import Enum
 
 import statemachine
 
-from appliance.supervision.alarms import operator_text
-from appliance.supervision.ledger import Condition, Durations, Ledger
+from appliance.supervision.alarms import ACKNOWLEDGED, operator_text
+from appliance.supervision.condition import Condition
+from appliance.supervision.ledger import Durations, Ledger
 from appliance.types import AlarmState, Check, State, Verdict
 
 __all__ = ["Durations", "Inputs", "Request", "Supervisor"]
 
 LATCHED = (State.HALT, State.RECALIBRATION_REQUESTED)
-_CALM = (State.STARTING, State.NOT_VERIFIED, State.MONITORING)
+_CALM = (State.SELF_TEST, State.WAITING, State.NOT_VERIFIED, State.MONITORING)
 
 
 class Request(Enum):
@@ -53,7 +57,8 @@ class AlarmTable(statemachine.StateMachine):
 
     allow_event_without_transition = True
 
-    starting = _state(State.STARTING, initial=True)
+    self_test = _state(State.SELF_TEST, initial=True)
+    waiting = _state(State.WAITING)
     not_verified = _state(State.NOT_VERIFIED)
     monitoring = _state(State.MONITORING)
     warning = _state(State.WARNING)
@@ -61,29 +66,53 @@ class AlarmTable(statemachine.StateMachine):
     recalibration_requested = _state(State.RECALIBRATION_REQUESTED)
     recalibrating = _state(State.RECALIBRATING)
     device_lost = _state(State.DEVICE_LOST)
+    internal_fault = _state(State.INTERNAL_FAULT)
 
     tick = (
-        starting.to(warning, cond="calibration_fault")
-        | starting.to(device_lost, cond="device_fault and start_overdue")
-        | starting.to(not_verified, unless="device_fault")
+        self_test.to(internal_fault, cond="integrity_broken")
+        | self_test.to(waiting, cond="self_tested")
+        | self_test.to(internal_fault, cond="internal_fault and self_test_overdue")
+        | self_test.to(device_lost, cond="self_test_overdue")
+        | waiting.to(internal_fault, cond="internal_fault")
+        | waiting.to(warning, cond="calibration_fault")
+        | waiting.to(device_lost, cond="device_fault and start_overdue")
+        | waiting.to(not_verified, unless="device_fault")
+        | not_verified.to(internal_fault, cond="internal_fault")
         | not_verified.to(warning, cond="hazard")
         | not_verified.to(monitoring, cond="verified")
+        | monitoring.to(internal_fault, cond="internal_fault")
         | monitoring.to(warning, cond="hazard")
         | monitoring.to(not_verified, unless="verified")
         | warning.to(halt, cond="halting")
+        | warning.to(internal_fault, cond="internal_fault")
         | warning.to(device_lost, cond="losing_device")
         | warning.to(monitoring, cond="cleared and verified")
         | warning.to(not_verified, cond="cleared")
         | halt.to(recalibration_requested, cond="recalibration_due")
+        | halt.to(internal_fault, cond="disproved and integrity_broken")
+        | halt.to(monitoring, cond="disproved and cleared")
+        | recalibration_requested.to(internal_fault, cond="disproved and integrity_broken")
+        | recalibration_requested.to(monitoring, cond="disproved and cleared")
         | device_lost.to(halt, cond="halting")
+        | device_lost.to(internal_fault, cond="device_back and internal_fault")
         | device_lost.to(warning, cond="device_back and calibration_fault")
         | device_lost.to(not_verified, cond="device_back")
+        | internal_fault.to(halt, cond="halting")
+        | internal_fault.to(warning, cond="internal_back and hazard")
+        | internal_fault.to(not_verified, cond="internal_back")
+        | recalibrating.to(halt, cond="latched_halt and (losing_device or losing_internal)")
+        | recalibrating.to(recalibration_requested, cond="latched_request and (losing_device or losing_internal)")
+        | recalibrating.to(internal_fault, cond="losing_internal")
         | recalibrating.to(device_lost, cond="losing_device")
         | recalibrating.to(monitoring, cond="confirming and verified and !hazard")
     )
-    acknowledge = halt.to(not_verified, unless="hazard") | recalibration_requested.to(not_verified, unless="hazard")
+    acknowledge = (
+        halt.to(halt, unless="acknowledged")
+        | recalibration_requested.to(recalibration_requested, unless="acknowledged")
+        | internal_fault.to(internal_fault, cond="integrity_broken")
+    )
     begin_recalibration = (
-        starting.to(recalibrating)
+        waiting.to(recalibrating)
         | not_verified.to(recalibrating)
         | monitoring.to(recalibrating)
         | warning.to(recalibrating)
@@ -92,13 +121,19 @@ class AlarmTable(statemachine.StateMachine):
         | recalibrating.to(recalibrating)
     )
     end_recalibration = recalibrating.to(recalibrating, cond="scanning")
-    abort_recalibration = recalibrating.to(not_verified)
+    abort_recalibration = (
+        recalibrating.to(halt, cond="latched_halt")
+        | recalibrating.to(recalibration_requested, cond="latched_request")
+        | recalibrating.to(not_verified)
+    )
 
 
 class Supervisor:
-    """start: a latched state to come back in after a restart; anything else begins at STARTING."""
+    """latched, fault: a latched state to come back in after a restart; without one it begins with the self-test."""
 
-    def __init__(self, durations: Durations, start: State = State.STARTING, fault: str | None = None) -> None:
+    def __init__(self, durations: Durations, latched: State | None = None, fault: str | None = None) -> None:
+        assert latched is None or latched in LATCHED
+        start = State.SELF_TEST if latched is None else latched
         self._ledger = Ledger(durations)
         self._table = AlarmTable(self._ledger, state_field="table_state", start_value=start)
         self._since_ns: int | None = None
@@ -112,12 +147,16 @@ class Supervisor:
         assert isinstance(state, State)
         return state
 
+    def retime(self, durations: Durations) -> None:
+        """Other durations from the next step on."""
+        self._ledger.durations = durations
+
     def step(self, now_ns: int, inputs: Inputs) -> AlarmState:
         """State of the room at now_ns (host clock, ns, never going back). The caller writes outputs afterwards."""
         before = self.state
         if self._since_ns is None:
             self._since_ns = now_ns
-            self._restore(now_ns)
+            self._come_back(now_ns)
         self._ledger.note(now_ns, inputs.verdicts, inputs.devices)
         self.refused = "" if inputs.request is None else self.refusal(inputs.request)
         if inputs.request is not None and not self.refused:
@@ -129,40 +168,57 @@ class Supervisor:
             self._enter(before)
         return self._alarm_state(self._since_ns)
 
-    def _restore(self, now_ns: int) -> None:
-        """What latched before the restart stands until the line disproves it."""
-        if self._fault is not None and self.state in LATCHED:
-            self._ledger.calibration.show(now_ns, self._fault, self._reason)
-            self._ledger.calibration.stand()
-
     def refusal(self, request: Request) -> str:
         """Why the table does not grant this request now; empty when it does."""
         if request.value in {event.id for event in self._table.enabled_events()}:
             return ""
         if request is Request.ACKNOWLEDGE and self.state in LATCHED:
-            return f"the cause still stands ({self._ledger.calibration.fault or self._ledger.device.fault})"
+            return ACKNOWLEDGED
         return f"not possible while {self.state.value}"
+
+    def _come_back(self, now_ns: int) -> None:
+        self._ledger.now_ns = now_ns
+        if self.state in LATCHED:
+            self._ledger.latch(self.state, self._fault)
+            self._ledger.restore(self._reason)
 
     def _grant(self, request: Request) -> None:
         self._table.send(request.value)
-        if request is Request.BEGIN_RECALIBRATION:
+        if request is Request.ACKNOWLEDGE:
+            self._ledger.acknowledge()
+        elif request is Request.BEGIN_RECALIBRATION:
             self._ledger.begin_recalibration()
         elif request is Request.END_RECALIBRATION:
             self._ledger.end_recalibration()
-        elif request is Request.ABORT_RECALIBRATION:
-            self._ledger.abort_recalibration()
 
     def _enter(self, before: State) -> None:
         if before is State.RECALIBRATING:
             self._ledger.leave_recalibration()
+            if self.state in LATCHED:
+                return self._ledger.restore(self._reason)
         if self.state in LATCHED:
-            self._fault, self._reason = self._ledger.calibration.fault, self._ledger.calibration.reason
+            calibration = self._ledger.calibration
+            self._fault, self._reason = calibration.fault, calibration.reason
+            self._ledger.latch(self.state, self._fault)
+        elif self.state is not State.RECALIBRATING:
+            self._ledger.release()
+        return None
 
     def _alarm_state(self, since_ns: int) -> AlarmState:
-        if self.state not in LATCHED:
-            self._fault, self._reason = self._cause()
-        energised = self.state is State.MONITORING
-        return AlarmState(self.state, since_ns, self._fault, self._reason, energised, self._ledger.verified_ns)
+        ledger = self._ledger
+        fault, reason = (self._fault, self._reason) if self.state in LATCHED else self._cause()
+        return AlarmState(
+            state=self.state,
+            since_ns=since_ns,
+            fault=fault,
+            reason=reason,
+            energised=self.state is State.MONITORING,
+            verified_ns=ledger.verified_ns,
+            latched=ledger.latched,
+            latched_fault=ledger.latched_fault,
+            acknowledged=ledger.acknowledged,
+            notices=ledger.notices,
+        )
 
     def _cause(self) -> tuple[str | None, str]:
         condition = self._condition()
@@ -174,12 +230,15 @@ class Supervisor:
 
     def _condition(self) -> Condition | None:
         """The condition that the present state is about; in probation it is the one that has just gone."""
-        calibration, device = self._ledger.calibration, self._ledger.device
+        ledger = self._ledger
+        calibration, device, internal, integrity = ledger.calibration, ledger.device, ledger.internal, ledger.integrity
         if self.state is State.DEVICE_LOST:
             return device
-        if self.state is State.WARNING and not self._ledger.hazard:
-            return max(calibration, device, key=lambda one: one.lifted_ns or 0)
-        return next((one for one in (calibration, device) if one.active), None)
+        if self.state is State.INTERNAL_FAULT:
+            return integrity if integrity.active else internal
+        if self.state is State.WARNING and not ledger.hazard:
+            return max(calibration, device, internal, key=lambda one: one.lifted_ns or 0)
+        return next((one for one in (calibration, device, internal) if one.active), None)
 
     def _unverified_reason(self) -> str:
         if self._ledger.unverified:

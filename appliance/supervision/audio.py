@@ -1,0 +1,92 @@
+"""Whether the alarm may sound: on, paused for a time, acknowledged, or switched off for a stated reason. Pure.
+
+In the style of IEC 60601-1-8: a pause ends by itself after at most 120 s; an acknowledged alarm is silent until another
+one comes; an alarm switched off or acknowledged reminds of itself.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from appliance.supervision.alarms import SIGNALS, Priority
+from appliance.types import AlarmState
+
+LONGEST_PAUSE_NS = 120_000_000_000
+REMINDER_NS = 60_000_000_000
+
+
+class AudioMode(Enum):
+    """What a person has done about the sound."""
+
+    ON = "on"
+    PAUSED = "paused"
+    ACKNOWLEDGED = "acknowledged"
+    OFF = "off"
+
+
+@dataclass(frozen=True, slots=True)
+class Sound:
+    """One step of the audio. pulses: of the burst now due, 0 is silence; since_ns: when that burst pattern began.
+
+    until_ns: end of the pause, None unless paused. off_reason: empty unless off.
+    """
+
+    mode: AudioMode
+    pulses: int
+    since_ns: int
+    until_ns: int | None = None
+    off_reason: str = ""
+
+
+class Audio:
+    """Remembers what was asked; time is an argument, ns of the host clock."""
+
+    def __init__(self) -> None:
+        self._paused_until_ns: int | None = None
+        self._off_reason = ""
+        self._silent_since_ns: int | None = None
+
+    def pause(self, now_ns: int, duration_ns: int) -> None:
+        """Raises ValueError outside 0 … LONGEST_PAUSE_NS."""
+        if not 0 < duration_ns <= LONGEST_PAUSE_NS:
+            raise ValueError(f"an audio pause lasts from 1 to {LONGEST_PAUSE_NS // 1_000_000_000} s")
+        self._paused_until_ns = now_ns + duration_ns
+
+    def off(self, reason: str) -> None:
+        """Raises ValueError without a reason."""
+        if len(reason.strip()) < 3:
+            raise ValueError("the alarm sound is switched off only with a reason")
+        self._off_reason = reason.strip()
+
+    def on(self) -> None:
+        """End a pause or an audio-off."""
+        self._paused_until_ns, self._off_reason = None, ""
+
+    def step(self, now_ns: int, alarm: AlarmState) -> Sound:
+        """What sounds now."""
+        if self._paused_until_ns is not None and now_ns >= self._paused_until_ns:
+            self._paused_until_ns = None
+        mode = self._mode(alarm)
+        pulses = SIGNALS[alarm.state].pulses
+        if mode is AudioMode.ON or pulses == 0:
+            self._silent_since_ns = None
+            return Sound(mode, pulses, alarm.since_ns, off_reason=self._off_reason)
+        if self._silent_since_ns is None:
+            self._silent_since_ns = now_ns
+        if mode is AudioMode.PAUSED:
+            return Sound(mode, 0, alarm.since_ns, self._paused_until_ns)
+        return self._reminding(now_ns, mode, alarm)
+
+    def _mode(self, alarm: AlarmState) -> AudioMode:
+        if self._off_reason:
+            return AudioMode.OFF
+        if self._paused_until_ns is not None:
+            return AudioMode.PAUSED
+        return AudioMode.ACKNOWLEDGED if alarm.acknowledged else AudioMode.ON
+
+    def _reminding(self, now_ns: int, mode: AudioMode, alarm: AlarmState) -> Sound:
+        """One pulse every REMINDER_NS, while something of high or medium priority stands."""
+        assert self._silent_since_ns is not None
+        quiet_ns = now_ns - self._silent_since_ns
+        due = SIGNALS[alarm.state].priority in (Priority.HIGH, Priority.MEDIUM) and quiet_ns >= REMINDER_NS
+        began_ns = self._silent_since_ns + quiet_ns // REMINDER_NS * REMINDER_NS
+        return Sound(mode, int(due), began_ns, off_reason=self._off_reason)

@@ -1,0 +1,41 @@
+"""One kind of hazard over time. Pure: time is an argument."""
+
+from dataclasses import dataclass
+
+
+@dataclass(slots=True)
+class Condition:
+    """It is shown, or stands (neither shown nor disproved), or is gone.
+
+    onset_ns: when it was first shown since it was last gone, None while gone. lifted_ns: when it went.
+    """
+
+    fault: str | None = None
+    reason: str = ""
+    shown: bool = False
+    onset_ns: int | None = None
+    lifted_ns: int | None = None
+
+    @property
+    def active(self) -> bool:
+        return self.onset_ns is not None
+
+    def show(self, now_ns: int, fault: str, reason: str) -> None:
+        self.fault, self.reason, self.shown = fault, reason, True
+        self.onset_ns = now_ns if self.onset_ns is None else self.onset_ns
+
+    def stand(self) -> None:
+        self.shown = False
+
+    def lift(self, now_ns: int) -> None:
+        if self.active:
+            self.lifted_ns = now_ns
+        self.shown, self.onset_ns = False, None
+
+    def lasts(self, now_ns: int, duration_ns: int) -> bool:
+        """Shown now, and not gone since duration_ns ago or longer."""
+        return self.shown and self.onset_ns is not None and now_ns - self.onset_ns >= duration_ns
+
+    def gone(self, now_ns: int, duration_ns: int) -> bool:
+        """Gone for duration_ns or longer."""
+        return not self.active and (self.lifted_ns is None or now_ns - self.lifted_ns >= duration_ns)
