@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from appliance.limits import Limits
+from appliance.supervision.annunciator import Role
 from appliance.supervision.ledger import Durations
 from appliance.supervision.watchers.facts import Patience
 from drivers.errors import ConfigurationError
@@ -26,6 +27,12 @@ class Device(_Section):
     url: str = Field(min_length=1)
 
 
+class Output(Device):
+    """One alarm output and what it shows; see appliance.supervision.annunciator.Role."""
+
+    signal: Role = Field(default=Role.CONTACT, strict=False)
+
+
 class CalibrationPlace(_Section):
     """Where the reference calibration lies; a relative path counts from the folder of the configuration file."""
 
@@ -35,11 +42,13 @@ class CalibrationPlace(_Section):
 class SupervisorTimes(_Section):
     """Durations of the supervisor's table and of the device watchers, in the unit that ends each name."""
 
+    gross_halt_after_s: float = Field(default=0.3, ge=0, le=10)
     halt_after_s: float = Field(default=1.0, ge=0, le=10)
     recalibrate_after_s: float = Field(default=2.0, ge=0, le=60)
     device_lost_after_s: float = Field(default=1.0, ge=0, le=10)
     probation_s: float = Field(default=1.0, ge=0.1, le=30)
     max_verification_age_s: float = Field(default=30.0, ge=1, le=600)
+    self_test_s: float = Field(default=20.0, ge=1, le=120)
     starting_s: float = Field(default=10.0, ge=1, le=120)
     video_silence_ms: float = Field(default=500, ge=100, le=5000)
     tracker_silence_ms: float = Field(default=500, ge=100, le=5000)
@@ -50,11 +59,13 @@ class SupervisorTimes(_Section):
 
     def durations(self) -> Durations:
         return Durations(
+            gross_halt_after_ns=_ns(self.gross_halt_after_s),
             halt_after_ns=_ns(self.halt_after_s),
             recalibrate_after_ns=_ns(self.recalibrate_after_s),
             device_lost_after_ns=_ns(self.device_lost_after_s),
             probation_ns=_ns(self.probation_s),
             max_verification_age_ns=_ns(self.max_verification_age_s),
+            self_test_ns=_ns(self.self_test_s),
             starting_ns=_ns(self.starting_s),
         )
 
@@ -73,6 +84,14 @@ class Control(_Section):
     """The Unix socket through which tools speak to the service; its path is bounded by the kernel."""
 
     socket: Path = Field(default=Path("/run/probewatch/control"), strict=False)
+    group: str = ""
+
+
+class Alarm(_Section):
+    """How the operator is spoken to, and the folder of the alarm log, which must outlive a power cut."""
+
+    language: Literal["en", "de"] = "en"
+    folder: Path = Field(default=Path("/var/lib/probewatch"), strict=False)
 
 
 class Log(_Section):
@@ -86,11 +105,12 @@ class Config(_Section):
 
     video: Device
     tracker: Device
-    output: Annotated[tuple[Device, ...], Field(min_length=1, max_length=8, strict=False)]
+    output: Annotated[tuple[Output, ...], Field(min_length=1, max_length=8, strict=False)]
     calibration: CalibrationPlace
     limits: Limits = Limits()
     supervisor: SupervisorTimes = SupervisorTimes()
     control: Control = Control()
+    alarm: Alarm = Alarm()
     log: Log = Log()
 
 
@@ -102,9 +122,11 @@ def load_config(path: Path) -> Config:
     except ValidationError as error:
         raise ConfigurationError("; ".join(_violations(error)), str(path), f"Mend it; {_EXAMPLE}") from None
     _check_urls(config, path)
+    _check_contact(config, path)
     _check_socket(config.control.socket, path)
     place = CalibrationPlace(file=path.parent / config.calibration.file)
-    return config.model_copy(update={"calibration": place})
+    alarm = config.alarm.model_copy(update={"folder": path.parent / config.alarm.folder})
+    return config.model_copy(update={"calibration": place, "alarm": alarm})
 
 
 def _ns(seconds: float) -> int:
@@ -157,7 +179,7 @@ def _known_keys(section: tuple[int | str, ...]) -> list[str]:
     if not section:
         return list(Config.model_fields)
     if section[0] == "output":
-        return list(Device.model_fields)
+        return list(Output.model_fields)
     kind = Config.model_fields[str(section[0])].annotation
     assert isinstance(kind, type)
     assert issubclass(kind, BaseModel)
@@ -173,6 +195,12 @@ def _check_urls(config: Config, path: Path) -> None:
         except ConfigurationError as error:
             where = f"{path}: [{section}] url = '{device.url}'"
             raise ConfigurationError(error.what, where, error.remedy) from None
+
+
+def _check_contact(config: Config, path: Path) -> None:
+    if all(output.signal is not Role.CONTACT for output in config.output):
+        what = "no output has signal = 'contact'"
+        raise ConfigurationError(what, f"{path}: [[output]]", "Without one nobody hears of a fault; add it")
 
 
 def _check_socket(socket: Path, path: Path) -> None:

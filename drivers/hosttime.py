@@ -13,7 +13,10 @@ class HostClock:
 
     def now_ns(self) -> int:
         """Nanoseconds of CLOCK_MONOTONIC; with rate ≠ 1 the same origin, scaled."""
-        real_ns = time.monotonic_ns()
+        return self.at(time.monotonic_ns())
+
+    def at(self, real_ns: int) -> int:
+        """What this clock shows, or showed, at real_ns of CLOCK_MONOTONIC."""
         if self.rate == 1.0:
             return real_ns
         return self.origin_ns + round((real_ns - self.origin_ns) * self.rate)

@@ -40,7 +40,7 @@ def main() -> None:
         return serve_estimator(sys.argv[1:], TrustingLine)
     config = load_config(Path(sys.argv[1]))
     estimator = EstimatorHost(read_calibration(config.calibration.file), config.limits, _COMMAND)
-    return serve(config, estimator, HostClock())
+    return serve(config, Path(sys.argv[1]), estimator, HostClock())
 
 
 if __name__ == "__main__":

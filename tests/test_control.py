@@ -30,7 +30,7 @@ class Service:
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
-    def answer(self, do: str, request: dict[str, Any]) -> dict[str, Any]:
+    def answer(self, do: str, request: dict[str, Any], who: str) -> dict[str, Any]:
         self.asked.append((do, request))
         if do == "acknowledge":
             raise ControlRefused("the cause still stands (polarity)")

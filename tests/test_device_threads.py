@@ -17,6 +17,7 @@ from appliance.service.log import configure, get_log
 from appliance.service.output_thread import OutputThread
 from appliance.service.rate_meter import RateMeter
 from appliance.service.source_thread import CaptureThread, TrackerThread
+from appliance.supervision.annunciator import Role
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.hosttime import HostClock
 from drivers.ports import Description
@@ -55,7 +56,7 @@ def contact() -> Contact:
 
 @pytest.fixture
 def output(contact: Contact) -> Iterator[OutputThread]:
-    thread = OutputThread("output", "relay:/dev/x", lambda url, clock: contact, CLOCK)
+    thread = OutputThread(Role.CONTACT, "relay:/dev/x", lambda url, clock: contact, CLOCK)
     thread.start()
     yield thread
     contact.flowing.set()
@@ -251,7 +252,7 @@ def test_a_url_that_can_never_work_ends_the_thread_with_its_error() -> None:
     def never(url: str, clock: HostClock) -> Contact:
         raise ConfigurationError("channel 9 does not exist", url)
 
-    thread = OutputThread("output", "relay:/dev/x", never, CLOCK)
+    thread = OutputThread(Role.CONTACT, "relay:/dev/x", never, CLOCK)
     thread.start()
     thread.join(5)
     assert isinstance(thread.failure, ConfigurationError)

@@ -144,7 +144,7 @@ def test_timeline_of_a_calibration_fault_goes_up_in_order(session):
     states = [change.state for change in timeline.changes]
     assert states[-3:] == [State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED]
     warned, halted, requested = (change.t_s for change in timeline.changes[-3:])
-    assert halted - warned == pytest.approx(1.0, abs=0.051)
+    assert halted - warned == pytest.approx(0.3, abs=0.051)
     assert requested - halted == pytest.approx(2.0, abs=0.051)
     assert "mirrored" in timeline.changes[-1].reason
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 
 from appliance.limits import Limits
-from appliance.supervision.alarms import HAZARDS, SIGNALS, UNVERIFIED, Kind, Priority, operator_text
+from appliance.supervision.alarms import HAZARDS, UNVERIFIED, Kind
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
-from appliance.types import State, VerdictKind
+from appliance.types import VerdictKind
 from drivers.samples import MarkerBody, PoseStatus
 
 NOW_NS = 1_000_000_000_000
@@ -90,30 +90,14 @@ def test_nothing_has_failed_for_longer_than_the_service_runs() -> None:
     assert max(check.value for check in checks) == 7.0
 
 
-def test_every_state_has_a_signal_and_every_text_fits_the_display() -> None:
-    assert set(SIGNALS) == set(State)
-    for state in State:
-        for fault in (None, *HAZARDS):
-            text, remedy = operator_text(state, fault)
-            assert 0 < len(text) <= 80
-            assert 0 < len(remedy) <= 80
-
-
-def test_signals_keep_to_the_ranges_of_their_priority() -> None:
-    for signal in SIGNALS.values():
-        low_hz, high_hz = {Priority.HIGH: (1.4, 2.8), Priority.MEDIUM: (0.4, 0.8)}.get(signal.priority, (0, 0))
-        assert low_hz <= signal.flash_hz <= high_hz
-        assert (
-            signal.lamp
-            in {
-                Priority.HIGH: {"red"},
-                Priority.MEDIUM: {"yellow"},
-                Priority.LOW: {"cyan", "yellow"},
-                Priority.NONE: {"green"},
-            }[signal.priority]
-        )
-
-
 def test_every_watcher_has_a_row_in_the_alarm_table() -> None:
     for check in watch_devices(NOW_NS, HEALTHY, PATIENCE):
-        assert check.fault in UNVERIFIED or HAZARDS[check.fault].kind is Kind.DEVICE
+        assert check.fault in UNVERIFIED or HAZARDS[check.fault].kind is not Kind.CALIBRATION
+
+
+def test_damage_is_an_alarm_and_a_slow_disk_an_advisory() -> None:
+    assert failing(replace(HEALTHY, damage=("memory-damaged", "log-damaged"))) == {"memory-damaged": VerdictKind.FAULT}
+    waits = replace(HEALTHY, log_waits_ns=PATIENCE.log_ns)
+    assert failing(waits) == {}
+    assert failing(replace(waits, log_waits_ns=PATIENCE.log_ns + 1)) == {"log-not-written": VerdictKind.FAULT}
+    assert HAZARDS["log-not-written"].kind is Kind.ADVISORY

@@ -9,15 +9,19 @@ import click
 from drivers.errors import ProbewatchError
 
 _COMMANDS = {
+    "ack": "acknowledge the alarm",
     "demo": "a simulated cart with injected faults, from bytes to alarm",
     "devices": "what is connected to this host, and whether it can be opened",
+    "lamp-test": "light every lamp and sound the tone for five seconds",
+    "log": "read, filter and verify the alarm log; export it as CSV",
+    "pause": "pause the alarm sound, switch it off with a reason, or on again",
     "probe": "connect to a tracker, video source or output and say how well it does",
     "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",
     "replay": "run a recording through the line and print a report",
     "run": "the service: watch the devices named in the configuration",
     "simulate": "a tracker that exists only as bytes, with faults at run time",
+    "status": "what the service sees now; --watch keeps it on the screen",
 }
-
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -31,7 +35,7 @@ class _LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _COMMANDS:
             return None
-        command = importlib.import_module(f"tools.{cmd_name}").command
+        command = importlib.import_module(f"tools.{cmd_name.replace('-', '_')}").command
         assert isinstance(command, click.Command)
         return command
 

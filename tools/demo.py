@@ -20,8 +20,9 @@ from tools.demo_judgement import History, Moment, Switch, judge
 from tools.demo_report import Circumstances, print_report, report_fields
 from tools.demo_script import Script, chosen_script, default_script
 from tools.json_report import check_writable, write_json
-from tools.live_view import LiveView, Status
+from tools.live_view import LiveView
 from tools.simulated_cart import CartSettings, SimulatedCart
+from tools.status_view import Status
 
 _ANSWER_S = 15.0
 _ASK_AGAIN_S = 0.5

@@ -29,14 +29,14 @@ def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -
     config = load_config(config_file)
     reference = read_calibration(config.calibration.file)
     clock = HostClock(clock_rate, time.monotonic_ns() if clock_origin_ns is None else clock_origin_ns)
-    serve(config, EstimatorHost(reference, config.limits), clock)
+    serve(config, config_file, EstimatorHost(reference, config.limits), clock)
 
 
-def serve(config: Config, estimator: EstimatorHost, clock: HostClock) -> None:
+def serve(config: Config, config_file: Path, estimator: EstimatorHost, clock: HostClock) -> None:
     """Run the service until it is told to stop. Raises DeviceLost when another one holds the control socket."""
     with (
-        ControlServer(config.control.socket) as control,
+        ControlServer(config.control.socket, config.control.group) as control,
         configure(config.log.level),
-        Daemon(config, estimator, clock, control) as daemon,
+        Daemon(config, config_file, estimator, clock, control) as daemon,
     ):
         daemon.run()

@@ -216,4 +216,5 @@ class SimulatedCart:
             f'output = [{{ url = "{urls["relay_board"]}" }}]\n'
             'calibration.file = "probe.toml"\n'
             f'control.socket = "{self.socket}"\n'
+            'alarm.folder = "alarms"\n'
         )

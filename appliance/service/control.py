@@ -1,18 +1,19 @@
-"""The control socket: JSON lines over a Unix socket, protocol version 1.
+"""The control socket: JSON lines over a Unix socket, protocol version 1; docs/control.md lists the requests.
 
-Request: {"v": 1, "do": "status" | "acknowledge" | "clear-bump" | "begin-recalibration" | "end-recalibration" |
-"abort-recalibration", "file": PATH for end-recalibration}. Reply: {"v": 1, "ok": true, …} or
-{"v": 1, "ok": false, "error": TEXT}.
+Request: {"v": 1, "do": NAME, …}. Reply: {"v": 1, "ok": true, …} or {"v": 1, "ok": false, "error": TEXT}.
 The server is polled by the tick: it never blocks, takes at most one request of each client a tick, and drops whoever
 sends too much or reads too slowly; one client too many drops the one that has been silent longest.
 """
 
 import contextlib
 import fcntl
+import grp
 import json
 import os
+import pwd
 import selectors
 import socket
+import struct
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -28,8 +29,8 @@ _MOST_UNSENT = 1 << 18
 _ACCEPTS_A_TICK, _BACKLOG = 16, 128
 
 Reply = dict[str, Any]
-Answer = Callable[[str, dict[str, Any]], Reply]
-"""(what to do, whole request) → fields of the reply. Raises ControlRefused."""
+Answer = Callable[[str, dict[str, Any], str], Reply]
+"""(what to do, whole request, who asks) → fields of the reply. Raises ControlRefused."""
 
 
 class ControlRefused(ProbewatchError):  # noqa: N818  an answer, as the operator reads it
@@ -41,18 +42,19 @@ class ControlRefused(ProbewatchError):  # noqa: N818  an answer, as the operator
 @dataclass(slots=True, eq=False)
 class _Client:
     link: socket.socket
+    who: str
     received: bytearray = field(default_factory=bytearray)
     unsent: bytearray = field(default_factory=bytearray)
 
 
 class ControlServer:
-    """Holds the socket at `path`, mode 0660; a lock beside it keeps a second service out.
+    """Holds the socket at `path`, mode 0660, of `group` if one is named; a lock beside it keeps a second service out.
 
     Raises DeviceLost when another service runs, ConfigurationError when the socket cannot be made there.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, group: str = "") -> None:
+        self._path, self._group = path, group
         self._clients: list[_Client] = []
         self._lock_fd = _locked(path)
         self._listener = self._listen()
@@ -85,6 +87,8 @@ class ControlServer:
         try:
             listener.bind(str(self._path))
             self._path.chmod(0o660)
+            if self._group:
+                os.chown(self._path, -1, _group_id(self._group))
             listener.listen(_BACKLOG)
         except OSError as error:
             listener.close()
@@ -101,7 +105,7 @@ class ControlServer:
                 self._drop(self._clients[0])
                 self.dropped_clients += 1
             link.setblocking(False)
-            self._clients.append(_Client(link))
+            self._clients.append(_Client(link, _who(link)))
 
     def _serve(self, client: _Client, answer: Answer) -> None:
         try:
@@ -111,7 +115,7 @@ class ControlServer:
                 client.received = bytearray(rest)
                 self._clients.remove(client)
                 self._clients.append(client)
-                client.unsent += json.dumps(_reply(line, answer), ensure_ascii=False).encode() + b"\n"
+                client.unsent += json.dumps(_reply(line, answer, client.who), ensure_ascii=False).encode() + b"\n"
             elif len(line) > _LONGEST_LINE:
                 raise ConnectionAbortedError
             self._write(client)
@@ -139,6 +143,14 @@ class ControlServer:
         client.link.close()
 
 
+def _group_id(name: str) -> int:
+    try:
+        return grp.getgrnam(name).gr_gid
+    except KeyError:
+        where = f"[control] group = '{name}'"
+        raise ConfigurationError("there is no such group", where, f"Make it: groupadd --system {name}") from None
+
+
 def _locked(path: Path) -> int:
     lock = path.with_name(path.name + ".lock")
     try:
@@ -160,12 +172,21 @@ def _unusable(path: Path, error: OSError) -> ConfigurationError:
     return ConfigurationError(f"cannot be made ({error.strerror})", where, "Create its folder, or choose another path")
 
 
-def _reply(line: bytes, answer: Answer) -> Reply:
+def _who(link: socket.socket) -> str:
+    pid, uid, _gid = struct.unpack("3i", link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
+    try:
+        name = pwd.getpwuid(uid).pw_name
+    except KeyError:
+        name = f"uid {uid}"
+    return f"{name}, process {pid}"
+
+
+def _reply(line: bytes, answer: Answer, who: str) -> Reply:
     try:
         request = json.loads(line)
         if not isinstance(request, dict) or request.get("v") != VERSION:
             raise ControlRefused(f"a request is a JSON object with v = {VERSION}")
-        return {"v": VERSION, "ok": True, **answer(str(request.get("do")), request)}
+        return {"v": VERSION, "ok": True, **answer(str(request.get("do")), request, who)}
     except ProbewatchError as error:
         return {"v": VERSION, "ok": False, "error": str(error)}
     except (ValueError, RecursionError):
@@ -213,8 +234,34 @@ class ControlClient:
         return status
 
     def acknowledge(self) -> None:
-        """Leave a latched state whose cause is gone."""
+        """A person has seen the alarm: it falls silent, and a latched state ends once the cause is gone."""
         self._ask(do="acknowledge")
+
+    def pause_audio(self, seconds: float) -> None:
+        """Silence for at most 120 s."""
+        self._ask(do="pause-audio", seconds=seconds)
+
+    def audio_off(self, reason: str) -> None:
+        """Silence until audio_on, but for a reminder once a minute."""
+        self._ask(do="audio-off", reason=reason)
+
+    def audio_on(self) -> None:
+        """End a pause or an audio-off."""
+        self._ask(do="audio-on")
+
+    def test_lamps(self) -> None:
+        """All lamps and the tone for five seconds; the contact stays as it is."""
+        self._ask(do="lamp-test")
+
+    def reload(self) -> None:
+        """Take the limits, times and language of the changed configuration file; an invalid one changes nothing."""
+        self._ask(do="reload")
+
+    def propose_calibration(self, file: Path) -> Reply:
+        """How it differs from the reference, see appliance.service.recalibration.difference."""
+        proposal = self._ask(do="propose-calibration", file=str(file.absolute()))["proposal"]
+        assert isinstance(proposal, dict)
+        return proposal
 
     def clear_bump(self) -> None:
         """A person has checked the tracker's position sensor after a blow: its poses count again."""
@@ -232,7 +279,7 @@ class ControlClient:
         """Back to the reference in force before."""
         self._ask(do="abort-recalibration")
 
-    def _ask(self, **request: str) -> Reply:
+    def _ask(self, **request: str | float) -> Reply:
         try:
             self._link.sendall(json.dumps({"v": VERSION, **request}).encode() + b"\n")
             line = self._lines.readline()

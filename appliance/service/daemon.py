@@ -1,48 +1,64 @@
 """The composition root: opens the devices, starts the estimator, and ticks 20 times a second, waiting for nobody."""
 
 import signal
-from collections.abc import Mapping
 from pathlib import Path
 from types import FrameType
 from typing import Any, Self
 
-from appliance.config import Config
-from appliance.service.control import ControlRefused, ControlServer, Reply
+from appliance.alarm_log import Latch
+from appliance.config import Config, load_config
+from appliance.service.control import ControlRefused, ControlServer
 from appliance.service.device_thread import DeviceThread
 from appliance.service.estimator_host import EstimatorHost
 from appliance.service.log import get_log
 from appliance.service.output_thread import OutputThread
 from appliance.service.rate_meter import RateMeter
 from appliance.service.recalibration import Recalibration
+from appliance.service.recorder import Recorder
+from appliance.service.reload import reloaded
+from appliance.service.requests import Hands, Requests
 from appliance.service.source_thread import CaptureThread, TrackerThread
-from appliance.service.status import status_fields
+from appliance.service.status import alarm_fields, audio_fields, check_lists, log_fields, output_fields
 from appliance.service.systemd_notify import Notifier
+from appliance.service.tick_meter import TickMeter
+from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.supervisor import Inputs, Request, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts
-from appliance.types import AlarmState, Check, Verdict
+from appliance.types import AlarmState, Check, State, Verdict
+from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
 from drivers.ports import open_output, open_tracker, open_video
 
 TICK_NS = 50_000_000
+_SOONEST_NS = 10_000_000
 _JOIN_S = 1.0
 
 
 class Daemon:
-    """Everything that runs, in one place. Leaving the context de-energises the outputs and closes all."""
+    """Everything that runs, in one place. Leaving the context de-energises the outputs and closes all.
 
-    def __init__(self, config: Config, estimator: EstimatorHost, clock: HostClock, control: ControlServer) -> None:
+    config_file: where the configuration came from, for reloading it.
+    """
+
+    def __init__(
+        self, config: Config, config_file: Path, estimator: EstimatorHost, clock: HostClock, control: ControlServer
+    ) -> None:
+        self._config, self._config_file = config, config_file
         self._clock, self._control = clock, control
-        self._patience, self._limits = config.supervisor.patience(), config.limits
-        self._supervisor = Supervisor(config.supervisor.durations())
+        self._recorder = Recorder(config.alarm.folder, clock)
+        self._supervisor = _supervisor(config, self._recorder.latch)
+        self._annunciator = Annunciator()
         self._estimator = estimator
         self._recalibration = Recalibration(self._supervisor, self._estimator, self._ask)
         deliver = self._estimator.put
         self._video = CaptureThread("video", config.video.url, open_video, deliver, clock)
         self._tracker = TrackerThread("tracker", config.tracker.url, open_tracker, deliver, clock)
-        self._outputs = [OutputThread("output", output.url, open_output, clock) for output in config.output]
+        self._outputs = [OutputThread(output.signal, output.url, open_output, clock) for output in config.output]
+        self._requests = Requests(self._hands())
         self._fps = {"video": RateMeter(), "tracker": RateMeter()}
         self._notifier = Notifier()
+        self._ticks = TickMeter(TICK_NS)
         self._log = get_log()
         self._started_ns = self._now_ns = clock.now_ns()
         self._heard_ns: int | None = None
@@ -50,10 +66,11 @@ class Daemon:
         self._devices: tuple[Check, ...] = ()
         self._alarm: AlarmState | None = None
         self._fed_writes = 0
-        self._late_ticks = 0
-        self._stopping = False
+        self._stopping = self._reloading = False
 
     def __enter__(self) -> Self:
+        self._recorder.start()
+        self._recorder.note("started", self._recorder.latch, found=[*self._recorder.damage])
         for thread in self._threads():
             thread.start()
         return self
@@ -66,45 +83,86 @@ class Daemon:
             thread.join(_JOIN_S)
         self._estimator.close()
         self._notifier.close()
+        self._recorder.note("stopped", self._latch())
+        self._recorder.close()
         self._log.info("stopped")
 
     def run(self) -> None:
-        """Tick until SIGTERM or SIGINT. Raises what a device thread could not mend, such as ConfigurationError."""
+        """Tick until SIGTERM or SIGINT, at once when the estimator speaks. SIGHUP reloads the configuration.
+
+        Raises what a device thread could not mend, such as ConfigurationError.
+        """
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._stop)
-        due_ns = self._clock.now_ns()
+        signal.signal(signal.SIGHUP, self._reload_soon)
         while not self._stopping:
             self.tick()
-            due_ns += TICK_NS
-            if due_ns < self._clock.now_ns():
-                self._late_ticks += 1
-                due_ns = self._clock.now_ns()
-            self._clock.sleep_until(due_ns)
+            self._clock.sleep_until(self._now_ns + _SOONEST_NS)
+            self._estimator.wait(max(0.0, self._clock.real_s((self._now_ns + TICK_NS - self._clock.now_ns()) / 1e9)))
 
     def tick(self) -> None:
         """Hear the estimator and the devices, step, serve the socket, command the outputs, feed the watchdog."""
         self._raise_failures()
         self._now_ns = self._clock.now_ns()
+        self._ticks.note(self._now_ns)
         heard, verdicts = self._estimator.poll()
         if heard or not self._estimator.speaking:
             self._heard_ns = self._now_ns if heard else None
             self._verdict = self._verdict if heard else None
         self._verdict = verdicts[-1] if verdicts else self._verdict
-        self._devices = watch_devices(self._now_ns, self._facts(), self._patience, self._limits)
+        self._devices = watch_devices(
+            self._now_ns, self._facts(), self._config.supervisor.patience(), self._config.limits
+        )
         alarm = self._step(Inputs(verdicts, self._devices))
-        self._control.poll(self._answer)
-        alarm = self._alarm or alarm
-        for output in self._outputs:
-            output.command(alarm.energised, self._now_ns)
+        self._control.poll(self._requests.answer)
+        self._reload_if_asked()
+        self._show(self._alarm or alarm, self._clock.at(self._estimator.said_ns) if verdicts else self._now_ns)
         for name, thread in (("video", self._video), ("tracker", self._tracker)):
             self._fps[name].note(self._now_ns, thread.samples)
         self._feed_watchdog(alarm)
+
+    def _show(self, alarm: AlarmState, since_ns: int) -> None:
+        """since_ns: when what may have changed the alarm was said."""
+        energised = self._annunciator.step(self._now_ns, alarm)
+        for output in self._outputs:
+            output.command(energised[output.signal], since_ns)
+
+    def _hands(self) -> Hands:
+        return Hands(
+            ask=self._ask,
+            status=self._status,
+            clear_bump=self._tracker.clear_bump,
+            reload=self._reload,
+            recalibration=self._recalibration,
+            annunciator=self._annunciator,
+            now_ns=lambda: self._now_ns,
+            note=lambda event, **data: self._recorder.note(event, self._latch(), **data),
+        )
 
     def _threads(self) -> list[DeviceThread]:
         return [*self._outputs, self._video, self._tracker]
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
         self._stopping = True
+
+    def _reload_soon(self, number: int, frame: FrameType | None) -> None:
+        self._reloading = True
+
+    def _reload_if_asked(self) -> None:
+        if self._reloading:
+            self._reloading = False
+            try:
+                self._reload()
+            except (ControlRefused, ConfigurationError) as error:
+                self._log.warning("configuration refused, the old one stays", what=str(error))
+
+    def _reload(self) -> None:
+        """Raises ControlRefused, ConfigurationError; then nothing has changed."""
+        before, self._config = self._config, reloaded(self._config, load_config(self._config_file))
+        self._supervisor.retime(self._config.supervisor.durations())
+        if self._config.limits != before.limits:
+            self._estimator.limit(self._config.limits)
+        self._log.info("configuration reloaded", file=str(self._config_file))
 
     def _raise_failures(self) -> None:
         for thread in self._threads():
@@ -123,6 +181,8 @@ class Daemon:
             pose_status=self._tracker.pose_status,
             heartbeat_ns=self._heard_ns,
             output_ns=min(known) if len(known) == len(written) else None,
+            damage=self._recorder.damage,
+            log_waits_ns=self._recorder.waited_ns(self._now_ns),
             body=self._tracker.body,
         )
 
@@ -130,11 +190,23 @@ class Daemon:
         before = self._alarm
         alarm = self._supervisor.step(self._now_ns, inputs)
         self._alarm = alarm
-        if before is None or before.state is not alarm.state:
-            self._log.info("state", state=alarm.state.value, fault=alarm.fault, reason=alarm.reason)
+        if before is None or (before.state, before.fault) != (alarm.state, alarm.fault):
+            self._note_change(before, alarm)
         if before is not None:
             self._recalibration.follow(before.state, alarm.state)
         return alarm
+
+    def _note_change(self, before: AlarmState | None, alarm: AlarmState) -> None:
+        said = {"state": alarm.state.value, "fault": alarm.fault, "reason": alarm.reason}
+        if before is None or before.state is not alarm.state:
+            self._log.info("state", **said)
+        self._recorder.note("state", self._latch(), **said)
+
+    def _latch(self) -> Latch | None:
+        if self._alarm is None:
+            return self._recorder.latch
+        latched = self._alarm.latched
+        return None if latched is None else Latch(latched.value, self._alarm.latched_fault)
 
     def _feed_watchdog(self, alarm: AlarmState) -> None:
         """Only a completed write on some output shows that the alarm path is alive."""
@@ -147,42 +219,32 @@ class Daemon:
         self._step(Inputs(devices=self._devices, request=request))
         if self._supervisor.refused:
             raise ControlRefused(self._supervisor.refused)
-        self._verdict = None
-        self._log.info("request granted", request=request.value)
-
-    def _answer(self, do: str, request: Mapping[str, Any]) -> Reply:
-        if do == "status":
-            return {"status": self._status()}
-        if do == "acknowledge":
-            self._ask(Request.ACKNOWLEDGE)
-        elif do == "clear-bump":
-            self._clear_bump()
-        elif do == "begin-recalibration":
-            self._recalibration.begin()
-        elif do == "end-recalibration":
-            self._recalibration.end(Path(str(request.get("file"))))
-        elif do == "abort-recalibration":
-            self._recalibration.abort()
+        if request is Request.ACKNOWLEDGE:
+            self._recorder.accept_damage()
         else:
-            raise ControlRefused(f"'{do}' is no request of this service")
-        return {}
-
-    def _clear_bump(self) -> None:
-        if not self._tracker.clear_bump():
-            raise ControlRefused("the tracker has no bump detector, or is lost")
-        self._log.info("request granted", request="clear-bump")
+            self._verdict = None
+        self._log.info("request granted", request=request.value)
 
     def _status(self) -> dict[str, Any]:
         assert self._alarm is not None
-        fields = status_fields(self._now_ns, self._alarm, self._verdict, self._devices, self._counters())
-        fields["lost"] = {f"{one.role} {one.url}": one.lost for one in self._threads() if one.lost is not None}
-        fields["remarks"] = list(self._tracker.remarks)
-        fields["fps"] = {name: round(meter.per_s, 2) for name, meter in self._fps.items()}
-        return fields
+        testing = self._annunciator.testing(self._now_ns)
+        return {
+            **alarm_fields(self._now_ns, self._alarm, self._config.alarm.language),
+            **check_lists(self._verdict, self._devices),
+            "audio": audio_fields(self._now_ns, self._annunciator.sound, testing),
+            "outputs": output_fields(self._outputs),
+            "log": log_fields(self._recorder),
+            "lost": {f"{one.role} {one.url}": one.lost for one in self._threads() if one.lost is not None},
+            "remarks": list(self._tracker.remarks),
+            "fps": {name: round(meter.per_s, 2) for name, meter in self._fps.items()},
+            "tick": self._ticks.fields(),
+            "counters": self._counters(),
+        }
 
     def _counters(self) -> dict[str, int]:
         word = self._estimator.last
         return {
+            "uptime_s": (self._now_ns - self._started_ns) // 1_000_000_000,
             "frames": self._video.samples,
             "poses": self._tracker.samples,
             "frame_gaps": self._video.gaps,
@@ -192,5 +254,12 @@ class Daemon:
             "device_losses": sum(thread.losses for thread in self._threads()),
             "estimator_restarts": max(0, self._estimator.restarts),
             "dropped_clients": self._control.dropped_clients,
-            "late_ticks": self._late_ticks,
+            "late_ticks": self._ticks.late,
         }
+
+
+def _supervisor(config: Config, latch: Latch | None) -> Supervisor:
+    """In the state that was latched when the last run ended."""
+    if latch is None:
+        return Supervisor(config.supervisor.durations())
+    return Supervisor(config.supervisor.durations(), State(latch.state), latch.fault)

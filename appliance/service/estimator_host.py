@@ -1,6 +1,7 @@
 """The hardware process's side of the estimator: starts it, hears it without waiting, restarts it when dead or hung."""
 
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -23,7 +24,8 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THR
 class EstimatorHost:
     """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
 
-    restarts: processes started after the first. last: what it said last, None before its first word.
+    restarts: processes started after the first. last: what it said last, None before its first word. said_ns: when the
+    first verdict of the last poll was said.
     """
 
     def __init__(self, reference: Calibration, limits: Limits, command: Sequence[str] = _COMMAND) -> None:
@@ -37,6 +39,7 @@ class EstimatorHost:
         self._wait_s = _FIRST_WAIT_S
         self.restarts = -1
         self.last: Word | None = None
+        self.said_ns = 0
 
     @property
     def pid(self) -> int | None:
@@ -62,6 +65,18 @@ class EstimatorHost:
         self._order = Order(self._order.generation + 1, reference, self._limits)
         self._send_order()
 
+    def limit(self, limits: Limits) -> None:
+        """Verify within other limits from now on."""
+        self._limits = limits
+        self.refer(self.reference)
+
+    def wait(self, real_s: float) -> None:
+        """Until it says something, or for real_s at most."""
+        if self._link is None:
+            time.sleep(real_s)
+        else:
+            select.select([self._link], [], [], real_s)
+
     def poll(self) -> tuple[bool, tuple[Verdict, ...]]:
         """(heard anything, verdicts on the present reference). Never blocks; call it every tick."""
         words = self._hear()
@@ -69,7 +84,8 @@ class EstimatorHost:
         if words:
             self._heard_s, self._spoken, self.last = now_s, True, words[-1]
         self._look_after(now_s)
-        present = [word for word in words if word.generation == self._order.generation]
+        present = [word for word in words if word.generation == self._order.generation and word.verdicts]
+        self.said_ns = present[0].said_ns if present else time.monotonic_ns()
         return bool(words), tuple(verdict for word in present for verdict in word.verdicts)
 
     def close(self) -> None:

@@ -21,9 +21,13 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """Estimator → hardware process, at least ten times a second. The counts are since the estimator's start."""
+    """Estimator → hardware process, at least ten times a second. The counts are since the estimator's start.
+
+    said_ns: CLOCK_MONOTONIC when it was said.
+    """
 
     generation: int
+    said_ns: int
     verdicts: tuple[Verdict, ...]
     frames: int
     poses: int

@@ -78,7 +78,7 @@ class Estimator:
         now_s = time.monotonic()
         if verdicts or now_s - self._spoke_s >= _WORD_EVERY_S:
             self._spoke_s = now_s
-            send(self._link, Word(self._generation, verdicts, *self._counts, *self._dropped))
+            send(self._link, Word(self._generation, time.monotonic_ns(), verdicts, *self._counts, *self._dropped))
 
 
 def _die_with_parent() -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from appliance.service.device_thread import DeviceThread
+from appliance.supervision.annunciator import Role
 from drivers.hosttime import HostClock
 from drivers.ports import AlarmOutput
 
@@ -20,22 +21,25 @@ class _Command:
 class OutputThread(DeviceThread):
     """Writes the last command of the tick; without a fresh one, as when the tick hangs, it writes de-energised.
 
-    written_ns: time of the last completed write. writes: how many. energised: what was written last, None before.
+    signal: what it shows. written_ns: time of the last completed write. writes: how many. energised: what was written
+    last, None before. slowest_ms: longest time from what asked for a change to the completed write.
     """
 
     def __init__(
-        self, role: str, url: str, open_output: Callable[[str, HostClock], AlarmOutput], clock: HostClock
+        self, signal: Role, url: str, open_output: Callable[[str, HostClock], AlarmOutput], clock: HostClock
     ) -> None:
-        super().__init__(role, url, clock)
+        super().__init__("output", url, clock)
+        self.signal = signal
         self._open = open_output
         self._wake = threading.Event()
         self._command: _Command | None = None
         self.written_ns: int | None = None
         self.writes = 0
         self.energised: bool | None = None
+        self.slowest_ms = 0.0
 
     def command(self, energised: bool, given_ns: int) -> None:
-        """From the tick; never blocks."""
+        """From the tick; never blocks. given_ns: when that was found out, from which the delay is counted."""
         self._command = _Command(energised, given_ns)
         self._wake.set()
 
@@ -64,8 +68,12 @@ class OutputThread(DeviceThread):
         output.write(command.energised)
         now_ns = self._clock.now_ns()
         if command.energised != self.energised:
-            delay_ms = round((now_ns - command.given_ns) / 1e6, 3)
-            self._log.info("contact", energised=command.energised, delay_ms=delay_ms)
+            self._note_switch(command.energised, (now_ns - command.given_ns) / 1e6)
         self.energised, self.written_ns = command.energised, now_ns
         self.writes += 1
         self.note_success()
+
+    def _note_switch(self, energised: bool, delay_ms: float) -> None:
+        self.slowest_ms = max(self.slowest_ms, delay_ms)
+        log = self._log.info if self.signal is Role.CONTACT else self._log.debug
+        log("contact", signal=self.signal.value, energised=energised, delay_ms=round(delay_ms, 3))

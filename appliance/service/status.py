@@ -1,38 +1,76 @@
-"""The status that the control socket gives: plain numbers and words, NaN as null.
-
-state, text, remedy, fault, reason, energised; since_s and verification_age_s: ages, s; verdict: kind of the line's last
-verdict; checks (of the line), devices (of their watchers): [{name, fault, value, sigma, unit, limit, ratio, verdict}];
-lost: {device: what is wrong}; remarks: [what the tracker says besides its poses]; fps: {video, tracker}; counters:
-{name: count since the start}.
-"""
+"""The status that the control socket gives: plain numbers and words, NaN as null. docs/control.md tells every field."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
-from appliance.supervision.alarms import operator_text
+from appliance.service.output_thread import OutputThread
+from appliance.service.recorder import Recorder
+from appliance.supervision.alarms import HAZARDS, SIGNALS, operator_text
+from appliance.supervision.audio import Sound
+from appliance.supervision.languages import translated
 from appliance.types import AlarmState, Check, Verdict
 
 
-def status_fields(
-    now_ns: int, alarm: AlarmState, verdict: Verdict | None, devices: tuple[Check, ...], counters: Mapping[str, int]
-) -> dict[str, Any]:
-    """Everything but lost, remarks and fps, which the threads know."""
-    text, remedy = operator_text(alarm.state, alarm.fault)
-    verified_ns = alarm.verified_ns
+def alarm_fields(now_ns: int, alarm: AlarmState, language: str) -> dict[str, Any]:
+    """What the room is told, in its language."""
+    text, remedy = operator_text(alarm.state, alarm.fault, language)
+    signal = SIGNALS[alarm.state]
     return {
         "state": alarm.state.value,
         "text": text,
         "remedy": remedy,
         "fault": alarm.fault,
         "reason": alarm.reason,
+        "priority": signal.priority.value,
+        "lamp": signal.lamp.value,
         "energised": alarm.energised,
+        "latched": None if alarm.latched is None else alarm.latched.value,
+        "acknowledged": alarm.acknowledged,
+        "notices": [translated(HAZARDS[fault].text, language) for fault in alarm.notices],
         "since_s": (now_ns - alarm.since_ns) / 1e9,
-        "verification_age_s": None if verified_ns is None else (now_ns - verified_ns) / 1e9,
+        "verification_age_s": None if alarm.verified_ns is None else (now_ns - alarm.verified_ns) / 1e9,
+    }
+
+
+def check_lists(verdict: Verdict | None, devices: tuple[Check, ...]) -> dict[str, Any]:
+    """What the line and the device watchers see."""
+    return {
         "verdict": None if verdict is None else verdict.kind.value,
         "checks": [] if verdict is None else [check_fields(check) for check in verdict.checks],
         "devices": [check_fields(check) for check in devices],
-        "counters": dict(counters),
+    }
+
+
+def audio_fields(now_ns: int, sound: Sound | None, testing: bool) -> dict[str, Any]:
+    """Whether the alarm may sound, and why not."""
+    if sound is None:
+        return {"mode": "on", "left_s": None, "reason": "", "lamp_test": testing}
+    left_s = None if sound.until_ns is None else (sound.until_ns - now_ns) / 1e9
+    return {"mode": sound.mode.value, "left_s": left_s, "reason": sound.off_reason, "lamp_test": testing}
+
+
+def output_fields(outputs: Sequence[OutputThread]) -> list[dict[str, Any]]:
+    """Each output, what it shows and how quickly it did."""
+    return [
+        {
+            "url": output.url,
+            "signal": output.signal.value,
+            "energised": output.energised,
+            "writes": output.writes,
+            "slowest_ms": round(output.slowest_ms, 3),
+        }
+        for output in outputs
+    ]
+
+
+def log_fields(recorder: Recorder) -> dict[str, Any]:
+    """How far the alarm log is on the disk."""
+    return {
+        "entries": recorder.written,
+        "waiting": recorder.waiting,
+        "dropped": recorder.dropped,
+        "failing": recorder.failing,
     }
 
 

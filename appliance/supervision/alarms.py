@@ -10,8 +10,8 @@ from enum import Enum
 from appliance.supervision.languages import translated
 from appliance.types import State
 
-TEXT_COLUMNS, REMEDY_COLUMNS = 64, 78
-"""The narrowest display: a terminal of 80 columns, one line for what is wrong and one for what to do."""
+DISPLAY_COLUMNS = 76
+"""The narrowest display: a framed line of a terminal with 80 columns, one for what is wrong and one for what to do."""
 
 
 class Priority(Enum):

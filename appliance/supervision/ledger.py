@@ -17,7 +17,7 @@ class Durations:
     device_lost_after_ns: int = 1_000_000_000
     probation_ns: int = 1_000_000_000
     max_verification_age_ns: int = 30_000_000_000
-    self_test_ns: int = 10_000_000_000
+    self_test_ns: int = 20_000_000_000
     starting_ns: int = 10_000_000_000
 
 

@@ -1,6 +1,8 @@
 """The device watchers, in the order in which a technician would look."""
 
 from appliance.limits import Limits
+from appliance.supervision.watchers.alarm_log_integrity import alarm_log_integrity
+from appliance.supervision.watchers.alarm_log_written import alarm_log_written
 from appliance.supervision.watchers.estimator_presence import estimator_presence
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.supervision.watchers.field_indicator import field_indicator
@@ -30,4 +32,5 @@ def watch_devices(now_ns: int, facts: Facts, patience: Patience, limits: Limits 
     """One Check per watcher, failing or not. limits: None for the default ones."""
     bounds = limits or Limits()
     checks = tuple(watcher(now_ns, facts, patience) for watcher in _WATCHERS)
-    return checks + tuple(watcher(facts, bounds) for watcher in _QUALITY_WATCHERS)
+    quality = tuple(watcher(facts, bounds) for watcher in _QUALITY_WATCHERS)
+    return (*checks, *quality, alarm_log_integrity(facts), alarm_log_written(facts, patience))

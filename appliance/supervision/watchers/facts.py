@@ -14,6 +14,8 @@ class Facts:
     reply_ns: last reply of the tracker in which the probe's tool was not DISABLED, whatever it saw.
     fresh_ns: last reply that was neither STALE nor FAULT. pose_ns: last with a pose. pose_status: of the last reply.
     heartbeat_ns: last word of the present estimator process. output_ns: last write of the output that lags most.
+    damage: hazard classes of the alarm log that no person has acknowledged. log_waits_ns: age of its oldest entry that
+    is not on the disk yet.
     body: how well the tracker measures, the middle of the last second; None for one that does not say.
     """
 
@@ -25,6 +27,8 @@ class Facts:
     pose_status: PoseStatus | None = None
     heartbeat_ns: int | None = None
     output_ns: int | None = None
+    damage: tuple[str, ...] = ()
+    log_waits_ns: int = 0
     body: MarkerBody | None = None
 
 
@@ -38,6 +42,7 @@ class Patience:
     unseen_ns: int = 3_000_000_000
     estimator_ns: int = 1_000_000_000
     output_ns: int = 500_000_000
+    log_ns: int = 2_000_000_000
 
 
 def silence(name: str, fault: str, age_ns: int, limit_ns: int, failed: VerdictKind = VerdictKind.FAULT) -> Check:

@@ -1,0 +1,94 @@
+"""What a person may ask over the control socket, and what becomes of it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from appliance.service.control import ControlRefused, Reply
+from appliance.service.recalibration import Recalibration
+from appliance.supervision.annunciator import Annunciator
+from appliance.supervision.supervisor import Request
+
+_NOTED_EVERY_NS = 1_000_000_000
+
+Body = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Hands:
+    """Everything of the service that a request may move. note: adds an entry to the alarm log."""
+
+    ask: Callable[[Request], None]
+    status: Callable[[], Reply]
+    clear_bump: Callable[[], bool]
+    reload: Callable[[], None]
+    recalibration: Recalibration
+    annunciator: Annunciator
+    now_ns: Callable[[], int]
+    note: Callable[..., None]
+
+
+class Requests:
+    """One method a request; each raises ControlRefused, or ConfigurationError for a file. What is granted is noted."""
+
+    def __init__(self, hands: Hands) -> None:
+        self._hands = hands
+        self._noted_ns: dict[str, int] = {}
+        self._table: dict[str, Callable[[Body], Reply | None]] = {
+            "status": lambda _: {"status": hands.status()},
+            "acknowledge": lambda _: hands.ask(Request.ACKNOWLEDGE),
+            "pause-audio": self._pause_audio,
+            "audio-off": self._audio_off,
+            "audio-on": lambda _: hands.annunciator.audio.on(),
+            "lamp-test": lambda _: hands.annunciator.test_lamps(hands.now_ns()),
+            "clear-bump": self._clear_bump,
+            "propose-calibration": lambda body: {"proposal": hands.recalibration.propose(_file(body))},
+            "begin-recalibration": lambda _: hands.recalibration.begin(),
+            "end-recalibration": lambda body: hands.recalibration.end(_file(body)),
+            "abort-recalibration": lambda _: hands.recalibration.abort(),
+            "reload": lambda _: hands.reload(),
+        }
+
+    def answer(self, do: str, body: Body, who: str) -> Reply:
+        """Fields of the reply. who: the asking process, as the kernel knows it."""
+        if do not in self._table:
+            raise ControlRefused(f"'{do[:40]}' is no request of this service; it knows {', '.join(self._table)}")
+        reply = self._table[do](body)
+        if do != "status":
+            self._note(do, body, who)
+        return reply or {}
+
+    def _note(self, do: str, body: Body, who: str) -> None:
+        """Once a second at most for each kind, so that no client can flood the log."""
+        now_ns = self._hands.now_ns()
+        if now_ns - self._noted_ns.get(do, -_NOTED_EVERY_NS) >= _NOTED_EVERY_NS:
+            self._noted_ns[do] = now_ns
+            said = {key: body[key] for key in ("file", "reason", "seconds") if key in body}
+            self._hands.note("request", do=do, who=who, **said)
+
+    def _pause_audio(self, body: Body) -> None:
+        seconds = body.get("seconds", 120)
+        if not isinstance(seconds, int | float) or isinstance(seconds, bool):
+            raise ControlRefused("seconds must be a number")
+        try:
+            self._hands.annunciator.audio.pause(self._hands.now_ns(), round(seconds * 1e9))
+        except (ValueError, OverflowError) as error:
+            raise ControlRefused(str(error)) from None
+
+    def _audio_off(self, body: Body) -> None:
+        try:
+            self._hands.annunciator.audio.off(str(body.get("reason", ""))[:200])
+        except ValueError as error:
+            raise ControlRefused(str(error)) from None
+
+    def _clear_bump(self, body: Body) -> None:
+        if not self._hands.clear_bump():
+            raise ControlRefused("the tracker has no bump detector, or is lost")
+
+
+def _file(body: Body) -> Path:
+    file = body.get("file")
+    if not isinstance(file, str) or not file or "\0" in file:
+        raise ControlRefused("file must name a calibration file")
+    return Path(file)

@@ -1,0 +1,247 @@
+"""The alarm log on a real file system: what is cut, changed, taken out or put in shows; what was latched is kept."""
+
+import errno
+import json
+import os
+import shutil
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from appliance import alarm_log
+from appliance.alarm_log import BEGUN, MEMORY, AlarmLog, Latch, read_log, segments
+
+NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
+HALT = Latch("halt", "scale")
+
+
+def filled(folder: Path, entries: int = 5, latch: Latch | None = None) -> AlarmLog:
+    log = AlarmLog(folder)
+    for number in range(entries):
+        log.append(NOON, number, "state", {"state": "warning", "n": number}, latch)
+    return log
+
+
+def faults(folder: Path) -> list[str]:
+    return [damage.fault for damage in read_log(folder).damages]
+
+
+def test_entries_come_back_as_they_were_written(tmp_path: Path) -> None:
+    filled(tmp_path, 3, HALT)
+    reading = read_log(tmp_path)
+    assert reading.damages == ()
+    assert [(entry.number, entry.event) for entry in reading.entries] == [
+        (1, BEGUN),
+        (2, "state"),
+        (3, "state"),
+        (4, "state"),
+    ]
+    assert reading.entries[-1].data == {"state": "warning", "n": 2}
+    assert reading.entries[-1].latch == HALT
+    assert reading.memory is not None
+    assert reading.memory.digest == reading.entries[-1].digest
+
+
+def test_a_log_goes_on_where_it_ended(tmp_path: Path) -> None:
+    filled(tmp_path, 2)
+    log = filled(tmp_path, 2)
+    assert log.damage == ()
+    assert log.number == 5
+    assert faults(tmp_path) == []
+
+
+@pytest.mark.parametrize("latch", [None, HALT, Latch("recalibration requested", None)])
+def test_what_was_latched_is_known_after_a_restart(tmp_path: Path, latch: Latch | None) -> None:
+    filled(tmp_path, 2, HALT)
+    filled(tmp_path, 1, latch)
+    assert AlarmLog(tmp_path).latch == latch
+
+
+def test_a_missing_memory_is_damage_and_the_log_still_knows_the_latch(tmp_path: Path) -> None:
+    filled(tmp_path, 2, HALT)
+    (tmp_path / MEMORY).unlink()
+    log = AlarmLog(tmp_path)
+    assert (log.damage, log.latch) == (("memory-damaged",), HALT)
+
+
+@pytest.mark.parametrize("content", [b"", b"{}", b"[]", b"null", b"\xff", b'{"v": 1, "check": "x"}', b"0" * 4096])
+def test_a_corrupt_memory_is_damage(tmp_path: Path, content: bytes) -> None:
+    filled(tmp_path, 2, HALT)
+    (tmp_path / MEMORY).write_bytes(content)
+    log = AlarmLog(tmp_path)
+    assert (log.damage, log.latch) == (("memory-damaged",), HALT)
+
+
+def test_a_missing_log_is_damage_and_the_memory_still_knows_the_latch(tmp_path: Path) -> None:
+    filled(tmp_path, 2, HALT)
+    for file in segments(tmp_path):
+        file.unlink()
+    log = AlarmLog(tmp_path)
+    assert (log.damage, log.latch) == (("log-damaged",), HALT)
+
+
+def test_damage_stands_through_restarts_until_it_is_accepted(tmp_path: Path) -> None:
+    filled(tmp_path)
+    (tmp_path / MEMORY).unlink()
+    filled(tmp_path, 1)
+    log = filled(tmp_path, 1)
+    assert log.damage == ("memory-damaged",)
+    log.accept_damage()
+    log.append(NOON, 0, "request", {"do": "acknowledge"}, None)
+    again = AlarmLog(tmp_path)
+    assert again.damage == ()
+    assert "is missing" in next(e for e in again.opened.entries if e.event == BEGUN and e.number > 1).data["found"][0]
+
+
+def rewritten(folder: Path, lines: list[bytes]) -> None:
+    segments(folder)[0].write_bytes(b"".join(lines))
+
+
+def lines_of(folder: Path) -> list[bytes]:
+    return segments(folder)[0].read_bytes().splitlines(keepends=True)
+
+
+def test_a_changed_entry_shows(tmp_path: Path) -> None:
+    filled(tmp_path)
+    lines = lines_of(tmp_path)
+    rewritten(tmp_path, [*lines[:2], lines[2].replace(b"warning", b"monitor"), *lines[3:]])
+    found = read_log(tmp_path).damages
+    assert found[0].where.endswith("line 3")
+    assert "it was changed" in found[0].what
+
+
+def test_an_entry_that_was_changed_with_its_digest_shows_in_the_next(tmp_path: Path) -> None:
+    filled(tmp_path)
+    lines = lines_of(tmp_path)
+    entry = json.loads(lines[2])
+    entry.pop("digest")
+    entry["event"] = "nothing happened"
+    entry["digest"] = alarm_log._digest({key: entry[key] for key in entry})
+    rewritten(tmp_path, [*lines[:2], json.dumps(entry).encode() + b"\n", *lines[3:]])
+    assert "does not continue the chain" in read_log(tmp_path).damages[0].what
+
+
+@pytest.mark.parametrize("taken", [1, 2, 3])
+def test_an_entry_taken_out_shows(tmp_path: Path, taken: int) -> None:
+    filled(tmp_path)
+    lines = lines_of(tmp_path)
+    rewritten(tmp_path, [*lines[:taken], *lines[taken + 1 :]])
+    assert faults(tmp_path) == ["log-damaged"]
+
+
+@pytest.mark.parametrize("kept", [0, 1, 4])
+def test_a_log_cut_short_shows(tmp_path: Path, kept: int) -> None:
+    filled(tmp_path)
+    rewritten(tmp_path, lines_of(tmp_path)[:kept])
+    assert "log-damaged" in faults(tmp_path)
+
+
+def test_entries_in_another_order_show(tmp_path: Path) -> None:
+    filled(tmp_path)
+    lines = lines_of(tmp_path)
+    rewritten(tmp_path, [*lines[:2], lines[3], lines[2], *lines[4:]])
+    assert "log-damaged" in faults(tmp_path)
+
+
+def test_a_torn_last_line_is_set_aside_without_alarm(tmp_path: Path) -> None:
+    filled(tmp_path, 3, HALT)
+    with segments(tmp_path)[0].open("ab") as stream:
+        stream.write(b'{"number": 5, "utc": "2026')
+    log = filled(tmp_path, 1, HALT)
+    assert (log.damage, log.latch) == ((), HALT)
+    assert read_log(tmp_path).damages == ()
+    assert segments(tmp_path)[0].with_suffix(".torn").read_bytes() == b'{"number": 5, "utc": "2026\n'
+
+
+def test_power_lost_between_the_entry_and_the_memory_is_no_damage(tmp_path: Path) -> None:
+    filled(tmp_path, 3)
+    before = (tmp_path / MEMORY).read_bytes()
+    filled(tmp_path, 1, HALT)
+    (tmp_path / MEMORY).write_bytes(before)
+    log = AlarmLog(tmp_path)
+    assert (log.damage, log.latch) == ((), HALT), "the entry on the disk is newer than the memory"
+    log.append(NOON, 0, "state", {}, None)
+    assert faults(tmp_path) == []
+
+
+def test_two_entries_ahead_of_the_memory_is_damage(tmp_path: Path) -> None:
+    filled(tmp_path, 3)
+    before = (tmp_path / MEMORY).read_bytes()
+    filled(tmp_path, 2)
+    (tmp_path / MEMORY).write_bytes(before)
+    assert AlarmLog(tmp_path).damage == ("memory-damaged",)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(at=st.integers(0), cut=st.booleans(), value=st.integers(1, 255))
+def test_any_flipped_or_lost_byte_shows_or_is_harmless(tmp_path: Path, at: int, cut: bool, value: int) -> None:
+    """Nothing raises, and what is read is a beginning of what was written."""
+    shutil.rmtree(tmp_path / "log", ignore_errors=True)
+    filled(tmp_path / "log", 4, HALT)
+    file = segments(tmp_path / "log")[0]
+    content = bytearray(file.read_bytes())
+    at %= len(content)
+    if cut:
+        del content[at:]
+    else:
+        content[at] ^= value
+    whole = read_log(tmp_path / "log").entries
+    file.write_bytes(content)
+    reading = read_log(tmp_path / "log")
+    assert reading.damages
+    assert set(map(str, reading.entries)) <= set(map(str, whole))
+    assert AlarmLog(tmp_path / "log").latch == HALT
+
+
+def test_many_entries_rotate_and_still_verify(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(alarm_log, "ENTRIES_A_SEGMENT", 20)
+    monkeypatch.setattr(alarm_log, "SEGMENTS_KEPT", 5)
+    monkeypatch.setattr(os, "fsync", lambda fd: None)
+    filled(tmp_path, 300)
+    reading = read_log(tmp_path)
+    assert reading.damages == ()
+    assert len(segments(tmp_path)) == 5
+    assert 80 <= len(reading.entries) <= 100
+    assert reading.entries[-1].number == 301
+    segments(tmp_path)[0].unlink()
+    assert faults(tmp_path) == ["log-damaged"], "the oldest segment was not taken by rotation"
+
+
+def test_the_log_keeps_at_least_ten_thousand_entries() -> None:
+    assert alarm_log.ENTRIES_A_SEGMENT * (alarm_log.SEGMENTS_KEPT - 1) >= 10_000
+
+
+def test_a_full_disk_appends_nothing_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = filled(tmp_path, 2)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(OSError, match="No space"):
+            log.append(NOON, 9, "state", {}, HALT)
+    assert len(read_log(tmp_path).entries) == 3
+    log.append(NOON, 9, "state", {}, HALT)
+    assert (faults(tmp_path), log.number) == ([], 4)
+
+
+def full(fd: int) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_memory_that_cannot_be_written_holds_up_the_next_entry_not_this_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = filled(tmp_path, 2)
+
+    def refused(path: Path) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(alarm_log, "replacing", refused)
+        log.append(NOON, 9, "state", {}, HALT)
+        with pytest.raises(OSError, match="No space"):
+            log.append(NOON, 9, "state", {}, HALT)
+    assert AlarmLog(tmp_path).damage == ()
+    log.append(NOON, 9, "state", {}, HALT)
+    assert (faults(tmp_path), log.number) == ([], 5)

@@ -1,0 +1,129 @@
+"""`probewatch log`: read, filter, verify and export the alarm log."""
+
+import csv
+import json
+import sys
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import click
+
+from appliance.alarm_log import BEGUN, Entry, Reading, read_log
+from drivers.errors import ConfigurationError
+
+_COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
+_COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
+_COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "latched", "digest")
+
+
+@click.command(short_help="read, filter and verify the alarm log; export it as CSV")
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("/var/lib/probewatch"))
+@click.option("--since", type=click.DateTime(), help="entries from this time on, UTC")
+@click.option("--until", type=click.DateTime(), help="entries before this time, UTC")
+@click.option("--state", help="changes to this state only, such as halt")
+@click.option("--fault", help="entries that name this fault only, such as polarity")
+@click.option("--event", help="one kind of entry only: state, request, started, stopped")
+@click.option("--last", type=click.IntRange(1), metavar="N", help="the last N that match")
+@click.option("--verify", is_flag=True, help="only say whether the chain is whole")
+@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="write the entries there")
+def command(
+    folder: Path,
+    since: datetime | None,
+    until: datetime | None,
+    state: str | None,
+    fault: str | None,
+    event: str | None,
+    last: int | None,
+    verify: bool,
+    csv_path: Path | None,
+) -> None:
+    """Read the alarm log in FOLDER, [alarm] folder of the configuration, and verify its hash chain.
+
+    \b
+    Examples:
+      probewatch log --last 20
+      probewatch log --state halt --since 2026-01-01 --csv halts.csv
+      probewatch log --verify
+
+    Exit code 0: the chain is whole. 65: it is not; what is wrong is said on stderr. 78: the folder cannot be read.
+    """
+    reading = _read(folder)
+    if not verify:
+        wanted = [
+            entry for entry in reading.entries if _within(entry, since, until) and _named(entry, state, fault, event)
+        ]
+        shown = wanted if last is None else wanted[-last:]
+        if csv_path is None:
+            for entry in shown:
+                click.echo(_line(entry))
+        else:
+            _export(csv_path, shown)
+            click.echo(f"{len(shown)} entries written to {csv_path}")
+    sys.exit(_verified(reading))
+
+
+def _read(folder: Path) -> Reading:
+    if not folder.is_dir():
+        raise ConfigurationError("is no folder", str(folder), "Name [alarm] folder of the service's configuration")
+    try:
+        return read_log(folder)
+    except OSError as error:
+        raise ConfigurationError(
+            f"cannot be read ({error.strerror})", str(folder), "Ask with the service's group"
+        ) from None
+
+
+def _within(entry: Entry, since: datetime | None, until: datetime | None) -> bool:
+    at = datetime.fromisoformat(entry.utc)
+    return (since is None or at >= since.replace(tzinfo=UTC)) and (until is None or at < until.replace(tzinfo=UTC))
+
+
+def _named(entry: Entry, state: str | None, fault: str | None, event: str | None) -> bool:
+    wanted = ((state, entry.data.get("state")), (fault, entry.data.get("fault")), (event, entry.event))
+    return all(asked is None or asked == has for asked, has in wanted)
+
+
+def _line(entry: Entry) -> str:
+    data = entry.data
+    text = {
+        "state": f"{data.get('state')}{_fault(data.get('fault'))} · {data.get('reason')}",
+        "request": f"{data.get('do')} by {data.get('who')}{_fault(data.get('reason'))}",
+    }.get(entry.event, json.dumps(data, ensure_ascii=False) if any(data.values()) else "")
+    colour = _COLOURS.get(str(data.get("state")))
+    latch = f" [latched: {entry.latch.state}]" if entry.latch is not None else ""
+    return f"{entry.number:6}  {entry.utc}  {click.style(f'{entry.event}: {text}', fg=colour)}{latch}"
+
+
+def _fault(fault: object) -> str:
+    return "" if fault is None else f" ({fault})"
+
+
+def _export(path: Path, entries: Iterable[Entry]) -> None:
+    try:
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.DictWriter(stream, _COLUMNS)
+            writer.writeheader()
+            for entry in entries:
+                data = {name: entry.data.get(name, "") for name in _COLUMNS}
+                latched = "" if entry.latch is None else entry.latch.state
+                own = {"number": entry.number, "utc": entry.utc, "event": entry.event, "digest": entry.digest}
+                writer.writerow({**data, **own, "latched": latched})
+    except OSError as error:
+        raise ConfigurationError(f"cannot be written ({error.strerror})", str(path), "Choose another file") from None
+
+
+def _verified(reading: Reading) -> int:
+    """Exit code; says what is wrong on stderr."""
+    for damage in reading.damages:
+        click.secho(f"{damage}", err=True, fg="red" if damage.fault else "yellow")
+    for entry in reading.entries[1:]:
+        if entry.event == BEGUN:
+            click.secho(
+                f"entry {entry.number}: a new chain was begun here: {entry.data.get('found')}", err=True, fg="yellow"
+            )
+    if any(damage.fault for damage in reading.damages):
+        click.secho("the chain is NOT whole", err=True, fg="red")
+        return 65
+    click.echo(f"{len(reading.entries)} entries, the chain is whole", err=True)
+    return 0

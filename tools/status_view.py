@@ -1,0 +1,99 @@
+"""The status of a service as a picture for the terminal.
+
+Colours mean the same everywhere: green verified, cyan not verified, yellow warning, red alarm or fault.
+"""
+
+from collections import defaultdict, deque
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+Status = Mapping[str, Any]
+
+_BAR_CELLS, _TREND_CELLS = 10, 8
+_TREND_EVERY_S = 1.0
+_STEPS = "▁▂▃▄▅▆▇█"
+_COLOURS = {"OK": "green", "FAULT": "red", "NOT_VERIFIED": "cyan"}
+_MARKS = {"OK": "✓", "FAULT": "✗", "NOT_VERIFIED": "?"}
+
+
+class StatusView:
+    """Draws one status after the other; remembers the ratios of the last seconds as trends."""
+
+    def __init__(self) -> None:
+        self._trends: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_TREND_CELLS))
+        self._noted_s = -_TREND_EVERY_S
+
+    def picture(self, status: Status) -> Group:
+        """State, rates and every check: name, share of its limit as a bar, trend, ratio, verdict."""
+        checks = [*status["checks"], *status["devices"]]
+        self._note(status["counters"].get("uptime_s", 0.0), checks)
+        lines: list[RenderableType] = [_state(status), _rates(status), self._table(checks)]
+        return Group(*lines, *_remarks(status))
+
+    def _note(self, uptime_s: float, checks: list[Mapping[str, Any]]) -> None:
+        if uptime_s - self._noted_s < _TREND_EVERY_S:
+            return
+        self._noted_s = uptime_s
+        for check in checks:
+            if check["ratio"] is not None:
+                self._trends[check["name"]].append(check["ratio"])
+
+    def _table(self, checks: list[Mapping[str, Any]]) -> Table:
+        """In two columns; the end of each bar is the limit."""
+        table = Table.grid(padding=(0, 1))
+        rows = (len(checks) + 1) // 2
+        for left in range(rows):
+            pair = [checks[at] for at in (left, left + rows) if at < len(checks)]
+            table.add_row(*(cell for check in pair for cell in self._cells(check)))
+        return table
+
+    def _cells(self, check: Mapping[str, Any]) -> tuple[Text, Text, Text, Text]:
+        colour, ratio = _COLOURS[check["verdict"]], check["ratio"]
+        filled = 0 if ratio is None else round(_BAR_CELLS * min(ratio, 1.0))
+        bar = Text.assemble(("━" * filled, colour), ("─" * (_BAR_CELLS - filled), "dim"), "┃")
+        number = "  –  " if ratio is None else f"{min(ratio, 99.99):5.2f}"
+        mark = Text(f"{number} {_MARKS[check['verdict']]}", style=colour)
+        return Text(check["name"], no_wrap=True), bar, _trend(self._trends[check["name"]]), mark
+
+
+def _trend(ratios: deque[float]) -> Text:
+    """The last seconds, oldest first; a full cell is the limit."""
+    cells = "".join(_STEPS[min(int(ratio * len(_STEPS)), len(_STEPS) - 1)] for ratio in ratios)
+    return Text(cells.rjust(_TREND_CELLS), style="dim")
+
+
+def _state(status: Status) -> Panel:
+    lamp = status["lamp"]
+    age_s = status["verification_age_s"]
+    age = "not verified now" if age_s is None else f"verified {age_s:.1f} s ago"
+    contact = "contact closed (safe)" if status["energised"] else "contact OPEN"
+    lines = Text.assemble((status["text"], f"bold {lamp}"), f"\n{status['reason']}\n", status["remedy"], "\n")
+    lines.append(f"{age} · {contact}{_latch(status)}", style=lamp)
+    return Panel(lines, title=status["state"].upper(), title_align="left", border_style=lamp)
+
+
+def _latch(status: Status) -> str:
+    if status["latched"] is None:
+        return ""
+    return " · acknowledged" if status["acknowledged"] else " · not acknowledged"
+
+
+def _rates(status: Status) -> Text:
+    fps, counters, audio = status["fps"], status["counters"], status["audio"]
+    drops = f"dropped: {counters['dropped_frames']} frames, {counters['dropped_poses']} poses"
+    sound = "" if audio["mode"] == "on" else f" · audio {audio['mode']}"
+    left = "" if audio["left_s"] is None else f" {audio['left_s']:.0f} s"
+    line = f"video {fps['video']:.1f}/s · tracker {fps['tracker']:.1f}/s · {drops}{sound}{left}"
+    return Text(line, no_wrap=True, overflow="ellipsis")
+
+
+def _remarks(status: Status) -> list[Text]:
+    """What needs no alarm, and what is lost."""
+    lost = [f"{device}: {what}" for device, what in status["lost"].items()]
+    said = [*status["notices"], *status["remarks"], *lost]
+    return [Text(f"! {line}", style="yellow", no_wrap=True, overflow="ellipsis") for line in said]
