@@ -1,5 +1,6 @@
 """The simulated cart of the demo, with what tests need: waiting for states, and a service that trusts every picture."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -15,6 +16,7 @@ class Cart(SimulatedCart):
     def __init__(self, folder: Path, seed: int = 3, trusting: bool = False) -> None:
         super().__init__(folder, CartSettings(seed))
         self._trusting = trusting
+        self.fault = folder / "fault"
 
     def start_twin(self, name: str) -> None:
         self.launch_twin(name)
@@ -22,9 +24,19 @@ class Cart(SimulatedCart):
 
     def start_daemon(self) -> None:
         if self._trusting:
+            os.environ["PROBEWATCH_STAND_IN_FAULT"] = str(self.fault)
             self.daemon = Part("service", [sys.executable, "-m", "tests.stand_in_daemon", str(self.config)])
         else:
             super().start_daemon()
+
+    def say(self, fault: str | None) -> None:
+        """What the trusting line is to say from now on; None is OK again."""
+        if fault is None:
+            self.fault.unlink(missing_ok=True)
+        else:
+            replacement = self.fault.with_suffix(".new")
+            replacement.write_text(fault)
+            replacement.replace(self.fault)
 
     def estimator_pid(self) -> int:
         """Of the service's one child."""

@@ -1,8 +1,10 @@
 """The service with a line that says OK of every picture a pose came with, so that recovery needs no motion.
 
-`-m tests.stand_in_daemon CONFIG` is the service, `-m tests.stand_in_daemon LINK FRAMES POSES` its estimator.
+`-m tests.stand_in_daemon CONFIG` is the service, `-m tests.stand_in_daemon LINK FRAMES POSES` its estimator. While the
+file that PROBEWATCH_STAND_IN_FAULT names exists, the line says FAULT of the class written in it.
 """
 
+import os
 import sys
 from pathlib import Path
 
@@ -25,9 +27,13 @@ class TrustingLine:
 
     def __init__(self, reference: Calibration, limits: Limits) -> None:
         self._pose_ns = 0
+        self._fault = Path(os.environ.get("PROBEWATCH_STAND_IN_FAULT", "/nowhere"))
 
     def step(self, sample: Sample) -> tuple[Verdict, ...]:
         if isinstance(sample, Frame):
+            fault = self._fault.read_text() if self._fault.exists() else ""
+            if fault:
+                return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (), fault, "as the test wishes"),)
             near = abs(sample.stamp.t_ns - self._pose_ns) < _NEAR_NS
             return (Verdict(sample.stamp.t_ns, VerdictKind.OK if near else VerdictKind.NOT_VERIFIED, ()),)
         if sample.status is PoseStatus.OK:

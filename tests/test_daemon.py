@@ -80,7 +80,7 @@ def test_a_killed_estimator_alarms_and_recovers_by_itself(monitoring: Cart) -> N
     killed_s = time.monotonic()
     os.kill(monitoring.estimator_pid(), signal.SIGKILL)
     monitoring.open_contact(killed_s, ALARM_S)
-    until(lambda: monitoring.daemon.find(killed_s, event="state", state="warning", fault="estimator-silent"))
+    until(lambda: monitoring.daemon.find(killed_s, event="state", state="internal fault", fault="estimator-silent"))
     assert monitoring.wait_for("monitoring")["counters"]["estimator_restarts"] >= 1
 
 

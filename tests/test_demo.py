@@ -138,13 +138,22 @@ def status(**changed: object) -> dict[str, object]:
     return {
         "state": "halt",
         "text": "HALT: calibration is wrong",
+        "remedy": "Reset the flip",
+        "fault": "polarity",
         "reason": "polarity +1 axes, limit 0.5 axes",
+        "lamp": "red",
         "energised": False,
+        "latched": "halt",
+        "acknowledged": False,
+        "notices": [],
+        "remarks": [],
+        "lost": {},
+        "audio": {"mode": "paused", "left_s": 29.0},
         "verification_age_s": None,
         "fps": {"video": 30.0, "tracker": 60.0},
-        "counters": {"dropped_frames": 3, "dropped_poses": 0},
-        "checks": [check] * 15 + [failing, unknown],
-        "devices": [check] * 6,
+        "counters": {"dropped_frames": 3, "dropped_poses": 0, "uptime_s": 20},
+        "checks": [check] * 13 + [failing, unknown],
+        "devices": [check] * 12,
         **changed,
     }
 
@@ -163,7 +172,7 @@ def test_the_live_view_fits_a_small_terminal() -> None:
     assert "next fault: depth in 10 s" in lines[0]
     text = drawn.getvalue()
     assert all(
-        part in text for part in ("HALT", "contact OPEN", "━━━━━━──────┃  0.50 ✓", "2.00 ✗", "–   ?", "dropped: 3")
+        part in text for part in ("HALT", "contact OPEN", "━━━━━─────┃  0.50 ✓", "2.00 ✗", "–   ?", "dropped: 3")
     )
 
 

@@ -13,7 +13,7 @@ from tools.demo_script import Script
 from tools.status_view import Status, StatusView
 
 _REDRAWS_PER_S = 8
-_FIXED_LINES = 25
+_FIXED_LINES = 22
 
 
 class LiveView:
@@ -21,7 +21,7 @@ class LiveView:
 
     def __init__(self, console: Console, script: Script) -> None:
         self._script = script
-        self._events: deque[Text] = deque(maxlen=max(3, console.height - _FIXED_LINES))
+        self._events: deque[Text] = deque(maxlen=max(1, console.height - _FIXED_LINES))
         self._status = StatusView()
         self.picture = Group()
         self._live = Live(console=console, refresh_per_second=_REDRAWS_PER_S, transient=True)

@@ -14,7 +14,7 @@ from rich.text import Text
 
 Status = Mapping[str, Any]
 
-_BAR_CELLS, _TREND_CELLS = 10, 8
+_BAR_CELLS = 10
 _TREND_EVERY_S = 1.0
 _STEPS = "▁▂▃▄▅▆▇█"
 _COLOURS = {"OK": "green", "FAULT": "red", "NOT_VERIFIED": "cyan"}
@@ -25,11 +25,11 @@ class StatusView:
     """Draws one status after the other; remembers the ratios of the last seconds as trends."""
 
     def __init__(self) -> None:
-        self._trends: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_TREND_CELLS))
+        self._trends: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_BAR_CELLS))
         self._noted_s = -_TREND_EVERY_S
 
     def picture(self, status: Status) -> Group:
-        """State, rates and every check: name, share of its limit as a bar, trend, ratio, verdict."""
+        """State, rates and every check: name, share of its limit as a bar or its trend, ratio, verdict."""
         checks = [*status["checks"], *status["devices"]]
         self._note(status["counters"].get("uptime_s", 0.0), checks)
         lines: list[RenderableType] = [_state(status), _rates(status), self._table(checks)]
@@ -52,19 +52,23 @@ class StatusView:
             table.add_row(*(cell for check in pair for cell in self._cells(check)))
         return table
 
-    def _cells(self, check: Mapping[str, Any]) -> tuple[Text, Text, Text, Text]:
+    def _cells(self, check: Mapping[str, Any]) -> tuple[Text, Text, Text]:
         colour, ratio = _COLOURS[check["verdict"]], check["ratio"]
-        filled = 0 if ratio is None else round(_BAR_CELLS * min(ratio, 1.0))
-        bar = Text.assemble(("━" * filled, colour), ("─" * (_BAR_CELLS - filled), "dim"), "┃")
+        trend = self._trends[check["name"]]
+        bar = _trend(trend, colour) if len(trend) > 1 else _bar(0.0 if ratio is None else ratio, colour)
         number = "  –  " if ratio is None else f"{min(ratio, 99.99):5.2f}"
-        mark = Text(f"{number} {_MARKS[check['verdict']]}", style=colour)
-        return Text(check["name"], no_wrap=True), bar, _trend(self._trends[check["name"]]), mark
+        return Text(check["name"], no_wrap=True), bar, Text(f"{number} {_MARKS[check['verdict']]}", style=colour)
 
 
-def _trend(ratios: deque[float]) -> Text:
+def _bar(ratio: float, colour: str) -> Text:
+    filled = round(_BAR_CELLS * min(ratio, 1.0))
+    return Text.assemble(("━" * filled, colour), ("─" * (_BAR_CELLS - filled), "dim"), "┃")
+
+
+def _trend(ratios: deque[float], colour: str) -> Text:
     """The last seconds, oldest first; a full cell is the limit."""
     cells = "".join(_STEPS[min(int(ratio * len(_STEPS)), len(_STEPS) - 1)] for ratio in ratios)
-    return Text(cells.rjust(_TREND_CELLS), style="dim")
+    return Text.assemble((cells.rjust(_BAR_CELLS), colour), "┃")
 
 
 def _state(status: Status) -> Panel:
@@ -72,9 +76,14 @@ def _state(status: Status) -> Panel:
     age_s = status["verification_age_s"]
     age = "not verified now" if age_s is None else f"verified {age_s:.1f} s ago"
     contact = "contact closed (safe)" if status["energised"] else "contact OPEN"
-    lines = Text.assemble((status["text"], f"bold {lamp}"), f"\n{status['reason']}\n", status["remedy"], "\n")
+    lines = Text.assemble((status["text"], f"bold {lamp}"), f"\n{_advice(status)}\n", no_wrap=True, overflow="ellipsis")
     lines.append(f"{age} · {contact}{_latch(status)}", style=lamp)
     return Panel(lines, title=status["state"].upper(), title_align="left", border_style=lamp)
+
+
+def _advice(status: Status) -> str:
+    """What to do; in the calm states rather why they are what they are."""
+    return str(status["remedy"] if status["fault"] is not None else status["reason"])
 
 
 def _latch(status: Status) -> str:

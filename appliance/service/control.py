@@ -290,7 +290,7 @@ class ControlClient:
         reply = json.loads(line)
         assert isinstance(reply, dict)
         if not reply["ok"]:
-            raise ControlRefused(str(reply["error"]), "probewatch")
+            raise ControlRefused(str(reply["error"]))
         return reply
 
     def _gone(self, error: OSError) -> DeviceLost:

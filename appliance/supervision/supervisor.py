@@ -232,6 +232,8 @@ class Supervisor:
         """The condition that the present state is about; in probation it is the one that has just gone."""
         ledger = self._ledger
         calibration, device, internal, integrity = ledger.calibration, ledger.device, ledger.internal, ledger.integrity
+        if self.state is State.SELF_TEST:
+            return None
         if self.state is State.DEVICE_LOST:
             return device
         if self.state is State.INTERNAL_FAULT:

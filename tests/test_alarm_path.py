@@ -1,0 +1,228 @@
+"""The service as a process: what latches stays latched, what is written survives, and nobody on the socket matters."""
+
+import contextlib
+import errno
+import os
+import random
+import resource
+import signal
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from appliance.alarm_log import MEMORY, read_log
+from appliance.service.control import ControlClient, ControlRefused
+from tests.cart import Cart
+from tests.polling import until
+
+ALARM_S = 2.0
+
+
+@pytest.fixture(scope="module")
+def cart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cart]:
+    with Cart(tmp_path_factory.mktemp("alarm"), trusting=True) as cart:
+        yield cart
+
+
+@pytest.fixture
+def monitoring(cart: Cart) -> Iterator[Cart]:
+    cart.wait_for("monitoring")
+    until(cart.contact)
+    yield cart
+    cart.say(None)
+
+
+def log_folder(cart: Cart) -> Path:
+    return cart.folder / "alarms"
+
+
+def acknowledge(cart: Cart) -> None:
+    with ControlClient(cart.socket) as client:
+        client.acknowledge()
+
+
+def restart(cart: Cart) -> float:
+    """SIGKILL, as when the power goes, and start again."""
+    assert cart.daemon is not None
+    cart.daemon.end(kill=True)
+    restarted_s = time.monotonic()
+    cart.start_daemon()
+    return restarted_s
+
+
+@pytest.mark.parametrize("state", ["halt", "recalibration requested"])
+def test_a_latched_state_outlives_the_process_and_needs_a_person(monitoring: Cart, state: str) -> None:
+    monitoring.say("polarity")
+    monitoring.wait_for(state)
+    until(lambda: read_log(log_folder(monitoring)).entries[-1].latch)
+    restart(monitoring)
+    latched = until(lambda: (now := monitoring.status()) and now)
+    assert latched["latched"] in {"halt", "recalibration requested"}
+    assert (latched["fault"], latched["energised"], latched["acknowledged"]) == ("polarity", False, False)
+    monitoring.say(None)
+    until(lambda: monitoring.status().get("verdict") == "OK")
+    time.sleep(1.5)
+    assert monitoring.status()["latched"] is not None, "verification alone frees nothing"
+    acknowledge(monitoring)
+    monitoring.wait_for("monitoring")
+
+
+def test_acknowledging_while_the_cause_stands_waits_for_the_verification(monitoring: Cart) -> None:
+    monitoring.say("scale")
+    monitoring.wait_for("recalibration requested")
+    acknowledge(monitoring)
+    with pytest.raises(ControlRefused, match="verified again"):
+        acknowledge(monitoring)
+    assert monitoring.status()["audio"]["mode"] == "acknowledged"
+    monitoring.say(None)
+    monitoring.wait_for("monitoring")
+
+
+def test_a_full_disk_takes_no_alarm_away_and_loses_no_entry(monitoring: Cart) -> None:
+    """A file size limit of zero: every write to a file fails, as on a full disk."""
+    assert monitoring.daemon is not None
+    pid, written = monitoring.daemon.process.pid, len(read_log(log_folder(monitoring)).entries)
+    before = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (0, before[1]))
+    began_s = time.monotonic()
+    try:
+        monitoring.say("scale")
+        monitoring.open_contact(began_s, ALARM_S)
+        monitoring.wait_for("halt")
+        until(lambda: monitoring.status()["notices"])
+        assert monitoring.status()["log"]["failing"]
+        assert monitoring.status()["tick"]["p99_ms"] < 200
+    finally:
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, before)
+    monitoring.say(None)
+    acknowledge(monitoring)
+    monitoring.wait_for("monitoring")
+    until(lambda: monitoring.status()["log"]["waiting"] == 0)
+    reading = read_log(log_folder(monitoring))
+    assert reading.damages == ()
+    states = [entry.data["state"] for entry in reading.entries[written:] if entry.event == "state"]
+    assert {"warning", "halt"} <= set(states), "what happened meanwhile is in the log"
+    assert states[-1] == "monitoring"
+    assert monitoring.status()["notices"] == []
+
+
+def test_a_changed_configuration_is_taken_or_refused_whole(monitoring: Cart) -> None:
+    text = monitoring.config.read_text()
+    assert monitoring.daemon is not None
+    try:
+        monitoring.config.write_text(text + "limits.scale_procent = 3\n")
+        with ControlClient(monitoring.socket) as client, pytest.raises(ControlRefused, match="scale_percent"):
+            client.reload()
+        monitoring.config.write_text(text.replace("deadline_ms=250", "deadline_ms=251"))
+        with ControlClient(monitoring.socket) as client, pytest.raises(ControlRefused, match=r"\[tracker\]"):
+            client.reload()
+        monitoring.config.write_text(text + 'alarm.language = "de"\n')
+        monitoring.daemon.process.send_signal(signal.SIGHUP)
+        until(lambda: monitoring.status()["text"] == "Kalibrierung bestätigt")
+    finally:
+        monitoring.config.write_text(text)
+    with ControlClient(monitoring.socket) as client:
+        client.reload()
+    assert monitoring.status()["text"] == "Calibration verified"
+
+
+def test_a_proposed_calibration_is_compared_and_nothing_changes(monitoring: Cart) -> None:
+    with ControlClient(monitoring.socket) as client:
+        same = client.propose_calibration(monitoring.folder / "probe.toml")
+        with pytest.raises(ControlRefused, match=r"none\.toml"):
+            client.propose_calibration(monitoring.folder / "none.toml")
+    assert same["rotation_deg"] == pytest.approx(0, abs=1e-6)
+    assert (same["offset_mm"], same["same_polarity"]) == (0, True)
+    assert monitoring.status()["state"] == "monitoring"
+
+
+def connected(path: Path) -> socket.socket:
+    """Linux refuses at once where a crowd is waiting to be accepted."""
+    link = socket.socket(socket.AF_UNIX)
+    link.settimeout(1)
+    until(lambda: link.connect_ex(str(path)) in {0, errno.EISCONN})
+    return link
+
+
+def hostile(path: Path, chance: random.Random) -> None:
+    """One client that does what no client should."""
+    with contextlib.suppress(OSError), connected(path) as link:
+        kind = chance.randrange(5)
+        if kind == 0:
+            link.sendall(chance.randbytes(chance.randrange(1, 3000)) + b"\n")
+        elif kind == 1:
+            link.sendall(b"x" * 100_000)
+        elif kind == 2:
+            link.sendall(b'{"v": 1, "do": "sta')
+        elif kind == 3:
+            do = chance.choice(
+                ["status", "acknowledge", "reload", "pause-audio", "audio-off", "end-recalibration", "?"]
+            )
+            body = chance.choice(["", ', "seconds": 1e999', ', "file": "/dev/zero"', ', "file": 7', ', "reason": [1]'])
+            link.sendall(f'{{"v": 1, "do": "{do}"{body}}}\n'.encode() * chance.randrange(1, 20))
+        if chance.random() < 0.5:
+            link.recv(1)
+
+
+def many_hostile(path: Path, seed: int) -> None:
+    for number in range(125):
+        hostile(path, random.Random(seed + number))
+
+
+def test_a_thousand_hostile_inputs_change_nothing_and_slow_no_tick(monitoring: Cart) -> None:
+    before, calm = monitoring.status(), monitoring.status()["tick"]
+    chance = random.Random(5)
+    with contextlib.ExitStack() as stack:
+        for _ in range(200):
+            stack.enter_context(connected(monitoring.socket))
+        threads = [
+            threading.Thread(
+                target=lambda seed=seed: [hostile(monitoring.socket, random.Random(seed + n)) for n in range(125)]
+            )
+            for seed in chance.sample(range(10**6), 8)
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    after = until(monitoring.status)
+    with ControlClient(monitoring.socket) as client:
+        client.audio_on()
+    assert (after["state"], after["energised"]) == ("monitoring", True)
+    changes = [event for event in monitoring.daemon.said if event.get("event") == "state"]
+    assert changes[-1]["state"] == "monitoring"
+    assert after["counters"]["device_losses"] == before["counters"]["device_losses"]
+    assert after["tick"]["longest_ms"] < max(150, 3 * calm["longest_ms"])
+
+
+def test_a_stopped_service_holds_no_lock_on_its_recovery(monitoring: Cart) -> None:
+    """SIGSTOP for a second: ticks come late, are counted, and monitoring goes on."""
+    assert monitoring.daemon is not None
+    os.kill(monitoring.daemon.process.pid, signal.SIGSTOP)
+    time.sleep(1)
+    os.kill(monitoring.daemon.process.pid, signal.SIGCONT)
+    monitoring.wait_for("monitoring")
+    assert monitoring.status()["counters"]["late_ticks"] >= 1
+
+
+@pytest.mark.parametrize("damage", ["memory", "log"])
+def test_damage_is_reported_and_alarms_until_acknowledged(monitoring: Cart, damage: str) -> None:
+    assert monitoring.daemon is not None
+    monitoring.daemon.end()
+    file = log_folder(monitoring) / MEMORY if damage == "memory" else sorted(log_folder(monitoring).glob("*.jsonl"))[-1]
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    monitoring.start_daemon()
+    status = monitoring.wait_for("internal fault")
+    assert (status["fault"], status["energised"]) == (f"{damage}-damaged", False)
+    restart(monitoring)
+    monitoring.wait_for("internal fault")
+    acknowledge(monitoring)
+    monitoring.wait_for("monitoring")
+    restart(monitoring)
+    monitoring.wait_for("monitoring")
