@@ -152,8 +152,8 @@ def status(**changed: object) -> dict[str, object]:
         "verification_age_s": None,
         "fps": {"video": 30.0, "tracker": 60.0},
         "counters": {"dropped_frames": 3, "dropped_poses": 0, "uptime_s": 20},
-        "checks": [check] * 13 + [failing, unknown],
-        "devices": [check] * 12,
+        "checks": [check | {"name": f"rotation-elevational{n}"[-20:]} for n in range(13)] + [failing, unknown],
+        "devices": [check | {"name": f"alarm log integrity{n}"[-20:]} for n in range(12)],
         **changed,
     }
 
@@ -171,9 +171,7 @@ def test_the_live_view_fits_a_small_terminal() -> None:
     assert max(map(len, lines)) <= 80
     assert "next fault: depth in 10 s" in lines[0]
     text = drawn.getvalue()
-    assert all(
-        part in text for part in ("HALT", "contact OPEN", "━━━━━─────┃  0.50 ✓", "2.00 ✗", "–   ?", "dropped: 3")
-    )
+    assert all(part in text for part in ("HALT", "contact OPEN", "━━━━─────┃  0.50 ✓", "2.00 ✗", "–   ?", "dropped: 3"))
 
 
 class Demo:

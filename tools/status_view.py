@@ -14,7 +14,7 @@ from rich.text import Text
 
 Status = Mapping[str, Any]
 
-_BAR_CELLS = 10
+_BAR_CELLS = 9
 _TREND_EVERY_S = 1.0
 _STEPS = "▁▂▃▄▅▆▇█"
 _COLOURS = {"OK": "green", "FAULT": "red", "NOT_VERIFIED": "cyan"}
