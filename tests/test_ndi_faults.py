@@ -1,31 +1,24 @@
 """Faults at run time: what the simulated trackers do on the wire, and that the driver tells them apart and recovers."""
 
 import json
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from appliance.service.source_thread import TrackerThread
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
 from drivers.ndi.tracker import NdiTracker
 from drivers.ports import open_tracker
-from drivers.samples import Pose, PoseStatus
+from drivers.samples import PoseStatus
 from drivers.twins.control import FaultControl, parse_fault, parse_faults
 from drivers.twins.faults import Episode, Schedule
 from drivers.twins.models import SPECTRA, VEGA, Model
 from drivers.twins.motion import pose_file, recorded_motion
 from drivers.twins.ndi import NDI_FAULTS
 from tests.ndi_bench import bench, poses, until
-from tests.polling import until as wait_until
 from tests.recordings import plus_file
 from tests.simulated import matrix_of, probe_place, simulated_ndi, write_poses
-
-BREAK_NS = 1.31e9
-"""Quarter of a second and 60 ms of break, and a second until the device speaks again."""
 
 LINES = pytest.mark.parametrize("model", [SPECTRA, VEGA], ids=["serial", "network"])
 
@@ -42,64 +35,6 @@ def test_damaged_replies_cost_nothing_but_time(model: Model, fault: str, tmp_pat
         for pose in [pose for pose in found if pose.matrix is not None]:
             np.testing.assert_allclose(pose.matrix, cart.true(pose), atol=1e-3)
         until(tracker, PoseStatus.OK)
-
-
-def lost_after_s(tracker_read: Callable[[], Pose | None]) -> float:
-    """How long until the device is reported as lost."""
-    began_s = time.monotonic()
-    try:
-        while time.monotonic() < began_s + 5:
-            tracker_read()
-    except DeviceLost:
-        return time.monotonic() - began_s
-    raise AssertionError("not lost within 5 s")
-
-
-@pytest.mark.parametrize("fault", ["no-reply", "slow", "unplug", "baud-mismatch"])
-@LINES
-def test_a_lost_tracker_is_reported_within_250_ms(model: Model, fault: str, tmp_path: Path) -> None:
-    """Three attempts, as a busy host may hold up any one of them."""
-    if fault == "baud-mismatch" and model.network:
-        pytest.skip("a network has no line speed")
-    seconds = []
-    with bench(tmp_path, model, rate=1.0) as cart:
-        for _ in range(3):
-            with cart.open(deadline_ms="200") as tracker:
-                poses(tracker, 3)
-                cart.faults(fault)
-                seconds.append(lost_after_s(lambda: tracker.read(0.05)))
-            cart.faults()
-            if min(seconds) < 0.25:
-                return
-            wait_until(lambda: cart.twin._since == {})
-            cart.twin.device.baud = 9600
-    raise AssertionError(f"lost after {seconds} s")
-
-
-@pytest.mark.parametrize("fault", ["no-reply", "unplug", "reset", "baud-mismatch"])
-@LINES
-def test_tracking_resumes_within_two_seconds(model: Model, fault: str, tmp_path: Path) -> None:
-    """Through the thread of the appliance, with its pauses. What the device needs to start anew is not counted."""
-    if fault == "baud-mismatch" and model.network:
-        pytest.skip("a network has no line speed")
-    with bench(tmp_path, model, rate=1.0) as cart:
-        found: list[Pose] = []
-        url = f"{cart.place}?probe={cart.rom('probe')}"
-        thread = TrackerThread("tracker", url, open_tracker, found.append, cart.clock)  # type: ignore[arg-type]
-        thread.start()
-        try:
-            wait_until(lambda: any(pose.status is PoseStatus.OK for pose in found))
-            cart.faults(fault)
-            wait_until(lambda: thread.losses == 1)
-            cart.faults()
-            wait_until(lambda: cart.twin._since == {} and not cart.twin.starting)
-            ended_ns = cart.clock.now_ns()
-            wait_until(lambda: any(p.status is PoseStatus.OK and p.stamp.t_ns > ended_ns for p in found))
-            assert cart.clock.now_ns() - ended_ns < 2e9 + (BREAK_NS if fault == "baud-mismatch" else 0)
-            assert thread.failure is None
-        finally:
-            thread.stop()
-            thread.join()
 
 
 @LINES
