@@ -15,6 +15,7 @@ LIVE = (
     "test_public_clients",
     "test_recalibrate",
     "test_source_contract",
+    "test_tracker_alarm",
     "test_tracker_loss",
 )
 """Rooms whose tests run whole carts and devices in real time: `make live`."""

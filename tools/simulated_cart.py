@@ -160,7 +160,7 @@ class SimulatedCart:
         place = self.folder / name
         options = {
             "scanner": ["--socket", str(place)],
-            "polaris": ["--pty", str(place), "--rom", str(self.folder / "probe.rom")],
+            "polaris": ["--pty", str(place), "--rom", str(self.folder / "probe.rom"), "--control", f"{place}.json"],
             "relay_board": ["--pty", str(place)],
         }[name]
         settings = self.settings

@@ -13,7 +13,7 @@ from drivers.twins.control import FaultControl
 from drivers.twins.faults import Schedule
 from drivers.twins.models import SPECTRA
 from drivers.twins.motion import world_motion
-from drivers.twins.ndi import NdiTwin
+from drivers.twins.ndi import NDI_FAULTS, NdiTwin
 from drivers.twins.ptyline import PtyLine
 from drivers.twins.rom import make_rom
 from drivers.twins.world import World
@@ -29,6 +29,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--program", default="sweep", help="how the hand moves")
     parser.add_argument("--track-hz", type=int, choices=SPECTRA.track_hz, default=SPECTRA.track_hz[0])
     parser.add_argument("--schedule", type=Schedule.parse, default=Schedule(), help="JSON list of faults")
+    parser.add_argument("--control", type=Path, metavar="FILE", help="more faults, read again whenever it changes")
     return parser.parse_args()
 
 
@@ -46,7 +47,7 @@ def main() -> None:
     pose_at = world_motion(World(arguments.seed, arguments.program))
     device = CombinedApi(pose_at, SPECTRA, arguments.track_hz)
     with PtyLine(arguments.pty, clock) as line:
-        twin = NdiTwin(line, clock, device, FaultControl((), arguments.schedule))
+        twin = NdiTwin(line, clock, device, FaultControl(NDI_FAULTS, arguments.schedule, arguments.control))
         json.dump({"ready": True, "url": f"ndi:{arguments.pty}{query}"}, sys.stdout)
         print(flush=True)
         twin.run(stop)
