@@ -11,7 +11,7 @@ from drivers.ndi.wire import EXTENDED_START, RefusedError, decode_text
 
 _GAP_NS = 25_000_000
 _LEAST_TRY_NS = 50_000_000
-_TRY_SHARE = 0.4
+_TRY_SHARE, _SPARE_SHARE = 0.4, 0.5
 _UNSURE_ANSWERS = 3
 
 
@@ -50,12 +50,14 @@ class Exchange:
     def ask(self, detailed: bool) -> Answer:
         """Raises DeviceLost when no good reply has come for the deadline, RefusedError when the device refuses.
 
-        The deadline runs from the last good reply, so that a silence between two requests counts as well.
+        The deadline runs from the last good reply, so that a silence between two requests counts as well. Only a line
+        on which a reply takes more than a quarter of it is given longer.
         """
-        spare_ns = 2 * self._link.transfer_ns(self._longest)
-        deadline_ns = max(self._good_ns + self._deadline_ns, self._clock.now_ns() + _LEAST_TRY_NS) + spare_ns
+        least_ns = 2 * self.reply_ns
+        patience_ns = max(self._deadline_ns, round(_SPARE_SHARE * self._deadline_ns) + least_ns)
+        deadline_ns = max(self._good_ns + patience_ns, self._clock.now_ns() + _LEAST_TRY_NS + least_ns)
         while True:
-            try_ns = min(deadline_ns, self._clock.now_ns() + round(_TRY_SHARE * self._deadline_ns) + spare_ns)
+            try_ns = min(deadline_ns, self._clock.now_ns() + max(round(_TRY_SHARE * self._deadline_ns), least_ns))
             try:
                 return self._ask_once(detailed, try_ns)
             except RefusedError:
