@@ -101,8 +101,9 @@ class Log(_Section):
 
 
 class Config(_Section):
-    """The whole file. output holds one or more alarm outputs."""
+    """The whole file. configured: False until a person has adapted it. output holds one or more alarm outputs."""
 
+    configured: bool = True
     video: Device
     tracker: Device
     output: Annotated[tuple[Output, ...], Field(min_length=1, max_length=8, strict=False)]
@@ -127,6 +128,11 @@ def load_config(path: Path) -> Config:
     place = CalibrationPlace(file=path.parent / config.calibration.file)
     alarm = config.alarm.model_copy(update={"folder": path.parent / config.alarm.folder})
     return config.model_copy(update={"calibration": place, "alarm": alarm})
+
+
+def is_configured(path: Path) -> bool:
+    """Whether a person has adapted the file; one without the key counts as adapted. Raises ConfigurationError."""
+    return _read_toml(path).get("configured", True) is not False
 
 
 def _ns(seconds: float) -> int:

@@ -17,6 +17,7 @@ _COMMANDS = {
     "pause": "pause the alarm sound, switch it off with a reason, or on again",
     "probe": "connect to a tracker, video source or output and say how well it does",
     "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",
+    "release": "de-energise every alarm output, for a service that has ended",
     "replay": "run a recording through the line and print a report",
     "run": "the service: watch the devices named in the configuration",
     "simulate": "a tracker that exists only as bytes, with faults at run time",

@@ -1,16 +1,19 @@
 """`probewatch run`: the service."""
 
+import signal
+import threading
 import time
 from pathlib import Path
 
 import click
 
 from appliance.calibration_file import read_calibration
-from appliance.config import Config, load_config
+from appliance.config import Config, is_configured, load_config
 from appliance.service.control import ControlServer
 from appliance.service.daemon import Daemon
 from appliance.service.estimator_host import EstimatorHost
 from appliance.service.log import configure
+from appliance.service.unconfigured import await_configuration
 from drivers.hosttime import HostClock
 
 
@@ -26,10 +29,21 @@ from drivers.hosttime import HostClock
 @click.option("--clock-origin-ns", type=int, hidden=True)
 def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -> None:
     """Watch the devices named in the configuration until SIGTERM; the log is JSON lines on stderr."""
+    if not is_configured(config_file) and not _configured_at_last(config_file):
+        return
     config = load_config(config_file)
     reference = read_calibration(config.calibration.file)
     clock = HostClock(clock_rate, time.monotonic_ns() if clock_origin_ns is None else clock_origin_ns)
     serve(config, config_file, EstimatorHost(reference, config.limits), clock)
+
+
+def _configured_at_last(config_file: Path) -> bool:
+    """False when it was told to stop before."""
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    with configure("info"):
+        return await_configuration(config_file, stop)
 
 
 def serve(config: Config, config_file: Path, estimator: EstimatorHost, clock: HostClock) -> None:

@@ -1,20 +1,31 @@
-"""Structured log: one JSON object a line on stderr, written by a thread of its own so that it never delays a tick."""
+"""Structured log: a JSON object a line on stderr, or an entry in systemd's journal, written by a thread of its own so
+that it never delays a tick.
+"""
 
 import queue
 import sys
 import threading
-from typing import Any, Self, TextIO
+from typing import Any, Protocol, Self, TextIO
 
 import structlog
+
+from appliance.service.journal import journal_stream
 
 _LEVELS = {"debug": 10, "info": 20, "warning": 30, "error": 40}
 _LONGEST_QUEUE = 2000
 
 
+class LogStream(Protocol):
+    """Where lines go: a text stream, or the journal."""
+
+    def write(self, line: str, /) -> object: ...
+    def flush(self) -> None: ...
+
+
 class LogWriter:
     """A bounded queue and its thread; the newest line is dropped, and counted, when the reader of stderr is slow."""
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: LogStream) -> None:
         self._stream = stream
         self._lines: queue.Queue[str | None] = queue.Queue(_LONGEST_QUEUE)
         self.dropped = 0
@@ -54,7 +65,7 @@ class LogWriter:
 
 def configure(level: str, stream: TextIO | None = None) -> LogWriter:
     """Set structlog up for the whole process. level: debug, info, warning or error."""
-    writer = LogWriter(stream or sys.stderr)
+    writer = LogWriter(stream or journal_stream() or sys.stderr)
     structlog.configure(
         processors=[
             structlog.contextvars.merge_contextvars,

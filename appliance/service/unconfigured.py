@@ -1,0 +1,28 @@
+"""The service before anyone has configured it: alive, not verified, every contact open, and its status says why."""
+
+import threading
+from pathlib import Path
+
+from appliance.config import is_configured
+from appliance.service.log import get_log
+from appliance.service.systemd_notify import Notifier
+
+_LOOK_AGAIN_S = 1.0
+
+
+def await_configuration(path: Path, stop: threading.Event) -> bool:
+    """Return True once the file says that it is configured, False when stop is set before that.
+
+    No output is opened, so none is energised; that is what the watchdog is fed for. Raises ConfigurationError when the
+    file becomes unreadable.
+    """
+    status = f"not verified, alarm on: not configured yet. Edit {path}, then set configured = true in it"
+    notifier = Notifier()
+    get_log().warning("not configured", file=str(path), remedy="Edit it, then set configured = true in it")
+    while not is_configured(path):
+        notifier.alive(status)
+        if stop.wait(_LOOK_AGAIN_S):
+            notifier.close()
+            return False
+    get_log().info("configured", file=str(path))
+    return True
