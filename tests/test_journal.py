@@ -31,7 +31,7 @@ def test_every_field_is_found_again() -> None:
         "level": "warning",
         "timestamp": "x",
         "device": "video",
-        "what": "kein Gerät",
+        "what": "kein Bild",
         "n": 3,
     }
     fields = parsed(journal_entry(line))
@@ -40,7 +40,7 @@ def test_every_field_is_found_again() -> None:
     assert fields["PROBEWATCH_EVENT"] == "device lost"
     assert (fields["PROBEWATCH_DEVICE"], fields["PROBEWATCH_WHAT"], fields["PROBEWATCH_N"]) == (
         "video",
-        "kein Gerät",
+        "kein Bild",
         "3",
     )
 

@@ -1,0 +1,141 @@
+"""Builds probewatch_VERSION~SUITE_ARCH.deb: `python3 systemd/deb/build.py OUT [bookworm|trixie …]`. Needs dpkg-deb, pip.
+
+The locked wheels are laid out under /opt/probewatch as a virtual environment of the target's own Python, so one machine
+builds for every suite. Nothing of the target is run here.
+"""
+
+import argparse
+import gzip
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+HERE = Path(__file__).resolve().parent
+PYTHONS = {"bookworm": (11, "deb12"), "trixie": (13, "deb13")}
+"""Suite → (minor version of its Python 3, suffix of the package's version)."""
+PLATFORMS = ("manylinux_2_28", "manylinux_2_27", "manylinux_2_17", "manylinux2014")
+ARCHITECTURE = {"amd64": "x86_64", "arm64": "aarch64"}
+LAUNCHER = "#!/opt/probewatch/bin/python3\nimport sys\nfrom tools.cli import main\nsys.exit(main())\n"
+FILES = {
+    "systemd/probewatch.service": "usr/lib/systemd/system/probewatch.service",
+    "systemd/probewatch.sysusers": "usr/lib/sysusers.d/probewatch.conf",
+    "systemd/probewatch.tmpfiles": "usr/lib/tmpfiles.d/probewatch.conf",
+    "systemd/probewatch.modules-load": "usr/lib/modules-load.d/probewatch.conf",
+    "systemd/60-probewatch.rules": "usr/lib/udev/rules.d/60-probewatch.rules",
+    "systemd/watchdog.conf": "usr/lib/systemd/system.conf.d/50-probewatch-watchdog.conf",
+    "README.md": "usr/share/doc/probewatch/README.md",
+    "LICENSE": "usr/share/doc/probewatch/copyright",
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("suites", nargs="*", choices=list(PYTHONS), default=list(PYTHONS))
+    parser.add_argument("--architecture", choices=list(ARCHITECTURE), default="amd64")
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for suite in arguments.suites or list(PYTHONS):
+        print(build(suite, arguments.architecture, arguments.out))
+
+
+def build(suite: str, architecture: str, out: Path) -> Path:
+    """The package for one suite."""
+    minor, suffix = PYTHONS[suite]
+    version = f"{_project()['version']}~{suffix}"
+    with tempfile.TemporaryDirectory(prefix="probewatch-deb-") as folder:
+        tree = Path(folder) / "tree"
+        _environment(tree / "opt/probewatch", minor, ARCHITECTURE[architecture])
+        _files(tree)
+        _control(tree, version, architecture, minor)
+        package = out / f"probewatch_{version}_{architecture}.deb"
+        epoch = _run("git", "-C", str(ROOT), "log", "-1", "--format=%ct").strip()
+        _run(
+            "dpkg-deb", "--root-owner-group", "-Zzstd", "-z6", "--build", str(tree), str(package),
+            SOURCE_DATE_EPOCH=epoch,
+        )  # fmt: skip
+    return package
+
+
+def _project() -> dict[str, str]:
+    project: dict[str, str] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    return project
+
+
+def _environment(prefix: Path, minor: int, machine: str) -> None:
+    """What `python3 -m venv` and pip would leave there, for a Python that need not be here."""
+    site = prefix / f"lib/python3.{minor}/site-packages"
+    platforms = [option for name in PLATFORMS for option in ("--platform", f"{name}_{machine}")]
+    foreign = [
+        "--only-binary=:all:", f"--python-version=3.{minor}", "--implementation=cp", f"--abi=cp3{minor}", "--abi=abi3",
+        "--abi=none", *platforms,
+    ]  # fmt: skip
+    lock = str(ROOT / "requirements.lock")
+    _pip("install", "--no-deps", "--require-hashes", "--no-compile", "-r", lock, "--target", str(site), *foreign)
+    with tempfile.TemporaryDirectory() as wheels:
+        _pip("wheel", "--no-deps", "--wheel-dir", wheels, str(ROOT))
+        (wheel,) = Path(wheels).glob("probewatch-*.whl")
+        _pip("install", "--no-deps", "--no-compile", "--target", str(site), str(wheel))
+    shutil.rmtree(site / "bin", ignore_errors=True)
+    _put(prefix / "pyvenv.cfg", f"home = /usr/bin\ninclude-system-site-packages = false\nversion = 3.{minor}\n")
+    _put(prefix / "bin/probewatch", LAUNCHER, 0o755)
+    (prefix / "bin/python3").symlink_to(f"/usr/bin/python3.{minor}")
+
+
+def _files(tree: Path) -> None:
+    for source, target in FILES.items():
+        _put(tree / target, (ROOT / source).read_text())
+    example = (ROOT / "config/probewatch.toml").read_text()
+    config, count = re.subn(r"^# configured = true$", "configured = false", example, flags=re.M)
+    assert count == 1, "the example configuration has lost its key 'configured'"
+    _put(tree / "etc/probewatch/probewatch.toml", config.replace("sim:/run/probewatch/twins/scanner", "v4l2:/dev/video0"))
+    manual = tree / "usr/share/man/man1/probewatch.1.gz"
+    manual.parent.mkdir(parents=True)
+    manual.write_bytes(gzip.compress((HERE / "probewatch.1").read_bytes(), mtime=0))
+    (tree / "usr/bin").mkdir(parents=True)
+    (tree / "usr/bin/probewatch").symlink_to("/opt/probewatch/bin/probewatch")
+
+
+def _control(tree: Path, version: str, architecture: str, minor: int) -> None:
+    kib = sum(file.lstat().st_size for file in tree.rglob("*") if file.is_file()) // 1024
+    fields = {
+        "Package": "probewatch",
+        "Version": version,
+        "Architecture": architecture,
+        "Maintainer": "probewatch <probewatch@localhost>",
+        "Installed-Size": str(kib),
+        "Depends": f"python3 (>= 3.{minor}), python3 (<< 3.{minor + 1}), systemd (>= 252), udev, init-system-helpers",
+        "Section": "science",
+        "Priority": "optional",
+        "Description": f"{_project()['description']}\n Service, alarm outputs and tools; not a certified medical device.",
+    }
+    _put(tree / "DEBIAN/control", "".join(f"{name}: {value}\n" for name, value in fields.items()))
+    _put(tree / "DEBIAN/conffiles", "/etc/probewatch/probewatch.toml\n")
+    for script in ("postinst", "prerm", "postrm"):
+        _put(tree / "DEBIAN" / script, (HERE / script).read_text(), 0o755)
+
+
+def _put(path: Path, text: str, mode: int = 0o644) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    path.chmod(mode)
+
+
+def _pip(*arguments: str) -> None:
+    _run(sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", *arguments)
+
+
+def _run(*command: str, **environment: str) -> str:
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, env=os.environ | environment)
+    return done.stdout
+
+
+if __name__ == "__main__":
+    os.umask(0o022)
+    main()
