@@ -7,7 +7,7 @@ export PROBEWATCH_PLUS_DATA ?= $(DATA)
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts live evidence bench lock clean
+.PHONY: help demo test lint types contracts live evidence bench deb test-cart soak lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -16,7 +16,7 @@ demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults,
 	$(BIN)/probewatch demo
 
 test: $(VENV)/dev lint types contracts ## lint, types, import contracts and the quick test suite (under 3 minutes)
-	$(BIN)/pytest -n 2 -m "not slow and not live"
+	$(BIN)/pytest -n 2 -m "not slow and not live and not cart"
 
 lint: $(VENV)/dev ## ruff: style and formatting
 	$(BIN)/ruff check .
@@ -32,10 +32,19 @@ live: $(VENV)/dev ## the service, the demo and every device simulator in real ti
 	$(BIN)/pytest -n 2 -m "live and not slow"
 
 evidence: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
-	$(BIN)/pytest -m slow -n 2
+	$(BIN)/pytest -m "slow and not cart" -n 2
 
 bench: $(VENV)/dev ## time per frame of every stage, as ratios against OpenCV in the same run
 	$(BIN)/python -m tests.bench
+
+deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/
+	$(BIN)/python systemd/deb/build.py dist
+
+test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, power cuts (root; about 15 minutes)
+	$(BIN)/pytest -m "cart and not slow" -rs --durations=0 tests/cart
+
+soak: $(VENV)/dev ## half an hour of service in a container: memory, files, dropped frames, processor share (root)
+	$(BIN)/pytest -m "cart and slow" -rs -s tests/cart
 
 lock: $(VENV)/dev ## resolve the lock files anew from pyproject.toml
 	$(BIN)/pip install --quiet uv

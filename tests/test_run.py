@@ -1,6 +1,5 @@
-"""`probewatch run` refuses what cannot work with one line and the right exit code; the unit file is sound."""
+"""`probewatch run` refuses what cannot work with one line and the right exit code; the service manager is told."""
 
-import shutil
 import socket
 import subprocess
 from pathlib import Path
@@ -10,7 +9,6 @@ import pytest
 from appliance.service.systemd_notify import Notifier
 from tests.demo_cart import PROBEWATCH
 
-UNIT = Path(__file__).parent.parent / "systemd" / "probewatch.service"
 GOOD = """
 video.url = "sim:/tmp/nowhere/scanner"
 tracker.url = "ndi:/tmp/nowhere/tracker"
@@ -45,12 +43,6 @@ def test_a_bad_configuration_is_one_line_and_exit_78(tmp_path: Path, text: str, 
 
 def test_a_configuration_that_is_not_there(tmp_path: Path) -> None:
     assert run(tmp_path / "none.toml").returncode == 78
-
-
-@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
-def test_systemd_accepts_the_unit() -> None:
-    checked = subprocess.run(["systemd-analyze", "verify", str(UNIT)], capture_output=True, text=True, check=False)
-    assert (checked.returncode, checked.stderr) == (0, "")
 
 
 def test_the_service_manager_hears_ready_once_and_the_watchdog_every_time(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Builds probewatch_VERSION~SUITE_ARCH.deb: `python3 systemd/deb/build.py OUT [bookworm|trixie …]`. Needs dpkg-deb, pip.
+"""Builds probewatch_VERSION~SUITE_ARCH.deb: `python3 systemd/deb/build.py OUT [SUITE …]`. Needs dpkg-deb and pip.
 
 The locked wheels are laid out under /opt/probewatch as a virtual environment of the target's own Python, so one machine
 builds for every suite. Nothing of the target is run here.
@@ -94,7 +94,9 @@ def _files(tree: Path) -> None:
     example = (ROOT / "config/probewatch.toml").read_text()
     config, count = re.subn(r"^# configured = true$", "configured = false", example, flags=re.M)
     assert count == 1, "the example configuration has lost its key 'configured'"
-    _put(tree / "etc/probewatch/probewatch.toml", config.replace("sim:/run/probewatch/twins/scanner", "v4l2:/dev/video0"))
+    _put(
+        tree / "etc/probewatch/probewatch.toml", config.replace("sim:/run/probewatch/twins/scanner", "v4l2:/dev/video0")
+    )
     manual = tree / "usr/share/man/man1/probewatch.1.gz"
     manual.parent.mkdir(parents=True)
     manual.write_bytes(gzip.compress((HERE / "probewatch.1").read_bytes(), mtime=0))
@@ -113,7 +115,7 @@ def _control(tree: Path, version: str, architecture: str, minor: int) -> None:
         "Depends": f"python3 (>= 3.{minor}), python3 (<< 3.{minor + 1}), systemd (>= 252), udev, init-system-helpers",
         "Section": "science",
         "Priority": "optional",
-        "Description": f"{_project()['description']}\n Service, alarm outputs and tools; not a certified medical device.",
+        "Description": f"{_project()['description']}\n Service, outputs and tools; no certified medical device.",
     }
     _put(tree / "DEBIAN/control", "".join(f"{name}: {value}\n" for name, value in fields.items()))
     _put(tree / "DEBIAN/conffiles", "/etc/probewatch/probewatch.toml\n")

@@ -1,0 +1,100 @@
+"""What the tests do to either machine: configure the service, start twins, follow its state and its journal."""
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Protocol
+
+from appliance.calibration_file import calibration_from_image_to_probe, write_calibration
+from drivers.twins.rom import make_rom
+from drivers.twins.world import World
+from tests.cart.guest import Ended
+
+UNIT = "probewatch.service"
+CONFIG = "/etc/probewatch/probewatch.toml"
+SEED = 3
+
+
+class Machine(Protocol):
+    """Container or Guest."""
+
+    def sh(self, script: str, check: bool = True, timeout_s: float = 60.0) -> Ended: ...
+    def put(self, path: str, text: str) -> None: ...
+
+
+def configure(machine: Machine, video: str, tracker: str, outputs: Iterable[str], more: str = "") -> None:
+    """A whole configuration, with the true calibration of the simulated world."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "calibration.toml"
+        truth = calibration_from_image_to_probe(World(SEED).image_to_probe, (640, 480))
+        write_calibration(place, truth, {"source": "the truth of the simulated world"})
+        machine.put("/etc/probewatch/calibration.toml", place.read_text())
+    rom = make_rom().hex()
+    machine.sh(f"python3 -c \"open('/etc/probewatch/probe.rom','wb').write(bytes.fromhex('{rom}'))\"")
+    urls = "".join(f'[[output]]\nurl = "{url}"\n' for url in outputs)
+    machine.put(
+        CONFIG,
+        f'configured = true\n[video]\nurl = "{video}"\n[tracker]\nurl = "{tracker}"\n{urls}'
+        f'[calibration]\nfile = "calibration.toml"\n{more}',
+    )
+
+
+def show(machine: Machine, name: str) -> str:
+    """One property of the unit."""
+    return machine.sh(f"systemctl show --property={name} --value {UNIT}").out.strip()
+
+
+def wait_status(machine: Machine, words: str | tuple[str, ...], deadline_s: float) -> float:
+    """Until the unit's status text begins with one of the words; seconds waited. AssertionError after the deadline."""
+    began_s = time.monotonic()
+    wanted = (words,) if isinstance(words, str) else words
+    while True:
+        status = show(machine, "StatusText")
+        if status.startswith(wanted) and show(machine, "ActiveState") == "active":
+            return time.monotonic() - began_s
+        assert time.monotonic() - began_s < deadline_s, f"the status is '{status}'\n{log_tail(machine)}"
+        time.sleep(0.1)
+
+
+def journal(machine: Machine, unit: str = UNIT, *matches: str) -> list[dict[str, Any]]:
+    """Entries of a unit, the oldest first."""
+    text = machine.sh(f"journalctl -u {unit} -o json --no-pager {' '.join(matches)}").out
+    return [json.loads(line) for line in text.splitlines() if line.startswith("{")]
+
+
+def log_tail(machine: Machine, lines: int = 25) -> str:
+    return machine.sh(f"journalctl -u {UNIT} -n {lines} --no-pager -o short-monotonic", check=False).out
+
+
+class HostTwins:
+    """The scanner and tracker twins as processes of this host, for the machine's plugs."""
+
+    def __init__(self, folder: Path, fps: float, lead_s: float) -> None:
+        """lead_s: how much ahead of the poses the pictures are sent, for the time that they spend in the loop."""
+        self.scanner, self.tracker = folder / "scanner.sock", folder / "tracker"
+        origin_ns = time.monotonic_ns()
+        shifted = str(origin_ns - round(lead_s * 1e9))
+        self._parts = [
+            self._start("scanner", "--socket", str(self.scanner), "--fps", str(fps), "--origin-ns", shifted),
+            self._start("polaris", "--pty", str(self.tracker), "--origin-ns", str(origin_ns)),
+        ]
+        for part in self._parts:
+            assert part.stdout is not None
+            assert json.loads(part.stdout.readline())["ready"]
+
+    @staticmethod
+    def _start(name: str, *options: str) -> "subprocess.Popen[str]":
+        command = [sys.executable, "-P", "-m", f"drivers.twins.{name}", "--seed", str(SEED), *options]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+    def __enter__(self) -> "HostTwins":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for part in self._parts:
+            part.kill()
+            part.communicate()
