@@ -16,7 +16,7 @@ import pytest
 
 from appliance.alarm_log import MEMORY, read_log
 from appliance.service.control import ControlClient, ControlRefused
-from tests.cart import Cart
+from tests.demo_cart import Cart
 from tests.polling import until
 
 ALARM_S = 2.0
