@@ -7,7 +7,7 @@ export PROBEWATCH_PLUS_DATA ?= $(DATA)
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts live evidence bench deb test-cart soak lock clean
+.PHONY: help demo test lint types contracts live evidence bench deb test-cart soak docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -33,6 +33,9 @@ live: $(VENV)/dev ## the service, the demo and every device simulator in real ti
 
 evidence: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m "slow and not cart" -n 2
+
+docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor
+	$(BIN)/python -m tools.manual
 
 bench: $(VENV)/dev ## time per frame of every stage, as ratios against OpenCV in the same run
 	$(BIN)/python -m tests.bench

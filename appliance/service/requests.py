@@ -50,6 +50,11 @@ class Requests:
             "reload": lambda _: hands.reload(),
         }
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Everything that can be asked."""
+        return tuple(self._table)
+
     def answer(self, do: str, body: Body, who: str) -> Reply:
         """Fields of the reply. who: the asking process, as the kernel knows it."""
         if do not in self._table:

@@ -153,31 +153,38 @@ class Ledger:
 
     @property
     def hazard(self) -> bool:
+        """Some hazard other than an advisory stands."""
         conditions = (self.calibration, self.device, self.internal, self.integrity)
         return any(condition.active for condition in conditions)
 
     @property
     def calibration_fault(self) -> bool:
+        """The line has shown a calibration fault and not disproved it since."""
         return self.calibration.active
 
     @property
     def device_fault(self) -> bool:
+        """A device is silent, stale or complains, or the picture is frozen."""
         return self.device.active
 
     @property
     def internal_fault(self) -> bool:
+        """A part of probewatch itself is silent, or what it wrote down is damaged."""
         return self.internal.active or self.integrity.active
 
     @property
     def integrity_broken(self) -> bool:
+        """Alarm memory or alarm log are damaged, and nobody has acknowledged it."""
         return self.integrity.active
 
     @property
     def self_tested(self) -> bool:
+        """Outputs were written, the estimator speaks, alarm memory and alarm log are whole."""
         return not self._untested
 
     @property
     def verified(self) -> bool:
+        """The line has said OK, not longer ago than max_verification_age, and the probe is in sight."""
         if self.verified_ns is None or self.unverified:
             return False
         return self.now_ns - self.verified_ns <= self.durations.max_verification_age_ns
@@ -189,53 +196,64 @@ class Ledger:
 
     @property
     def halting(self) -> bool:
+        """A calibration fault is shown now, and has been for halt_after; for gross_halt_after when it is gross."""
         return self.calibration.lasts(self.now_ns, self._halt_after_ns)
 
     @property
     def recalibration_due(self) -> bool:
+        """A calibration fault is shown now, and has been for recalibrate_after longer than halting needs."""
         return self.calibration.lasts(self.now_ns, self._halt_after_ns + self.durations.recalibrate_after_ns)
 
     @property
     def losing_device(self) -> bool:
+        """A device fault has lasted for device_lost_after."""
         return self.device.lasts(self.now_ns, self.durations.device_lost_after_ns)
 
     @property
     def losing_internal(self) -> bool:
+        """A part of probewatch itself has been silent for device_lost_after."""
         return self.internal.lasts(self.now_ns, self.durations.device_lost_after_ns)
 
     @property
     def device_back(self) -> bool:
+        """No device fault for probation."""
         return self.device.gone(self.now_ns, self.durations.probation_ns)
 
     @property
     def internal_back(self) -> bool:
+        """No internal fault for probation, and nothing damaged that was not acknowledged."""
         return self.internal.gone(self.now_ns, self.durations.probation_ns) and not self.integrity.active
 
     @property
     def cleared(self) -> bool:
+        """No hazard for probation."""
         gone = self.calibration.gone(self.now_ns, self.durations.probation_ns)
         return self.device_back and self.internal_back and gone
 
     @property
     def disproved(self) -> bool:
-        """The latched cause is acknowledged, and the line has verified the calibration since."""
+        """The latched cause is acknowledged, gone for probation, and the calibration verified since."""
         gone = self.calibration.gone(self.now_ns, self.durations.probation_ns)
         return self.acknowledged and gone and self.verified
 
     @property
     def latched_halt(self) -> bool:
+        """HALT was latched before the recalibration began."""
         return self.latched is State.HALT
 
     @property
     def latched_request(self) -> bool:
+        """RECALIBRATION REQUESTED was latched before the recalibration began."""
         return self.latched is State.RECALIBRATION_REQUESTED
 
     @property
     def self_test_overdue(self) -> bool:
+        """The service has run for self_test."""
         return self._running_ns() >= self.durations.self_test_ns
 
     @property
     def start_overdue(self) -> bool:
+        """The service has run for starting."""
         return self._running_ns() >= self.durations.starting_ns
 
     def _running_ns(self) -> int:
