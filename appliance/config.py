@@ -124,6 +124,7 @@ def load_config(path: Path) -> Config:
         raise ConfigurationError("; ".join(_violations(error)), str(path), f"Mend it; {_EXAMPLE}") from None
     _check_urls(config, path)
     _check_contact(config, path)
+    _check_outputs(config, path)
     _check_socket(config.control.socket, path)
     place = CalibrationPlace(file=path.parent / config.calibration.file)
     alarm = config.alarm.model_copy(update={"folder": path.parent / config.alarm.folder})
@@ -207,6 +208,14 @@ def _check_contact(config: Config, path: Path) -> None:
     if all(output.signal is not Role.CONTACT for output in config.output):
         what = "no output has signal = 'contact'"
         raise ConfigurationError(what, f"{path}: [[output]]", "Without one nobody hears of a fault; add it")
+
+
+def _check_outputs(config: Config, path: Path) -> None:
+    urls = [output.url for output in config.output]
+    doubled = next((url for url in urls if urls.count(url) > 1), None)
+    if doubled is not None:
+        where = f"{path}: [[output]] url = '{doubled}'"
+        raise ConfigurationError("two outputs share one contact", where, "Give each its own channel or line")
 
 
 def _check_socket(socket: Path, path: Path) -> None:

@@ -95,6 +95,7 @@ _MODULES = {
     "replay": "drivers.replay",
     "serialpin": "drivers.serialpin",
     "sim": "drivers.sim",
+    "tone": "drivers.tone",
     "v4l2": "drivers.v4l2.source",
 }
 

@@ -1,5 +1,7 @@
 """`relay:/dev/ttyUSB1?channel=1`: one contact of an LCUS-type serial relay board. Energised means safe.
 
+Several outputs may name channels of the same board.
+
 9600 baud 8N1. Command: A0, channel, 00 off or 01 on, sum of the three modulo 256. Boards with a microcontroller answer
 the byte FF with `CHn: ON` or `CHn: OFF` lines; the bare LCUS-1 never answers. Which of the two is asked once, when the
 port is opened; `confirm=yes` refuses a board that does not answer, `confirm=no` does not ask. heartbeat=HZ, up to 1,
@@ -10,21 +12,17 @@ Release: on every orderly end the contact is opened first. The board holds its c
 data line breaks, and drops it when it loses power. `probewatch release` (the unit's ExecStopPost) opens it then.
 """
 
-import os
 import re
-import select
-import termios
+from collections.abc import Callable
 from contextlib import suppress
 from types import TracebackType
 from typing import Self
-
-import serial
 
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.heartbeat import Heartbeat, heartbeat_from
 from drivers.hosttime import HostClock
 from drivers.ports import Description
-from drivers.serialport import open_serial
+from drivers.sharedport import shared_port
 
 BAUD = 9600
 STATUS_QUERY = b"\xff"
@@ -33,6 +31,8 @@ _ANSWER_S = 0.5
 _COMMAND_S = 4 * 10 / BAUD
 _OPTIONS = ("channel", "confirm", "heartbeat")
 _FASTEST_CLICK_HZ = 1.0
+_PAUSE_S = 0.05
+_CONTACT = re.compile(rb"CH *(\d{1,2}) *: *(ON|OFF)\s")
 _CONFIRM = ("auto", "yes", "no")
 _CHECK = "Check the relay board's cable"
 
@@ -61,15 +61,15 @@ class RelayOutput:
 
     def __init__(self, path: str, channel: int, confirm: str, heartbeat: Heartbeat, clock: HostClock) -> None:
         self._path, self._channel, self._heartbeat, self._clock = path, channel, heartbeat, clock
-        self._line = re.compile(rb"CH *%d *: *(ON|OFF)\s" % channel)
-        self._port: serial.Serial = open_serial(path, BAUD)
+        self._port = shared_port(path, BAUD)
         self.confirmed = False
+        self._reported = 0
         try:
-            self.confirmed = confirm != "no" and self._state() is not None
+            self.confirmed = confirm != "no" and self._learn_report()
             if confirm == "yes" and not self.confirmed:
                 raise DeviceLost("the relay board does not report its contacts", path, f"{_CHECK}, or use confirm=auto")
         except BaseException:
-            self._port.close()
+            self._port.give_back()
             raise
 
     def __enter__(self) -> Self:
@@ -80,8 +80,7 @@ class RelayOutput:
     ) -> None:
         with suppress(DeviceLost):
             self.write(False)
-        with suppress(OSError, termios.error):
-            self._port.close()
+        self._port.give_back()
 
     def describe(self) -> Description:
         """See drivers.ports.Identified."""
@@ -94,7 +93,8 @@ class RelayOutput:
         Raises DeviceLost when the port fails or the board reports the other state.
         """
         level = self._heartbeat.level(energised, self._clock.now_ns())
-        self._send(relay_command(self._channel, level))
+        with self._port.exchange:
+            self._port.send(relay_command(self._channel, level))
         if self.confirmed:
             self._confirm(level)
         else:
@@ -112,35 +112,33 @@ class RelayOutput:
             said = "closed" if state else "open"
             raise DeviceLost(f"the relay board did not switch, its contact is {said}", self._path, "Replace the board")
 
+    def _learn_report(self) -> bool:
+        """Whether the board reports this contact; a report is whole when the board falls silent after it."""
+        with self._port.exchange:
+            received = self._ask(lambda _: False)
+        self._reported = len(_CONTACT.findall(received))
+        return self._channel in _contacts(received)
+
     def _state(self) -> bool | None:
         """Contact state as the board reports it; None without an answer."""
-        self._receive(0)
-        self._send(STATUS_QUERY)
+        with self._port.exchange:
+            received = self._ask(lambda received: len(_CONTACT.findall(received)) >= self._reported)
+        return _contacts(received).get(self._channel)
+
+    def _ask(self, whole: Callable[[bytes], bool]) -> bytes:
+        """The report, which ends when it is whole, after a pause, or at the deadline."""
+        self._port.receive(0)
+        self._port.send(STATUS_QUERY)
         deadline_ns = self._clock.now_ns() + round(_ANSWER_S * 1e9)
         received = b""
-        while (remaining_ns := deadline_ns - self._clock.now_ns()) > 0:
-            received += self._receive(self._clock.real_s(remaining_ns / 1e9))
-            if found := self._line.search(received):
-                return found[1] == b"ON"
-        return None
+        while (left_ns := deadline_ns - self._clock.now_ns()) > 0 and not whole(received):
+            wait_s = self._clock.real_s(left_ns / 1e9)
+            heard = self._port.receive(min(wait_s, _PAUSE_S) if received else wait_s)
+            if received and not heard:
+                break
+            received += heard
+        return received
 
-    def _send(self, data: bytes) -> None:
-        try:
-            self._port.write(data)
-            self._port.flush()
-        except (OSError, termios.error) as error:
-            raise self._lost(error) from error
 
-    def _receive(self, real_s: float) -> bytes:
-        try:
-            if not select.select([self._port.fileno()], [], [], real_s)[0]:
-                return b""
-            data = os.read(self._port.fileno(), 256)
-        except OSError as error:
-            raise self._lost(error) from error
-        if not data:
-            raise self._lost(OSError("end of file"))
-        return data
-
-    def _lost(self, error: Exception) -> DeviceLost:
-        return DeviceLost(f"the relay board's port failed ({error})", self._path, _CHECK)
+def _contacts(report: bytes) -> dict[int, bool]:
+    return {int(channel): state == b"ON" for channel, state in _CONTACT.findall(report)}

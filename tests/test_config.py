@@ -123,3 +123,17 @@ def test_text_that_is_not_utf8(tmp_path: Path) -> None:
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="No such file"):
         load_config(tmp_path / "nothing.toml")
+
+
+def test_lamps_alone_are_refused(tmp_path: Path) -> None:
+    message = refusal(tmp_path, GOOD.replace('"relay:/dev/ttyUSB1"', '"relay:/dev/ttyUSB1"\nsignal = "red"'))
+    assert "no output has signal = 'contact'" in message
+
+
+def test_an_unknown_signal_names_those_that_exist(tmp_path: Path) -> None:
+    message = refusal(tmp_path, GOOD.replace('"relay:/dev/ttyUSB1"', '"relay:/dev/ttyUSB1"\nsignal = "blue"'))
+    assert "'contact', 'green', 'cyan', 'yellow', 'red' or 'tone'" in message
+
+
+def test_two_outputs_on_one_contact_are_refused(tmp_path: Path) -> None:
+    assert "two outputs share one contact" in refusal(tmp_path, GOOD + '[[output]]\nurl = "relay:/dev/ttyUSB1"\n')

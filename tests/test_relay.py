@@ -7,7 +7,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from threading import Event, Thread
 
@@ -17,6 +18,7 @@ from drivers.errors import ConfigurationError, DeviceLost
 from drivers.hosttime import HostClock
 from drivers.ports import open_output
 from drivers.relay import relay_command
+from drivers.serialport import open_serial
 from drivers.twins.ptyline import PtyLine
 from drivers.twins.relay_board import RelayBoard
 
@@ -91,10 +93,34 @@ def test_board_that_must_confirm_but_cannot_is_refused(tmp_path: Path) -> None:
 
 
 def test_port_in_use_says_so(tmp_path: Path) -> None:
-    with running_board(tmp_path / "relay"), open_output(f"relay:{tmp_path}/relay", CLOCK):
+    with running_board(tmp_path / "relay"), open_serial(f"{tmp_path}/relay", 9600):
         with pytest.raises(DeviceLost, match="in use by another program") as refusal:
             open_output(f"relay:{tmp_path}/relay", CLOCK)
-        assert str(tmp_path / "relay") in str(refusal.value)
+        assert "Close that program" in str(refusal.value)
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_channels_of_one_board_are_driven_at_the_same_time(tmp_path: Path, answers: bool) -> None:
+    with running_board(tmp_path / "relay", channels=3, answers=answers) as board, ExitStack() as stack:
+        urls = [f"relay:{tmp_path}/relay?channel={channel}" for channel in (1, 2, 3)]
+        outputs = [stack.enter_context(open_output(url, CLOCK)) for url in urls]
+        with ThreadPoolExecutor() as pool:
+            for energised in (True, False) * 10:
+                list(pool.map(lambda output, level=energised: output.write(level), outputs))
+                wait_for(lambda level=energised: set(board.contacts.values()) == {level})
+
+
+def test_a_board_that_went_is_lost_for_every_channel_and_can_be_opened_again(tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        with running_board(tmp_path / "relay", channels=2):
+            outputs = [stack.enter_context(open_output(f"relay:{tmp_path}/relay?channel={n}", CLOCK)) for n in (1, 2)]
+        for output in outputs:
+            with pytest.raises(DeviceLost):
+                output.write(True)
+        url = f"relay:{tmp_path}/relay?channel=2"
+        with running_board(tmp_path / "relay", channels=2) as board, open_output(url, CLOCK) as output:
+            output.write(True)
+            assert board.contacts[2]
 
 
 def test_absent_port_says_so(tmp_path: Path) -> None:
