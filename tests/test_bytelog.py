@@ -1,6 +1,7 @@
 """Byte logs: what is written, what is read back, and recorded devices that answer once more."""
 
 import json
+import subprocess
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from drivers.twins.rom import PROBE, REFERENCE, make_rom
 from drivers.twins.tcpline import TcpLine
 from tests.decoded import decoded
 from tests.record_logs import AURORA_OPTIONS, LOGS
-from tests.simulated import matrix_of, probe_place, reference_place
+from tests.simulated import PROBEWATCH, matrix_of, probe_place, reference_place
 
 RATE = 3.0
 
@@ -125,6 +126,23 @@ def test_the_stated_poses_are_those_that_were_simulated(model: str) -> None:
         true = np.linalg.inv(matrix_of(reference_place(t_s))) @ matrix_of(probe_place(t_s))
         assert np.linalg.norm(np.array(entry["matrix"])[:, 3] - true[:3, 3]) < (0.5 if counter_hz > 60 else 0.15)
         np.testing.assert_allclose(np.array(entry["matrix"])[:, :3], true[:3, :3], atol=2e-3)
+
+
+def test_the_command_plays_a_log_once_and_hangs_up(tmp_path: Path) -> None:
+    (tmp_path / "probe.rom").write_bytes(make_rom(PROBE))
+    (tmp_path / "reference.rom").write_bytes(make_rom(REFERENCE))
+    tools = f"probe={tmp_path}/probe.rom&reference={tmp_path}/reference.rom"
+    log, rate = str(LOGS / "vega.log"), 2.0
+    command = [*PROBEWATCH, "simulate", "log", log, "--tcp", "0", "--rate", f"{rate:g}"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        url = json.loads(process.stdout.readline())["url"]
+        found = []
+        with suppress(DeviceLost), open_tracker(f"{url}?{tools}&deadline_ms=3000", HostClock(rate)) as tracker:
+            while True:
+                found += filter(None, [tracker.read(1.0)])
+        assert process.wait(10) == 0
+    assert decoded(found) == json.loads((LOGS / "vega.json").read_text())
 
 
 def test_a_request_the_log_does_not_hold_is_not_answered(tmp_path: Path) -> None:

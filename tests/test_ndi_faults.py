@@ -16,6 +16,7 @@ from drivers.twins.faults import Episode, Schedule
 from drivers.twins.models import SPECTRA, VEGA, Model
 from drivers.twins.motion import pose_file, recorded_motion
 from drivers.twins.ndi import NDI_FAULTS
+from drivers.twins.optotrak import FAULTS as OPTOTRAK_FAULTS
 from tests.ndi_bench import bench, poses, until
 from tests.recordings import plus_file
 from tests.simulated import matrix_of, probe_place, simulated_ndi, write_poses
@@ -88,6 +89,17 @@ def test_control_file_adds_to_the_schedule_and_may_come_and_go(tmp_path: Path) -
     assert "'nonsense' is no known fault" in control.refusal
     file.unlink()
     assert (control.active(7.0), control.refusal) == (frozenset(), "")
+
+
+@pytest.mark.parametrize("names", [NDI_FAULTS, OPTOTRAK_FAULTS], ids=["ndi", "optotrak"])
+def test_every_fault_can_be_named_on_the_command_line_and_in_the_control_file(
+    names: tuple[str, ...], tmp_path: Path
+) -> None:
+    file = tmp_path / "control.json"
+    for name in names:
+        file.write_text(json.dumps([name]))
+        assert FaultControl(names, file=file).active(1.0) == {name}
+        assert FaultControl(names, Schedule((parse_fault(f"{name}@1..2", names),))).active(1.0) == {name}
 
 
 @pytest.mark.parametrize("text", ["{}", "[3]", '["nonsense"]', "[", '[{"fault": "bump", "from_s": -1}]'])

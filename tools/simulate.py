@@ -5,6 +5,7 @@ import importlib
 import click
 
 _DEVICES = {
+    "log": "an NDI tracker as it answered in a byte log",
     "ndi": "a Polaris or Aurora on a pseudo-terminal, a Vega on TCP",
     "optotrak": "an Optotrak behind an RTC3D server on TCP",
 }

@@ -24,10 +24,12 @@ from drivers.twins.tcpline import TcpLine
 from drivers.twins.world import World
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
-_OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
-    click.option("--model", "model_name", type=click.Choice(sorted(MODELS)), required=True),
+_LINES: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
     click.option("--pty", "link", type=click.Path(path_type=Path), metavar="LINK", help="serve a pseudo-terminal here"),
     click.option("--tcp", "port", type=click.IntRange(0, 65535), metavar="PORT", help="serve TCP; 0 takes a free port"),
+]
+_OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
+    click.option("--model", "model_name", type=click.Choice(sorted(MODELS)), required=True),
     click.option("--track-hz", type=int, help="measurements per second; the model's usual rate if not given"),
     click.option("--wired", type=click.Choice(WIRED_TOOLS), multiple=True, help="tool on a cable; may be repeated"),
     click.option("--rom", type=_FILE, help="write the definition of a generic probe here"),
@@ -45,6 +47,13 @@ _OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
 ]
 
 
+def line_options(function: click.decorators.FC) -> click.decorators.FC:
+    """Where a simulated tracker is served: --pty as `link`, --tcp as `port`."""
+    for option in reversed(_LINES):
+        function = option(function)
+    return function
+
+
 def _with_options(function: click.decorators.FC) -> click.decorators.FC:
     for option in reversed(_OPTIONS):
         function = option(function)
@@ -52,6 +61,7 @@ def _with_options(function: click.decorators.FC) -> click.decorators.FC:
 
 
 @click.command("ndi", epilog=f"Faults: {', '.join(NDI_FAULTS)}")
+@line_options
 @_with_options
 def command(
     model_name: str,
@@ -83,9 +93,9 @@ def command(
     stop = Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
-    with _line(link, port, clock) as line:
+    with open_line(link, port, clock) as line:
         twin = NdiTwin(line, clock, device, FaultControl(NDI_FAULTS, given, control))
-        click.echo(json.dumps({"ready": True, "url": _url(line, link) + roms}))
+        click.echo(json.dumps({"ready": True, "url": url_of(line, link) + roms}))
         twin.run(stop)
 
 
@@ -117,7 +127,8 @@ def _write_roms(probe: Path | None, reference: Path | None) -> str:
     return f"?{'&'.join(query)}" if query else ""
 
 
-def _line(link: Path | None, port: int | None, clock: HostClock) -> TwinLine:
+def open_line(link: Path | None, port: int | None, clock: HostClock) -> TwinLine:
+    """Raises ConfigurationError unless exactly one is given, and can be served."""
     if (link is None) == (port is None):
         raise ConfigurationError("the simulated tracker needs one line", "--pty, --tcp", "Give one of the two")
     try:
@@ -127,5 +138,6 @@ def _line(link: Path | None, port: int | None, clock: HostClock) -> TwinLine:
         raise ConfigurationError(f"cannot serve here ({error.strerror})", place, "Choose another place") from None
 
 
-def _url(line: TwinLine, link: Path | None) -> str:
+def url_of(line: TwinLine, link: Path | None) -> str:
+    """Under which the tracker on this line is opened."""
     return f"ndi:{link}" if not isinstance(line, TcpLine) else f"ndi+tcp://127.0.0.1:{line.port}"

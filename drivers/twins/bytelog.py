@@ -1,23 +1,17 @@
-"""`python -m drivers.twins.bytelog LOG --pty LINK`: the device of a byte log, answering as it did when it was recorded.
+"""The device of a byte log, answering as it did when it was recorded.
 
 A request is answered by what followed the same request in the log, chunk by chunk and after the same delays. Tracking
 requests are answered in the order of the log; one more than it holds finds the device unplugged. What else the log does
 not hold is not answered.
 """
 
-import argparse
-import json
-import signal
-import sys
 from collections import defaultdict, deque
 from dataclasses import dataclass, field
-from pathlib import Path
 from threading import Event
 
 from drivers.hosttime import HostClock
-from drivers.tap import Direction, Entry, read_log
-from drivers.twins.ptyline import PtyLine, TwinLine
-from drivers.twins.tcpline import TcpLine
+from drivers.tap import Direction, Entry
+from drivers.twins.ptyline import TwinLine
 
 _IDLE_S = 0.05
 _FAST_BAUD = 10_000_000
@@ -90,33 +84,3 @@ class LogTwin:
                 return exchange
         self._over = True
         return None
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="byte log twin", description=__doc__)
-    parser.add_argument("log", type=Path)
-    place = parser.add_mutually_exclusive_group(required=True)
-    place.add_argument("--pty", type=Path, metavar="LINK", help="symbolic link to make for the host")
-    place.add_argument("--tcp", type=int, metavar="PORT", help="listen here; 0 takes a free port")
-    parser.add_argument("--rate", type=float, default=1.0, help="how much faster than it was recorded")
-    return parser.parse_args()
-
-
-def main() -> None:
-    """Serve until the end of the log, SIGTERM or SIGINT."""
-    arguments = _arguments()
-    stop = Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
-    clock = HostClock(arguments.rate)
-    entries = read_log(arguments.log)
-    line: TwinLine = PtyLine(arguments.pty, clock) if arguments.pty else TcpLine(arguments.tcp, clock)
-    with line:
-        url = f"ndi+tcp://127.0.0.1:{line.port}" if isinstance(line, TcpLine) else f"ndi:{arguments.pty}"
-        json.dump({"ready": True, "url": url}, sys.stdout)
-        print(flush=True)
-        LogTwin(line, clock, entries).run(stop)
-
-
-if __name__ == "__main__":
-    main()
