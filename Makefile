@@ -7,7 +7,7 @@ export PROBEWATCH_PLUS_DATA ?= $(DATA)
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts live evidence bench deb test-cart soak docs lock clean
+.PHONY: help demo test lint types contracts live evidence bench paper deb test-cart soak docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -39,6 +39,9 @@ docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor
 
 bench: $(VENV)/dev ## time per frame of every stage, as ratios against OpenCV in the same run
 	$(BIN)/python -m tests.bench
+
+paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
+	$(BIN)/python -m tests.paper
 
 deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/
 	$(BIN)/python systemd/deb/build.py dist

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.geometry import rotation_from_vector, vector_from_rotation
+from appliance.core.geometry import rigid, rotation_from_vector, vector_from_rotation
 from appliance.core.solver import Prior, path_misfit, solve
 from appliance.types import Calibration
 from tests.motions import TRUTH, Noise, planar_path, samples, tilting_path
@@ -56,21 +56,73 @@ def test_sixty_frames_at_a_tenth_of_a_millimetre_give_two_percent_and_one_degree
     assert np.sqrt(np.mean(np.square(turn))) < 1.0
 
 
-def test_stated_sigmas_cover_the_truth() -> None:
-    """68 ± 8 % of each observed parameter within one sigma over 240 runs (binomial sd 3 %)."""
-    inside = []
-    for seed in range(240):
-        solution = solve(samples(planar_path, 60, seed, Noise()), TRUTH, PLANAR)
-        inside.append(np.abs(solution.change[:7]) < np.sqrt(np.diag(solution.covariance)[:7]))
-    share = np.mean(inside, axis=0)
-    assert np.all(np.abs(share - 0.68) <= 0.08), share
+def study(path, prior: Prior, frames: int, runs: int, noise: Noise) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
+    """(runs, 9) changes found about the truth, which should be zero, and their stated sigmas."""
+    found = [solve(samples(path, frames, seed, noise), TRUTH, prior) for seed in range(runs)]
+    return np.array([s.change for s in found]), np.array([np.sqrt(np.diag(s.covariance)) for s in found])
 
 
-def test_planar_estimates_are_unbiased() -> None:
-    changes = np.array(
-        [solve(samples(planar_path, 60, seed, Noise()), TRUTH, PLANAR).change[:5] for seed in range(100)]
-    )
-    assert np.all(np.abs(changes.mean(axis=0)) < 0.35 * changes.std(axis=0))
+@pytest.mark.parametrize(("frames", "most"), [(60, 0.84), (120, 0.76)])
+def test_stated_sigmas_cover_the_truth(frames: int, most: float) -> None:
+    """Share of all observed parameters within one sigma, 80 runs; within 2 s the sigmas are rather too large."""
+    changes, sigmas = study(planar_path, PLANAR, frames, 80, Noise())
+    assert 0.62 <= np.mean((np.abs(changes) < sigmas)[:, :7]) <= most
+    assert np.mean((np.abs(changes) < 1.96 * sigmas)[:, :7]) >= 0.92
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("position_mm", [0.1, 0.25])
+@pytest.mark.parametrize(
+    ("path", "prior", "told"), [(planar_path, PLANAR, 7), (tilting_path, Prior(latency_s=0.005), 8)]
+)
+def test_errors_are_unbiased_and_covered_over_six_hundred_runs(path, prior, told: int, position_mm: float) -> None:  # type: ignore[no-untyped-def]
+    changes, sigmas = study(path, prior, 120, 600, Noise(position_mm=position_mm))
+    changes, sigmas = changes[:, :told], sigmas[:, :told]
+    assert np.all(np.abs(changes.mean(axis=0)) < 0.2 * changes.std(axis=0)), changes.mean(axis=0) / changes.std(axis=0)
+    np.testing.assert_allclose(np.mean(np.abs(changes) < sigmas, axis=0), 0.68, atol=0.06)
+    np.testing.assert_allclose(np.mean(np.abs(changes) < 1.96 * sigmas, axis=0), 0.95, atol=0.03)
+
+
+def circle(t_s: np.ndarray) -> np.ndarray:
+    """(n, 4, 4): 3 mm/s, a quarter of a circle of 1.9 mm radius each second, no turn."""
+    heading = np.pi / 2 * t_s
+    place = 3 / (np.pi / 2) * np.stack([np.sin(heading), 1 - np.cos(heading), 0 * t_s], axis=1)
+    return rigid(np.tile(np.eye(3), (len(t_s), 1, 1)), place)
+
+
+@pytest.mark.parametrize(("seconds", "scale_percent", "turn_bound_deg"), [(1, 6.5, 6.5), (2, 2.7, 2.0), (4, 1.1, 1.0)])
+def test_a_slow_sweep_shows_the_scales_within_seconds(
+    seconds: int, scale_percent: float, turn_bound_deg: float
+) -> None:
+    """RMS over 40 sweeps, 30 frames a second, 0.1 mm, from a reference 5° and 4 % off: worse scale, whole rotation."""
+    found = [solve(samples(circle, 30 * seconds, seed, Noise()), off(TRUTH), PLANAR).calibration for seed in range(40)]
+    scale = [100 * np.abs(c.scale_mm_per_px / TRUTH.scale_mm_per_px - 1).max() for c in found]
+    assert np.sqrt(np.mean(np.square(scale))) < scale_percent
+    assert np.sqrt(np.mean(np.square([turn_deg(c, TRUTH) for c in found]))) < turn_bound_deg
+
+
+@pytest.mark.parametrize("angle_deg", [0.02, 0.1])
+def test_ten_seconds_of_freehand_tilt_give_the_whole_offset_without_a_phantom(angle_deg: float) -> None:
+    """±2° of tilt; RMS over 15 runs: t_z 1 mm, rotation 0.5°, scales 1 %."""
+    found = [
+        solve(
+            samples(tilting_path, 300, seed, Noise(angle_deg=angle_deg)), off(TRUTH), Prior(latency_s=0.001)
+        ).calibration
+        for seed in range(15)
+    ]
+    assert np.sqrt(np.mean([(c.offset_mm[2] - TRUTH.offset_mm[2]) ** 2 for c in found])) < 1.0
+    assert np.sqrt(np.mean([turn_deg(c, TRUTH) ** 2 for c in found])) < 0.5
+    scales = np.array([c.scale_mm_per_px for c in found]) / TRUTH.scale_mm_per_px - 1
+    assert np.all(np.sqrt(np.mean(scales**2, axis=0)) < 0.01)
+
+
+def test_orientation_noise_does_not_draw_the_offset_towards_the_sensor() -> None:
+    """0.2° on ±2° of tilt: uncorrected, the errors in the turns take 0.85 of 14 mm off t_z; the mean scatters by 0.1."""
+    noise = Noise(angle_deg=0.2)
+    found = [
+        solve(samples(tilting_path, 300, seed, noise), TRUTH, Prior(latency_s=0.001)).change[7] for seed in range(20)
+    ]
+    assert abs(np.mean(found)) < 0.4
 
 
 def test_motion_without_elevational_part_does_not_pretend_to_show_the_tilt() -> None:

@@ -145,11 +145,11 @@ def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Findi
     lag = window.latency()
     lag_s = 0.0 if lag is None else lag.value_s
     try:
-        polarity, polarity_check = weigh_polarity(window.samples(lag_s, in_plane_only=False), reference)
+        polarity, polarity_check = weigh_polarity(window.samples(lag_s, weigh_hidden=False), reference)
     except ValueError:
         return examine_nothing(limits)
     solution, solved_lag = _solved(window, flipped(reference, polarity), lag)
-    mostly_in_plane = solution is not None and solution.motions >= _MOSTLY * len(window)
+    mostly_in_plane = solution is not None and window.samples(lag_s, weigh_hidden=True).in_plane_share >= _MOSTLY
     lateness = latency_check(_sharper(lag, solved_lag if mostly_in_plane else None), limits)
     parameters = Finding(calibration_checks(solution, limits), solution)
     if lateness.verdict is not VerdictKind.OK:
@@ -192,7 +192,7 @@ def _solved_far(window: PathWindow, reference: Calibration) -> tuple[Solution, L
     solution, _ = _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S)
     if window.span_ns < _LEAST_FAR_NS:
         return solution, None
-    misfits = [path_misfit(window.samples(lag, in_plane_only=True), reference) for lag in _LAGS_S]
+    misfits = [path_misfit(window.samples(lag, weigh_hidden=True), reference) for lag in _LAGS_S]
     best_s = _LAGS_S[int(np.argmin(misfits))]
     if best_s == 0.0:
         return solution, None
@@ -212,13 +212,13 @@ def _unchanged(solution: Solution) -> bool:
 def _solved_near(window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float) -> tuple[Solution, float]:
     """Solution about one latency, solved anew where the first asks for it, and the latency it is linear about."""
     prior = replace(_NEAR, latency_s=doubt_s)
-    solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
+    solution = solve(window.samples(lag_s, weigh_hidden=True), reference, prior)
     tilted = all(solution.calibration.observed[:2])
     late = abs(float(solution.change[TAU])) > _RELINEARISE_S
     if late or not tilted:
         lag_s += float(solution.change[TAU]) if late else 0.0
         prior = prior if tilted else replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
-        solution = solve(window.samples(lag_s, in_plane_only=True), reference, prior)
+        solution = solve(window.samples(lag_s, weigh_hidden=True), reference, prior)
     return solution, lag_s
 
 

@@ -131,29 +131,30 @@ class PathWindow:
         sensor_path = predicted_path(poses, self._reference)
         return estimate_latency(t_s, chain, self._picture_path(u_px, alpha), times[reach], sensor_path)
 
-    def samples(self, latency_s: float, in_plane_only: bool) -> PathSamples:
+    def samples(self, latency_s: float, weigh_hidden: bool) -> PathSamples:
         """The pictures whose poses are bracketed at the given latency.
 
-        in_plane_only: the chain is cut wherever the probe moved mostly out of the picture plane.
+        weigh_hidden: where the probe moved mostly out of the picture plane, what the picture did counts less.
         """
         if not self._seen:
             return _NOTHING
-        asked = (latency_s, in_plane_only)
+        asked = (latency_s, weigh_hidden)
         if asked not in self._samples_known:
             self._samples_known[asked] = self._samples(*asked)
         return self._samples_known[asked]
 
-    def _samples(self, latency_s: float, in_plane_only: bool) -> PathSamples:
+    def _samples(self, latency_s: float, weigh_hidden: bool) -> PathSamples:
         t_s, chain, u_px, alpha = self._arrays()
         origin_ns = self._seen[0].stamp.t_ns
         poses, known = self.poses.at(t_s + latency_s, origin_ns)
         earlier, known_earlier = self.poses.at(t_s + latency_s - _APART_S / 2, origin_ns)
         later, known_later = self.poses.at(t_s + latency_s + _APART_S / 2, origin_ns)
         keep = known & known_earlier & known_later
-        if in_plane_only and keep.any():
-            chain = chain * 100_000 + np.cumsum(self._out_of_plane(t_s, chain, u_px, alpha, poses))
+        hidden_mm = (
+            self._hidden_mm(t_s, chain, u_px, alpha, poses) if weigh_hidden and keep.any() else np.zeros_like(t_s)
+        )
         around = poses[keep], earlier[keep], later[keep]
-        return PathSamples(t_s[keep], chain[keep], u_px[keep], alpha[keep], *around, _APART_S)
+        return PathSamples(t_s[keep], chain[keep], u_px[keep], alpha[keep], *around, _APART_S, hidden_mm[keep])
 
     def _arrays(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         if self._arrays_known is None:
@@ -170,10 +171,8 @@ class PathWindow:
         c, s = np.cos(alpha), np.sin(alpha)
         return -np.stack([c * mm[:, 0] + s * mm[:, 1], -s * mm[:, 0] + c * mm[:, 1]], axis=1)
 
-    def _out_of_plane(
-        self, t_s: Array, chain: NDArray[np.int64], u_px: Array, alpha: Array, poses: Array
-    ) -> NDArray[np.bool_]:
-        """True at steps where the tracker's displacement is mostly absent from the picture.
+    def _hidden_mm(self, t_s: Array, chain: NDArray[np.int64], u_px: Array, alpha: Array, poses: Array) -> Array:
+        """(n,) way between each picture and the one before that is absent from the picture, 0 where most of it is seen.
 
         Only lengths are compared, so a wrong rotation of X cannot make in-plane motion look out-of-plane.
         """
@@ -184,13 +183,22 @@ class PathWindow:
         last = np.minimum(np.searchsorted(t_s, t_s + _SORT_S / 2), t_s.size - 1)
         tracker = np.linalg.norm(where[last] - where[first], axis=1)
         picture = np.linalg.norm(path[last] - path[first], axis=1)
-        hidden = np.sqrt(np.maximum(tracker**2 - picture**2, 0))
-        return np.asarray((hidden > _OUT_RATIO * picture + _OUT_FLOOR_MM) & (chain[first] == chain[last]))
+        hidden = np.sqrt(np.maximum(tracker**2 - picture**2, 0)) - _OUT_RATIO * picture - _OUT_FLOOR_MM
+        share = np.diff(t_s, prepend=t_s[0]) / np.maximum(t_s[last] - t_s[first], 1e-3)
+        return np.asarray(np.where(chain[first] == chain[last], np.maximum(hidden, 0) * share, 0.0))
 
 
 _NO_POSES = np.zeros((0, 4, 4))
 _NOTHING = PathSamples(
-    np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros((0, 2)), np.zeros(0), _NO_POSES, _NO_POSES, _NO_POSES, _APART_S
+    t_s=np.zeros(0),
+    chain=np.zeros(0, dtype=np.int64),
+    u_px=np.zeros((0, 2)),
+    alpha_rad=np.zeros(0),
+    poses=_NO_POSES,
+    earlier_poses=_NO_POSES,
+    later_poses=_NO_POSES,
+    apart_s=_APART_S,
+    hidden_mm=np.zeros(0),
 )
 
 

@@ -15,6 +15,11 @@ from scipy.linalg.lapack import dtbtrs
 from appliance.core.geometry import Array
 
 _SAME_NOISE = 0.1
+_LEAST_QUIET = 8
+_LOST_MM = 2.0
+"""mm² of random walk per mm out of the picture plane: a slanted structure moves through the picture as fast as the
+probe leaves its plane, and goes on doing so for about two millimetres.
+"""
 _LONG_LAG_S = 0.7
 _CHANCE = 2.5
 _POSITION_FLOOR_MM, _ANGLE_FLOOR_RAD = 0.02, np.deg2rad(0.01)
@@ -38,10 +43,11 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Times:
-    """t_s (n,) and chain (n,) of the residuals, in time order."""
+    """t_s, chain (n,) of the residuals, in time order; hidden_mm (n,): way out of the picture plane before each."""
 
     t_s: Array
     chain: NDArray[np.int64]
+    hidden_mm: Array
 
     @cached_property
     def joined(self) -> NDArray[np.bool_]:
@@ -52,6 +58,11 @@ class Times:
     def period_s(self) -> float:
         """Usual time between two pictures."""
         return max(float(np.median(np.diff(self.t_s))), 1e-3)
+
+    def quiet(self, lag: int) -> NDArray[np.bool_]:
+        """(n − lag,) whether nothing was hidden between a residual and the one `lag` later in its chain."""
+        hidden = np.cumsum(self.hidden_mm)
+        return np.asarray((self.chain[lag:] == self.chain[:-lag]) & (hidden[lag:] - hidden[:-lag] <= 1e-9))
 
     def estimated_noise(self, residual: Array) -> Noise:
         """Of a residual path (n, ≥ 3): in-plane mm (2), angle rad; by its structure function, which outliers spare."""
@@ -69,8 +80,10 @@ class Times:
         return float(np.sqrt(white)), float(np.sqrt(drift_variance))
 
     def _lagged_variance(self, path: Array, lag: int) -> float:
-        same = self.chain[lag:] == self.chain[:-lag]
-        change = np.abs((path[lag:] - path[:-lag])[same])
+        told = self.quiet(lag)
+        if np.count_nonzero(told) < _LEAST_QUIET:
+            told = self.chain[lag:] == self.chain[:-lag]
+        change = np.abs((path[lag:] - path[:-lag])[told])
         return float((1.4826 * np.median(change)) ** 2) if change.size else 0.0
 
 
@@ -83,10 +96,11 @@ class Whitener:
     def __init__(self, times: Times, noise: Noise, rows: int) -> None:
         self._joined = times.joined
         dt_s = np.diff(times.t_s)[self._joined]
+        lost_mm2 = _LOST_MM * times.hidden_mm[1:][self._joined]
         # Two successive differences share a residual where no chain ended between them.
         self._shared = np.diff(np.flatnonzero(self._joined)) == 1
-        position = _factor(dt_s, self._shared, noise.position_mm, noise.position_drift)
-        angle = _factor(dt_s, self._shared, noise.angle_rad, noise.angle_drift)
+        position = _factor(noise.position_drift**2 * dt_s + lost_mm2, self._shared, noise.position_mm)
+        angle = _factor(noise.angle_drift**2 * dt_s, self._shared, noise.angle_rad)
         kinds = [(position, [0, 1]), (angle, [2])]
         self._kinds = kinds if rows == 3 else [(position, [0, 1, 3]), (angle, [2, 4, 5])]
         self.log_volume = sum(2 * float(np.log(factor[0]).sum()) * len(columns) for factor, columns in self._kinds)
@@ -109,9 +123,9 @@ def position_weight(noise: Noise, period_s: float) -> float:
     return float((1 - np.sqrt(walk / (walk + 4 * white))) / white)
 
 
-def _factor(dt_s: Array, shared: NDArray[np.bool_], white: float, drift: float) -> Array:
-    """(2, m) banded Cholesky factor of the covariance of differences: 2 w² + q dt, and −w² between neighbours."""
-    banded = np.zeros((2, dt_s.size))
-    banded[0] = 2 * white**2 + drift**2 * dt_s
+def _factor(walk: Array, shared: NDArray[np.bool_], white: float) -> Array:
+    """(2, m) banded Cholesky factor of the covariance of differences: 2 w² + walk, and −w² between neighbours."""
+    banded = np.zeros((2, walk.size))
+    banded[0] = 2 * white**2 + walk
     banded[1, :-1] = np.where(shared, -(white**2), 0.0)
     return np.asarray(cholesky_banded(banded, lower=True, check_finite=False))

@@ -20,7 +20,8 @@ class PathSamples:
 
     t_s: (n,). chain: (n,) int. u_px: (n, 2), alpha_rad: (n,) path within the chain. poses: (n, 4, 4) sensor → tracker
     at t_s + latency; earlier_poses, later_poses: the same, half of `apart_s` before and after, for the derivative by
-    latency. apart_s spans several pose periods, or tracker noise would drown the velocity.
+    latency. apart_s spans several pose periods, or tracker noise would drown the velocity. hidden_mm: (n,) ≥ 0, way of
+    the probe since the picture before that the picture does not show, where that is most of it; 0 elsewhere.
     """
 
     t_s: Array
@@ -31,6 +32,7 @@ class PathSamples:
     earlier_poses: Array
     later_poses: Array
     apart_s: float
+    hidden_mm: Array
 
     @cached_property
     def kept(self) -> NDArray[np.bool_]:
@@ -43,10 +45,15 @@ class PathSamples:
             )
         return kept
 
+    @property
+    def in_plane_share(self) -> float:
+        """Share of pictures before which little was hidden."""
+        return float(np.mean(self.hidden_mm == 0.0)) if len(self.hidden_mm) else 0.0
+
     @cached_property
     def times(self) -> Times:
         """Of the kept pictures, as are the steps."""
-        return Times(self.t_s[self.kept], self.chain[self.kept])
+        return Times(self.t_s[self.kept], self.chain[self.kept], self.hidden_mm[self.kept])
 
     @cached_property
     def steps(self) -> SensorSteps:

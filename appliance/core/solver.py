@@ -22,6 +22,8 @@ _ITERATIONS = 6
 _NOISE_ROUNDS = 5
 _HUBER = 2.0
 _LEAST_SPREAD = 0.7
+_HUBER_SHARE = 0.954
+"""What the weights leave of the mean square of unit normal innovations."""
 _RISES = 2.0
 TAU = 8
 """Index of the latency, s, behind the eight parameters of X."""
@@ -158,7 +160,7 @@ class _Problem:
             information[range(5, 8), range(5, 8)] -= excess
             step = np.linalg.solve(information, slope)
             theta = theta - step
-            spread = float((weight * r * r).sum() / max(r.size - 9, 1))
+            spread = float((weight * r * r).sum() / max(r.size - 9, 1)) / _HUBER_SHARE
             cost = _huber_cost(r)
             if np.all(np.abs(step) < 1e-6):
                 break
@@ -223,7 +225,7 @@ class _Problem:
         missed_path = np.cumsum(self.steps(theta)[:, :2], axis=0)
         measured = self._seen @ (1 + theta[3:5])
         lag = max(1, min(round(0.5 / self._times.period_s), len(self._alpha) // 3))
-        same = self._times.chain[lag:] == self._times.chain[:-lag]
+        same = self._times.quiet(lag)
         moved = (measured[lag:] - measured[:-lag])[same]
         missed = (missed_path[lag:] - missed_path[:-lag])[same]
         axes = [k for k in (0, 1) if len(moved) > 2 and moved[:, k].std() > 0.2]

@@ -1,0 +1,72 @@
+"""From a sweep to motions: pictures d apart registered to each other, or all along a chain of keyframes."""
+
+import numpy as np
+
+from appliance.core.handeye.motions import Motions
+from appliance.core.path_samples import PathSamples
+from appliance.core.realtime_tracker import RealTimeTracker
+from appliance.core.registration import Keyframe, pyramid
+from tests.paper.sweeps import FPS, SCALE, Sweep
+
+ASPECT = float(SCALE[1] / SCALE[0])
+_RENEW_CORRELATION, _RENEW_PX = 0.8, 25.0
+_APART_FRAMES = 2
+
+
+class Pairs:
+    """Pictures d apart of one sweep, each picture's template made once."""
+
+    def __init__(self, seen: Sweep) -> None:
+        self._poses = seen.poses
+        self._levels = [pyramid(picture) for picture in seen.pictures]
+        self._templates = [Keyframe(levels, ASPECT) for levels in self._levels]
+
+    def apart(self, d: int) -> Motions:
+        """Motion i goes from picture i to i + d; each starts from the one before, as in the paper."""
+        warm = (np.zeros(2), 0.0)
+        u, alpha = [], []
+        for template, levels in zip(self._templates, self._levels[d:], strict=False):
+            found = template.register(levels, warm)
+            warm = (found.u_px, found.alpha_rad)
+            u.append(found.u_px)
+            alpha.append(found.alpha_rad)
+        return Motions.of_pictures(np.array(u), np.array(alpha), self._poses[:-d], self._poses[d:])
+
+
+def first(motions: Motions, n: int) -> Motions:
+    """The first n of them."""
+    return Motions(motions.u[:n], motions.R_a[:n], motions.R_b[:n], motions.t_b[:n])
+
+
+def keyframe_chain(seen: Sweep) -> PathSamples:
+    """The path along keyframes that are renewed when likeness or capture range end, as the service does."""
+    tracker = RealTimeTracker(ASPECT)
+    path, chain = [], []
+    for k, picture in enumerate(seen.pictures):
+        tracked = tracker.step(picture, k)
+        path.append([*tracked.path[0], tracked.path[1]])
+        chain.append(tracked.chain)
+        found = tracked.registration
+        if found is not None and (found.correlation < _RENEW_CORRELATION or np.hypot(*found.u_px) > _RENEW_PX):
+            tracker.renew_keyframe()
+    where = np.arange(len(seen.t_s))
+    before, after = np.maximum(where - _APART_FRAMES, 0), np.minimum(where + _APART_FRAMES, len(where) - 1)
+    found = np.array(path)
+    around = seen.poses, seen.poses[before], seen.poses[after]
+    return PathSamples(
+        seen.t_s, np.array(chain), found[:, :2], found[:, 2], *around, 2 * _APART_FRAMES / FPS, np.zeros(len(path))
+    )
+
+
+def first_pictures(samples: PathSamples, n: int) -> PathSamples:
+    """The first n of them."""
+    around = samples.poses[:n], samples.earlier_poses[:n], samples.later_poses[:n]
+    return PathSamples(
+        samples.t_s[:n],
+        samples.chain[:n],
+        samples.u_px[:n],
+        samples.alpha_rad[:n],
+        *around,
+        samples.apart_s,
+        samples.hidden_mm[:n],
+    )
