@@ -117,7 +117,7 @@ def test_ten_seconds_of_freehand_tilt_give_the_whole_offset_without_a_phantom(an
 
 
 def test_orientation_noise_does_not_draw_the_offset_towards_the_sensor() -> None:
-    """0.2° on ±2° of tilt: uncorrected, the errors in the turns take 0.85 of 14 mm off t_z; the mean scatters by 0.1."""
+    """0.2° on ±2° of tilt: uncorrected, turn errors take 0.85 of 14 mm off t_z; the mean scatters by 0.1."""
     noise = Noise(angle_deg=0.2)
     found = [
         solve(samples(tilting_path, 300, seed, noise), TRUTH, Prior(latency_s=0.001)).change[7] for seed in range(20)
