@@ -67,7 +67,7 @@ def _scale(samples: PathSamples, reference: Calibration, prior: Prior) -> Array:
         calibration = solve(samples, reference, prior).calibration
     except ValueError:
         return np.full(2, np.nan)
-    return np.where(calibration.observed[3:5], calibration.scale_mm_per_px, np.nan)
+    return calibration.scale_mm_per_px
 
 
 def converged_after(curve: Array) -> Array:
