@@ -111,9 +111,9 @@ def _serve(twin: NdiTwin, stop: Event) -> None:
 
 
 def poses(tracker: NdiTracker, count: int) -> list[Pose]:
-    """The next ones; each within a second of the clock."""
-    found = [tracker.read(1.0) for _ in range(count)]
-    assert all(found), "a pose within a second of the clock"
+    """The next ones; each within ten seconds of the clock, which may run faster than a busy host."""
+    found = [next(filter(None, (tracker.read(1.0) for _ in range(10))), None) for _ in range(count)]
+    assert all(found), "a pose within ten seconds of the clock"
     return [pose for pose in found if pose is not None]
 
 

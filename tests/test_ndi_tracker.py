@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 import pytest
@@ -142,7 +143,9 @@ def test_a_20_hz_unit_is_not_stale(tmp_path: Path) -> None:
     with bench(tmp_path, rate=1.0, track_hz=20) as cart, cart.open() as tracker:
         found = poses(tracker, 25)
         assert {pose.status for pose in found} == {PoseStatus.OK}
-        assert {b.sequence - a.sequence for a, b in pairwise(found)} == {3}
+        steps = [b.sequence - a.sequence for a, b in pairwise(found)]
+        assert median(steps) == 3
+        assert all(step % 3 == 0 for step in steps), "one lost on a busy host makes two"
 
 
 def test_scheduled_faults_act_on_the_probe(tmp_path: Path) -> None:

@@ -88,6 +88,21 @@ class Tool:
         return f"tool on plug {self.information.socket}{half}"
 
 
+def choose_probe(tools: tuple[Tool, ...], named: bool, where: str) -> Tool:
+    """The first one if the configuration names it, else the first of six degrees of freedom that is no reference.
+
+    Raises ConfigurationError where there is none of six.
+    """
+    candidates = [
+        tool for tool in tools if not tool.five_dof and not (tool.information and tool.information.is_reference)
+    ]
+    probe = tools[0] if named else (candidates or tools)[0]
+    if probe.five_dof:
+        what = f"the {probe.name} has sensors of five degrees of freedom: they do not tell the turn about their axis"
+        raise ConfigurationError(what, where, "Use a probe with a sensor of six degrees of freedom")
+    return probe
+
+
 def parse_information(text: str) -> ToolInformation | None:
     """A reply to PHINF 0025; None for an empty port. Raises ProtocolError."""
     if text == "UNOCCUPIED":

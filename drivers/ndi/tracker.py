@@ -16,11 +16,12 @@ import random
 from types import TracebackType
 from typing import Self
 
-from drivers.counter_clock import CounterClock, DeviceClock, counter_rate_hz
+from drivers.counter_clock import CounterClock, DeviceClock
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.forward import Forward
 from drivers.hosttime import HostClock
 from drivers.ndi.body import BodyWatch, worst
+from drivers.ndi.counter_rate import frame_counter_hz
 from drivers.ndi.exchange import Answer, Exchange
 from drivers.ndi.facts import NdiFacts, describe, tool_facts
 from drivers.ndi.health import HealthWatch
@@ -33,7 +34,7 @@ from drivers.ndi.options import TrackerOptions, parse_options
 from drivers.ndi.plausible import Plausibility
 from drivers.ndi.readings import Reading, Snapshot, dialect
 from drivers.ndi.session import Session
-from drivers.ndi.tools import Tool
+from drivers.ndi.tools import Tool, choose_probe
 from drivers.ndi.wire import RefusedError
 from drivers.ndi.words import BUMPED
 from drivers.ports import Description
@@ -44,10 +45,6 @@ from drivers.tap import Tap
 _BACKWARD_READINGS = 3
 _FROZEN = "many poses in a row are equal to the last bit"
 _DETAILS_S = 0.1
-_POLARIS_COUNTER_HZ = 60.0
-_AURORA_COUNTERS_HZ = (40.0, 320.0)
-_LEARN_NS = 400_000_000
-_LEARN_STEP_NS = 20_000_000
 _RETRY_NS = 1_000_000
 _RISKED = 0.1
 _REFERENCE_PERIODS = 3
@@ -83,7 +80,7 @@ class NdiTracker:
         self._next_poll_ns = 0
         try:
             self._session.start(options.baud, options.wishes)
-            self._probe = self._choose_probe()
+            self._probe = choose_probe(self._session.tools, options.probe is not None, link.where)
             self._reference = self._session.tools[1] if options.reference is not None else None
             self._tools = {tool.handle: tool for tool in self._in_order()}
             self._readings: dict[int, Reading] = {}
@@ -157,20 +154,6 @@ class NdiTracker:
             if pose is not None or self._clock.now_ns() >= end_ns:
                 return pose
 
-    def _choose_probe(self) -> Tool:
-        """As configured, else the first tool of six degrees of freedom that is no reference."""
-        tools = self._session.tools
-        candidates = [
-            tool for tool in tools if not tool.five_dof and not (tool.information and tool.information.is_reference)
-        ]
-        probe = tools[0] if self._options.probe is not None else (candidates or tools)[0]
-        if probe.five_dof:
-            what = (
-                f"the {probe.name} has sensors of five degrees of freedom: they do not tell the turn about their axis"
-            )
-            raise ConfigurationError(what, self._link.where, "Use a probe with a sensor of six degrees of freedom")
-        return probe
-
     def _watched_bodies(self) -> dict[int, BodyWatch]:
         electromagnetic = self._session.identity.electromagnetic
         return {tool.handle: BodyWatch(tool, electromagnetic) for tool in self._posed()}
@@ -217,34 +200,10 @@ class NdiTracker:
         """(clock, nanoseconds of one tick): BX2 tells nanoseconds, TX and BX a counter."""
         if self._kind is ReplyKind.BX2:
             return DeviceClock(), 1.0
-        counter_hz = self._options.counter_hz or self._counter_hz()
+        counter_hz = self._options.counter_hz or frame_counter_hz(
+            self._session, lambda: self._exchange.ask(detailed=False), self._probe.handle, self._clock
+        )
         return CounterClock(counter_hz), 1e9 / counter_hz
-
-    def _counter_hz(self) -> float:
-        identity = self._session.identity
-        if identity.electromagnetic:
-            measured_hz = self._measured_counter_hz()
-            return min(_AURORA_COUNTERS_HZ, key=lambda hz: abs(math.log(hz / measured_hz)))
-        published_hz = self._session.parameter("Param.Tracking.Frame Frequency") if identity.has_bx2 else None
-        return float(published_hz or _POLARIS_COUNTER_HZ)
-
-    def _measured_counter_hz(self) -> float:
-        """Of a device whose counter no document tells. Raises DeviceLost where it stands still."""
-        begin_ns = self._clock.now_ns()
-        counts: list[int] = []
-        arrivals_ns: list[int] = []
-        while self._clock.now_ns() < begin_ns + _LEARN_NS:
-            answer = self._exchange.ask(detailed=False)
-            reading = answer.snapshot.tools.get(self._probe.handle)
-            if reading is not None and reading.tick is not None:
-                counts.append(reading.tick)
-                arrivals_ns.append(answer.arrival_ns)
-            self._clock.sleep_until(self._clock.now_ns() + _LEARN_STEP_NS)
-        if not counts or counts[-1] <= counts[0]:
-            raise DeviceLost(
-                "the tracker's frame counter stands still", self._link.where, "Switch the tracker off and on"
-            )
-        return counter_rate_hz(counts, arrivals_ns)
 
     def _poll(self) -> Pose | None:
         answer = self._ask()
