@@ -1,0 +1,175 @@
+"""The watchers of the line: marker body, frozen picture, frozen tracker, and each parameter against its limit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from appliance.core.geometry import rigid, rotation_from_vector
+from appliance.core.latency import Latency
+from appliance.core.solver import Prior, Solution, solve
+from appliance.core.watchers.calibration_change import agreement_check, calibration_checks, latency_check
+from appliance.core.watchers.frozen_tracker import FrozenTracker
+from appliance.core.watchers.frozen_video import FrozenVideo
+from appliance.core.watchers.marker_slip import MarkerSlip
+from appliance.core.watchers.polarity import weigh_polarity
+from appliance.limits import Limits
+from appliance.types import PARAMETERS, VerdictKind
+from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from tests.motions import TRUTH, Noise, planar_path, samples
+
+OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
+LIMITS = Limits()
+MS = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    return solve(samples(planar_path, 120, 1, Noise()), TRUTH, Prior(planar=True, offset_mm=5.0, latency_s=0.001))
+
+
+@pytest.mark.parametrize(
+    ("value_percent", "sigma_percent", "verdict"),
+    [
+        (0, 1, OK),
+        (4, 0.3, OK),
+        (4, 0.4, NOT_VERIFIED),
+        (6, 0.4, NOT_VERIFIED),
+        (6, 0.3, FAULT),
+        (-6, 0.3, FAULT),
+        (0, 2, NOT_VERIFIED),
+    ],
+)
+def test_three_sigma_of_room_on_either_side_of_the_limit(solution, value_percent, sigma_percent, verdict) -> None:
+    change, covariance = solution.change.copy(), solution.covariance.copy()
+    change[3], covariance[3, 3] = value_percent / 100, (sigma_percent / 100) ** 2
+    (check,) = [
+        c
+        for c in calibration_checks(replace(solution, change=change, covariance=covariance), LIMITS)
+        if c.name == "scale-lateral"
+    ]
+    assert (check.verdict, check.value) == (verdict, pytest.approx(value_percent))
+    assert check.ratio == pytest.approx(abs(value_percent) / 5)
+
+
+def test_what_was_not_observed_has_no_value(solution) -> None:
+    checks = {c.name: c for c in calibration_checks(solution, LIMITS)}
+    assert np.isnan(checks["offset-elevational"].value)
+    assert checks["offset-elevational"].verdict is NOT_VERIFIED
+    assert set(checks) == set(PARAMETERS)
+
+
+@pytest.mark.parametrize("correlation", [0.89, float("nan")])
+def test_where_picture_and_tracker_disagree_nothing_is_concluded(solution, correlation) -> None:
+    doubtful = replace(solution, correlation=correlation)
+    assert {c.verdict for c in calibration_checks(doubtful, LIMITS)} == {NOT_VERIFIED}
+    assert agreement_check(doubtful).verdict is NOT_VERIFIED
+    assert agreement_check(solution).verdict is OK
+
+
+@pytest.mark.parametrize(
+    ("ms", "sigma_ms", "verdict"), [(20, 5, OK), (100, 10, FAULT), (-100, 10, FAULT), (50, 20, NOT_VERIFIED)]
+)
+def test_latency_against_its_limit(ms, sigma_ms, verdict) -> None:
+    check = latency_check(Latency(ms / 1e3, sigma_ms / 1e3), LIMITS)
+    assert (check.verdict, check.value) == (verdict, pytest.approx(ms))
+    assert latency_check(None, LIMITS).verdict is NOT_VERIFIED
+
+
+def line(t_s: np.ndarray) -> np.ndarray:
+    return rigid(np.tile(np.eye(3), (len(t_s), 1, 1)), np.stack([6 * np.sin(2.3 * t_s), 0 * t_s, 0 * t_s], axis=1))
+
+
+def test_motion_along_one_axis_does_not_show_the_polarity() -> None:
+    _, check = weigh_polarity(samples(line, 120, 1, Noise()), TRUTH)
+    assert check.verdict is NOT_VERIFIED
+    best, check = weigh_polarity(samples(planar_path, 120, 1, Noise()), TRUTH)
+    assert (best, check.verdict) == ((1, 1), OK)
+
+
+def sweep(slip: MarkerSlip, body: np.ndarray, frames: range, seen_mm: float = 0.3) -> list[bool]:
+    """Poses of a probe that goes 9 mm/s; body: (4, 4) how the marker sits on it now."""
+    return [slip.step(round(k / 30 * 1e9), rigid(np.eye(3), np.array([0.3 * k, 0, 0])) @ body, seen_mm) for k in frames]
+
+
+BENT = rigid(rotation_from_vector(np.deg2rad([0.0, 5, 0])), np.zeros(3))
+SLID = rigid(np.eye(3), np.array([0.0, -7, 7]))
+
+
+@pytest.mark.parametrize(("body", "fault"), [(BENT, "rotation"), (SLID, "offset")])
+def test_a_leap_of_the_marker_is_confirmed_in_three_frames_and_named(body, fault) -> None:
+    slip = MarkerSlip(LIMITS)
+    assert not any(sweep(slip, np.eye(4), range(20)))
+    assert sweep(slip, body, range(20, 26)).index(True) == 3
+    failed = [check for check in slip.checks() if check.verdict is FAULT]
+    assert [check.fault for check in failed] == [fault]
+    assert failed[0].value == pytest.approx(5.0 if fault == "rotation" else 9.9, abs=0.3)
+
+
+def test_an_outlier_that_leaps_back_is_no_slip() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    sweep(slip, SLID, range(20, 21))
+    assert not any(sweep(slip, np.eye(4), range(21, 40)))
+    assert all(check.verdict is OK for check in slip.checks())
+
+
+def test_a_leap_undone_is_forgiven() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    assert any(sweep(slip, SLID, range(20, 40)))
+    assert any(sweep(slip, np.eye(4), range(40, 60)))
+    assert all(check.verdict is OK for check in slip.checks())
+
+
+def test_a_leap_that_the_picture_shares_is_a_motion_of_the_probe() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    assert not any(sweep(slip, SLID, range(20, 30), seen_mm=9.0))
+
+
+def test_nothing_is_concluded_across_a_pause() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    slip.pause()
+    assert not any(sweep(slip, SLID, range(20, 40)))
+
+
+def frame(t_ms: int, image: np.ndarray) -> Frame:
+    return Frame(Stamp(t_ms * MS, 0), t_ms, image)
+
+
+def test_a_frozen_picture_fails_past_its_limit_even_with_a_ticking_clock() -> None:
+    picture = np.random.default_rng(0).integers(0, 256, (480, 640), dtype=np.uint8)
+    watcher = FrozenVideo(500 * MS)
+    for k in range(60):
+        shown = picture.copy()
+        shown[:10, :20] = (7 * k) % 256
+        check = watcher.step(frame(10 * k, shown))
+        assert (check.verdict is FAULT) == (10 * k > 500)
+    assert watcher.repeats
+    assert watcher.step(frame(600, 255 - picture)).verdict is OK
+
+
+def test_a_live_picture_of_a_resting_probe_is_not_frozen() -> None:
+    random = np.random.default_rng(0)
+    still = random.integers(20, 200, (480, 640)).astype(np.int16)
+    watcher = FrozenVideo(500 * MS)
+    for k in range(80):
+        noisy = (still + random.integers(-4, 5, still.shape)).astype(np.uint8)
+        assert watcher.step(frame(20 * k, noisy)).verdict is OK
+
+
+def pose(t_ms: int, x_mm: float) -> Pose:
+    return Pose(Stamp(t_ms * MS, 0), t_ms, rigid(np.eye(3), np.array([x_mm, 0, 0])), 0.1, PoseStatus.OK)
+
+
+@pytest.mark.parametrize(("moves_mm", "verdict"), [(0.1, FAULT), (0.0, OK)])
+def test_equal_poses_are_stale_only_while_the_picture_moves(moves_mm, verdict) -> None:
+    watcher = FrozenTracker(500 * MS)
+    for k in range(40):
+        watcher.pose(pose(20 * k, 1.0))
+        watcher.picture(np.array([moves_mm, 0.0]))
+    assert watcher.check().verdict is verdict
+    watcher.pose(pose(800, 1.5))
+    assert watcher.check().verdict is OK
