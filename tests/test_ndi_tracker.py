@@ -293,6 +293,16 @@ def test_damaged_tool_definition_is_refused(tmp_path: Path, damage: Callable[[by
         open_tracker("/dev/null", {"probe": str(tmp_path / "bad.rom")}, HostClock())
 
 
+def test_a_slow_line_gives_long_replies_their_time(tmp_path: Path) -> None:
+    """Four tools at 9600 baud: with details a reply takes half a second, and the deadline is 200 ms."""
+    with bench(tmp_path) as cart:
+        probe, reference = cart.rom("probe"), cart.rom("reference")
+        options = {"baud": "9600", "reference": reference, "tools": f"{probe},{probe}", "deadline_ms": "200"}
+        with cart.open(**options) as tracker:
+            assert {pose.status for pose in poses(tracker, 6)} == {PoseStatus.OK}
+            assert len(tracker.facts.tools) == 4
+
+
 def test_a_speed_the_device_lacks_is_a_configuration_error(tmp_path: Path) -> None:
     with bench(tmp_path) as cart, pytest.raises(ConfigurationError, match="does not have 1228739 baud"):
         cart.open(baud="1228739")

@@ -34,17 +34,24 @@ class Answer:
 class Exchange:
     """refused: replies dropped because they were damaged. deadline_ns: silence after which the tracker is lost.
 
+    longest: bytes of the longest reply that is expected; a longer one is noted.
     accept: looks at a good reply and raises ProtocolError to have it refused all the same.
     """
 
     def __init__(
-        self, link: Link, dialect: Dialect, deadline_ns: int, clock: HostClock, accept: Callable[[Snapshot], None]
+        self,
+        link: Link,
+        dialect: Dialect,
+        deadline_ns: int,
+        longest: int,
+        clock: HostClock,
+        accept: Callable[[Snapshot], None],
     ) -> None:
         self.refused = 0
         self._link, self._dialect, self._deadline_ns, self._clock = link, dialect, deadline_ns, clock
         self._accept = accept
         self._good_ns = clock.now_ns()
-        self._longest = 0
+        self._longest = longest
         self._unsure = 0
 
     def ask(self, detailed: bool) -> Answer:
@@ -73,7 +80,7 @@ class Exchange:
 
     @property
     def reply_ns(self) -> int:
-        """Time on the line of the longest reply so far."""
+        """Time on the line of the longest reply."""
         return self._link.transfer_ns(self._longest)
 
     def rest(self) -> None:

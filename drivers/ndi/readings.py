@@ -24,6 +24,7 @@ from drivers.samples import PoseStatus
 _SHORT = Options.POSE | Options.OUT_OF_VOLUME
 _DETAILED = _SHORT | Options.TOOL_INFORMATION | Options.TOOL_MARKERS | Options.PASSIVE_STRAYS
 _OUTSIDE_3D = (4, 5, 8)
+_BINARY_TOOL_BYTES, _TEXT_TOOL_BYTES = 110, 250
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,9 +74,13 @@ class Snapshot:
 
 
 class Dialect(Protocol):
-    """How to ask for poses and read the answer. repeats: whether old data are sent again."""
+    """How to ask for poses and read the answer. repeats: whether old data are sent again.
+
+    tool_bytes: about what a tool of four markers takes in a detailed reply.
+    """
 
     repeats: bool
+    tool_bytes: int
 
     def request(self, detailed: bool) -> bytes:
         """The bytes to send. detailed: marker positions, flags and strays as well."""
@@ -96,6 +101,7 @@ class RepeatingDialect:
 
     def __init__(self, kind: ReplyKind) -> None:
         self._decode = decode_bx if kind is ReplyKind.BX else decode_tx
+        self.tool_bytes = _BINARY_TOOL_BYTES if kind is ReplyKind.BX else _TEXT_TOOL_BYTES
         self._requests = {
             detailed: encode_command(Command(kind.name, f"{int(options):04X}"))
             for detailed, options in ((False, _SHORT), (True, _DETAILED))
@@ -115,6 +121,7 @@ class Bx2Dialect:
     """BX2."""
 
     repeats = False
+    tool_bytes = _BINARY_TOOL_BYTES
 
     def request(self, detailed: bool) -> bytes:
         return _BX2_REQUESTS[detailed]

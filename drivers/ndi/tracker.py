@@ -48,6 +48,7 @@ _DETAILS_S = 0.1
 _RETRY_NS = 1_000_000
 _RISKED = 0.1
 _REFERENCE_PERIODS = 3
+_REPLY_BYTES = 50
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "NdiTracker":
@@ -173,7 +174,8 @@ class NdiTracker:
             self._dialect = dialect(self._kind)
             deadline_ns = round(self._options.deadline_ms * 1e6)
             self._news = News(1.0, self._dialect.repeats)
-            self._exchange = Exchange(self._link, self._dialect, deadline_ns, self._clock, self._refuse_old)
+            longest = _REPLY_BYTES + len(self._tools) * self._dialect.tool_bytes
+            self._exchange = Exchange(self._link, self._dialect, deadline_ns, longest, self._clock, self._refuse_old)
             if self._understands(detailed=False):
                 break
         else:
