@@ -136,7 +136,7 @@ def test_25_of_25_first_connections_from_random_states(model: Model, tmp_path: P
     """One to three things that others did, in any order; four models make a hundred."""
     choose = random.Random(model.name)
     states = NETWORK_STATES if model.network else STATES
-    with bench(tmp_path, model, rate=10.0, wired=("probe",) * model.electromagnetic) as cart:
+    with bench(tmp_path, model, rate=5.0, wired=("probe",) * model.electromagnetic) as cart:
         for _ in range(25):
             for leave in choose.sample(states, choose.randint(1, 3)):
                 with suppress(AssertionError, OSError):  # what one program leaves may keep the next from speaking

@@ -198,7 +198,7 @@ def test_damaged_replies_are_refused_and_asked_for_again(tmp_path: Path, spoil: 
     ids=["nothing", "half", "start word", "always damaged"],
 )
 def test_no_good_reply_within_the_deadline_is_a_lost_device(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
-    with bench(tmp_path, rate=1.0) as cart, cart.open(deadline_ms="120") as tracker:
+    with bench(tmp_path, rate=0.5) as cart, cart.open(deadline_ms="120") as tracker:
         poses(tracker, 2)
         cart.twin.spoil = spoil
         began_ns = cart.clock.now_ns()

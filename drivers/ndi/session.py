@@ -80,7 +80,7 @@ class Session:
         """Bring the device to tracking, with the tools in the order of `wishes` first, then all others it has.
 
         Without any wish for a wireless tool none is loaded. A reply that is damaged or does not come starts the whole
-        sequence again, which is harmless from every state.
+        sequence again once the line is quiet, as a late reply must answer nothing else; that is harmless in any state.
 
         Raises DeviceLost, or ConfigurationError for a line speed the device does not have.
         """
@@ -96,6 +96,7 @@ class Session:
                 raise lost_by_protocol(error, self.link.where) from error
             except (ProtocolError, RebootedError, SilentError) as error:
                 last = error
+                self._let_run_out()
         remedy = "Check the cable, or use a lower baud="
         raise DeviceLost(f"replies stay damaged or away ({last.what})", self.link.where, remedy)
 
