@@ -4,9 +4,10 @@ Several outputs may name channels of the same board.
 
 9600 baud 8N1. Command: A0, channel, 00 off or 01 on, sum of the three modulo 256. Boards with a microcontroller answer
 the byte FF with `CHn: ON` or `CHn: OFF` lines; the bare LCUS-1 never answers. Which of the two is asked once, when the
-port is opened; `confirm=yes` refuses a board that does not answer, `confirm=no` does not ask. heartbeat=HZ, up to 1,
-clicks the relay for an external watchdog relay; a mechanical one makes some 100 000 clicks under load, so at 1 Hz it
-lasts about a day: a GPIO line or a control line of a serial port does this better.
+port is opened; a board that has answered once must go on. `confirm=yes` refuses a board that does not answer,
+`confirm=no` does not ask. heartbeat=HZ, up to 1, clicks the relay for an external watchdog relay; a mechanical one
+makes some 100 000 clicks under load, so at 1 Hz it lasts about a day: a GPIO line or a control line of a serial port
+does this better.
 
 Release: on every orderly end the contact is opened first. The board holds its contact when the process dies or the
 data line breaks, and drops it when it loses power. `probewatch release` (the unit's ExecStopPost) opens it then.
@@ -35,6 +36,10 @@ _PAUSE_S = 0.05
 _CONTACT = re.compile(rb"CH *(\d{1,2}) *: *(ON|OFF)\s")
 _CONFIRM = ("auto", "yes", "no")
 _CHECK = "Check the relay board's cable"
+
+
+_have_reported: set[str] = set()
+"""Ports at which a board has reported: one that falls silent there has failed, and is no LCUS-1."""
 
 
 def relay_command(channel: int, energised: bool) -> bytes:
@@ -66,11 +71,17 @@ class RelayOutput:
         self._reported = 0
         try:
             self.confirmed = confirm != "no" and self._learn_report()
-            if confirm == "yes" and not self.confirmed:
-                raise DeviceLost("the relay board does not report its contacts", path, f"{_CHECK}, or use confirm=auto")
+            self._insist(confirm == "yes" or (confirm == "auto" and path in _have_reported))
         except BaseException:
             self._port.give_back()
             raise
+
+    def _insist(self, must_report: bool) -> None:
+        if self.confirmed:
+            _have_reported.add(self._path)
+        elif must_report:
+            remedy = f"{_CHECK}, or use confirm=no for a board that never does"
+            raise DeviceLost("the relay board does not report its contacts", self._path, remedy)
 
     def __enter__(self) -> Self:
         return self

@@ -8,6 +8,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 LIVE = (
+    "test_failures",
     "test_alarm_path",
     "test_daemon",
     "test_demo",

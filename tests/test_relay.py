@@ -92,6 +92,18 @@ def test_board_that_must_confirm_but_cannot_is_refused(tmp_path: Path) -> None:
         open_output(f"relay:{tmp_path}/relay?confirm=yes", CLOCK)
 
 
+def test_a_board_that_has_reported_once_must_go_on(tmp_path: Path) -> None:
+    """Opened again, a hung board must not pass for one of those that never answer."""
+    url = f"relay:{tmp_path}/relay"
+    with running_board(tmp_path / "relay"), open_output(url, CLOCK) as output:
+        output.write(True)
+    with running_board(tmp_path / "relay", answers=False):
+        with pytest.raises(DeviceLost, match="does not report"):
+            open_output(url, CLOCK)
+        with open_output(f"{url}?confirm=no", CLOCK) as output:
+            output.write(True)
+
+
 def test_port_in_use_says_so(tmp_path: Path) -> None:
     with running_board(tmp_path / "relay"), open_serial(f"{tmp_path}/relay", 9600):
         with pytest.raises(DeviceLost, match="in use by another program") as refusal:

@@ -1,0 +1,170 @@
+"""Walks the table of docs/failures.md on a simulated cart: kill, stop or starve one part, see contact and state."""
+
+import contextlib
+import os
+import re
+import resource
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from appliance.service.control import ControlClient
+from tests.demo_cart import Cart
+from tests.polling import until
+
+PAGE = Path(__file__).parent.parent / "docs" / "failures.md"
+_TWINS = {"scanner": "scanner", "tracker": "polaris", "alarm output": "relay_board"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """contact_s: None where the table promises nothing; keeps: the contact must stay closed."""
+
+    part: str
+    what: str
+    contact_s: float | None
+    keeps: bool
+    state: str
+    fault: str | None
+    within_s: float
+
+
+def rows() -> list[Row]:
+    cells = [re.split(r" *\| *", line.strip("| \n")) for line in PAGE.read_text().splitlines() if line.startswith("| ")]
+    return [_row(*row) for row in cells[1:] if "*cart*" not in row[1]]
+
+
+def _row(part: str, what: str, contact: str, state: str, within: str, recovery: str) -> Row:
+    named = re.fullmatch(r"([a-z ]+?)(?: \((.*)\))?", state)
+    assert named is not None
+    seconds = re.fullmatch(r"([\d.]+) s", contact)
+    contact_s = None if seconds is None else float(seconds[1])
+    return Row(part, what, contact_s, "stays closed" in contact, named[1], named[2], float(within.removesuffix(" s")))
+
+
+@pytest.fixture(scope="module")
+def cart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cart]:
+    with Cart(tmp_path_factory.mktemp("failing"), trusting=True) as cart:
+        yield cart
+
+
+Undo = Callable[[], None]
+
+
+def kill_twin(cart: Cart, part: str) -> Undo:
+    cart.twins[_TWINS[part]].end(kill=True)
+    return lambda: cart.start_twin(_TWINS[part])
+
+
+def stop_twin(cart: Cart, part: str) -> Undo:
+    pids = family(cart.twins[_TWINS[part]].process.pid)
+    return stop(pids)
+
+
+def family(pid: int) -> list[int]:
+    """The process, and what it started: a twin runs under its tether."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [pid, *(one for child in children for one in family(int(child)))]
+
+
+def stop(pids: list[int]) -> Undo:
+    for pid in pids:
+        os.kill(pid, signal.SIGSTOP)
+
+    def go_on() -> None:
+        for pid in pids:
+            os.kill(pid, signal.SIGCONT)
+
+    return go_on
+
+
+def kill_estimator(cart: Cart, part: str) -> Undo:
+    os.kill(cart.estimator_pid(), signal.SIGKILL)
+    return lambda: None
+
+
+def stop_estimator(cart: Cart, part: str) -> Undo:
+    return stop([cart.estimator_pid()])
+
+
+def fill_disk(cart: Cart, part: str) -> Undo:
+    """A file size limit of zero: every write to a file fails, as on a full disk."""
+    assert cart.daemon is not None
+    pid = cart.daemon.process.pid
+    before = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(pid, resource.RLIMIT_FSIZE, (0, before[1]))
+    with ControlClient(cart.socket) as client:
+        client.test_lamps()
+    until(lambda: cart.status()["notices"], 5)
+    return lambda: resource.prlimit(pid, resource.RLIMIT_FSIZE, before) and None
+
+
+def flood_socket(cart: Cart, part: str) -> Undo:
+    for _ in range(20):
+        with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as link:
+            link.settimeout(0.1)
+            link.connect(str(cart.socket))
+            link.sendall(b'{"v": 1, "do": "status"}\n' * 4000)
+    return lambda: None
+
+
+def pause_service(cart: Cart, part: str) -> Undo:
+    assert cart.daemon is not None
+    go_on = stop([cart.daemon.process.pid])
+    time.sleep(2)
+    go_on()
+    return lambda: None
+
+
+def kill_halted_service(cart: Cart, part: str) -> Undo:
+    assert cart.daemon is not None
+    cart.say("polarity")
+    cart.wait_for("halt")
+    until(lambda: cart.status()["log"]["waiting"] == 0)
+    cart.daemon.end(kill=True)
+    cart.say(None)
+    cart.start_daemon()
+
+    def acknowledge() -> None:
+        with ControlClient(cart.socket) as client:
+            client.acknowledge()
+
+    return acknowledge
+
+
+ACTIONS: dict[tuple[str, str], Callable[[Cart, str], Undo]] = {
+    **{(part, "killed"): kill_twin for part in _TWINS},
+    **{(part, "stopped"): stop_twin for part in _TWINS},
+    ("estimator", "killed"): kill_estimator,
+    ("estimator", "stopped"): stop_estimator,
+    ("log disk", "full"): fill_disk,
+    ("control client", "floods the socket"): flood_socket,
+    ("service", "stopped, then goes on"): pause_service,
+    ("service", "killed while halted"): kill_halted_service,
+}
+
+
+def test_the_table_and_this_test_know_the_same_failures() -> None:
+    assert {(row.part, row.what) for row in rows()} == set(ACTIONS)
+
+
+@pytest.mark.parametrize("row", rows(), ids=lambda row: f"{row.part} {row.what}")
+def test_one_part_fails(cart: Cart, row: Row) -> None:
+    cart.wait_for("monitoring")
+    until(cart.contact)
+    began_s = time.monotonic()
+    undo = ACTIONS[row.part, row.what](cart, row.part)
+    try:
+        if row.contact_s is not None:
+            cart.open_contact(began_s, row.contact_s)
+        status = cart.wait_for(row.state, row.within_s)
+        assert status["fault"] == row.fault
+        assert not row.keeps or cart.contact(began_s) is None, "the contact stays as it is"
+    finally:
+        undo()
+    cart.wait_for("monitoring", 30)
