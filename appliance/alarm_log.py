@@ -181,7 +181,8 @@ def _digest(stored: dict[str, Any]) -> str:
 class AlarmLog:
     """The writing end. opened: what was found; an unsound chain is left as it is and a new one begun after it.
 
-    latch: what the last run latched. damage: hazard classes that are not acknowledged yet. Raises OSError when the
+    latch: what the last run latched. damage: hazard classes that are not acknowledged yet; the next entry keeps what it
+    is set to. Raises OSError when the
     folder cannot be made or read.
     """
 
@@ -212,10 +213,6 @@ class AlarmLog:
     def digest(self) -> str:
         """Of the last entry on the disk."""
         return self._memory.digest
-
-    def accept_damage(self) -> None:
-        """A person has acknowledged it; the next entry makes that last."""
-        self.damage = ()
 
     def append(self, utc: datetime, t_ns: int, event: str, data: dict[str, Any], latch: Latch | None) -> None:
         """On the disk when it returns. Raises OSError; then nothing was appended, and it may be tried again."""

@@ -89,7 +89,7 @@ def test_damage_stands_through_restarts_until_it_is_accepted(tmp_path: Path) -> 
     filled(tmp_path, 1)
     log = filled(tmp_path, 1)
     assert log.damage == ("memory-damaged",)
-    log.accept_damage()
+    log.damage = ()
     log.append(NOON, 0, "request", {"do": "acknowledge"}, None)
     again = AlarmLog(tmp_path)
     assert again.damage == ()

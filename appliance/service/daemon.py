@@ -216,11 +216,12 @@ class Daemon:
             self._notifier.alive(f"{alarm.state.value}: {alarm.reason}")
 
     def _ask(self, request: Request) -> None:
+        seen = None if self._alarm is None else self._alarm.fault
         self._step(Inputs(devices=self._devices, request=request))
         if self._supervisor.refused:
             raise ControlRefused(self._supervisor.refused)
         if request is Request.ACKNOWLEDGE:
-            self._recorder.accept_damage()
+            self._recorder.accept_damage(seen)
         else:
             self._verdict = None
         self._log.info("request granted", request=request.value)

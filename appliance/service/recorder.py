@@ -40,7 +40,6 @@ class Recorder(threading.Thread):
         self._ending = False
         self._log = get_log(folder=str(folder))
         self._alarm_log: AlarmLog | None = None
-        self._accepted = False
         self.failing: str | None = None
         self.latch: Latch | None = None
         self.damage: tuple[str, ...] = ()
@@ -55,10 +54,9 @@ class Recorder(threading.Thread):
         self._waiting.append(_Note(datetime.now(UTC), self._clock.now_ns(), event, data, latch))
         self._wake.set()
 
-    def accept_damage(self) -> None:
-        """A person has acknowledged it; the next entry makes that last."""
-        self._accepted = True
-        self.damage = ()
+    def accept_damage(self, fault: str | None) -> None:
+        """A person has acknowledged this class; the next entry makes that last."""
+        self.damage = tuple(one for one in self.damage if one != fault)
 
     @property
     def waiting(self) -> int:
@@ -101,8 +99,7 @@ class Recorder(threading.Thread):
             self._note_success()
 
     def _append(self, alarm_log: AlarmLog, note: _Note) -> None:
-        if self._accepted:
-            alarm_log.accept_damage()
+        alarm_log.damage = self.damage
         alarm_log.append(note.utc, note.t_ns, note.event, note.data, note.latch)
         self.written = alarm_log.number
         self._log.info("alarm log", number=self.written, digest=alarm_log.digest, entry=note.event)

@@ -62,7 +62,7 @@ class Ledger:
         return [verdict.fault]
 
     def _note_hazards(self, failing: list[str]) -> None:
-        self._note_integrity([fault for fault in failing if fault not in self._accepted])
+        self._note_integrity(failing)
         self._note_kind(self.internal, failing, Kind.INTERNAL)
         self._note_kind(self.device, failing, Kind.DEVICE)
         self.notices = tuple(fault for fault in failing if kind_of(fault) is Kind.ADVISORY)
@@ -76,9 +76,9 @@ class Ledger:
 
     def _note_integrity(self, failing: list[str]) -> None:
         """Damage that was seen stands until it is accepted, whether or not it is still reported."""
-        standing = self.integrity.active and self.integrity.fault not in self._accepted
-        if not standing:
-            self._note_kind(self.integrity, failing, Kind.INTEGRITY)
+        self._accepted &= frozenset(failing)
+        if not self.integrity.active:
+            self._note_kind(self.integrity, [fault for fault in failing if fault not in self._accepted], Kind.INTEGRITY)
 
     def _note_kind(self, condition: Condition, failing: list[str], kind: Kind) -> None:
         fault = next((fault for fault in failing if kind_of(fault) is kind), None)
@@ -109,10 +109,14 @@ class Ledger:
         self.verified_ns = min(verdict.t_ns, self.now_ns)
 
     def acknowledge(self) -> None:
-        """A person has seen what stands now; a fault that comes anew is not acknowledged."""
+        """A person has seen the latched state; a fault that comes anew is not acknowledged."""
         self.acknowledged = True
+
+    def accept_damage(self) -> None:
+        """A person has seen what is damaged; the same found anew, and any other damage, is another alarm."""
         if self.integrity.fault is not None:
             self._accepted |= {self.integrity.fault}
+        self.integrity.lift(self.now_ns)
 
     def latch(self, state: State, fault: str | None) -> None:
         """Hold this state until it is released; a person must acknowledge it."""

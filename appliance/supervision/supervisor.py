@@ -184,7 +184,9 @@ class Supervisor:
 
     def _grant(self, request: Request) -> None:
         self._table.send(request.value)
-        if request is Request.ACKNOWLEDGE:
+        if request is Request.ACKNOWLEDGE and self.state is State.INTERNAL_FAULT:
+            self._ledger.accept_damage()
+        elif request is Request.ACKNOWLEDGE:
             self._ledger.acknowledge()
         elif request is Request.BEGIN_RECALIBRATION:
             self._ledger.begin_recalibration()

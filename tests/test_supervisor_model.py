@@ -1,0 +1,189 @@
+"""The supervisor against a model of what safety asks, written without looking at its table."""
+
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
+
+from appliance.supervision.alarms import HAZARDS, Kind
+from appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
+from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
+
+MS_NS = 1_000_000
+D = Durations()
+STEPS_NS = st.sampled_from([50, 50, 50, 300, 950, 1000, 2000, 31_000]).map(lambda ms: ms * MS_NS)
+CALIBRATION = [name for name, row in HAZARDS.items() if row.kind is Kind.CALIBRATION]
+WATCHED = [name for name, row in HAZARDS.items() if row.kind in (Kind.DEVICE, Kind.INTERNAL) and name != "frozen-video"]
+DAMAGE = [name for name, row in HAZARDS.items() if row.kind is Kind.INTEGRITY]
+RECALIBRATION = [Request.BEGIN_RECALIBRATION, Request.END_RECALIBRATION, Request.ABORT_RECALIBRATION]
+LATCHED = {State.HALT, State.RECALIBRATION_REQUESTED}
+ALARMED = LATCHED | {State.DEVICE_LOST, State.INTERNAL_FAULT, State.SELF_TEST, State.WAITING}
+
+
+class Room(RuleBasedStateMachine):
+    """Everything a room can do to the supervisor, in any order and at any time."""
+
+    @initialize()
+    def begin(self) -> None:
+        self.now_ns = 10**12
+        self.supervisor = Supervisor(D)
+        self.watched: set[str] = set()
+        self.damage: set[str] = set()
+        self.unseen = False
+        self.alarm: AlarmState
+        self.ok_ns: int | None = None  # measured, of the newest OK that speaks of the reference in force
+        self.fault_since_ns: int | None = None  # shown in every step since, without interruption
+        self.faulty = False  # the last word that was no shrug said FAULT
+        self.watched_since_ns: int | None = None
+        self.acknowledged = self.disproved = self.confirmed = False
+        self.step(50 * MS_NS)
+
+    def step(self, delta_ns: int, verdict: Verdict | None = None, request: Request | None = None) -> None:
+        self.now_ns += delta_ns
+        failing = [Check(name, name, 2, 0, "", 1, VerdictKind.FAULT) for name in sorted(self.watched | self.damage)]
+        sight = VerdictKind.NOT_VERIFIED if self.unseen else VerdictKind.OK
+        checks = (*failing, Check("sight", "line-of-sight", 2, 0, "", 1, sight))
+        if self.watched and self.watched_since_ns is None:
+            self.watched_since_ns = self.now_ns
+        elif not self.watched:
+            self.watched_since_ns = None
+        before = None if not hasattr(self, "alarm") else self.alarm.state
+        self.alarm = self.supervisor.step(self.now_ns, Inputs(() if verdict is None else (verdict,), checks, request))
+        self._after(before)
+
+    def _after(self, before: State | None) -> None:
+        if before in LATCHED and self.alarm.state not in LATCHED and self.alarm.state is not State.RECALIBRATING:
+            assert self.acknowledged, "nobody acknowledged it"
+            assert self.disproved, "nothing disproved it"
+        if self.alarm.state in LATCHED and before not in LATCHED | {State.RECALIBRATING}:
+            self.acknowledged = self.disproved = False
+
+    @rule(delta_ns=STEPS_NS)
+    def nothing_is_said(self, delta_ns: int) -> None:
+        self.fault_since_ns = None
+        self.step(delta_ns)
+
+    @rule(delta_ns=STEPS_NS)
+    def line_says_ok(self, delta_ns: int) -> None:
+        self.fault_since_ns, self.faulty, self.disproved = None, False, True
+        self.ok_ns = self.now_ns + delta_ns
+        self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.OK, ()))
+
+    @rule(delta_ns=STEPS_NS)
+    def line_shrugs(self, delta_ns: int) -> None:
+        self.fault_since_ns = None
+        self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.NOT_VERIFIED, ()))
+
+    @rule(delta_ns=STEPS_NS, fault=st.sampled_from(CALIBRATION))
+    def line_says_fault(self, delta_ns: int, fault: str) -> None:
+        since_ns = self.now_ns + delta_ns if self.fault_since_ns is None else self.fault_since_ns
+        self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.FAULT, (), fault))
+        self.fault_since_ns, self.faulty = since_ns, True
+        self.ok_ns = None
+
+    @rule(name=st.sampled_from(WATCHED))
+    def part_fails(self, name: str) -> None:
+        self.watched.add(name)
+        self.step(50 * MS_NS)
+
+    @rule()
+    def parts_come_back(self) -> None:
+        self.watched.clear()
+        self.step(50 * MS_NS)
+
+    @rule(hidden=st.booleans())
+    def probe_is_hidden_or_seen(self, hidden: bool) -> None:
+        self.unseen = hidden
+        self.step(50 * MS_NS)
+
+    @rule(name=st.sampled_from(DAMAGE))
+    def memory_is_found_damaged(self, name: str) -> None:
+        self.damage.add(name)
+        self.step(50 * MS_NS)
+
+    @rule()
+    def person_acknowledges(self) -> None:
+        self.step(50 * MS_NS, request=Request.ACKNOWLEDGE)
+        if not self.supervisor.refused:
+            self.acknowledged = True
+            self.damage.clear()
+
+    @rule(
+        request=st.sampled_from([Request.BEGIN_RECALIBRATION, Request.END_RECALIBRATION, Request.ABORT_RECALIBRATION])
+    )
+    def person_recalibrates(self, request: Request) -> None:
+        self.step(50 * MS_NS, request=request)
+        if not self.supervisor.refused:
+            self.ok_ns, self.faulty, self.fault_since_ns, self.disproved = None, False, None, False
+
+    @rule()
+    def power_fails(self) -> None:
+        latched = self.alarm.latched
+        self.supervisor = Supervisor(D, latched, self.alarm.latched_fault)
+        self.ok_ns, self.fault_since_ns, self.watched_since_ns = None, None, None
+        self.faulty = self.acknowledged = self.disproved = False
+        del self.alarm
+        self.step(50 * MS_NS)
+        assert latched is None or self.alarm.state is latched
+
+    @invariant()
+    def energised_only_when_verified_and_nothing_is_wrong(self) -> None:
+        if self.alarm.energised:
+            assert not self.watched
+            assert not self.damage
+            assert not self.unseen
+            assert not self.faulty
+            assert self.ok_ns is not None
+            assert self.now_ns - self.ok_ns <= D.max_verification_age_ns
+
+    @invariant()
+    def no_deadline_is_missed(self) -> None:
+        state = self.alarm.state
+        if self.watched_since_ns is not None and self.now_ns - self.watched_since_ns >= D.device_lost_after_ns:
+            assert state in ALARMED | {State.WARNING, State.RECALIBRATING}
+        shown_ns = 0 if self.fault_since_ns is None else self.now_ns - self.fault_since_ns
+        if shown_ns >= D.halt_after_ns + 2 * D.device_lost_after_ns and state is not State.RECALIBRATING:
+            assert state in ALARMED, "a fault shown this long has halted"
+        assert state is not State.HALT or self.alarm.latched is State.HALT
+
+    @invariant()
+    def a_latched_state_is_remembered(self) -> None:
+        if self.alarm.state in LATCHED:
+            assert self.alarm.latched is self.alarm.state
+            assert self.alarm.latched_fault is not None
+
+    def teardown(self) -> None:
+        """No deadlock: with everything well again and a person at hand, monitoring comes back."""
+        if not hasattr(self, "alarm"):
+            return
+        self.watched.clear()
+        self.unseen = False
+        self.step(50 * MS_NS, request=Request.ABORT_RECALIBRATION)
+        for _ in range(3):
+            self.person_acknowledges()
+            for _ in range(30):
+                self.line_says_ok(100 * MS_NS)
+        assert self.alarm.state is State.MONITORING
+
+
+def run(examples: int, steps: int) -> None:
+    checks = [HealthCheck.too_slow, HealthCheck.filter_too_much]
+    run_state_machine_as_test(
+        Room,
+        settings=settings(
+            max_examples=examples,
+            stateful_step_count=steps,
+            deadline=None,
+            derandomize=True,
+            suppress_health_check=checks,
+        ),
+    )
+
+
+def test_no_path_is_unsafe() -> None:
+    run(60, 50)
+
+
+@pytest.mark.slow
+def test_no_path_of_a_hundred_thousand_steps_is_unsafe() -> None:
+    run(1100, 100)
