@@ -30,7 +30,7 @@ class Condition:
     def lift(self, now_ns: int) -> None:
         if self.active:
             self.lifted_ns = now_ns
-        self.shown, self.onset_ns = False, None
+        self.onset_ns = None
 
     def lasts(self, now_ns: int, duration_ns: int) -> bool:
         """Shown now, and not gone since duration_ns ago or longer."""
