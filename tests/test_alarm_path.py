@@ -16,6 +16,9 @@ import pytest
 
 from appliance.alarm_log import MEMORY, read_log
 from appliance.service.control import ControlClient, ControlRefused
+from drivers.hosttime import HostClock
+from drivers.twins.relay_board import RelayBoard
+from tests.boards import running_board
 from tests.demo_cart import Cart
 from tests.polling import until
 
@@ -207,6 +210,60 @@ def test_a_stopped_service_holds_no_lock_on_its_recovery(monitoring: Cart) -> No
     os.kill(monitoring.daemon.process.pid, signal.SIGCONT)
     monitoring.wait_for("monitoring")
     assert monitoring.status()["counters"]["late_ticks"] >= 1
+
+
+@contextlib.contextmanager
+def second_board(cart: Cart) -> Iterator[RelayBoard]:
+    """A relay board of three channels beside the cart's own: contact, red lamp, sounder."""
+    text, link = cart.config.read_text(), cart.folder / "second"
+    urls = [(f"relay:{link}?channel={n}", role) for n, role in ((1, "contact"), (2, "red"), (3, "tone"))]
+    more = "".join(f', {{ url = "{url}", signal = "{role}" }}' for url, role in urls)
+    assert cart.daemon is not None
+    with running_board(link, HostClock(), channels=3) as board:
+        cart.config.write_text(text.replace(" }]", " }" + more + "]"))
+        cart.daemon.end()
+        cart.start_daemon()
+        try:
+            yield board
+        finally:
+            cart.config.write_text(text)
+            cart.daemon.end()
+            cart.start_daemon()
+
+
+def changes(board: RelayBoard, channel: int, seconds: float) -> int:
+    """How often a contact moves."""
+    end_s, moved, was = time.monotonic() + seconds, 0, board.contacts[channel]
+    while time.monotonic() < end_s:
+        moved, was = moved + (board.contacts[channel] != was), board.contacts[channel]
+        time.sleep(0.005)
+    return moved
+
+
+def test_several_outputs_show_each_its_own_and_one_that_breaks_holds_up_no_other(monitoring: Cart) -> None:
+    with second_board(monitoring) as board:
+        monitoring.wait_for("monitoring")
+        until(lambda: board.contacts == {1: True, 2: True, 3: True})
+        with ControlClient(monitoring.socket) as client:
+            client.test_lamps()
+        until(lambda: board.contacts == {1: True, 2: False, 3: False})
+        monitoring.say("scale")
+        monitoring.wait_for("halt")
+        until(lambda: board.contacts[1] is False)
+        until(lambda: not monitoring.status()["audio"]["lamp_test"])
+        assert 4 <= changes(board, 2, 3.0) <= 14, "the red lamp flashes twice a second"
+        acknowledge(monitoring)
+        until(lambda: board.contacts[3])
+        assert changes(board, 3, 3.0) == 0, "acknowledged is silent"
+        monitoring.say(None)
+        monitoring.wait_for("monitoring")
+        until(monitoring.contact)
+        board.stuck = True
+        began_s = time.monotonic()
+        monitoring.say("scale")
+        monitoring.open_contact(began_s, ALARM_S)
+        board.stuck = False
+        monitoring.say(None)
 
 
 @pytest.mark.parametrize("damage", ["memory", "log"])

@@ -6,11 +6,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from threading import Event, Thread
 
 import pytest
 
@@ -20,23 +18,9 @@ from drivers.ports import open_output
 from drivers.relay import relay_command
 from drivers.serialport import open_serial
 from drivers.twins.ptyline import PtyLine
-from drivers.twins.relay_board import RelayBoard
+from tests.boards import running_board
 
 CLOCK = HostClock(rate=5.0)
-
-
-@contextmanager
-def running_board(link: Path, channels: int = 1, answers: bool = True) -> Iterator[RelayBoard]:
-    stop = Event()
-    with PtyLine(link, CLOCK) as line:
-        board = RelayBoard(line, CLOCK, channels, answers)
-        thread = Thread(target=board.run, args=(stop,))
-        thread.start()
-        try:
-            yield board
-        finally:
-            stop.set()
-            thread.join()
 
 
 def wait_for(condition: object, wanted: bool = True, seconds: float = 2.0) -> None:
@@ -53,7 +37,7 @@ def test_command_bytes() -> None:
 
 
 def test_write_returns_after_an_answering_board_has_switched(tmp_path: Path) -> None:
-    with running_board(tmp_path / "relay", channels=2) as board:
+    with running_board(tmp_path / "relay", CLOCK, channels=2) as board:
         with open_output(f"relay:{tmp_path}/relay?channel=2", CLOCK) as output:
             output.write(True)
             assert board.contacts == {1: False, 2: True}
@@ -64,7 +48,7 @@ def test_write_returns_after_an_answering_board_has_switched(tmp_path: Path) -> 
 
 
 def test_silent_board_is_driven_all_the_same(tmp_path: Path) -> None:
-    with running_board(tmp_path / "relay", answers=False) as board:
+    with running_board(tmp_path / "relay", CLOCK, answers=False) as board:
         with open_output(f"relay:{tmp_path}/relay", CLOCK) as output:
             output.write(True)
             wait_for(lambda: board.contacts[1])
@@ -72,7 +56,7 @@ def test_silent_board_is_driven_all_the_same(tmp_path: Path) -> None:
 
 
 def test_leaving_on_an_error_de_energises(tmp_path: Path) -> None:
-    with running_board(tmp_path / "relay") as board:
+    with running_board(tmp_path / "relay", CLOCK) as board:
         with suppress(RuntimeError), open_output(f"relay:{tmp_path}/relay", CLOCK) as output:
             output.write(True)
             raise RuntimeError
@@ -80,7 +64,7 @@ def test_leaving_on_an_error_de_energises(tmp_path: Path) -> None:
 
 
 def test_welded_contact_is_noticed(tmp_path: Path) -> None:
-    with running_board(tmp_path / "relay") as board, open_output(f"relay:{tmp_path}/relay", CLOCK) as output:
+    with running_board(tmp_path / "relay", CLOCK) as board, open_output(f"relay:{tmp_path}/relay", CLOCK) as output:
         output.write(True)
         board.stuck = True
         with pytest.raises(DeviceLost, match="did not switch, its contact is closed"):
@@ -88,16 +72,16 @@ def test_welded_contact_is_noticed(tmp_path: Path) -> None:
 
 
 def test_board_that_must_confirm_but_cannot_is_refused(tmp_path: Path) -> None:
-    with running_board(tmp_path / "relay", answers=False), pytest.raises(DeviceLost, match="does not report"):
+    with running_board(tmp_path / "relay", CLOCK, answers=False), pytest.raises(DeviceLost, match="does not report"):
         open_output(f"relay:{tmp_path}/relay?confirm=yes", CLOCK)
 
 
 def test_a_board_that_has_reported_once_must_go_on(tmp_path: Path) -> None:
     """Opened again, a hung board must not pass for one of those that never answer."""
     url = f"relay:{tmp_path}/relay"
-    with running_board(tmp_path / "relay"), open_output(url, CLOCK) as output:
+    with running_board(tmp_path / "relay", CLOCK), open_output(url, CLOCK) as output:
         output.write(True)
-    with running_board(tmp_path / "relay", answers=False):
+    with running_board(tmp_path / "relay", CLOCK, answers=False):
         with pytest.raises(DeviceLost, match="does not report"):
             open_output(url, CLOCK)
         with open_output(f"{url}?confirm=no", CLOCK) as output:
@@ -105,7 +89,7 @@ def test_a_board_that_has_reported_once_must_go_on(tmp_path: Path) -> None:
 
 
 def test_port_in_use_says_so(tmp_path: Path) -> None:
-    with running_board(tmp_path / "relay"), open_serial(f"{tmp_path}/relay", 9600):
+    with running_board(tmp_path / "relay", CLOCK), open_serial(f"{tmp_path}/relay", 9600):
         with pytest.raises(DeviceLost, match="in use by another program") as refusal:
             open_output(f"relay:{tmp_path}/relay", CLOCK)
         assert "Close that program" in str(refusal.value)
@@ -113,7 +97,7 @@ def test_port_in_use_says_so(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("answers", [True, False])
 def test_channels_of_one_board_are_driven_at_the_same_time(tmp_path: Path, answers: bool) -> None:
-    with running_board(tmp_path / "relay", channels=3, answers=answers) as board, ExitStack() as stack:
+    with running_board(tmp_path / "relay", CLOCK, channels=3, answers=answers) as board, ExitStack() as stack:
         urls = [f"relay:{tmp_path}/relay?channel={channel}" for channel in (1, 2, 3)]
         outputs = [stack.enter_context(open_output(url, CLOCK)) for url in urls]
         with ThreadPoolExecutor() as pool:
@@ -124,13 +108,13 @@ def test_channels_of_one_board_are_driven_at_the_same_time(tmp_path: Path, answe
 
 def test_a_board_that_went_is_lost_for_every_channel_and_can_be_opened_again(tmp_path: Path) -> None:
     with ExitStack() as stack:
-        with running_board(tmp_path / "relay", channels=2):
+        with running_board(tmp_path / "relay", CLOCK, channels=2):
             outputs = [stack.enter_context(open_output(f"relay:{tmp_path}/relay?channel={n}", CLOCK)) for n in (1, 2)]
         for output in outputs:
             with pytest.raises(DeviceLost):
                 output.write(True)
         url = f"relay:{tmp_path}/relay?channel=2"
-        with running_board(tmp_path / "relay", channels=2) as board, open_output(url, CLOCK) as output:
+        with running_board(tmp_path / "relay", CLOCK, channels=2) as board, open_output(url, CLOCK) as output:
             output.write(True)
             assert board.contacts[2]
 
