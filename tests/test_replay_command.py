@@ -214,6 +214,7 @@ def test_json_is_the_documented_contract():
             },
             "motions": 7,
         },
+        "second_opinion": None,
         "checks": [
             {"name": "scale lateral", "value": 2.0, "unit": "%", "limit": 5.0, "ratio": 0.4, "verdict": "OK"},
             {

@@ -14,6 +14,7 @@ from rich.table import Table
 from appliance.calibration_file import read_calibration
 from appliance.core.line import Line
 from appliance.core.report import Change, LineReport, report_json
+from appliance.core.second_opinion import SecondOpinion
 from appliance.limits import Limits
 from appliance.supervision.timeline import Timeline
 from appliance.types import Check, Verdict, VerdictKind
@@ -111,10 +112,20 @@ def _print(report: LineReport, timeline: list[Change], recording: Path) -> None:
         click.echo(f"  {number} not paired: {reason}")
     Console(file=sys.stdout, highlight=False).print(_table(report))
     click.echo(f"{report.motions} motions of the probe went into the estimate")
+    if report.second_opinion is not None:
+        click.echo(_second_opinion(report.second_opinion))
     for change in timeline:
         click.echo(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}")
     fault = f" · {report.verdict.fault}" if report.verdict.fault else ""
     click.echo(f"verdict: {report.verdict.kind.value}{fault}  {report.verdict.reason}")
+
+
+def _second_opinion(opinion: SecondOpinion) -> str:
+    lateral, axial = (
+        f"{scale:.4f} ± {scale * sigma:.4f}"
+        for scale, sigma in zip(opinion.scale_mm_per_px, opinion.sigma[3:], strict=True)
+    )
+    return f"closed form, without the reference ({opinion.form}, {opinion.pairs} pairs): {lateral} and {axial} mm/px"
 
 
 def _table(report: LineReport) -> Table:

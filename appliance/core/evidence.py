@@ -7,6 +7,7 @@ import numpy as np
 
 from appliance.core.latency import Latency
 from appliance.core.path import PathWindow
+from appliance.core.second_opinion import SecondOpinion, second_opinion
 from appliance.core.solver import TAU, Prior, Solution, path_misfit, solve
 from appliance.core.watchers.calibration_change import agreement_check, calibration_checks, latency_check, trusted
 from appliance.core.watchers.polarity import flipped, weigh_polarity
@@ -109,6 +110,13 @@ class Evidence:
         return tuple(
             _sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks
         )
+
+    def second_opinion(self) -> SecondOpinion | None:
+        """The closed forms on everything remembered since the last change."""
+        window = self.window.since(self._valid_ns)
+        latency = window.latency()
+        samples = window.samples(0.0 if latency is None else latency.value_s, weigh_hidden=True)
+        return second_opinion(samples, self._reference)
 
     def _hasty(self, slow: frozenset[str], now_ns: int) -> frozenset[str]:
         """Slow checks that failed for less than the short window: a change elsewhere would show there first."""

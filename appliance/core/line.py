@@ -69,6 +69,7 @@ class Line:
             latency=next((check for check in verdict.checks if check.name == "latency"), None),
             estimate=self._evidence.estimate,
             motions=self._evidence.motions,
+            second_opinion=self._evidence.second_opinion(),
             checks=verdict.checks,
             verdict=verdict,
         )

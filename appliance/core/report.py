@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from appliance.core.geometry import vector_from_rotation
+from appliance.core.second_opinion import SecondOpinion
 from appliance.types import PARAMETERS, Calibration, Check, State, Verdict, VerdictKind
 
 VERSION = 1
@@ -19,8 +20,9 @@ _ROTATION, _SCALE, _OFFSET = slice(0, 3), slice(3, 5), slice(5, 8)
 class LineReport:
     """What the line concludes from everything it was shown.
 
-    unpaired: reason → number of frames without a pose. latency: Check in ms, None where never estimated. estimate: X as
-    solved, None where nothing was observed. motions: registered pairs that went into it.
+    unpaired: reason → number of frames without a pose. latency: Check in ms, None where never estimated. estimate: X
+    as solved, None where nothing was observed. motions: registered pairs that went into it. second_opinion: by closed
+    forms, without the reference.
     """
 
     frames: int
@@ -32,6 +34,7 @@ class LineReport:
     motions: int
     checks: tuple[Check, ...]
     verdict: Verdict
+    second_opinion: SecondOpinion | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +57,7 @@ def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any
         "unpaired": dict(report.unpaired),
         "latency": _latency(report.latency),
         "calibration": {**_calibration(report.estimate), "motions": report.motions},
+        "second_opinion": _second_opinion(report.second_opinion),
         "checks": [_check(check) for check in report.checks],
         "verdict": report.verdict.kind.value,
         "fault": report.verdict.fault,
@@ -99,6 +103,21 @@ def _calibration(estimate: Calibration | None) -> dict[str, Any]:
             "scale_mm_per_px": [bool(seen) for seen in observed[_SCALE]],
             "offset_mm": [bool(seen) for seen in observed[_OFFSET]],
         },
+    }
+
+
+def _second_opinion(opinion: SecondOpinion | None) -> dict[str, Any] | None:
+    if opinion is None:
+        return None
+    sigma = opinion.sigma.copy()
+    sigma[3:] *= opinion.scale_mm_per_px
+    return {
+        "form": opinion.form,
+        "rotation_vector_rad": _numbers(list(vector_from_rotation(opinion.rotation))),
+        "polarity": list(opinion.polarity),
+        "scale_mm_per_px": _numbers(list(opinion.scale_mm_per_px)),
+        "sigma": {"rotation_vector_rad": _numbers(list(sigma[:3])), "scale_mm_per_px": _numbers(list(sigma[3:]))},
+        "pairs": opinion.pairs,
     }
 
 

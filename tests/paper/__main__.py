@@ -3,13 +3,14 @@ docs/paper.md."""
 
 import csv
 import re
+from dataclasses import astuple, fields
 from pathlib import Path
 
 import cv2
 import numpy as np
 from rich.progress import Progress
 
-from tests.paper import figure4, plots, table1
+from tests.paper import figure4, plots, solvers, table1
 
 RESULTS = Path("results/paper")
 PAGE = Path("docs/paper.md")
@@ -25,7 +26,7 @@ def main() -> None:
     RESULTS.mkdir(parents=True, exist_ok=True)
     runs = [(noise, seed) for noise in _NOISES_MM for seed in range(_SWEEPS)]
     with Progress() as progress:
-        task = progress.add_task("the paper's figures", total=5 + len(runs) * (2 * len(figure4.STEPS) + 1))
+        task = progress.add_task("the paper's figures", total=_steps(len(runs)))
         rows = []
         for row in table1.rows():
             rows.append(row)
@@ -35,12 +36,22 @@ def main() -> None:
             for name, curve in figure4.curves(seed + 11, noise):
                 found.setdefault((noise, name), []).append(curve)
                 progress.advance(task)
+        scores = []
+        for score in solvers.scores():
+            scores.append(score)
+            progress.advance(task)
     _write_table_1(rows)
     _write_figure_4(found)
     shown = {name: curves[0] for (noise, name), curves in found.items() if noise == _NOISES_MM[0]}
     plots.figure_4(shown, RESULTS / "figure-4.png")
-    _into_page({"table-1": _table_1(rows), "figure-4": _convergence(found), "reachable": _reachable(found)})
-    print(f"{RESULTS}/table-1.csv, figure-4.csv, figure-4.png; tables in {PAGE}")
+    _write_solvers(scores)
+    tables = {"table-1": _table_1(rows), "figure-4": _convergence(found), "reachable": _reachable(found)}
+    _into_page({**tables, "solvers": _solvers(scores)})
+    print(f"{RESULTS}/table-1.csv, figure-4.csv, figure-4.png, solvers.csv; tables in {PAGE}")
+
+
+def _steps(runs: int) -> int:
+    return 5 + runs * (2 * len(figure4.STEPS) + 1) + len(solvers.NOISES_MM) * (len(solvers.METHODS) + 1)
 
 
 def _write_table_1(rows: list[table1.Row]) -> None:
@@ -60,6 +71,21 @@ def _write_figure_4(found: dict[tuple[float, str], list[np.ndarray]]) -> None:
             for number, curve in enumerate(curves):
                 for frames, scale in zip(figure4.FRAMES, curve, strict=True):
                     out.writerow([noise, name, number, frames, *np.round(scale, 5)])
+
+
+def _write_solvers(scores: list[solvers.Score]) -> None:
+    with (RESULTS / "solvers.csv").open("w", newline="") as stream:
+        out = csv.writer(stream)
+        out.writerow([field.name for field in fields(solvers.Score)])
+        out.writerows([score.noise_mm, score.method, *np.round(astuple(score)[2:], 4)] for score in scores)
+
+
+def _solvers(scores: list[solvers.Score]) -> str:
+    lines = ["| tracker, method | bias / σ | scales, RMS % | rotation, RMS ° |", "|---|---|---|---|"]
+    for s in scores:
+        bias = f"{s.bias:.2f}" if np.isfinite(s.bias) else "–"
+        lines.append(f"| {s.noise_mm} mm, {s.method} | {bias} | {s.scale_percent:.2f} | {s.rotation_deg:.2f} |")
+    return "\n".join(lines)
 
 
 def _table_1(rows: list[table1.Row]) -> str:

@@ -2,7 +2,7 @@
 
 The service decides with `appliance.core.solver`, which fits the whole path by maximum likelihood near the reference.
 The methods here need no reference and no prior: `second_opinion` sets them beside the service's answer in the replay
-report, and `tools.paper` measures them against each other.
+report, and `make paper` measures them against each other.
 
 | file | motion that it needs | what it gives |
 |---|---|---|
