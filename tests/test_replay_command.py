@@ -212,6 +212,9 @@ def test_json_is_the_documented_contract():
                 "scale_mm_per_px": [True, True],
                 "offset_mm": [True, True, False],
             },
+            "singular_values": pytest.approx(
+                sorted([*(np.deg2rad(1) / s for s in (0.01, 0.02, 0.03)), 0.1, 0.05, 1, 0.5, 1 / 3])[::-1]
+            ),
             "motions": 7,
         },
         "second_opinion": None,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from appliance.core.geometry import vector_from_rotation
+from appliance.core.handeye.observability import observability
 from appliance.core.second_opinion import SecondOpinion
 from appliance.types import PARAMETERS, Calibration, Check, State, Verdict, VerdictKind
 
@@ -98,12 +99,19 @@ def _calibration(estimate: Calibration | None) -> dict[str, Any]:
         "scale_mm_per_px": None if estimate is None else _numbers(list(estimate.scale_mm_per_px)),
         "offset_mm": None if estimate is None else _numbers(list(estimate.offset_mm)),
         "sigma": _sigma(estimate),
+        "singular_values": _singular_values(estimate),
         "observed": {
             "rotation_vector_rad": [bool(seen) for seen in observed[_ROTATION]],
             "scale_mm_per_px": [bool(seen) for seen in observed[_SCALE]],
             "offset_mm": [bool(seen) for seen in observed[_OFFSET]],
         },
     }
+
+
+def _singular_values(estimate: Calibration | None) -> list[float | None] | None:
+    if estimate is None or estimate.covariance is None:
+        return None
+    return _numbers(list(observability(np.asarray(np.linalg.inv(estimate.covariance), dtype=np.float64)).singular))
 
 
 def _second_opinion(opinion: SecondOpinion | None) -> dict[str, Any] | None:
