@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import json
 import os
 import random
 import resource
@@ -12,7 +13,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
+from click.testing import CliRunner, Result
 
 from appliance.alarm_log import MEMORY, read_log
 from appliance.service.control import ControlClient, ControlRefused
@@ -21,6 +24,7 @@ from drivers.twins.relay_board import RelayBoard
 from tests.boards import running_board
 from tests.demo_cart import Cart
 from tests.polling import until
+from tools import ack, lamp_test, pause, status
 
 ALARM_S = 2.0
 
@@ -210,6 +214,35 @@ def test_a_stopped_service_holds_no_lock_on_its_recovery(monitoring: Cart) -> No
     os.kill(monitoring.daemon.process.pid, signal.SIGCONT)
     monitoring.wait_for("monitoring")
     assert monitoring.status()["counters"]["late_ticks"] >= 1
+
+
+def told(command: click.Command, cart: Cart, *arguments: str) -> Result:
+    return CliRunner().invoke(command, [*arguments, "--socket", str(cart.socket)])
+
+
+def test_the_operators_commands(monitoring: Cart) -> None:
+    shown = told(status.command, monitoring)
+    assert shown.exit_code == 0
+    assert all(part in shown.output for part in ("MONITORING", "contact closed (safe)", "video presence"))
+    assert json.loads(told(status.command, monitoring, "--json").output)["state"] == "monitoring"
+    assert isinstance(told(ack.command, monitoring).exception, ControlRefused)
+    assert "silent for 30 s" in told(pause.command, monitoring, "30").output
+    assert monitoring.status()["audio"]["mode"] == "paused"
+    assert told(pause.command, monitoring, "121").exit_code == 2
+    assert isinstance(told(pause.command, monitoring, "--off", " ").exception, ControlRefused)
+    assert "until 'probewatch pause --on'" in told(pause.command, monitoring, "--off", "room empty").output
+    assert monitoring.status()["audio"]["reason"] == "room empty"
+    assert "may sound again" in told(pause.command, monitoring, "--on").output
+    assert monitoring.status()["audio"]["mode"] == "on"
+    assert "no lamp and no tone" in told(lamp_test.command, monitoring).output
+    monitoring.say("scale")
+    monitoring.wait_for("halt")
+    assert told(status.command, monitoring).exit_code == 1
+    assert "acknowledged · " in told(ack.command, monitoring).output
+    monitoring.say(None)
+    monitoring.wait_for("monitoring")
+    noted = [entry.data["do"] for entry in read_log(log_folder(monitoring)).entries if entry.event == "request"]
+    assert {"pause-audio", "audio-off", "audio-on", "lamp-test", "acknowledge"} <= set(noted)
 
 
 @contextlib.contextmanager

@@ -69,7 +69,7 @@ def test_a_run_as_it_should_be_passes() -> None:
             (*HEALTHY, *DEPTH, moment(34, REQUESTED, "offset"), *GOOD[4:]),
             "At 34.0 s 'recalibration requested' (offset)",
         ),
-        ((moment(31, MONITORING), *DEPTH[1:]), "At 30.0 s depth began while the service was still 'starting'"),
+        ((moment(31, MONITORING), *DEPTH[1:]), "At 30.0 s depth began while the service was still 'self-test'"),
     ],
 )
 def test_what_went_wrong_is_said_by_its_earliest_cause(moments: tuple[Moment, ...], said: str) -> None:

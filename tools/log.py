@@ -119,9 +119,8 @@ def _verified(reading: Reading) -> int:
         click.secho(f"{damage}", err=True, fg="red" if damage.fault else "yellow")
     for entry in reading.entries[1:]:
         if entry.event == BEGUN:
-            click.secho(
-                f"entry {entry.number}: a new chain was begun here: {entry.data.get('found')}", err=True, fg="yellow"
-            )
+            found = "; ".join(map(str, entry.data.get("found", [])))
+            click.secho(f"entry {entry.number} begins a new chain: {found}", err=True, fg="yellow")
     if any(damage.fault for damage in reading.damages):
         click.secho("the chain is NOT whole", err=True, fg="red")
         return 65
