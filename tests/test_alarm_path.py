@@ -18,7 +18,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from appliance.alarm_log import MEMORY, read_log
-from appliance.service.control import ControlClient, ControlRefused
+from appliance.service.control import ControlRefused
+from appliance.service.control_client import ControlClient
 from drivers.hosttime import HostClock
 from drivers.twins.relay_board import RelayBoard
 from tests.boards import running_board

@@ -14,7 +14,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from appliance.service.control import ControlClient, ControlRefused, ControlServer
+from appliance.service.control import ControlRefused, ControlServer
+from appliance.service.control_client import ControlClient
 from drivers.errors import ConfigurationError, DeviceLost
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control import ControlClient, ControlRefused
+from appliance.service.control import ControlRefused
+from appliance.service.control_client import ControlClient
 from appliance.supervision.alarms import HAZARDS
 from tests.demo_cart import PROBEWATCH, Cart
 from tests.polling import until

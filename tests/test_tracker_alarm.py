@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control import ControlClient
+from appliance.service.control_client import ControlClient
 from tests.demo_cart import Cart
 from tests.polling import until
 

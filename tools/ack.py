@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from appliance.service.control import ControlClient
+from appliance.service.control_client import ControlClient
 from tools.service_socket import socket_option
 
 

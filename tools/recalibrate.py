@@ -31,7 +31,8 @@ from appliance.crosswire.offset import (
     solve_zeta,
 )
 from appliance.crosswire.scan import CrosswireScan
-from appliance.service.control import ControlClient, ControlRefused
+from appliance.service.control import ControlRefused
+from appliance.service.control_client import ControlClient
 from appliance.types import Calibration, State
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from tools.crosswire_input import ScanInput, recorded, simulated, simulated_reference

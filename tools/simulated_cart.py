@@ -14,7 +14,8 @@ from types import TracebackType
 from typing import Any, Self
 
 from appliance.calibration_file import calibration_from_image_to_probe, write_calibration
-from appliance.service.control import ControlClient, ControlRefused
+from appliance.service.control import ControlRefused
+from appliance.service.control_client import ControlClient
 from drivers.errors import DeviceLost, ProbewatchError
 from drivers.hosttime import HostClock
 from drivers.twins.faults import Schedule

@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.live import Live
 
-from appliance.service.control import ControlClient
+from appliance.service.control_client import ControlClient
 from tools.service_socket import socket_option
 from tools.status_view import Status, StatusView
 

@@ -1,0 +1,115 @@
+"""The asking end of the control socket, for the commands of the operator and for other software."""
+
+import json
+import socket
+import time
+from pathlib import Path
+from typing import Self
+
+from appliance.service.control import VERSION, ControlRefused, Reply
+from drivers.errors import DeviceLost
+
+
+class ControlClient:
+    """Speaks to a running service. Raises DeviceLost when none answers, ControlRefused when it declines."""
+
+    def __init__(self, path: Path, timeout_s: float = 2.0) -> None:
+        self._path = path
+        self._link = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._link.settimeout(timeout_s)
+        try:
+            self._connect(time.monotonic() + timeout_s)
+        except OSError as error:
+            self._link.close()
+            raise self._gone(error) from None
+        self._lines = self._link.makefile("rb")
+
+    def _connect(self, deadline_s: float) -> None:
+        """Linux refuses at once, with EAGAIN, where a crowd is waiting to be accepted."""
+        while True:
+            try:
+                return self._link.connect(str(self._path))
+            except BlockingIOError:
+                if time.monotonic() >= deadline_s:
+                    raise
+                time.sleep(0.01)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._lines.close()
+        self._link.close()
+
+    def status(self) -> Reply:
+        """The whole status, as documented in appliance.service.status."""
+        status = self._ask(do="status")["status"]
+        assert isinstance(status, dict)
+        return status
+
+    def acknowledge(self) -> None:
+        """A person has seen the alarm: it falls silent, and a latched state ends once the cause is gone."""
+        self._ask(do="acknowledge")
+
+    def pause_audio(self, seconds: float) -> None:
+        """Silence for at most 120 s."""
+        self._ask(do="pause-audio", seconds=seconds)
+
+    def audio_off(self, reason: str) -> None:
+        """Silence until audio_on, but for a reminder once a minute."""
+        self._ask(do="audio-off", reason=reason)
+
+    def audio_on(self) -> None:
+        """End a pause or an audio-off."""
+        self._ask(do="audio-on")
+
+    def test_lamps(self) -> None:
+        """All lamps and the tone for five seconds; the contact stays as it is."""
+        self._ask(do="lamp-test")
+
+    def reload(self) -> None:
+        """Take the limits, times and language of the changed configuration file; an invalid one changes nothing."""
+        self._ask(do="reload")
+
+    def propose_calibration(self, file: Path) -> Reply:
+        """How it differs from the reference, see appliance.service.recalibration.difference."""
+        proposal = self._ask(do="propose-calibration", file=str(file.absolute()))["proposal"]
+        assert isinstance(proposal, dict)
+        return proposal
+
+    def clear_bump(self) -> None:
+        """A person has checked the tracker's position sensor after a blow: its poses count again."""
+        self._ask(do="clear-bump")
+
+    def begin_recalibration(self) -> None:
+        """Stop monitoring for a scan."""
+        self._ask(do="begin-recalibration")
+
+    def end_recalibration(self, file: Path) -> None:
+        """Take this calibration as the reference; monitoring resumes once the line has confirmed it."""
+        self._ask(do="end-recalibration", file=str(file.absolute()))
+
+    def abort_recalibration(self) -> None:
+        """Back to the reference in force before."""
+        self._ask(do="abort-recalibration")
+
+    def _ask(self, **request: str | float) -> Reply:
+        try:
+            self._link.sendall(json.dumps({"v": VERSION, **request}).encode() + b"\n")
+            line = self._lines.readline()
+        except OSError as error:
+            raise self._gone(error) from None
+        if not line:
+            raise DeviceLost("the service closed the control socket", str(self._path), "Ask again; else see its log")
+        reply = json.loads(line)
+        assert isinstance(reply, dict)
+        if not reply["ok"]:
+            raise ControlRefused(str(reply["error"]))
+        return reply
+
+    def _gone(self, error: OSError) -> DeviceLost:
+        what = f"no service answers ({error.strerror or 'timed out'})"
+        return DeviceLost(what, str(self._path), "Start it: probewatch run --config FILE")
