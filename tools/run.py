@@ -29,7 +29,8 @@ from drivers.hosttime import HostClock
 @click.option("--clock-origin-ns", type=int, hidden=True)
 def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -> None:
     """Watch the devices named in the configuration until SIGTERM; the log is JSON lines on stderr."""
-    if not is_configured(config_file) and not _configured_at_last(config_file):
+    if not is_configured(config_file):
+        _await_configuration(config_file)
         return
     config = load_config(config_file)
     reference = read_calibration(config.calibration.file)
@@ -37,13 +38,12 @@ def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -
     serve(config, config_file, EstimatorHost(reference, config.limits), clock)
 
 
-def _configured_at_last(config_file: Path) -> bool:
-    """False when it was told to stop before."""
+def _await_configuration(config_file: Path) -> None:
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     with configure("info"):
-        return await_configuration(config_file, stop)
+        await_configuration(config_file, stop)
 
 
 def serve(config: Config, config_file: Path, estimator: EstimatorHost, clock: HostClock) -> None:

@@ -17,7 +17,7 @@ from drivers.samples import Frame, Sample
 
 _COMMAND = (sys.executable, "-m", "appliance.service.estimator_process")
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 5.0
-_HUNG_S, _LOADING_S = 5.0, 20.0
+_HUNG_S, _LOADING_S = 5.0, 60.0
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 

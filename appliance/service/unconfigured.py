@@ -10,8 +10,8 @@ from appliance.service.systemd_notify import Notifier
 _LOOK_AGAIN_S = 1.0
 
 
-def await_configuration(path: Path, stop: threading.Event) -> bool:
-    """Return True once the file says that it is configured, False when stop is set before that.
+def await_configuration(path: Path, stop: threading.Event) -> None:
+    """Return once the file says that it is configured, so that the service manager starts the service anew, or on stop.
 
     No output is opened, so none is energised; that is what the watchdog is fed for. Raises ConfigurationError when the
     file becomes unreadable.
@@ -22,7 +22,7 @@ def await_configuration(path: Path, stop: threading.Event) -> bool:
     while not is_configured(path):
         notifier.alive(status)
         if stop.wait(_LOOK_AGAIN_S):
-            notifier.close()
-            return False
-    get_log().info("configured", file=str(path))
-    return True
+            break
+    else:
+        get_log().info("configured", file=str(path))
+    notifier.close()
