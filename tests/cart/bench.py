@@ -27,7 +27,7 @@ class Machine(Protocol):
 
 
 def configure(machine: Machine, video: str, tracker: str, outputs: Iterable[str], more: str = "") -> None:
-    """A whole configuration, with the true calibration of the simulated world."""
+    """A whole configuration, with the true calibration of the simulated world. outputs: URLs, or `URL SIGNAL`."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "calibration.toml"
         truth = calibration_from_image_to_probe(World(SEED).image_to_probe, (640, 480))
@@ -35,12 +35,16 @@ def configure(machine: Machine, video: str, tracker: str, outputs: Iterable[str]
         machine.put("/etc/probewatch/calibration.toml", place.read_text())
     rom = make_rom().hex()
     machine.sh(f"python3 -c \"open('/etc/probewatch/probe.rom','wb').write(bytes.fromhex('{rom}'))\"")
-    urls = "".join(f'[[output]]\nurl = "{url}"\n' for url in outputs)
+    urls = "".join(_output(*entry.split(" ")) for entry in outputs)
     machine.put(
         CONFIG,
         f'configured = true\n[video]\nurl = "{video}"\n[tracker]\nurl = "{tracker}"\n{urls}'
         f'[calibration]\nfile = "calibration.toml"\n{more}',
     )
+
+
+def _output(url: str, signal: str = "contact") -> str:
+    return f'[[output]]\nurl = "{url}"\nsignal = "{signal}"\n'
 
 
 def show(machine: Machine, name: str) -> str:

@@ -20,6 +20,7 @@ MEMORY_MIB = 2048
 ACCEL = os.environ.get("PROBEWATCH_CART_ACCEL", "tcg,thread=multi")
 """Software emulation works everywhere; with `kvm` the same tests run at full speed."""
 SNAPSHOT = "ready"
+SCRIPTS, PYTHON = "/usr/local/lib/cart", "/opt/probewatch/bin/python3"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,7 @@ class Guest:
         return time.monotonic() - began_s
 
     def restore(self) -> None:
-        """Go on from the snapshot of a machine that has booted; it is taken at the first use."""
+        """Go on from the snapshot of a machine that has booted, its service stopped; it is taken at the first use."""
         ready = self.image.folder / "ready.qcow2"
         if not ready.exists():
             self._take_snapshot(ready)
@@ -93,7 +94,7 @@ class Guest:
     def _take_snapshot(self, ready: Path) -> None:
         self.fresh_disk()
         self.switch_on()
-        self.sh("systemctl is-system-running --wait; sync", check=False)
+        self.sh("systemctl is-system-running --wait; systemctl stop probewatch; sync", check=False)
         self.qmp("human-monitor-command", {"command-line": f"savevm {SNAPSHOT}"})
         self.cut_power()
         self.disk.rename(ready)
@@ -224,6 +225,17 @@ class Guest:
     def _begin(self, script: str, capture: bool) -> int:
         arguments = {"path": "/bin/bash", "arg": ["-c", script], "capture-output": capture}
         return int(self._agent("guest-exec", arguments)["pid"])
+
+    def script(self, name: str, *arguments: str, timeout_s: float = EXEC_S) -> Any:
+        """Run one of tests/cart/inside with the package's Python; what it prints as JSON."""
+        self.put_scripts()
+        words = " ".join(arguments)
+        return json.loads(self.sh(f"{PYTHON} {SCRIPTS}/{name}.py {words}", timeout_s=timeout_s).out)
+
+    def put_scripts(self) -> None:
+        """All of them: they import each other."""
+        for source in (Path(__file__).parent / "inside").glob("*.py"):
+            self.put(f"{SCRIPTS}/{source.name}", source.read_text())
 
     def put(self, path: str, text: str) -> None:
         """Write a file in the guest."""

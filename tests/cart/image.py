@@ -81,7 +81,7 @@ def build(name: str | None = None) -> Image:
     _part(folder, "base system", base_key, lambda: _base(image, name))
     package_key = _key(*_package_sources(), name)
     _part(folder, "package", package_key, lambda: _package(image, name))
-    inside_key = _key(*sorted((HERE / "inside").iterdir()), inspect.getsource(_root) + inspect.getsource(_inside))
+    inside_key = _key(*_baked_in(), inspect.getsource(_root) + inspect.getsource(_inside))
     root_key = _key(module_key, base_key, package_key, inside_key)
     _part(folder, "root", root_key, lambda: _root(image))
     _part(folder, "disk", root_key, lambda: _disk(image))
@@ -105,6 +105,11 @@ def _package_sources() -> list[Path]:
     folders = ("appliance", "drivers", "tools", "systemd", "config")
     found = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.is_file()]
     return sorted(path for path in [*found, ROOT / "requirements.lock"] if path.suffix != ".pyc")
+
+
+def _baked_in() -> list[Path]:
+    """What the machine has from its first boot on; scripts are put there by the tests that use them."""
+    return sorted(path for path in (HERE / "inside").iterdir() if path.suffix not in (".py", ".pyc", ""))
 
 
 def _part(folder: Path, name: str, key: str, make: Callable[[], None]) -> None:
@@ -192,9 +197,10 @@ def _root(image: Image) -> None:
 
 def _inside(root: Path, release: str) -> None:
     place = root / "usr/local/lib/cart"
-    shutil.copytree(HERE / "inside", place)
-    for script in place.glob("*.sh"):
-        script.chmod(0o755)
+    place.mkdir()
+    for file in _baked_in():
+        shutil.copy(file, place)
+        (place / file.name).chmod(0o755 if file.suffix == ".sh" else 0o644)
     shutil.copy(place / "cart-devices.service", root / "etc/systemd/system")
     shutil.copy(place / "modprobe.conf", root / "etc/modprobe.d/cart.conf")
     (root / "etc/modules-load.d/cart.conf").write_text(f"vivid\n{GPIO_SIM}\ni6300esb\nftdi_sio\n")

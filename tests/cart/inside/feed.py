@@ -5,59 +5,18 @@ mirrored left to right; while /run/cart-blank exists nothing is passed on. The l
 vivid repeats it by itself.
 """
 
-import fcntl
-import mmap
 import os
 import select
 import sys
-from ctypes import c_int
 from pathlib import Path
 
 import numpy as np
+import package  # noqa: F401  the package's modules can be imported from here on
+from output_node import OutputNode
 
-sys.path.insert(0, next(str(path) for path in Path("/opt/probewatch/lib").glob("python3.*/site-packages")))
 from drivers.sim import HEADER_BYTES, FrameHeader
-from drivers.v4l2 import abi
 
-BUF_TYPE_VIDEO_OUTPUT = 2
 FLIP, BLANK = Path("/run/cart-flip"), Path("/run/cart-blank")
-
-
-class OutputNode:
-    """A V4L2 output, four mapped buffers."""
-
-    def __init__(self, path: str) -> None:
-        self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK)
-        asked = abi.RequestBuffers(count=4, type=BUF_TYPE_VIDEO_OUTPUT, memory=abi.MEMORY_MMAP)
-        fcntl.ioctl(self.fd, abi.REQBUFS, asked)
-        self.maps, self.free, self.streaming = [], list(range(asked.count)), False
-        for index in self.free:
-            buffer = self._buffer(index)
-            fcntl.ioctl(self.fd, abi.QUERYBUF, buffer)
-            self.maps.append(mmap.mmap(self.fd, buffer.length, offset=buffer.offset))
-
-    @staticmethod
-    def _buffer(index: int) -> abi.Buffer:
-        return abi.Buffer(index=index, type=BUF_TYPE_VIDEO_OUTPUT, memory=abi.MEMORY_MMAP, field=abi.FIELD_NONE)
-
-    def write(self, data: bytes) -> None:
-        """Queue one picture; waits for a free buffer."""
-        while not self.free:
-            select.select([], [self.fd], [])
-            done = self._buffer(0)
-            try:
-                fcntl.ioctl(self.fd, abi.DQBUF, done)
-            except BlockingIOError:
-                continue
-            self.free.append(done.index)
-        index = self.free.pop(0)
-        self.maps[index][: len(data)] = data
-        buffer = self._buffer(index)
-        buffer.bytesused = len(data)
-        fcntl.ioctl(self.fd, abi.QBUF, buffer)
-        if not self.streaming:
-            fcntl.ioctl(self.fd, abi.STREAMON, c_int(BUF_TYPE_VIDEO_OUTPUT))
-            self.streaming = True
 
 
 class Line:

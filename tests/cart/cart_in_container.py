@@ -1,0 +1,78 @@
+"""A whole simulated cart inside the container: twins as units of their own, the service as it was installed."""
+
+import json
+import time
+
+from tests.cart.bench import SEED, configure, show, wait_status
+from tests.cart.container import Container
+
+PLACE = "/run/cart"
+PYTHON = "/opt/probewatch/bin/python3"
+TWINS = {
+    "scanner": f"--socket {PLACE}/scanner",
+    "polaris": f"--pty {PLACE}/polaris --rom {PLACE}/probe.rom",
+    "relay_board": f"--pty {PLACE}/relay_board",
+}
+URLS = {
+    "video": f"sim:{PLACE}/scanner",
+    "tracker": f"ndi:{PLACE}/polaris?probe={PLACE}/probe.rom",
+    "outputs": [f"relay:{PLACE}/relay_board"],
+}
+
+
+FPS = 12.0
+"""Of the scanner, so that a busy host keeps up as well; the soak runs at 30."""
+
+
+def start_twins(machine: Container, fps: float = FPS) -> None:
+    """They share one origin, so they stay in one world however often one of them is started anew."""
+    origin_ns = time.monotonic_ns()
+    machine.sh(f"mkdir -p -m 755 {PLACE}")
+    for name, options in TWINS.items():
+        rate = f"--fps {fps}" if name == "scanner" else ""
+        command = f"{PYTHON} -m drivers.twins.{name} {options} {rate} --seed {SEED} --origin-ns {origin_ns}"
+        machine.sh(f"systemd-run --quiet --unit=twin-{name} -p UMask=0 -p Environment=OMP_NUM_THREADS=1 {command}")
+    for name in TWINS:
+        _await_twin(machine, name)
+    machine.sh(f"chmod 666 $(readlink -f {PLACE}/polaris) $(readlink -f {PLACE}/relay_board)")
+
+
+def _await_twin(machine: Container, name: str) -> None:
+    end_s = time.monotonic() + 60
+    while not any(event.get("ready") for event in said(machine, name)):
+        assert time.monotonic() < end_s, f"the {name} twin does not start"
+        time.sleep(0.1)
+
+
+def said(machine: Container, name: str) -> list[dict[str, object]]:
+    """What a twin printed, in order."""
+    lines = machine.sh(f"journalctl -u twin-{name} -o cat --no-pager").out.splitlines()
+    return [json.loads(line) for line in lines if line.startswith("{")]
+
+
+def contact(machine: Container) -> tuple[bool, float]:
+    """(the relay board's contact is closed, CLOCK_MONOTONIC of its last change, s); open before the first."""
+    events = [event for event in said(machine, "relay_board") if "energised" in event]
+    return (bool(events[-1]["energised"]), int(str(events[-1]["t_ns"])) / 1e9) if events else (False, 0.0)
+
+
+def start_service(machine: Container, more: str = "") -> None:
+    """Configured for the twins; returns when the first verification has closed the contact."""
+    configure(machine, URLS["video"], URLS["tracker"], URLS["outputs"], more)
+    machine.sh("systemctl restart probewatch")
+    wait_status(machine, "monitoring", 90)
+    await_contact(machine, True, 5)
+
+
+def await_contact(machine: Container, closed: bool, deadline_s: float) -> float:
+    """CLOCK_MONOTONIC at which the board changed to that state, s."""
+    end_s = time.monotonic() + deadline_s
+    while (state := contact(machine))[0] is not closed:
+        assert time.monotonic() < end_s, f"the contact stays {'open' if closed else 'closed'}"
+        time.sleep(0.05)
+    return state[1]
+
+
+def main_pid(machine: Container) -> int:
+    """As seen inside."""
+    return int(show(machine, "MainPID"))

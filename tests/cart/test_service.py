@@ -1,0 +1,117 @@
+"""The service under real systemd at full speed: killed, stopped, starved of its disk, and whether it comes back."""
+
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from tests.cart.bench import UNIT, journal, show, wait_status
+from tests.cart.cart_in_container import await_contact, contact, main_pid, start_service, start_twins
+from tests.cart.container import Container
+from tests.cart.image import Image
+from tests.cart.requirements import CONTAINER, missing
+
+WATCHDOG_S = 5.0
+VERIFY_S = 90.0
+
+
+@pytest.fixture(scope="module")
+def running(image: Image, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Container]:
+    """One cart for all that it survives."""
+    if why := missing(CONTAINER):
+        pytest.skip(why)
+    with Container(image, tmp_path_factory.mktemp("cart")) as machine:
+        start_twins(machine)
+        start_service(machine)
+        yield machine
+
+
+@pytest.fixture
+def cart(running: Container) -> Container:
+    """Verified, its contact closed."""
+    wait_status(running, "monitoring", VERIFY_S)
+    await_contact(running, True, 5)
+    return running
+
+
+def test_a_killed_daemon_opens_the_contact_and_comes_back(cart: Container) -> None:
+    """The relay board holds its contact without the service, so this is the time of the unit's release command."""
+    before, killed_s = main_pid(cart), time.monotonic()
+    cart.sh(f"kill -KILL {before}")
+    opened_s = await_contact(cart, False, 10) - killed_s
+    print(f"SIGKILL: relay board open after {opened_s:.2f} s")
+    assert opened_s < 3.0
+    wait_status(cart, "monitoring", VERIFY_S)
+    assert main_pid(cart) != before
+
+
+def test_a_stopped_daemon_is_killed_by_the_watchdog(cart: Container) -> None:
+    before, stopped_s = main_pid(cart), time.monotonic()
+    cart.sh(f"kill -STOP {before}")
+    opened_s = await_contact(cart, False, 30) - stopped_s
+    print(f"SIGSTOP: relay board open after {opened_s:.2f} s, WatchdogSec={WATCHDOG_S:g}")
+    assert opened_s < WATCHDOG_S + 1.0 + 2.0, "a board that holds its contact waits for the release command as well"
+    wait_status(cart, "monitoring", VERIFY_S)
+    assert main_pid(cart) != before
+
+
+def test_a_killed_estimator_alarms_and_is_started_anew_alone(cart: Container) -> None:
+    pid, restarts = main_pid(cart), show(cart, "NRestarts")
+    child = cart.sh(f"pgrep -P {pid}").out.split()[0]
+    killed_s = time.monotonic()
+    cart.sh(f"kill -KILL {child}")
+    opened_s = await_contact(cart, False, 10) - killed_s
+    print(f"estimator SIGKILL: contact open after {opened_s:.2f} s")
+    assert opened_s < 1.0 + 0.5, "one second, and the time of the kill command itself"
+    wait_status(cart, "monitoring", VERIFY_S)
+    assert main_pid(cart) == pid
+    assert show(cart, "NRestarts") == restarts
+
+
+def test_an_unplugged_tracker_and_scanner_are_lost_once_and_back_once(cart: Container) -> None:
+    for twin, role in (("polaris", "tracker"), ("scanner", "video")):
+        since = cart.sh("date +%s").out.strip()
+        cart.sh(f"kill -STOP $(systemctl show -P MainPID twin-{twin})")
+        stopped_s = time.monotonic()
+        opened_s = await_contact(cart, False, 10) - stopped_s
+        print(f"{twin} silent: contact open after {opened_s:.2f} s")
+        assert opened_s < 3.0
+        time.sleep(4)
+        cart.sh(f"kill -CONT $(systemctl show -P MainPID twin-{twin})")
+        wait_status(cart, "monitoring", VERIFY_S)
+        events = [e["PROBEWATCH_EVENT"] for e in journal(cart, UNIT, f"PROBEWATCH_DEVICE={role}", f"--since=@{since}")]
+        assert events.count("device lost") == events.count("device back") <= 1
+
+
+@pytest.mark.parametrize("how", ["full", "read-only"])
+def test_without_room_for_its_state_it_goes_on_watching(cart: Container, how: str) -> None:
+    """The state folder becomes a file system of its own, then full or read-only: for the running service as well."""
+    cart.sh("mount -t tmpfs -o size=256k,mode=750,uid=probewatch,gid=probewatch tmpfs /var/lib/probewatch")
+    try:
+        cart.sh(f"systemctl restart {UNIT}")
+        wait_status(cart, "monitoring", VERIFY_S)
+        if how == "full":
+            cart.sh("dd if=/dev/zero of=/var/lib/probewatch/ballast bs=4k", check=False)
+        else:
+            cart.sh(
+                f"mount -o remount,ro /var/lib/probewatch; nsenter -t {main_pid(cart)} -m mount -o remount,ro "
+                "/var/lib/probewatch"
+            )
+        pid, since = main_pid(cart), cart.sh("date +%s").out.strip()
+        cart.sh("kill -STOP $(systemctl show -P MainPID twin-polaris)")
+        await_contact(cart, False, 10)
+        cart.sh("kill -CONT $(systemctl show -P MainPID twin-polaris)")
+        wait_status(cart, "monitoring", VERIFY_S)
+        assert main_pid(cart) == pid
+        said = cart.sh(f"journalctl -u {UNIT} --since=@{since} --no-pager -o cat -p warning").out.lower()
+        assert ("no space" if how == "full" else "read-only") in said, said
+    finally:
+        cart.sh(f"systemctl stop {UNIT}; umount /var/lib/probewatch; systemctl start {UNIT}")
+
+
+def test_it_stops_in_order(cart: Container) -> None:
+    began_s = time.monotonic()
+    cart.sh(f"systemctl stop {UNIT}")
+    assert contact(cart)[0] is False
+    assert time.monotonic() - began_s < 10
+    assert show(cart, "Result") == "success"
