@@ -55,7 +55,7 @@ def test_it_is_never_left_silently_dead() -> None:
 def test_only_the_devices_it_needs() -> None:
     assert settings()["DevicePolicy"] == ["closed"]
     kinds = {entry.split()[0] for entry in settings()["DeviceAllow"]}
-    assert kinds == {f"char-{kind}" for kind in ("ttyUSB", "ttyACM", "ttyS", "video4linux", "gpiochip")}
+    assert kinds == {f"char-{kind}" for kind in ("ttyUSB", "ttyACM", "ttyS", "video4linux", "gpiochip", "alsa")}
 
 
 @pytest.mark.skipif(shutil.which("systemd-sysusers") is None, reason="needs systemd-sysusers (systemd)")
