@@ -1,6 +1,8 @@
 """Calibration files: conversion, round trips and refusals."""
 
+import os
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -152,6 +154,8 @@ def toml(tmp_path):
         ("rotation-lateral = 1.0", "", "keys of .sigma."),
         ("not_observed = []", 'not_observed = ["all"]', "not_observed"),
         ("version = 1", "version 1", "neither TOML nor XML"),
+        ("version = 1", "version = " + 5000 * "1", "neither TOML nor XML"),
+        ("version = 1", "version = " + 5000 * "[", "neither TOML nor XML"),
     ],
 )
 def test_bad_toml_is_refused_with_its_key(toml, old, new, complaint):
@@ -237,7 +241,13 @@ def test_a_device_set_needs_the_size_of_the_pictures(tmp_path):
 def test_absent_directory_and_oversized_files_are_refused(tmp_path):
     big = tmp_path / "big.xml"
     big.write_bytes(b"<" + 5_000_000 * b" ")
-    for path, complaint in ((tmp_path, "cannot be read"), (tmp_path / "none", "cannot be read"), (big, "too large")):
+    long = tmp_path / "long.toml"
+    long.write_text("x = [" + 10_000 * "1," + "]")
+    pipe = tmp_path / "pipe.toml"
+    os.mkfifo(pipe)
+    refused = [(tmp_path, "no regular file"), (tmp_path / "none", "cannot be read"), (big, "too large")]
+    refused += [(long, "too large"), (pipe, "no regular file"), (Path("/dev/zero"), "no regular file")]
+    for path, complaint in refused:
         with pytest.raises(ConfigurationError, match=complaint):
             read_calibration(path, SIZE_PX)
 

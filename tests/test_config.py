@@ -113,6 +113,11 @@ def test_syntax_errors_give_line_and_column(tmp_path: Path) -> None:
     assert "line 2, column 8" in refusal(tmp_path, "[video]\nurl = [\x01\n")
 
 
+@pytest.mark.parametrize("value", [5000 * "1", 5000 * "["])
+def test_numbers_and_nestings_beyond_reason_are_refused(tmp_path: Path, value: str) -> None:
+    assert "not valid TOML" in refusal(tmp_path, f"x = {value}")
+
+
 def test_text_that_is_not_utf8(tmp_path: Path) -> None:
     path = tmp_path / "probewatch.toml"
     path.write_bytes(b"\xff\xfe")

@@ -33,6 +33,8 @@ class Service:
 
     def answer(self, do: str, request: dict[str, Any], who: str) -> dict[str, Any]:
         self.asked.append((do, request))
+        if do == "echo":
+            return {"text": request["text"]}
         if do == "acknowledge":
             raise ControlRefused("the cause still stands (polarity)")
         return {"status": {"state": "monitoring", "checks": "x" * 20_000 * ("long" in request)}}
@@ -120,6 +122,41 @@ def test_nonsense_is_answered_as_such(service: Service, line: bytes) -> None:
         reply = json.loads(link.makefile("rb").readline())
     assert (reply["v"], reply["ok"]) == (1, False)
     assert service.asked == []
+
+
+def test_a_lone_surrogate_is_answered_and_harms_nobody(service: Service) -> None:
+    """JSON can name what no UTF-8 text can hold."""
+    with connected(service) as link, link.makefile("rb") as lines:
+        link.sendall(b'{"v": 1, "do": "echo", "text": "\\ud800"}\n')
+        assert json.loads(lines.readline())["text"] == "\ud800"
+    with ControlClient(service.path) as client:
+        assert client.status()
+
+
+def test_slow_answers_to_many_clients_are_spread_over_ticks_and_each_gets_its_turn(tmp_path: Path) -> None:
+    answered = list[str]()
+
+    def slow(do: str, request: dict[str, Any], who: str) -> dict[str, Any]:
+        answered.append(do)
+        time.sleep(0.02)
+        return {}
+
+    with ControlServer(tmp_path / "control") as server, contextlib.ExitStack() as stack:
+        for number in range(8):
+            link = stack.enter_context(contextlib.closing(socket.socket(socket.AF_UNIX)))
+            link.connect(str(tmp_path / "control"))
+            link.sendall(b'{"v": 1, "do": "%d"}\n' % number * 3)
+        for ticks in range(1, 17):
+            server.poll(slow)
+            assert len(answered) <= ticks
+    assert answered == [str(number) for number in range(8)] * 2
+
+
+def test_what_is_no_socket_is_not_removed(tmp_path: Path) -> None:
+    (tmp_path / "control").write_text("precious")
+    with pytest.raises(ConfigurationError, match="another file"):
+        ControlServer(tmp_path / "control")
+    assert (tmp_path / "control").read_text() == "precious"
 
 
 def flood(link: socket.socket, chunk: bytes, megabytes: int = 8) -> None:

@@ -2,7 +2,8 @@
 
 Request: {"v": 1, "do": NAME, …}. Reply: {"v": 1, "ok": true, …} or {"v": 1, "ok": false, "error": TEXT}.
 The server is polled by the tick: it never blocks, takes at most one request of each client a tick, and drops whoever
-sends too much or reads too slowly; one client too many drops the one that has been silent longest.
+sends too much or reads too slowly; one client too many drops the one that has been silent longest. What a tick has no
+time for waits for the next one, whoever has waited longest first.
 """
 
 import contextlib
@@ -13,7 +14,9 @@ import os
 import pwd
 import selectors
 import socket
+import stat
 import struct
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,6 +29,7 @@ _MOST_CLIENTS = 8
 _LONGEST_LINE = 4096
 _MOST_UNSENT = 1 << 18
 _ACCEPTS_A_TICK, _BACKLOG = 16, 128
+_SHARE_OF_A_TICK_S = 0.01
 
 Reply = dict[str, Any]
 Answer = Callable[[str, dict[str, Any], str], Reply]
@@ -77,13 +81,16 @@ class ControlServer:
         for key, _ in self._selector.select(0):
             if key.fileobj is self._listener:
                 self._accept()
+        end_s = time.monotonic() + _SHARE_OF_A_TICK_S
         for client in tuple(self._clients):
             self._serve(client, answer)
+            if time.monotonic() >= end_s:
+                return
 
     def _listen(self) -> socket.socket:
-        self._path.unlink(missing_ok=True)
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
         try:
+            _remove_socket(self._path)
             listener.bind(str(self._path))
             self._path.chmod(0o660)
             if self._group:
@@ -114,7 +121,7 @@ class ControlServer:
                 client.received = bytearray(rest)
                 self._clients.remove(client)
                 self._clients.append(client)
-                client.unsent += json.dumps(_reply(line, answer, client.who), ensure_ascii=False).encode() + b"\n"
+                client.unsent += _line(_reply(line, answer, client.who))
             elif len(line) > _LONGEST_LINE:
                 raise ConnectionAbortedError
             self._write(client)
@@ -140,6 +147,21 @@ class ControlServer:
     def _drop(self, client: _Client) -> None:
         self._clients.remove(client)
         client.link.close()
+
+
+def _line(reply: Reply) -> bytes:
+    """A lone surrogate, which only JSON can name, becomes the JSON escape it came as."""
+    return json.dumps(reply, ensure_ascii=False).encode(errors="backslashreplace") + b"\n"
+
+
+def _remove_socket(path: Path) -> None:
+    """What a killed service left. Raises OSError; what is no socket is not ours to remove."""
+    try:
+        if not stat.S_ISSOCK(path.lstat().st_mode):
+            raise FileExistsError(17, "there is another file of that name")
+        path.unlink()
+    except FileNotFoundError:
+        pass
 
 
 def _group_id(name: str) -> int:

@@ -11,6 +11,7 @@ from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.supervisor import Request
 
 _NOTED_EVERY_NS = 1_000_000_000
+_LONGEST_TEXT = 200
 
 Body = Mapping[str, Any]
 
@@ -69,7 +70,7 @@ class Requests:
         now_ns = self._hands.now_ns()
         if now_ns - self._noted_ns.get(do, -_NOTED_EVERY_NS) >= _NOTED_EVERY_NS:
             self._noted_ns[do] = now_ns
-            said = {key: body[key] for key in ("file", "reason", "seconds") if key in body}
+            said = {key: _plain(body[key]) for key in ("file", "reason", "seconds") if key in body}
             self._hands.note("request", do=do, who=who, **said)
 
     def _pause_audio(self, body: Body) -> None:
@@ -83,7 +84,7 @@ class Requests:
 
     def _audio_off(self, body: Body) -> None:
         try:
-            self._hands.annunciator.audio.off(str(body.get("reason", ""))[:200])
+            self._hands.annunciator.audio.off(_plain(body.get("reason", "")))
         except ValueError as error:
             raise ControlRefused(str(error)) from None
 
@@ -92,8 +93,13 @@ class Requests:
             raise ControlRefused("the tracker has no bump detector, or is lost")
 
 
+def _plain(value: object) -> str:
+    """One line that can be shown and written anywhere, whatever the client sent."""
+    return "".join(sign if sign.isprintable() else "\N{REPLACEMENT CHARACTER}" for sign in str(value)[:_LONGEST_TEXT])
+
+
 def _file(body: Body) -> Path:
     file = body.get("file")
-    if not isinstance(file, str) or not file or "\0" in file:
+    if not isinstance(file, str) or not file or not file.isprintable():
         raise ControlRefused("file must name a calibration file")
     return Path(file)
