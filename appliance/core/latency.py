@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from appliance.core.geometry import Array
 
 _RANGE_S = 0.3
-_COARSE_S, _FINE_S = 0.02, 0.01
-_PARABOLA_S = 0.07
+_GRID_S = 0.01
+_REACH, _NEAR = 30, 8
+"""Lags looked at, in steps of the grid either way: all, and about the best."""
+_STRIDE = 3
 _LAGS_S = (0.08, 0.16, 0.32)
 _LEAST = 12
 _LEAST_DEPTH = 5.0
@@ -48,23 +50,34 @@ def estimate_latency(
     steps = [s for s in steps if s.usable(pose_t_s)]
     if not steps:
         return None
-    independent = np.array([s.independent for s in steps])
-
-    def scores(lags: Array) -> Array:
-        """(k,) lags → (k, lengths) −log likelihood of every step length, n/2 · log(cost)."""
-        costs = np.stack([s.misfit(lags, pose_t_s, smooth) for s in steps], axis=1)
-        return np.asarray(np.log(costs + 1e-9) * independent / 2)
-
-    coarse = np.arange(-_RANGE_S, _RANGE_S + _COARSE_S / 2, _COARSE_S)
-    known = scores(coarse)
-    score = known.mean(axis=1)
+    places = _Places(t_s, pose_t_s, smooth)
+    coarse = np.arange(-_REACH, _REACH + 1, 2)
+    rough = _scores(steps, places.at(coarse), _STRIDE)
+    score = rough.mean(axis=1)
     best = int(np.argmin(score))
     if best in (0, len(coarse) - 1) or np.median(score) - score[best] < _LEAST_DEPTH:
         return None
-    between = coarse[best] + _FINE_S * np.arange(-7, 8, 2)
-    lags = np.concatenate([coarse, between])
-    order = np.argsort(lags)
-    return _minimum(lags[order], np.concatenate([known, scores(between)])[order])
+    near = coarse[best] + np.arange(-_NEAR, _NEAR + 1, 2)
+    minima_s = coarse[np.argmin(rough, axis=0)] * _GRID_S
+    return _minimum(near * _GRID_S, _scores(steps, places.at(near), 1), minima_s, steps)
+
+
+class _Places:
+    """The centre's place so many grid steps after each picture, mm; linear on a grid of `_GRID_S`."""
+
+    def __init__(self, t_s: Array, pose_t_s: Array, centre_mm: Array) -> None:
+        start_s = t_s[0] - _RANGE_S - _GRID_S
+        grid_s = np.arange(start_s, t_s[-1] + _RANGE_S + 3 * _GRID_S, _GRID_S)
+        self._grid_mm = np.stack([np.interp(grid_s, pose_t_s, x) for x in centre_mm.T], axis=1)
+        index = np.floor((t_s - start_s) / _GRID_S)
+        self._index = index.astype(np.intp)
+        self._share = ((t_s - start_s) / _GRID_S - index)[:, None]
+
+    def at(self, steps: NDArray[np.int64]) -> Array:
+        """(k,) grid steps → (k, n, 3)."""
+        before = self._index + steps[:, None]
+        low, high = self._grid_mm[before], self._grid_mm[before + 1]
+        return np.asarray(low + self._share * (high - low))
 
 
 class _Steps:
@@ -89,20 +102,22 @@ class _Steps:
         apart = max(self._frames, round(_MEMORY_S / period_s))
         return max(2 * float(np.count_nonzero(self._same)) / apart - _MAP_PARAMETERS, 0.0)
 
-    def misfit(self, lags_s: Array, pose_t_s: Array, centre_mm: Array) -> Array:
-        """(k,) lags → (k,) robust mean square, mm², of what no linear map of the tracker's steps explains."""
-        times = (self._t_s + lags_s[:, None]).ravel()
-        at = np.stack([np.interp(times, pose_t_s, centre_mm[:, axis]) for axis in range(3)], axis=1)
-        at = at.reshape(lags_s.size, self._t_s.size, 3)
-        w = (at[:, self._frames :] - at[:, : -self._frames])[:, self._same]
-        moved = np.broadcast_to(self._moved[self._same], (lags_s.size, w.shape[1], 2))
+    def misfit(self, places_mm: Array, stride: int) -> Array:
+        """(k, n, 3) for k lags → (k,) robust mean square, mm², of what no linear map of the tracker's steps explains.
+
+        stride: one in how many steps is looked at.
+        """
+        first = np.flatnonzero(self._same)[::stride]
+        w = places_mm[:, first + self._frames] - places_mm[:, first]
+        moved = np.broadcast_to(self._moved[first], (*w.shape[:2], 2))
         weight = np.ones(w.shape[:2])
         left_square = np.zeros_like(weight)
         for _ in range(_ROBUST_ROUNDS):
             weighted = np.swapaxes(w * weight[..., None], 1, 2)
             H = weighted @ w
             H += np.eye(3) * (1e-6 * np.trace(H, axis1=1, axis2=2) + 1e-12)[:, None, None]
-            left_square = np.square(moved - w @ np.linalg.solve(H, weighted @ moved)).sum(axis=2)
+            left = moved - w @ np.linalg.solve(H, weighted @ moved)
+            left_square = np.einsum("kni,kni->kn", left, left)
             usual = np.maximum(np.median(left_square, axis=1, keepdims=True), 1e-6)
             weight = 1 / (1 + left_square / (4 * usual))
         return np.asarray((weight * left_square).sum(axis=1) / weight.sum(axis=1))
@@ -120,18 +135,33 @@ def _smoothed(t_s: Array, values: Array, width_s: float) -> Array:
     return np.asarray(total / weights[:, None])
 
 
-def _minimum(lags: Array, scores: Array) -> Latency | None:
-    """A parabola through the minimum of the mean score gives value and sigma.
+def _scores(steps: list[_Steps], places_mm: Array, stride: int) -> Array:
+    """(k, n, 3) → (k, lengths) −log likelihood of every step length, n/2 · log(cost)."""
+    costs = np.stack([s.misfit(places_mm, stride) for s in steps], axis=1)
+    return np.asarray(np.log(costs + 1e-9) * [s.independent / 2 for s in steps])
 
-    Where the step lengths disagree about the minimum, the disagreement is part of sigma.
+
+def _minimum(lags: Array, scores: Array, minima: Array, steps: list[_Steps]) -> Latency | None:
+    """The cost is a parabola about its minimum, which gives the value; that of the mean score gives sigma.
+
+    Where the step lengths disagree about the minimum, the disagreement is part of sigma. minima: (lengths,) of each
+    over the whole range; one outside `lags` counts as it is.
     """
-    score = scores.mean(axis=1)
-    best = int(np.argmin(score))
-    near = np.abs(lags - lags[best]) <= _PARABOLA_S
-    curvature, slope, _ = np.polyfit(lags[near] - lags[best], score[near], 2)
-    if curvature <= 0:
+    score, centre = scores.mean(axis=1), float(lags[len(lags) // 2])
+    curvature = float(np.polyfit(lags - centre, score, 2)[0])
+    per_log = np.maximum([s.independent / 2 for s in steps], 0.5)
+    steepness, vertex = _parabola(lags - centre, np.exp((score - score.min()) / per_log.mean()))
+    if curvature <= 0 or steepness <= 0:
         return None
-    shift = float(np.clip(-slope / (2 * curvature), -_PARABOLA_S / 2, _PARABOLA_S / 2))
-    disagreement = lags[np.argmin(scores, axis=0)] - lags[best]
-    sigma = np.sqrt(1 / (2 * curvature) + np.mean(np.square(disagreement)))
-    return Latency(float(lags[best]) + shift, float(sigma))
+    value = centre + float(vertex)
+    each = centre + _parabola(lags - centre, np.exp((scores - scores.min(axis=0)) / per_log))[1]
+    minima = np.where(np.abs(minima - centre) <= lags[-1] - centre, each, minima)
+    return Latency(value, float(np.sqrt(1 / (2 * curvature) + np.mean(np.square(minima - value)))))
+
+
+def _parabola(x: Array, y: Array) -> tuple[Array, Array]:
+    """Second coefficient and vertex, within half of the range, of the parabola through y, (k,) or (k, m)."""
+    steepness, slope, _ = np.polyfit(x, y, 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex = np.where(steepness > 0, -slope / (2 * steepness), x[np.argmin(y, axis=0)])
+    return np.asarray(steepness), np.clip(vertex, x[0] / 2, x[-1] / 2)
