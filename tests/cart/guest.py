@@ -79,10 +79,14 @@ class Guest:
         ready = self.image.folder / "ready.qcow2"
         if not ready.exists():
             self._take_snapshot(ready)
-        shutil.copy(ready, self.disk)
-        self._start("-loadvm", SNAPSHOT)
+        self.resume(ready, SNAPSHOT)
         self.await_agent()
         self._agent("guest-set-time", {"time": time.time_ns()})
+
+    def resume(self, disk: Path, snapshot: str) -> None:
+        """Go on from a snapshot in a copy of that disk."""
+        shutil.copy(disk, self.disk)
+        self._start("-loadvm", snapshot)
 
     def cut_power(self) -> None:
         """The plug is pulled: nothing in the guest gets a word in."""

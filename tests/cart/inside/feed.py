@@ -1,4 +1,4 @@
-"""Writes what the scanner twin sends into vivid's output node: `feed.py PORT NODE`, with the package's structures.
+"""Writes what the scanner twin sends into vivid's output node: `feed.py PORT NODE`.
 
 PORT is the virtio port that carries the sim: protocol from the host. While /run/cart-flip exists each picture is
 mirrored left to right; while /run/cart-blank exists nothing is passed on. The last picture is repeated for no one:
@@ -11,7 +11,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import package  # noqa: F401  the package's modules can be imported from here on
 from output_node import OutputNode
 
 from drivers.sim import HEADER_BYTES, FrameHeader

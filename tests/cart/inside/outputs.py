@@ -2,15 +2,12 @@
 
 import fcntl
 import json
-import os
 import struct
 import subprocess
 import sys
 import termios
 import time
 from pathlib import Path
-
-import package  # noqa: F401  the package's modules can be imported from here on
 
 from drivers.errors import DeviceLost
 from drivers.hosttime import HostClock
@@ -21,7 +18,7 @@ BANK = next(Path("/sys/devices/platform").glob("gpio-sim.*/gpiochip*"))
 CHIP, PORT = "gpio:/dev/gpiochip0", "/dev/ttyS1"
 LOOP = 0x8000
 HOLDER = """
-import package, time
+import time
 from drivers.hosttime import HostClock
 from drivers.ports import open_output
 kept = [open_output(url, HostClock()) for url in {urls!r}]
@@ -121,8 +118,7 @@ def modem_register() -> str:
 def killed() -> dict[str, object]:
     """A process that holds both outputs energised dies."""
     source = HOLDER.format(urls=[f"{CHIP}?line=relay", f"serialpin:{PORT}?pin=rts"])
-    place = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
-    holder = subprocess.Popen([sys.executable, "-c", source], stdout=subprocess.PIPE, env=place)
+    holder = subprocess.Popen([sys.executable, "-c", source], stdout=subprocess.PIPE)
     assert holder.stdout is not None
     holder.stdout.readline()
     before = level(), "RTS" in modem_register()

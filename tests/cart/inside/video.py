@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import package  # noqa: F401  the package's modules can be imported from here on
 from output_node import OutputNode
 
 from drivers.errors import DeviceLost

@@ -1,0 +1,157 @@
+"""The service on the emulated machine: its GPIO line, its wall clock, its plugs, its hardware watchdog.
+
+The line under test is the red lamp's, which is energised, and so dark, while nothing red is to be shown: it needs no
+verified calibration, which takes long under emulation, and is dropped by whatever drops the contact.
+"""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from tests.cart.bench import UNIT, HostTwins, configure, journal, log_tail, show, wait_status
+from tests.cart.guest import PYTHON, SCRIPTS, Guest, Ports
+from tests.cart.image import Image
+from tests.cart.requirements import GUEST, missing
+
+START_S = 150.0
+WATCHDOG_S = 5.0
+CONTACT, RED = "gpio:/dev/gpiochip0?line=relay", "gpio:/dev/gpiochip0?line=lamp red"
+VIDEO = "v4l2:/dev/video0?format=GREY&input=1&size=640x480"
+PATIENCE = "[supervisor]\nself_test_s = 120\nstarting_s = 120\nestimator_silence_ms = 5000\noutput_silence_ms = 5000\n"
+
+
+@pytest.fixture(scope="module")
+def machine(image: Image, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guest]:
+    """Running, waiting for a scanner and a tracker that are not there."""
+    if why := missing(GUEST):
+        pytest.skip(why)
+    with Guest(image, tmp_path_factory.mktemp("guest")) as guest:
+        guest.restore()
+        guest.put_scripts()
+        configure(guest, "sim:/run/no-scanner", "ndi:/dev/ttyUSB0", [CONTACT, RED], PATIENCE)
+        guest.sh("systemctl start probewatch", timeout_s=START_S)
+        yield guest
+
+
+def lamp(guest: Guest) -> int:
+    """The red lamp's line: 1 is dark."""
+    return int(guest.sh("cat /sys/devices/platform/gpio-sim.*/gpiochip*/sim_gpio1/value").out)
+
+
+def await_lamp(guest: Guest, level: int, deadline_s: float) -> None:
+    end_s = time.monotonic() + deadline_s
+    while lamp(guest) != level:
+        assert time.monotonic() < end_s, f"the lamp's line stays {1 - level}\n{log_tail(guest)}"
+        time.sleep(0.2)
+
+
+def after_signal(guest: Guest, signal: int, seconds: float) -> float | None:
+    """Milliseconds from the signal to the line's fall, measured in the guest."""
+    pid = show(guest, "MainPID")
+    return json.loads(guest.sh(f"{PYTHON} {SCRIPTS}/line.py after {signal} {pid} {seconds} 1").out)
+
+
+def test_a_killed_daemon_drops_its_line_within_250_ms(machine: Guest) -> None:
+    await_lamp(machine, 1, START_S)
+    before = show(machine, "MainPID")
+    low_ms = after_signal(machine, 9, 5)
+    print(f"SIGKILL: line low after {low_ms} ms")
+    assert low_ms is not None
+    assert low_ms < 250
+    await_lamp(machine, 1, START_S)
+    assert show(machine, "MainPID") != before
+
+
+def test_a_stopped_daemon_loses_its_line_within_the_watchdogs_time(machine: Guest) -> None:
+    await_lamp(machine, 1, START_S)
+    low_ms = after_signal(machine, 19, 30)
+    print(f"SIGSTOP: line low after {low_ms} ms, WatchdogSec={WATCHDOG_S:g}")
+    assert low_ms is not None
+    assert low_ms < (WATCHDOG_S + 1.0) * 1e3
+    await_lamp(machine, 1, START_S)
+
+
+def test_steps_of_the_wall_clock_disturb_nothing(machine: Guest) -> None:
+    await_lamp(machine, 1, START_S)
+    before = show(machine, "MainPID")
+    for step in ("+1 hour", "-2 hours", "+1 hour"):
+        machine.sh(f"date -s '{step}' >/dev/null")
+        for _ in range(5):
+            assert lamp(machine) == 1
+            time.sleep(0.3)
+    assert show(machine, "MainPID") == before
+    assert show(machine, "ActiveState") == "active"
+
+
+def test_a_hung_kernel_is_reset_by_the_hardware_and_the_alarm_is_on_again(machine: Guest) -> None:
+    """The last test of this machine. A panic that does not reboot is as dead as a kernel can be."""
+    await_lamp(machine, 1, START_S)
+    machine.sh("sync")
+    boots = machine.console().count("clean,") + machine.console().count("recovering journal")
+    began_s = time.monotonic()
+    machine.begin("sleep 0.5; echo c >/proc/sysrq-trigger")
+    while machine.console().count("clean,") + machine.console().count("recovering journal") == boots:
+        assert time.monotonic() - began_s < 90, f"no reset: {machine.console()[-800:]}"
+        time.sleep(0.2)
+    reset_s = time.monotonic() - began_s
+    machine.await_agent()
+    print(f"kernel panic: reset and at the file system check after {reset_s:.1f} s")
+    wait_status(machine, ("waiting", "self-test", "device lost", "not verified"), START_S)
+    assert int(machine.sh("cat /sys/devices/platform/gpio-sim.*/gpiochip*/sim_gpio0/value").out) == 0
+
+
+def test_unplugged_serial_and_lost_signal_are_said_once_and_come_back(
+    image: Image, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    if why := missing(GUEST):
+        pytest.skip(why)
+    folder = tmp_path_factory.mktemp("plugs")
+    with HostTwins(folder, 4.0, 0.1) as twins:
+        ports = Ports(usb_serial=twins.tracker, scanner=twins.scanner)
+        with Guest(image, folder, ports) as guest:
+            guest.restore()
+            guest.plug_usb_serial()
+            tracker = "ndi:/dev/ttyUSB0?probe=/etc/probewatch/probe.rom&deadline_ms=5000"
+            configure(guest, VIDEO, tracker, [CONTACT], PATIENCE)
+            guest.sh("systemctl start probewatch", timeout_s=START_S)
+            await_samples(guest)
+            signal = "v4l2-ctl -d /dev/video0 -c dv_timings_signal_mode="
+            _lost_and_back(guest, "video", lambda: guest.sh(f"{signal}1"), lambda: guest.sh(f"{signal}0"))
+            _lost_and_back(guest, "tracker", guest.unplug_usb_serial, guest.plug_usb_serial)
+
+
+def await_samples(guest: Guest) -> None:
+    """Both devices deliver."""
+    end_s = time.monotonic() + START_S
+    while not all((counters := guest.script("status")["counters"])[name] > 5 for name in ("frames", "poses")):
+        assert time.monotonic() < end_s, f"{counters}\n{log_tail(guest)}"
+        time.sleep(1)
+
+
+def _lost_and_back(guest: Guest, role: str, lose: Callable[[], object], give_back: Callable[[], object]) -> None:
+    """One line of the log says that the device is lost, one that it is back, and no more."""
+    losses, backs = _events(guest, role)
+    began_s = time.monotonic()
+    lose()
+    _await_events(guest, role, losses + 1, backs)
+    print(f"{role} lost: said within {time.monotonic() - began_s:.1f} s")
+    time.sleep(3)
+    began_s = time.monotonic()
+    give_back()
+    _await_events(guest, role, losses + 1, backs + 1)
+    print(f"{role} back: said within {time.monotonic() - began_s:.1f} s")
+
+
+def _events(guest: Guest, role: str) -> tuple[int, int]:
+    """(how often the device was lost, how often it came back), by the journal."""
+    found = [entry.get("PROBEWATCH_EVENT") for entry in journal(guest, UNIT, f"PROBEWATCH_DEVICE={role}")]
+    return found.count("device lost"), found.count("device back")
+
+
+def _await_events(guest: Guest, role: str, losses: int, backs: int) -> None:
+    end_s = time.monotonic() + 60
+    while (seen := _events(guest, role)) != (losses, backs):
+        assert time.monotonic() < end_s, f"{role}: lost and back {seen}, not {(losses, backs)}\n{log_tail(guest)}"
+        time.sleep(0.3)
