@@ -86,9 +86,10 @@ def test_an_unplugged_tracker_and_scanner_are_lost_once_and_back_once(cart: Cont
 @pytest.mark.parametrize("how", ["full", "read-only"])
 def test_without_room_for_its_state_it_goes_on_watching(cart: Container, how: str) -> None:
     """The state folder becomes a file system of its own, then full or read-only: for the running service as well."""
-    cart.sh("mount -t tmpfs -o size=256k,mode=750,uid=probewatch,gid=probewatch tmpfs /var/lib/probewatch")
+    options = "size=256k,mode=750,uid=probewatch,gid=probewatch"
+    cart.sh(f"systemctl stop {UNIT} && mount -t tmpfs -o {options} tmpfs /var/lib/probewatch")
     try:
-        cart.sh(f"systemctl restart {UNIT}")
+        cart.sh(f"systemctl start {UNIT}")
         wait_status(cart, "monitoring", VERIFY_S)
         if how == "full":
             cart.sh("dd if=/dev/zero of=/var/lib/probewatch/ballast bs=4k", check=False)
