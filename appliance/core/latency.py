@@ -111,14 +111,14 @@ class _Steps:
         w = places_mm[:, first + self._frames] - places_mm[:, first]
         moved = np.broadcast_to(self._moved[first], (*w.shape[:2], 2))
         weight = np.ones(w.shape[:2])
-        left_square = np.zeros_like(weight)
+        left_square, middle = np.zeros_like(weight), w.shape[1] // 2
         for _ in range(_ROBUST_ROUNDS):
             weighted = np.swapaxes(w * weight[..., None], 1, 2)
             H = weighted @ w
             H += np.eye(3) * (1e-6 * np.trace(H, axis1=1, axis2=2) + 1e-12)[:, None, None]
             left = moved - w @ np.linalg.solve(H, weighted @ moved)
             left_square = np.einsum("kni,kni->kn", left, left)
-            usual = np.maximum(np.median(left_square, axis=1, keepdims=True), 1e-6)
+            usual = np.maximum(np.partition(left_square, middle, axis=1)[:, middle, None], 1e-6)
             weight = 1 / (1 + left_square / (4 * usual))
         return np.asarray((weight * left_square).sum(axis=1) / weight.sum(axis=1))
 

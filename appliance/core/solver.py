@@ -109,6 +109,7 @@ class _Problem:
         self._alpha_steps = np.diff(self._alpha, prepend=self._alpha[:1])
         self._by_tau = np.zeros((len(u_mm), 6))
         self._rows = 6 if prior.planar else 3
+        self._moved_to: tuple[Array, Array, Array] | None = None
 
     def steps(self, theta: Array) -> Array:
         """Steps of measured minus predicted path (n, 3 or 6): in-plane mm (2), α rad[, elevational mm, tilt (2)]."""
@@ -132,8 +133,10 @@ class _Problem:
         self._by_tau = (after - before) / self._samples.apart_s
 
     def _moved(self, theta: Array) -> tuple[Array, Array]:
-        rotation = rotation_from_vector(theta[:3]) @ self._reference.rotation
-        return rotation, self._reference.offset_mm + theta[5:8]
+        if self._moved_to is None or self._moved_to[0] is not theta:
+            rotation = rotation_from_vector(theta[:3]) @ self._reference.rotation
+            self._moved_to = theta, rotation, self._reference.offset_mm + theta[5:8]
+        return self._moved_to[1:]
 
     def noise(self, theta: Array) -> Noise:
         """Of the residual path."""

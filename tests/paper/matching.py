@@ -4,13 +4,13 @@ import numpy as np
 
 from appliance.core.handeye.motions import Motions
 from appliance.core.path_samples import PathSamples
-from appliance.core.realtime_tracker import RealTimeTracker
-from appliance.core.registration import Keyframe, pyramid
+from appliance.core.registration import Keyframe, compose, pyramid
 from tests.paper.sweeps import FPS, SCALE, Sweep
 
 ASPECT = float(SCALE[1] / SCALE[0])
 _RENEW_CORRELATION, _RENEW_PX = 0.8, 25.0
 _APART_FRAMES = 2
+_REST = (np.zeros(2), 0.0)
 
 
 class Pairs:
@@ -39,22 +39,31 @@ def first(motions: Motions, n: int) -> Motions:
 
 
 def keyframe_chain(seen: Sweep) -> PathSamples:
-    """The path along keyframes that are renewed when likeness or capture range end, as the service does."""
-    tracker = RealTimeTracker(ASPECT)
-    path, chain = [], []
-    for k, picture in enumerate(seen.pictures):
-        tracked = tracker.step(picture, k)
-        path.append([*tracked.path[0], tracked.path[1]])
-        chain.append(tracked.chain)
-        found = tracked.registration
-        if found is not None and (found.correlation < _RENEW_CORRELATION or np.hypot(*found.u_px) > _RENEW_PX):
-            tracker.renew_keyframe()
-    where = np.arange(len(seen.t_s))
+    """The path along keyframes that are renewed when likeness or displacement end them, as in the service.
+
+    These pictures have no overlay, so none is learnt.
+    """
+    levels = [pyramid(picture) for picture in seen.pictures]
+    keyframe, start, warm = Keyframe(levels[0], ASPECT), _REST, _REST
+    path = [_REST]
+    for picture in levels[1:]:
+        found = keyframe.register(picture, warm)
+        warm = (found.u_px, found.alpha_rad)
+        path.append(compose(start, warm, ASPECT))
+        if found.correlation < _RENEW_CORRELATION or np.hypot(*found.u_px) > _RENEW_PX:
+            keyframe, start, warm = Keyframe(picture, ASPECT), path[-1], _REST
+    where = np.arange(len(path))
     before, after = np.maximum(where - _APART_FRAMES, 0), np.minimum(where + _APART_FRAMES, len(where) - 1)
-    found = np.array(path)
-    around = seen.poses, seen.poses[before], seen.poses[after]
     return PathSamples(
-        seen.t_s, np.array(chain), found[:, :2], found[:, 2], *around, 2 * _APART_FRAMES / FPS, np.zeros(len(path))
+        t_s=seen.t_s,
+        chain=np.ones(len(path), dtype=np.int64),
+        u_px=np.array([u_px for u_px, _ in path]),
+        alpha_rad=np.array([alpha_rad for _, alpha_rad in path]),
+        poses=seen.poses,
+        earlier_poses=seen.poses[before],
+        later_poses=seen.poses[after],
+        apart_s=2 * _APART_FRAMES / FPS,
+        hidden_mm=np.zeros(len(path)),
     )
 
 
