@@ -14,4 +14,8 @@ report, and `make paper` measures them against each other.
 | planar | in-plane translation and turn (Eq. 5–7) | R_x, λ, t_x but for ζ |
 | freehand | motion in all directions, picture plane alone seen | R_x, λ |
 | likelihood | any of these, from a start | the same with covariance; freehand with tilt also t_z |
+
+Beside them: `sums` (running sums with forgetting, so a new motion costs the same however many came before), `averaging`
+(many independent calibrations of one sweep), `observability` (singular values in 1°, 1 % and 1 mm), `motions` (what all
+take and give, and the polarity, which motion alone cannot tell).
 """
