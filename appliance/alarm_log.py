@@ -10,6 +10,7 @@ make a new chain, which the digests in the system journal would contradict.
 import hashlib
 import json
 import os
+import re
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -23,6 +24,11 @@ BEGUN = "chain begun"
 ENTRIES_A_SEGMENT, SEGMENTS_KEPT = 2000, 20
 _VERSION = 1
 _GENESIS = "0" * 64
+_ESCAPED = "backslashreplace"
+"""Makes of a lone surrogate, which no UTF-8 can hold, its JSON escape."""
+_SEGMENT = re.compile(r"alarms-([0-9]{8,})\.jsonl")
+_ENTRY_TYPES = {"number": int, "utc": str, "t_ns": int, "event": str, "data": dict, "previous": str}
+_MEMORY_TYPES = {"number": int, "digest": str, "first": int, "damage": list}
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,14 +117,7 @@ def read_log(folder: Path) -> Reading:
     chain = _Chain()
     files = segments(folder)
     for file in files:
-        for number, line in enumerate(file.read_bytes().splitlines(keepends=True), 1):
-            where = f"{file.name} line {number}"
-            if line.endswith(b"\n"):
-                chain.take(where, line)
-            elif file == files[-1]:
-                chain.damages.append(Damage("", where, "was cut off while it was written"))
-            else:
-                chain.damages.append(Damage("log-damaged", where, "is cut off"))
+        _read_segment(file, chain, last=file == files[-1])
     memory = _read_memory(folder, chain)
     if memory is not None:
         _compare(chain, memory)
@@ -126,8 +125,25 @@ def read_log(folder: Path) -> Reading:
 
 
 def segments(folder: Path) -> list[Path]:
-    """Oldest first."""
-    return sorted(folder.glob("alarms-*.jsonl"))
+    """Oldest first; other files in the folder are none of ours."""
+    named = [file for file in folder.glob("alarms-*.jsonl") if _SEGMENT.fullmatch(file.name) and file.is_file()]
+    return sorted(named, key=_first_number)
+
+
+def _read_segment(file: Path, chain: _Chain, last: bool) -> None:
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        chain.damages.append(Damage("log-damaged", file.name, f"cannot be read ({error.strerror})"))
+        return
+    for number, line in enumerate(content.splitlines(keepends=True), 1):
+        where = f"{file.name} line {number}"
+        if line.endswith(b"\n"):
+            chain.take(where, line)
+        elif last:
+            chain.damages.append(Damage("", where, "was cut off while it was written"))
+        else:
+            chain.damages.append(Damage("log-damaged", where, "is cut off"))
 
 
 def _read_memory(folder: Path, chain: _Chain) -> Memory | None:
@@ -135,12 +151,13 @@ def _read_memory(folder: Path, chain: _Chain) -> Memory | None:
         stored = json.loads((folder / MEMORY).read_bytes())
         if stored.pop("check") != _digest(stored) or stored.pop("v") != _VERSION:
             raise ValueError("its content does not match its checksum")
-        latch = stored.pop("latch")
-        return Memory(**{**stored, "latch": latch and Latch(**latch), "damage": tuple(stored["damage"])})
+        _check_types(stored, _MEMORY_TYPES)
+        latch, damage = _latch(stored.pop("latch")), tuple(map(str, stored.pop("damage")))
+        return Memory(**stored, latch=latch, damage=damage)
     except FileNotFoundError:
         if chain.entries:
             chain.damages.append(Damage("memory-damaged", MEMORY, "is missing, although there is a log"))
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, IsADirectoryError) as error:
         chain.damages.append(Damage("memory-damaged", MEMORY, f"cannot be believed ({error})"))
     return None
 
@@ -168,10 +185,27 @@ def _parse(line: bytes) -> Entry:
         stored = json.loads(line)
         if stored.pop("digest") != (digest := _digest(stored)):
             raise ValueError("it was changed")
-        latch = stored.pop("latch")
-        return Entry(**stored, latch=latch and Latch(**latch), digest=digest)
+        _check_types(stored, _ENTRY_TYPES)
+        if datetime.fromisoformat(stored["utc"]).tzinfo is None:
+            raise ValueError("its time has no zone")
+        return Entry(**{**stored, "latch": _latch(stored["latch"])}, digest=digest)
     except (KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"a field is missing or wrong: {error}") from None
+
+
+def _check_types(stored: dict[str, Any], types: dict[str, type]) -> None:
+    for name, kind in types.items():
+        if type(stored[name]) is not kind:
+            raise TypeError(f"{name} is no {kind.__name__}")
+
+
+def _latch(stored: Any) -> Latch | None:
+    if stored is None:
+        return None
+    latch = Latch(**stored)
+    if not isinstance(latch.state, str) or not isinstance(latch.fault, str | None):
+        raise TypeError("latch holds no names")
+    return latch
 
 
 def _digest(stored: dict[str, Any]) -> str:
@@ -182,8 +216,7 @@ class AlarmLog:
     """The writing end. opened: what was found; an unsound chain is left as it is and a new one begun after it.
 
     latch: what the last run latched. damage: hazard classes that are not acknowledged yet; the next entry keeps what it
-    is set to. Raises OSError when the
-    folder cannot be made or read.
+    is set to. Raises OSError when the folder cannot be made or read.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -197,7 +230,11 @@ class AlarmLog:
         ahead = last is not None and last.number > memory.number
         self.latch = last.latch if last is not None and (ahead or self.opened.memory is None) else memory.latch
         self.damage = tuple(dict.fromkeys((*memory.damage, *(one.fault for one in unsound))))
-        self._memory = Memory(number, _GENESIS if unsound or last is None else last.digest, memory.first, self.latch)
+        first = memory.first
+        if unsound:
+            number = max([number, *map(_first_number, segments(folder))])
+            first = self.opened.entries[0].number if self.opened.entries else number + 1
+        self._memory = Memory(number, _GENESIS if unsound or last is None else last.digest, first, self.latch)
         self._chain_begins = bool(unsound) or last is None
         self._memory_behind = False
         self._segment: Path | None = None
@@ -259,7 +296,9 @@ class AlarmLog:
             "previous": _GENESIS if event == BEGUN else self._memory.digest,
         }
         digest = _digest(stored)
-        _append(self._segment, json.dumps({**stored, "digest": digest}, ensure_ascii=False).encode() + b"\n")
+        _append(
+            self._segment, json.dumps({**stored, "digest": digest}, ensure_ascii=False).encode(errors=_ESCAPED) + b"\n"
+        )
         self._entries += 1
         self.latch, self._memory_behind = latch, True
         with suppress(OSError):
@@ -292,8 +331,7 @@ class AlarmLog:
 
 
 def _first_number(segment: Path) -> int:
-    number = segment.stem.removeprefix("alarms-")
-    return int(number) if number.isdecimal() else 0
+    return int(segment.stem.removeprefix("alarms-"))
 
 
 def _append(file: Path, line: bytes) -> None:

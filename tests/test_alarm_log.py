@@ -4,8 +4,10 @@ import errno
 import json
 import os
 import shutil
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -245,3 +247,142 @@ def test_a_memory_that_cannot_be_written_holds_up_the_next_entry_not_this_one(
     assert AlarmLog(tmp_path).damage == ()
     log.append(NOON, 9, "state", {}, HALT)
     assert (faults(tmp_path), log.number) == ([], 5)
+
+
+def signed(entry: dict[str, Any]) -> bytes:
+    """A line whose digest is right, as another version of this software may have written it."""
+    return json.dumps({**entry, "digest": alarm_log._digest(entry)}).encode() + b"\n"
+
+
+ENTRY = {"number": 5, "utc": NOON.isoformat(), "t_ns": 0, "event": "state", "data": {}, "latch": None, "previous": ""}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"number": "5"},
+        {"number": None},
+        {"number": True},
+        {"utc": "noon"},
+        {"utc": "2026-01-01T12:00:00"},
+        {"t_ns": 0.5},
+        {"event": None},
+        {"data": []},
+        {"latch": {}},
+        {"latch": "halt"},
+        {"latch": {"state": 5, "fault": None}},
+        {"latch": {"state": "halt", "fault": ["scale"]}},
+        {"previous": 0},
+        {"more": 1},
+    ],
+)
+def test_an_entry_of_other_types_is_damage_and_no_crash(tmp_path: Path, change: dict[str, Any]) -> None:
+    filled(tmp_path, 3, HALT)
+    with segments(tmp_path)[0].open("ab") as stream:
+        stream.write(signed(ENTRY | change))
+    assert (AlarmLog(tmp_path).damage, AlarmLog(tmp_path).latch) == (("log-damaged",), HALT)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"number": "4"},
+        {"number": None},
+        {"first": "1"},
+        {"digest": 0},
+        {"damage": "log-damaged"},
+        {"damage": 7},
+        {"latch": {}},
+        {"latch": {"state": 5, "fault": None}},
+        {"more": 1},
+    ],
+)
+def test_a_memory_of_other_types_is_damage_and_no_crash(tmp_path: Path, change: dict[str, Any]) -> None:
+    filled(tmp_path, 3, HALT)
+    stored = json.loads((tmp_path / MEMORY).read_bytes())
+    del stored["check"]
+    stored |= change
+    (tmp_path / MEMORY).write_text(json.dumps({**stored, "check": alarm_log._digest(stored)}))
+    assert (AlarmLog(tmp_path).damage, AlarmLog(tmp_path).latch) == (("memory-damaged",), HALT)
+
+
+def test_a_memory_that_is_nested_beyond_reason_or_is_a_folder_is_damage(tmp_path: Path) -> None:
+    filled(tmp_path, 3, HALT)
+    (tmp_path / MEMORY).write_bytes(b"[" * 100_000)
+    assert (AlarmLog(tmp_path).damage, AlarmLog(tmp_path).latch) == (("memory-damaged",), HALT)
+    (tmp_path / MEMORY).unlink()
+    (tmp_path / MEMORY).mkdir()
+    assert (AlarmLog(tmp_path).damage, AlarmLog(tmp_path).latch) == (("memory-damaged",), HALT)
+
+
+def test_other_files_in_the_folder_are_let_be(tmp_path: Path) -> None:
+    filled(tmp_path, 3, HALT)
+    (tmp_path / "alarms-backup.jsonl").write_text("mine\n")
+    (tmp_path / "alarms-00000001.jsonl.gz").write_text("mine")
+    (tmp_path / "alarms-99999999.jsonl").mkdir()
+    os.mkfifo(tmp_path / "alarms-88888888.jsonl")
+    log = filled(tmp_path, 1, HALT)
+    assert (log.damage, faults(tmp_path)) == ((), [])
+    assert (tmp_path / "alarms-backup.jsonl").read_text() == "mine\n"
+    assert len(read_log(tmp_path).entries) == 5
+
+
+def test_a_segment_that_cannot_be_read_is_damage_and_the_memory_still_knows_the_latch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bad sector must not cost what was latched, nor all that is written from now on."""
+    filled(tmp_path, 3, HALT)
+    bad, read_bytes = segments(tmp_path)[0], Path.read_bytes
+
+    def fails_on_the_bad_one(file: Path) -> bytes:
+        if file == bad:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return read_bytes(file)
+
+    monkeypatch.setattr(Path, "read_bytes", fails_on_the_bad_one)
+    log = filled(tmp_path, 1, HALT)
+    assert (log.damage, log.latch, log.number) == (("log-damaged",), HALT, 6)
+
+
+def lost_first_segment(folder: Path) -> None:
+    segments(folder)[0].unlink()
+
+
+def lost_log(folder: Path) -> None:
+    for file in segments(folder):
+        file.unlink()
+
+
+def garbage_everywhere(folder: Path) -> None:
+    (folder / MEMORY).write_bytes(b"\0" * 100)
+    for file in segments(folder):
+        file.write_bytes(b"\0" * 100)
+
+
+def garbage_at_the_end(folder: Path) -> None:
+    (folder / MEMORY).write_bytes(b"\0" * 100)
+    segments(folder)[-1].write_bytes(b"\0" * 100 + b"\n")
+
+
+@pytest.mark.parametrize("harm", [lost_first_segment, lost_log, garbage_everywhere, garbage_at_the_end])
+def test_damage_that_was_accepted_does_not_come_back(
+    tmp_path: Path, harm: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(alarm_log, "ENTRIES_A_SEGMENT", 3)
+    filled(tmp_path, 8)
+    harm(tmp_path)
+    log = AlarmLog(tmp_path)
+    assert log.damage
+    log.damage = ()
+    log.append(NOON, 0, "request", {"do": "acknowledge"}, None)
+    for _ in range(3):
+        again = filled(tmp_path, 2)
+        assert again.damage == ()
+    before = again.number
+    assert AlarmLog(tmp_path).number == before
+
+
+def test_text_that_no_file_can_hold_comes_back_as_it_was(tmp_path: Path) -> None:
+    filled(tmp_path).append(NOON, 0, "state", {"reason": "a\ud800ä"}, HALT)
+    reading = read_log(tmp_path)
+    assert (reading.damages, reading.entries[-1].data) == ((), {"reason": "a\ud800ä"})

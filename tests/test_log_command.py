@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
+from appliance import alarm_log
 from appliance.alarm_log import AlarmLog, Latch, segments
 from drivers.errors import ConfigurationError
 from tools.log import command
@@ -89,3 +90,18 @@ def test_csv_holds_what_was_chosen(folder: Path, tmp_path: Path) -> None:
 def test_a_folder_that_is_not_there_and_a_file_that_cannot_be_written(folder: Path, tmp_path: Path) -> None:
     assert isinstance(asked(tmp_path / "none").exception, ConfigurationError)
     assert isinstance(asked(folder, "--csv", str(tmp_path / "no" / "out.csv")).exception, ConfigurationError)
+
+
+def test_a_reading_beside_the_service_finds_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The service writes an entry between the reading of the log and of the memory."""
+    log, read_memory = AlarmLog(tmp_path), alarm_log._read_memory
+    log.append(datetime(2026, 1, 1, tzinfo=UTC), 0, "started", {}, None)
+
+    def beside(folder: Path, chain: alarm_log._Chain) -> alarm_log.Memory | None:
+        monkeypatch.setattr(alarm_log, "_read_memory", read_memory)
+        log.append(datetime(2026, 1, 1, tzinfo=UTC), 0, "state", {}, None)
+        return read_memory(folder, chain)
+
+    monkeypatch.setattr(alarm_log, "_read_memory", beside)
+    result = asked(tmp_path, "--verify")
+    assert (result.exit_code, result.stderr) == (0, "3 entries, the chain is whole\n")

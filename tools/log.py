@@ -15,6 +15,7 @@ from drivers.errors import ConfigurationError
 _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
 _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
 _COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "latched", "digest")
+_LOOKS = 3
 
 
 @click.command(short_help="read, filter and verify the alarm log; export it as CSV")
@@ -67,11 +68,21 @@ def _read(folder: Path) -> Reading:
     if not folder.is_dir():
         raise ConfigurationError("is no folder", str(folder), "Name [alarm] folder of the service's configuration")
     try:
-        return read_log(folder)
+        return _settled(folder)
     except OSError as error:
         raise ConfigurationError(
             f"cannot be read ({error.strerror})", str(folder), "Ask with the service's group"
         ) from None
+
+
+def _settled(folder: Path) -> Reading:
+    """Damage that another look does not find was the service, which writes meanwhile."""
+    reading = read_log(folder)
+    for _ in range(_LOOKS):
+        if not reading.damages:
+            break
+        reading = read_log(folder)
+    return reading
 
 
 def _within(entry: Entry, since: datetime | None, until: datetime | None) -> bool:
