@@ -44,13 +44,12 @@ class Recalibration:
     def abort(self) -> None:
         """Back to the reference in force before. Raises ControlRefused."""
         self._ask(Request.ABORT_RECALIBRATION)
-        self._return()
 
     def follow(self, before: State, after: State) -> None:
-        """A reference that monitoring confirmed stays; one that a lost device kept from being confirmed does not."""
+        """A reference that monitoring confirmed stays; whatever else ends a recalibration returns to the one before."""
         if after is State.MONITORING:
             self._before = self._estimator.reference
-        elif before is State.RECALIBRATING and after is State.DEVICE_LOST:
+        elif before is State.RECALIBRATING and after is not State.RECALIBRATING:
             self._return()
 
     def _return(self) -> None:
