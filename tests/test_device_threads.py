@@ -106,6 +106,21 @@ def test_a_hanging_output_does_not_hold_up_the_one_who_commands(output: OutputTh
     assert output.written_ns == written_ns, "its silence shows"
 
 
+def test_a_command_that_waited_behind_a_hanging_output_is_not_carried_out(
+    output: OutputThread, contact: Contact
+) -> None:
+    """The tick may have died since."""
+    until(commanded(output, True))
+    contact.flowing.clear()
+    time.sleep(0.3)  # the thread hangs in a write now
+    output.command(True, CLOCK.now_ns())
+    time.sleep(0.3)
+    before = len(contact.states)
+    contact.flowing.set()
+    until(lambda: len(contact.states) >= before + 3)
+    assert contact.states[before + 1 :] == [False] * (len(contact.states) - before - 1), "the first was begun before"
+
+
 def test_a_broken_output_is_opened_again(output: OutputThread, contact: Contact) -> None:
     until(commanded(output, True))
     contact.broken = True

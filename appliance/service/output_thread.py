@@ -1,6 +1,7 @@
 """One thread for each alarm output, so that one that hangs holds up neither the tick nor the others."""
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,8 +15,11 @@ _COMMAND_LIFE_S = 0.25
 
 @dataclass(frozen=True, slots=True)
 class _Command:
+    """commanded_s: when the tick gave it, CLOCK_MONOTONIC."""
+
     energised: bool
     given_ns: int
+    commanded_s: float
 
 
 class OutputThread(DeviceThread):
@@ -40,7 +44,7 @@ class OutputThread(DeviceThread):
 
     def command(self, energised: bool, given_ns: int) -> None:
         """From the tick; never blocks. given_ns: when that was found out, from which the delay is counted."""
-        self._command = _Command(energised, given_ns)
+        self._command = _Command(energised, given_ns, time.monotonic())
         self._wake.set()
 
     def stop(self) -> None:
@@ -57,10 +61,10 @@ class OutputThread(DeviceThread):
         """The command just given, or de-energised when none was given in time."""
         given = self._wake.wait(_COMMAND_LIFE_S)
         self._wake.clear()
-        command = self._command
-        if given and command is not None:
+        command, now_s = self._command, time.monotonic()
+        if given and command is not None and now_s - command.commanded_s < _COMMAND_LIFE_S:
             return command
-        return _Command(False, self._clock.now_ns())
+        return _Command(False, self._clock.now_ns(), now_s)
 
     def _write(self, output: AlarmOutput, command: _Command) -> None:
         if self._stopping.is_set():
