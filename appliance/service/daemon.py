@@ -21,8 +21,9 @@ from appliance.service.source_thread import CaptureThread, TrackerThread
 from appliance.service.status import alarm_fields, audio_fields, check_lists, log_fields, output_fields
 from appliance.service.systemd_notify import Notifier
 from appliance.service.tick_meter import TickMeter
+from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.annunciator import Annunciator
-from appliance.supervision.supervisor import Inputs, Request, Supervisor
+from appliance.supervision.supervisor import LATCHED, Inputs, Request, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts
 from appliance.types import AlarmState, Check, State, Verdict
@@ -165,9 +166,10 @@ class Daemon:
         self._log.info("configuration reloaded", file=str(self._config_file))
 
     def _raise_failures(self) -> None:
-        for thread in self._threads():
-            if thread.failure is not None:
-                raise thread.failure
+        failures = [self._recorder.failure, *(thread.failure for thread in self._threads())]
+        for failure in failures:
+            if failure is not None:
+                raise failure
 
     def _facts(self) -> Facts:
         written = [output.written_ns for output in self._outputs]
@@ -260,7 +262,9 @@ class Daemon:
 
 
 def _supervisor(config: Config, latch: Latch | None) -> Supervisor:
-    """In the state that was latched when the last run ended."""
+    """In the state that was latched when the last run ended; one that only another version knows counts as a HALT."""
     if latch is None:
         return Supervisor(config.supervisor.durations())
-    return Supervisor(config.supervisor.durations(), State(latch.state), latch.fault)
+    state = next((state for state in LATCHED if state.value == latch.state), State.HALT)
+    fault = latch.fault if latch.fault in HAZARDS else None
+    return Supervisor(config.supervisor.durations(), state, fault)

@@ -9,6 +9,7 @@ from typing import Any
 
 from appliance.alarm_log import AlarmLog, Latch
 from appliance.service.log import get_log
+from appliance.supervision.alarms import HAZARDS, Kind
 from drivers.hosttime import HostClock
 
 _MOST_WAITING = 10_000
@@ -30,6 +31,7 @@ class Recorder(threading.Thread):
 
     latch, damage: of the last run, see appliance.alarm_log.AlarmLog. failing: why nothing can be written now, None when
     it can. written: number of the last entry on the disk. dropped: notes that did not fit into memory either.
+    failure: an error of ours, which has ended the thread; the tick raises it.
     """
 
     def __init__(self, folder: Path, clock: HostClock) -> None:
@@ -41,17 +43,20 @@ class Recorder(threading.Thread):
         self._log = get_log(folder=str(folder))
         self._alarm_log: AlarmLog | None = None
         self.failing: str | None = None
+        self.failure: BaseException | None = None
         self.latch: Latch | None = None
         self.damage: tuple[str, ...] = ()
         self.written = self.dropped = 0
         self._open()
 
     def note(self, event: str, latch: Latch | None, **data: Any) -> None:
-        """Add an entry; never blocks, and drops the newest, counted, when too many wait."""
+        """Add an entry; never blocks. When too many wait the newest takes the place of the one before it, counted."""
+        note = _Note(datetime.now(UTC), self._clock.now_ns(), event, data, latch)
         if len(self._waiting) >= _MOST_WAITING:
             self.dropped += 1
-            return
-        self._waiting.append(_Note(datetime.now(UTC), self._clock.now_ns(), event, data, latch))
+            self._waiting[-1] = note
+        else:
+            self._waiting.append(note)
         self._wake.set()
 
     def accept_damage(self, fault: str | None) -> None:
@@ -77,6 +82,12 @@ class Recorder(threading.Thread):
         self.join(_END_S)
 
     def run(self) -> None:
+        try:
+            self._keep_writing()
+        except BaseException as error:
+            self.failure = error
+
+    def _keep_writing(self) -> None:
         while not (self._ending and (self.failing is not None or not self._waiting)):
             if self.failing is not None:
                 self._wake.wait(_RETRY_S)
@@ -95,6 +106,8 @@ class Recorder(threading.Thread):
                 self._waiting.popleft()
         except OSError as error:
             self._note_failure(error)
+            if isinstance(error, FileNotFoundError):
+                self._begin_again()
         else:
             self._note_success()
 
@@ -108,14 +121,21 @@ class Recorder(threading.Thread):
         try:
             opened = AlarmLog(self._folder)
         except OSError as error:
-            self.damage = ("memory-damaged",)  # what was latched is not known
+            if self.failing is None:
+                self.damage = ("memory-damaged",)  # what was latched is not known
             self._note_failure(error)
             return
         self._alarm_log = opened
         self.latch, self.written = opened.latch, opened.number
-        self.damage = self.damage or opened.damage
+        self.damage = self.damage or tuple(dict.fromkeys(map(_integrity_class, opened.damage)))
         for damage in opened.opened.damages:
             self._log.warning("alarm log", damage=str(damage))
+
+    def _begin_again(self) -> None:
+        """The folder was taken away: the next attempt makes it anew, and what it held is missed."""
+        if self._alarm_log is not None:
+            self._alarm_log = None
+            self.damage = tuple(dict.fromkeys((*self.damage, "log-damaged")))
 
     def _note_failure(self, error: OSError) -> None:
         if self.failing is None:
@@ -126,3 +146,9 @@ class Recorder(threading.Thread):
         if self._alarm_log is not None and self.failing is not None:
             self.failing = None
             self._log.info("alarm log is written again")
+
+
+def _integrity_class(fault: str) -> str:
+    """Another version may have known classes that this one cannot show."""
+    known = fault in HAZARDS and HAZARDS[fault].kind is Kind.INTEGRITY
+    return fault if known else "memory-damaged"
