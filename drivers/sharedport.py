@@ -13,7 +13,8 @@ from drivers.errors import DeviceLost
 from drivers.serialport import open_serial
 
 _open: dict[str, "SharedPort"] = {}
-_opening = threading.Lock()
+_gates: dict[str, threading.Lock] = {}
+"""One for each path, since opening or closing one port may hang and must not hold up the others."""
 
 
 class SharedPort:
@@ -50,17 +51,17 @@ class SharedPort:
 
     def give_back(self) -> None:
         """The last user closes it."""
-        with _opening:
+        with _gate(self._path):
             self._users -= 1
             if self._users == 0:
                 self._close()
 
     def add_user(self) -> None:
-        """Under the lock of shared_port only."""
+        """Under the gate of its path only."""
         self._users += 1
 
     def _failed(self, error: Exception) -> DeviceLost:
-        with _opening:
+        with _gate(self._path):
             self._close()
         return DeviceLost(f"the serial port failed ({error})", self._path, "Check its cable")
 
@@ -71,10 +72,14 @@ class SharedPort:
             self._port.close()
 
 
+def _gate(path: str) -> threading.Lock:
+    return _gates.setdefault(path, threading.Lock())
+
+
 def shared_port(path: str, baud: int) -> SharedPort:
     """The open port of that path, or a new one; whoever takes it gives it back. Raises DeviceLost."""
     real = str(Path(path).resolve())
-    with _opening:
+    with _gate(real):
         port = _open.get(real)
         if port is None:
             port = _open[real] = SharedPort(real, baud)

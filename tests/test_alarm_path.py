@@ -28,6 +28,14 @@ from tests.polling import until
 from tools import ack, lamp_test, pause, status
 
 ALARM_S = 2.0
+WITH_FILE = ("propose-calibration", "end-recalibration")
+HOSTILE_BODIES = (
+    ', "seconds": 1e999',
+    ', "file": "/dev/zero"',
+    ', "file": 7',
+    ', "reason": [1]',
+    ', "reason": "\\ud800 \\ud800"',
+)
 
 
 @pytest.fixture(scope="module")
@@ -168,9 +176,9 @@ def hostile(path: Path, chance: random.Random) -> None:
             link.sendall(b'{"v": 1, "do": "sta')
         elif kind == 3:
             do = chance.choice(
-                ["status", "acknowledge", "reload", "pause-audio", "audio-off", "end-recalibration", "?"]
+                ["status", "acknowledge", "reload", "pause-audio", "audio-off", *WITH_FILE, "?", "\\ud800"]
             )
-            body = chance.choice(["", ', "seconds": 1e999', ', "file": "/dev/zero"', ', "file": 7', ', "reason": [1]'])
+            body = chance.choice(["", *HOSTILE_BODIES, f', "file": "{path.with_name("pipe")}"'])
             link.sendall(f'{{"v": 1, "do": "{do}"{body}}}\n'.encode() * chance.randrange(1, 20))
         if chance.random() < 0.5:
             link.recv(1)
@@ -184,13 +192,12 @@ def many_hostile(path: Path, seed: int) -> None:
 def test_a_thousand_hostile_inputs_change_nothing_and_slow_no_tick(monitoring: Cart) -> None:
     before, calm = monitoring.status(), monitoring.status()["tick"]
     chance = random.Random(5)
+    os.mkfifo(monitoring.socket.with_name("pipe"))
     with contextlib.ExitStack() as stack:
         for _ in range(200):
             stack.enter_context(connected(monitoring.socket))
         threads = [
-            threading.Thread(
-                target=lambda seed=seed: [hostile(monitoring.socket, random.Random(seed + n)) for n in range(125)]
-            )
+            threading.Thread(target=many_hostile, args=(monitoring.socket, seed))
             for seed in chance.sample(range(10**6), 8)
         ]
         for thread in threads:
@@ -200,7 +207,7 @@ def test_a_thousand_hostile_inputs_change_nothing_and_slow_no_tick(monitoring: C
     after = until(monitoring.status)
     with ControlClient(monitoring.socket) as client:
         client.audio_on()
-    assert (after["state"], after["energised"]) == ("monitoring", True)
+    assert (after["state"], after["fault"], after["energised"]) == ("monitoring", None, True)
     changes = [event for event in monitoring.daemon.said if event.get("event") == "state"]
     assert changes[-1]["state"] == "monitoring"
     assert after["counters"]["device_losses"] == before["counters"]["device_losses"]

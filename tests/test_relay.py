@@ -5,13 +5,16 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
+import serial
 
+from drivers import sharedport
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.hosttime import HostClock
 from drivers.ports import open_output
@@ -104,6 +107,34 @@ def test_channels_of_one_board_are_driven_at_the_same_time(tmp_path: Path, answe
             for energised in (True, False) * 10:
                 list(pool.map(lambda output, level=energised: output.write(level), outputs))
                 wait_for(lambda level=energised: set(board.contacts.values()) == {level})
+
+
+def test_a_port_that_hangs_while_it_is_opened_holds_up_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    goes_on, stuck = threading.Event(), tmp_path / "stuck"
+
+    def hanging(path: str, baud: int) -> serial.Serial:
+        if path == str(stuck):
+            goes_on.wait(10)
+        return open_serial(path, baud)
+
+    monkeypatch.setattr(sharedport, "open_serial", hanging)
+
+    def open_stuck() -> None:
+        with suppress(DeviceLost):
+            sharedport.shared_port(str(stuck), 9600)
+
+    first = threading.Thread(target=open_stuck)
+    with running_board(tmp_path / "relay", CLOCK) as board:
+        first.start()
+        began_s = time.monotonic()
+        with open_output(f"relay:{tmp_path / 'relay'}", CLOCK) as relay:
+            relay.write(True)
+            wait_for(lambda: board.contacts[1])
+        assert time.monotonic() - began_s < 5
+        goes_on.set()
+        first.join()
 
 
 def test_a_board_that_went_is_lost_for_every_channel_and_can_be_opened_again(tmp_path: Path) -> None:

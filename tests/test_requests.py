@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -75,9 +74,3 @@ def test_each_kind_is_noted_once_a_second_at_most() -> None:
     assert desk.noted == [{"do": "lamp-test", "who": "anna, process 7"}] * 2
     with pytest.raises(ControlRefused, match="is no request of this service"):
         desk.requests.answer("\ud800", {}, "anna, process 7")
-
-
-def test_the_manual_names_every_request() -> None:
-    page = (Path(__file__).parents[1] / "docs/control.md").read_text()
-    named = [line.split("`")[1] for line in page.split("## Status")[0].splitlines() if line.startswith("| `")]
-    assert named == list(Desk().requests.names)
