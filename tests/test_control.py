@@ -113,6 +113,8 @@ def test_a_folder_that_is_missing_is_a_configuration_error(tmp_path: Path) -> No
 def test_no_service_is_said_so(tmp_path: Path) -> None:
     with pytest.raises(DeviceLost, match="no service answers"):
         ControlClient(tmp_path / "control")
+    with pytest.raises(DeviceLost, match="too long"):
+        ControlClient(tmp_path / ("x" * 100))
 
 
 @pytest.mark.parametrize("line", [b"[]", b'{"do": "status"}', b'{"v": 2, "do": "status"}', b"\xff\xfe", b"[" * 3000])

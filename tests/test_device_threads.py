@@ -124,8 +124,14 @@ def test_a_command_that_waited_behind_a_hanging_output_is_not_carried_out(
 def test_a_broken_output_is_opened_again(output: OutputThread, contact: Contact) -> None:
     until(commanded(output, True))
     contact.broken = True
-    until(lambda: commanded(output, True)() and output.lost is not None)
+
+    def lost() -> bool:
+        output.command(True, CLOCK.now_ns())
+        return output.lost is not None
+
+    until(lost)
     assert "unplugged" in str(output.lost)
+    until(lambda: output.energised is None)
     contact.broken = False
     until(lambda: commanded(output, True)() and output.lost is None)
     assert output.losses == 1

@@ -111,5 +111,5 @@ class ControlClient:
         return reply
 
     def _gone(self, error: OSError) -> DeviceLost:
-        what = f"no service answers ({error.strerror or 'timed out'})"
+        what = f"no service answers ({error.strerror or error})"
         return DeviceLost(what, str(self._path), "Start it: probewatch run --config FILE")

@@ -26,7 +26,7 @@ class OutputThread(DeviceThread):
     """Writes the last command of the tick; without a fresh one, as when the tick hangs, it writes de-energised.
 
     signal: what it shows. written_ns: time of the last completed write. writes: how many. energised: what was written
-    last, None before. slowest_ms: longest time from what asked for a change to the completed write.
+    last, None before and after a loss. slowest_ms: longest time from what asked for a change to the completed write.
     """
 
     def __init__(
@@ -52,10 +52,12 @@ class OutputThread(DeviceThread):
         self._wake.set()
 
     def work(self) -> None:
-        with self._open(self.url, self._clock) as output:
-            while not self._stopping.is_set():
-                self._write(output, self._next())
-        self.energised = False
+        try:
+            with self._open(self.url, self._clock) as output:
+                while not self._stopping.is_set():
+                    self._write(output, self._next())
+        finally:
+            self.energised = False if self._stopping.is_set() else None  # what a lost output shows is not known
 
     def _next(self) -> _Command:
         """The command just given, or de-energised when none was given in time."""
