@@ -573,3 +573,13 @@ def test_no_sequence_energises_with_a_hazard_or_without_fresh_verification(event
             assert room.now_ns - room.alarm.verified_ns <= DURATIONS.max_verification_age_ns
         if before in {H, Q} and state not in {H, Q, R}:
             assert "acknowledge" in {past for past, _ in events}
+
+
+def test_what_was_verified_within_other_limits_verifies_nothing() -> None:
+    room = room_in(State.MONITORING)
+    doubted_ns = room.now_ns
+    room.supervisor.doubt()
+    assert room.at(TICK_NS) is N
+    assert not room.alarm.energised
+    assert room.at(TICK_NS, ok(doubted_ns)) is N
+    assert room.ok() is M

@@ -163,6 +163,9 @@ class Daemon:
         self._supervisor.retime(self._config.supervisor.durations())
         if self._config.limits != before.limits:
             self._estimator.limit(self._config.limits)
+            self._supervisor.doubt()
+        if self._config != before:
+            self._recorder.note("reloaded", self._latch(), file=str(self._config_file))
         self._log.info("configuration reloaded", file=str(self._config_file))
 
     def _raise_failures(self) -> None:

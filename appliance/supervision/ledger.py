@@ -72,7 +72,7 @@ class Ledger:
         unseen = next((check for check in devices if check.verdict is VerdictKind.NOT_VERIFIED), None)
         self.unverified = "" if unseen is None else UNVERIFIED[unseen.fault]
         if self.device.active or self.internal.active or self.unverified:
-            self._forget_verification()
+            self.forget_verification()
 
     def _note_integrity(self, failing: list[str]) -> None:
         """Damage that was seen stands until it is accepted, whether or not it is still reported."""
@@ -87,7 +87,8 @@ class Ledger:
         else:
             condition.show(self.now_ns, fault, HAZARDS[fault].text)
 
-    def _forget_verification(self) -> None:
+    def forget_verification(self) -> None:
+        """Only what is measured from now on can verify anything."""
         self.verified_ns, self._barrier_ns = None, self.now_ns
 
     def _note_verdict(self, verdict: Verdict) -> None:
@@ -153,7 +154,7 @@ class Ledger:
     def _start_afresh(self) -> None:
         self.last = None
         self.calibration = Condition()
-        self._forget_verification()
+        self.forget_verification()
 
     @property
     def hazard(self) -> bool:

@@ -151,6 +151,10 @@ class Supervisor:
         """Other durations from the next step on."""
         self._ledger.durations = durations
 
+    def doubt(self) -> None:
+        """What was measured until now verifies nothing any more, as when the limits have changed."""
+        self._ledger.forget_verification()
+
     def step(self, now_ns: int, inputs: Inputs) -> AlarmState:
         """State of the room at now_ns (host clock, ns, never going back). The caller writes outputs afterwards."""
         before = self.state
