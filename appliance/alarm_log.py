@@ -234,7 +234,7 @@ class AlarmLog:
         if unsound:
             number = max([number, *map(_first_number, segments(folder))])
             first = self.opened.entries[0].number if self.opened.entries else number + 1
-        self._memory = Memory(number, _GENESIS if unsound or last is None else last.digest, first, self.latch)
+        self._memory = Memory(number, _GENESIS if last is None else last.digest, first, self.latch)
         self._chain_begins = bool(unsound) or last is None
         self._memory_behind = False
         self._segment: Path | None = None
@@ -255,6 +255,8 @@ class AlarmLog:
         """On the disk when it returns. Raises OSError; then nothing was appended, and it may be tried again."""
         if self._chain_begins:
             found = [str(one) for one in self._unsound()]
+            if found:  # the memory first: once the chain has begun anew, the log itself shows this damage no more
+                self._remember(replace(self._memory, damage=self.damage))
             self._write(utc, t_ns, BEGUN, {"found": found}, latch)
             self._chain_begins = False
         self._write(utc, t_ns, event, data, latch)

@@ -1,5 +1,6 @@
 """The alarm log on a real file system: what is cut, changed, taken out or put in shows; what was latched is kept."""
 
+import contextlib
 import errno
 import json
 import os
@@ -386,3 +387,44 @@ def test_text_that_no_file_can_hold_comes_back_as_it_was(tmp_path: Path) -> None
     filled(tmp_path).append(NOON, 0, "state", {"reason": "a\ud800ä"}, HALT)
     reading = read_log(tmp_path)
     assert (reading.damages, reading.entries[-1].data) == ((), {"reason": "a\ud800ä"})
+
+
+class PowerCut(BaseException):
+    """Nothing runs after it."""
+
+
+def cut_after(writes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The power goes instead of the write after so many, of entries and of the memory alike."""
+    done = 0
+
+    def powered(write: Callable[..., Any]) -> Callable[..., Any]:
+        def carry_out(*given: Any) -> Any:
+            nonlocal done
+            if done == writes:
+                raise PowerCut
+            done += 1
+            return write(*given)
+
+        return carry_out
+
+    monkeypatch.setattr(alarm_log, "_append", powered(alarm_log._append))
+    monkeypatch.setattr(alarm_log, "replacing", powered(alarm_log.replacing))
+
+
+@pytest.mark.parametrize("harm", [lost_first_segment, lost_log, garbage_everywhere, garbage_at_the_end])
+@pytest.mark.parametrize("writes", range(6))
+def test_power_lost_between_any_two_writes_hides_no_damage_and_frees_no_latch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, harm: Callable[[Path], None], writes: int
+) -> None:
+    monkeypatch.setattr(alarm_log, "ENTRIES_A_SEGMENT", 3)
+    filled(tmp_path, 8, HALT)
+    harm(tmp_path)
+    found = AlarmLog(tmp_path)
+    with monkeypatch.context() as patch:
+        cut_after(writes, patch)
+        with contextlib.suppress(PowerCut):
+            found.append(NOON, 0, "started", {}, found.latch)
+            found.append(NOON, 0, "state", {}, found.latch)
+    again = AlarmLog(tmp_path)
+    assert set(found.damage) <= set(again.damage)
+    assert again.latch == found.latch
