@@ -31,7 +31,7 @@ class Room(RuleBasedStateMachine):
         self.supervisor = Supervisor(D)
         self.watched: set[str] = set()
         self.damage: set[str] = set()
-        self.unseen = False
+        self.unseen = self.frozen = False
         self.alarm: AlarmState
         self.ok_ns: int | None = None  # measured, of the newest OK that speaks of the reference in force
         self.fault_since_ns: int | None = None  # shown in every step since, without interruption
@@ -68,21 +68,32 @@ class Room(RuleBasedStateMachine):
 
     @rule(delta_ns=STEPS_NS)
     def line_says_ok(self, delta_ns: int) -> None:
-        self.fault_since_ns, self.faulty, self.disproved = None, False, True
+        self.fault_since_ns, self.faulty, self.disproved, self.frozen = None, False, True, False
         self.ok_ns = self.now_ns + delta_ns
         self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.OK, ()))
 
     @rule(delta_ns=STEPS_NS)
     def line_shrugs(self, delta_ns: int) -> None:
-        self.fault_since_ns = None
+        self.fault_since_ns, self.frozen = None, False
         self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.NOT_VERIFIED, ()))
 
     @rule(delta_ns=STEPS_NS, fault=st.sampled_from(CALIBRATION))
     def line_says_fault(self, delta_ns: int, fault: str) -> None:
         since_ns = self.now_ns + delta_ns if self.fault_since_ns is None else self.fault_since_ns
         self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.FAULT, (), fault))
-        self.fault_since_ns, self.faulty = since_ns, True
+        self.fault_since_ns, self.faulty, self.frozen = since_ns, True, False
         self.ok_ns = None
+
+    @rule(delta_ns=STEPS_NS)
+    def line_says_that_the_picture_is_frozen(self, delta_ns: int) -> None:
+        self.fault_since_ns, self.ok_ns, self.frozen = None, None, True
+        self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.FAULT, (), "frozen-video"))
+
+    @rule()
+    def limits_change(self) -> None:
+        self.supervisor.doubt()
+        self.ok_ns = None
+        self.step(50 * MS_NS)
 
     @rule(name=st.sampled_from(WATCHED))
     def part_fails(self, name: str) -> None:
@@ -119,13 +130,14 @@ class Room(RuleBasedStateMachine):
         self.step(50 * MS_NS, request=request)
         if not self.supervisor.refused:
             self.ok_ns, self.faulty, self.fault_since_ns, self.disproved = None, False, None, False
+            self.frozen = False
 
     @rule()
     def power_fails(self) -> None:
         latched = self.alarm.latched
         self.supervisor = Supervisor(D, latched, self.alarm.latched_fault)
         self.ok_ns, self.fault_since_ns, self.watched_since_ns = None, None, None
-        self.faulty = self.acknowledged = self.disproved = False
+        self.faulty = self.acknowledged = self.disproved = self.frozen = False
         del self.alarm
         self.step(50 * MS_NS)
         assert latched is None or self.alarm.state is latched
@@ -136,6 +148,7 @@ class Room(RuleBasedStateMachine):
             assert not self.watched
             assert not self.damage
             assert not self.unseen
+            assert not self.frozen
             assert not self.faulty
             assert self.ok_ns is not None
             assert self.now_ns - self.ok_ns <= D.max_verification_age_ns
