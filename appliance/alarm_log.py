@@ -1,215 +1,31 @@
-"""The alarm log: append-only JSON lines in a hash chain, and the alarm memory that says where the chain ends.
+"""The writing end of the alarm log; appliance.alarm_chain says how it lies on the disk."""
 
-A folder holds segments `alarms-NNNNNNNN.jsonl`, named by the number of their first entry, and `alarm-memory.json`. Each
-entry carries the SHA-256 of its own content, which includes the digest of the entry before it, so an entry that was
-changed, taken out or put in breaks the chain; the memory holds number and digest of the last entry, so a log that was
-cut short shows as well. It shows accidents and hasty hands; whoever may write to the folder and knows this format can
-make a new chain, which the digests in the system journal would contradict.
-"""
-
-import hashlib
 import json
 import os
-import re
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from appliance.alarm_chain import (
+    BEGUN,
+    GENESIS,
+    MEMORY,
+    VERSION,
+    Damage,
+    Latch,
+    Memory,
+    digest_of,
+    first_number,
+    read_log,
+    segments,
+)
 from drivers.atomicfile import replacing, sync_directory
 
-MEMORY = "alarm-memory.json"
-BEGUN = "chain begun"
 ENTRIES_A_SEGMENT, SEGMENTS_KEPT = 2000, 20
-_VERSION = 1
-_GENESIS = "0" * 64
 _ESCAPED = "backslashreplace"
 """Makes of a lone surrogate, which no UTF-8 can hold, its JSON escape."""
-_SEGMENT = re.compile(r"alarms-([0-9]{8,})\.jsonl")
-_ENTRY_TYPES = {"number": int, "utc": str, "t_ns": int, "event": str, "data": dict, "previous": str}
-_MEMORY_TYPES = {"number": int, "digest": str, "first": int, "damage": list}
-
-
-@dataclass(frozen=True, slots=True)
-class Latch:
-    """A latched state by its name and its fault class; in every entry too, so that the log can replace the memory."""
-
-    state: str
-    fault: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """number: counts from 1. utc: ISO 8601, of the wall clock. t_ns: of the host clock, since its boot."""
-
-    number: int
-    utc: str
-    t_ns: int
-    event: str
-    data: dict[str, Any]
-    latch: Latch | None
-    previous: str
-    digest: str
-
-
-@dataclass(frozen=True, slots=True)
-class Damage:
-    """What contradicts the chain, and where. fault: hazard class it raises; empty for a write that a power cut tore."""
-
-    fault: str
-    where: str
-    what: str
-
-    def __str__(self) -> str:
-        return f"{self.where}: {self.what}"
-
-
-@dataclass(frozen=True, slots=True)
-class Memory:
-    """What outlives the process. damage: hazard classes that no person has acknowledged yet."""
-
-    number: int = 0
-    digest: str = _GENESIS
-    first: int = 1
-    latch: Latch | None = None
-    damage: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """All entries that could be read, in order, and everything that is wrong with them."""
-
-    entries: tuple[Entry, ...]
-    damages: tuple[Damage, ...]
-    memory: Memory | None
-
-
-@dataclass(slots=True)
-class _Chain:
-    """Walks the entries in order; expects what the one before promised."""
-
-    entries: list[Entry] = field(default_factory=list)
-    damages: list[Damage] = field(default_factory=list)
-
-    def take(self, where: str, line: bytes) -> None:
-        try:
-            entry = _parse(line)
-        except ValueError as error:
-            self.damages.append(Damage("log-damaged", where, f"is no entry ({error})"))
-            return
-        self._link(where, entry)
-        self.entries.append(entry)
-
-    def _link(self, where: str, entry: Entry) -> None:
-        if not self.entries or entry.event == BEGUN:
-            return
-        before = self.entries[-1]
-        if entry.number != before.number + 1:
-            what = f"entry {entry.number} follows entry {before.number}: entries are missing or were put in"
-            self.damages.append(Damage("log-damaged", where, what))
-        elif entry.previous != before.digest:
-            self.damages.append(Damage("log-damaged", where, f"entry {entry.number} does not continue the chain"))
-
-
-def read_log(folder: Path) -> Reading:
-    """Read and verify everything in the folder; an empty or missing folder is an empty log. Raises OSError."""
-    chain = _Chain()
-    files = segments(folder)
-    for file in files:
-        _read_segment(file, chain, last=file == files[-1])
-    memory = _read_memory(folder, chain)
-    if memory is not None:
-        _compare(chain, memory)
-    return Reading(tuple(chain.entries), tuple(chain.damages), memory)
-
-
-def segments(folder: Path) -> list[Path]:
-    """Oldest first; other files in the folder are none of ours."""
-    named = [file for file in folder.glob("alarms-*.jsonl") if _SEGMENT.fullmatch(file.name) and file.is_file()]
-    return sorted(named, key=_first_number)
-
-
-def _read_segment(file: Path, chain: _Chain, last: bool) -> None:
-    try:
-        content = file.read_bytes()
-    except OSError as error:
-        chain.damages.append(Damage("log-damaged", file.name, f"cannot be read ({error.strerror})"))
-        return
-    for number, line in enumerate(content.splitlines(keepends=True), 1):
-        where = f"{file.name} line {number}"
-        if line.endswith(b"\n"):
-            chain.take(where, line)
-        elif last:
-            chain.damages.append(Damage("", where, "was cut off while it was written"))
-        else:
-            chain.damages.append(Damage("log-damaged", where, "is cut off"))
-
-
-def _read_memory(folder: Path, chain: _Chain) -> Memory | None:
-    try:
-        stored = json.loads((folder / MEMORY).read_bytes())
-        if stored.pop("check") != _digest(stored) or stored.pop("v") != _VERSION:
-            raise ValueError("its content does not match its checksum")
-        _check_types(stored, _MEMORY_TYPES)
-        latch, damage = _latch(stored.pop("latch")), tuple(map(str, stored.pop("damage")))
-        return Memory(**stored, latch=latch, damage=damage)
-    except FileNotFoundError:
-        if chain.entries:
-            chain.damages.append(Damage("memory-damaged", MEMORY, "is missing, although there is a log"))
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, IsADirectoryError) as error:
-        chain.damages.append(Damage("memory-damaged", MEMORY, f"cannot be believed ({error})"))
-    return None
-
-
-def _compare(chain: _Chain, memory: Memory) -> None:
-    """The memory is written after each entry, so the log may be one entry ahead of it, never behind."""
-    last = chain.entries[-1] if chain.entries else None
-    number = 0 if last is None else last.number
-    if number < memory.number:
-        what = f"the log ends with entry {number}, but {memory.number} had been written"
-        chain.damages.append(Damage("log-damaged", MEMORY, what))
-    elif number > memory.number + 1:
-        what = f"it ends with entry {memory.number}, but the log with {number}"
-        chain.damages.append(Damage("memory-damaged", MEMORY, what))
-    elif last is not None and number == memory.number and last.digest != memory.digest:
-        chain.damages.append(Damage("log-damaged", MEMORY, f"entry {number} is not the one that had been written"))
-    if chain.entries and chain.entries[0].number > memory.first:
-        what = f"the log begins with entry {chain.entries[0].number}, but {memory.first} had been kept"
-        chain.damages.append(Damage("log-damaged", MEMORY, what))
-
-
-def _parse(line: bytes) -> Entry:
-    """Raises ValueError for a line that is not an entry as it was written."""
-    try:
-        stored = json.loads(line)
-        if stored.pop("digest") != (digest := _digest(stored)):
-            raise ValueError("it was changed")
-        _check_types(stored, _ENTRY_TYPES)
-        if datetime.fromisoformat(stored["utc"]).tzinfo is None:
-            raise ValueError("its time has no zone")
-        return Entry(**{**stored, "latch": _latch(stored["latch"])}, digest=digest)
-    except (KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(f"a field is missing or wrong: {error}") from None
-
-
-def _check_types(stored: dict[str, Any], types: dict[str, type]) -> None:
-    for name, kind in types.items():
-        if type(stored[name]) is not kind:
-            raise TypeError(f"{name} is no {kind.__name__}")
-
-
-def _latch(stored: Any) -> Latch | None:
-    if stored is None:
-        return None
-    latch = Latch(**stored)
-    if not isinstance(latch.state, str) or not isinstance(latch.fault, str | None):
-        raise TypeError("latch holds no names")
-    return latch
-
-
-def _digest(stored: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(stored, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 class AlarmLog:
@@ -232,9 +48,9 @@ class AlarmLog:
         self.damage = tuple(dict.fromkeys((*memory.damage, *(one.fault for one in unsound))))
         first = memory.first
         if unsound:
-            number = max([number, *map(_first_number, segments(folder))])
+            number = max([number, *map(first_number, segments(folder))])
             first = self.opened.entries[0].number if self.opened.entries else number + 1
-        self._memory = Memory(number, _GENESIS if last is None else last.digest, first, self.latch)
+        self._memory = Memory(number, GENESIS if last is None else last.digest, first, self.latch)
         self._chain_begins = bool(unsound) or last is None
         self._memory_behind = False
         self._segment: Path | None = None
@@ -265,7 +81,7 @@ class AlarmLog:
         """Damage since the chain was last begun, in a segment of its own; what lies before it was reported then."""
         begins = [entry.number for entry in self.opened.entries if entry.event == BEGUN]
         since = begins[-1] if begins else 0
-        before = {file.name for file in segments(self._folder) if _first_number(file) < since}
+        before = {file.name for file in segments(self._folder) if first_number(file) < since}
         return [one for one in self.opened.damages if one.fault and one.where.split(" ")[0] not in before]
 
     def _continue_segment(self) -> None:
@@ -295,9 +111,9 @@ class AlarmLog:
             "event": event,
             "data": data,
             "latch": None if latch is None else {"state": latch.state, "fault": latch.fault},
-            "previous": _GENESIS if event == BEGUN else self._memory.digest,
+            "previous": GENESIS if event == BEGUN else self._memory.digest,
         }
-        digest = _digest(stored)
+        digest = digest_of(stored)
         _append(
             self._segment, json.dumps({**stored, "digest": digest}, ensure_ascii=False).encode(errors=_ESCAPED) + b"\n"
         )
@@ -311,7 +127,7 @@ class AlarmLog:
         files = segments(self._folder)
         kept = files[-(SEGMENTS_KEPT - 1) :]
         if len(kept) < len(files):
-            self._remember(replace(self._memory, first=_first_number(kept[0])))
+            self._remember(replace(self._memory, first=first_number(kept[0])))
             for file in files[: -len(kept)]:
                 file.unlink()
 
@@ -320,7 +136,7 @@ class AlarmLog:
         self._memory = memory
         latch = None if memory.latch is None else {"state": memory.latch.state, "fault": memory.latch.fault}
         stored: dict[str, Any] = {
-            "v": _VERSION,
+            "v": VERSION,
             "number": memory.number,
             "digest": memory.digest,
             "first": memory.first,
@@ -328,12 +144,8 @@ class AlarmLog:
             "damage": list(memory.damage),
         }
         with replacing(self._folder / MEMORY) as stream:
-            stream.write(json.dumps({**stored, "check": _digest(stored)}).encode())
+            stream.write(json.dumps({**stored, "check": digest_of(stored)}).encode())
         self._memory_behind = False
-
-
-def _first_number(segment: Path) -> int:
-    return int(segment.stem.removeprefix("alarms-"))
 
 
 def _append(file: Path, line: bytes) -> None:

@@ -15,7 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from appliance import alarm_log
-from appliance.alarm_log import BEGUN, MEMORY, AlarmLog, Latch, read_log, segments
+from appliance.alarm_chain import BEGUN, MEMORY, Latch, digest_of, read_log, segments
+from appliance.alarm_log import AlarmLog
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
 HALT = Latch("halt", "scale")
@@ -122,7 +123,7 @@ def test_an_entry_that_was_changed_with_its_digest_shows_in_the_next(tmp_path: P
     entry = json.loads(lines[2])
     entry.pop("digest")
     entry["event"] = "nothing happened"
-    entry["digest"] = alarm_log._digest({key: entry[key] for key in entry})
+    entry["digest"] = digest_of({key: entry[key] for key in entry})
     rewritten(tmp_path, [*lines[:2], json.dumps(entry).encode() + b"\n", *lines[3:]])
     assert "does not continue the chain" in read_log(tmp_path).damages[0].what
 
@@ -252,7 +253,7 @@ def test_a_memory_that_cannot_be_written_holds_up_the_next_entry_not_this_one(
 
 def signed(entry: dict[str, Any]) -> bytes:
     """A line whose digest is right, as another version of this software may have written it."""
-    return json.dumps({**entry, "digest": alarm_log._digest(entry)}).encode() + b"\n"
+    return json.dumps({**entry, "digest": digest_of(entry)}).encode() + b"\n"
 
 
 ENTRY = {"number": 5, "utc": NOON.isoformat(), "t_ns": 0, "event": "state", "data": {}, "latch": None, "previous": ""}
@@ -303,7 +304,7 @@ def test_a_memory_of_other_types_is_damage_and_no_crash(tmp_path: Path, change: 
     stored = json.loads((tmp_path / MEMORY).read_bytes())
     del stored["check"]
     stored |= change
-    (tmp_path / MEMORY).write_text(json.dumps({**stored, "check": alarm_log._digest(stored)}))
+    (tmp_path / MEMORY).write_text(json.dumps({**stored, "check": digest_of(stored)}))
     assert (AlarmLog(tmp_path).damage, AlarmLog(tmp_path).latch) == (("memory-damaged",), HALT)
 
 

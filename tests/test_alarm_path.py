@@ -17,7 +17,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from appliance.alarm_log import MEMORY, read_log
+from appliance.alarm_chain import MEMORY, read_log
 from appliance.service.control import ControlRefused
 from appliance.service.control_client import ControlClient
 from drivers.hosttime import HostClock

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from appliance import alarm_log
-from appliance.alarm_log import AlarmLog, Latch, segments
+from appliance import alarm_chain
+from appliance.alarm_chain import Latch, segments
+from appliance.alarm_log import AlarmLog
 from drivers.errors import ConfigurationError
 from tools.log import command
 
@@ -94,14 +95,14 @@ def test_a_folder_that_is_not_there_and_a_file_that_cannot_be_written(folder: Pa
 
 def test_a_reading_beside_the_service_finds_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The service writes an entry between the reading of the log and of the memory."""
-    log, read_memory = AlarmLog(tmp_path), alarm_log._read_memory
+    log, read_memory = AlarmLog(tmp_path), alarm_chain._read_memory
     log.append(datetime(2026, 1, 1, tzinfo=UTC), 0, "started", {}, None)
 
-    def beside(folder: Path, chain: alarm_log._Chain) -> alarm_log.Memory | None:
-        monkeypatch.setattr(alarm_log, "_read_memory", read_memory)
+    def beside(folder: Path, chain: alarm_chain._Chain) -> alarm_chain.Memory | None:
+        monkeypatch.setattr(alarm_chain, "_read_memory", read_memory)
         log.append(datetime(2026, 1, 1, tzinfo=UTC), 0, "state", {}, None)
         return read_memory(folder, chain)
 
-    monkeypatch.setattr(alarm_log, "_read_memory", beside)
+    monkeypatch.setattr(alarm_chain, "_read_memory", beside)
     result = asked(tmp_path, "--verify")
     assert (result.exit_code, result.stderr) == (0, "3 entries, the chain is whole\n")

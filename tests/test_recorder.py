@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from appliance.alarm_log import AlarmLog, Latch
+from appliance.alarm_chain import Latch
+from appliance.alarm_log import AlarmLog
 from appliance.config import Config
 from appliance.service import recorder as room
 from appliance.service.daemon import _supervisor

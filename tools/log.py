@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from appliance.alarm_log import BEGUN, Entry, Reading, read_log
+from appliance.alarm_chain import BEGUN, Entry, Reading, read_log
 from drivers.errors import ConfigurationError
 
 _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}

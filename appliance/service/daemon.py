@@ -5,7 +5,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Self
 
-from appliance.alarm_log import Latch
+from appliance.alarm_chain import Latch
 from appliance.config import Config, load_config
 from appliance.service.control import ControlRefused, ControlServer
 from appliance.service.device_thread import DeviceThread

@@ -7,7 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from appliance.alarm_log import AlarmLog, Latch
+from appliance.alarm_chain import Latch
+from appliance.alarm_log import AlarmLog
 from appliance.service.log import get_log
 from appliance.supervision.alarms import HAZARDS, Kind
 from drivers.hosttime import HostClock

@@ -7,7 +7,7 @@ import time
 import tomllib
 from pathlib import Path
 
-from appliance.alarm_log import Reading, read_log
+from appliance.alarm_chain import Reading, read_log
 from appliance.calibration_file import read_calibration
 from tests.cart.bench import show, wait_status
 from tests.cart.guest import PYTHON, SCRIPTS, Guest

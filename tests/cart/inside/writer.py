@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.alarm_log import AlarmLog, Latch
+from appliance.alarm_chain import Latch
+from appliance.alarm_log import AlarmLog
 from appliance.calibration_file import calibration_from_image_to_probe, write_calibration
 
 
