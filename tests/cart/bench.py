@@ -79,7 +79,7 @@ class HostTwins:
 
     def __init__(self, folder: Path, fps: float, lead_s: float) -> None:
         """lead_s: how much ahead of the poses the pictures are sent, for the time that they spend in the loop."""
-        self.scanner, self.tracker = folder / "scanner.sock", folder / "tracker"
+        self.scanner, self.tracker = folder / "scanner", folder / "tracker"
         origin_ns = time.monotonic_ns()
         shifted = str(origin_ns - round(lead_s * 1e9))
         self._parts = [

@@ -8,7 +8,7 @@ import shutil
 import socket
 import subprocess
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -34,12 +34,15 @@ class Ended:
 
 @dataclass
 class Ports:
-    """What hangs at the machine's plugs; None leaves a plug empty. serial: /dev/ttyS1. usb_serial: plugged later."""
+    """What hangs at the machine's plugs; None leaves a plug empty. The plugs are the same for every snapshot.
+
+    serial: /dev/ttyS1. usb_serial: plugged later. printed: file that keeps what is written to /dev/ttyS2.
+    """
 
     serial: Path | None = None
     usb_serial: Path | None = None
     scanner: Path | None = None
-    extra: list[str] = field(default_factory=list)
+    printed: Path | None = None
 
 
 class Guest:
@@ -117,7 +120,7 @@ class Guest:
             "-device", "isa-serial,chardev=console,index=0", "-device", "qemu-xhci,id=usb",
             "-device", "virtio-serial-pci", *self._socket("agent"),
             "-device", "virtserialport,chardev=agent,name=org.qemu.guest_agent.0",
-            "-qmp", f"unix:{self.folder}/qmp.sock,server=on,wait=off", *self._plugs(), *self.ports.extra, *more,
+            "-qmp", f"unix:{self.folder}/qmp.sock,server=on,wait=off", *self._plugs(), *more,
         ]  # fmt: skip
         self.process = subprocess.Popen(command, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
 
@@ -128,6 +131,8 @@ class Guest:
         ports, found = self.ports, []
         serial = "null,id=serial" if ports.serial is None else f"serial,id=serial,path={ports.serial}"
         found += ["-chardev", serial, "-device", "isa-serial,chardev=serial,index=1"]
+        printed = "null,id=printed" if ports.printed is None else f"file,id=printed,path={ports.printed}"
+        found += ["-chardev", printed, "-device", "isa-serial,chardev=printed,index=2"]
         if ports.usb_serial is not None:
             found += ["-chardev", f"serial,id=usb-serial,path={ports.usb_serial}"]
         scanner = f"socket,id=scanner,path={ports.scanner},reconnect=1" if ports.scanner else "null,id=scanner"
@@ -224,7 +229,7 @@ class Guest:
 
     def begin(self, script: str) -> None:
         """Run it in the background."""
-        self._begin(f"{script} </dev/null >>/run/cart-background.log 2>&1", capture=False)
+        self._begin(f"({script}) </dev/null >>/run/cart-background.log 2>&1", capture=False)
 
     def _begin(self, script: str, capture: bool) -> int:
         arguments = {"path": "/bin/bash", "arg": ["-c", script], "capture-output": capture}

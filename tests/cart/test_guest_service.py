@@ -17,6 +17,8 @@ from tests.cart.requirements import GUEST, missing
 
 START_S = 150.0
 WATCHDOG_S = 5.0
+HOLD = "/sys/module/gpio_sim_cart/parameters/hold"
+"""gpio-sim as built by tests.cart.image."""
 CONTACT, RED = "gpio:/dev/gpiochip0?line=relay", "gpio:/dev/gpiochip0?line=lamp red"
 VIDEO = "v4l2:/dev/video0?format=GREY&input=1&size=640x480"
 PATIENCE = "[supervisor]\nself_test_s = 120\nstarting_s = 120\nestimator_silence_ms = 5000\noutput_silence_ms = 5000\n"
@@ -70,6 +72,17 @@ def test_a_stopped_daemon_loses_its_line_within_the_watchdogs_time(machine: Gues
     print(f"SIGSTOP: line low after {low_ms} ms, WatchdogSec={WATCHDOG_S:g}")
     assert low_ms is not None
     assert low_ms < (WATCHDOG_S + 1.0) * 1e3
+    await_lamp(machine, 1, START_S)
+
+
+def test_a_chip_that_holds_its_level_is_released_by_the_unit(machine: Guest) -> None:
+    """As many real controllers do. What it takes is the start of Python, here under emulation."""
+    await_lamp(machine, 1, START_S)
+    machine.sh(f"echo 1 >{HOLD}")
+    low_ms = after_signal(machine, 9, START_S)
+    machine.sh(f"echo 0 >{HOLD}")
+    print(f"SIGKILL with a chip that holds its level: line low after {low_ms} ms")
+    assert low_ms is not None
     await_lamp(machine, 1, START_S)
 
 

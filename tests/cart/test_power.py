@@ -33,22 +33,24 @@ def test_no_acknowledged_record_is_lost_by_a_power_cut(guest: Guest, tmp_path: P
     serial port before the cut must be there after it, and the calibration must be one of the two that were written.
     """
     acks = tmp_path / "acknowledged"
-    guest.ports.extra += ["-chardev", f"file,id=acks,path={acks}", "-device", "isa-serial,chardev=acks,index=2"]
+    guest.ports.printed = acks
     writing, when, total = _snapshot_while_writing(guest, acks, tmp_path), random.Random(7), 0
     for number in range(CUTS):
+        acks.unlink(missing_ok=True)
         guest.resume(writing, WRITING)
         before = _await_more(acks, 0)
-        time.sleep(when.uniform(0.0, 2.0))
+        time.sleep(when.uniform(0.5, 3.0))
         guest.cut_power()
         last = _last(acks)
         total += last - before + 1
         found = _after_the_cut(guest.disk, tmp_path)
+        assert last >= before > 0
         assert found.entries[-1].number >= last, f"cut {number}: {last} was acknowledged"
         assert [one for one in found.damages if one.fault] == [], f"cut {number}"
         source = read_calibration_name(tmp_path / "kept/calibration.toml")
         assert source in ("first", "second"), f"cut {number}"
     print(f"{CUTS} power cuts, {total} acknowledged entries, none lost, every file system clean")
-    assert total > 10 * CUTS
+    assert total > 2 * CUTS
 
 
 def _snapshot_while_writing(guest: Guest, acks: Path, folder: Path) -> Path:
