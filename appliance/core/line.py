@@ -5,6 +5,7 @@ Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quali
 
 import numpy as np
 
+from appliance.core.door import checked_pose, refused_picture
 from appliance.core.evidence import Evidence
 from appliance.core.judgement import Judgement, judge
 from appliance.core.motion import analyse, wants_keyframe
@@ -28,7 +29,8 @@ _STALE_NS = 500_000_000
 class Line:
     """reference: the calibration that is watched. Give frames and poses in the order in which they came.
 
-    step() accepts any frame: one of another size than the reference's is a scale fault, not an exception.
+    step() accepts any frame: one of another size than the reference's is a scale fault, one that is no 8-bit grey
+    picture is NOT_VERIFIED with the reason.
     motion: the latest motion that was sorted, None before the first.
     """
 
@@ -51,6 +53,7 @@ class Line:
     def step(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
         """Take the next sample; one verdict for each frame that it settles."""
         if isinstance(sample, Pose):
+            sample = checked_pose(sample)
             self._poses += 1
             self._take_pose(sample)
         else:
@@ -82,7 +85,12 @@ class Line:
     def _settled(self, item: StampedPair | Unpaired) -> Verdict:
         t_ns = item.frame.stamp.t_ns
         self._paired += isinstance(item, StampedPair)
-        height, width = item.frame.image.shape[:2]
+        if refusal := refused_picture(item.frame.image):
+            self._lose_sight()
+            verdict = Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._facts(), None, refusal)
+            self._judgement.note(verdict)
+            return verdict
+        height, width = item.frame.image.shape
         if (width, height) != self._reference.image_size_px:
             return self._judged(t_ns, (self._wrong_size(width, height),))
         self._frozen_check = self._frozen.step(item.frame)

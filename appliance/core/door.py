@@ -1,0 +1,34 @@
+"""What may enter the line. Whatever else a driver delivers is refused here with the reason, and not computed with."""
+
+import numpy as np
+
+from drivers.samples import GreyImage, Pose, PoseStatus
+
+_ORTHOGONAL_WITHIN = 1e-3
+
+
+def checked_pose(pose: Pose) -> Pose:
+    """The pose itself, or one with status FAULT and the reason where its matrix is no finite rigid transform."""
+    if pose.matrix is None:
+        return pose
+    reason = _refused(pose.matrix)
+    return Pose(pose.stamp, pose.sequence, None, pose.rms_mm, PoseStatus.FAULT, reason) if reason else pose
+
+
+def refused_picture(image: GreyImage) -> str:
+    """Why the picture cannot be used; empty where it can: (h, w) uint8, h and w positive."""
+    if image.ndim != 2:
+        return f"the picture has shape {image.shape}, not (height, width): convert colour to grey in the driver"
+    if image.dtype != np.uint8:
+        return f"the picture has {image.dtype} grey values, not 8 bits: convert them in the driver"
+    return "" if image.size else "the picture is empty"
+
+
+def _refused(matrix: np.ndarray) -> str:
+    if matrix.shape != (4, 4):
+        return f"pose matrix of shape {matrix.shape}, not (4, 4)"
+    if not np.all(np.isfinite(matrix)):
+        return "pose matrix with values that are not finite"
+    R = matrix[:3, :3]
+    rigid = np.allclose(R @ R.T, np.eye(3), atol=_ORTHOGONAL_WITHIN) and np.linalg.det(R) > 0
+    return "" if rigid else "pose matrix that is no rigid transform"
