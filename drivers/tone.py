@@ -62,11 +62,16 @@ class ToneOutput:
         self._sounding = False
         command = [player, "--quiet", "--device", target, "--file-type", "raw", "--format", "S16_LE"]
         command += ["--rate", str(RATE_HZ), "--channels", "1", "--buffer-time", str(_LATENCY_US)]
-        self._player = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-        )
+        self._player = self._started(command)
         assert self._player.stdin is not None
         os.set_blocking(self._player.stdin.fileno(), False)
+
+    def _started(self, command: list[str]) -> subprocess.Popen[bytes]:
+        try:
+            return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        except OSError as error:
+            what = f"the player cannot be started ({error.strerror})"
+            raise DeviceLost(what, self._where, f"Check {command[0]}") from None
 
     def __enter__(self) -> Self:
         return self

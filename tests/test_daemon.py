@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -18,6 +19,7 @@ from tests.demo_cart import PROBEWATCH, Cart
 from tests.polling import until
 
 ALARM_S = 2.0
+MANUAL = Path(__file__).parent.parent / "docs" / "control.md"
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +63,11 @@ def test_status_tells_everything(monitoring: Cart) -> None:
     assert {check["name"]: check["verdict"] for check in status["devices"]}["video presence"] == "OK"
     assert status["counters"]["frames"] > 0
     assert status["lost"] == {}
+    rows = re.findall(r"^\| `([a-z_]+)` \|.*\| (.*) \|$", MANUAL.read_text().split("## Status")[1], re.M)
+    assert status.keys() == {name for name, _ in rows}
+    assert list(status["counters"]) == re.findall(r"`([a-z_]+)`", dict(rows)["counters"])
+    assert set(status["tick"]) == set(re.findall(r"`([a-z0-9_]+)`", dict(rows)["tick"]))
+    assert set(status["log"]) == set(re.findall(r"`([a-z_]+)`", dict(rows)["log"]))
 
 
 @pytest.mark.parametrize(

@@ -65,3 +65,13 @@ def test_a_missing_player_says_what_to_install(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("PATH", "")
     with pytest.raises(ConfigurationError, match="alsa-utils"):
         open_output("tone:default", HostClock())
+
+
+def test_a_player_that_cannot_be_started_is_a_lost_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as after an upgrade gone wrong: it must not take the other outputs with it."""
+    player = tmp_path / "aplay"
+    player.write_bytes(b"\x7fELF")
+    player.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(DeviceLost, match=r"cannot be started \(Exec format error\)"):
+        open_output("tone:default", HostClock())

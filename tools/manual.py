@@ -96,7 +96,7 @@ def _signals() -> list[str]:
 def _signal(state: State, row: Signal) -> Sequence[str]:
     flash = "steady" if row.flash_hz == 0 else f"{row.flash_hz:g} Hz"
     kind = "technical" if row.technical else "probe"
-    tone = "silent" if row.pulses == 0 else f"{row.pulses} pulses{_period(row.pulses)}"
+    tone = "silent" if row.pulses == 0 else f"{row.pulses} pulse{'s' if row.pulses > 1 else ''}{_period(row.pulses)}"
     return state.value, f"{row.priority.value}, {kind}", f"{row.lamp.value}, {flash}", tone, row.text, row.remedy
 
 
