@@ -54,7 +54,7 @@ class Container:
         while time.monotonic() < end_s:
             if self.process.poll() is not None:
                 raise RuntimeError(f"the container ended: {Path(self.log.name).read_text(errors='replace')[-1500:]}")
-            self.leader = self.leader or self._find_leader()
+            self.leader = self._find_leader()
             if self.leader and self.sh("systemctl is-system-running", check=False).out.strip() in (
                 "running",
                 "degraded",
@@ -64,6 +64,7 @@ class Container:
         raise TimeoutError("the container does not come up")
 
     def _find_leader(self) -> int:
+        """The container's first process; before it there are helpers of nspawn, so it is looked for again and again."""
         pid = self.process.pid
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
         return int(children[0]) if children else 0

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cart.bench import show
 from tests.cart.cart_in_container import main_pid, start_service, start_twins
 from tests.cart.container import Container
 
@@ -38,12 +37,14 @@ def read(machine: Container) -> Reading:
     own = f"{pid} $(pgrep -P {pid})"
     rss = machine.sh(f"for p in {own}; do grep VmRSS /proc/$p/status; done").out.splitlines()
     files = machine.sh(f"for p in {own}; do ls /proc/$p/fd | wc -l; done").out.split()
+    stats = machine.sh(f"for p in {own}; do cat /proc/$p/stat; done").out.splitlines()
+    ticks = sum(int(word) for line in stats for word in line.rpartition(")")[2].split()[11:13])
     status = json.loads(machine.sh("python3 /run/status.py").out)
     return Reading(
         time.monotonic(),
         sum(int(line.split()[1]) for line in rss) / 1024,
         sum(map(int, files)),
-        int(show(machine, "CPUUsageNSec")) / 1e9,
+        ticks / os.sysconf("SC_CLK_TCK"),
         status["counters"],
         status["fps"],
     )
