@@ -37,7 +37,7 @@ evidence: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
 docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor
 	$(BIN)/python -m tools.manual
 
-bench: $(VENV)/dev ## time per frame of every stage, as ratios against OpenCV in the same run
+bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of the line: tables and results/bench.json
 	$(BIN)/python -m tests.bench
 
 paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
@@ -58,6 +58,8 @@ lock: $(VENV)/dev ## resolve the lock files anew from pyproject.toml
 	  --custom-compile-command 'make lock' --extra dev pyproject.toml -o requirements-dev.lock
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 	  --custom-compile-command 'make lock' -c requirements-dev.lock pyproject.toml -o requirements.lock
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
+	  --custom-compile-command 'make lock' -c requirements-dev.lock --extra bench pyproject.toml -o requirements-bench.lock
 
 clean: ## remove what the targets made
 	rm -rf $(VENV) build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
@@ -71,6 +73,10 @@ $(VENV)/dev: requirements-dev.lock pyproject.toml | $(VENV)/bin/python
 	$(BIN)/pip install --quiet --require-hashes -r requirements-dev.lock
 	$(BIN)/pip install --quiet --no-deps --editable .
 	@touch $@ $(VENV)/runtime
+
+$(VENV)/bench: requirements-bench.lock $(VENV)/dev
+	$(BIN)/pip install --quiet --require-hashes -r requirements-bench.lock
+	@touch $@
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || { \

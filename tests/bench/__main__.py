@@ -1,0 +1,101 @@
+"""`make bench`: registration side by side with its peers, the self-check, the bounds, the cost of the line.
+
+Prints tables and writes results/bench.json; `python -m tests.bench --help` names the options.
+"""
+
+import argparse
+import json
+import os
+import platform
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+
+import cv2  # noqa: E402
+import numpy as np  # noqa: E402
+import SimpleITK as sitk  # noqa: E402, N813
+from rich.progress import Progress  # noqa: E402
+
+from tests.bench import accuracy, bounds, cost, report, selfcheck  # noqa: E402
+from tests.bench.peers import COARSE, FINE, SMOOTHED_PX, one_thread  # noqa: E402
+from tests.bench.scenes import CLEAN, DECORRELATED, SCENES, Scene  # noqa: E402
+
+RESULTS = Path("results/bench.json")
+_STEPS = 5
+
+
+def main() -> None:
+    """Measure, print, write; about four minutes on one core."""
+    options = _options()
+    scenes = [scene for scene in SCENES if not options.scene or scene.name in options.scene]
+    one_thread()
+    with Progress() as progress:
+        task = progress.add_task("bench", total=len(scenes) * options.pairs + _STEPS)
+        result = measure(scenes, options.pairs, lambda: progress.advance(task))
+    RESULTS.parent.mkdir(exist_ok=True)
+    RESULTS.write_text(json.dumps(result, indent=1, ensure_ascii=False))
+    report.show(result)
+    print(RESULTS)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
+    parser.add_argument("--pairs", type=int, default=6, choices=range(1, 101), metavar="N", help="pairs a scene (6)")
+    names = [scene.name for scene in SCENES]
+    parser.add_argument(
+        "--scene",
+        action="append",
+        choices=names,
+        metavar="NAME",
+        help=f"only this; may be repeated: {', '.join(names)}",
+    )
+    return parser.parse_args()
+
+
+def measure(scenes: Sequence[Scene], count: int, done: Callable[[], None]) -> dict[str, Any]:
+    """All figures; `done` is called len(scenes) · count + 5 times on the way."""
+    started = os.getloadavg()[0]
+    rows = accuracy.measure(scenes, count, done)
+    result = {"errors": accuracy.errors(rows), "times": accuracy.times(rows)}
+    result["coverage"] = accuracy.coverage(scenes, 4 * count)
+    done()
+    result["self-check"] = selfcheck.measure(20 * count)
+    done()
+    white = bounds.white_noise_px()
+    result["bounds_px"] = {
+        scene.name: bounds.decorrelation_px(scene.elevation_mm) if scene.name in DECORRELATED else white
+        for scene in scenes
+        if scene.name in (*CLEAN, *DECORRELATED)
+    }
+    done()
+    result["line"] = [cost.line((640, 480)), cost.line(cost.FULL_HD)]
+    done()
+    result["world_ms"] = cost.world_ms()
+    done()
+    return {"environment": environment(started, count), **result, "pairs": rows}
+
+
+def environment(load_at_start: float, count: int) -> dict[str, Any]:
+    """What the figures depend on."""
+    return {
+        "versions": f"OpenCV {cv2.__version__}, SimpleITK {sitk.Version.VersionString()}, NumPy {np.__version__}, "
+        f"Python {platform.python_version()}, {platform.machine()}",
+        "load of the machine": f"{load_at_start:.1f} at the start, {os.getloadavg()[0]:.1f} at the end, "
+        f"{os.cpu_count()} cores; every method on one thread",
+        "pairs a scene": count,
+        "ECC": _ecc("findTransformECC", COARSE),
+        "ECC 1e-6": _ecc("findTransformECC", FINE),
+        "ECC pyramid": _ecc(f"findTransformECCMultiScale, {cv2.ECCParameters().nlevels} levels", FINE),
+    }
+
+
+def _ecc(function: str, criteria: tuple[int, int, float]) -> str:
+    stop = f"at most {criteria[1]} iterations or until the gain is below {criteria[2]:g}"
+    return f"{function}, Euclidean, {stop}, Gaussian of {SMOOTHED_PX} px"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,90 @@
+"""The measured figures as tables that a plain terminal can show."""
+
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from tests.bench.accuracy import FAILED_PX, METHODS
+
+_WIDTH = 124
+
+
+def show(result: dict[str, Any]) -> None:
+    """Head with what the figures depend on, then one table for each kind of figure."""
+    console = Console()
+    console = console if console.is_terminal else Console(width=_WIDTH)
+    for name, value in result["environment"].items():
+        console.print(f"{name}: {value}", highlight=False, soft_wrap=True)
+    for table in (_errors(result), _times(result), _coverage(result), _line(result)):
+        console.print(f"\n{table.title}", highlight=False, soft_wrap=True)
+        table.title = None
+        console.print(table)
+    checked = result["self-check"]
+    console.print(
+        f"self-check: {_percent(checked['diverged refused'])} of {checked['diverged']} diverged registrations refused, "
+        f"{_percent(checked['good refused'])} of {checked['good']} good ones",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def _errors(result: dict[str, Any]) -> Table:
+    table = _table(
+        f"RMS error px of what did not fail, and the share that failed: gave up, or more than {FAILED_PX:g} px off"
+    )
+    table.add_column("scene", no_wrap=True)
+    for name in ("bound", *METHODS):
+        table.add_column(name, justify="right")
+    cells = {(row["scene"], row["method"]): row for row in result["errors"]}
+    for scene in dict.fromkeys(row["scene"] for row in result["errors"]):
+        bound = result["bounds_px"].get(scene)
+        limit = "" if bound is None else f"{bound:.4f}"
+        table.add_row(scene, limit, *(_cell(cells[scene, name]) for name in METHODS))
+    return table
+
+
+def _cell(row: dict[str, Any]) -> str:
+    error = "–" if row["rms_px"] is None else f"{row['rms_px']:.3f}"
+    return error + (f" {100 * row['failed']:.0f}%" if row["failed"] else "")
+
+
+def _times(result: dict[str, Any]) -> Table:
+    table = _table("processor time a pair, over all scenes; ratios: median of time ÷ ours on the same pair")
+    for name in ("method", "median ms", "90 % ms", "÷ ours, cold", "÷ ours, keyframe"):
+        table.add_column(name, justify="left" if name == "method" else "right")
+    for row in result["times"]:
+        figures = (f"{row[name]:.1f}" for name in ("median_ms", "p90_ms"))
+        ratios = (f"{row[name]:.2f}" for name in ("of_cold", "of_keyframe"))
+        table.add_row(row["method"], *figures, *ratios)
+    return table
+
+
+def _coverage(result: dict[str, Any]) -> Table:
+    table = _table("errors of u within the stated sigma (68 % and 95 % are due)")
+    for name in ("pairs", "errors", "1 sigma", "2 sigma"):
+        table.add_column(name, justify="left" if name == "pairs" else "right")
+    for row in result["coverage"]:
+        table.add_row(row["pairs"], str(row["n"]), _percent(row["within_1_sigma"]), _percent(row["within_2_sigma"]))
+    return table
+
+
+def _line(result: dict[str, Any]) -> Table:
+    table = _table("processor time a picture")
+    for name in ("stage", "median ms", "mean ms", "95 % ms"):
+        table.add_column(name, justify="left" if name == "stage" else "right")
+    for line in result["line"]:
+        width, height = line["size_px"]
+        figures = (f"{line[name]:.2f}" for name in ("median_ms", "mean_ms", "p95_ms"))
+        table.add_row(f"whole line {width} × {height}", *figures)
+    table.add_row("simulated picture 640 × 480", "", f"{result['world_ms']:.2f}", "")
+    return table
+
+
+def _table(title: str) -> Table:
+    return Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.0f} %"
