@@ -158,10 +158,9 @@ def main() -> None:
     alive = []
     for module, what, tree in track(work, description=f"{len(work)} mutants"):
         if survives(f"appliance.supervision.{module}", tree):
-            alive.append(f"{module}.py {what}")
+            alive.append(what)
+            print(f"survived: {module}.py {what}", flush=True)
     killed = len(work) - len(alive)
-    for one in alive:
-        print(f"survived: {one}")
     print(f"killed {killed} of {len(work)} mutants, {100 * killed / len(work):.1f} %")
     sys.exit(killed < 0.95 * len(work))
 
