@@ -16,7 +16,7 @@ demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults,
 	$(BIN)/probewatch demo
 
 test: $(VENV)/dev lint types contracts ## lint, types, import contracts and the quick test suite (under 3 minutes)
-	$(BIN)/pytest -n 2 -m "not slow and not live and not cart"
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not live and not cart"
 
 lint: $(VENV)/dev ## ruff: style and formatting
 	$(BIN)/ruff check .

@@ -39,7 +39,7 @@ def first_fault(verdicts: list[Verdict]) -> tuple[float, str] | None:
     )
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_healthy_sweep_is_verified_within_ten_seconds_and_never_faulted(seed: int) -> None:
     line, verdicts = watched(World(seed, settings=SMALL), 12.0)
     assert first_fault(verdicts) is None
@@ -66,7 +66,10 @@ def test_a_sudden_fault_is_named_at_once(fault: str, within_s: float) -> None:
     assert 3.0 <= found[0] <= 3.0 + within_s
 
 
-@pytest.mark.parametrize(("fault", "within_s"), [("flip-lateral", 3.0), ("flip-vertical", 3.0), ("depth", 10.0)])
+@pytest.mark.parametrize(
+    ("fault", "within_s"),
+    [pytest.param("flip-lateral", 3.0, marks=pytest.mark.slow), ("flip-vertical", 3.0), ("depth", 10.0)],
+)
 def test_a_fault_that_was_there_before_the_start_is_found_by_motion(fault: str, within_s: float) -> None:
     line, verdicts = watched(World(3, settings=SMALL), within_s + 1.5, fault)
     found = first_fault(verdicts)
