@@ -13,6 +13,7 @@ from appliance.service.control import ControlServer
 from appliance.service.daemon import Daemon
 from appliance.service.estimator_host import EstimatorHost
 from appliance.service.log import configure
+from appliance.service.memory_lock import lock_memory
 from appliance.service.unconfigured import await_configuration
 from drivers.hosttime import HostClock
 
@@ -48,6 +49,7 @@ def _await_configuration(config_file: Path) -> None:
 
 def serve(config: Config, config_file: Path, estimator: EstimatorHost, clock: HostClock) -> None:
     """Run the service until it is told to stop. Raises DeviceLost when another one holds the control socket."""
+    lock_memory()
     with (
         ControlServer(config.control.socket, config.control.group) as control,
         configure(config.log.level),

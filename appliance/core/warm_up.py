@@ -1,0 +1,21 @@
+"""Takes the seldom paths of the line once, so that the first real fault does not wait for code to be read from disk."""
+
+import cv2
+import numpy as np
+
+from appliance.core.realtime_tracker import RealTimeTracker
+from appliance.core.watchers.picture_event import PictureEvent
+from drivers.samples import GreyImage
+
+_FRAME_NS = 33_000_000
+
+
+def warm_up(width_px: int = 640, height_px: int = 480) -> None:
+    """A few still pictures, then one that nothing follows: it is searched for, and taken for mirrored."""
+    noise = np.random.default_rng(1).integers(0, 255, (height_px, width_px), dtype=np.uint8)
+    picture: GreyImage = np.asarray(cv2.GaussianBlur(noise, (0, 0), 3), dtype=np.uint8)
+    pictures = [*([picture] * 8), np.asarray(cv2.flip(picture, 1), dtype=np.uint8)]
+    event, tracker = PictureEvent(5.0), RealTimeTracker(1.0)
+    for number, image in enumerate(pictures):
+        tracked = tracker.step(image, number)
+        event.step(number * _FRAME_NS, image, followed=tracked.registration is not None)
