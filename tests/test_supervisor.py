@@ -436,6 +436,12 @@ def test_frozen_picture_is_lost_like_a_device_and_recovers_by_itself() -> None:
     assert room.ok() is M
 
 
+def test_a_frozen_picture_stays_frozen_while_the_line_says_nothing() -> None:
+    room = room_in(State.MONITORING)
+    assert room.fault(TICK_NS, "frozen-video") is W
+    assert room.at(S_NS) is L
+
+
 def test_recalibration_ends_only_with_the_new_reference_confirmed() -> None:
     room = room_in(State.RECALIBRATING)
     assert room.fault(S_NS) is R, "the scan itself proves nothing"
