@@ -179,7 +179,7 @@ class Scripted:
         while not self._end.wait(0.005):
             self._server.poll(self._answer)
 
-    def _answer(self, do: str, request: dict[str, object]) -> dict[str, object]:
+    def _answer(self, do: str, request: dict[str, object], who: str) -> dict[str, object]:
         self.asked.append(do)
         if do == self._declined:
             raise ControlRefused("not possible while halt")
