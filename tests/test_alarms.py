@@ -159,12 +159,18 @@ def test_one_reminder_is_one_pulse() -> None:
     assert len(heard(annunciator, halted, 0, 150)) == 2
 
 
-@pytest.mark.parametrize("reason", ["", "  ", "x"])
+@pytest.mark.parametrize("reason", ["", "  ", "x", " ab "])
 def test_audio_goes_off_only_with_a_reason(reason: str) -> None:
     audio = Audio()
     with pytest.raises(ValueError, match="reason"):
         audio.off(reason)
     assert audio.step(0, alarm(State.HALT)).pulses == 10
+
+
+def test_three_letters_are_a_reason() -> None:
+    audio = Audio()
+    audio.off("MRI")
+    assert audio.step(0, alarm(State.HALT)).off_reason == "MRI"
 
 
 def test_audio_off_reminds_until_it_is_on_again() -> None:
