@@ -1,9 +1,10 @@
 """The writing end of the alarm log; appliance.alarm_chain says how it lies on the disk."""
 
+import errno
 import json
 import os
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -44,18 +45,23 @@ class AlarmLog:
         memory = self.opened.memory or Memory()
         number = max(memory.number, 0 if last is None else last.number)
         ahead = last is not None and last.number > memory.number
-        self.latch = last.latch if last is not None and (ahead or self.opened.memory is None) else memory.latch
+        latch = last.latch if last is not None and (ahead or self.opened.memory is None) else memory.latch
         self.damage = tuple(dict.fromkeys((*memory.damage, *(one.fault for one in unsound))))
         first = memory.first
         if unsound:
             number = max([number, *map(first_number, segments(folder))])
             first = self.opened.entries[0].number if self.opened.entries else number + 1
-        self._memory = Memory(number, GENESIS if last is None else last.digest, first, self.latch)
+        self._memory = Memory(number, GENESIS if last is None else last.digest, first, latch)
         self._chain_begins = bool(unsound) or last is None
         self._memory_behind = False
         self._segment: Path | None = None
         self._entries = 0
         self._continue_segment()
+
+    @property
+    def latch(self) -> Latch | None:
+        """Of the last entry on the disk."""
+        return self._memory.latch
 
     @property
     def number(self) -> int:
@@ -110,7 +116,7 @@ class AlarmLog:
             "t_ns": t_ns,
             "event": event,
             "data": data,
-            "latch": None if latch is None else {"state": latch.state, "fault": latch.fault},
+            "latch": latch and asdict(latch),
             "previous": GENESIS if event == BEGUN else self._memory.digest,
         }
         digest = digest_of(stored)
@@ -118,7 +124,7 @@ class AlarmLog:
             self._segment, json.dumps({**stored, "digest": digest}, ensure_ascii=False).encode(errors=_ESCAPED) + b"\n"
         )
         self._entries += 1
-        self.latch, self._memory_behind = latch, True
+        self._memory_behind = True
         with suppress(OSError):
             self._remember(Memory(number, digest, self._memory.first, latch, self.damage))
 
@@ -134,15 +140,7 @@ class AlarmLog:
     def _remember(self, memory: Memory) -> None:
         """When this fails the entry is on the disk all the same; the memory is tried again before the next one."""
         self._memory = memory
-        latch = None if memory.latch is None else {"state": memory.latch.state, "fault": memory.latch.fault}
-        stored: dict[str, Any] = {
-            "v": VERSION,
-            "number": memory.number,
-            "digest": memory.digest,
-            "first": memory.first,
-            "latch": latch,
-            "damage": list(memory.damage),
-        }
+        stored = {"v": VERSION, **asdict(memory), "damage": list(memory.damage)}
         with replacing(self._folder / MEMORY) as stream:
             stream.write(json.dumps({**stored, "check": digest_of(stored)}).encode())
         self._memory_behind = False
@@ -155,7 +153,7 @@ def _append(file: Path, line: bytes) -> None:
         length = os.fstat(fd).st_size
         try:
             if os.write(fd, line) != len(line):
-                raise OSError(28, "No space left on device")
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             os.fsync(fd)
         except OSError:
             os.truncate(fd, length)

@@ -46,6 +46,7 @@ class Daemon:
         self, config: Config, config_file: Path, estimator: EstimatorHost, clock: HostClock, control: ControlServer
     ) -> None:
         self._config, self._config_file = config, config_file
+        self._patience = config.supervisor.patience()
         self._clock, self._control = clock, control
         self._recorder = Recorder(config.alarm.folder, clock)
         self._supervisor = _supervisor(config, self._recorder.latch)
@@ -111,9 +112,7 @@ class Daemon:
             self._heard_ns = self._now_ns if heard else None
             self._verdict = self._verdict if heard else None
         self._verdict = verdicts[-1] if verdicts else self._verdict
-        self._devices = watch_devices(
-            self._now_ns, self._facts(), self._config.supervisor.patience(), self._config.limits
-        )
+        self._devices = watch_devices(self._now_ns, self._facts(), self._patience, self._config.limits)
         alarm = self._step(Inputs(verdicts, self._devices))
         self._control.poll(self._requests.answer)
         self._reload_if_asked()
@@ -161,6 +160,7 @@ class Daemon:
         """Raises ControlRefused, ConfigurationError; then nothing has changed."""
         before, self._config = self._config, reloaded(self._config, load_config(self._config_file))
         self._supervisor.retime(self._config.supervisor.durations())
+        self._patience = self._config.supervisor.patience()
         if self._config.limits != before.limits:
             self._estimator.limit(self._config.limits)
             self._supervisor.doubt()
