@@ -20,11 +20,11 @@ from gpiod.line import Direction, Value
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.heartbeat import Heartbeat, heartbeat_from
 from drivers.hosttime import HostClock
-from drivers.ports import Description
+from drivers.ports import Description, refuse_unknown
+from drivers.readback import follows
 
 _OPTIONS = ("active", "heartbeat", "line", "sense", "sense_active")
 _CONSUMER = "probewatch"
-_FOLLOWS_S, _LOOK_AGAIN_NS = 0.1, 2_000_000
 
 Line = int | str
 Settings = dict[Iterable[Line] | Line, gpiod.LineSettings | None]
@@ -33,8 +33,7 @@ Settings = dict[Iterable[Line] | Line, gpiod.LineSettings | None]
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "GpioOutput":
     """See drivers.ports for what is raised. The line is inactive from the moment it is taken."""
     where = f"gpio:{target}"
-    if unknown := sorted(set(options) - set(_OPTIONS)):
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(_OPTIONS)}")
+    refuse_unknown(options, _OPTIONS, where)
     line = _line(options.get("line", ""), where)
     sense = _line(options["sense"], where) if "sense" in options else None
     if sense == line:
@@ -110,7 +109,7 @@ class GpioOutput:
         level = self._heartbeat.level(energised, self._clock.now_ns())
         try:
             self._request.set_value(self._line, Value(int(level)))
-            followed = self._follows(level)
+            followed = follows(self._is_active, level, self._clock)
         except OSError as error:
             raise self._refusal(error) from error
         if not followed:
@@ -127,14 +126,6 @@ class GpioOutput:
     def _is_active(self) -> bool:
         looked_at = self._line if self._sense is None else self._sense
         return bool(self._request.get_value(looked_at) is Value.ACTIVE)
-
-    def _follows(self, level: bool) -> bool:
-        deadline_ns = self._clock.now_ns() + round(_FOLLOWS_S * 1e9)
-        while self._is_active() is not level:
-            if self._clock.now_ns() >= deadline_ns:
-                return False
-            self._clock.sleep_until(self._clock.now_ns() + _LOOK_AGAIN_NS)
-        return True
 
     def _refusal(self, error: OSError | ValueError) -> DeviceLost:
         if isinstance(error, ValueError) or (error.errno == errno.ENOENT and Path(self._path).exists()):

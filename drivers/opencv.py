@@ -23,7 +23,7 @@ import numpy as np
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.hosttime import HostClock
 from drivers.picture import Cut, cut_from
-from drivers.ports import Description
+from drivers.ports import Description, refuse_unknown
 from drivers.samples import Frame, GreyImage, Stamp
 
 _OPTIONS = ("crop", "delay_ms", "error_ms", "orientation")
@@ -36,9 +36,7 @@ _CHECK = "Check the address, and that the device sends"
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenCvVideo":
     """See drivers.ports for what is raised."""
     where = f"opencv:{target}"
-    if unknown := sorted(set(options) - set(_OPTIONS)):
-        remedy = f"Use {', '.join(_OPTIONS)}; write %3F for a question mark in the address"
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, remedy)
+    refuse_unknown(options, _OPTIONS, where, "; write %3F for a question mark in the address")
     delay_ms, error_ms = (_ms(options, key, usual, where) for key, usual in (("delay_ms", 0.0), ("error_ms", 100.0)))
     cut = cut_from(options, where)
     is_stream = "://" in target

@@ -19,7 +19,7 @@ from drivers.counter_clock import DeviceClock
 from drivers.errors import ConfigurationError, ProtocolError
 from drivers.forward import Forward
 from drivers.hosttime import HostClock
-from drivers.ports import Description
+from drivers.ports import Description, refuse_unknown
 from drivers.rigid import seen_from
 from drivers.rtc3d import (
     Body,
@@ -73,8 +73,7 @@ def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "Opt
 
 def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
     """Raises ConfigurationError naming the option that is unknown or out of range."""
-    if unknown := sorted(set(options) - set(_OPTIONS)):
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(_OPTIONS)}")
+    refuse_unknown(options, _OPTIONS, where)
     reader = _OptionReader(options, where)
     checked = OptotrakOptions(
         body=reader.whole("body", 255) or 1,

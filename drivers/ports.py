@@ -2,6 +2,7 @@
 
 import importlib
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from types import ModuleType, TracebackType
 from typing import Protocol, Self, runtime_checkable
@@ -113,6 +114,12 @@ def split_url(url: str) -> tuple[str, str, dict[str, str]]:
     if not target:
         raise ConfigurationError("names no device", url, f"Write {scheme}: and then a path or an address")
     return scheme, target, dict(parse_qsl(query))
+
+
+def refuse_unknown(options: Collection[str], known: Collection[str], where: str, advice: str = "") -> None:
+    """Raises ConfigurationError that names an option which is none of `known`, and these; advice follows them."""
+    if unknown := sorted(set(options) - set(known)):
+        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(known)}{advice}")
 
 
 def device_kinds(url: str) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from typing import Self
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.heartbeat import Heartbeat, heartbeat_from
 from drivers.hosttime import HostClock
-from drivers.ports import Description
+from drivers.ports import Description, refuse_unknown
 from drivers.sharedport import shared_port
 
 BAUD = 9600
@@ -51,8 +51,7 @@ def relay_command(channel: int, energised: bool) -> bytes:
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "RelayOutput":
     """See drivers.ports for what is raised. The contact stays as it is until the first write."""
     where = f"relay:{target}"
-    if unknown := sorted(set(options) - set(_OPTIONS)):
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(_OPTIONS)}")
+    refuse_unknown(options, _OPTIONS, where)
     text, confirm = options.get("channel", "1"), options.get("confirm", "auto")
     if not text.isdecimal() or not 1 <= int(text) <= 16:
         raise ConfigurationError(f"channel={text} is not a relay of such a board", where, "Use a number from 1 to 16")

@@ -16,6 +16,7 @@ import numpy as np
 from drivers.errors import ConfigurationError, DeviceLost, RecordingError
 from drivers.hosttime import HostClock
 from drivers.metaimage import MetaImage, TransformReading, read_metaimage
+from drivers.ports import refuse_unknown
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 
 _STAMP_ERR_NS = 500
@@ -189,9 +190,7 @@ class Player(Generic[_S]):
 
 
 def _from_url(target: str, options: dict[str, str], need_poses: bool) -> tuple[Recording, float]:
-    unknown = sorted(set(options) - set(_OPTIONS))
-    if unknown:
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", f"replay:{target}", f"Use {', '.join(_OPTIONS)}")
+    refuse_unknown(options, _OPTIONS, f"replay:{target}")
     recording = open_recording(
         Path(target),
         poses=Path(options["poses"]) if "poses" in options else None,

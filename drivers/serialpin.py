@@ -19,20 +19,19 @@ import serial
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.heartbeat import Heartbeat, heartbeat_from
 from drivers.hosttime import HostClock
-from drivers.ports import Description
+from drivers.ports import Description, refuse_unknown
+from drivers.readback import follows
 from drivers.serialport import open_serial
 
 _OPTIONS = ("heartbeat", "pin", "sense")
 _PINS, _SENSES = ("rts", "dtr"), {"cts": "cts", "dsr": "dsr", "dcd": "cd"}
-_FOLLOWS_S, _LOOK_AGAIN_NS = 0.1, 2_000_000
 _BAUD, _CFLAG = 9600, 2
 
 
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "SerialPinOutput":
     """See drivers.ports for what is raised."""
     where = f"serialpin:{target}"
-    if unknown := sorted(set(options) - set(_OPTIONS)):
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(_OPTIONS)}")
+    refuse_unknown(options, _OPTIONS, where)
     pin, sense = options.get("pin", ""), options.get("sense")
     if pin not in _PINS:
         raise ConfigurationError(f"pin={pin} is no line that can be driven", where, f"Use {', '.join(_PINS)}")
@@ -79,7 +78,7 @@ class SerialPinOutput:
         """
         level = self._heartbeat.level(energised, self._clock.now_ns())
         self._drive(level)
-        if self._sense is not None and not self._follows(level):
+        if self._sense is not None and not follows(self.read_back, level, self._clock):
             stays = "open" if level else "closed"
             raise DeviceLost(f"the contact did not follow, it stays {stays}", self.where, "Check relay and wiring")
 
@@ -91,14 +90,6 @@ class SerialPinOutput:
             return bool(getattr(self._port, _SENSES[self._sense]))
         except (OSError, termios.error) as error:
             raise self._lost(error) from error
-
-    def _follows(self, level: bool) -> bool:
-        deadline_ns = self._clock.now_ns() + round(_FOLLOWS_S * 1e9)
-        while self.read_back() is not level:
-            if self._clock.now_ns() >= deadline_ns:
-                return False
-            self._clock.sleep_until(self._clock.now_ns() + _LOOK_AGAIN_NS)
-        return True
 
     def _drive(self, level: bool) -> None:
         try:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.hosttime import HostClock
-from drivers.ports import Description
+from drivers.ports import Description, refuse_unknown
 
 RATE_HZ = 16_000
 _LATENCY_US = 100_000
@@ -34,8 +34,7 @@ _STALL_S = 0.5
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "ToneOutput":
     """See drivers.ports for what is raised. Silent until the first write."""
     where = f"tone:{target}"
-    if unknown := sorted(set(options) - {"pitch"}):
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, "Use pitch")
+    refuse_unknown(options, ("pitch",), where)
     text = options.get("pitch", "440")
     if not text.isdecimal() or not 150 <= int(text) <= 1000:
         raise ConfigurationError(f"pitch={text} is no pitch of an alarm", where, "Give 150 to 1000 Hz")

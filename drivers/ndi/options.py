@@ -8,6 +8,7 @@ from drivers.errors import ConfigurationError
 from drivers.ndi.identity import ReplyKind
 from drivers.ndi.session import COMM_CODES
 from drivers.ndi.tools import ToolWish, parse_wish
+from drivers.ports import refuse_unknown
 
 _KNOWN = ("probe", "reference", "tools", "baud", "reply", "counter_hz", "deadline_ms", "latency_ms", "log")
 
@@ -37,8 +38,7 @@ class TrackerOptions:
 
 def parse_options(options: dict[str, str], where: str) -> TrackerOptions:
     """Raises ConfigurationError naming the option that is unknown or out of range."""
-    if unknown := sorted(set(options) - set(_KNOWN)):
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(_KNOWN)}")
+    refuse_unknown(options, _KNOWN, where)
     if "probe" not in options and ("reference" in options or "tools" in options):
         raise ConfigurationError(
             "a reference or further tools need a probe", where, "Add probe=FILE.rom or probe=@PLUG"

@@ -13,7 +13,7 @@ from typing import Self
 from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
 from drivers.picture import Cut, cut_from
-from drivers.ports import Description
+from drivers.ports import Description, refuse_unknown
 from drivers.samples import Frame
 from drivers.v4l2 import abi
 from drivers.v4l2.negotiation import Wish, negotiate, require_signal, wish_from
@@ -29,8 +29,7 @@ _ASK_AGAIN_NS = 500_000_000
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "V4l2Video":
     """target: path of the node. See drivers.ports for what is raised."""
     where = f"v4l2:{target}"
-    if unknown := sorted(set(options) - set(_OPTIONS)):
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(_OPTIONS)}")
+    refuse_unknown(options, _OPTIONS, where)
     if not target.startswith("/"):
         raise ConfigurationError("is no path of a device", where, "Write v4l2:/dev/video0 or v4l2:/dev/v4l/by-id/…")
     return V4l2Video(target, wish_from(options, where), cut_from(options, where), clock)
