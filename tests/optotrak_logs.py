@@ -13,7 +13,7 @@ from drivers.optotrak import OptotrakTracker, open_tracker
 from drivers.samples import Pose
 from drivers.tap import Direction, read_log
 from tests.decoded import decoded
-from tests.optotrak_bench import Bench, bench, poses
+from tests.simulated_optotrak import Bench, bench, poses
 
 LOGS = Path(__file__).parent / "logs"
 OPTIONS = {

@@ -17,8 +17,8 @@ from drivers.twins.combined_api import Mode
 from drivers.twins.models import AURORA, MODELS, SPECTRA, VEGA, Model
 from drivers.twins.ptyline import PtyLine
 from drivers.twins.tcpline import TcpLine
-from tests.ndi_bench import Bench, bench, until
 from tests.polling import until as wait_until
+from tests.simulated_ndi import Bench, bench, until
 
 _LISTEN_S = 0.3
 

@@ -17,9 +17,9 @@ from drivers.twins.models import SPECTRA, VEGA, Model
 from drivers.twins.motion import pose_file, recorded_motion
 from drivers.twins.ndi import NDI_FAULTS
 from drivers.twins.optotrak import FAULTS as OPTOTRAK_FAULTS
-from tests.ndi_bench import bench, poses, until
 from tests.recordings import plus_file
 from tests.simulated import matrix_of, probe_place, simulated_ndi, write_poses
+from tests.simulated_ndi import bench, poses, until
 
 LINES = pytest.mark.parametrize("model", [SPECTRA, VEGA], ids=["serial", "network"])
 

@@ -13,7 +13,7 @@ from drivers.samples import PoseStatus
 from drivers.twins.combined_api import BUMPED, PTP_LOST, TOO_HOT
 from drivers.twins.models import AURORA, MODELS, SPECTRA, VEGA, VICRA, Model
 from drivers.twins.rom import REFERENCE
-from tests.ndi_bench import bench, poses, until
+from tests.simulated_ndi import bench, poses, until
 
 TEXT_VEGA = "Polaris Vega 008"
 CASES = {

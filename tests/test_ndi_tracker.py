@@ -23,7 +23,7 @@ from drivers.samples import PoseStatus
 from drivers.twins.combined_api import Mode
 from drivers.twins.faults import Episode, Schedule
 from drivers.twins.rom import REFERENCE, make_rom
-from tests.ndi_bench import bench, moving, poses, until
+from tests.simulated_ndi import bench, moving, poses, until
 
 
 def test_poses_and_times_are_those_of_the_device(tmp_path: Path) -> None:

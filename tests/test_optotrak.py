@@ -41,8 +41,8 @@ from drivers.tap import Direction, read_log
 from drivers.tcpline import parse_address
 from drivers.twins.motion import PROBE, REFERENCE
 from drivers.twins.world import World
-from tests.optotrak_bench import Bench, bench, moving, poses, until
 from tests.optotrak_logs import LOGS, OPTIONS, play
+from tests.simulated_optotrak import Bench, bench, moving, poses, until
 
 SESSION = [
     "Version 1.0",

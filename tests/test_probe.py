@@ -17,8 +17,8 @@ from drivers.metaimage import write_metaimage
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.ptyline import PtyLine
 from drivers.twins.relay_board import RelayBoard
-from tests.optotrak_bench import bench
 from tests.recordings import SIZE_PX, items
+from tests.simulated_optotrak import bench
 from tools.probe import Measured, complaints, findings
 from tools.time_quality import time_quality
 

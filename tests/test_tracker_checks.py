@@ -18,9 +18,9 @@ from drivers.ports import open_tracker
 from drivers.samples import PoseStatus
 from drivers.twins.models import AURORA, SPECTRA, VEGA, Model
 from drivers.twins.rom import MARKERS_MM, REFERENCE
-from tests.ndi_bench import Bench, bench
-from tests.optotrak_bench import bench as optotrak_bench
 from tests.polling import until
+from tests.simulated_ndi import Bench, bench
+from tests.simulated_optotrak import bench as simulated_optotrak
 
 _TRACKER = {"tracker-alert", "tracker-lost", "tracker-stale", "line-of-sight", "marker-body", "field-distortion"}
 
@@ -153,7 +153,7 @@ def test_the_reference_is_watched_like_the_probe(tmp_path: Path) -> None:
 
 
 def test_the_fit_of_an_optotrak_is_watched() -> None:
-    with optotrak_bench() as device, watched(f"optotrak://{device.target}", device.clock) as watch:
+    with simulated_optotrak() as device, watched(f"optotrak://{device.target}", device.clock) as watch:
         until(lambda: watch.checks()["marker fit"].value < 0.3)
         device.show("marker-drift")
         until(lambda: watch.failing() == ["marker fit"])

@@ -17,7 +17,7 @@ from drivers.hosttime import HostClock
 from drivers.ports import TrackerSource, open_tracker
 from drivers.samples import Pose, PoseStatus
 from drivers.twins.models import SPECTRA, VEGA, Model
-from tests import ndi_bench, optotrak_bench
+from tests import simulated_ndi, simulated_optotrak
 from tests.polling import until
 
 RATE = 0.4
@@ -39,16 +39,16 @@ class Device:
 
     url: str
     clock: HostClock
-    bench: ndi_bench.Bench | optotrak_bench.Bench
+    bench: simulated_ndi.Bench | simulated_optotrak.Bench
 
     def show(self, *faults: str) -> None:
         """Exactly these from now on."""
-        show = self.bench.faults if isinstance(self.bench, ndi_bench.Bench) else self.bench.show
+        show = self.bench.faults if isinstance(self.bench, simulated_ndi.Bench) else self.bench.show
         show(*faults)
 
     def is_back(self) -> bool:
         """Whether no fault acts any longer, and the device has started anew if it had to."""
-        if isinstance(self.bench, ndi_bench.Bench):
+        if isinstance(self.bench, simulated_ndi.Bench):
             return self.bench.twin._since == {} and not self.bench.twin.starting
         return True
 
@@ -56,11 +56,11 @@ class Device:
 @contextmanager
 def device(line: str, folder: Path) -> Iterator[Device]:
     if line == "optotrak":
-        with optotrak_bench.bench(RATE) as server:
+        with simulated_optotrak.bench(RATE) as server:
             yield Device(f"optotrak://{server.target}", server.clock, server)
         return
     model: Model = {"ndi": SPECTRA, "ndi+tcp": VEGA}[line]
-    with ndi_bench.bench(folder, model, RATE) as cart:
+    with simulated_ndi.bench(folder, model, RATE) as cart:
         probe, reference = cart.rom("probe"), cart.rom("reference")
         yield Device(f"{cart.place}?probe={probe}&reference={reference}&tools={probe},{probe}", cart.clock, cart)
 
