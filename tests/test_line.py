@@ -79,6 +79,24 @@ def test_a_fault_that_was_there_before_the_start_is_found_by_motion(fault: str, 
     assert line.report().verdict.fault == FAULT_CLASS[fault]
 
 
+def test_a_grabber_faster_than_the_scanner_is_verified_and_its_mirrored_picture_found() -> None:
+    """Every picture comes twice, as from a 60 Hz grabber: the second shows nothing new, and takes nothing away."""
+    world = World(1, settings=SMALL)
+    line, verdicts = Line(truth(world), Limits()), list[Verdict]()
+    for sample in session(world, 7.0, Schedule.parse('[{"fault": "flip-lateral", "from_s": 6.5, "to_s": null}]')):
+        if isinstance(sample, Frame):
+            again = Stamp(sample.stamp.t_ns + 16_000_000, sample.stamp.err_ns)
+            twice = (replace(sample, sequence=2 * sample.sequence), Frame(again, 2 * sample.sequence + 1, sample.image))
+            verdicts += [verdict for one in twice for verdict in line.step(one)]
+        else:
+            verdicts += line.step(sample)
+    assert any(v.kind is VerdictKind.OK for v in verdicts)
+    found = first_fault(verdicts)
+    assert found is not None
+    assert found[1] == "polarity"
+    assert 6.5 <= found[0] < 6.6
+
+
 def test_a_late_tracker_is_named_latency() -> None:
     _, verdicts = watched(World(2, settings=SMALL), 14.0, "latency", at_s=7.0)
     found = first_fault(verdicts)

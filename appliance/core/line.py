@@ -24,6 +24,8 @@ from drivers.samples import Frame, Matrix4, Pose
 _SOLVE_EVERY_NS = 330_000_000
 _STEADY_CORRELATION = 0.6
 _STALE_NS = 500_000_000
+_SHOWN_AGAIN_MS = 300.0
+"""A grabber faster than the scanner hands each picture on several times: no loss of sight, until this is exceeded."""
 
 
 class Line:
@@ -94,10 +96,10 @@ class Line:
         if (width, height) != self._reference.image_size_px:
             return self._judged(t_ns, (self._wrong_size(width, height),))
         self._frozen_check = self._frozen.step(item.frame)
-        if self._frozen.repeats:
-            self._lose_sight()
-        else:
+        if not self._frozen.repeats:
             self._watch(item)
+        elif self._frozen_check.value > _SHOWN_AGAIN_MS:
+            self._lose_sight()
         return self._judged(t_ns, (*self._evidence.checks(), *self._facts()))
 
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
@@ -110,7 +112,7 @@ class Line:
         return (*self._picture_event.checks(), *self._slip.checks(), *frozen, self._frozen_tracker.check())
 
     def _lose_sight(self) -> None:
-        """A repeated picture shows no motion: nothing may be learnt from it, and the chain ends here."""
+        """Whoever stands still for long may go on anywhere: the chain ends here."""
         self._tracker.restart()
         self._slip.pause()
 
