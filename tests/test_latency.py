@@ -18,6 +18,12 @@ def test_a_late_tracker_has_a_positive_latency(late_s: float) -> None:
     assert found.sigma_s < 0.03
 
 
+@pytest.mark.parametrize("late_s", [-0.285, 0.285])
+def test_a_lag_at_the_end_of_what_is_looked_at_is_told_or_not_but_breaks_nothing(late_s: float) -> None:
+    found = filled(planar_path, 6.0, 1, late_s=late_s).latency()
+    assert found is None or found.value_s == pytest.approx(late_s, abs=0.02)
+
+
 def test_ten_degrees_and_ten_percent_of_wrong_calibration_do_not_matter() -> None:
     wrong = replace(
         TRUTH,

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from appliance.core.geometry import Array
 
-_RANGE_S = 0.3
 _GRID_S = 0.01
 _REACH, _NEAR = 30, 8
 """Lags looked at, in steps of the grid either way: all, and about the best."""
+_RANGE_S = (_REACH + _NEAR) * _GRID_S
+"""How far from a picture poses are asked for."""
 _STRIDE = 3
 _LAGS_S = (0.08, 0.16, 0.32)
 _LEAST = 12
