@@ -100,6 +100,15 @@ class Scanner:
         self._held: GreyImage | None = None
         self._active: frozenset[str] = frozenset()
         self._watched = False
+        self._first: int | None = None
+        self._last = 0
+        self._sent = 0
+
+    @property
+    def account(self) -> dict[str, int]:
+        """sent: frames that a viewer took. skipped: numbers between the first and the last of them that none took."""
+        spanned = 0 if self._first is None else self._last - self._first + 1
+        return {"sent": self._sent, "skipped": spanned - self._sent}
 
     def run(self, stop: Event) -> None:
         """Serve until stop is set."""
@@ -122,6 +131,9 @@ class Scanner:
         else:
             self._plug.plug()
         watched = frame is not None and self._plug.send(frame)
+        if watched:
+            self._first, self._last = number if self._first is None else self._first, number
+            self._sent += 1
         self._note(t_ns, "watched", watched, watched != self._watched)
         self._watched = watched
 
@@ -174,7 +186,9 @@ def main() -> None:
     # A parent that no longer reads the events shall not be answered with a traceback.
     with suppress(BrokenPipeError), VideoPlug(arguments.socket) as plug:
         print(json.dumps({"ready": True, "url": f"sim:{arguments.socket}"}), flush=True)
-        Scanner(world, plug, clock, arguments.schedule).run(stop)
+        scanner = Scanner(world, plug, clock, arguments.schedule)
+        scanner.run(stop)
+        print(json.dumps({"account": scanner.account}), flush=True)
 
 
 if __name__ == "__main__":
