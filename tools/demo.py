@@ -16,9 +16,10 @@ from appliance.supervision.supervisor import LATCHED
 from appliance.types import State
 from drivers.errors import DeviceLost
 from drivers.twins.faults import FAULT_CLASS
+from tools.demo_director import Director
 from tools.demo_judgement import History, Moment, Switch, judge
 from tools.demo_report import Circumstances, print_report, report_fields
-from tools.demo_script import Script, chosen_script, default_script
+from tools.demo_script import Planned, Script, chosen_plan, default_plan
 from tools.json_report import check_writable, write_json
 from tools.live_view import LiveView
 from tools.simulated_cart import CartSettings, SimulatedCart
@@ -26,7 +27,6 @@ from tools.status_view import Status
 
 _ANSWER_S = 15.0
 _ASK_AGAIN_S = 0.5
-_SETTLED_S = 2.0
 
 
 def _faults(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> list[tuple[str, float]]:
@@ -60,8 +60,9 @@ def command(
     """Watch a simulated cart while its faults are found.
 
     Scanner, tracker and relay board are simulated below the protocol, by processes of their own; the service between
-    them is the real one. Without options: 20 s of healthy motion, then one fault after the other, each removed and
-    acknowledged as an operator would once it has led to its last state. Takes three minutes; Ctrl-C stops everything.
+    them is the real one. Without options: 20 s of healthy motion, then one fault after the other, each removed once it
+    has led to its last state and acknowledged as an operator would; the next comes when the calibration is verified
+    again. Takes about two minutes; Ctrl-C stops everything.
 
     \b
     --fault NAME@SECONDS puts your own fault in, in place of that script:
@@ -72,23 +73,23 @@ def command(
       latency                       the tracker is late by 100 ms    (latency)
       freeze-video, lose-video      the picture stops, or goes       (frozen-video, video-lost)
       lose-tracker, stale-tracker   no answer, or an old one         (tracker-lost, tracker-stale)
-    Leave 15 s before the first one: only a verified calibration can be lost.
+    It comes at that time, or as soon after it as the calibration is verified: only then can it be lost.
 
     \b
     Examples:
       probewatch demo --fault flip-lateral@20
-      probewatch demo --fault depth@20 --fault lose-tracker@45 --json demo.json
-      probewatch demo --duration 60 --seed 7
+      probewatch demo --fault depth@20 --fault lose-tracker@30 --json demo.json
+      probewatch demo --duration 100 --seed 7
 
     Exit code 0: every fault was found, rightly named and recovered from, and nothing else alarmed. 1: not so; the last
     line says why. 69: a part of the cart died. 78: the script or a file cannot be.
     """
     check_writable(json_path)
-    script = chosen_script(faults, duration_s) if faults else default_script(duration_s)
-    settings = CartSettings(seed, speed, script.schedule)
+    plan = chosen_plan(faults, duration_s) if faults else default_plan(duration_s)
+    settings = CartSettings(seed, speed)
     console = Console(file=sys.stdout, highlight=False)
     with _stoppable() as stop:
-        history, counters = _run(script, settings, console, stop, to_the_end=duration_s is not None)
+        script, history, counters = _run(plan, duration_s, settings, console, stop)
     outcome = judge(script, history)
     print_report(console, outcome)
     if json_path is not None:
@@ -111,23 +112,28 @@ def _stoppable() -> Iterator[threading.Event]:
 
 
 def _run(
-    script: Script, settings: CartSettings, console: Console, stop: threading.Event, to_the_end: bool
-) -> tuple[History, dict[str, int]]:
-    """What happened, and the service's counters. Raises Abort when stopped, DeviceLost when a part dies."""
+    plan: tuple[Planned, ...],
+    duration_s: float | None,
+    settings: CartSettings,
+    console: Console,
+    stop: threading.Event,
+) -> tuple[Script, History, dict[str, int]]:
+    """Shown, seen, and the service's counters. Raises Abort when stopped, DeviceLost when a part dies."""
 
     def pause(seconds: float) -> None:
         if stop.wait(seconds):
             raise click.Abort
 
-    view = LiveView(console, script) if console.is_terminal and not console.is_dumb_terminal else PlainView()
+    director = Director(plan)
+    view = LiveView(console, director) if console.is_terminal and not console.is_dumb_terminal else PlainView()
     with tempfile.TemporaryDirectory(prefix="probewatch-", ignore_cleanup_errors=True) as folder:
-        click.echo(f"simulated cart: seed {settings.seed}, speed {settings.rate:g}, at most {script.duration_s:g} s")
+        click.echo(f"simulated cart: seed {settings.seed}, speed {settings.rate:g}")
         with SimulatedCart(Path(folder), settings, pause) as cart, view:
-            operator = Operator(cart, script, view)
-            while not operator.finished(to_the_end):
+            operator = Operator(cart, director, view)
+            while not operator.finished(duration_s):
                 operator.look()
                 pause(0.0)
-            return operator.history(), operator.counters
+            return operator.script(), operator.history(), operator.counters
 
 
 class PlainView(nullcontext[None]):
@@ -144,8 +150,8 @@ class PlainView(nullcontext[None]):
 class Operator:
     """Looks at the service once a tick, notes what is new, and acknowledges a halt whose fault has been removed."""
 
-    def __init__(self, cart: SimulatedCart, script: Script, view: LiveView | PlainView) -> None:
-        self._cart, self._script, self._view = cart, script, view
+    def __init__(self, cart: SimulatedCart, director: Director, view: LiveView | PlainView) -> None:
+        self._cart, self._director, self._view = cart, director, view
         self._told_s = 0.0
         self._moments: list[Moment] = []
         self._switches: list[Switch] = []
@@ -159,25 +165,26 @@ class Operator:
         self._cart.require_alive()
         status = self._cart.status()
         t_s = self._cart.now_s()
-        self._tell_script(t_s)
+        self._tell_faults(t_s)
         if not status:
             self._wait_for_answer()
             return
         self._answered_s, self.counters = time.monotonic(), status["counters"]
         self._note_state(t_s, status)
+        if self._director.step(t_s, State(status["state"])):
+            self._cart.show_faults(self._director.orders)
         self._note_contact()
         self._acknowledge(t_s, status)
         self._view.show(t_s, status)
 
-    def finished(self, to_the_end: bool) -> bool:
-        """Whether the time is up, or the last fault is over and the calibration verified again."""
+    def finished(self, duration_s: float | None) -> bool:
+        """Whether the time is up; without one, whether there is nothing more to be seen."""
         t_s = self._cart.now_s()
-        if t_s >= self._script.duration_s:
-            return True
-        if to_the_end or not self._script.injections or not self._moments:
-            return False
-        settled_s = max(self._script.injections[-1].to_s, self._moments[-1].t_s) + _SETTLED_S
-        return self._moments[-1].state is State.MONITORING and t_s >= settled_s
+        return self._director.finished(t_s) if duration_s is None else t_s >= duration_s
+
+    def script(self) -> Script:
+        """Everything shown so far."""
+        return self._director.script(self._cart.now_s())
 
     def history(self) -> History:
         """Everything seen so far."""
@@ -189,8 +196,8 @@ class Operator:
             raise DeviceLost("the service does not answer", str(self._cart.socket), "Is the machine very busy?")
         time.sleep(0.02)
 
-    def _tell_script(self, t_s: float) -> None:
-        for one in self._script.injections:
+    def _tell_faults(self, t_s: float) -> None:
+        for one in self._director.shown:
             if self._told_s < one.from_s <= t_s:
                 self._view.event(one.from_s, f"FAULT {one.fault} begins, to be named {one.fault_class}")
             if self._told_s < one.to_s <= t_s:
@@ -217,7 +224,7 @@ class Operator:
     def _acknowledge(self, t_s: float, status: Status) -> None:
         """As an operator would: the cause is gone, and the line sees the calibration right again."""
         latched = State(status["state"]) in LATCHED and status["verdict"] == "OK"
-        if not latched or self._script.on(t_s) is not None or t_s < self._ask_s:
+        if not latched or self._director.on(t_s) is not None or t_s < self._ask_s:
             return
         self._ask_s = t_s + _ASK_AGAIN_S
         if self._cart.acknowledge():

@@ -91,7 +91,7 @@ def judge(script: Script, history: History) -> Outcome:
     findings = tuple(_find(one, script.until_s(one), history) for one in script.injections)
     unexpected = _unexpected(script, findings, history)
     verified_s = next((one.t_s for one in history.moments if one.state is State.MONITORING), None)
-    return Outcome(findings, unexpected, verified_s, _sentence(findings, unexpected, verified_s))
+    return Outcome(findings, unexpected, verified_s, _sentence(script, findings, unexpected, verified_s))
 
 
 def _find(injection: Injection, until_s: float, history: History) -> Finding:
@@ -150,12 +150,16 @@ def _explains(finding: Finding, moment: Moment, script: Script) -> bool:
     return injection.from_s <= moment.t_s < until_s and moment.fault in (injection.fault_class, None)
 
 
-def _sentence(findings: tuple[Finding, ...], unexpected: tuple[Moment, ...], verified_s: float | None) -> str:
+def _sentence(
+    script: Script, findings: tuple[Finding, ...], unexpected: tuple[Moment, ...], verified_s: float | None
+) -> str:
     """Why the run failed, by the earliest cause; empty when it did not."""
     if verified_s is None:
         return "The calibration was never verified."
     causes = [(one.injection.from_s, f"{one.injection.fault} {one.problem}") for one in findings if one.problem]
     causes += [(one.t_s, f"'{one.state.value}' ({one.fault}) came up without that fault") for one in unexpected]
+    if script.left_out and not causes:
+        return f"At {script.end_s:.1f} s the calibration was not verified; {script.left_out[0]} did not have its turn."
     if not causes:
         return ""
     t_s, what = min(causes)

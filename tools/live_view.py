@@ -9,7 +9,7 @@ from rich.text import Text
 
 from appliance.supervision.alarms import SIGNALS
 from appliance.types import State
-from tools.demo_script import Script
+from tools.demo_director import Director
 from tools.status_view import Status, StatusView
 
 _REDRAWS_PER_S = 8
@@ -19,8 +19,8 @@ _FIXED_LINES = 22
 class LiveView:
     """Draws while its context is open; event() adds a line to those shown at the bottom. picture: what is shown."""
 
-    def __init__(self, console: Console, script: Script) -> None:
-        self._script = script
+    def __init__(self, console: Console, director: Director) -> None:
+        self._director = director
         self._events: deque[Text] = deque(maxlen=max(1, console.height - _FIXED_LINES))
         self._status = StatusView()
         self.picture = Group()
@@ -40,17 +40,18 @@ class LiveView:
 
     def show(self, t_s: float, status: Status) -> None:
         """The status as the service gave it at t_s."""
-        self.picture = Group(_headline(t_s, self._script), self._status.picture(status), *self._events)
+        self.picture = Group(_headline(t_s, self._director), self._status.picture(status), *self._events)
         self._live.update(self.picture)
 
 
-def _headline(t_s: float, script: Script) -> Text:
-    on, after = script.on(t_s), script.next_after(t_s)
+def _headline(t_s: float, director: Director) -> Text:
+    on, after = director.on(t_s), director.upcoming
     text = Text(f"simulated cart  {t_s:6.1f} s   ", style="bold")
     if on is not None:
         text.append(f"fault on: {on.fault}, to be named {on.fault_class}", style="reverse")
     elif after is not None:
-        text.append(f"next fault: {after.fault} in {after.from_s - t_s:.0f} s")
+        when = f"in {after.from_s - t_s:.0f} s" if after.from_s > t_s else "once the calibration is verified"
+        text.append(f"next fault: {after.fault} {when}")
     else:
         text.append("no more faults")
     return text

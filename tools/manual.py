@@ -18,7 +18,6 @@ MANUAL = Path(__file__).parent.parent / "docs" / "alarms.md"
 _OWN = {
     "acknowledged": "A person has acknowledged the latched state.",
     "scanning": "The scan of a recalibration is going on.",
-    "confirming": "The new reference of a recalibration is in force, not verified yet.",
 }
 
 _HEAD = """# States and alarms

@@ -8,7 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -16,9 +16,10 @@ from typing import Any, Self
 from appliance.calibration_file import calibration_from_image_to_probe, write_calibration
 from appliance.service.control import ControlRefused
 from appliance.service.control_client import ControlClient
+from drivers.atomicfile import replacing
 from drivers.errors import DeviceLost, ProbewatchError
 from drivers.hosttime import HostClock
-from drivers.twins.faults import Schedule
+from drivers.twins.faults import PICTURE_FAULTS, Schedule
 from drivers.twins.world import World
 
 Event = dict[str, Any]
@@ -101,11 +102,10 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class CartSettings:
-    """seed: of the world. rate: seconds of the cart per second. schedule: faults that the twins show."""
+    """seed: of the world. rate: seconds of the cart per second."""
 
     seed: int = 1
     rate: float = 1.0
-    schedule: Schedule = field(default_factory=Schedule)
 
 
 class SimulatedCart:
@@ -160,13 +160,12 @@ class SimulatedCart:
         """Start the process; await_twin waits until it serves."""
         place = self.folder / name
         options = {
-            "scanner": ["--socket", str(place)],
+            "scanner": ["--socket", str(place), "--control", f"{place}.json"],
             "polaris": ["--pty", str(place), "--rom", str(self.folder / "probe.rom"), "--control", f"{place}.json"],
             "relay_board": ["--pty", str(place)],
         }[name]
         settings = self.settings
         common = ["--origin-ns", str(self.clock.origin_ns), "--rate", str(settings.rate), "--seed", str(settings.seed)]
-        common += ["--schedule", settings.schedule.to_json()]
         self.twins[name] = Part(name, [sys.executable, "-P", "-m", f"drivers.twins.{name}", *options, *common])
 
     def await_twin(self, name: str) -> str:
@@ -180,6 +179,14 @@ class SimulatedCart:
                 raise DeviceLost(what, "simulated cart", "Try again when the machine is less busy")
             self._pause(0.01)
         return str(ready["url"])
+
+    def show_faults(self, schedule: Schedule) -> None:
+        """Each twin shows its own of these from now on, and no others; within 50 ms of the cart's time."""
+        pictures = tuple(one for one in schedule.episodes if one.fault in PICTURE_FAULTS)
+        others = tuple(one for one in schedule.episodes if one.fault not in PICTURE_FAULTS)
+        for name, episodes in (("scanner", pictures), ("polaris", others)):
+            with replacing(self.folder / f"{name}.json") as file:
+                file.write(Schedule(episodes).to_json().encode())
 
     def start_daemon(self) -> None:
         """Start the service on the configuration that has been written."""

@@ -29,6 +29,9 @@ FAULT_CLASS: Mapping[str, str] = {
 }
 """Fault name → class under which a check must report it."""
 
+PICTURE_FAULTS = ("flip-lateral", "flip-vertical", "depth", "freeze-video", "lose-video")
+"""Those that the scanner shows; the tracker shows the others."""
+
 _LATEST_S = 1e9
 
 ZOOM = 1.10

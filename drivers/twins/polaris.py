@@ -10,7 +10,6 @@ from threading import Event
 from drivers.hosttime import HostClock
 from drivers.twins.combined_api import CombinedApi
 from drivers.twins.control import FaultControl
-from drivers.twins.faults import Schedule
 from drivers.twins.models import SPECTRA
 from drivers.twins.motion import world_motion
 from drivers.twins.ndi import NDI_FAULTS, NdiTwin
@@ -28,8 +27,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--program", default="sweep", help="how the hand moves")
     parser.add_argument("--track-hz", type=int, choices=SPECTRA.track_hz, default=SPECTRA.track_hz[0])
-    parser.add_argument("--schedule", type=Schedule.parse, default=Schedule(), help="JSON list of faults")
-    parser.add_argument("--control", type=Path, metavar="FILE", help="more faults, read again whenever it changes")
+    parser.add_argument("--control", type=Path, metavar="FILE", help="faults, read again whenever it changes")
     return parser.parse_args()
 
 
@@ -47,7 +45,7 @@ def main() -> None:
     pose_at = world_motion(World(arguments.seed, arguments.program))
     device = CombinedApi(pose_at, SPECTRA, arguments.track_hz)
     with PtyLine(arguments.pty, clock) as line:
-        twin = NdiTwin(line, clock, device, FaultControl(NDI_FAULTS, arguments.schedule, arguments.control))
+        twin = NdiTwin(line, clock, device, FaultControl(NDI_FAULTS, file=arguments.control))
         json.dump({"ready": True, "url": f"ndi:{arguments.pty}{query}"}, sys.stdout)
         print(flush=True)
         twin.run(stop)

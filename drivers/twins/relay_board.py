@@ -69,7 +69,6 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--origin-ns", type=int, required=True, help="CLOCK_MONOTONIC of world time 0")
     parser.add_argument("--rate", type=float, default=1.0, help="world seconds per second")
     parser.add_argument("--seed", type=int, default=1, help="taken for the sake of a common command line; unused")
-    parser.add_argument("--schedule", default="[]", help="likewise: no fault of the schedule concerns the relay")
     parser.add_argument("--channels", type=int, default=1)
     parser.add_argument("--mute", action="store_true", help="never answer, like the bare LCUS-1")
     return parser.parse_args()

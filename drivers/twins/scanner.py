@@ -15,11 +15,11 @@ from typing import Self
 
 import cv2
 
-from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
 from drivers.samples import GreyImage
 from drivers.sim import pack_frame
-from drivers.twins.faults import Schedule
+from drivers.twins.control import FaultControl
+from drivers.twins.faults import PICTURE_FAULTS
 from drivers.twins.trajectory import PROGRAMS
 from drivers.twins.world import SCENES, World, WorldSettings
 
@@ -93,8 +93,8 @@ class VideoPlug:
 class Scanner:
     """Renders ahead, sends on time, and numbers the frames by time, so one that was too late is a visible gap."""
 
-    def __init__(self, world: World, plug: VideoPlug, clock: HostClock, schedule: Schedule) -> None:
-        self._world, self._plug, self._clock, self._schedule = world, plug, clock, schedule
+    def __init__(self, world: World, plug: VideoPlug, clock: HostClock, faults: FaultControl) -> None:
+        self._world, self._plug, self._clock, self._faults = world, plug, clock, faults
         self._period_s = 1 / world.settings.fps
         self._cost_s = 0.0
         self._held: GreyImage | None = None
@@ -121,7 +121,7 @@ class Scanner:
     def _show(self, number: int) -> None:
         t_s = number * self._period_s
         t_ns = self._clock.origin_ns + round(t_s * 1e9)
-        active = self._schedule.active(t_s)
+        active = self._faults.active(t_s)
         frame = None if "lose-video" in active else self._rendered(number, t_s, t_ns, active)
         self._clock.sleep_until(t_ns)
         self._note(t_ns, "faults", sorted(active), active != self._active)
@@ -153,20 +153,13 @@ class Scanner:
             print(json.dumps({"t_ns": t_ns, what: value}), flush=True)
 
 
-def _schedule(text: str) -> Schedule:
-    try:
-        return Schedule.parse(text)
-    except ConfigurationError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="scanner twin", description=__doc__)
     parser.add_argument("--socket", type=Path, required=True, metavar="PATH", help="Unix socket to serve")
     parser.add_argument("--origin-ns", type=int, required=True, help="CLOCK_MONOTONIC of world time 0")
     parser.add_argument("--rate", type=float, default=1.0, help="world seconds per second")
     parser.add_argument("--seed", type=int, default=1, help="of the world")
-    parser.add_argument("--schedule", type=_schedule, default=Schedule(), help="JSON list of faults")
+    parser.add_argument("--control", type=Path, metavar="FILE", help="faults, read again whenever it changes")
     parser.add_argument("--fps", type=float, default=30.0, help="frames per world second")
     parser.add_argument("--program", choices=PROGRAMS, default="sweep", help="how the probe is moved")
     parser.add_argument("--scene", choices=SCENES, default="tissue", help="what the probe looks at")
@@ -186,7 +179,7 @@ def main() -> None:
     # A parent that no longer reads the events shall not be answered with a traceback.
     with suppress(BrokenPipeError), VideoPlug(arguments.socket) as plug:
         print(json.dumps({"ready": True, "url": f"sim:{arguments.socket}"}), flush=True)
-        scanner = Scanner(world, plug, clock, arguments.schedule)
+        scanner = Scanner(world, plug, clock, FaultControl(PICTURE_FAULTS, file=arguments.control))
         scanner.run(stop)
         print(json.dumps({"account": scanner.account}), flush=True)
 
