@@ -68,12 +68,22 @@ def test_where_picture_and_tracker_disagree_nothing_is_concluded(solution, corre
 
 
 @pytest.mark.parametrize(
-    ("ms", "sigma_ms", "verdict"), [(20, 5, OK), (100, 10, FAULT), (-100, 10, FAULT), (50, 20, NOT_VERIFIED)]
+    ("ms", "sigma_ms", "err_ms", "verdict"),
+    [
+        (20, 5, 0, OK),
+        (20, 5, 24, OK),
+        (20, 5, 26, NOT_VERIFIED),
+        (100, 10, 0, FAULT),
+        (-100, 10, 9, FAULT),
+        (100, 10, 11, NOT_VERIFIED),
+        (50, 20, 0, NOT_VERIFIED),
+    ],
 )
-def test_latency_against_its_limit(ms, sigma_ms, verdict) -> None:
-    check = latency_check(Latency(ms / 1e3, sigma_ms / 1e3), LIMITS)
+def test_latency_against_its_limit(ms, sigma_ms, err_ms, verdict) -> None:
+    """Limit 60 ms, three sigma, and what the stamps may be wrong by together."""
+    check = latency_check(Latency(ms / 1e3, sigma_ms / 1e3), LIMITS, err_ms / 1e3)
     assert (check.verdict, check.value) == (verdict, pytest.approx(ms))
-    assert latency_check(None, LIMITS).verdict is NOT_VERIFIED
+    assert latency_check(None, LIMITS, 0.0).verdict is NOT_VERIFIED
 
 
 def line(t_s: np.ndarray) -> np.ndarray:

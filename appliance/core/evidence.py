@@ -106,7 +106,7 @@ class Evidence:
         whole = examine(self.window.since(self._valid_ns), self._reference, self._limits)
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
             self._best = whole
-        latency = latency_check(self.window.latency(), self._limits)
+        latency = latency_check(self.window.latency(), self._limits, self.window.stamps_err_s)
         return tuple(
             _sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks
         )
@@ -158,7 +158,7 @@ def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Findi
         return examine_nothing(limits)
     solution, solved_lag = _solved(window, flipped(reference, polarity), lag)
     mostly_in_plane = solution is not None and window.samples(lag_s, weigh_hidden=True).in_plane_share >= _MOSTLY
-    lateness = latency_check(_sharper(lag, solved_lag if mostly_in_plane else None), limits)
+    lateness = latency_check(_sharper(lag, solved_lag if mostly_in_plane else None), limits, window.stamps_err_s)
     parameters = Finding(calibration_checks(solution, limits), solution)
     if lateness.verdict is not VerdictKind.OK:
         parameters = _without(parameters, parameters.failed)
@@ -180,7 +180,7 @@ def _without(finding: Finding, names: frozenset[str]) -> Finding:
 
 def examine_nothing(limits: Limits) -> Finding:
     """The finding of a window without motion."""
-    checks = (_UNWEIGHED, *calibration_checks(None, limits), latency_check(None, limits), agreement_check(None))
+    checks = (_UNWEIGHED, *calibration_checks(None, limits), latency_check(None, limits, 0.0), agreement_check(None))
     return Finding(checks)
 
 

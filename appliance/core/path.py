@@ -111,6 +111,11 @@ class PathWindow:
         """From the first motion to the latest."""
         return self._seen[-1].stamp.t_ns - self._seen[0].stamp.t_ns if self._seen else 0
 
+    @property
+    def stamps_err_s(self) -> float:
+        """Mean bound of the error of the stamps: what they may be wrong by together; 0 while there is no motion."""
+        return float(np.mean([motion.stamp.err_ns for motion in self._seen])) / 1e9 if self._seen else 0.0
+
     def since(self, start_ns: int) -> "PathWindow":
         """A window on what is not older than start_ns, sharing the poses."""
         window = PathWindow(self._reference, self._span_ns)

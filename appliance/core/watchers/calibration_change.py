@@ -26,10 +26,16 @@ def trusted(solution: Solution) -> bool:
     return solution.correlation >= _LEAST_AGREEMENT
 
 
-def latency_check(latency: Latency | None, limits: Limits) -> Check:
-    """Lag of the tracker, ms, positive when it is late."""
+def latency_check(latency: Latency | None, limits: Limits, stamps_err_s: float) -> Check:
+    """Lag of the tracker, ms, positive when it is late.
+
+    stamps_err_s: bound of the error that the stamps of pictures and poses share. It is no noise: motion cannot average
+    it away, so it takes from the room on either side of the limit.
+    """
     value, sigma = (nan, nan) if latency is None else (latency.value_s * 1e3, latency.sigma_s * 1e3)
-    return _judge("latency", "latency", value, sigma, "ms", limits.latency_ms, limits.confidence_sigma)
+    return _judge(
+        "latency", "latency", value, sigma, "ms", limits.latency_ms, limits.confidence_sigma, stamps_err_s * 1e3
+    )
 
 
 def agreement_check(solution: Solution | None) -> Check:
@@ -58,11 +64,15 @@ def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
     return _judge(name, fault, value, sigma, unit, limit, limits.confidence_sigma)
 
 
-def _judge(name: str, fault: str, value: float, sigma: float, unit: str, limit: float, confidence: float) -> Check:
-    """OK and FAULT both need `confidence` standard deviations of room; NaN and what lies between show nothing."""
-    verdict = VerdictKind.NOT_VERIFIED
-    if abs(value) + confidence * sigma <= limit:
+def _judge(
+    name: str, fault: str, value: float, sigma: float, unit: str, limit: float, confidence: float, bound: float = 0.0
+) -> Check:
+    """OK and FAULT both need `confidence` standard deviations and the bound as room; NaN and what lies between show
+    nothing.
+    """
+    verdict, room = VerdictKind.NOT_VERIFIED, confidence * sigma + bound
+    if abs(value) + room <= limit:
         verdict = VerdictKind.OK
-    elif abs(value) - confidence * sigma > limit:
+    elif abs(value) - room > limit:
         verdict = VerdictKind.FAULT
     return Check(name, fault, value, sigma, unit, limit, verdict)
