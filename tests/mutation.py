@@ -82,7 +82,7 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, Change]]:
         yield f"{node.value} made {node.value + 1}", lambda one: setattr(one, "value", one.value + 1)
     elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
         yield f"{node.value} made {not node.value}", lambda one: setattr(one, "value", not one.value)
-    elif isinstance(node, ast.FunctionDef):
+    elif isinstance(node, ast.FunctionDef | ast.match_case):
         yield from _statement_changes(node)
 
 
@@ -103,7 +103,7 @@ def _guard_changes(node: ast.keyword) -> Iterator[tuple[str, Change]]:
         yield f"only {part} of the guard", lambda one, part=part: setattr(one.value, "value", part)
 
 
-def _statement_changes(node: ast.FunctionDef) -> Iterator[tuple[str, Change]]:
+def _statement_changes(node: ast.FunctionDef | ast.match_case) -> Iterator[tuple[str, Change]]:
     for index, statement in enumerate(node.body):
         docstring = isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
         if isinstance(statement, ast.Assign | ast.AugAssign | ast.Expr) and not docstring:

@@ -1,13 +1,13 @@
 """The table, by hand: every state × every input, and every duration one nanosecond before and at its bound."""
 
 import itertools
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from appliance.supervision.alarms import HAZARDS, Kind
+from appliance.supervision.alarms import HAZARDS, Kind, operator_text
 from appliance.supervision.supervisor import AlarmTable, Durations, Inputs, Request, Supervisor
 from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
 
@@ -427,6 +427,14 @@ def test_unseen_probe_is_not_verified_and_needs_verification_anew() -> None:
     assert room.ok() is M
 
 
+def test_what_a_tracker_does_not_tell_withholds_nothing() -> None:
+    room = room_in(State.NOT_VERIFIED)
+    untold = device("marker-body", VerdictKind.NOT_VERIFIED)
+    assert room.at(TICK_NS, Inputs(ok(room.now_ns + TICK_NS).verdicts, untold.devices)) is M
+    assert room.at(TICK_NS, Inputs((), (*untold.devices, *UNSEEN.devices))) is N
+    assert room.alarm.reason == "probe not seen by the tracker"
+
+
 def test_frozen_picture_is_lost_like_a_device_and_recovers_by_itself() -> None:
     room = room_in(State.MONITORING)
     assert room.fault(TICK_NS, "frozen-video") is W
@@ -453,6 +461,42 @@ def test_recalibration_ends_only_with_the_new_reference_confirmed() -> None:
     assert room.alarm.fault == "polarity"
     assert room.ok() is M
     assert room.at(TICK_NS) is M, "its verification counts"
+
+
+def test_what_was_shown_before_or_during_the_scan_is_forgotten() -> None:
+    room = room_in(State.WARNING)
+    assert room.ask(Request.BEGIN_RECALIBRATION) is R
+    assert (room.alarm.fault, room.alarm.verified_ns) == (None, None)
+    assert room.fault() is R
+    assert room.alarm.fault is None
+    assert room.ok() is R
+    assert room.alarm.verified_ns is None
+    assert room.ask(Request.ABORT_RECALIBRATION) is N
+    assert room.at(TICK_NS) is N, "the fault before the scan has to show again"
+    assert room.fault() is W
+
+
+def test_what_the_new_reference_showed_is_forgotten_when_it_is_given_up() -> None:
+    room = room_in(State.RECALIBRATING)
+    room.ask(Request.END_RECALIBRATION)
+    assert room.fault() is R
+    assert room.ask(Request.ABORT_RECALIBRATION) is N
+    assert room.at(TICK_NS) is N
+
+
+def test_damage_found_meanwhile_keeps_a_recalibration_from_its_end() -> None:
+    room = room_in(State.RECALIBRATING)
+    room.ask(Request.END_RECALIBRATION)
+    assert room.at(TICK_NS, Inputs(ok(room.now_ns + TICK_NS).verdicts, device("log-damaged").devices)) is R
+
+
+def test_a_reason_from_before_the_scan_is_not_given_after_it() -> None:
+    room = room_in(State.NOT_VERIFIED)
+    room.at(TICK_NS, unsure(room.now_ns))
+    assert room.alarm.reason == "still"
+    room.ask(Request.BEGIN_RECALIBRATION)
+    room.ask(Request.ABORT_RECALIBRATION)
+    assert room.alarm.reason == operator_text(State.NOT_VERIFIED, None)[1]
 
 
 def test_end_of_recalibration_is_granted_once() -> None:
@@ -535,6 +579,56 @@ def test_other_durations_count_from_the_next_step() -> None:
     room.supervisor.retime(replace(DURATIONS, halt_after_ns=5 * S_NS))
     assert room.fault(S_NS, "scale") is W
     assert room.fault(4 * S_NS, "scale") is H
+
+
+@LATCHED
+def test_a_latch_whose_fault_is_not_known_any_more_stands_as_long(state: State) -> None:
+    room = Room(state)
+    room.step()
+    assert (room.alarm.fault, room.alarm.reason) == (None, operator_text(state, None)[0])
+    room.ask(Request.ACKNOWLEDGE)
+    assert room.ok() is state
+    assert room.ok(DURATIONS.probation_ns - 1) is state
+    assert room.ok(1) is M
+
+
+def test_what_is_refused_says_why() -> None:
+    room = room_in(State.MONITORING)
+    room.ask(Request.END_RECALIBRATION)
+    assert room.supervisor.refused == "not possible while monitoring"
+    room.ask(Request.ACKNOWLEDGE)
+    assert room.supervisor.refused == "not possible while monitoring"
+    halted = room_in(State.HALT)
+    halted.ask(Request.ABORT_RECALIBRATION)
+    assert halted.supervisor.refused == "not possible while halt"
+
+
+def test_each_state_tells_its_own_cause() -> None:
+    room = room_in(State.MONITORING)
+    room.at(TICK_NS, unsure(room.now_ns))
+    assert room.alarm.reason == operator_text(State.MONITORING, None)[0]
+    testing = Room()
+    testing.step(device("estimator-silent"))
+    assert (testing.alarm.fault, testing.alarm.reason) == (None, operator_text(State.SELF_TEST, None)[0])
+    lost = room_in(State.DEVICE_LOST)
+    lost.at(TICK_NS)
+    assert lost.alarm.fault == "video-lost", "in probation too"
+    lost.fault()
+    assert lost.alarm.fault == "video-lost", "the calibration comes after it"
+
+
+def test_the_durations_are_those_of_the_manual() -> None:
+    ms = {
+        "gross_halt_after": 300,
+        "halt_after": 1000,
+        "recalibrate_after": 2000,
+        "device_lost_after": 1000,
+        "probation": 1000,
+        "max_verification_age": 30_000,
+        "self_test": 20_000,
+        "starting": 10_000,
+    }
+    assert asdict(DURATIONS) == {f"{name}_ns": value * 1_000_000 for name, value in ms.items()}
 
 
 def test_only_latched_states_come_back() -> None:

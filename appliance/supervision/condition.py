@@ -20,7 +20,8 @@ class Condition:
     def active(self) -> bool:
         return self.onset_ns is not None
 
-    def show(self, now_ns: int, fault: str, reason: str) -> None:
+    def show(self, now_ns: int, fault: str | None, reason: str) -> None:
+        """fault: None where it is not known any more which one it was."""
         self.fault, self.reason, self.shown = fault, reason, True
         self.onset_ns = now_ns if self.onset_ns is None else self.onset_ns
 

@@ -32,7 +32,7 @@ class Ledger:
         self.last: Verdict | None = None
         self.unverified = ""
         self.notices: tuple[str, ...] = ()
-        self.scanning = self.confirming = False
+        self.scanning = False
         self.acknowledged = False
         self.latched: State | None = None
         self.latched_fault: str | None = None
@@ -69,8 +69,8 @@ class Ledger:
         self._untested = any(HAZARDS[fault].tested for fault in failing)
 
     def _note_sight(self, devices: tuple[Check, ...]) -> None:
-        unseen = next((check for check in devices if check.verdict is VerdictKind.NOT_VERIFIED), None)
-        self.unverified = "" if unseen is None else UNVERIFIED[unseen.fault]
+        unknown = [check.fault for check in devices if check.verdict is VerdictKind.NOT_VERIFIED]
+        self.unverified = next((UNVERIFIED[fault] for fault in unknown if fault in UNVERIFIED), "")
         if self.device.active or self.internal.active or self.unverified:
             self.forget_verification()
 
@@ -115,8 +115,8 @@ class Ledger:
 
     def accept_damage(self) -> None:
         """A person has seen what is damaged; the same found anew, and any other damage, is another alarm."""
-        if self.integrity.fault is not None:
-            self._accepted |= {self.integrity.fault}
+        assert self.integrity.fault is not None
+        self._accepted |= {self.integrity.fault}
         self.integrity.lift(self.now_ns)
 
     def latch(self, state: State, fault: str | None) -> None:
@@ -130,25 +130,23 @@ class Ledger:
 
     def restore(self, reason: str) -> None:
         """What is latched stands again until the line disproves it."""
-        if self.latched_fault is not None:
-            self.calibration.show(self.now_ns, self.latched_fault, reason)
-            self.calibration.stand()
+        self.calibration.show(self.now_ns, self.latched_fault, reason)
+        self.calibration.stand()
 
     def begin_recalibration(self) -> None:
         """What the probe shows during the scan says nothing of the calibration in force."""
-        self.scanning, self.confirming = True, False
+        self.scanning = True
         self._start_afresh()
 
     def end_recalibration(self) -> None:
         """A new reference is in force: whatever was measured before says nothing of it."""
-        self.scanning, self.confirming = False, True
+        self.scanning = False
         self._start_afresh()
 
     def leave_recalibration(self) -> None:
         """The reference before it is in force, unless the new one has been confirmed."""
-        confirmed = self.confirming and self.verified
-        self.scanning = self.confirming = False
-        if not confirmed:
+        self.scanning = False
+        if not self.verified:
             self._start_afresh()
 
     def _start_afresh(self) -> None:

@@ -104,7 +104,7 @@ class AlarmTable(statemachine.StateMachine):
         | recalibrating.to(recalibration_requested, cond="latched_request and (losing_device or losing_internal)")
         | recalibrating.to(internal_fault, cond="losing_internal")
         | recalibrating.to(device_lost, cond="losing_device")
-        | recalibrating.to(monitoring, cond="confirming and verified and !hazard")
+        | recalibrating.to(monitoring, cond="verified and !hazard")
     )
     acknowledge = (
         halt.to(halt, unless="acknowledged")
@@ -188,14 +188,17 @@ class Supervisor:
 
     def _grant(self, request: Request) -> None:
         self._table.send(request.value)
-        if request is Request.ACKNOWLEDGE and self.state is State.INTERNAL_FAULT:
-            self._ledger.accept_damage()
-        elif request is Request.ACKNOWLEDGE:
-            self._ledger.acknowledge()
-        elif request is Request.BEGIN_RECALIBRATION:
-            self._ledger.begin_recalibration()
-        elif request is Request.END_RECALIBRATION:
-            self._ledger.end_recalibration()
+        match request:
+            case Request.ACKNOWLEDGE if self.state is State.INTERNAL_FAULT:
+                self._ledger.accept_damage()
+            case Request.ACKNOWLEDGE:
+                self._ledger.acknowledge()
+            case Request.BEGIN_RECALIBRATION:
+                self._ledger.begin_recalibration()
+            case Request.END_RECALIBRATION:
+                self._ledger.end_recalibration()
+            case Request.ABORT_RECALIBRATION:
+                pass  # _enter leaves it, as it does when devices are lost
 
     def _enter(self, before: State) -> None:
         if before is State.RECALIBRATING:

@@ -59,7 +59,7 @@ def presence(name: str, fault: str, now_ns: int, started_ns: int, last_ns: int |
 
 
 def quality(name: str, fault: str, value: float | None, unit: str, limit: float) -> Check:
-    """Check that a quality figure is no worse than its limit; one that is not known, with value NaN, fails nothing."""
-    failed = value is not None and value > limit
-    shown = nan if value is None else value
-    return Check(name, fault, shown, 0.0, unit, limit, VerdictKind.FAULT if failed else VerdictKind.OK)
+    """Check that a quality figure is no worse than its limit; NOT_VERIFIED where the tracker does not tell it."""
+    if value is None:
+        return Check(name, fault, nan, nan, unit, limit, VerdictKind.NOT_VERIFIED)
+    return Check(name, fault, value, 0.0, unit, limit, VerdictKind.FAULT if value > limit else VerdictKind.OK)
