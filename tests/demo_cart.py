@@ -1,7 +1,9 @@
 """The simulated cart of the demo, with what tests need: waiting for states, and a service that trusts every picture."""
 
 import os
+import resource
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from tests.polling import until
@@ -37,6 +39,18 @@ class Cart(SimulatedCart):
             replacement = self.fault.with_suffix(".new")
             replacement.write_text(fault)
             replacement.replace(self.fault)
+
+    def fill_disk(self) -> Callable[[], None]:
+        """A file size limit of zero: every write of the service to a file fails, as on a full disk; its undo."""
+        assert self.daemon is not None
+        pid = self.daemon.process.pid
+        before = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, (0, before[1]))
+
+        def make_room() -> None:
+            resource.prlimit(pid, resource.RLIMIT_FSIZE, before)
+
+        return make_room
 
     def estimator_pid(self) -> int:
         """Of the service's one child."""

@@ -6,6 +6,8 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from drivers.hosttime import HostClock
@@ -30,34 +32,32 @@ def release(config: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=30)
 
 
-def test_a_contact_that_its_board_holds_closed_is_opened(tmp_path: Path) -> None:
+@contextmanager
+def board_that_holds(link: Path) -> Iterator[RelayBoard]:
+    """A relay board whose contact is closed, and stays so until it is told otherwise."""
     stop = threading.Event()
-    with PtyLine(tmp_path / "relay", CLOCK) as line:
+    with PtyLine(link, CLOCK) as line:
         board = RelayBoard(line, CLOCK)
         board.contacts[1] = True
         thread = threading.Thread(target=board.run, args=(stop,))
         thread.start()
         try:
-            released = release(written(tmp_path, f"relay:{tmp_path}/relay"))
+            yield board
         finally:
             stop.set()
             thread.join()
+
+
+def test_a_contact_that_its_board_holds_closed_is_opened(tmp_path: Path) -> None:
+    with board_that_holds(tmp_path / "relay") as board:
+        released = release(written(tmp_path, f"relay:{tmp_path}/relay"))
     assert (released.returncode, released.stderr) == (0, "")
     assert board.contacts == {1: False}
 
 
 def test_one_that_is_not_there_is_named_and_does_not_keep_the_others_closed(tmp_path: Path) -> None:
-    stop = threading.Event()
-    with PtyLine(tmp_path / "relay", CLOCK) as line:
-        board = RelayBoard(line, CLOCK)
-        board.contacts[1] = True
-        thread = threading.Thread(target=board.run, args=(stop,))
-        thread.start()
-        try:
-            released = release(written(tmp_path, "relay:/dev/no-such", f"relay:{tmp_path}/relay"))
-        finally:
-            stop.set()
-            thread.join()
+    with board_that_holds(tmp_path / "relay") as board:
+        released = release(written(tmp_path, "relay:/dev/no-such", f"relay:{tmp_path}/relay"))
     assert released.returncode == 69
     assert "/dev/no-such" in released.stderr
     assert board.contacts == {1: False}
