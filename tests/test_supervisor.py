@@ -592,6 +592,25 @@ def test_a_latch_whose_fault_is_not_known_any_more_stands_as_long(state: State) 
     assert room.ok(1) is M
 
 
+def test_a_restored_halt_escalates_by_what_is_shown_after_the_restart() -> None:
+    room = Room(State.HALT, "scale")
+    room.step()
+    due_ns = DURATIONS.halt_after_ns + DURATIONS.recalibrate_after_ns
+    assert room.fault(due_ns - 1, "scale") is H
+    assert room.fault(1, "scale") is Q
+
+
+def test_a_scan_may_be_begun_anew() -> None:
+    room = room_in(State.RECALIBRATING)
+    room.ask(Request.END_RECALIBRATION)
+    room.ask(Request.BEGIN_RECALIBRATION)
+    assert room.supervisor.refused == ""
+    assert room.ok() is R, "it is of the scan"
+    room.ask(Request.END_RECALIBRATION)
+    assert room.supervisor.refused == ""
+    assert room.ok() is M
+
+
 def test_what_is_refused_says_why() -> None:
     room = room_in(State.MONITORING)
     room.ask(Request.END_RECALIBRATION)
