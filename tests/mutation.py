@@ -70,7 +70,7 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, Change]]:
     elif isinstance(node, ast.BoolOp | ast.BinOp) and type(node.op) in _SWAPS:
         yield "operator turned", lambda one: setattr(one, "op", _SWAPS[type(one.op)]())
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitOr) and isinstance(node.right, ast.Call):
-        yield "transition left out", _left_only
+        yield f"{ast.unparse(node.right)} left out", _left_only
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
         yield "not left out", lambda one: setattr(one, "op", ast.UAdd())
     elif isinstance(node, ast.If | ast.IfExp):

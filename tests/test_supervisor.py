@@ -315,10 +315,24 @@ def test_device_silence_in_halt_stays_halt_until_verified_after_it() -> None:
     assert room.ok(S_NS) is M
 
 
-def test_damage_found_while_halted_is_shown_after_the_release() -> None:
+def test_a_halt_is_not_left_before_a_device_that_was_gone_has_passed_its_probation() -> None:
     room = room_in(State.HALT)
+    room.ok()
+    room.ask(Request.ACKNOWLEDGE)
+    assert room.at(TICK_NS, device()) is H
+    assert room.at(5 * S_NS, device()) is H
+    back_ns = room.now_ns + TICK_NS
+    assert room.at(TICK_NS) is H
+    assert room.ok(DURATIONS.probation_ns - 1) is H
+    assert room.now_ns == back_ns + DURATIONS.probation_ns - 1
+    assert room.ok(1) is M
+
+
+@LATCHED
+def test_damage_found_while_latched_is_shown_after_the_release(state: State) -> None:
+    room = room_in(state)
     room.ok(S_NS)
-    assert room.at(2 * S_NS, device("log-damaged")) is H
+    assert room.at(2 * S_NS, device("log-damaged")) is state
     room.ask(Request.ACKNOWLEDGE)
     assert room.ok() is I, "the halt was acknowledged, the damage was not"
     assert room.alarm.fault == "log-damaged"
@@ -401,6 +415,19 @@ def test_start_waits_for_devices_and_gives_up_at_its_bound() -> None:
     assert room.at(DURATIONS.starting_ns - 1, device()) is A
     assert room.alarm.fault is None
     assert room.at(1, device()) is L
+
+
+def test_devices_that_are_there_at_last_are_waited_for_no_longer() -> None:
+    room = room_in(State.WAITING)
+    assert room.at(DURATIONS.starting_ns) is N
+
+
+def test_a_device_that_comes_back_to_a_wrong_calibration_warns_at_once() -> None:
+    room = room_in(State.WARNING)
+    room.at(TICK_NS, device())
+    assert room.at(S_NS, device()) is L
+    assert room.at(TICK_NS) is L
+    assert room.at(DURATIONS.probation_ns) is W
 
 
 @pytest.mark.parametrize(("name", "after"), [("output-failed", L), ("estimator-silent", I)])
