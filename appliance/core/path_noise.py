@@ -6,6 +6,7 @@ whitening costs time in proportion to the pictures.
 
 from dataclasses import astuple, dataclass
 from functools import cached_property
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,10 @@ probe leaves its plane, and goes on doing so for about two millimetres.
 """
 _LONG_LAG_S = 0.7
 _CHANCE = 2.5
+_SHORT_WAY_S = 1.0
+"""Drift is an error of the picture's path, on which the scales are regressed: over ways shorter than this it shrinks
+them. White noise as large as the drift over that time lets the longer ways count.
+"""
 _POSITION_FLOOR_MM, _ANGLE_FLOOR_RAD = 0.02, np.deg2rad(0.01)
 _POSITION_DRIFT_FLOOR, _ANGLE_DRIFT_FLOOR = 0.01, np.deg2rad(0.02)
 
@@ -66,7 +71,8 @@ class Times:
 
     def estimated_noise(self, residual: Array) -> Noise:
         """Of a residual path (n, ≥ 3): in-plane mm (2), angle rad; by its structure function, which outliers spare."""
-        position = self._structure(residual[:, :2], _POSITION_FLOOR_MM, _POSITION_DRIFT_FLOOR)
+        white, drift = self._structure(residual[:, :2], _POSITION_FLOOR_MM, _POSITION_DRIFT_FLOOR)
+        position = max(white, drift * sqrt(_SHORT_WAY_S)), drift
         angle = self._structure(residual[:, 2:3], _ANGLE_FLOOR_RAD, _ANGLE_DRIFT_FLOOR)
         return Noise(*position, *angle)
 

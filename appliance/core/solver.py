@@ -69,14 +69,16 @@ class Solution:
 def solve(samples: PathSamples, reference: Calibration, prior: Prior = Prior()) -> Solution:
     """Maximum-likelihood X near the reference. Needs at least 8 samples in one chain; raises ValueError below that."""
     problem = _Problem(samples, reference, prior)
-    theta, noise = np.zeros(9), problem.noise(np.zeros(9))
+    theta, noise, rounds = np.zeros(9), problem.noise(np.zeros(9)), []
     for _ in range(_NOISE_ROUNDS):
         whiten = problem.whitener(noise)
         theta, covariance, cost = problem.minimise(theta, whiten, noise)
         settled, noise = noise, problem.noise(theta)
+        rounds.append((theta, covariance, cost + whiten.log_volume, noise))
         if noise.like(settled):
             break
-    return problem.conclude(theta, covariance, cost + whiten.log_volume, noise)
+    # A worse fit asks for more noise, and more noise lets it be worse still: the likeliest round counts.
+    return problem.conclude(*min(rounds, key=lambda found: found[2]))
 
 
 def path_misfit(samples: PathSamples, reference: Calibration) -> float:
