@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from appliance.core.overlay import OverlayMask
-from appliance.core.registration import pyramid
+from appliance.core.realtime_tracker import RealTimeTracker
+from appliance.core.template import pyramid
 from drivers.samples import GreyImage
 from drivers.twins.world import World
+from tests.paper import sweeps
 from tests.rendered import SMALL, sweep, world
 
 Bits = np.ndarray
@@ -99,3 +101,16 @@ def test_text_that_appears_later_is_learnt_too() -> None:
         overlay.step(pyramid(cv2.max(image, word) if k >= 20 else image))
     assert overlay.mask is not None
     assert (~overlay.mask)[word > 200].mean() >= 0.8
+
+
+@pytest.mark.parametrize("headings_deg", [np.linspace(0, 180, 40), np.zeros(40)], ids=["turning", "lateral"])
+def test_a_slow_sweep_with_coarse_pixels_is_not_taken_for_overlay(headings_deg: Bits) -> None:
+    """0.4 px a picture, along the wide side of the speckle: nothing is drawn there, so nothing may be left out."""
+    tracker = RealTimeTracker(float(sweeps.SCALE[1] / sweeps.SCALE[0]))
+    masked = []
+    for k, image in enumerate(sweeps.sweep(4, headings_deg).pictures):
+        tracker.step(image, k)
+        mask = tracker._overlay.mask
+        masked.append(0.0 if mask is None else 1 - mask.mean())
+    assert tracker.settled
+    assert max(masked) <= 0.25

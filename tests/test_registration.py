@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from appliance.core.realtime_tracker import RealTimeTracker, acceptable
-from appliance.core.registration import Keyframe, compose, pyramid, warp_matrix
+from appliance.core.registration import Keyframe, compose, warp_matrix
+from appliance.core.template import pyramid
 from drivers.twins.world import World
 from tests.rendered import (
     FULL,
@@ -94,15 +95,18 @@ def test_one_registration_of_a_turn(turn_deg: float) -> None:
     assert found.alpha_rad == pytest.approx(np.deg2rad(-turn_deg), abs=2e-4)
 
 
-def test_without_the_mask_static_overlay_holds_the_registration_back() -> None:
-    seen = world(1, FULL)
-    later = moved(HOME, FULL, (2, 0))
-    picture = levels(seen, later, 1)
-    truth = true_motion(HOME, later, FULL)
-    blind = Keyframe(levels(seen, HOME, 0), aspect(FULL)).register(picture)
-    masked = Keyframe(levels(seen, HOME, 0), aspect(FULL), learnt_mask(seen).mask).register(picture)
-    assert rms_px((blind.u_px, blind.alpha_rad), truth, FULL) > 0.5
-    assert rms_px((masked.u_px, masked.alpha_rad), truth, FULL) <= 0.05
+def test_words_all_over_the_picture_hold_the_registration_back_unless_they_are_masked() -> None:
+    seen = world(1, SMALL, overlay=False)
+    later = moved(HOME, SMALL, (2, 0))
+    words = np.zeros((240, 320), np.uint8)
+    for row in range(16, 240, 16):
+        cv2.putText(words, "MI 0.8 TIS 0.2 DR 60 Gn 50 FR 30 Hz", (4, row), cv2.FONT_HERSHEY_SIMPLEX, 0.4, 250, 1)
+    before, after = (pyramid(cv2.max(seen.frame_at(pose, k), words)) for k, pose in enumerate((HOME, later)))
+    mask = cv2.dilate(words, np.ones((7, 7), np.uint8)) == 0
+    blind, masked = (Keyframe(before, aspect(SMALL), known).register(after) for known in (None, mask))
+    truth = true_motion(HOME, later, SMALL)
+    assert rms_px((blind.u_px, blind.alpha_rad), truth, SMALL) > 0.2
+    assert rms_px((masked.u_px, masked.alpha_rad), truth, SMALL) <= 0.05
 
 
 @pytest.mark.parametrize(("gain", "bias"), [(0.7, 30.0), (1.25, -20.0), (1.0, 15.0)])
@@ -135,11 +139,11 @@ def test_a_turn_acts_in_millimetres_not_in_pixels() -> None:
 
 
 def test_stated_covariance_is_of_the_right_order() -> None:
-    """Errors in units of their own sigma, over forty pairs that lost some likeness by turn and elevation."""
-    seen = world(1, SMALL)
-    mask = learnt_mask(seen).mask
+    """Errors in units of their own sigma, over forty pairs of four tissues that lost some likeness by turn."""
     errors = []
     for k in range(40):
+        seen = world(1 + k % 4, SMALL)
+        mask = learnt_mask(seen).mask
         first = moved(HOME, SMALL, (4.0 * (k % 8) - 14, 5.0 * (k // 8) - 10), 0, 0.35 * (k % 10))
         later = moved(first, SMALL, (3, -2), 0.6)
         found = Keyframe(levels(seen, first, 2 * k), aspect(SMALL), mask).register(levels(seen, later, 2 * k + 1))
@@ -208,8 +212,8 @@ def test_pyramid_levels_halve_and_keep_their_places() -> None:
     found = pyramid(ramp)
     assert [level.shape for level in found] == [(200, 161), (100, 81), (50, 41), (25, 21)]
     for k, level in enumerate(found):
-        assert level.dtype == np.float32
-        np.testing.assert_allclose(level[2:-2, 5], 2.0**k * np.arange(2, level.shape[0] - 2), atol=0.01)
+        assert level.dtype == np.uint8
+        np.testing.assert_allclose(level[2:-2, 5], 2.0**k * np.arange(2, level.shape[0] - 2), atol=0.51)
 
 
 shifts_px = st.tuples(st.floats(-50, 50), st.floats(-50, 50)).map(np.array)

@@ -8,7 +8,7 @@ import numpy as np
 
 from appliance.core.geometry import inverse, vector_from_rotation
 from appliance.core.realtime_tracker import Tracked
-from appliance.core.registration import Array
+from appliance.core.template import Array
 from appliance.types import Calibration, Motion, MotionKind, StampedPair
 from drivers.samples import Matrix4
 
@@ -17,7 +17,7 @@ _TURN_RAD = np.deg2rad(0.7)
 _OUT_MM = 0.25
 _ALIKE = 0.95
 _FAST_PX = 40.0
-_RENEW_CORRELATION = 0.8
+_RENEW_CORRELATION, _RENEW_OUT_CORRELATION = 0.8, 0.7
 _RENEW_OVERLAP = 0.85
 _RENEW_PX = 60.0
 
@@ -78,7 +78,12 @@ def analyse(tracked: Tracked, pair: StampedPair, calibration: Calibration, keyfr
 
 def wants_keyframe(motion: Motion, overlap: float) -> bool:
     """Whether this picture should become the keyframe. The old one stays while it serves: long steps drown least in
-    tracker noise (mathematics, section 3), so the step d grows until likeness, overlap or capture range end it."""
-    return motion.usable and (
-        motion.correlation < _RENEW_CORRELATION or overlap < _RENEW_OVERLAP or float(np.hypot(*motion.u_px)) > _RENEW_PX
-    )
+    tracker noise (mathematics, section 3), so the step d grows until likeness, overlap or capture range end it.
+
+    Out of the plane the picture shows no way that would be lost, and every change of keyframe adds its error to the
+    path: there a worse likeness will do.
+    """
+    out = motion.kind is MotionKind.OUT_OF_PLANE
+    least = _RENEW_OUT_CORRELATION if out else _RENEW_CORRELATION
+    reached = float(np.hypot(*motion.u_px)) > _RENEW_PX
+    return motion.usable and (motion.correlation < least or overlap < _RENEW_OVERLAP or reached)

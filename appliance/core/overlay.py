@@ -1,36 +1,45 @@
 """Learns which pixels never move: text, rulers, sector edge and probe arc would lock a registration to zero motion."""
 
+from collections import deque
+
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from appliance.core.registration import Array32, Pyramid
+from appliance.core.template import Array32, Bits, Pyramid
+from drivers.samples import GreyImage
 
-_STEP_FRAMES = 4
-_EARLY = (3, 6)
-_EVERY = 12
-_FORGET = 0.98
-_STATIC_RATIO = 0.25
+_LEAST_APART, _MOST_APART = 4, 24
+_EARLY, _GOOD = 3, 9
+_EVERY = 6
+_FORGET = 0.95
+_STATIC_SHARE = 0.4
 _FLOOR_GREY = 3.0
-_MOVING_SHARE = 0.05
+_MOVED, _MOVED_AT_ALL = 0.3, 0.05
+"""Shares of the structure that have changed by half of its gradient; another place altogether would change 0.6."""
+_AROUND = np.ones((3, 3), np.uint8)
+"""The gradient is the largest grey difference within ±1 px: what a move by one pixel would change."""
 
 
 class OverlayMask:
-    """Static means: a strong gradient, yet no change while the rest of the picture moved.
+    """Static means: a strong gradient, yet much less change than such gradients show elsewhere in the picture.
 
-    Works at half resolution. A first guess after three moving frames, a good one after twelve.
+    Works at half resolution. Each picture is compared with one so many frames earlier that most of the tissue has
+    changed, because in a slow sweep it looks the same for long; four such pairs are looked at in that time. A first
+    guess after three, which takes only the stillest pixels, a good one after nine.
     """
 
     def __init__(self) -> None:
-        self._history: list[Array32] = []
+        self._history: deque[GreyImage] = deque(maxlen=_MOST_APART + 1)
+        self._apart = _LEAST_APART
+        self._wait = 0
         self._change: Array32 | None = None
-        self._gradient: Array32 | None = None
+        self._expected: Array32 | None = None
         self._shape: tuple[int, ...] = (0, 0)
         self._seen = 0
-        self._mask: NDArray[np.bool_] | None = None
+        self._mask: Bits | None = None
 
     @property
-    def mask(self) -> NDArray[np.bool_] | None:
+    def mask(self) -> Bits | None:
         """(h, w) bool, True where tissue may be seen; None until enough motion was seen."""
         return self._mask
 
@@ -45,42 +54,43 @@ class OverlayMask:
             return False
         self._shape = levels[0].shape
         self._history.append(levels[1])
-        if len(self._history) <= _STEP_FRAMES:
+        self._wait -= 1
+        if self._wait > 0 or len(self._history) <= self._apart:
             return False
-        earlier = self._history.pop(0)
-        if not self._learn(levels[1], earlier):
+        if not self._learn(levels[1], self._history[-1 - self._apart]):
+            self._apart = min(self._apart + 1, _MOST_APART)
             return False
+        self._wait = self._apart // _LEAST_APART
+        self._apart = max(self._apart - 1, _LEAST_APART)
         self._seen += 1
-        if self._seen not in _EARLY and self._seen % _EVERY:
+        if self._seen != _EARLY and self._seen % _EVERY:
             return False
         self._mask = self._judge()
         return True
 
-    def _learn(self, now: Array32, earlier: Array32) -> bool:
-        gradient = _gradient(now)
+    def _learn(self, now: GreyImage, earlier: GreyImage) -> bool:
+        gradient = np.asarray(cv2.morphologyEx(now, cv2.MORPH_GRADIENT, _AROUND), dtype=np.uint8)
+        change = np.asarray(cv2.absdiff(now, earlier), dtype=np.uint8)
         strong = gradient > _FLOOR_GREY
-        change = np.abs(now - earlier)
-        moved = np.count_nonzero(change[strong] > 0.5 * gradient[strong])
-        if moved < _MOVING_SHARE * max(int(np.count_nonzero(strong)), 1):
+        enough = _MOVED if self._apart < _MOST_APART else _MOVED_AT_ALL
+        moved = np.count_nonzero((cv2.add(change, change) > gradient) & strong)
+        if moved < enough * max(int(np.count_nonzero(strong)), 1):
             return False
-        if self._change is None or self._gradient is None:
-            self._change, self._gradient = np.zeros_like(change), np.zeros_like(gradient)
-        self._change = np.float32(_FORGET) * self._change + change
-        self._gradient = np.float32(_FORGET) * self._gradient + gradient
+        if self._change is None or self._expected is None:
+            self._change, self._expected = np.zeros(now.shape, np.float32), np.zeros(now.shape, np.float32)
+        self._change *= np.float32(_FORGET)
+        self._expected *= np.float32(_FORGET)
+        cv2.accumulate(change, self._change)
+        usual = float(change[strong].sum()) / float(gradient[strong].sum())
+        cv2.scaleAdd(gradient.astype(np.float32), usual, self._expected, self._expected)
         return True
 
-    def _judge(self) -> NDArray[np.bool_]:
+    def _judge(self) -> Bits:
         assert self._change is not None
-        assert self._gradient is not None
-        change, gradient = self._change, self._gradient
+        assert self._expected is not None
         floor = np.float32(_FLOOR_GREY * float(np.clip(self._seen, 0, 10)))
-        static = np.less(change, np.float32(_STATIC_RATIO) * gradient) & np.greater(gradient, floor)
-        grown = cv2.dilate(static.astype(np.uint8), np.ones((3, 3), np.uint8))
+        share = np.float32(_STATIC_SHARE * min(self._seen / _GOOD, 1.0))
+        static = np.less(self._change, share * self._expected) & np.greater(self._expected, floor)
+        grown = cv2.dilate(static.astype(np.uint8), _AROUND)
         full = cv2.resize(grown, (self._shape[1], self._shape[0]), interpolation=cv2.INTER_NEAREST)
         return np.asarray(full == 0)
-
-
-def _gradient(image: Array32) -> Array32:
-    """Largest grey difference within ±1 px, a measure of how much a one-pixel move would change."""
-    kernel = np.ones((3, 3), np.uint8)
-    return np.asarray(cv2.morphologyEx(image, cv2.MORPH_GRADIENT, kernel), dtype=np.float32)

@@ -2,17 +2,19 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from appliance.core.overlay import OverlayMask
-from appliance.core.registration import Array, Keyframe, Pyramid, Registration, compose, pyramid
+from appliance.core.registration import Keyframe, Registration, compose
+from appliance.core.template import Array, Pyramid, pyramid
 from drivers.samples import GreyImage
 
 ACCEPT_CORRELATION = 0.5
-_GOOD_CORRELATION = 0.85
+_GOOD_CORRELATION = 0.93
 _LEAST_OVERLAP = 0.5
-_SEARCH_LEVEL = 2
+_LEAST_PEAK = 0.08
+_TURNS_RAD = (0.06, -0.06)
+_LEAST_GAIN = 0.3
 
 Warp = tuple[Array, float]
 _REST: Warp = (np.zeros(2), 0.0)
@@ -94,23 +96,16 @@ class RealTimeTracker:
         return path[0] - turned, path[1] - before[1]
 
     def _search(self, keyframe: Keyframe, levels: Pyramid) -> Registration:
-        """Warm start first; a zero start and a correlation peak only where the warm one does not convince."""
+        """Warm start first; where that does not convince, wherever the keyframe's middle is seen, turned as well."""
         best = keyframe.register(levels, self._warm)
-        if best.correlation < _GOOD_CORRELATION:
-            best = max(best, keyframe.register(levels), key=lambda r: r.correlation)
-        if not acceptable(best):
-            best = max(best, keyframe.register(levels, self._peak(levels)), key=lambda r: r.correlation)
+        if likeness(best) >= _GOOD_CORRELATION:
+            return best
+        place = keyframe.guess(levels)
+        for turn_rad in (0.0, *_TURNS_RAD):
+            best = max(best, keyframe.register(levels, (place, turn_rad)), key=likeness)
+            if acceptable(best):
+                break
         return best
-
-    def _peak(self, levels: Pyramid) -> Warp:
-        """Whole-picture translation by phase correlation, good to a few pixels over large jumps."""
-        assert self._before is not None
-        level = min(_SEARCH_LEVEL, len(levels) - 1)
-        now, before = levels[level], self._before[0][level]
-        window = cv2.createHanningWindow((now.shape[1], now.shape[0]), cv2.CV_32F)
-        (dx, dy), _ = cv2.phaseCorrelate(before, now, window)
-        jump = np.array([dx, dy]) * 2.0**level
-        return self._warm[0] + jump, self._warm[1]
 
     def _start(self, levels: Pyramid, sequence: int, reason: str) -> Tracked:
         self._chain += 1
@@ -125,5 +120,12 @@ class RealTimeTracker:
 
 
 def acceptable(found: Registration) -> bool:
-    """The self-check: enough of the keyframe in view, and it looks like the keyframe."""
-    return found.correlation >= ACCEPT_CORRELATION and found.overlap >= _LEAST_OVERLAP
+    """The self-check, which needs no truth: enough of the keyframe in view, and it looks like the keyframe there and
+    not as much a little beside. Where the descent went astray, beside is as good."""
+    alike = likeness(found) >= ACCEPT_CORRELATION and found.peak >= _LEAST_PEAK
+    return found.converged and alike and found.overlap >= _LEAST_OVERLAP
+
+
+def likeness(found: Registration) -> float:
+    """Correlation, but none for a faint image: scanners average over time, so the picture before shines through."""
+    return found.correlation if found.gain >= _LEAST_GAIN else 0.0

@@ -5,30 +5,33 @@ Inverse-compositional Gauss–Newton (Hager and Belhumeur 1998, the paper's ref.
 that depends on the keyframe alone is computed once per keyframe. Coordinates are px relative to the image centre.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from math import cos, hypot, sin
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from appliance.core.fit import Fit, inside, looked_up
+from appliance.core.template import Array, Array32, Bits, Pyramid, Template, centre_px, template
 from drivers.samples import GreyImage
 
-Array = NDArray[np.float64]
-Array32 = NDArray[np.float32]
-
-_LEVELS = 4
-_POINTS = (20_000, 8_000, 4_000, 3_000)
-_ITERATIONS = (8, 8, 10, 20)
-_CONVERGED_PX = 0.01
-_SAMPLES_PER_SPECKLE = 12.0
-_TUKEY = 4.685
+_FAST = {3: 2_000, 2: 3_000, 1: 5_000, 0: 16_000}
+_ACCURATE = _FAST | {0: 80_000}
+_ITERATIONS = {3: 20, 2: 12, 1: 10, 0: 10}
+_CONVERGED_PX = {3: 0.5, 2: 0.25, 1: 0.12, 0: 0.03}
+_LEAST_MIDDLE = 6
+_MOST_GAIN = 5.0
+_JUDGED = 2_000
+_ASIDE_PX, _ASIDE_SHARE = 12.0, 0.02
+_UNKNOWN = np.diag([1e6, 1e6, 10.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
     """A from the picture. u_px: (2,), alpha_rad, covariance (3, 3) of (u_x px, u_y px, α rad).
 
-    correlation: of keyframe and warped picture over the points in view, −1 … 1. overlap: share of points in view.
+    correlation: of keyframe and warped picture over the points in view, −1 … 1. peak: how far that exceeds the best
+    correlation a little way off in four directions. overlap: share of points in view.
     """
 
     u_px: Array
@@ -39,37 +42,12 @@ class Registration:
     correlation: float
     overlap: float
     converged: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Level:
-    """Points of one pyramid level. xy: (n, 2) px of the full picture, centred. design: (n, 5) ∂I/∂(u, α), I, 1."""
-
-    factor: float
-    xy: Array32
-    intensity: Array32
-    design: Array32
-
-
-Pyramid = tuple[Array32, ...]
-
-
-def pyramid(image: GreyImage) -> Pyramid:
-    """(h, w) uint8 → levels of float32, each half the size of the one before; row i is row 2i of the finer level."""
-    levels = [np.asarray(image, dtype=np.float32)]
-    while len(levels) < _LEVELS and min(levels[-1].shape) >= 32:
-        levels.append(np.asarray(cv2.pyrDown(levels[-1]), dtype=np.float32))
-    return tuple(levels)
-
-
-def centre_px(width: int, height: int) -> Array:
-    """(2,) column and row of the image centre."""
-    return np.array([(width - 1) / 2, (height - 1) / 2])
+    peak: float = 0.0
 
 
 def warp_matrix(alpha_rad: float, aspect: float) -> Array:
     """(2, 2) Λ⁻¹ R(α) Λ; aspect = λ_axial ÷ λ_lateral."""
-    c, s = np.cos(alpha_rad), np.sin(alpha_rad)
+    c, s = cos(alpha_rad), sin(alpha_rad)
     return np.array([[c, -s * aspect], [s / aspect, c]])
 
 
@@ -81,138 +59,126 @@ def compose(first: tuple[Array, float], then: tuple[Array, float], aspect: float
 class Keyframe:
     """The picture others are registered to, with its gradients and normal equations.
 
-    mask: (h, w) bool, True where tissue may be seen; None for everywhere.
+    mask: (h, w) bool, True where tissue may be seen; None for everywhere. accurate: five times the points, for those
+    who have the time.
     """
 
-    def __init__(self, levels: Pyramid, aspect: float, mask: NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, levels: Pyramid, aspect: float, mask: Bits | None = None, accurate: bool = False) -> None:
         self.aspect = aspect
         height, width = levels[0].shape
         self.centre = centre_px(width, height)
-        self._levels = [
-            level
+        points = _ACCURATE if accurate else _FAST
+        found = {
+            k: template(image, 2.0**k, self.centre, aspect, points[k], mask)
             for k, image in enumerate(levels)
-            if (level := self._prepare(image, 2.0**k, _POINTS[k], mask)) is not None
-        ]
+            if k in points
+        }
+        rows, columns = levels[-1].shape[0] // 4, levels[-1].shape[1] // 4
+        self._middle = levels[-1][rows : levels[-1].shape[0] - rows, columns : levels[-1].shape[1] - columns]
+        self._templates = {k: level for k, level in found.items() if level is not None}
 
     @property
     def textured(self) -> bool:
         """False where the picture holds too little structure to be registered at all."""
-        return bool(self._levels) and self._levels[0].factor == 1.0
+        return 0 in self._templates
 
-    def _prepare(self, image: Array32, factor: float, most: int, mask: NDArray[np.bool_] | None) -> _Level | None:
-        gx = cv2.Sobel(image, cv2.CV_32F, 1, 0, scale=0.125 / factor)
-        gy = cv2.Sobel(image, cv2.CV_32F, 0, 1, scale=0.125 / factor)
-        strength = gx * gx + gy * gy
-        strength[[0, -1], :] = 0
-        strength[:, [0, -1]] = 0
-        if mask is not None:
-            strength *= _mask_at(mask, image.shape)
-        chosen = _strongest(strength, most, floor=(0.5 / factor) ** 2)
-        if chosen.size < 64:
-            return None
-        rows, columns = np.divmod(chosen, image.shape[1])
-        xy = np.stack([columns * factor - self.centre[0], rows * factor - self.centre[1]], axis=1)
-        grad = np.stack([gx.ravel()[chosen], gy.ravel()[chosen]], axis=1).astype(np.float64)
-        turn = np.stack([-xy[:, 1] * self.aspect, xy[:, 0] / self.aspect], axis=1)
-        intensity = image.ravel()[chosen]
-        design = np.column_stack([grad, (grad * turn).sum(axis=1), intensity, np.ones(chosen.size)])
-        return _Level(factor, xy.astype(np.float32), intensity, design.astype(np.float32))
+    def register(self, levels: Pyramid, start: tuple[Array, float] | None = None) -> Registration:
+        """Register a picture of the same size, coarse to fine from `start`, or from `guess`. Needs `textured`."""
+        u, alpha = (self.guess(levels), 0.0) if start is None else start
+        fit = Fit(np.asarray(u, dtype=np.float64), float(alpha))
+        for k in sorted(self._templates, reverse=True):
+            fit = self._descend(self._templates[k], levels[k], fit, k)
+        return self._conclude(self._templates[0], levels[0], fit)
 
-    def register(
-        self, levels: Pyramid, start: tuple[Array, float] = (np.zeros(2), 0.0), coarsest: int = _LEVELS
-    ) -> Registration:
-        """Register a picture of the same size, coarse to fine from `start`. Needs `textured`."""
-        u, alpha = np.asarray(start[0], dtype=np.float64), float(start[1])
-        fit = _Fit(u, alpha)
-        usable = [level for level in self._levels if level.factor < 2**coarsest]
-        for level in reversed(usable or self._levels[:1]):
-            index = round(np.log2(level.factor))
-            fit = self._descend(level, levels[index], fit, _ITERATIONS[index])
-        return self._conclude(self._levels[0], levels[0], fit)
+    def guess(self, levels: Pyramid) -> Array:
+        """(2,) px: where the middle of the keyframe is seen, found on the coarsest level by trying every place."""
+        if min(self._middle.shape) < _LEAST_MIDDLE:
+            return np.zeros(2)
+        likeness = cv2.matchTemplate(levels[-1], self._middle, cv2.TM_CCOEFF_NORMED)
+        row, column = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
+        margin = (levels[-1].shape[1] - self._middle.shape[1]) // 2, (levels[-1].shape[0] - self._middle.shape[0]) // 2
+        return np.array([column - margin[0], row - margin[1]]) * 2.0 ** (len(levels) - 1)
 
-    def _descend(self, level: _Level, image: Array32, fit: "_Fit", iterations: int) -> "_Fit":
-        for _ in range(iterations):
-            warped, seen = self._sample(level, image, fit)
-            if seen.sum() < 64:
-                return _Fit(fit.u, fit.alpha)
-            error = warped - level.intensity
-            H, weighted, fitted = _robust_normal(level.design, error, seen, fit.photometric)
-            step = np.asarray(np.linalg.solve(H + np.diag(H.diagonal() * 1e-9 + 1e-12), weighted), dtype=np.float64)
-            alpha = fit.alpha - step[2]
-            move = warp_matrix(alpha, self.aspect) @ step[:2]
-            gain = 1.0 + step[3]
-            fit = _Fit(fit.u - move / max(gain, 0.1), alpha, step[3:], H, fitted)
-            if np.hypot(*step[:2]) + abs(step[2]) * self.centre[0] < _CONVERGED_PX * level.factor:
+    def _descend(self, level: Template, image: GreyImage, start: Fit, index: int) -> Fit:
+        fit = Fit(start.u, start.alpha, start.gain, start.bias)
+        for _ in range(_ITERATIONS[index]):
+            self._look(level, image, fit)
+            if not fit.weigh(level, inside(fit.where, image)):
+                fit.lost = True
+                return fit
+            step = fit.solver @ (fit.weighted @ fit.residual)
+            self._move(fit, step)
+            length = hypot(step[0], step[1]) + abs(step[2]) * self.centre[0]
+            if length < _CONVERGED_PX[index]:
                 fit.converged = True
                 break
         return fit
 
-    def _sample(self, level: _Level, image: Array32, fit: "_Fit") -> tuple[Array32, NDArray[np.bool_]]:
-        M = warp_matrix(fit.alpha, self.aspect).astype(np.float32)
-        where = level.xy @ M.T + (fit.u + self.centre).astype(np.float32)
-        where *= np.float32(1 / level.factor)
-        columns, rows = np.ascontiguousarray(where[:, :1]), np.ascontiguousarray(where[:, 1:])
-        warped = cv2.remap(image, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        x, y = where[:, 0], where[:, 1]
-        seen = (x >= 0) & (y >= 0) & (x <= image.shape[1] - 1) & (y <= image.shape[0] - 1)
-        return np.asarray(warped[:, 0], dtype=np.float32), seen
+    def _move(self, fit: Fit, step: Array) -> None:
+        fit.gain = min(max(fit.gain + float(step[3]), 1 / _MOST_GAIN), _MOST_GAIN)
+        fit.bias += float(step[4])
+        fit.alpha -= float(step[2])
+        fit.u = fit.u - warp_matrix(fit.alpha, self.aspect) @ step[:2] / fit.gain
 
-    def _conclude(self, level: _Level, image: Array32, fit: "_Fit") -> Registration:
-        warped, seen = self._sample(level, image, fit)
-        correlation = _correlation(level.intensity[seen], warped[seen])
-        H = fit.H if fit.H is not None else np.eye(5) * 1e-6
-        variance = max(fit.sigma, 0.5) ** 2 * _SAMPLES_PER_SPECKLE
-        covariance = np.asarray(np.linalg.pinv(H)[:3, :3] * variance, dtype=np.float64)
-        gain, bias = float(1 + fit.photometric[0]), float(fit.photometric[1])
-        return Registration(fit.u, fit.alpha, gain, bias, covariance, correlation, float(seen.mean()), fit.converged)
+    def _look(self, level: Template, image: GreyImage, fit: Fit) -> None:
+        """Where the points are seen, columns and rows of the level (2, n), and what gain and bias leave unexplained."""
+        M = np.empty((2, 3), np.float32)
+        M[:, :2] = warp_matrix(fit.alpha, self.aspect) / level.factor
+        M[:, 2] = (fit.u + self.centre) / level.factor
+        fit.where = M @ level.places
+        expected = level.grey * np.float32(fit.gain)
+        expected += np.float32(fit.bias)
+        fit.residual = np.subtract(looked_up(image, fit.where), expected, out=expected)
 
-
-@dataclass(slots=True, eq=False)
-class _Fit:
-    """State of the descent: warp, (gain − 1, bias), normal matrix and residual scale in grey levels."""
-
-    u: Array
-    alpha: float
-    photometric: Array = field(default_factory=lambda: np.zeros(2))
-    H: Array | None = None
-    sigma: float = 1.0
-    converged: bool = False
-
-
-def _robust_normal(
-    design: Array32, error: Array32, seen: NDArray[np.bool_], photometric: Array
-) -> tuple[Array, Array, float]:
-    """Tukey-weighted normal matrix (5, 5), right side (5,) and residual scale; the scale comes from the median."""
-    residual = error - design[:, 3:] @ photometric.astype(np.float32)
-    sigma = max(1.4826 * float(np.median(np.abs(residual[seen][::7]))), 0.5)
-    ratio = residual * np.float32(1 / (_TUKEY * sigma))
-    weight = np.square(np.maximum(1 - ratio * ratio, 0)) * seen
-    weighted = design * weight[:, None]
-    H = (weighted.T @ design).astype(np.float64)
-    return H, (weighted.T @ error).astype(np.float64), sigma
+    def _conclude(self, level: Template, image: GreyImage, fit: Fit) -> Registration:
+        if fit.lost:
+            return Registration(fit.u, fit.alpha, 1.0, 0.0, _UNKNOWN, 0.0, 0.0, False)
+        if not fit.converged:
+            self._look(level, image, fit)
+        thin = np.s_[:: max(level.grey.size // _JUDGED, 1)]
+        where, grey = fit.where[:, thin], level.grey[thin]
+        seen = inside(where, image)
+        looks = _looks(image, where)
+        gain, bias = _photometric(grey, looks[0], fit.weights[thin] * seen)
+        correlation = _correlations(grey, looks, seen)
+        return Registration(
+            fit.u,
+            fit.alpha,
+            gain,
+            bias,
+            fit.covariance(level),
+            float(correlation[0]),
+            float(np.count_nonzero(seen)) / seen.size,
+            fit.converged,
+            float(correlation[0] - correlation[1:].max()),
+        )
 
 
-def _strongest(strength: Array32, most: int, floor: float) -> NDArray[np.intp]:
-    """Flat indices of the pixels with the strongest gradient, at most `most`, all above `floor`."""
-    flat = strength.ravel()
-    candidates = np.flatnonzero(flat > floor)
-    if candidates.size <= most:
-        return candidates
-    keep = np.argpartition(flat[candidates], candidates.size - most)[-most:]
-    return np.sort(candidates[keep])
+def _photometric(before: Array32, now: Array32, weights: Array32) -> tuple[float, float]:
+    """Gain and bias of the grey values, now = gain · before + bias."""
+    total = float(weights.sum())
+    if total < 1:
+        return 1.0, 0.0
+    mean, mean_now = float(weights @ before) / total, float(weights @ now) / total
+    apart = before - np.float32(mean)
+    spread = float((weights * apart) @ apart)
+    gain = float((weights * apart) @ (now - np.float32(mean_now))) / spread if spread > 0 else 1.0
+    return gain, mean_now - gain * mean
 
 
-def _mask_at(mask: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Mask at a coarser level; a coarse pixel counts only when all of its finer ones do."""
-    if mask.shape == shape:
-        return mask
-    share = cv2.resize(mask.astype(np.float32), (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
-    return np.asarray(share > 0.99)
+def _looks(image: GreyImage, where: Array32) -> Array32:
+    """(5, n) the picture at (2, n) places, and a little to the right, left, below and above them."""
+    reach = max(_ASIDE_PX, _ASIDE_SHARE * image.shape[1])
+    aside = np.array([[0, reach, -reach, 0, 0], [0, 0, 0, reach, -reach]], np.float32)
+    x, y = where[:, None] + aside[..., None]
+    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
 
 
-def _correlation(a: Array32, b: Array32) -> float:
-    if a.size < 16:
-        return 0.0
-    a, b = a - a.mean(), b - b.mean()
-    scale = float(np.linalg.norm(a)) * float(np.linalg.norm(b))
-    return float(a @ b) / scale if scale > 1e-6 else 0.0
+def _correlations(grey: Array32, looks: Array32, seen: Bits) -> Array32:
+    """(k,) correlation of (n,) values with each of (k, n) over the points that are seen; 0 where one is constant."""
+    share = seen.astype(np.float32) / max(int(np.count_nonzero(seen)), 1)
+    apart = grey - share @ grey
+    mean = looks @ share
+    looks = np.subtract(looks, mean[:, None], dtype=np.float32)
+    scale = np.sqrt(np.square(looks) @ share * float(np.square(apart) @ share))
+    return np.asarray((looks @ (apart * share)) / np.maximum(scale, 1e-3), dtype=np.float32)
