@@ -45,8 +45,9 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenC
     if is_file and not Path(target).is_file():
         raise DeviceLost("no such file", where, "Correct the path")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    with _quiet():
-        capture = _open(source, is_stream)
+    # OpenCV writes its guesses about a source that it cannot read to stderr, between the lines of the log.
+    cv2.utils.logging.setLogLevel(0)
+    capture = _open(source, is_stream)
     if not capture.isOpened():
         raise DeviceLost("OpenCV cannot read it", where, _CHECK)
     rate_hz = float(capture.get(cv2.CAP_PROP_FPS)) or math.nan
@@ -72,17 +73,6 @@ def _open(source: str | int, is_stream: bool) -> Any:
         return cv2.VideoCapture(source)
     limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _READ_MS]
     return cv2.VideoCapture(source, cv2.CAP_FFMPEG, limits)
-
-
-class _quiet:  # noqa: N801  used like a function
-    """OpenCV writes its guesses about a source that it cannot open to stderr, between the lines of the log."""
-
-    def __enter__(self) -> None:
-        self._level = cv2.utils.logging.getLogLevel()
-        cv2.utils.logging.setLogLevel(0)
-
-    def __exit__(self, *_: object) -> None:
-        cv2.utils.logging.setLogLevel(self._level)
 
 
 class _Times:

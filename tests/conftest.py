@@ -13,6 +13,7 @@ LIVE = (
     "test_daemon",
     "test_demo",
     "test_ndi_faults",
+    "test_network_video",
     "test_public_clients",
     "test_recalibrate",
     "test_source_contract",
