@@ -1,6 +1,7 @@
 """The composition root: opens the devices, starts the estimator, and ticks 20 times a second, waiting for nobody."""
 
 import signal
+import time
 from pathlib import Path
 from types import FrameType
 from typing import Any, Self
@@ -21,6 +22,7 @@ from appliance.service.source_thread import CaptureThread, TrackerThread
 from appliance.service.status import alarm_fields, audio_fields, check_lists, log_fields, output_fields
 from appliance.service.systemd_notify import Notifier
 from appliance.service.tick_meter import TickMeter
+from appliance.service.wall_clock import WallClock
 from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.supervisor import LATCHED, Inputs, Request, Supervisor
@@ -61,6 +63,7 @@ class Daemon:
         self._fps = {"video": RateMeter(), "tracker": RateMeter()}
         self._notifier = Notifier()
         self._ticks = TickMeter(TICK_NS)
+        self._wall_clock = WallClock()
         self._log = get_log()
         self._started_ns = self._now_ns = clock.now_ns()
         self._heard_ns: int | None = None
@@ -107,6 +110,7 @@ class Daemon:
         self._raise_failures()
         self._now_ns = self._clock.now_ns()
         self._ticks.note(self._now_ns)
+        self._watch_wall_clock()
         heard, verdicts = self._estimator.poll()
         if heard or not self._estimator.speaking:
             self._heard_ns = self._now_ns if heard else None
@@ -212,6 +216,12 @@ class Daemon:
             return self._recorder.latch
         latched = self._alarm.latched
         return None if latched is None else Latch(latched.value, self._alarm.latched_fault)
+
+    def _watch_wall_clock(self) -> None:
+        by_s = self._wall_clock.look(time.monotonic_ns(), time.time_ns())
+        if by_s is not None:
+            self._log.warning("wall clock stepped", by_s=round(by_s, 3))
+            self._recorder.note("wall-clock", self._latch(), by_s=round(by_s, 3))
 
     def _feed_watchdog(self, alarm: AlarmState) -> None:
         """Only a completed write on some output shows that the alarm path is alive."""

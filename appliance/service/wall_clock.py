@@ -1,0 +1,18 @@
+"""Steps of the wall clock: nothing is timed by it, but the times in the logs jump, and that is to be said."""
+
+_LEAST_NS = 1_000_000_000
+
+
+class WallClock:
+    """Compares the wall clock with the monotonic one. A step is at least a second between two looks."""
+
+    def __init__(self) -> None:
+        self._ahead_ns: int | None = None
+
+    def look(self, monotonic_ns: int, wall_ns: int) -> float | None:
+        """By how many seconds the wall clock was stepped since the last look; None where it was not."""
+        ahead_ns, before_ns = wall_ns - monotonic_ns, self._ahead_ns
+        self._ahead_ns = ahead_ns
+        if before_ns is None or abs(ahead_ns - before_ns) < _LEAST_NS:
+            return None
+        return (ahead_ns - before_ns) / 1e9
