@@ -36,7 +36,8 @@ def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -
     config = load_config(config_file)
     reference = read_calibration(config.calibration.file)
     clock = HostClock(clock_rate, time.monotonic_ns() if clock_origin_ns is None else clock_origin_ns)
-    serve(config, config_file, EstimatorHost(reference, config.limits), clock)
+    estimator = EstimatorHost(reference, config.limits, slowness=max(1.0, 1 / clock_rate))
+    serve(config, config_file, estimator, clock)
 
 
 def _await_configuration(config_file: Path) -> None:

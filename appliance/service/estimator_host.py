@@ -24,12 +24,16 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THR
 class EstimatorHost:
     """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
 
+    slowness: how much more patience an emulated machine needs.
+
     restarts: processes started after the first. last: what it said last, None before its first word. said_ns: when the
     first verdict of the last poll was said.
     """
 
-    def __init__(self, reference: Calibration, limits: Limits, command: Sequence[str] = _COMMAND) -> None:
-        self._command, self._limits = tuple(command), limits
+    def __init__(
+        self, reference: Calibration, limits: Limits, command: Sequence[str] = _COMMAND, slowness: float = 1.0
+    ) -> None:
+        self._command, self._limits, self._slowness = tuple(command), limits, slowness
         self._order = Order(1, reference, limits)
         self._frames, self._poses = Ring(FRAMES), Ring(POSES)
         self._process: subprocess.Popen[bytes] | None = None
@@ -115,7 +119,7 @@ class EstimatorHost:
             self._start_at_s = now_s + self._wait_s
 
     def _hung(self, now_s: float) -> bool:
-        return now_s - self._heard_s > (_HUNG_S if self._spoken else _LOADING_S)
+        return now_s - self._heard_s > (_HUNG_S if self._spoken else _LOADING_S) * self._slowness
 
     def _start(self, now_s: float) -> None:
         self._link, theirs = link_pair()

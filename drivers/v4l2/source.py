@@ -14,7 +14,7 @@ from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
 from drivers.picture import Cut, cut_from
 from drivers.ports import Description, refuse_unknown
-from drivers.samples import Frame
+from drivers.samples import Frame, Stamp
 from drivers.v4l2 import abi
 from drivers.v4l2.negotiation import Wish, negotiate, require_signal, wish_from
 from drivers.v4l2.node import Node
@@ -102,5 +102,6 @@ class V4l2Video:
         except BrokenPicture:
             self.damaged += 1
             return None
-        stamp = self._times.stamp(filled.flags, filled.t_ns, filled.arrival_ns)
+        real = self._times.stamp(filled.flags, filled.t_ns, filled.arrival_ns)
+        stamp = Stamp(self._clock.at(real.t_ns), round(real.err_ns * self._clock.rate))
         return Frame(stamp, sequence, self._cut.apply(image, self._node.where))
