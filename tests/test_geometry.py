@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from appliance.core.geometry import (
+    angle_from_rotation,
     interpolate,
     inverse,
     nearest_rotation,
@@ -110,3 +111,9 @@ def test_interpolation_turns_and_moves_evenly(
     turn = vector_from_rotation(first[:3, :3].T @ found[:3, :3])
     np.testing.assert_allclose(turn, fraction * axis * angle_rad, atol=1e-8)
     np.testing.assert_allclose(found[:3, 3] - first[:3, 3], fraction * way_mm, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 1e-9, 1e-4, 0.3, np.pi / 2, 3.0, np.pi - 1e-7, np.pi])
+def test_the_angle_of_a_rotation(angle_rad: float) -> None:
+    axis = np.array([0.36, -0.48, 0.8])
+    assert angle_from_rotation(rotation_from_vector(angle_rad * axis)) == pytest.approx(angle_rad, abs=1e-14)

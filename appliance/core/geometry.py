@@ -1,5 +1,7 @@
 """Rigid motions as arrays: rotation vectors, inverses, interpolation between poses. All functions are pure."""
 
+from math import atan2, hypot
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +33,13 @@ def vector_from_rotation(R: Array) -> Array:
     angle = 2 * np.arctan2(vector_norm, q[..., 0])
     factor = np.where(vector_norm > 1e-12, angle / np.maximum(vector_norm, 1e-300), 2.0)
     return np.asarray(q[..., 1:] * factor[..., None], dtype=np.float64)
+
+
+def angle_from_rotation(R: Array) -> float:
+    """(3, 3) → rad in [0, π]; from sine and cosine, so it is accurate near 0."""
+    m = R.tolist()
+    axis = m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]
+    return atan2(hypot(*axis), m[0][0] + m[1][1] + m[2][2] - 1)
 
 
 def quaternion_from_rotation(R: Array) -> Array:

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from appliance.core.geometry import Array, inverse, rigid, rotation_from_vector, vector_from_rotation
+from appliance.core.geometry import Array, angle_from_rotation, inverse, rigid, rotation_from_vector
 
 _LEAST_RATIO = 1e-6
 """Smallest singular value, as a share of the largest, at which a direction still counts as moved."""
@@ -92,7 +92,7 @@ def nearest_polarity(found: HandEye, nominal_rotation: Array) -> tuple[HandEye, 
 
 def rodrigues_rad(rotation: Array) -> float:
     """Angle of a rotation (3, 3): the magnitude of its Rodrigues vector, 0 … π, as in Table 1."""
-    return float(np.linalg.norm(vector_from_rotation(rotation)))
+    return angle_from_rotation(rotation)
 
 
 def independent(vectors: Array, rank: int, what: str) -> None:

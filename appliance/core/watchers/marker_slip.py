@@ -6,11 +6,11 @@ forgiven; an outlier, which leaps out and back, sums to nothing.
 """
 
 from collections import deque
-from itertools import pairwise
+from math import hypot
 
 import numpy as np
 
-from appliance.core.geometry import inverse, vector_from_rotation
+from appliance.core.geometry import angle_from_rotation, inverse
 from appliance.core.path import sensor_jump
 from appliance.limits import Limits
 from appliance.types import Check, VerdictKind
@@ -30,12 +30,13 @@ class MarkerSlip:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._recent: deque[tuple[int, Matrix4]] = deque(maxlen=_HISTORY)
+        self._steps: deque[tuple[float, float]] = deque(maxlen=_HISTORY - 1)
         self._slip = np.eye(4)
         self._pending: tuple[Matrix4, int] | None = None
 
     def pause(self) -> None:
         """The picture was not followed, so it cannot testify: forget the poses so far."""
-        self._recent.clear()
+        self._forget_path()
         self._pending = None
 
     def step(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> bool:
@@ -43,6 +44,8 @@ class MarkerSlip:
 
         seen_mm: how far the picture moved since the one before. What it shares with the tracker is no leap.
         """
+        if self._recent:
+            self._steps.append(_extent(sensor_jump(self._recent[-1][1], matrix)))
         self._recent.append((t_ns, matrix))
         if self._pending is not None:
             return self._confirm(matrix)
@@ -82,9 +85,12 @@ class MarkerSlip:
 
     def _liveliest_step(self) -> tuple[float, float]:
         """Largest step before the newest, mm and rad: a probe in full swing may well turn round."""
-        poses = [matrix for _, matrix in self._recent][:-1]
-        steps = [_extent(sensor_jump(a, b)) for a, b in pairwise(poses)]
+        steps = tuple(self._steps)[:-1]
         return max(step[0] for step in steps), max(step[1] for step in steps)
+
+    def _forget_path(self) -> None:
+        self._recent.clear()
+        self._steps.clear()
 
     def _usual_step(self) -> Matrix4:
         """Mean step of the sensor over the frames before the newest, in sensor axes."""
@@ -109,13 +115,13 @@ class MarkerSlip:
             return False
         self._slip = self._slip @ leap
         self._pending = None
-        self._recent.clear()
+        self._forget_path()
         return True
 
 
 def _extent(step: Matrix4) -> tuple[float, float]:
     """Length mm and angle rad of a rigid step."""
-    return float(np.linalg.norm(step[:3, 3])), float(np.linalg.norm(vector_from_rotation(step[:3, :3])))
+    return hypot(*step[:3, 3].tolist()), angle_from_rotation(step[:3, :3])
 
 
 def _check(name: str, fault: str, value: float, unit: str, limit: float, failed: bool) -> Check:
