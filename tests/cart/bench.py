@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from appliance.calibration_file import calibration_from_image_to_probe, write_calibration
 from drivers.twins.rom import make_rom
 from drivers.twins.world import World
@@ -26,11 +28,18 @@ class Machine(Protocol):
     def put(self, path: str, text: str) -> None: ...
 
 
-def configure(machine: Machine, video: str, tracker: str, outputs: Iterable[str], more: str = "") -> None:
-    """A whole configuration, with the true calibration of the simulated world. outputs: URLs, or `URL SIGNAL`."""
+def configure(
+    machine: Machine, video: str, tracker: str, outputs: Iterable[str], more: str = "", shrunk: int = 1
+) -> None:
+    """A whole configuration, with the true calibration of the simulated world. outputs: URLs, or `URL SIGNAL`.
+
+    shrunk: so many pixels of the simulated scanner, in each direction, are one of the picture that arrives.
+    """
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "calibration.toml"
-        truth = calibration_from_image_to_probe(World(SEED).image_to_probe, (640, 480))
+        larger = np.diag([shrunk, shrunk, 1.0, 1.0])
+        larger[:2, 3] = (shrunk - 1) / 2
+        truth = calibration_from_image_to_probe(World(SEED).image_to_probe @ larger, (640 // shrunk, 480 // shrunk))
         write_calibration(place, truth, {"source": "the truth of the simulated world"})
         machine.put("/etc/probewatch/calibration.toml", place.read_text())
     rom = make_rom().hex()
@@ -77,22 +86,26 @@ def log_tail(machine: Machine, lines: int = 25) -> str:
 class HostTwins:
     """The scanner and tracker twins as processes of this host, for the machine's plugs."""
 
-    def __init__(self, folder: Path, fps: float, lead_s: float) -> None:
-        """lead_s: how much ahead of the poses the pictures are sent, for the time that they spend in the loop."""
+    def __init__(self, folder: Path, fps: float, lead_s: float, rate: float = 1.0) -> None:
+        """lead_s: how much ahead of the poses the pictures are sent, for the time that they spend in the loop.
+        rate: seconds of the cart in a second. fps: pictures in a second of the cart.
+        """
         self.scanner, self.tracker = folder / "scanner", folder / "tracker"
         origin_ns = time.monotonic_ns()
         shifted = str(origin_ns - round(lead_s * 1e9))
+        common = ("--rate", str(rate), "--seed", str(SEED))
         self._parts = [
-            self._start("scanner", "--socket", str(self.scanner), "--fps", str(fps), "--origin-ns", shifted),
-            self._start("polaris", "--pty", str(self.tracker), "--origin-ns", str(origin_ns)),
+            self._start("scanner", "--socket", str(self.scanner), "--fps", str(fps), "--origin-ns", shifted, *common),
+            self._start("polaris", "--pty", str(self.tracker), "--origin-ns", str(origin_ns), *common),
         ]
+        self.tracker_process = self._parts[1]
         for part in self._parts:
             assert part.stdout is not None
             assert json.loads(part.stdout.readline())["ready"]
 
     @staticmethod
     def _start(name: str, *options: str) -> "subprocess.Popen[str]":
-        command = [sys.executable, "-P", "-m", f"drivers.twins.{name}", "--seed", str(SEED), *options]
+        command = [sys.executable, "-P", "-m", f"drivers.twins.{name}", *options]
         return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
     def __enter__(self) -> "HostTwins":

@@ -1,5 +1,6 @@
 """The machines as fixtures; each names what the host lacks when its tests are skipped."""
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,7 +9,10 @@ import pytest
 from tests.cart.container import Container
 from tests.cart.guest import Guest
 from tests.cart.image import Image, build
-from tests.cart.requirements import CONTAINER, GUEST, missing
+from tests.cart.requirements import CONTAINER, GUEST, IMAGE, missing
+
+BUILD_S: list[float] = []
+"""Seconds that building the image took, once there is one."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -25,7 +29,17 @@ def _require(programs: tuple[str, ...]) -> None:
 @pytest.fixture(scope="session")
 def image() -> Image:
     """Built anew where its sources have changed: minutes, else a second."""
-    return build()
+    _require(IMAGE)
+    began_s = time.monotonic()
+    found = build()
+    BUILD_S.append(time.monotonic() - began_s)
+    return found
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """What the machine's image took is told apart from what the tests took."""
+    for seconds in BUILD_S:
+        terminalreporter.write_line(f"cart image: {seconds:.0f} s of the time below")
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ class Container:
         self.log = (folder / "container.log").open("ab")
         command = ["systemd-nspawn", "--register=no", "--keep-unit", "--quiet", f"--directory={image.root}"]
         command += ["--volatile=overlay", "--console=pipe", "--machine", f"cart{os.getpid()}", "--boot"]
-        self._began_s = time.monotonic()
+        self.began_s = time.monotonic()
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
         self.leader = 0
         try:
@@ -28,7 +28,7 @@ class Container:
         except BaseException:
             self.kill()
             raise
-        self.boot_s = time.monotonic() - self._began_s
+        self.boot_s = time.monotonic() - self.began_s
 
     def __enter__(self) -> Self:
         return self

@@ -228,7 +228,8 @@ def _disk(image: Image) -> None:
     with image.disk.open("wb") as disk:
         disk.truncate(3 << 30)
     run("mke2fs", "-q", "-t", "ext4", "-L", "cart", "-d", str(image.root), str(image.disk))
-    (image.folder / "ready.qcow2").unlink(missing_ok=True)
+    for snapshot in image.folder.glob("ready*.qcow2"):
+        snapshot.unlink()
 
 
 def run(*command: str) -> str:

@@ -21,6 +21,8 @@ HOLD = "/sys/module/gpio_sim_cart/parameters/hold"
 """gpio-sim as built by tests.cart.image."""
 CONTACT, RED = "gpio:/dev/gpiochip0?line=relay", "gpio:/dev/gpiochip0?line=lamp red"
 VIDEO = "v4l2:/dev/video0?format=GREY&input=1&size=640x480"
+PASSING = ("disconnect=1", "inject_fatal_streaming_error=1", "inject_vidioc_qbuf_error=1")
+"""Faults of vivid after which the grabber works again once it has been opened anew."""
 PATIENCE = "[supervisor]\nself_test_s = 120\nstarting_s = 120\nestimator_silence_ms = 5000\noutput_silence_ms = 5000\n"
 
 
@@ -96,6 +98,8 @@ def test_steps_of_the_wall_clock_disturb_nothing(machine: Guest) -> None:
             time.sleep(0.3)
     assert show(machine, "MainPID") == before
     assert show(machine, "ActiveState") == "active"
+    said = journal(machine, UNIT, "PROBEWATCH_EVENT='wall clock stepped'")
+    assert [round(float(entry["PROBEWATCH_BY_S"]) / 3600) for entry in said][-3:] == [1, -2, 1]
 
 
 def test_a_hung_kernel_is_reset_by_the_hardware_and_the_alarm_is_on_again(machine: Guest) -> None:
@@ -132,6 +136,8 @@ def test_unplugged_serial_and_lost_signal_are_said_once_and_come_back(
             await_samples(guest)
             signal = "v4l2-ctl -d /dev/video0 -c dv_timings_signal_mode="
             _lost_and_back(guest, "video", lambda: guest.sh(f"{signal}1"), lambda: guest.sh(f"{signal}0"))
+            for fault in PASSING:
+                _lost_and_back(guest, "video", lambda fault=fault: guest.sh(f"v4l2-ctl -d /dev/video0 -c {fault}"))
             _lost_and_back(guest, "tracker", guest.unplug_usb_serial, guest.plug_usb_serial)
 
 
@@ -143,18 +149,26 @@ def await_samples(guest: Guest) -> None:
         time.sleep(1)
 
 
-def _lost_and_back(guest: Guest, role: str, lose: Callable[[], object], give_back: Callable[[], object]) -> None:
-    """One line of the log says that the device is lost, one that it is back, and no more."""
+def _lost_and_back(
+    guest: Guest, role: str, lose: Callable[[], object], give_back: Callable[[], object] | None = None
+) -> None:
+    """One line of the log says that the device is lost, one that it is back, and no more.
+
+    give_back: None where opening the device anew is all that it needs.
+    """
     losses, backs = _events(guest, role)
     began_s = time.monotonic()
     lose()
-    _await_events(guest, role, losses + 1, backs)
-    print(f"{role} lost: said within {time.monotonic() - began_s:.1f} s")
-    time.sleep(3)
-    began_s = time.monotonic()
-    give_back()
+    if give_back is not None:
+        _await_events(guest, role, losses + 1, backs)
+        print(f"{role} lost: said within {time.monotonic() - began_s:.1f} s")
+        time.sleep(3)
+        began_s = time.monotonic()
+        give_back()
     _await_events(guest, role, losses + 1, backs + 1)
     print(f"{role} back: said within {time.monotonic() - began_s:.1f} s")
+    time.sleep(2)
+    assert _events(guest, role) == (losses + 1, backs + 1)
 
 
 def _events(guest: Guest, role: str) -> tuple[int, int]:

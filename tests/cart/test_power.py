@@ -1,4 +1,4 @@
-"""The plug is pulled, again and again, while the machine writes; cold boots, with their times."""
+"""The plug is pulled, again and again, while the machine writes."""
 
 import random
 import shutil
@@ -9,23 +9,12 @@ from pathlib import Path
 
 from appliance.alarm_chain import Reading, read_log
 from appliance.calibration_file import read_calibration
-from tests.cart.bench import show, wait_status
 from tests.cart.guest import PYTHON, SCRIPTS, Guest
 from tests.cart.image import run
 
 CUTS, WRITING = 20, "writing"
 STATE = "/var/lib/probewatch"
 START_S = 240.0
-
-
-def test_power_on_to_an_active_service(guest: Guest) -> None:
-    """From the plug to the first word of the service, under emulation; its own share is its start."""
-    guest.fresh_disk()
-    boot_s = guest.switch_on()
-    wait_status(guest, "not verified, alarm on", START_S)
-    blame = guest.sh("systemd-analyze blame --no-pager | grep probewatch; systemd-analyze time").out
-    print(f"emulated cold boot to the agent: {boot_s:.0f} s; of it: {blame.strip()}")
-    assert show(guest, "NRestarts") == "0"
 
 
 def test_no_acknowledged_record_is_lost_by_a_power_cut(guest: Guest, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 import os
 import time
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,7 +100,14 @@ def report(machine: Container, readings: list[Reading]) -> None:
     share = 100 * (last.processor_s - first.processor_s) / elapsed_s
     print(f"processor {share:.0f} % of one core; {told['frames'] / elapsed_s:.1f} pictures/s, ", end="")
     print(f"{told['poses'] / elapsed_s:.1f} poses/s; ticks {last.tick}; counted {told}")
-    told = [entry for entry in journal(machine) if entry.get("PROBEWATCH_EVENT") == "state"]
+    entries = journal(machine)
+    lost = Counter(
+        f"{entry['PROBEWATCH_DEVICE']}: {entry['PROBEWATCH_WHAT']}"
+        for entry in entries
+        if entry.get("PROBEWATCH_EVENT") == "device lost"
+    )
+    print(f"devices lost: {dict(lost)}")
+    told = [entry for entry in entries if entry.get("PROBEWATCH_EVENT") == "state"]
     states = [f"{entry['PROBEWATCH_STATE']} ({entry.get('PROBEWATCH_FAULT', '')})" for entry in told]
     print(f"states: {' → '.join(states[:12])}{f' … {len(states)} in all' if len(states) > 12 else ''}")
 

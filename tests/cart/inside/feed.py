@@ -1,8 +1,9 @@
-"""Writes what the scanner twin sends into vivid's output node: `feed.py PORT NODE`.
+"""Writes what the scanner twin sends into vivid's output node: `feed.py PORT NODE [WIDTH HEIGHT LEFT TOP SHRUNK]`.
 
-PORT is the virtio port that carries the sim: protocol from the host. While /run/cart-flip exists each picture is
-mirrored left to right; while /run/cart-blank exists nothing is passed on. The last picture is repeated for no one:
-vivid repeats it by itself.
+PORT is the virtio port that carries the sim: protocol from the host. With WIDTH and HEIGHT of the whole screen the
+picture stands at LEFT, TOP of a grey one, with SHRUNK × SHRUNK pixels averaged to one. While /run/cart-flip exists each
+picture is mirrored left to right; while /run/cart-blank exists nothing is passed on. The last picture is repeated for
+no one: vivid repeats it by itself.
 """
 
 import os
@@ -10,6 +11,7 @@ import select
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 from output_node import OutputNode
 
@@ -51,15 +53,27 @@ class Line:
         return True
 
 
-def main(port: str, node: str) -> None:
+def shown(picture: np.ndarray, screen: tuple[int, ...]) -> np.ndarray:
+    """The picture alone, or in its place on the screen."""
+    if not screen:
+        return picture
+    width, height, left, top, shrunk = screen
+    picture = cv2.resize(picture, None, fx=1 / shrunk, fy=1 / shrunk, interpolation=cv2.INTER_AREA)
+    whole = np.full((height, width), 40, np.uint8)
+    whole[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
+    return whole
+
+
+def main(port: str, node: str, *screen: str) -> None:
     line, output = Line(port), OutputNode(node)
     while True:
         header, body = line.frame()
         if BLANK.exists():
             continue
+        picture = np.frombuffer(body, np.uint8).reshape(header.height_px, header.width_px)
         if FLIP.exists():
-            body = np.frombuffer(body, np.uint8).reshape(header.height_px, header.width_px)[:, ::-1].tobytes()
-        output.write(body)
+            picture = picture[:, ::-1]
+        output.write(shown(picture, tuple(map(int, screen))).tobytes())
 
 
 if __name__ == "__main__":
