@@ -35,6 +35,7 @@ class OutputThread(DeviceThread):
         super().__init__("output", url, clock)
         self.signal = signal
         self._open = open_output
+        self._life_s = max(_COMMAND_LIFE_S, clock.real_s(_COMMAND_LIFE_S))  # ticks of a slower clock come later
         self._wake = threading.Event()
         self._command: _Command | None = None
         self.written_ns: int | None = None
@@ -61,10 +62,10 @@ class OutputThread(DeviceThread):
 
     def _next(self) -> _Command:
         """The command just given, or de-energised when none was given in time."""
-        given = self._wake.wait(_COMMAND_LIFE_S)
+        given = self._wake.wait(self._life_s)
         self._wake.clear()
         command, now_s = self._command, time.monotonic()
-        if given and command is not None and now_s - command.commanded_s < _COMMAND_LIFE_S:
+        if given and command is not None and now_s - command.commanded_s < self._life_s:
             return command
         return _Command(False, self._clock.now_ns(), now_s)
 
