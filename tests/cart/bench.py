@@ -98,7 +98,6 @@ class HostTwins:
             self._start("scanner", "--socket", str(self.scanner), "--fps", str(fps), "--origin-ns", shifted, *common),
             self._start("polaris", "--pty", str(self.tracker), "--origin-ns", str(origin_ns), *common),
         ]
-        self.tracker_process = self._parts[1]
         for part in self._parts:
             assert part.stdout is not None
             assert json.loads(part.stdout.readline())["ready"]
