@@ -41,8 +41,11 @@ class Twin:
 
     def end(self, number: int = signal.SIGTERM) -> int:
         self.process.send_signal(number)
-        self.output, self.errors = self.process.communicate(timeout=10)
-        return self.process.returncode
+        assert self.process.stdout is not None
+        assert self.process.stderr is not None
+        # Not communicate(): it loses what readline() has read ahead.
+        self.output, self.errors = self.process.stdout.read(), self.process.stderr.read()
+        return self.process.wait(10)
 
 
 @pytest.fixture
