@@ -12,7 +12,7 @@ from appliance.core.solver import TAU, Prior, Solution, path_misfit, solve
 from appliance.core.watchers.calibration_change import agreement_check, calibration_checks, latency_check, trusted
 from appliance.core.watchers.polarity import flipped, weigh_polarity
 from appliance.limits import Limits
-from appliance.types import Calibration, Check, VerdictKind
+from appliance.types import PARAMETERS, Calibration, Check, VerdictKind
 
 _SHORT_NS = 3_500_000_000
 _LONG_NS = 10_000_000_000
@@ -34,6 +34,7 @@ _REQUIRED_FOR = {
 }
 _SLOW = frozenset({"rotation-lateral", "rotation-axial", "offset-lateral", "offset-axial", "offset-elevational"})
 """Shown only by tilt and turn, of which a few seconds hold too little to decide."""
+_OF_X = frozenset(PARAMETERS)
 _UNWEIGHED = Check("polarity", "polarity", nan, 0.0, "axes", 0.5, VerdictKind.NOT_VERIFIED)
 
 
@@ -60,7 +61,8 @@ class Evidence:
 
     A short window sees a change soon, the long one measures well. Once the short one shows a fault, what came before it
     is dropped, so that old and new calibration are never mixed into one estimate. A fault counts when two solutions in
-    a row show it; while the short window still holds some of the time before the change, only that fault may be named.
+    a row show it; while the short window still holds some of the time before the change, only that fault may be named,
+    and a late tracker, which looks like any other.
     """
 
     def __init__(self, reference: Calibration, limits: Limits, window: PathWindow) -> None:
@@ -72,7 +74,7 @@ class Evidence:
         self._suspects: frozenset[str] = frozenset()
         self._culprits: frozenset[str] = frozenset()
         self._valid_ns = self._settled_ns = 0
-        self._slow_ns: int | None = None
+        self._failing_ns: int | None = None
 
     @property
     def estimate(self) -> Calibration | None:
@@ -90,7 +92,7 @@ class Evidence:
         self._latest = self._nothing
         self._suspects = frozenset()
         self._settled_ns = 0
-        self._slow_ns = None
+        self._failing_ns = None
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution."""
@@ -118,13 +120,16 @@ class Evidence:
         samples = window.samples(0.0 if latency is None else latency.value_s, weigh_hidden=True)
         return second_opinion(samples, self._reference)
 
-    def _hasty(self, slow: frozenset[str], now_ns: int) -> frozenset[str]:
-        """Slow checks that failed for less than the short window: a change elsewhere would show there first."""
-        if not slow:
-            self._slow_ns = None
-        elif self._slow_ns is None:
-            self._slow_ns = now_ns
-        return slow if self._slow_ns is None or now_ns - self._slow_ns < _SHORT_NS else frozenset()
+    def _hasty(self, failed: frozenset[str], now_ns: int) -> frozenset[str]:
+        """Parameters of X that have failed for less than the short window.
+
+        What spoils them, a late tracker above all, shows only once the window holds nothing from before it.
+        """
+        if not failed:
+            self._failing_ns = None
+        elif self._failing_ns is None:
+            self._failing_ns = now_ns
+        return failed if self._failing_ns is None or now_ns - self._failing_ns < _SHORT_NS else frozenset()
 
     def solve(self) -> None:
         """Examine the short window for a change, drop what came before one, and examine what is left."""
@@ -137,8 +142,8 @@ class Evidence:
         finding = examine(self.window.since(start_ns), self._reference, self._limits)
         doubtful = finding.failed - self._suspects
         if now_ns < self._settled_ns:
-            doubtful |= finding.failed - self._culprits
-        doubtful |= self._hasty(finding.failed & _SLOW, now_ns)
+            doubtful |= finding.failed - self._culprits - {"latency"}
+        doubtful |= self._hasty(finding.failed & _OF_X, now_ns)
         self._latest = _without(finding, doubtful)
         self._suspects = finding.failed | short.failed
         if self._latest.shown >= self._best.shown:
