@@ -121,9 +121,8 @@ class Evidence:
         return second_opinion(samples, self._reference)
 
     def _hasty(self, failed: frozenset[str], now_ns: int) -> frozenset[str]:
-        """Parameters of X that have failed for less than the short window.
-
-        What spoils them, a late tracker above all, shows only once the window holds nothing from before it.
+        """Those that have failed for less than the short window: what spoils them shows only once the window holds
+        nothing from before it.
         """
         if not failed:
             self._failing_ns = None
@@ -143,7 +142,8 @@ class Evidence:
         doubtful = finding.failed - self._suspects
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits - {"latency"}
-        doubtful |= self._hasty(finding.failed & _OF_X, now_ns)
+        early = _SLOW if _punctual(finding, self._limits) else _OF_X
+        doubtful |= self._hasty(finding.failed & early, now_ns)
         self._latest = _without(finding, doubtful)
         self._suspects = finding.failed | short.failed
         if self._latest.shown >= self._best.shown:
@@ -168,6 +168,14 @@ def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Findi
     if lateness.verdict is not VerdictKind.OK:
         parameters = _without(parameters, parameters.failed)
     return Finding((polarity_check, *parameters.checks, lateness, agreement_check(solution)), solution)
+
+
+def _punctual(finding: Finding, limits: Limits) -> bool:
+    """Whether the lag is shown within half its limit. A window that holds the onset of a larger one shows less of it
+    than there is, and what it makes of the scales is no less wrong.
+    """
+    lateness = next(check for check in finding.checks if check.name == "latency")
+    return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
 
 
 def _sharper_check(check: Check, whole: Check) -> Check:
