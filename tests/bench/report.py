@@ -32,11 +32,10 @@ def show(result: dict[str, Any]) -> None:
 
 def _errors(result: dict[str, Any]) -> Table:
     table = _table(
-        f"RMS error px of what did not fail, and the share that failed: gave up, or more than {FAILED_PX:g} px off"
+        f"RMS error px of what did not fail, and the share that failed: gave up, or more than {FAILED_PX:g} px off",
+        *("scene", "bound", *METHODS),
     )
-    table.add_column("scene", no_wrap=True)
-    for name in ("bound", *METHODS):
-        table.add_column(name, justify="right")
+    table.columns[0].no_wrap = True
     cells = {(row["scene"], row["method"]): row for row in result["errors"]}
     for scene in dict.fromkeys(row["scene"] for row in result["errors"]):
         bound = result["bounds_px"].get(scene)
@@ -51,9 +50,8 @@ def _cell(row: dict[str, Any]) -> str:
 
 
 def _times(result: dict[str, Any]) -> Table:
-    table = _table("processor time a pair, over all scenes; ratios: median of time ÷ ours on the same pair")
-    for name in ("method", "median ms", "90 % ms", "÷ ours, cold", "÷ ours, keyframe"):
-        table.add_column(name, justify="left" if name == "method" else "right")
+    title = "processor time a pair, over all scenes; ratios: median of time ÷ ours on the same pair"
+    table = _table(title, "method", "median ms", "90 % ms", "÷ ours, cold", "÷ ours, keyframe")
     for row in result["times"]:
         figures = (f"{row[name]:.1f}" for name in ("median_ms", "p90_ms"))
         ratios = (f"{row[name]:.2f}" for name in ("of_cold", "of_keyframe"))
@@ -62,18 +60,16 @@ def _times(result: dict[str, Any]) -> Table:
 
 
 def _coverage(result: dict[str, Any]) -> Table:
-    table = _table("errors of u within the stated sigma (68 % and 95 % are due)")
-    for name in ("pairs", "errors", "1 sigma", "2 sigma"):
-        table.add_column(name, justify="left" if name == "pairs" else "right")
+    table = _table(
+        "errors of u within the stated sigma (68 % and 95 % are due)", "pairs", "errors", "1 sigma", "2 sigma"
+    )
     for row in result["coverage"]:
         table.add_row(row["pairs"], str(row["n"]), _percent(row["within_1_sigma"]), _percent(row["within_2_sigma"]))
     return table
 
 
 def _line(result: dict[str, Any]) -> Table:
-    table = _table("processor time a picture")
-    for name in ("stage", "median ms", "mean ms", "95 % ms"):
-        table.add_column(name, justify="left" if name == "stage" else "right")
+    table = _table("processor time a picture", "stage", "median ms", "mean ms", "95 % ms")
     for line in result["line"]:
         width, height = line["size_px"]
         figures = (f"{line[name]:.2f}" for name in ("median_ms", "mean_ms", "p95_ms"))
@@ -82,8 +78,12 @@ def _line(result: dict[str, Any]) -> Table:
     return table
 
 
-def _table(title: str) -> Table:
-    return Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+def _table(title: str, *columns: str) -> Table:
+    """The first column holds names, the others figures."""
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for at, name in enumerate(columns):
+        table.add_column(name, justify="right" if at else "left")
+    return table
 
 
 def _percent(share: float | None) -> str:
