@@ -142,7 +142,7 @@ class Evidence:
         doubtful = finding.failed - self._suspects
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits - {"latency"}
-        early = _SLOW if _punctual(finding, self._limits) else _OF_X
+        early = _SLOW if _punctual(short, self._limits) else _OF_X
         doubtful |= self._hasty(finding.failed & early, now_ns)
         self._latest = _without(finding, doubtful)
         self._suspects = finding.failed | short.failed
@@ -172,7 +172,7 @@ def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Findi
 
 def _punctual(finding: Finding, limits: Limits) -> bool:
     """Whether the lag is shown within half its limit. A window that holds the onset of a larger one shows less of it
-    than there is, and what it makes of the scales is no less wrong.
+    than there is, and what it makes of the scales is no less wrong; so the short window is to be asked.
     """
     lateness = next(check for check in finding.checks if check.name == "latency")
     return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
