@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from appliance.core.geometry import rigid, rotation_from_vector
 from appliance.core.path import PathWindow, PoseTrack, sensor_jump
-from appliance.core.picture_steps import SensorSteps, picture_slopes, picture_steps, predicted_path
+from appliance.core.picture_steps import SensorSteps, picture_steps, predicted_path, products_and_slopes
 from tests.motions import TRUTH, planar_path, tilting_path
 from tests.windows import ORIGIN_NS, elevational_path, filled, motion
 
@@ -103,22 +103,30 @@ def test_the_predicted_path_is_that_of_the_picture() -> None:
     path = predicted_path(pictures @ X, TRUTH)
     home = np.linalg.inv(pictures[0])
     centres = (home @ pictures)[:, :3, 3]
-    np.testing.assert_allclose(path, centres, atol=1e-5)
+    np.testing.assert_allclose(path.T, centres, atol=1e-5)
+
+
+def test_steps_are_those_of_x_b_x_inverse() -> None:
+    poses = tilting_path(np.arange(0, 1, 0.2)) @ X
+    moved, turned = picture_steps(TRUTH.rotation, TRUTH.offset_mm, SensorSteps.between(poses))
+    for j in range(1, 5):
+        A = X @ np.linalg.inv(poses[j]) @ poses[j - 1] @ np.linalg.inv(X)
+        np.testing.assert_allclose(moved[:, j], A[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(turned[:, j], Rotation.from_matrix(A[:3, :3]).as_rotvec(), atol=1e-5)
 
 
 def test_slopes_are_the_derivative_of_the_steps() -> None:
     steps = SensorSteps.between(tilting_path(np.arange(0, 1, 0.2)) @ X)
-    slopes = picture_slopes(TRUTH.rotation, TRUTH.offset_mm, steps)
-    for column, change in enumerate(np.eye(8) * 1e-6):
-        if column in (3, 4):
-            continue
-        moved = [
+    slopes = products_and_slopes(TRUTH.rotation, TRUTH.offset_mm)
+    for index, change in enumerate(np.eye(6) * 1e-6):
+        before, after = (
             picture_steps(
-                rotation_from_vector(s * change[:3]) @ TRUTH.rotation, TRUTH.offset_mm + s * change[5:], steps
+                rotation_from_vector(s * change[:3]) @ TRUTH.rotation, TRUTH.offset_mm + s * change[3:], steps
             )
-            for s in (1, -1)
-        ]
-        np.testing.assert_allclose(slopes[..., column], (moved[0] - moved[1]) / 2e-6, atol=1e-6)
+            for s in (-1, 1)
+        )
+        np.testing.assert_allclose(slopes[0][index] @ steps.moved, (after[0] - before[0]) / 2e-6, atol=1e-6)
+        np.testing.assert_allclose(slopes[1][index] @ steps.turn, (after[1] - before[1]) / 2e-6, atol=1e-6)
 
 
 def test_a_jump_of_the_sensor_is_told_in_its_own_axes() -> None:

@@ -7,8 +7,9 @@ import numpy as np
 
 from appliance.core.latency import Latency
 from appliance.core.path import PathWindow
+from appliance.core.path_residual import TAU
 from appliance.core.second_opinion import SecondOpinion, second_opinion
-from appliance.core.solver import TAU, Prior, Solution, path_misfit, solve
+from appliance.core.solver import Prior, Solution, path_misfit, solve
 from appliance.core.watchers.calibration_change import agreement_check, calibration_checks, latency_check, trusted
 from appliance.core.watchers.polarity import flipped, weigh_polarity
 from appliance.limits import Limits
@@ -133,12 +134,16 @@ class Evidence:
     def solve(self) -> None:
         """Examine the short window for a change, drop what came before one, and examine what is left."""
         now_ns = self.window.now_ns
-        short = _without(examine(self.window.since(now_ns - _SHORT_NS), self._reference, self._limits), _SLOW)
+        recent = self.window.since(now_ns - _SHORT_NS)
+        finding = examine(recent, self._reference, self._limits)
+        short = _without(finding, _SLOW)
         confirmed = short.failed & self._suspects
         if confirmed and now_ns >= self._settled_ns:
             self._valid_ns, self._settled_ns, self._culprits = now_ns - _SHORT_NS, now_ns + _SHORT_NS, confirmed
         start_ns = max(self._valid_ns, now_ns - _LONG_NS)
-        finding = examine(self.window.since(start_ns), self._reference, self._limits)
+        long = self.window.since(start_ns)
+        if len(long) > len(recent):
+            finding = examine(long, self._reference, self._limits)
         doubtful = finding.failed - self._suspects
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits - {"latency"}

@@ -6,6 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+_IDENTITY = np.eye(3)
+_TINY = 1e-300
 
 
 def skew(v: Array) -> Array:
@@ -19,11 +23,11 @@ def skew(v: Array) -> Array:
 
 def rotation_from_vector(rotvec_rad: Array) -> Array:
     """Rodrigues: (…, 3) rad → (…, 3, 3); exact to machine precision at zero."""
-    angle = np.linalg.norm(rotvec_rad, axis=-1)[..., None, None]
     K = skew(rotvec_rad)
-    first = np.sinc(angle / np.pi)
-    second = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    return np.asarray(np.eye(3) + first * K + second * (K @ K), dtype=np.float64)
+    half = 0.5 * np.sqrt(np.sum(np.square(rotvec_rad), axis=-1) + _TINY)[..., None, None]
+    first = np.sin(2 * half) / (2 * half)
+    second = 0.5 * (np.sin(half) / half) ** 2
+    return np.asarray(_IDENTITY + first * K + second * (K @ K), dtype=np.float64)
 
 
 def vector_from_rotation(R: Array) -> Array:

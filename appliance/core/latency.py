@@ -16,6 +16,9 @@ from appliance.core.geometry import Array
 _GRID_S = 0.01
 _REACH, _NEAR = 30, 8
 """Lags looked at, in steps of the grid either way: all, and about the best."""
+_NEAR_S = _GRID_S * np.arange(-_NEAR, _NEAR + 1, 2)
+_PARABOLA = np.linalg.pinv(np.vander(_NEAR_S, 3))
+"""(3, k): coefficients of the parabola through k values at `_NEAR_S`."""
 _RANGE_S = (_REACH + _NEAR) * _GRID_S
 """How far from a picture poses are asked for."""
 _STRIDE = 3
@@ -38,7 +41,7 @@ class Latency:
 def estimate_latency(
     t_s: Array, chain: NDArray[np.int64], path_mm: Array, pose_t_s: Array, centre_mm: Array
 ) -> Latency | None:
-    """t_s, chain (n,), path_mm (n, 2): the picture's path. pose_t_s (m,), centre_mm (m, 3): image centre in tracker
+    """t_s, chain (n,), path_mm (2, n): the picture's path. pose_t_s (m,), centre_mm (3, m): image centre in tracker
     axes.
 
     None where the motion does not show it: too short, too still, or without a change of velocity.
@@ -47,8 +50,9 @@ def estimate_latency(
         return None
     period_s = float(np.median(np.diff(t_s)))
     smooth = _smoothed(pose_t_s, centre_mm, max(period_s, float(np.median(np.diff(pose_t_s)))))
-    steps = [_Steps(t_s, chain, path_mm, max(1, round(lag / period_s))) for lag in _LAGS_S]
-    steps = [s for s in steps if s.usable(pose_t_s)]
+    told = (t_s - _RANGE_S >= pose_t_s[0]) & (t_s + _RANGE_S <= pose_t_s[-1])
+    steps = [_Steps(path_mm, chain, told, max(1, round(lag / period_s)), period_s) for lag in _LAGS_S]
+    steps = [s for s in steps if s.first.size >= _LEAST]
     if not steps:
         return None
     places = _Places(t_s, pose_t_s, smooth)
@@ -69,75 +73,71 @@ class _Places:
     def __init__(self, t_s: Array, pose_t_s: Array, centre_mm: Array) -> None:
         start_s = t_s[0] - _RANGE_S - _GRID_S
         grid_s = np.arange(start_s, t_s[-1] + _RANGE_S + 3 * _GRID_S, _GRID_S)
-        self._grid_mm = np.stack([np.interp(grid_s, pose_t_s, x) for x in centre_mm.T], axis=1)
+        self._grid_mm = np.stack([np.interp(grid_s, pose_t_s, x) for x in centre_mm])
         index = np.floor((t_s - start_s) / _GRID_S)
         self._index = index.astype(np.intp)
-        self._share = ((t_s - start_s) / _GRID_S - index)[:, None]
+        self._share = (t_s - start_s) / _GRID_S - index
 
     def at(self, steps: NDArray[np.int64]) -> Array:
-        """(k,) grid steps → (k, n, 3)."""
+        """(k,) grid steps → (3, k, n)."""
         before = self._index + steps[:, None]
-        low, high = self._grid_mm[before], self._grid_mm[before + 1]
+        low, high = self._grid_mm[:, before], self._grid_mm[:, before + 1]
         return np.asarray(low + self._share * (high - low))
 
 
 class _Steps:
     """Displacements of the picture over `frames` frames, each within one chain, inside the span that every lag can
     reach.
+
+    first: index of the picture where each begins. independent: degrees of freedom; a hand's motion and what the map
+    leaves of it change over about `_MEMORY_S`.
     """
 
-    def __init__(self, t_s: Array, chain: NDArray[np.int64], path_mm: Array, frames: int) -> None:
-        self._t_s, self._frames = t_s, frames
-        self._same = chain[frames:] == chain[:-frames]
-        self._moved = path_mm[frames:] - path_mm[:-frames]
-
-    def usable(self, pose_t_s: Array) -> bool:
-        start, end = self._t_s[: -self._frames], self._t_s[self._frames :]
-        self._same = self._same & (start - _RANGE_S >= pose_t_s[0]) & (end + _RANGE_S <= pose_t_s[-1])
-        return bool(np.count_nonzero(self._same) >= _LEAST)
-
-    @property
-    def independent(self) -> float:
-        """Degrees of freedom: a hand's motion and what the map leaves of it change over about `_MEMORY_S`."""
-        period_s = float(np.median(np.diff(self._t_s)))
-        apart = max(self._frames, round(_MEMORY_S / period_s))
-        return max(2 * float(np.count_nonzero(self._same)) / apart - _MAP_PARAMETERS, 0.0)
+    def __init__(
+        self, path_mm: Array, chain: NDArray[np.int64], told: NDArray[np.bool_], frames: int, period_s: float
+    ) -> None:
+        self._path_mm, self._frames = path_mm, frames
+        self.first = np.flatnonzero((chain[frames:] == chain[:-frames]) & told[:-frames] & told[frames:])
+        apart = max(frames, round(_MEMORY_S / period_s))
+        self.independent = max(2 * self.first.size / apart - _MAP_PARAMETERS, 0.0)
 
     def misfit(self, places_mm: Array, stride: int) -> Array:
-        """(k, n, 3) for k lags → (k,) robust mean square, mm², of what no linear map of the tracker's steps explains.
+        """(3, k, n) for k lags → (k,) robust mean square, mm², of what no linear map of the tracker's steps explains.
 
         stride: one in how many steps is looked at.
         """
-        first = np.flatnonzero(self._same)[::stride]
-        w = places_mm[:, first + self._frames] - places_mm[:, first]
-        moved = np.broadcast_to(self._moved[first], (*w.shape[:2], 2))
-        weight = np.ones(w.shape[:2])
-        left_square, middle = np.zeros_like(weight), w.shape[1] // 2
+        first = self.first[::stride]
+        last = first + self._frames
+        w = (places_mm[..., last] - places_mm[..., first]).swapaxes(0, 1)
+        moved = self._path_mm[:, last] - self._path_mm[:, first]
+        weight = np.ones((len(w), first.size))
+        left_square, middle = np.zeros_like(weight), first.size // 2
         for _ in range(_ROBUST_ROUNDS):
-            weighted = np.swapaxes(w * weight[..., None], 1, 2)
-            H = weighted @ w
+            weighted = w * weight[:, None]
+            H = weighted @ w.swapaxes(1, 2)
             H += np.eye(3) * (1e-6 * np.trace(H, axis1=1, axis2=2) + 1e-12)[:, None, None]
-            left = moved - w @ np.linalg.solve(H, weighted @ moved)
-            left_square = np.einsum("kni,kni->kn", left, left)
+            map_back = np.linalg.solve(H, weighted @ moved.T)
+            left = moved - map_back.swapaxes(1, 2) @ w
+            left_square = left[:, 0] ** 2 + left[:, 1] ** 2
             usual = np.maximum(np.partition(left_square, middle, axis=1)[:, middle, None], 1e-6)
             weight = 1 / (1 + left_square / (4 * usual))
         return np.asarray((weight * left_square).sum(axis=1) / weight.sum(axis=1))
 
 
 def _smoothed(t_s: Array, values: Array, width_s: float) -> Array:
-    """Triangular kernel of half-width width_s over irregular times."""
+    """Triangular kernel of half-width width_s over irregular times (m,); values: (3, m)."""
     reach = max(1, int(np.ceil(width_s / max(float(np.median(np.diff(t_s))), 1e-4))))
-    total, weights = np.zeros_like(values), np.zeros(len(values))
+    total, weights = np.zeros_like(values), np.zeros(t_s.size)
     for shift in range(-reach, reach + 1):
-        index = np.clip(np.arange(len(values)) + shift, 0, len(values) - 1)
+        index = np.clip(np.arange(t_s.size) + shift, 0, t_s.size - 1)
         kernel = np.maximum(1 - np.abs(t_s[index] - t_s) / (width_s * 1.5), 0)
-        total += values[index] * kernel[:, None]
+        total += values[:, index] * kernel
         weights += kernel
-    return np.asarray(total / weights[:, None])
+    return np.asarray(total / weights)
 
 
 def _scores(steps: list[_Steps], places_mm: Array, stride: int) -> Array:
-    """(k, n, 3) → (k, lengths) −log likelihood of every step length, n/2 · log(cost)."""
+    """(3, k, n) → (k, lengths) −log likelihood of every step length, n/2 · log(cost)."""
     costs = np.stack([s.misfit(places_mm, stride) for s in steps], axis=1)
     return np.asarray(np.log(costs + 1e-9) * [s.independent / 2 for s in steps])
 
@@ -149,20 +149,20 @@ def _minimum(lags: Array, scores: Array, minima: Array, steps: list[_Steps]) -> 
     over the whole range; one outside `lags` counts as it is.
     """
     score, centre = scores.mean(axis=1), float(lags[len(lags) // 2])
-    curvature = float(np.polyfit(lags - centre, score, 2)[0])
+    curvature = float(_PARABOLA[0] @ score)
     per_log = np.maximum([s.independent / 2 for s in steps], 0.5)
-    steepness, vertex = _parabola(lags - centre, np.exp((score - score.min()) / per_log.mean()))
+    steepness, vertex = _parabola(np.exp((score - score.min()) / per_log.mean()))
     if curvature <= 0 or steepness <= 0:
         return None
     value = centre + float(vertex)
-    each = centre + _parabola(lags - centre, np.exp((scores - scores.min(axis=0)) / per_log))[1]
+    each = centre + _parabola(np.exp((scores - scores.min(axis=0)) / per_log))[1]
     minima = np.where(np.abs(minima - centre) <= lags[-1] - centre, each, minima)
     return Latency(value, float(np.sqrt(1 / (2 * curvature) + np.mean(np.square(minima - value)))))
 
 
-def _parabola(x: Array, y: Array) -> tuple[Array, Array]:
+def _parabola(y: Array) -> tuple[Array, Array]:
     """Second coefficient and vertex, within half of the range, of the parabola through y, (k,) or (k, m)."""
-    steepness, slope, _ = np.polyfit(x, y, 2)
+    steepness, slope, _ = _PARABOLA @ y
     with np.errstate(divide="ignore", invalid="ignore"):
-        vertex = np.where(steepness > 0, -slope / (2 * steepness), x[np.argmin(y, axis=0)])
-    return np.asarray(steepness), np.clip(vertex, x[0] / 2, x[-1] / 2)
+        vertex = np.where(steepness > 0, -slope / (2 * steepness), _NEAR_S[np.argmin(y, axis=0)])
+    return np.asarray(steepness), np.clip(vertex, _NEAR_S[0] / 2, _NEAR_S[-1] / 2)

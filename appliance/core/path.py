@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.geometry import Array, inverse, quaternion_from_rotation, rigid
+from appliance.core.geometry import Array, ComplexArray, inverse, quaternion_from_rotation, rigid
 from appliance.core.latency import Latency, estimate_latency
 from appliance.core.path_samples import PathSamples
 from appliance.core.picture_steps import predicted_path
@@ -19,6 +19,9 @@ _BEFORE_S = 0.5
 _SORT_S = 0.3
 _OUT_RATIO = 1.5
 _OUT_FLOOR_MM = 0.3
+_MOST_NEW = 1000
+"""Poses are turned into arrays when they are asked for; where nobody asks, when there are so many."""
+_NO_TRACK = np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 4))
 
 
 class PoseTrack:
@@ -26,49 +29,58 @@ class PoseTrack:
 
     def __init__(self, span_ns: int) -> None:
         self._span_ns = span_ns
-        self._poses: deque[tuple[int, Matrix4, Array]] = deque()
-        self._arrays: tuple[Array, Array, Array] | None = None
-        self._origin_ns = 0
+        self._newest_ns: int | None = None
+        self._new: list[tuple[int, Matrix4]] = []
+        self._times_ns, self._positions, self._turns = _NO_TRACK
 
     def add(self, t_ns: int, matrix: Matrix4) -> None:
         """Poses older than the newest one are ignored."""
-        if self._poses and t_ns <= self._poses[-1][0]:
+        if self._newest_ns is not None and t_ns <= self._newest_ns:
             return
-        q = quaternion_from_rotation(matrix[:3, :3])
-        if self._poses and q @ self._poses[-1][2] < 0:
-            q = -q
-        self._poses.append((t_ns, matrix, q))
-        self._arrays = None
-        while self._poses[0][0] < t_ns - self._span_ns:
-            self._poses.popleft()
+        self._newest_ns = t_ns
+        self._new.append((t_ns, matrix))
+        if len(self._new) >= _MOST_NEW:
+            self._take_new()
 
     def clear(self) -> None:
         """Forget everything."""
-        self._poses.clear()
-        self._arrays = None
+        self._newest_ns = None
+        self._new.clear()
+        self._times_ns, self._positions, self._turns = _NO_TRACK
 
     def arrays(self, origin_ns: int) -> tuple[Array, Array, Array]:
         """Times s since origin_ns (m,), positions mm (m, 3), quaternions (m, 4) of continuous sign."""
-        if self._arrays is None or self._origin_ns != origin_ns:
-            times = np.array([(t - origin_ns) / 1e9 for t, _, _ in self._poses])
-            positions = np.array([m[:3, 3] for _, m, _ in self._poses]).reshape(-1, 3)
-            turns = np.array([q for _, _, q in self._poses]).reshape(-1, 4)
-            self._arrays, self._origin_ns = (times, positions, turns), origin_ns
-        return self._arrays
+        self._take_new()
+        return (self._times_ns - origin_ns) / 1e9, self._positions, self._turns
 
     def at(self, t_s: Array, origin_ns: int) -> tuple[Array, NDArray[np.bool_]]:
-        """(n,) s → (n, 4, 4) poses and whether each time is bracketed; small steps, so quaternions blend linearly."""
+        """(…, n) s → (…, n, 4, 4) poses, whether each time is bracketed; small steps, so quaternions blend linearly."""
         times, positions, turns = self.arrays(origin_ns)
         if times.size < 2:
-            return np.tile(np.eye(4), (t_s.size, 1, 1)), np.zeros(t_s.size, dtype=bool)
+            return np.broadcast_to(np.eye(4), (*t_s.shape, 4, 4)), np.zeros(t_s.shape, dtype=bool)
         after = np.clip(np.searchsorted(times, t_s, side="right"), 1, times.size - 1)
         span = times[after] - times[after - 1]
-        share = np.clip((t_s - times[after - 1]) / span, 0, 1)[:, None]
+        share = np.clip((t_s - times[after - 1]) / span, 0, 1)[..., None]
         q = (1 - share) * turns[after - 1] + share * turns[after]
-        q /= np.linalg.norm(q, axis=1, keepdims=True)
+        q /= np.linalg.norm(q, axis=-1, keepdims=True)
         p = (1 - share) * positions[after - 1] + share * positions[after]
         bracketed = (t_s >= times[0]) & (t_s <= times[-1]) & (span < 0.25)
         return rigid(_rotation_from_quaternion(q), p), bracketed
+
+    def _take_new(self) -> None:
+        if not self._new:
+            return
+        times = np.array([t for t, _ in self._new], dtype=np.int64)
+        matrices = np.array([matrix for _, matrix in self._new])
+        self._new.clear()
+        turns = np.concatenate([self._turns, quaternion_from_rotation(matrices[:, :3, :3])])
+        known = max(len(self._turns), 1)
+        opposed = np.sum(turns[known:] * turns[known - 1 : -1], axis=1) < 0
+        turns[known:] *= np.cumprod(np.where(opposed, -1.0, 1.0))[:, None]
+        times = np.concatenate([self._times_ns, times])
+        kept = slice(np.searchsorted(times, times[-1] - self._span_ns), None)
+        positions = np.concatenate([self._positions, matrices[:, :3, 3]])
+        self._times_ns, self._positions, self._turns = times[kept], positions[kept], turns[kept]
 
 
 class PathWindow:
@@ -129,12 +141,13 @@ class PathWindow:
             return None
         t_s, chain, u_px, alpha = self._arrays()
         times, positions, turns = self.poses.arrays(self._seen[0].stamp.t_ns)
-        reach = times >= t_s[0] - _BEFORE_S
-        if np.count_nonzero(reach) < 2:
+        reach = slice(np.searchsorted(times, t_s[0] - _BEFORE_S), None)
+        if times[reach].size < 2:
             return None
         poses = rigid(_rotation_from_quaternion(turns[reach]), positions[reach])
         sensor_path = predicted_path(poses, self._reference)
-        return estimate_latency(t_s, chain, self._picture_path(u_px, alpha), times[reach], sensor_path)
+        path = self._picture_path(u_px, alpha)
+        return estimate_latency(t_s, chain, np.stack([path.real, path.imag]), times[reach], sensor_path)
 
     def samples(self, latency_s: float, weigh_hidden: bool) -> PathSamples:
         """The pictures whose poses are bracketed at the given latency.
@@ -150,16 +163,15 @@ class PathWindow:
 
     def _samples(self, latency_s: float, weigh_hidden: bool) -> PathSamples:
         t_s, chain, u_px, alpha = self._arrays()
-        origin_ns = self._seen[0].stamp.t_ns
-        poses, known = self.poses.at(t_s + latency_s, origin_ns)
-        earlier, known_earlier = self.poses.at(t_s + latency_s - _APART_S / 2, origin_ns)
-        later, known_later = self.poses.at(t_s + latency_s + _APART_S / 2, origin_ns)
-        keep = known & known_earlier & known_later
-        hidden_mm = (
-            self._hidden_mm(t_s, chain, u_px, alpha, poses) if weigh_hidden and keep.any() else np.zeros_like(t_s)
-        )
-        around = poses[keep], earlier[keep], later[keep]
-        return PathSamples(t_s[keep], chain[keep], u_px[keep], alpha[keep], *around, _APART_S, hidden_mm[keep])
+        asked_s = t_s + latency_s + np.array([[0.0], [-_APART_S / 2], [_APART_S / 2]])
+        around, known = self.poses.at(asked_s, self._seen[0].stamp.t_ns)
+        keep = known.all(axis=0)
+        hidden_mm = np.zeros_like(t_s)
+        if weigh_hidden and keep.any():
+            hidden_mm = self._hidden_mm(t_s, chain, u_px, alpha, around[0])
+        poses, earlier, later = around[:, keep]
+        seen = t_s[keep], chain[keep], u_px[keep], alpha[keep]
+        return PathSamples(*seen, poses, earlier, later, _APART_S, hidden_mm[keep])
 
     def _arrays(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         if self._arrays_known is None:
@@ -170,11 +182,10 @@ class PathWindow:
             self._arrays_known = t_s, chain, u_px, np.array([s.path_rad for s in self._seen])
         return self._arrays_known
 
-    def _picture_path(self, u_px: Array, alpha: Array) -> Array:
-        """(n, 2) mm, image centre in the axes of the chain's first picture: −R(−α) Λ u."""
-        mm = u_px * self._reference.scale_mm_per_px
-        c, s = np.cos(alpha), np.sin(alpha)
-        return -np.stack([c * mm[:, 0] + s * mm[:, 1], -s * mm[:, 0] + c * mm[:, 1]], axis=1)
+    def _picture_path(self, u_px: Array, alpha: Array) -> ComplexArray:
+        """(n,) mm, lateral + i · axial: image centre in the axes of the chain's first picture, −R(−α) Λ u."""
+        lateral, axial = (u_px * self._reference.scale_mm_per_px).T
+        return np.asarray(-np.exp(-1j * alpha) * (lateral + 1j * axial))
 
     def _hidden_mm(self, t_s: Array, chain: NDArray[np.int64], u_px: Array, alpha: Array, poses: Array) -> Array:
         """(n,) way between each picture and the one before that is absent from the picture, 0 where most of it is seen.
@@ -182,12 +193,12 @@ class PathWindow:
         Only lengths are compared, so a wrong rotation of X cannot make in-plane motion look out-of-plane.
         """
         centre = -self._reference.rotation.T @ self._reference.offset_mm
-        where = np.einsum("nij,j->ni", poses[:, :3, :3], centre) + poses[:, :3, 3]
+        where = poses[:, :3, :3] @ centre + poses[:, :3, 3]
         path = self._picture_path(u_px, alpha)
         first = np.searchsorted(t_s, t_s - _SORT_S / 2)
         last = np.minimum(np.searchsorted(t_s, t_s + _SORT_S / 2), t_s.size - 1)
         tracker = np.linalg.norm(where[last] - where[first], axis=1)
-        picture = np.linalg.norm(path[last] - path[first], axis=1)
+        picture = np.abs(path[last] - path[first])
         hidden = np.sqrt(np.maximum(tracker**2 - picture**2, 0)) - _OUT_RATIO * picture - _OUT_FLOOR_MM
         share = np.diff(t_s, prepend=t_s[0]) / np.maximum(t_s[last] - t_s[first], 1e-3)
         return np.asarray(np.where(chain[first] == chain[last], np.maximum(hidden, 0) * share, 0.0))
@@ -208,14 +219,14 @@ _NOTHING = PathSamples(
 
 
 def _rotation_from_quaternion(q: Array) -> Array:
-    """(n, 4) unit (w, x, y, z) → (n, 3, 3)."""
-    w, x, y, z = q.T
+    """(…, 4) unit (w, x, y, z) → (…, 3, 3)."""
+    w, x, y, z = np.moveaxis(q, -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def sensor_jump(before: Matrix4, after: Matrix4) -> Matrix4:

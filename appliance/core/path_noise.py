@@ -10,10 +10,9 @@ from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky_banded
-from scipy.linalg.lapack import dtbtrs
+from scipy.linalg.lapack import dpbtrf, dtbtrs
 
-from appliance.core.geometry import Array
+from appliance.core.geometry import Array, ComplexArray
 
 _SAME_NOISE = 0.1
 _LEAST_QUIET = 8
@@ -55,41 +54,51 @@ class Times:
     hidden_mm: Array
 
     @cached_property
-    def joined(self) -> NDArray[np.bool_]:
-        """(n − 1,) whether a residual and the next belong to one chain."""
-        return np.asarray(self.chain[1:] == self.chain[:-1])
-
-    @cached_property
     def period_s(self) -> float:
         """Usual time between two pictures."""
         return max(float(np.median(np.diff(self.t_s))), 1e-3)
 
+    @cached_property
+    def walk(self) -> tuple[NDArray[np.intp], Array, Array, NDArray[np.bool_]]:
+        """Of the m differences of successive residuals in one chain: index of the later one; time s and mm² of random
+        walk between the two; and, (m − 1,), whether one shares a residual with the next: no chain ended there.
+        """
+        later = np.flatnonzero(self.chain[1:] == self.chain[:-1]) + 1
+        return later, self.t_s[later] - self.t_s[later - 1], _LOST_MM * self.hidden_mm[later], np.diff(later) == 1
+
+    @cached_property
+    def _quiet(self) -> dict[int, NDArray[np.bool_]]:
+        return {}
+
     def quiet(self, lag: int) -> NDArray[np.bool_]:
         """(n − lag,) whether nothing was hidden between a residual and the one `lag` later in its chain."""
-        hidden = np.cumsum(self.hidden_mm)
-        return np.asarray((self.chain[lag:] == self.chain[:-lag]) & (hidden[lag:] - hidden[:-lag] <= 1e-9))
+        if lag not in self._quiet:
+            hidden = np.cumsum(self.hidden_mm)
+            self._quiet[lag] = (self.chain[lag:] == self.chain[:-lag]) & (hidden[lag:] - hidden[:-lag] <= 1e-9)
+        return self._quiet[lag]
 
-    def estimated_noise(self, residual: Array) -> Noise:
-        """Of a residual path (n, ≥ 3): in-plane mm (2), angle rad; by its structure function, which outliers spare."""
-        white, drift = self._structure(residual[:, :2], _POSITION_FLOOR_MM, _POSITION_DRIFT_FLOOR)
+    def estimated_noise(self, in_plane_mm: ComplexArray, angle_rad: Array) -> Noise:
+        """Of a residual path (n,), by its structure function, which outliers spare."""
+        white, drift = self._structure(in_plane_mm, _POSITION_FLOOR_MM, _POSITION_DRIFT_FLOOR)
         position = max(white, drift * sqrt(_SHORT_WAY_S)), drift
-        angle = self._structure(residual[:, 2:3], _ANGLE_FLOOR_RAD, _ANGLE_DRIFT_FLOOR)
+        angle = self._structure(angle_rad, _ANGLE_FLOOR_RAD, _ANGLE_DRIFT_FLOOR)
         return Noise(*position, *angle)
 
-    def _structure(self, path: Array, floor: float, drift_floor: float) -> tuple[float, float]:
+    def _structure(self, path: Array | ComplexArray, floor: float, drift_floor: float) -> tuple[float, float]:
         """White noise and drift from the squared differences at one frame and at `_LONG_LAG_S`."""
-        long_lag = max(2, min(round(_LONG_LAG_S / self.period_s), path.shape[0] // 3))
+        long_lag = max(2, min(round(_LONG_LAG_S / self.period_s), path.size // 3))
         short, long = (self._lagged_variance(path, lag) for lag in (1, long_lag))
-        chance = 1 + _CHANCE * np.sqrt(3 / max((path.shape[0] - long_lag) * path.shape[1], 1))
+        axes = 2 if np.iscomplexobj(path) else 1
+        chance = 1 + _CHANCE * sqrt(3 / max((path.size - long_lag) * axes, 1))
         drift_variance = max((long - short * chance) / ((long_lag - 1) * self.period_s), drift_floor**2)
         white = max((short - drift_variance * self.period_s) / 2, floor**2)
-        return float(np.sqrt(white)), float(np.sqrt(drift_variance))
+        return sqrt(white), sqrt(drift_variance)
 
-    def _lagged_variance(self, path: Array, lag: int) -> float:
+    def _lagged_variance(self, path: Array | ComplexArray, lag: int) -> float:
         told = self.quiet(lag)
         if np.count_nonzero(told) < _LEAST_QUIET:
             told = self.chain[lag:] == self.chain[:-lag]
-        change = np.abs((path[lag:] - path[:-lag])[told]).ravel()
+        change = np.abs((path[lag:] - path[:-lag])[told].view(np.float64))
         middle = change.size // 2
         return float((1.4826 * np.partition(change, middle)[middle]) ** 2) if change.size else 0.0
 
@@ -97,30 +106,30 @@ class Times:
 class Whitener:
     """Turns the steps of a residual path into innovations of unit variance, one fewer than pictures in each chain.
 
-    rows: columns of the path: in-plane position (2), angle[, elevational position, tilt (2)].
+    position_log_volume, angle_log_volume: log det of the covariance of one row of each.
     """
 
-    def __init__(self, times: Times, noise: Noise, rows: int) -> None:
-        self._joined = times.joined
-        dt_s = np.diff(times.t_s)[self._joined]
-        lost_mm2 = _LOST_MM * times.hidden_mm[1:][self._joined]
-        # Two successive differences share a residual where no chain ended between them.
-        self._shared = np.diff(np.flatnonzero(self._joined)) == 1
-        position = _factor(noise.position_drift**2 * dt_s + lost_mm2, self._shared, noise.position_mm)
-        angle = _factor(noise.angle_drift**2 * dt_s, self._shared, noise.angle_rad)
-        kinds = [(position, [0, 1]), (angle, [2])]
-        self._kinds = kinds if rows == 3 else [(position, [0, 1, 3]), (angle, [2, 4, 5])]
-        self.log_volume = sum(2 * float(np.log(factor[0]).sum()) * len(columns) for factor, columns in self._kinds)
+    def __init__(self, times: Times, noise: Noise) -> None:
+        self._later, dt_s, lost_mm2, shared = times.walk
+        self._position = _factor(noise.position_drift**2 * dt_s + lost_mm2, shared, noise.position_mm)
+        self._angle = _factor(noise.angle_drift**2 * dt_s, shared, noise.angle_rad)
+        self.position_log_volume = 2 * float(np.log(self._position[0]).sum())
+        self.angle_log_volume = 2 * float(np.log(self._angle[0]).sum())
 
-    def __call__(self, steps: Array) -> Array:
-        """(n, rows, …), of which the first of each chain is left out → (m, rows, …)."""
-        steps = steps[1:][self._joined]
-        out = np.empty_like(steps)
-        for factor, columns in self._kinds:
-            block = steps[:, columns]
-            white, _ = dtbtrs(factor, block.reshape(len(block), -1), uplo="L")
-            out[:, columns] = white.reshape(block.shape)
-        return out
+    def positions(self, steps: Array | ComplexArray) -> Array | ComplexArray:
+        """(…, n), of which the first of each chain is left out → (…, m). Complex: lateral + i · axial."""
+        return self._innovations(self._position, steps)
+
+    def angles(self, steps: Array | ComplexArray) -> Array | ComplexArray:
+        """(…, n), of which the first of each chain is left out → (…, m)."""
+        return self._innovations(self._angle, steps)
+
+    def _innovations(self, factor: Array, steps: Array | ComplexArray) -> Array | ComplexArray:
+        if np.iscomplexobj(steps):
+            lateral, axial = (self._innovations(factor, part) for part in (steps.real, steps.imag))
+            return np.asarray(lateral + 1j * axial)
+        white, _ = dtbtrs(factor, steps[..., self._later].T, uplo="L", overwrite_b=True)
+        return np.asarray(white.T)
 
 
 def position_weight(noise: Noise, period_s: float) -> float:
@@ -135,4 +144,7 @@ def _factor(walk: Array, shared: NDArray[np.bool_], white: float) -> Array:
     banded = np.zeros((2, walk.size))
     banded[0] = 2 * white**2 + walk
     banded[1, :-1] = np.where(shared, -(white**2), 0.0)
-    return np.asarray(cholesky_banded(banded, lower=True, check_finite=False))
+    factor, refused = dpbtrf(banded, lower=True)
+    if refused:
+        raise ValueError("the noise of the path leaves its covariance not positive definite")
+    return np.asarray(factor)

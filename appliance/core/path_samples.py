@@ -60,9 +60,7 @@ class PathSamples:
         return SensorSteps.between(self.poses[self.kept])
 
     @cached_property
-    def earlier_steps(self) -> SensorSteps:
-        return SensorSteps.between(self.earlier_poses[self.kept])
-
-    @cached_property
-    def later_steps(self) -> SensorSteps:
-        return SensorSteps.between(self.later_poses[self.kept])
+    def rates(self) -> SensorSteps:
+        """Derivative of the steps by latency, per s."""
+        around = (SensorSteps.between(poses[self.kept]) for poses in (self.earlier_poses, self.later_poses))
+        return next(around).rate_until(next(around), self.apart_s)

@@ -1,66 +1,72 @@
-"""Steps of the picture that a calibration predicts from steps of the sensor: A = X B X⁻¹ (Eq. 1), many at a time."""
+"""Steps of the picture that a calibration predicts from steps of the sensor: A = X B X⁻¹ (Eq. 1), many at a time.
+
+With the lever arm l = R_xᵀ t_x, t_a = R_x (t_b + (I − R_b) l): linear in the 3 × 4 products of R_x with (1, l). Time is
+the last axis throughout; the picture plane is the complex plane, so turning by α is multiplying by exp(iα).
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.geometry import Array, skew
+from appliance.core.geometry import Array, inverse, skew
 from appliance.types import Calibration
+
+_GENERATORS = skew(np.eye(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorSteps:
-    """R_b (n, 3, 3), t_b (n, 3) mm and small rotation vector (n, 3) rad of B_j⁻¹ B_{j−1}; the first is the identity."""
+    """Of B_j⁻¹ B_{j−1}; the first is the identity. moved: (12, n), row by row of (3, 4): t_b mm and I − R_b, which is
+    what the step moves for each mm of lever arm. turn: (3, n) small rotation vector, rad.
+    """
 
-    R_b: Array
-    t_b: Array
+    moved: Array
     turn: Array
 
     @classmethod
     def between(cls, poses: Array) -> "SensorSteps":
         """poses: (n, 4, 4) sensor → tracker, in time order."""
-        R, t = poses[:, :3, :3], poses[:, :3, 3]
-        R_b, t_b = np.tile(np.eye(3), (len(R), 1, 1)), np.zeros((len(R), 3))
-        back = np.swapaxes(R[1:], -1, -2)
-        R_b[1:] = back @ R[:-1]
-        t_b[1:] = np.einsum("nij,nj->ni", back, t[:-1] - t[1:])
-        twice = np.stack(
-            [R_b[:, 2, 1] - R_b[:, 1, 2], R_b[:, 0, 2] - R_b[:, 2, 0], R_b[:, 1, 0] - R_b[:, 0, 1]], axis=1
-        )
-        return cls(R_b, t_b, 0.5 * twice)
+        steps = np.broadcast_to(np.eye(4), poses.shape).copy()
+        np.matmul(inverse(poses[1:]), poses[:-1], out=steps[1:])
+        B = np.ascontiguousarray(steps.transpose(1, 2, 0))
+        moved = np.concatenate([B[:3, 3:], np.eye(3)[..., None] - B[:3, :3]], axis=1)
+        twice = np.stack([B[2, 1] - B[1, 2], B[0, 2] - B[2, 0], B[1, 0] - B[0, 1]])
+        return cls(moved.reshape(12, -1), 0.5 * twice)
+
+    def rate_until(self, later: "SensorSteps", apart_s: float) -> "SensorSteps":
+        """Change per second to the same steps apart_s later."""
+        return SensorSteps((later.moved - self.moved) / apart_s, (later.turn - self.turn) / apart_s)
 
 
-def picture_steps(R: Array, offset: Array, steps: SensorSteps) -> Array:
-    """(n, 6): t_x, t_y mm, α, t_z, tilt x, tilt y, for X = (R, offset)."""
-    lever = R.T @ offset
-    t_a = (steps.t_b + lever - steps.R_b @ lever) @ R.T
-    turn = steps.turn @ R.T
-    return np.column_stack([t_a[:, :2], turn[:, 2], t_a[:, 2], turn[:, :2]])
+def products_and_slopes(R: Array, offset: Array) -> tuple[Array, Array]:
+    """(7, 3, 12): derivatives by rotation, [δ]× R, and by offset, then the value, of R ⊗ (1, l), whose product with
+    `SensorSteps.moved` the steps are; (7, 3, 3) the same of R.
+    """
+    turned, lever = np.zeros((7, 3, 3)), np.zeros((7, 1, 1, 4))
+    turned[:3], turned[6] = _GENERATORS @ R, R
+    lever[:3, 0, 0, 1:], lever[3:6, 0, 0, 1:], lever[6] = offset @ _GENERATORS @ R, R, _arm(R, offset)
+    products = R[..., None] * lever
+    products[:3] += turned[:3, ..., None] * lever[6]
+    return products.reshape(7, 3, 12), turned
 
 
-def picture_slopes(R: Array, offset: Array, steps: SensorSteps) -> Array:
-    """(n, 6, 9) derivative of picture_steps by rotation and offset; the columns of scale and latency stay zero."""
-    R_a = R @ steps.R_b @ R.T
-    slopes = np.zeros((len(R_a), 6, 9))
-    slopes[:, [0, 1, 3], :3] = skew((steps.R_b @ (R.T @ offset) - steps.t_b) @ R.T) - R_a @ skew(offset)
-    slopes[:, [4, 5, 2], :3] = -skew(steps.turn @ R.T)
-    slopes[:, [0, 1, 3], 5:8] = np.eye(3) - R_a
-    return slopes
+def _arm(R: Array, offset: Array) -> Array:
+    """(4,): 1 and the lever arm, mm, in sensor axes."""
+    return np.concatenate([[1.0], offset @ R])
 
 
-def plane_rotation(angle_rad: Array) -> Array:
-    """(n,) → (n, 2, 2)."""
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+def picture_steps(R: Array, offset: Array, steps: SensorSteps) -> tuple[Array, Array]:
+    """(3, n) mm and (3, n) rad along and about lateral, axial and elevational, for X = (R, offset)."""
+    products = (R[..., None] * _arm(R, offset)).reshape(3, 12)
+    return products @ steps.moved, R @ steps.turn
 
 
 def predicted_path(poses: Array, reference: Calibration) -> Array:
-    """(m, 4, 4) successive poses → (m, 3) mm: way of the image centre in its own turning axes: lateral, axial,
+    """(m, 4, 4) successive poses → (3, m) mm: way of the image centre in its own turning axes: lateral, axial,
     elevational.
 
     The in-plane part is what a perfect registration would integrate, whatever the probe tilts on its way.
     """
-    step = picture_steps(reference.rotation, reference.offset_mm, SensorSteps.between(poses))
-    unturn = plane_rotation(-np.cumsum(step[:, 2]))
-    in_plane = np.einsum("nij,nj->ni", unturn, step[:, :2])
-    return -np.cumsum(np.column_stack([in_plane, step[:, 3]]), axis=0)
+    moved, turned = picture_steps(reference.rotation, reference.offset_mm, SensorSteps.between(poses))
+    straight = (moved[0] + 1j * moved[1]) * np.exp(-1j * np.cumsum(turned[2]))
+    return -np.cumsum([straight.real, straight.imag, moved[2]], axis=1)
