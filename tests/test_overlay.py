@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from appliance.core.overlay import OverlayMask
+from appliance.core.pyramid import pyramid
 from appliance.core.realtime_tracker import RealTimeTracker
-from appliance.core.template import pyramid
 from drivers.samples import GreyImage
 from drivers.twins.world import World
 from tests.paper import sweeps

@@ -1,55 +1,83 @@
 """One descent in progress: what the warp has come to, which points count, and how sure that makes it."""
 
 from dataclasses import dataclass, field
+from math import cos, sin
 
 import cv2
 import numpy as np
 
-from appliance.core.template import Array, Array32, Bits, Template
-from drivers.samples import GreyImage
+from appliance.core.pyramid import Array, Array32, Bits, Picture
+from appliance.core.template import Template
 
-_TUKEY = 4.685
+_TUKEY = 6.0
 _LEAST_SCALE = 2.0
 _LEAST_SEEN = 64
 _LONGEST, _ROW = 30_000, 1_000
 _STRIPS = 24
 _FLOOR = (0.005, 0.005, 2e-5)
-_SAMPLED = 2_000
+_SAMPLED, _RESPONDING = 500, 1_000
+_LEAST_SHARE, _LEAST_RESPONSE = 0.05, 0.2
+_BESIDE = np.array([[1, -1, 0, 0], [0, 0, 1, -1]], np.float32)[..., None]
 
 
 @dataclass(slots=True, eq=False)
 class Fit:
-    """State of the descent: warp, gain and bias of the greys, Tukey weights (n,), weighted design (5, n) and the
-    inverse (5, 5) of its normal matrix, which a part of the points gives well enough: it steers, it does not judge."""
+    """State of the descent.
 
-    u: Array
+    u: px, alpha: rad, gain and bias of the greys. response: share of the keyframe's gradient that is still there, of
+    what the gain leaves of it. Of the last look the columns and rows (2, n), which of them are in view, what gain and
+    bias leave unexplained, its Tukey weights and the product of the two, (n,).
+    """
+
+    u: tuple[float, float]
     alpha: float
     gain: float = 1.0
     bias: float = 0.0
+    response: float = 1.0
     converged: bool = False
     lost: bool = False
     where: Array32 = field(init=False)
+    seen: Bits = field(init=False)
     residual: Array32 = field(init=False)
     weights: Array32 = field(init=False)
     weighted: Array32 = field(init=False)
-    solver: Array = field(init=False)
 
-    def weigh(self, level: Template, seen: Bits) -> bool:
+    def weigh(self) -> bool:
         """Weights from the residual, their scale from its median; False where too few points are in view."""
-        if np.count_nonzero(seen) < _LEAST_SEEN:
+        if np.count_nonzero(self.seen) < _LEAST_SEEN:
             return False
-        few = np.abs(self.residual[:: max(seen.size // _SAMPLED, 1)])
+        few = np.abs(self.residual[:: max(self.seen.size // _SAMPLED, 1)])
         scale = max(1.4826 * float(np.partition(few, few.size // 2)[few.size // 2]), _LEAST_SCALE)
         ratio = self.residual * np.float32(1 / (_TUKEY * scale))
         ratio *= ratio
         np.subtract(1, ratio, out=ratio)
-        self.weights = np.square(np.maximum(ratio, 0, out=ratio), out=ratio)
-        self.weights *= seen
-        self.weighted = level.design * self.weights
-        H = (self.weighted[:, :: level.thin] @ level.few).astype(np.float64) * (level.grey.size / len(level.few))
-        H.flat[::6] = H.diagonal() * (1 + 1e-9) + 1e-9
-        self.solver = np.asarray(np.linalg.inv(H), dtype=np.float64)
+        np.maximum(ratio, 0, out=ratio)
+        ratio *= ratio
+        ratio *= self.seen
+        self.weights = ratio
+        self.weighted = ratio * self.residual
         return True
+
+    def step(self, level: Template) -> tuple[float, ...]:
+        """Change of u_x, u_y px, α rad, gain, bias by modified residuals (Huber 1981, section 7.8): the normal matrix
+        stays the template's, each direction scaled by what the weights leave of it. It ends where reweighting would."""
+        left = [max(share, _LEAST_SHARE) for share in (level.shares @ self.weights).tolist()]
+        x, y, turn, gain, bias = (level.solver @ (level.design @ self.weighted)).tolist()
+        answer = self.gain * self.response
+        return x / left[0] / answer, y / left[1] / answer, turn / left[2] / answer, gain / left[3], bias / left[3]
+
+    def respond(self, level: Template, image: Picture) -> None:
+        """Where the speckle has changed, its gradient is another one, and the residual answers less to a step."""
+        few = np.s_[:: max(self.seen.size // _RESPONDING, 1)]
+        beside = self.where[:, None, few] + _BESIDE
+        looks = cv2.remap(image, beside[0], beside[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        slope = np.subtract(looks[::2], looks[1::2], dtype=np.float32)
+        expected, weights = level.design[:2, few], self.weights[few]
+        found = (slope * weights) @ expected.T
+        along, across = float(found[0, 0] + found[1, 1]), float(found[1, 0] - found[0, 1])
+        usual = self.gain * 2 * level.factor * float(np.vdot(expected * weights, expected))
+        share = (along * cos(self.alpha) + across * sin(self.alpha)) / max(usual, 1e-6)
+        self.response = min(max(share, _LEAST_RESPONSE), 1.0)
 
     def covariance(self, level: Template) -> Array:
         """(3, 3) A⁻¹ S A⁻ᵀ ÷ gain², the sandwich of an M-estimate (Huber 1967): A = Σ ψ′ J Jᵀ, S from how much strips
@@ -59,25 +87,26 @@ class Fit:
         in which only a part of the keyframe's contrast is left tells as much less of the shift.
         """
         used = self.residual.size - self.residual.size % _STRIPS
-        strips = self.weighted[:, :used].reshape(5, _STRIPS, -1).swapaxes(0, 1)
-        score = (strips @ self.residual[:used].reshape(_STRIPS, -1, 1))[:, :, 0]
-        root = np.sqrt(self.weights[:: level.thin])
-        A = (level.design[:, :: level.thin] * (root * (5 * root - 4))) @ level.few * (level.grey.size / len(level.few))
-        spread = np.linalg.pinv(A.astype(np.float64))[:3] @ score.T
-        found = spread @ spread.T * (_STRIPS / (_STRIPS - 5.0)) / self.gain**2
+        score = (level.design[:, :used] * self.weighted[:used]).reshape(5 * _STRIPS, -1).sum(axis=1)
+        few = np.s_[:: max(self.residual.size // _RESPONDING, 1)]
+        design, root = level.design[:, few], np.sqrt(self.weights[few])
+        A = ((design * (root * (5 * root - 4))) @ design.T).astype(np.float64) * (self.residual.size / root.size)
+        A.flat[::6] += 1e-6
+        spread = np.linalg.inv(A)[:3] @ score.reshape(5, _STRIPS)
+        found = spread @ spread.T * (_STRIPS / (_STRIPS - 5.0)) / (self.gain * self.response) ** 2
         return np.asarray(found + np.diag(_FLOOR) ** 2, dtype=np.float64)
 
 
-def looked_up(image: GreyImage, where: Array32) -> Array32:
+def looked_up(image: Picture, where: Array32) -> Array32:
     """(n,) grey values of the picture at (2, n) columns and rows; in rows, because OpenCV's pictures end at 32767."""
     n = where.shape[1]
     long = n > _LONGEST
     x, y = np.pad(where, ((0, 0), (0, -n % _ROW))).reshape(2, -1, _ROW) if long else where[:, None]
-    found = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found.reshape(-1)[:n], dtype=np.float32)
+    found = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(-1)
+    return np.asarray(found[:n], dtype=np.float32)
 
 
-def inside(where: Array32, image: GreyImage) -> Bits:
+def inside(where: Array32, image: Picture) -> Bits:
     """(..., n) which of the columns and rows (2, ..., n) are in the picture."""
     x, y = where
     return np.asarray((x >= 0) & (y >= 0) & (x <= image.shape[1] - 1) & (y <= image.shape[0] - 1))

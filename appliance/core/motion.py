@@ -7,8 +7,8 @@ spoiling the sorting: what the tracker alone calls out-of-plane counts for nothi
 import numpy as np
 
 from appliance.core.geometry import inverse, vector_from_rotation
+from appliance.core.pyramid import Array
 from appliance.core.realtime_tracker import Tracked
-from appliance.core.template import Array
 from appliance.types import Calibration, Motion, MotionKind, StampedPair
 from drivers.samples import Matrix4
 
@@ -17,7 +17,7 @@ _TURN_RAD = np.deg2rad(0.7)
 _OUT_MM = 0.25
 _ALIKE = 0.95
 _FAST_PX = 40.0
-_RENEW_CORRELATION, _RENEW_OUT_CORRELATION = 0.8, 0.7
+_RENEW_CORRELATION, _RENEW_OUT_CORRELATION = 0.8, 0.65
 _RENEW_OVERLAP = 0.85
 _RENEW_PX = 60.0
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from appliance.core.overlay import OverlayMask
+from appliance.core.pyramid import Array, Pyramid, pyramid
 from appliance.core.registration import Keyframe, Registration, compose
-from appliance.core.template import Array, Pyramid, pyramid
 from drivers.samples import GreyImage
 
 ACCEPT_CORRELATION = 0.5

@@ -6,22 +6,25 @@ that depends on the keyframe alone is computed once per keyframe. Coordinates ar
 """
 
 from dataclasses import dataclass
-from math import cos, hypot, sin
+from functools import cached_property
+from math import cos, hypot, inf, sin
 
 import cv2
 import numpy as np
 
 from appliance.core.fit import Fit, inside, looked_up
-from appliance.core.template import Array, Array32, Bits, Pyramid, Template, centre_px, template
-from drivers.samples import GreyImage
+from appliance.core.pyramid import Array, Array32, Bits, Picture, Pyramid, centre_px
+from appliance.core.template import Template, template
 
-_FAST = {3: 2_000, 2: 3_000, 1: 5_000, 0: 16_000}
-_ACCURATE = _FAST | {0: 80_000}
-_ITERATIONS = {3: 20, 2: 12, 1: 10, 0: 10}
-_CONVERGED_PX = {3: 0.5, 2: 0.25, 1: 0.12, 0: 0.03}
-_LEAST_MIDDLE = 6
+_STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
+"""For each level that is used how many points steer, and the step in px after which the next level goes on."""
+_STEPS = 15
+_FINE, _DENSE, _ACCURATE = 20_000, 60_000, 120_000
+_UNCHANGED = 0.935
+_POLISHED_PX, _POLISHING_STEPS = 0.02, 4
 _MOST_GAIN = 5.0
-_JUDGED = 2_000
+_LEAST_MIDDLE = 6
+_JUDGED = 1_000
 _ASIDE_PX, _ASIDE_SHARE = 12.0, 0.02
 _UNKNOWN = np.diag([1e6, 1e6, 10.0])
 
@@ -59,114 +62,137 @@ def compose(first: tuple[Array, float], then: tuple[Array, float], aspect: float
 class Keyframe:
     """The picture others are registered to, with its gradients and normal equations.
 
-    mask: (h, w) bool, True where tissue may be seen; None for everywhere. accurate: five times the points, for those
-    who have the time.
+    mask: (h, w) bool, True where tissue may be seen; None for everywhere. accurate: several times the points, for
+    those who have the time.
     """
 
     def __init__(self, levels: Pyramid, aspect: float, mask: Bits | None = None, accurate: bool = False) -> None:
         self.aspect = aspect
-        height, width = levels[0].shape
-        self.centre = centre_px(width, height)
-        points = _ACCURATE if accurate else _FAST
-        found = {
-            k: template(image, 2.0**k, self.centre, aspect, points[k], mask)
-            for k, image in enumerate(levels)
-            if k in points
-        }
-        rows, columns = levels[-1].shape[0] // 4, levels[-1].shape[1] // 4
-        self._middle = levels[-1][rows : levels[-1].shape[0] - rows, columns : levels[-1].shape[1] - columns]
-        self._templates = {k: level for k, level in found.items() if level is not None}
+        self._levels, self._mask, self._accurate = levels, mask, accurate
+        self._centre = centre_px(*levels.finest.shape[::-1])
+        self._fine = self._dense if accurate else self._template(0, _FINE)
+        coarsest = levels.level(levels.coarsest)
+        self._middle = _speckle(coarsest)[_inner(coarsest.shape)]
 
     @property
     def textured(self) -> bool:
         """False where the picture holds too little structure to be registered at all."""
-        return 0 in self._templates
+        return self._fine is not None
+
+    @cached_property
+    def _dense(self) -> Template | None:
+        """Many points, for pictures that have changed; worked out when the first one asks for it."""
+        return self._template(0, _ACCURATE if self._accurate else _DENSE)
+
+    @cached_property
+    def _steering(self) -> tuple[tuple[int, Template], ...]:
+        """Level and its few points, coarse to fine."""
+        found = [(k, self._template(k, _STEERING[k][0])) for k in (3, 1) if k <= self._levels.coarsest]
+        found.append((0, None if self._fine is None else self._fine.thinned(_STEERING[0][0])))
+        return tuple((k, level) for k, level in found if level is not None)
+
+    def _template(self, index: int, most: int) -> Template | None:
+        return template(self._levels.level(index), 2.0**index, self._centre, self.aspect, most, self._mask)
 
     def register(self, levels: Pyramid, start: tuple[Array, float] | None = None) -> Registration:
         """Register a picture of the same size, coarse to fine from `start`, or from `guess`. Needs `textured`."""
         u, alpha = (self.guess(levels), 0.0) if start is None else start
-        fit = Fit(np.asarray(u, dtype=np.float64), float(alpha))
-        for k in sorted(self._templates, reverse=True):
-            fit = self._descend(self._templates[k], levels[k], fit, k)
-        return self._conclude(self._templates[0], levels[0], fit)
+        fit = Fit((float(u[0]), float(u[1])), float(alpha))
+        for k, level in self._steering:
+            fit = self._descend(level, levels.level(k), fit, _STEERING[k][1])
+        assert self._fine is not None
+        return self._polished(self._fine, levels.finest, fit)
 
     def guess(self, levels: Pyramid) -> Array:
         """(2,) px: where the middle of the keyframe is seen, found on the coarsest level by trying every place."""
         if min(self._middle.shape) < _LEAST_MIDDLE:
             return np.zeros(2)
-        likeness = cv2.matchTemplate(levels[-1], self._middle, cv2.TM_CCOEFF_NORMED)
+        coarsest = levels.level(levels.coarsest)
+        likeness = cv2.matchTemplate(_speckle(coarsest), self._middle, cv2.TM_CCOEFF_NORMED)
         row, column = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
-        margin = (levels[-1].shape[1] - self._middle.shape[1]) // 2, (levels[-1].shape[0] - self._middle.shape[0]) // 2
-        return np.array([column - margin[0], row - margin[1]]) * 2.0 ** (len(levels) - 1)
+        rows, columns = _inner(coarsest.shape)
+        return np.array([column - columns.start, row - rows.start]) * 2.0**levels.coarsest
 
-    def _descend(self, level: Template, image: GreyImage, start: Fit, index: int) -> Fit:
+    def _descend(self, level: Template, image: Picture, start: Fit, enough_px: float) -> Fit:
         fit = Fit(start.u, start.alpha, start.gain, start.bias)
-        for _ in range(_ITERATIONS[index]):
-            self._look(level, image, fit)
-            if not fit.weigh(level, inside(fit.where, image)):
-                fit.lost = True
-                return fit
-            step = fit.solver @ (fit.weighted @ fit.residual)
-            self._move(fit, step)
-            length = hypot(step[0], step[1]) + abs(step[2]) * self.centre[0]
-            if length < _CONVERGED_PX[index]:
-                fit.converged = True
+        for _ in range(_STEPS):
+            fit.converged = self._improve(level, image, fit) < enough_px
+            if fit.converged or fit.lost:
                 break
         return fit
 
-    def _move(self, fit: Fit, step: Array) -> None:
-        fit.gain = min(max(fit.gain + float(step[3]), 1 / _MOST_GAIN), _MOST_GAIN)
-        fit.bias += float(step[4])
-        fit.alpha -= float(step[2])
-        fit.u = fit.u - warp_matrix(fit.alpha, self.aspect) @ step[:2] / fit.gain
+    def _polished(self, level: Template, image: Picture, fit: Fit) -> Registration:
+        """One step with all points; where the speckle has changed, which tells less, several with more of them."""
+        self._improve(level, image, fit)
+        if fit.lost:
+            return _lost(fit)
+        fit.respond(level, image)
+        if fit.response < _UNCHANGED and self._dense is not None:
+            level = self._dense
+            for _ in range(_POLISHING_STEPS):
+                if self._improve(level, image, fit) < _POLISHED_PX:
+                    break
+        return _lost(fit) if fit.lost else _concluded(level, image, fit)
 
-    def _look(self, level: Template, image: GreyImage, fit: Fit) -> None:
-        """Where the points are seen, columns and rows of the level (2, n), and what gain and bias leave unexplained."""
-        M = np.empty((2, 3), np.float32)
-        M[:, :2] = warp_matrix(fit.alpha, self.aspect) / level.factor
-        M[:, 2] = (fit.u + self.centre) / level.factor
-        fit.where = M @ level.places
+    def _improve(self, level: Template, image: Picture, fit: Fit) -> float:
+        """Look, weigh, and go one step of so many px."""
+        self._look(level, image, fit)
+        fit.lost = not fit.weigh()
+        if fit.lost:
+            return inf
+        x, y, turn, gain, bias = fit.step(level)
+        fit.gain = min(max(fit.gain + gain, 1 / _MOST_GAIN), _MOST_GAIN)
+        fit.bias += bias
+        fit.alpha -= turn
+        c, s = cos(fit.alpha), sin(fit.alpha)
+        fit.u = fit.u[0] - c * x + s * self.aspect * y, fit.u[1] - s / self.aspect * x - c * y
+        return hypot(x, y) + abs(turn) * float(self._centre[0])
+
+    def _look(self, level: Template, image: Picture, fit: Fit) -> None:
+        """Where the points are seen in the level, and what gain and bias leave unexplained."""
+        c, s = cos(fit.alpha) / level.factor, sin(fit.alpha) / level.factor
+        x, y = ((u + middle + 0.5) / level.factor - 0.5 for u, middle in zip(fit.u, self._centre.tolist(), strict=True))
+        fit.where = np.array([[c, -s * self.aspect, x], [s / self.aspect, c, y]], np.float32) @ level.places
+        fit.seen = inside(fit.where, image)
         expected = level.grey * np.float32(fit.gain)
         expected += np.float32(fit.bias)
         fit.residual = np.subtract(looked_up(image, fit.where), expected, out=expected)
 
-    def _conclude(self, level: Template, image: GreyImage, fit: Fit) -> Registration:
-        if fit.lost:
-            return Registration(fit.u, fit.alpha, 1.0, 0.0, _UNKNOWN, 0.0, 0.0, False)
-        if not fit.converged:
-            self._look(level, image, fit)
-        thin = np.s_[:: max(level.grey.size // _JUDGED, 1)]
-        where, grey = fit.where[:, thin], level.grey[thin]
-        seen = inside(where, image)
-        looks = _looks(image, where)
-        gain, bias = _photometric(grey, looks[0], fit.weights[thin] * seen)
-        correlation = _correlations(grey, looks, seen)
-        return Registration(
-            fit.u,
-            fit.alpha,
-            gain,
-            bias,
-            fit.covariance(level),
-            float(correlation[0]),
-            float(np.count_nonzero(seen)) / seen.size,
-            fit.converged,
-            float(correlation[0] - correlation[1:].max()),
-        )
+
+def _lost(fit: Fit) -> Registration:
+    return Registration(np.array(fit.u), fit.alpha, 1.0, 0.0, _UNKNOWN, 0.0, 0.0, False)
 
 
-def _photometric(before: Array32, now: Array32, weights: Array32) -> tuple[float, float]:
-    """Gain and bias of the grey values, now = gain · before + bias."""
-    total = float(weights.sum())
-    if total < 1:
-        return 1.0, 0.0
-    mean, mean_now = float(weights @ before) / total, float(weights @ now) / total
-    apart = before - np.float32(mean)
-    spread = float((weights * apart) @ apart)
-    gain = float((weights * apart) @ (now - np.float32(mean_now))) / spread if spread > 0 else 1.0
-    return gain, mean_now - gain * mean
+def _concluded(level: Template, image: Picture, fit: Fit) -> Registration:
+    thin = np.s_[:: max(level.grey.size // _JUDGED, 1)]
+    where, grey, seen = fit.where[:, thin], level.grey[thin], fit.seen[thin]
+    correlation = _correlations(grey, _looks(image, where), seen)
+    return Registration(
+        np.array(fit.u),
+        fit.alpha,
+        fit.gain,
+        fit.bias,
+        fit.covariance(level),
+        float(correlation[0]),
+        float(np.count_nonzero(seen)) / seen.size,
+        fit.converged,
+        float(correlation[0] - correlation[1:].max()),
+    )
 
 
-def _looks(image: GreyImage, where: Array32) -> Array32:
+def _inner(shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """The middle half of a picture in each direction."""
+    rows, columns = shape[0] // 4, shape[1] // 4
+    return np.s_[rows : shape[0] - rows, columns : shape[1] - columns]
+
+
+def _speckle(image: Picture) -> Array32:
+    """The picture without what is smooth in it: shadows and gain."""
+    smooth = cv2.blur(image, (image.shape[0] // 4 | 1,) * 2)
+    return np.asarray(cv2.subtract(image, smooth, dtype=cv2.CV_32F), dtype=np.float32)
+
+
+def _looks(image: Picture, where: Array32) -> Array32:
     """(5, n) the picture at (2, n) places, and a little to the right, left, below and above them."""
     reach = max(_ASIDE_PX, _ASIDE_SHARE * image.shape[1])
     aside = np.array([[0, reach, -reach, 0, 0], [0, 0, 0, reach, -reach]], np.float32)

@@ -6,32 +6,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.samples import GreyImage
+from appliance.core.pyramid import Array, Array32, Bits, Picture
 
-Array = NDArray[np.float64]
-Array32 = NDArray[np.float32]
-Bits = NDArray[np.bool_]
-Pyramid = tuple[GreyImage, ...]
-
-_LEVELS = 4
-_ENOUGH = 2_000
 _EDGE_PX = 2
 _LEAST_POINTS = 64
-_LEAST_STEP = 4
+_LEAST_STEP = 3
 _FLAT_SHARE = 0.02
-
-
-def pyramid(image: GreyImage) -> Pyramid:
-    """(h, w) uint8 → levels, each half the size of the one before; row i is row 2i of the finer level."""
-    levels = [image]
-    while len(levels) < _LEVELS and min(levels[-1].shape) >= 32:
-        levels.append(np.asarray(cv2.pyrDown(levels[-1]), dtype=np.uint8))
-    return tuple(levels)
-
-
-def centre_px(width: int, height: int) -> Array:
-    """(2,) column and row of the image centre."""
-    return np.array([(width - 1) / 2, (height - 1) / 2])
+_SPARE = 1.2
+_SAMPLED = 2_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,19 +21,36 @@ class Template:
     """n points of one pyramid level, top to bottom.
 
     factor: px of the full picture per px of the level. places: (3, n) x, y px of the full picture from its centre, 1.
-    grey: (n,). design: (5, n) ∂grey/∂(u_x, u_y, α), grey, 1. few: every thin-th column of it, (n ÷ thin, 5).
+    grey: (n,). design: (5, n) ∂grey/∂(u_x, u_y, α), grey, 1. solver: (5, 5) inverse of the sum of their products.
+    shares: (4, n) of each point in the sums of the squares of ∂grey/∂(u_x, u_y, α), and in the number of points.
     """
 
     factor: float
     places: Array32
     grey: Array32
     design: Array32
-    thin: int
-    few: Array32
+    solver: Array
+    shares: Array32
+
+    @classmethod
+    def of(cls, factor: float, places: Array32, design: Array32) -> "Template":
+        """With the solver, which a part of the points gives well enough: it steers, it does not judge."""
+        few = design[:, :: max(design.shape[1] // _SAMPLED, 1)]
+        products = (few @ few.T).astype(np.float64) * (design.shape[1] / few.shape[1])
+        products.flat[::6] = products.diagonal() * (1 + 1e-9) + 1e-9
+        shares = np.square(design[[0, 1, 2, 4]])
+        shares /= np.maximum(shares.sum(axis=1, keepdims=True), 1e-9)
+        return cls(factor, places, design[3], design, np.asarray(np.linalg.inv(products), dtype=np.float64), shares)
+
+    def thinned(self, most: int) -> "Template":
+        """The same with about `most` of the points."""
+        each = max(self.grey.size // most, 1)
+        places, design = (np.ascontiguousarray(part[:, ::each]) for part in (self.places, self.design))
+        return Template.of(self.factor, places, design)
 
 
 def template(
-    image: GreyImage, factor: float, centre: Array, aspect: float, most: int, mask: Bits | None
+    image: Picture, factor: float, centre: Array, aspect: float, most: int, mask: Bits | None
 ) -> Template | None:
     """About `most` points of a level, spread evenly over what has structure; None where there is too little of it.
 
@@ -60,47 +59,60 @@ def template(
     if min(image.shape) < 2 * _EDGE_PX + 1:
         return None
     mask = None if mask is None else _mask_at(mask, image.shape)
-    slopes = _slope(image, 1, 0), _slope(image, 0, 1)
-    pitch = max(int(np.sqrt(image.size / (2 * most))), 1)
-    chosen = _structured(slopes, image.shape, pitch, mask)
-    if pitch > 1 and chosen.size < most / 2:
-        chosen = _structured(slopes, image.shape, 1, mask)
+    lattice = _Lattice.of(image, max(int(np.sqrt(image.size / (_SPARE * most))), 1), mask)
+    if lattice.pitch > 1 and lattice.structured.size < most / 2:
+        lattice = _Lattice.of(image, 1, mask)
+    chosen = lattice.structured
     if chosen.size < _LEAST_POINTS:
         return None
     if chosen.size > most:
         chosen = chosen[(np.arange(most) * (chosen.size / most)).astype(np.intp)]
-    rows, columns = np.divmod(chosen.astype(np.int32), np.int32(image.shape[1]))
-    x = (columns * factor - centre[0]).astype(np.float32)
-    y = (rows * factor - centre[1]).astype(np.float32)
-    grey = image.ravel()[chosen].astype(np.float32)
-    gx, gy = (slope[chosen] * np.float32(0.125 / factor) for slope in slopes)
-    turn = gy * x * np.float32(1 / aspect) - gx * y * np.float32(aspect)
-    design = np.stack([gx, gy, turn, grey, np.ones_like(x)])
-    thin = max(x.size // _ENOUGH, 1)
-    few = np.ascontiguousarray(design[:, ::thin].T)
-    return Template(factor, np.stack([x, y, design[4]]), grey, design, thin, few)
+    rows, columns = lattice.places(chosen)
+    middle = centre - (factor - 1) / 2
+    places, design = np.ones((3, chosen.size), np.float32), np.ones((5, chosen.size), np.float32)
+    x, y = places[:2] = columns * factor - middle[0], rows * factor - middle[1]
+    gx, gy = design[:2] = lattice.steps.reshape(2, -1).take(chosen, axis=1) * np.float32(0.5 / factor)
+    design[2] = gy * (x / aspect) - gx * (y * aspect)
+    design[3] = image.ravel().take(rows * image.shape[1] + columns)
+    return Template.of(factor, places, design)
 
 
-def _structured(
-    slopes: tuple[NDArray[np.int16], ...], shape: tuple[int, ...], pitch: int, mask: Bits | None
-) -> NDArray[np.intp]:
-    """Flat indices of the pixels of a lattice that hold all but a fiftieth of its gradient energy; the flat rest says
-    nothing. slopes: eightfold gradient across and down, (h · w,) each."""
-    inner = np.s_[_EDGE_PX:-_EDGE_PX:pitch, _EDGE_PX:-_EDGE_PX:pitch]
-    across, down = (slope.reshape(shape)[inner] for slope in slopes)
-    steep = np.abs(across) + np.abs(down)
-    counts = np.bincount(steep.ravel()[::4] >> 2, minlength=512)
-    held = np.cumsum(counts * np.square(np.arange(float(counts.size))))
-    chosen = steep > max(4 * int(np.searchsorted(held, _FLAT_SHARE * held[-1])), _LEAST_STEP)
-    if mask is not None:
-        chosen &= mask[inner]
-    rows, columns = np.divmod(np.flatnonzero(chosen), chosen.shape[1])
-    return np.asarray((rows * pitch + _EDGE_PX) * shape[1] + columns * pitch + _EDGE_PX, dtype=np.intp)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lattice:
+    """Every pitch-th pixel of a picture, (rows, columns) of them.
+
+    steps: (2, rows, columns) grey of the neighbour to the right minus left, below minus above. structured: flat indices
+    of those that hold all but a fiftieth of the gradient energy; the flat rest says nothing.
+    """
+
+    pitch: int
+    steps: Array32
+    structured: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, image: Picture, pitch: int, mask: Bits | None) -> "_Lattice":
+        across = _every(image, pitch, 0, 1), _every(image, pitch, 0, -1)
+        down = _every(image, pitch, 1, 0), _every(image, pitch, -1, 0)
+        steps = np.stack([np.subtract(*pair, dtype=np.float32) for pair in (across, down)])
+        steep = np.abs(steps[0]) + np.abs(steps[1])
+        counts = np.bincount(steep.ravel()[::4].astype(np.intp))
+        held = np.cumsum(counts * np.square(np.arange(float(counts.size))))
+        structured = steep > max(int(np.searchsorted(held, _FLAT_SHARE * held[-1])), _LEAST_STEP)
+        if mask is not None:
+            structured &= _every(mask, pitch, 0, 0)
+        return cls(pitch, steps, np.flatnonzero(structured))
+
+    def places(self, chosen: NDArray[np.intp]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Rows and columns of the picture, (n,) each."""
+        rows, columns = np.divmod(chosen.astype(np.int32), np.int32(self.steps.shape[2]))
+        return rows * np.int32(self.pitch) + np.int32(_EDGE_PX), columns * np.int32(self.pitch) + np.int32(_EDGE_PX)
 
 
-def _slope(image: GreyImage, across: int, down: int) -> NDArray[np.int16]:
-    """(h · w,) eight times the gradient in one direction."""
-    return np.asarray(cv2.Sobel(image, cv2.CV_16S, across, down), dtype=np.int16).ravel()
+def _every(picture: Picture | Bits, pitch: int, down: int, right: int) -> Picture | Bits:
+    """Every pitch-th pixel but the edge's, moved by one where asked."""
+    height, width = picture.shape
+    rows = slice(_EDGE_PX + down, height - _EDGE_PX + down, pitch)
+    return picture[rows, _EDGE_PX + right : width - _EDGE_PX + right : pitch]
 
 
 def _mask_at(mask: Bits, shape: tuple[int, ...]) -> Bits:

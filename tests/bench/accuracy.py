@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from appliance.core.pyramid import pyramid
 from appliance.core.registration import Keyframe
-from appliance.core.template import pyramid
 from tests.bench.peers import PEERS, Method, cold, kept
 from tests.bench.scenes import CHANGED, CLEAN, Pair, Scene, pairs
 from tests.rendered import Warp, rms_px

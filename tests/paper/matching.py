@@ -4,8 +4,8 @@ import numpy as np
 
 from appliance.core.handeye.motions import Motions
 from appliance.core.path_samples import PathSamples
+from appliance.core.pyramid import pyramid
 from appliance.core.registration import Keyframe, compose
-from appliance.core.template import pyramid
 from tests.paper.sweeps import FPS, SCALE, Sweep
 
 ASPECT = float(SCALE[1] / SCALE[0])

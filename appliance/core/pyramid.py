@@ -1,0 +1,59 @@
+"""A picture at several sizes, coarse to find the way and fine to measure it."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.samples import GreyImage
+
+Array = NDArray[np.float64]
+Array32 = NDArray[np.float32]
+Bits = NDArray[np.bool_]
+Picture = GreyImage | Array32
+
+_HALVINGS = 3
+_LEAST_SIDE = 32
+_SMOOTHED_PX = (3, 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pyramid:
+    """finest: (h, w) float32. halved: uint8, each half the size of the one before.
+
+    Pixel i of a level is the mean of 2i and 2i + 1 of the finer one.
+    """
+
+    finest: Array32
+    halved: tuple[GreyImage, ...]
+
+    def level(self, index: int) -> Picture:
+        """0 is the finest."""
+        return self.halved[index - 1] if index else self.finest
+
+    @property
+    def coarsest(self) -> int:
+        """Index of the last level."""
+        return len(self.halved)
+
+
+def pyramid(image: GreyImage) -> Pyramid:
+    """(h, w) uint8 → levels.
+
+    The finest is float32, for OpenCV looks bytes up in steps of a 32nd of a pixel, and smoothed a little, for between
+    the pixels of a sharp picture linear interpolation shifts what it shows. The others only steer.
+    """
+    finest = np.asarray(cv2.boxFilter(image, cv2.CV_32F, _SMOOTHED_PX), dtype=np.float32)
+    halved: list[GreyImage] = []
+    while len(halved) < _HALVINGS and min(image.shape) >= _LEAST_SIDE:
+        height, width = image.shape[0] // 2, image.shape[1] // 2
+        even = image[: 2 * height, : 2 * width]
+        halved.append(np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8))
+        image = np.asarray(cv2.blur(halved[-1], _SMOOTHED_PX), dtype=np.uint8)
+    return Pyramid(finest, tuple(halved))
+
+
+def centre_px(width: int, height: int) -> Array:
+    """(2,) column and row of the image centre."""
+    return np.array([(width - 1) / 2, (height - 1) / 2])
