@@ -81,7 +81,7 @@ class _Places:
     def at(self, steps: NDArray[np.int64]) -> Array:
         """(k,) grid steps → (3, k, n)."""
         before = self._index + steps[:, None]
-        low, high = self._grid_mm[:, before], self._grid_mm[:, before + 1]
+        low, high = (np.take(self._grid_mm, index, axis=1) for index in (before, before + 1))
         return np.asarray(low + self._share * (high - low))
 
 
@@ -108,8 +108,8 @@ class _Steps:
         """
         first = self.first[::stride]
         last = first + self._frames
-        w = (places_mm[..., last] - places_mm[..., first]).swapaxes(0, 1)
-        moved = self._path_mm[:, last] - self._path_mm[:, first]
+        w = (np.take(places_mm, last, axis=2) - np.take(places_mm, first, axis=2)).swapaxes(0, 1)
+        moved = np.take(self._path_mm, last, axis=1) - np.take(self._path_mm, first, axis=1)
         weight = np.ones((len(w), first.size))
         left_square, middle = np.zeros_like(weight), first.size // 2
         for _ in range(_ROBUST_ROUNDS):
@@ -131,7 +131,7 @@ def _smoothed(t_s: Array, values: Array, width_s: float) -> Array:
     for shift in range(-reach, reach + 1):
         index = np.clip(np.arange(t_s.size) + shift, 0, t_s.size - 1)
         kernel = np.maximum(1 - np.abs(t_s[index] - t_s) / (width_s * 1.5), 0)
-        total += values[:, index] * kernel
+        total += np.take(values, index, axis=1) * kernel
         weights += kernel
     return np.asarray(total / weights)
 

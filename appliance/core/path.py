@@ -3,6 +3,7 @@ tracker.
 """
 
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,12 +60,14 @@ class PoseTrack:
         if times.size < 2:
             return np.broadcast_to(np.eye(4), (*t_s.shape, 4, 4)), np.zeros(t_s.shape, dtype=bool)
         after = np.clip(np.searchsorted(times, t_s, side="right"), 1, times.size - 1)
-        span = times[after] - times[after - 1]
-        share = np.clip((t_s - times[after - 1]) / span, 0, 1)[..., None]
-        q = (1 - share) * turns[after - 1] + share * turns[after]
+        start_s, end_s = np.take(times, after - 1), np.take(times, after)
+        share = np.clip((t_s - start_s) / (end_s - start_s), 0, 1)[..., None]
+        p, q = (
+            (1 - share) * np.take(values, after - 1, axis=0) + share * np.take(values, after, axis=0)
+            for values in (positions, turns)
+        )
         q /= np.linalg.norm(q, axis=-1, keepdims=True)
-        p = (1 - share) * positions[after - 1] + share * positions[after]
-        bracketed = (t_s >= times[0]) & (t_s <= times[-1]) & (span < 0.25)
+        bracketed = (t_s >= times[0]) & (t_s <= times[-1]) & (end_s - start_s < 0.25)
         return rigid(_rotation_from_quaternion(q), p), bracketed
 
     def _take_new(self) -> None:
@@ -92,7 +95,7 @@ class PathWindow:
         self._seen: deque[Motion] = deque()
         self.poses = PoseTrack(span_ns + 2_000_000_000)
         self._arrays_known: tuple[Array, NDArray[np.int64], Array, Array] | None = None
-        self._samples_known: dict[tuple[float, bool], PathSamples] = {}
+        self._samples_known: dict[float, tuple[PathSamples, PathSamples]] = {}
 
     def __len__(self) -> int:
         return len(self._seen)
@@ -156,22 +159,21 @@ class PathWindow:
         """
         if not self._seen:
             return _NOTHING
-        asked = (latency_s, weigh_hidden)
-        if asked not in self._samples_known:
-            self._samples_known[asked] = self._samples(*asked)
-        return self._samples_known[asked]
+        if latency_s not in self._samples_known:
+            self._samples_known[latency_s] = self._samples(latency_s)
+        return self._samples_known[latency_s][weigh_hidden]
 
-    def _samples(self, latency_s: float, weigh_hidden: bool) -> PathSamples:
+    def _samples(self, latency_s: float) -> tuple[PathSamples, PathSamples]:
+        """Without and with the weight of what was hidden; the same where nothing was."""
         t_s, chain, u_px, alpha = self._arrays()
         asked_s = t_s + latency_s + np.array([[0.0], [-_APART_S / 2], [_APART_S / 2]])
         around, known = self.poses.at(asked_s, self._seen[0].stamp.t_ns)
         keep = known.all(axis=0)
-        hidden_mm = np.zeros_like(t_s)
-        if weigh_hidden and keep.any():
-            hidden_mm = self._hidden_mm(t_s, chain, u_px, alpha, around[0])
         poses, earlier, later = around[:, keep]
         seen = t_s[keep], chain[keep], u_px[keep], alpha[keep]
-        return PathSamples(*seen, poses, earlier, later, _APART_S, hidden_mm[keep])
+        samples = PathSamples(*seen, poses, earlier, later, _APART_S, np.zeros_like(seen[0]))
+        hidden_mm = self._hidden_mm(t_s, chain, u_px, alpha, around[0])[keep]
+        return samples, replace(samples, hidden_mm=hidden_mm) if hidden_mm.any() else samples
 
     def _arrays(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         if self._arrays_known is None:

@@ -4,7 +4,7 @@ Within a chain the differences of successive residuals are free of the offset; t
 whitening costs time in proportion to the pictures.
 """
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
 
@@ -41,8 +41,11 @@ class Noise:
 
     def like(self, other: "Noise") -> bool:
         """Whether another round with this noise would give the same answer."""
-        own, others = np.array(astuple(self)), np.array(astuple(other))
-        return bool(np.all(np.abs(own - others) <= _SAME_NOISE * others))
+        return all(abs(own - others) <= _SAME_NOISE * others for own, others in zip(self._all, other._all, strict=True))
+
+    @property
+    def _all(self) -> tuple[float, float, float, float]:
+        return self.position_mm, self.position_drift, self.angle_rad, self.angle_drift
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +131,7 @@ class Whitener:
         if np.iscomplexobj(steps):
             lateral, axial = (self._innovations(factor, part) for part in (steps.real, steps.imag))
             return np.asarray(lateral + 1j * axial)
-        white, _ = dtbtrs(factor, steps[..., self._later].T, uplo="L", overwrite_b=True)
+        white, _ = dtbtrs(factor, np.take(steps, self._later, axis=-1).T, uplo="L", overwrite_b=True)
         return np.asarray(white.T)
 
 

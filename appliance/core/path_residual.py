@@ -16,7 +16,7 @@ ROTATION, SCALE, OFFSET, TAU = slice(0, 3), slice(3, 5), slice(5, 8), 8
 """Of θ (9,): change of the reference in the order of PARAMETERS, and the latency, s."""
 VALUE = 9
 """Of `PathResidual.linear`: the residual itself, behind its derivatives by θ."""
-_OF_X = [0, 1, 2, 5, 6, 7, VALUE]
+_OF_X = np.array([0, 1, 2, 5, 6, 7, VALUE])
 """Rotation, offset and value: what `products_and_slopes` is of."""
 _OF_REST = np.zeros((10, 4))
 """Coefficients of the two measured axes, of the rate and of the measured turn, but for their values."""
