@@ -89,7 +89,10 @@ def test_a_killed_estimator_alarms_and_recovers_by_itself(monitoring: Cart) -> N
     os.kill(monitoring.estimator_pid(), signal.SIGKILL)
     monitoring.open_contact(killed_s, ALARM_S)
     until(lambda: monitoring.daemon.find(killed_s, event="state", state="internal fault", fault="estimator-silent"))
-    assert monitoring.wait_for("monitoring")["counters"]["estimator_restarts"] >= 1
+    status = monitoring.wait_for("monitoring")
+    count = status["counters"]["estimator_restarts"]
+    assert status["estimator"] == f"killed by SIGKILL, restart {count}"
+    assert monitoring.daemon.find(killed_s, event="estimator ended", how="killed by SIGKILL", restart=count)
 
 
 def test_a_stopped_estimator_alarms(monitoring: Cart) -> None:
@@ -107,6 +110,16 @@ def test_the_service_manager_is_told_ready_and_fed_by_every_tick(monitoring: Car
     assert first.startswith("READY=1\nWATCHDOG=1\n")
     time.sleep(0.5)
     assert 5 <= len([said for said in notifications(manager) if "WATCHDOG=1" in said]) <= 12
+
+
+def test_the_service_manager_is_told_how_the_estimator_ended(monitoring: Cart, manager: socket.socket) -> None:
+    notifications(manager)
+    os.kill(monitoring.estimator_pid(), signal.SIGSEGV)
+    words = "STATUS=internal fault: Verification has stopped (estimator killed by SIGSEGV, restart "
+    until(lambda: any(words in said for said in notifications(manager)), ALARM_S)
+    monitoring.wait_for("monitoring")
+    notifications(manager)
+    assert "estimator" not in until(lambda: notifications(manager))[-1]
 
 
 def test_a_killed_relay_board_is_an_output_failure_and_comes_back(monitoring: Cart, manager: socket.socket) -> None:

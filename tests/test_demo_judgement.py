@@ -107,6 +107,7 @@ def status(**changed: object) -> dict[str, object]:
         "notices": [],
         "remarks": [],
         "lost": {},
+        "estimator": None,
         "audio": {"mode": "paused", "left_s": 29.0},
         "verification_age_s": None,
         "fps": {"video": 30.0, "tracker": 60.0},

@@ -1,6 +1,9 @@
 """The two sides of the estimator, with a real second process."""
 
+import io
+import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,6 +17,7 @@ import pytest
 
 from appliance.limits import Limits
 from appliance.service.estimator_host import EstimatorHost
+from appliance.service.log import configure
 from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from tests import stand_in_estimator as stand_in
@@ -88,8 +92,8 @@ def test_a_new_reference_silences_what_is_said_of_the_old(host: EstimatorHost) -
     assert host.restarts == 0
 
 
-@pytest.mark.parametrize("kill", ["SIGKILL", "crash"])
-def test_it_is_started_again_after_its_death_with_the_same_reference(host: EstimatorHost, kill: str) -> None:
+@pytest.mark.parametrize(("kill", "how"), [("SIGKILL", "killed by SIGKILL"), ("crash", "ended with exit code 1")])
+def test_it_is_started_again_after_its_death_with_the_same_reference(host: EstimatorHost, kill: str, how: str) -> None:
     host.refer(reference(0.5))
     first = host.pid
     assert first is not None
@@ -102,7 +106,29 @@ def test_it_is_started_again_after_its_death_with_the_same_reference(host: Estim
     host.put(frame(stand_in.FAULT))
     (verdict,) = verdicts(host)
     assert (verdict.fault, verdict.checks[0].value) == ("polarity", 0.5)
-    assert host.restarts == 1
+    assert (host.restarts, host.ended) == (1, f"{how}, restart 1")
+
+
+def test_one_that_goes_on_dying_is_named_and_counted_each_time() -> None:
+    """By whatever signal: those for real time have no name."""
+    command, stream = (sys.executable, "-c", "import os; os.kill(os.getpid(), 40)"), io.StringIO()
+    with configure("info", stream):
+        host = EstimatorHost(reference(), Limits(), command)
+        until(lambda: host.poll() and host.restarts == 3)
+        host.close()
+    assert host.ended == "killed by 40, restart 3"
+    said = [json.loads(line) for line in stream.getvalue().splitlines()]
+    assert [(one["event"], one["how"], one["restart"]) for one in said] == [
+        ("estimator ended", "killed by 40", number) for number in (1, 2, 3)
+    ]
+
+
+def test_a_hung_one_is_named(host: EstimatorHost) -> None:
+    assert host.pid is not None
+    assert host.ended is None
+    os.kill(host.pid, signal.SIGSTOP)
+    until(lambda: host.poll() and host.ended is not None, 8)
+    assert re.fullmatch(r"hung, silent for 5\.\d s, restart 1", str(host.ended))
 
 
 def test_polling_a_hung_estimator_never_waits(host: EstimatorHost) -> None:

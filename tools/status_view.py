@@ -102,7 +102,8 @@ def _rates(status: Status) -> Text:
 
 
 def _remarks(status: Status) -> list[Text]:
-    """What needs no alarm, and what is lost."""
+    """What needs no alarm, what is lost, and how the estimator ended."""
     lost = [f"{device}: {what}" for device, what in status["lost"].items()]
-    said = [*status["notices"], *status["remarks"], *lost]
+    ended = [] if status["estimator"] is None else [f"estimator: {status['estimator']}"]
+    said = [*status["notices"], *status["remarks"], *lost, *ended]
     return [Text(f"! {line}", style="yellow", no_wrap=True, overflow="ellipsis") for line in said]

@@ -228,7 +228,11 @@ class Daemon:
         writes = sum(output.writes for output in self._outputs)
         if writes > self._fed_writes:
             self._fed_writes = writes
-            self._notifier.alive(f"{alarm.state.value}: {alarm.reason}")
+            self._notifier.alive(f"{alarm.state.value}: {alarm.reason}{self._why_silent()}")
+
+    def _why_silent(self) -> str:
+        ended = None if self._estimator.speaking else self._estimator.ended
+        return "" if ended is None else f" (estimator {ended})"
 
     def _ask(self, request: Request) -> None:
         seen = None if self._alarm is None else self._alarm.fault
@@ -251,6 +255,7 @@ class Daemon:
             "outputs": output_fields(self._outputs),
             "log": log_fields(self._recorder),
             "lost": {f"{one.role} {one.url}": one.lost for one in self._threads() if one.lost is not None},
+            "estimator": self._estimator.ended,
             "remarks": list(self._tracker.remarks),
             "fps": {name: round(meter.per_s, 2) for name, meter in self._fps.items()},
             "tick": self._ticks.fields(),

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from appliance.limits import Limits
 from appliance.service.estimator_link import LinkClosed, Order, Word, link_pair, receive, send
+from appliance.service.log import get_log
 from appliance.service.ring import FRAMES, POSES, Ring
 from appliance.types import Calibration, Verdict
 from drivers.samples import Frame, Sample
@@ -18,6 +19,7 @@ from drivers.samples import Frame, Sample
 _COMMAND = (sys.executable, "-m", "appliance.service.estimator_process")
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 5.0
 _HUNG_S, _LOADING_S = 5.0, 60.0
+_SIGNALS = {one.value: one.name for one in signal.Signals}
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -26,8 +28,9 @@ class EstimatorHost:
 
     slowness: how much more patience an emulated machine needs.
 
-    restarts: processes started after the first. last: what it said last, None before its first word. said_ns: when the
-    first verdict of the last poll was said.
+    restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
+    before any did. last: what it said last, None before its first word. said_ns: when the first verdict of the last
+    poll was said.
     """
 
     def __init__(
@@ -41,7 +44,9 @@ class EstimatorHost:
         self._started_s = self._heard_s = self._start_at_s = 0.0
         self._spoken = False
         self._wait_s = _FIRST_WAIT_S
+        self._log = get_log()
         self.restarts = -1
+        self.ended: str | None = None
         self.last: Word | None = None
         self.said_ns = 0
 
@@ -112,11 +117,20 @@ class EstimatorHost:
         if self._process is None:
             if now_s >= self._start_at_s:
                 self._start(now_s)
-        elif self._process.poll() is not None or self._hung(now_s):
+        elif how := self._ending(self._process, now_s):
             lived_s = now_s - self._started_s
             self._stop()
             self._wait_s = _FIRST_WAIT_S if lived_s > 10 else min(2 * self._wait_s, _LONGEST_WAIT_S)
             self._start_at_s = now_s + self._wait_s
+            self.ended = f"{how}, restart {self.restarts + 1}"
+            self._log.error("estimator ended", how=how, lived_s=round(lived_s, 1), restart=self.restarts + 1)
+
+    def _ending(self, process: subprocess.Popen[bytes], now_s: float) -> str:
+        """How it has ended, or must be, in words; empty while it is well."""
+        code = process.poll()
+        if code is None:
+            return f"hung, silent for {now_s - self._heard_s:.1f} s" if self._hung(now_s) else ""
+        return f"killed by {_SIGNALS.get(-code, -code)}" if code < 0 else f"ended with exit code {code}"
 
     def _hung(self, now_s: float) -> bool:
         return now_s - self._heard_s > (_HUNG_S if self._spoken else _LOADING_S) * self._slowness

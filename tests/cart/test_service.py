@@ -63,6 +63,8 @@ def test_a_killed_estimator_alarms_and_is_started_anew_alone(cart: Container) ->
     opened_s = await_contact(cart, False, 10) - killed_s
     print(f"estimator SIGKILL: contact open after {opened_s:.2f} s")
     assert opened_s < 1.0 + 0.5, "one second, and the time of the kill command itself"
+    (said,) = journal(cart, UNIT, "PROBEWATCH_EVENT='estimator ended'")
+    assert (said["PROBEWATCH_HOW"], said["PROBEWATCH_RESTART"], said["PRIORITY"]) == ("killed by SIGKILL", "1", "3")
     wait_status(cart, "monitoring", VERIFY_S)
     assert main_pid(cart) == pid
     assert show(cart, "NRestarts") == restarts
