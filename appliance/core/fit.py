@@ -16,7 +16,7 @@ _LONGEST, _ROW = 30_000, 1_000
 _STRIPS = 24
 _FLOOR = (0.005, 0.005, 2e-5)
 _SAMPLED, _RESPONDING = 500, 1_000
-_LEAST_SHARE, _LEAST_RESPONSE = 0.05, 0.2
+_LEAST_SHARE, _LEAST_RESPONSE, _TINY = 0.05, 0.2, 1e-6
 _BESIDE = np.array([[1, -1, 0, 0], [0, 0, 1, -1]], np.float32)[..., None]
 
 
@@ -24,16 +24,16 @@ _BESIDE = np.array([[1, -1, 0, 0], [0, 0, 1, -1]], np.float32)[..., None]
 class Fit:
     """State of the descent.
 
-    u: px, alpha: rad, gain and bias of the greys. response: share of the keyframe's gradient that is still there, of
-    what the gain leaves of it. Of the last look the columns and rows (2, n), which of them are in view, what gain and
-    bias leave unexplained, its Tukey weights and the product of the two, (n,).
+    u: px, alpha: rad, gain and bias of the greys. response: share of the keyframe's gradient across, down and around
+    that is still there, of what the gain leaves of it. where to weighted: of the last look the columns and rows (2, n),
+    which of them are in view, what gain and bias leave unexplained, its Tukey weights, the product of the two, (n,).
     """
 
     u: tuple[float, float]
     alpha: float
     gain: float = 1.0
     bias: float = 0.0
-    response: float = 1.0
+    response: tuple[float, float, float] = (1.0, 1.0, 1.0)
     converged: bool = False
     lost: bool = False
     where: Array32 = field(init=False)
@@ -62,9 +62,9 @@ class Fit:
         """Change of u_x, u_y px, α rad, gain, bias by modified residuals (Huber 1981, section 7.8): the normal matrix
         stays the template's, each direction scaled by what the weights leave of it. It ends where reweighting would."""
         left = [max(share, _LEAST_SHARE) for share in (level.shares @ self.weights).tolist()]
-        x, y, turn, gain, bias = (level.solver @ (level.design @ self.weighted)).tolist()
-        answer = self.gain * self.response
-        return x / left[0] / answer, y / left[1] / answer, turn / left[2] / answer, gain / left[3], bias / left[3]
+        step = (level.solver @ (level.design @ self.weighted)).tolist()
+        moved = [step[k] / (left[k] * self.gain * self.response[k]) for k in range(3)]
+        return *moved, step[3] / left[3], step[4] / left[3]
 
     def respond(self, level: Template, image: Picture) -> None:
         """Where the speckle has changed, its gradient is another one, and the residual answers less to a step."""
@@ -73,11 +73,12 @@ class Fit:
         looks = cv2.remap(image, beside[0], beside[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         slope = np.subtract(looks[::2], looks[1::2], dtype=np.float32)
         expected, weights = level.design[:2, few], self.weights[few]
-        found = (slope * weights) @ expected.T
-        along, across = float(found[0, 0] + found[1, 1]), float(found[1, 0] - found[0, 1])
-        usual = self.gain * 2 * level.factor * float(np.vdot(expected * weights, expected))
-        share = (along * cos(self.alpha) + across * sin(self.alpha)) / max(usual, 1e-6)
-        self.response = min(max(share, _LEAST_RESPONSE), 1.0)
+        found = ((slope * weights) @ expected.T).tolist()
+        usual = (2 * level.factor * self.gain * (np.square(expected) @ weights)).tolist()
+        c, s = cos(self.alpha), sin(self.alpha)
+        across, down = c * found[0][0] + s * found[1][0], c * found[1][1] - s * found[0][1]
+        shares = across / (usual[0] + _TINY), down / (usual[1] + _TINY), (across + down) / (sum(usual) + _TINY)
+        self.response = tuple(min(max(share, _LEAST_RESPONSE), 1.0) for share in shares)
 
     def covariance(self, level: Template) -> Array:
         """(3, 3) A⁻¹ S A⁻ᵀ ÷ gain², the sandwich of an M-estimate (Huber 1967): A = Σ ψ′ J Jᵀ, S from how much strips
@@ -93,7 +94,8 @@ class Fit:
         A = ((design * (root * (5 * root - 4))) @ design.T).astype(np.float64) * (self.residual.size / root.size)
         A.flat[::6] += 1e-6
         spread = np.linalg.inv(A)[:3] @ score.reshape(5, _STRIPS)
-        found = spread @ spread.T * (_STRIPS / (_STRIPS - 5.0)) / (self.gain * self.response) ** 2
+        spread /= self.gain * np.array(self.response)[:, None]
+        found = spread @ spread.T * (_STRIPS / (_STRIPS - 5.0))
         return np.asarray(found + np.diag(_FLOOR) ** 2, dtype=np.float64)
 
 

@@ -1,6 +1,7 @@
 """A picture at several sizes, coarse to find the way and fine to measure it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -16,17 +17,24 @@ Picture = GreyImage | Array32
 _HALVINGS = 3
 _LEAST_SIDE = 32
 _SMOOTHED_PX = (3, 3)
+_SPECKLES = 32
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Pyramid:
-    """finest: (h, w) float32. halved: uint8, each half the size of the one before.
+    """picture: (h, w) as it came. finest: the same smoothed a little, float32. halved: uint8, each half the size of the
+    one before; pixel i of a level is the mean of 2i and 2i + 1 of the finer one."""
 
-    Pixel i of a level is the mean of 2i and 2i + 1 of the finer one.
-    """
-
+    picture: GreyImage
     finest: Array32
     halved: tuple[GreyImage, ...]
+
+    @cached_property
+    def speckle(self) -> Array32:
+        """The finest without what is smooth in it. Where speckle changes, neighbouring pixels change together; least
+        squares do best where they do not, and here they do less."""
+        around = (self.picture.shape[0] // _SPECKLES | 1,) * 2
+        return np.asarray(self.finest - cv2.boxFilter(self.picture, cv2.CV_32F, around), dtype=np.float32)
 
     def level(self, index: int) -> Picture:
         """0 is the finest."""
@@ -38,20 +46,21 @@ class Pyramid:
         return len(self.halved)
 
 
-def pyramid(image: GreyImage) -> Pyramid:
+def pyramid(picture: GreyImage) -> Pyramid:
     """(h, w) uint8 → levels.
 
     The finest is float32, for OpenCV looks bytes up in steps of a 32nd of a pixel, and smoothed a little, for between
     the pixels of a sharp picture linear interpolation shifts what it shows. The others only steer.
     """
-    finest = np.asarray(cv2.boxFilter(image, cv2.CV_32F, _SMOOTHED_PX), dtype=np.float32)
+    finest = np.asarray(cv2.boxFilter(picture, cv2.CV_32F, _SMOOTHED_PX), dtype=np.float32)
     halved: list[GreyImage] = []
+    image = picture
     while len(halved) < _HALVINGS and min(image.shape) >= _LEAST_SIDE:
         height, width = image.shape[0] // 2, image.shape[1] // 2
         even = image[: 2 * height, : 2 * width]
         halved.append(np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8))
         image = np.asarray(cv2.blur(halved[-1], _SMOOTHED_PX), dtype=np.uint8)
-    return Pyramid(finest, tuple(halved))
+    return Pyramid(picture, finest, tuple(halved))
 
 
 def centre_px(width: int, height: int) -> Array:

@@ -19,7 +19,8 @@ from appliance.core.template import Template, template
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
 """For each level that is used how many points steer, and the step in px after which the next level goes on."""
 _STEPS = 15
-_FINE, _DENSE, _ACCURATE = 20_000, 60_000, 120_000
+_FINE, _DENSE = 20_000, 60_000
+_FINE_ACCURATE, _DENSE_ACCURATE = 80_000, 120_000
 _UNCHANGED = 0.935
 _POLISHED_PX, _POLISHING_STEPS = 0.02, 4
 _MOST_GAIN = 5.0
@@ -70,7 +71,7 @@ class Keyframe:
         self.aspect = aspect
         self._levels, self._mask, self._accurate = levels, mask, accurate
         self._centre = centre_px(*levels.finest.shape[::-1])
-        self._fine = self._dense if accurate else self._template(0, _FINE)
+        self._fine = self._template(0, _FINE_ACCURATE if accurate else _FINE)
         coarsest = levels.level(levels.coarsest)
         self._middle = _speckle(coarsest)[_inner(coarsest.shape)]
 
@@ -81,8 +82,9 @@ class Keyframe:
 
     @cached_property
     def _dense(self) -> Template | None:
-        """Many points, for pictures that have changed; worked out when the first one asks for it."""
-        return self._template(0, _ACCURATE if self._accurate else _DENSE)
+        """Many points of the speckle, for pictures that have changed; worked out when the first one asks for it."""
+        most = _DENSE_ACCURATE if self._accurate else _DENSE
+        return template(self._levels.speckle, 1.0, self._centre, self.aspect, most, self._mask)
 
     @cached_property
     def _steering(self) -> tuple[tuple[int, Template], ...]:
@@ -101,7 +103,7 @@ class Keyframe:
         for k, level in self._steering:
             fit = self._descend(level, levels.level(k), fit, _STEERING[k][1])
         assert self._fine is not None
-        return self._polished(self._fine, levels.finest, fit)
+        return self._polished(self._fine, levels, fit)
 
     def guess(self, levels: Pyramid) -> Array:
         """(2,) px: where the middle of the keyframe is seen, found on the coarsest level by trying every place."""
@@ -121,18 +123,24 @@ class Keyframe:
                 break
         return fit
 
-    def _polished(self, level: Template, image: Picture, fit: Fit) -> Registration:
+    def _polished(self, level: Template, levels: Pyramid, fit: Fit) -> Registration:
         """One step with all points; where the speckle has changed, which tells less, several with more of them."""
-        self._improve(level, image, fit)
+        self._improve(level, levels.finest, fit)
         if fit.lost:
             return _lost(fit)
-        fit.respond(level, image)
-        if fit.response < _UNCHANGED and self._dense is not None:
-            level = self._dense
-            for _ in range(_POLISHING_STEPS):
-                if self._improve(level, image, fit) < _POLISHED_PX:
-                    break
-        return _lost(fit) if fit.lost else _concluded(level, image, fit)
+        fit.respond(level, levels.finest)
+        if fit.response[2] > _UNCHANGED or self._dense is None:
+            return self._concluded(level, levels.finest, fit, fit.covariance(level))
+        close = Fit(fit.u, fit.alpha, fit.gain * fit.response[2])
+        for _ in range(_POLISHING_STEPS):
+            length_px = self._improve(self._dense, levels.speckle, close)
+            if close.lost:
+                return _lost(close)
+            close.respond(self._dense, levels.speckle)
+            if length_px < _POLISHED_PX:
+                break
+        fit.u, fit.alpha = close.u, close.alpha
+        return self._concluded(level, levels.finest, fit, close.covariance(self._dense))
 
     def _improve(self, level: Template, image: Picture, fit: Fit) -> float:
         """Look, weigh, and go one step of so many px."""
@@ -150,34 +158,38 @@ class Keyframe:
 
     def _look(self, level: Template, image: Picture, fit: Fit) -> None:
         """Where the points are seen in the level, and what gain and bias leave unexplained."""
-        c, s = cos(fit.alpha) / level.factor, sin(fit.alpha) / level.factor
-        x, y = ((u + middle + 0.5) / level.factor - 0.5 for u, middle in zip(fit.u, self._centre.tolist(), strict=True))
-        fit.where = np.array([[c, -s * self.aspect, x], [s / self.aspect, c, y]], np.float32) @ level.places
+        fit.where = self._warp(level.factor, fit) @ level.places
         fit.seen = inside(fit.where, image)
         expected = level.grey * np.float32(fit.gain)
         expected += np.float32(fit.bias)
         fit.residual = np.subtract(looked_up(image, fit.where), expected, out=expected)
 
+    def _warp(self, factor: float, fit: Fit) -> Array32:
+        """(2, 3) places of a template → columns and rows of a level."""
+        c, s = cos(fit.alpha) / factor, sin(fit.alpha) / factor
+        x, y = ((u + middle + 0.5) / factor - 0.5 for u, middle in zip(fit.u, self._centre.tolist(), strict=True))
+        return np.array([[c, -s * self.aspect, x], [s / self.aspect, c, y]], np.float32)
+
+    def _concluded(self, level: Template, image: Picture, fit: Fit, covariance: Array) -> Registration:
+        thin = np.s_[:: max(level.grey.size // _JUDGED, 1)]
+        where = self._warp(1.0, fit) @ level.places[:, thin]
+        seen = inside(where, image)
+        correlation = _correlations(level.grey[thin], _looks(image, where), seen)
+        return Registration(
+            np.array(fit.u),
+            fit.alpha,
+            fit.gain,
+            fit.bias,
+            covariance,
+            float(correlation[0]),
+            float(np.count_nonzero(seen)) / seen.size,
+            fit.converged,
+            float(correlation[0] - correlation[1:].max()),
+        )
+
 
 def _lost(fit: Fit) -> Registration:
     return Registration(np.array(fit.u), fit.alpha, 1.0, 0.0, _UNKNOWN, 0.0, 0.0, False)
-
-
-def _concluded(level: Template, image: Picture, fit: Fit) -> Registration:
-    thin = np.s_[:: max(level.grey.size // _JUDGED, 1)]
-    where, grey, seen = fit.where[:, thin], level.grey[thin], fit.seen[thin]
-    correlation = _correlations(grey, _looks(image, where), seen)
-    return Registration(
-        np.array(fit.u),
-        fit.alpha,
-        fit.gain,
-        fit.bias,
-        fit.covariance(level),
-        float(correlation[0]),
-        float(np.count_nonzero(seen)) / seen.size,
-        fit.converged,
-        float(correlation[0] - correlation[1:].max()),
-    )
 
 
 def _inner(shape: tuple[int, ...]) -> tuple[slice, slice]:
