@@ -150,7 +150,7 @@ def test_the_keyframe_changes_at_the_end_of_likeness_overlap_or_reach(
     assert wants_keyframe(motion(seen), overlap) is wanted
 
 
-@pytest.mark.parametrize(("correlation", "wanted"), [(0.65, False), (0.64, True)])
+@pytest.mark.parametrize(("correlation", "wanted"), [(0.7, False), (0.69, True)])
 def test_out_of_the_plane_a_worse_likeness_will_do(correlation: float, wanted: bool) -> None:
     out = replace(motion(tracked((1, 0), correlation=correlation)), kind=OUT_OF_PLANE)
     assert wants_keyframe(out, 1.0) is wanted

@@ -65,7 +65,7 @@ def test_up_to_20_px_and_3_deg_are_followed_within_a_twentieth_of_a_pixel() -> N
 
 @pytest.mark.slow
 def test_the_error_over_the_whole_range_of_motion() -> None:
-    """Eight tissues; at 3° alone the speckle has changed so much that the bound is 0.08 px."""
+    """Eight tissues. By 3° the picture looks so different that several keyframes lie between, each with its error."""
     turns_deg = (0, 1, 2, 3)
     motions = [(px, turn_deg) for turn_deg in turns_deg for px in ((0, 0), (20, 0), (-14, 14))]
     errors = np.array([errors_px(seed, motions, frames=10) for seed in range(1, 9)])
@@ -73,7 +73,7 @@ def test_the_error_over_the_whole_range_of_motion() -> None:
     for k, turn_deg in enumerate(turns_deg):
         rms = np.sqrt(np.mean(np.square(errors[:, 3 * k : 3 * k + 3])))
         print(f"{turn_deg}°: {rms:.4f} px RMS")
-        assert rms <= (0.02, 0.05, 0.06, 0.08)[k]
+        assert rms <= (0.01, 0.04, 0.05, 0.065)[k]
     assert np.sqrt(np.mean(np.square(errors))) <= 0.05
 
 

@@ -1,7 +1,6 @@
 """A picture at several sizes, coarse to find the way and fine to measure it."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import cv2
 import numpy as np
@@ -17,10 +16,9 @@ Picture = GreyImage | Array32
 _HALVINGS = 3
 _LEAST_SIDE = 32
 _SMOOTHED_PX = (3, 3)
-_SPECKLES = 32
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Pyramid:
     """picture: (h, w) as it came. finest: the same smoothed a little, float32. halved: uint8, each half the size of the
     one before; pixel i of a level is the mean of 2i and 2i + 1 of the finer one."""
@@ -28,13 +26,6 @@ class Pyramid:
     picture: GreyImage
     finest: Array32
     halved: tuple[GreyImage, ...]
-
-    @cached_property
-    def speckle(self) -> Array32:
-        """The finest without what is smooth in it. Where speckle changes, neighbouring pixels change together; least
-        squares do best where they do not, and here they do less."""
-        around = (self.picture.shape[0] // _SPECKLES | 1,) * 2
-        return np.asarray(self.finest - cv2.boxFilter(self.picture, cv2.CV_32F, around), dtype=np.float32)
 
     def level(self, index: int) -> Picture:
         """0 is the finest."""

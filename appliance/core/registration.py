@@ -14,6 +14,7 @@ import numpy as np
 
 from appliance.core.fit import Fit, inside, looked_up
 from appliance.core.pyramid import Array, Array32, Bits, Picture, Pyramid, centre_px
+from appliance.core.speckle import Speckle, coarse_speckle
 from appliance.core.template import Template, template
 
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
@@ -70,10 +71,11 @@ class Keyframe:
     def __init__(self, levels: Pyramid, aspect: float, mask: Bits | None = None, accurate: bool = False) -> None:
         self.aspect = aspect
         self._levels, self._mask, self._accurate = levels, mask, accurate
+        self._speckle = Speckle(mask)
         self._centre = centre_px(*levels.finest.shape[::-1])
         self._fine = self._template(0, _FINE_ACCURATE if accurate else _FINE)
         coarsest = levels.level(levels.coarsest)
-        self._middle = _speckle(coarsest)[_inner(coarsest.shape)]
+        self._middle = coarse_speckle(coarsest)[_inner(coarsest.shape)]
 
     @property
     def textured(self) -> bool:
@@ -84,7 +86,7 @@ class Keyframe:
     def _dense(self) -> Template | None:
         """Many points of the speckle, for pictures that have changed; worked out when the first one asks for it."""
         most = _DENSE_ACCURATE if self._accurate else _DENSE
-        return template(self._levels.speckle, 1.0, self._centre, self.aspect, most, self._mask)
+        return template(self._speckle.of(self._levels), 1.0, self._centre, self.aspect, most, self._mask)
 
     @cached_property
     def _steering(self) -> tuple[tuple[int, Template], ...]:
@@ -110,7 +112,7 @@ class Keyframe:
         if min(self._middle.shape) < _LEAST_MIDDLE:
             return np.zeros(2)
         coarsest = levels.level(levels.coarsest)
-        likeness = cv2.matchTemplate(_speckle(coarsest), self._middle, cv2.TM_CCOEFF_NORMED)
+        likeness = cv2.matchTemplate(coarse_speckle(coarsest), self._middle, cv2.TM_CCOEFF_NORMED)
         row, column = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
         rows, columns = _inner(coarsest.shape)
         return np.array([column - columns.start, row - rows.start]) * 2.0**levels.coarsest
@@ -131,12 +133,13 @@ class Keyframe:
         fit.respond(level, levels.finest)
         if fit.response[2] > _UNCHANGED or self._dense is None:
             return self._concluded(level, levels.finest, fit, fit.covariance(level))
+        speckle = self._speckle.of(levels)
         close = Fit(fit.u, fit.alpha, fit.gain * fit.response[2])
         for _ in range(_POLISHING_STEPS):
-            length_px = self._improve(self._dense, levels.speckle, close)
+            length_px = self._improve(self._dense, speckle, close)
             if close.lost:
                 return _lost(close)
-            close.respond(self._dense, levels.speckle)
+            close.respond(self._dense, speckle)
             if length_px < _POLISHED_PX:
                 break
         fit.u, fit.alpha = close.u, close.alpha
@@ -196,12 +199,6 @@ def _inner(shape: tuple[int, ...]) -> tuple[slice, slice]:
     """The middle half of a picture in each direction."""
     rows, columns = shape[0] // 4, shape[1] // 4
     return np.s_[rows : shape[0] - rows, columns : shape[1] - columns]
-
-
-def _speckle(image: Picture) -> Array32:
-    """The picture without what is smooth in it: shadows and gain."""
-    smooth = cv2.blur(image, (image.shape[0] // 4 | 1,) * 2)
-    return np.asarray(cv2.subtract(image, smooth, dtype=cv2.CV_32F), dtype=np.float32)
 
 
 def _looks(image: Picture, where: Array32) -> Array32:
