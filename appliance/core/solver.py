@@ -110,23 +110,22 @@ class _Problem:
         whitened = self.residual.whitened(whiten)
         prior = np.diag(1 / self._prior_sd() ** 2)
         covariance, excess = self._honest_covariance(whitened, noise, prior)
-        spread, cost = 1.0, 0.0
+        known = prior.copy()
+        known[OFFSET, OFFSET] -= np.diag(excess)
+        drawn = np.zeros(9)
+        drawn[OFFSET] = excess * self._reference.offset_mm
         for _ in range(_ITERATIONS):
             linear = self.residual.linear(theta, whitened)
             r = linear[VALUE]
             weight = 1 / np.maximum(np.abs(r) / _HUBER, 1)
             sums = (linear * weight) @ linear.T
-            slope = sums[:VALUE, VALUE] + prior @ theta
-            slope[OFFSET] -= excess * (self._reference.offset_mm + theta[OFFSET])
-            information = sums[:VALUE, :VALUE] + prior
-            information[range(5, 8), range(5, 8)] -= excess
-            step = np.linalg.solve(information, slope)
+            slope = sums[:VALUE, VALUE] + known @ theta - drawn
+            step = np.linalg.solve(sums[:VALUE, :VALUE] + known, slope)
             theta = theta - step
-            spread = float(sums[VALUE, VALUE]) / max(r.size - 9, 1) / _HUBER_SHARE
-            cost = _huber_cost(r)
             if np.all(np.abs(step) < 1e-6):
                 break
-        return theta, covariance * max(_LEAST_SPREAD, spread), cost
+        spread = float(sums[VALUE, VALUE]) / max(r.size - 9, 1) / _HUBER_SHARE
+        return theta, covariance * max(_LEAST_SPREAD, spread), _huber_cost(r)
 
     def _honest_covariance(self, whitened: Rows, noise: Noise, prior: Array) -> tuple[Array, Array]:
         """I_c⁻¹ I I_c⁻¹ at the reference, where I_c is the information I less what tracker noise in it pretends; and
