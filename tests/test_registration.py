@@ -207,6 +207,21 @@ def test_a_new_shadow_does_not_pull_the_registration() -> None:
     assert rms_px((found.u_px, found.alpha_rad), true_motion(HOME, later, FULL), FULL) <= 0.05
 
 
+@pytest.mark.parametrize("size_px", [(1440, 1080), (1921, 1441)])
+def test_a_large_picture_is_worked_on_at_a_smaller_size_and_told_in_its_own_pixels(size_px: tuple[int, int]) -> None:
+    """Enlarged e-fold, pixel x becomes pixel (x + ½) · e − ½, so that the centre stays the centre."""
+    seen = world(1, FULL, overlay=False)
+    later = moved(HOME, FULL, (6, -3), 1.0)
+    u_px, alpha_rad = true_motion(HOME, later, FULL)
+    before, after = (cv2.resize(seen.frame_at(pose, k), size_px) for k, pose in enumerate((HOME, later)))
+    enlarged = np.array(size_px) / (640, 480)
+    ratio = aspect(FULL) * enlarged[0] / enlarged[1]
+    found = Keyframe(pyramid(before), ratio).register(pyramid(after))
+    assert np.allclose(found.u_px / enlarged, u_px, atol=0.05), found.u_px / enlarged - u_px
+    assert found.alpha_rad == pytest.approx(alpha_rad, abs=3e-4)
+    assert found.overlap == pytest.approx(0.98, abs=0.02)
+
+
 def test_pyramid_levels_halve_and_keep_their_places() -> None:
     """Row i of a level is the mean of rows 2 i and 2 i + 1 of the finer one: a ramp stays the same ramp."""
     ramp = np.repeat(np.arange(200, dtype=np.uint8)[:, None], 161, axis=1)

@@ -52,7 +52,7 @@ class OverlayMask:
         """Take the next picture; True when the mask changed."""
         if not levels.halved:
             return False
-        self._shape = levels.finest.shape
+        self._shape = levels.shape
         self._history.append(levels.halved[0])
         self._wait -= 1
         if self._wait > 0 or len(self._history) <= self._apart:

@@ -71,8 +71,8 @@ class Keyframe:
     def __init__(self, levels: Pyramid, aspect: float, mask: Bits | None = None, accurate: bool = False) -> None:
         self.aspect = aspect
         self._levels, self._mask, self._accurate = levels, mask, accurate
-        self._speckle = Speckle(mask)
-        self._centre = centre_px(*levels.finest.shape[::-1])
+        self._speckle = Speckle(mask, levels.finest.shape)
+        self._centre = centre_px(levels.shape[1], levels.shape[0])
         self._fine = self._template(0, _FINE_ACCURATE if accurate else _FINE)
         coarsest = levels.level(levels.coarsest)
         self._middle = coarse_speckle(coarsest)[_inner(coarsest.shape)]
@@ -86,7 +86,9 @@ class Keyframe:
     def _dense(self) -> Template | None:
         """Many points of the speckle, for pictures that have changed; worked out when the first one asks for it."""
         most = _DENSE_ACCURATE if self._accurate else _DENSE
-        return template(self._speckle.of(self._levels), 1.0, self._centre, self.aspect, most, self._mask)
+        return template(
+            self._speckle.of(self._levels), self._levels.factor, self._centre, self.aspect, most, self._mask
+        )
 
     @cached_property
     def _steering(self) -> tuple[tuple[int, Template], ...]:
@@ -96,7 +98,8 @@ class Keyframe:
         return tuple((k, level) for k, level in found if level is not None)
 
     def _template(self, index: int, most: int) -> Template | None:
-        return template(self._levels.level(index), 2.0**index, self._centre, self.aspect, most, self._mask)
+        factor = self._levels.factor * 2.0**index
+        return template(self._levels.level(index), factor, self._centre, self.aspect, most, self._mask)
 
     def register(self, levels: Pyramid, start: tuple[Array, float] | None = None) -> Registration:
         """Register a picture of the same size, coarse to fine from `start`, or from `guess`. Needs `textured`."""
@@ -115,7 +118,7 @@ class Keyframe:
         likeness = cv2.matchTemplate(coarse_speckle(coarsest), self._middle, cv2.TM_CCOEFF_NORMED)
         row, column = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
         rows, columns = _inner(coarsest.shape)
-        return np.array([column - columns.start, row - rows.start]) * 2.0**levels.coarsest
+        return np.array([column - columns.start, row - rows.start]) * levels.factor * 2.0**levels.coarsest
 
     def _descend(self, level: Template, image: Picture, start: Fit, enough_px: float) -> Fit:
         fit = Fit(start.u, start.alpha, start.gain, start.bias)
@@ -175,7 +178,7 @@ class Keyframe:
 
     def _concluded(self, level: Template, image: Picture, fit: Fit, covariance: Array) -> Registration:
         thin = np.s_[:: max(level.grey.size // _JUDGED, 1)]
-        where = self._warp(1.0, fit) @ level.places[:, thin]
+        where = self._warp(level.factor, fit) @ level.places[:, thin]
         seen = inside(where, image)
         correlation = _correlations(level.grey[thin], _looks(image, where), seen)
         return Registration(

@@ -7,7 +7,7 @@ alone they do less.
 import cv2
 import numpy as np
 
-from appliance.core.pyramid import Array32, Bits, Picture, Pyramid
+from appliance.core.pyramid import Array32, Bits, Picture, Pyramid, mask_at
 
 _OF_COARSEST, _OF_FINEST = 4, 32
 """The height of the picture ÷ the width of what counts as smooth."""
@@ -21,11 +21,11 @@ def coarse_speckle(image: Picture) -> Array32:
 
 
 class Speckle:
-    """Of the finest level. mask: (h, w) bool, True where tissue may be seen: what is smooth is averaged from there, or
-    text would shade what is around it."""
+    """Of the finest level. mask: (h, w) bool of the picture, True where tissue may be seen: what is smooth is averaged
+    from there, or text would shade what is around it. shape: of the finest level."""
 
-    def __init__(self, mask: Bits | None) -> None:
-        self._seen = None if mask is None else mask.astype(np.uint8)
+    def __init__(self, mask: Bits | None, shape: tuple[int, ...]) -> None:
+        self._seen = None if mask is None else mask_at(mask, shape).astype(np.uint8)
         self._weight: Array32 | None = None
 
     def of(self, levels: Pyramid) -> Array32:

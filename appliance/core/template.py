@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.pyramid import Array, Array32, Bits, Picture
+from appliance.core.pyramid import Array, Array32, Bits, Picture, mask_at
 
 _EDGE_PX = 2
 _LEAST_POINTS = 64
@@ -58,7 +57,7 @@ def template(
     """
     if min(image.shape) < 2 * _EDGE_PX + 1:
         return None
-    mask = None if mask is None else _mask_at(mask, image.shape)
+    mask = None if mask is None else mask_at(mask, image.shape)
     lattice = _Lattice.of(image, max(int(np.sqrt(image.size / (_SPARE * most))), 1), mask)
     if lattice.pitch > 1 and lattice.structured.size < most / 2:
         lattice = _Lattice.of(image, 1, mask)
@@ -113,11 +112,3 @@ def _every(picture: Picture | Bits, pitch: int, down: int, right: int) -> Pictur
     height, width = picture.shape
     rows = slice(_EDGE_PX + down, height - _EDGE_PX + down, pitch)
     return picture[rows, _EDGE_PX + right : width - _EDGE_PX + right : pitch]
-
-
-def _mask_at(mask: Bits, shape: tuple[int, ...]) -> Bits:
-    """Mask at a coarser level; a coarse pixel counts only when all of its finer ones do."""
-    if mask.shape == shape:
-        return mask
-    share = cv2.resize(mask.view(np.uint8) * np.uint8(255), (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
-    return np.asarray(share > 252)

@@ -8,13 +8,13 @@ import numpy as np
 
 from appliance.core.pyramid import pyramid
 from appliance.core.registration import Keyframe
-from tests.bench.peers import PEERS, Method, cold, kept
+from tests.bench.peers import PEERS, Method, accurate, cold, kept
 from tests.bench.scenes import CHANGED, CLEAN, Pair, Scene, pairs
 from tests.rendered import Warp, rms_px
 
 FAILED_PX = 2.0
-COLD, KEPT = "ours, cold", "ours, keyframe"
-METHODS = (COLD, KEPT, *PEERS)
+COLD, KEPT, ACCURATE = "ours, cold", "ours, keyframe", "ours, accurate"
+METHODS = (COLD, KEPT, ACCURATE, *PEERS)
 _QUICK_MS, _REPEATS = 200.0, 3
 
 Row = dict[str, Any]
@@ -39,6 +39,7 @@ def measure(scenes: Sequence[Scene], count: int, done: Callable[[], None]) -> li
 def _methods(pair: Pair) -> Iterator[tuple[str, Method]]:
     yield COLD, cold
     yield KEPT, kept(Keyframe(pyramid(pair.before), 1.0, pair.mask))
+    yield ACCURATE, accurate
     yield from PEERS.items()
 
 
@@ -75,6 +76,7 @@ def times(rows: list[Row]) -> list[Row]:
             "p90_ms": float(np.quantile(spent[name], 0.9)),
             "of_cold": float(np.median(spent[name] / spent[COLD])),
             "of_keyframe": float(np.median(spent[name] / spent[KEPT])),
+            "of_accurate": float(np.median(spent[name] / spent[ACCURATE])),
         }
         for name in METHODS
     ]

@@ -29,6 +29,10 @@ def cold(before: GreyImage, after: GreyImage, mask: Bits | None) -> Warp | None:
     return _ours(Keyframe(pyramid(before), 1.0, mask), after)
 
 
+def accurate(before: GreyImage, after: GreyImage, mask: Bits | None) -> Warp | None:
+    return _ours(Keyframe(pyramid(before), 1.0, mask, accurate=True), after)
+
+
 def kept(keyframe: Keyframe) -> Method:
     """With the keyframe's part done before; the pyramid of the new picture is part of the time."""
     return lambda _, after, mask: _ours(keyframe, after)
