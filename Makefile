@@ -47,7 +47,7 @@ deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/
 	$(BIN)/python systemd/deb/build.py dist
 
 test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, power cuts (root; about 15 minutes)
-	$(BIN)/pytest -m "cart and not slow" -rs --durations=0 tests/cart
+	$(BIN)/pytest -vv -n 2 --dist loadfile --no-loadscope-reorder -m "cart and not slow" -rsP --durations=20 tests/cart
 
 soak: $(VENV)/dev ## half an hour of service in a container: memory, files, dropped frames, processor share (root)
 	$(BIN)/pytest -m "cart and slow" -rs -s tests/cart

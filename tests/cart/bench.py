@@ -22,7 +22,9 @@ SEED = 3
 
 
 class Machine(Protocol):
-    """Container or Guest."""
+    """Container or Guest. look_s: how often its state may be asked for without slowing it down."""
+
+    look_s: float
 
     def sh(self, script: str, check: bool = True, timeout_s: float = 60.0) -> Ended: ...
     def put(self, path: str, text: str) -> None: ...
@@ -64,19 +66,25 @@ def show(machine: Machine, name: str) -> str:
 def wait_status(machine: Machine, words: str | tuple[str, ...], deadline_s: float) -> float:
     """Until the unit's status text begins with one of the words; seconds waited. AssertionError after the deadline."""
     began_s = time.monotonic()
-    wanted = (words,) if isinstance(words, str) else words
+    wanted = tuple(f"StatusText={one}" for one in ((words,) if isinstance(words, str) else words))
     while True:
-        status = show(machine, "StatusText")
-        if status.startswith(wanted) and show(machine, "ActiveState") == "active":
+        shown = machine.sh(f"systemctl show --property=ActiveState,StatusText {UNIT}").out.splitlines()
+        if "ActiveState=active" in shown and any(line.startswith(wanted) for line in shown):
             return time.monotonic() - began_s
-        assert time.monotonic() - began_s < deadline_s, f"the status is '{status}'\n{log_tail(machine)}"
-        time.sleep(0.1)
+        assert time.monotonic() - began_s < deadline_s, f"{shown}\n{log_tail(machine)}"
+        time.sleep(machine.look_s)
 
 
 def journal(machine: Machine, unit: str = UNIT, *matches: str) -> list[dict[str, Any]]:
     """Entries of a unit, the oldest first."""
     text = machine.sh(f"journalctl -u {unit} -o json --no-pager {' '.join(matches)}").out
     return [json.loads(line) for line in text.splitlines() if line.startswith("{")]
+
+
+def device_events(machine: Machine, role: str) -> tuple[int, int]:
+    """(how often the device was lost, how often it came back), by the journal."""
+    found = [entry.get("PROBEWATCH_EVENT") for entry in journal(machine, UNIT, f"PROBEWATCH_DEVICE={role}")]
+    return found.count("device lost"), found.count("device back")
 
 
 def log_tail(machine: Machine, lines: int = 25) -> str:

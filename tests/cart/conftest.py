@@ -1,18 +1,14 @@
 """The machines as fixtures; each names what the host lacks when its tests are skipped."""
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.cart.container import Container
+from tests.cart.container import Container, refused
 from tests.cart.guest import Guest
-from tests.cart.image import Image, build
+from tests.cart.image import Image, NoMirror, build
 from tests.cart.requirements import CONTAINER, GUEST, IMAGE, missing
-
-BUILD_S: list[float] = []
-"""Seconds that building the image took, once there is one."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -30,29 +26,39 @@ def _require(programs: tuple[str, ...]) -> None:
 def image() -> Image:
     """Built anew where its sources have changed: minutes, else a second."""
     _require(IMAGE)
-    began_s = time.monotonic()
-    found = build()
-    BUILD_S.append(time.monotonic() - began_s)
-    return found
+    try:
+        return build()
+    except NoMirror as error:
+        pytest.skip(f"needs a Debian mirror: {error}")
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """What the machine's image took is told apart from what the tests took."""
-    for seconds in BUILD_S:
-        terminalreporter.write_line(f"cart image: {seconds:.0f} s of the time below")
+@pytest.fixture(scope="session")
+def container_image(request: pytest.FixtureRequest) -> Image:
+    """Where containers can be booted from it."""
+    _require(CONTAINER)
+    image: Image = request.getfixturevalue("image")
+    if why := refused(image):
+        pytest.skip(f"needs systemd-nspawn to work here: {why}")
+    return image
+
+
+@pytest.fixture(scope="session")
+def guest_image(request: pytest.FixtureRequest) -> Image:
+    """Where QEMU can run it."""
+    _require(GUEST)
+    image: Image = request.getfixturevalue("image")
+    return image
 
 
 @pytest.fixture
-def container(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Container]:
+def container(container_image: Image, tmp_path: Path) -> Iterator[Container]:
     """A machine as delivered, booted under systemd-nspawn."""
-    _require(CONTAINER)
-    with Container(request.getfixturevalue("image"), tmp_path) as machine:
+    with Container(container_image, tmp_path) as machine:
         yield machine
 
 
 @pytest.fixture
-def guest(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Guest]:
+def guest(guest_image: Image, tmp_path: Path) -> Iterator[Guest]:
     """A machine as delivered under QEMU, switched off."""
-    _require(GUEST)
-    with Guest(request.getfixturevalue("image"), tmp_path) as machine:
+    with Guest(guest_image, tmp_path) as machine:
         yield machine

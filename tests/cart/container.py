@@ -11,15 +11,28 @@ from tests.cart.guest import Ended
 from tests.cart.image import Image
 
 BOOT_S = 60.0
+_QUIET = ("--register=no", "--keep-unit", "--quiet")
+
+
+def refused(image: Image) -> str:
+    """Why systemd-nspawn cannot run even `true` here, in its own words; empty when it can."""
+    command = ["systemd-nspawn", *_QUIET, f"--directory={image.root}", "--volatile=overlay", "/bin/true"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=30)
+    except subprocess.TimeoutExpired:
+        return "it does not answer"
+    return (done.stderr.strip() or f"it ends with {done.returncode}") if done.returncode else ""
 
 
 class Container:
     """One boot; whatever it writes is forgotten. Leaving the context kills it."""
 
+    look_s = 0.1
+
     def __init__(self, image: Image, folder: Path) -> None:
         self.log = (folder / "container.log").open("ab")
-        command = ["systemd-nspawn", "--register=no", "--keep-unit", "--quiet", f"--directory={image.root}"]
-        command += ["--volatile=overlay", "--console=pipe", "--machine", f"cart{os.getpid()}", "--boot"]
+        command = ["systemd-nspawn", *_QUIET, f"--directory={image.root}", "--volatile=overlay"]
+        command += ["--console=pipe", "--machine", f"cart{os.getpid()}", "--boot"]
         self.began_s = time.monotonic()
         self.process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=self.log, stderr=self.log)
         self.leader = 0

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from tests.cart.image import Image, run
+from tests.cart.image import Image, alone, run
 
 BOOT_S, EXEC_S = 240.0, 120.0
 MEMORY_MIB = 2048
@@ -50,12 +50,15 @@ class Ports:
 class Guest:
     """One machine in `folder`. Leaving the context pulls the plug."""
 
+    look_s = 0.5
+
     def __init__(self, image: Image, folder: Path, ports: Ports | None = None) -> None:
         self.image, self.folder, self.ports = image, folder, ports or Ports()
         self.disk = folder / "disk.qcow2"
         self.process: subprocess.Popen[bytes] | None = None
         self.log = (folder / "qemu.log").open("ab")
         self._ids = itertools.count(1)
+        self._scripts_there = False
 
     def __enter__(self) -> Self:
         return self
@@ -82,8 +85,9 @@ class Guest:
     def restore(self) -> None:
         """Go on from the snapshot of a machine that has booted, its service stopped; it is taken at the first use."""
         ready = self.image.folder / f"ready-{CPU}-{MEMORY_MIB}.qcow2"
-        if not ready.exists():
-            self._take_snapshot(ready)
+        with alone(self.image.folder):
+            if not ready.exists():
+                self._take_snapshot(ready)
         self.resume(ready, SNAPSHOT)
         self.await_agent()
         self._agent("guest-set-time", {"time": time.time_ns()})
@@ -111,6 +115,7 @@ class Guest:
 
     def _start(self, *more: str) -> None:
         self.cut_power()
+        self._scripts_there = False
         for left in self.folder.glob("*.sock"):
             left.unlink()
         kernel = "root=/dev/vda rw console=ttyS0 quiet panic=0"
@@ -230,6 +235,20 @@ class Guest:
         assert ended.code == 0 or not check, f"{script}\nended with {ended.code}:\n{ended.out[-3000:]}"
         return ended
 
+    def reload_units(self) -> None:
+        """As systemctl daemon-reload; systemd may then start this machine's agent anew, and what it runs with it."""
+        self.begin("systemctl daemon-reload")
+        end_s = time.monotonic() + EXEC_S
+        while self._needs_reload():
+            assert time.monotonic() < end_s, "the units are not read again"
+            time.sleep(self.look_s)
+
+    def _needs_reload(self) -> bool:
+        try:
+            return self.sh("systemctl show -P NeedDaemonReload probewatch", timeout_s=10).out.strip() != "no"
+        except (RuntimeError, TimeoutError, AssertionError):
+            return True
+
     def begin(self, script: str) -> None:
         """Run it in the background."""
         self._begin(f"({script}) </dev/null >>/run/cart-background.log 2>&1", capture=False)
@@ -245,7 +264,10 @@ class Guest:
         return json.loads(self.sh(f"{PYTHON} {SCRIPTS}/{name}.py {words}", timeout_s=timeout_s).out)
 
     def put_scripts(self) -> None:
-        """All of them: they import each other."""
+        """All of them, once: they import each other."""
+        if self._scripts_there:
+            return
+        self._scripts_there = True
         for source in (Path(__file__).parent / "inside").glob("*.py"):
             self.put(f"{SCRIPTS}/{source.name}", source.read_text())
 

@@ -4,6 +4,7 @@ Everything lies under PROBEWATCH_CART_CACHE (default ~/.cache/probewatch-cart)/S
 it is made from has changed. The mirror is the one that this host's apt uses.
 """
 
+import fcntl
 import hashlib
 import inspect
 import os
@@ -11,7 +12,9 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,6 +44,10 @@ GPIO_SIM = "gpio-sim-cart"
 def suite() -> str:
     """Which Debian the machine runs."""
     return os.environ.get("PROBEWATCH_CART_SUITE", "bookworm")
+
+
+class NoMirror(Exception):  # noqa: N818  it says what is missing
+    """The Debian mirror of this host does not answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +81,20 @@ def build(name: str | None = None) -> Image:
     default = Path.home() / ".cache/probewatch-cart"
     folder = Path(os.environ.get("PROBEWATCH_CART_CACHE", default)) / name
     folder.mkdir(parents=True, exist_ok=True)
-    image = Image(folder)
+    with alone(folder):
+        return _built(Image(folder), name)
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Tests that run beside each other wait here until one of them has made what all use."""
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _built(image: Image, name: str) -> Image:
+    folder = image.folder
     module_key = _key(BUILD_PACKAGES, inspect.getsource(_kernel_module), name)
     base_key = _key(PACKAGES, name)
     _part(folder, "kernel module", module_key, lambda: _kernel_module(image, name))
@@ -117,14 +137,17 @@ def _part(folder: Path, name: str, key: str, make: Callable[[], None]) -> None:
     if stamp.exists() and stamp.read_text() == key:
         return
     stamp.unlink(missing_ok=True)
-    print(f"cart image: {name}", file=sys.stderr, flush=True)
+    began_s = time.monotonic()
     make()
     stamp.write_text(key)
+    print(f"cart image: {name} in {time.monotonic() - began_s:.0f} s", file=sys.stderr, flush=True)
 
 
 def _sources(image: Image, name: str) -> str:
     """apt's sources for the suite, from this host's own."""
-    host = next(path for path in HOST_SOURCES if path.exists())
+    host = next((path for path in HOST_SOURCES if path.exists()), None)
+    if host is None:
+        raise NoMirror(f"this host's apt has none in {' or '.join(map(str, HOST_SOURCES))}")
     text = re.sub(r"\b(bookworm|trixie)\b", name, host.read_text())
     place = image.folder / f"{name}{host.suffix}"
     place.write_text("".join(f"{line}\n" for line in text.splitlines() if not line.startswith("#")))
@@ -171,7 +194,13 @@ def _base(image: Image, name: str) -> None:
 
 
 def _bootstrap(image: Image, name: str, packages: str, target: Path, variant: str) -> None:
-    run("mmdebstrap", "-q", f"--variant={variant}", f"--include={packages}", name, str(target), _sources(image, name))
+    options = ("-q", f"--variant={variant}", f"--include={packages}")
+    try:
+        run("mmdebstrap", *options, name, str(target), _sources(image, name))
+    except RuntimeError as error:
+        if silent := re.search("(?m)^.*(Could not (connect|resolve)|Temporary failure resolving).*$", str(error)):
+            raise NoMirror(silent[0].strip()) from error
+        raise
 
 
 def _package(image: Image, name: str) -> None:

@@ -10,10 +10,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from tests.cart.bench import UNIT, HostTwins, configure, journal, log_tail, show, wait_status
+from tests.cart.bench import UNIT, HostTwins, configure, device_events, journal, log_tail, show, wait_status
 from tests.cart.guest import PYTHON, SCRIPTS, Guest, Ports
 from tests.cart.image import Image
-from tests.cart.requirements import GUEST, missing
 
 START_S = 150.0
 WATCHDOG_S = 5.0
@@ -27,11 +26,9 @@ PATIENCE = "[supervisor]\nself_test_s = 120\nstarting_s = 120\nestimator_silence
 
 
 @pytest.fixture(scope="module")
-def machine(image: Image, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guest]:
+def machine(guest_image: Image, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guest]:
     """Running, waiting for a scanner and a tracker that are not there."""
-    if why := missing(GUEST):
-        pytest.skip(why)
-    with Guest(image, tmp_path_factory.mktemp("guest")) as guest:
+    with Guest(guest_image, tmp_path_factory.mktemp("guest")) as guest:
         guest.restore()
         guest.put_scripts()
         configure(guest, "sim:/run/no-scanner", "ndi:/dev/ttyUSB0", [CONTACT, RED], PATIENCE)
@@ -120,14 +117,12 @@ def test_a_hung_kernel_is_reset_by_the_hardware_and_the_alarm_is_on_again(machin
 
 
 def test_unplugged_serial_and_lost_signal_are_said_once_and_come_back(
-    image: Image, tmp_path_factory: pytest.TempPathFactory
+    guest_image: Image, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    if why := missing(GUEST):
-        pytest.skip(why)
     folder = tmp_path_factory.mktemp("plugs")
     with HostTwins(folder, 4.0, 0.1) as twins:
         ports = Ports(usb_serial=twins.tracker, scanner=twins.scanner)
-        with Guest(image, folder, ports) as guest:
+        with Guest(guest_image, folder, ports) as guest:
             guest.restore()
             guest.plug_usb_serial()
             tracker = "ndi:/dev/ttyUSB0?probe=/etc/probewatch/probe.rom&deadline_ms=5000"
@@ -156,7 +151,7 @@ def _lost_and_back(
 
     give_back: None where opening the device anew is all that it needs.
     """
-    losses, backs = _events(guest, role)
+    losses, backs = device_events(guest, role)
     began_s = time.monotonic()
     lose()
     if give_back is not None:
@@ -168,17 +163,11 @@ def _lost_and_back(
     _await_events(guest, role, losses + 1, backs + 1)
     print(f"{role} back: said within {time.monotonic() - began_s:.1f} s")
     time.sleep(2)
-    assert _events(guest, role) == (losses + 1, backs + 1)
-
-
-def _events(guest: Guest, role: str) -> tuple[int, int]:
-    """(how often the device was lost, how often it came back), by the journal."""
-    found = [entry.get("PROBEWATCH_EVENT") for entry in journal(guest, UNIT, f"PROBEWATCH_DEVICE={role}")]
-    return found.count("device lost"), found.count("device back")
+    assert device_events(guest, role) == (losses + 1, backs + 1)
 
 
 def _await_events(guest: Guest, role: str, losses: int, backs: int) -> None:
     end_s = time.monotonic() + 60
-    while (seen := _events(guest, role)) != (losses, backs):
+    while (seen := device_events(guest, role)) != (losses, backs):
         assert time.monotonic() < end_s, f"{role}: lost and back {seen}, not {(losses, backs)}\n{log_tail(guest)}"
         time.sleep(0.3)

@@ -9,18 +9,15 @@ from tests.cart.bench import UNIT, journal, show, wait_status
 from tests.cart.cart_in_container import await_contact, contact, main_pid, start_service, start_twins
 from tests.cart.container import Container
 from tests.cart.image import Image
-from tests.cart.requirements import CONTAINER, missing
 
 WATCHDOG_S = 5.0
 VERIFY_S = 90.0
 
 
 @pytest.fixture(scope="module")
-def running(image: Image, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Container]:
+def running(container_image: Image, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Container]:
     """One cart for all that it survives."""
-    if why := missing(CONTAINER):
-        pytest.skip(why)
-    with Container(image, tmp_path_factory.mktemp("cart")) as machine:
+    with Container(container_image, tmp_path_factory.mktemp("cart")) as machine:
         start_twins(machine)
         start_service(machine)
         yield machine
