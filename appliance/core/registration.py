@@ -20,10 +20,10 @@ from appliance.core.template import Template, template
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
 """For each level that is used how many points steer, and the step in px after which the next level goes on."""
 _STEPS = 15
-_FINE, _DENSE = 20_000, 60_000
+_FINE, _DENSE = 20_000, 28_000
 _FINE_ACCURATE, _DENSE_ACCURATE = 80_000, 120_000
 _UNCHANGED = 0.935
-_POLISHED_PX, _POLISHING_STEPS = 0.02, 4
+_POLISHED_PX, _POLISHING_STEPS = 0.05, 3
 _MOST_GAIN = 5.0
 _LEAST_MIDDLE = 6
 _JUDGED = 1_000
