@@ -3,6 +3,9 @@
 Inverse-compositional Gauss–Newton (Hager and Belhumeur 1998, the paper's ref. 12) over translation u, in-plane rotation
 α, gain and bias. The rotation acts in millimetres, W(x) = Λ⁻¹ R(α) Λ x + u, because pixels are not square. Everything
 that depends on the keyframe alone is computed once per keyframe. Coordinates are px relative to the image centre.
+
+A few points of three sizes of the picture find the way, many of the finest measure. Where the gradient of the keyframe
+is not all there any more, the speckle has changed: then the last steps look at the speckle alone.
 """
 
 from dataclasses import dataclass
