@@ -6,7 +6,8 @@ from math import cos, sin
 import cv2
 import numpy as np
 
-from appliance.core.pyramid import Array, Array32, Bits, Picture
+from appliance.core.geometry import Array
+from appliance.core.pyramid import Array32, Bits, Picture
 from appliance.core.template import Template
 
 _TUKEY = 6.0
@@ -69,9 +70,8 @@ class Fit:
     def respond(self, level: Template, image: Picture) -> None:
         """Where the speckle has changed, its gradient is another one, and the residual answers less to a step."""
         few = np.s_[:: max(self.seen.size // _RESPONDING, 1)]
-        beside = self.where[:, None, few] + _BESIDE
-        looks = cv2.remap(image, beside[0], beside[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        slope = np.subtract(looks[::2], looks[1::2], dtype=np.float32)
+        looks = interpolated(image, self.where[:, None, few] + _BESIDE)
+        slope = looks[::2] - looks[1::2]
         expected, weights = level.design[:2, few], self.weights[few]
         found = ((slope * weights) @ expected.T).tolist()
         usual = (2 * level.factor * self.gain * (np.square(expected) @ weights)).tolist()
@@ -81,8 +81,8 @@ class Fit:
         self.response = tuple(min(max(share, _LEAST_RESPONSE), 1.0) for share in shares)
 
     def covariance(self, level: Template) -> Array:
-        """(3, 3) A⁻¹ S A⁻ᵀ ÷ gain², the sandwich of an M-estimate (Huber 1967): A = Σ ψ′ J Jᵀ, S from how much strips
-        of the picture disagree.
+        """(3, 3) A⁻¹ S A⁻ᵀ ÷ (gain · response)², the sandwich of an M-estimate (Huber 1967): A = Σ ψ′ J Jᵀ, S from how
+        much strips of the picture disagree.
 
         Neighbouring pixels of speckle and what decorrelates with them count once, whatever their number; and a picture
         in which only a part of the keyframe's contrast is left tells as much less of the shift.
@@ -103,9 +103,14 @@ def looked_up(image: Picture, where: Array32) -> Array32:
     """(n,) grey values of the picture at (2, n) columns and rows; in rows, because OpenCV's pictures end at 32767."""
     n = where.shape[1]
     long = n > _LONGEST
-    x, y = np.pad(where, ((0, 0), (0, -n % _ROW))).reshape(2, -1, _ROW) if long else where[:, None]
-    found = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(-1)
-    return np.asarray(found[:n], dtype=np.float32)
+    rows = np.pad(where, ((0, 0), (0, -n % _ROW))).reshape(2, -1, _ROW) if long else where[:, None]
+    return interpolated(image, rows).reshape(-1)[:n]
+
+
+def interpolated(image: Picture, where: Array32) -> Array32:
+    """(k, n) grey values of the picture at (2, k, n) columns and rows; beyond its edge those of the edge."""
+    x, y = where
+    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
 
 
 def inside(where: Array32, image: Picture) -> Bits:

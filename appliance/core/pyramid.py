@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from appliance.core.geometry import Array
 from drivers.samples import GreyImage
 
-Array = NDArray[np.float64]
 Array32 = NDArray[np.float32]
 Bits = NDArray[np.bool_]
 Picture = GreyImage | Array32

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from appliance.core.geometry import Array
 from appliance.core.overlay import OverlayMask
-from appliance.core.pyramid import Array, Pyramid, pyramid
+from appliance.core.pyramid import Pyramid, pyramid
 from appliance.core.registration import Keyframe, Registration, compose
 from drivers.samples import GreyImage
 

@@ -15,8 +15,9 @@ from math import cos, hypot, inf, sin
 import cv2
 import numpy as np
 
-from appliance.core.fit import Fit, inside, looked_up
-from appliance.core.pyramid import Array, Array32, Bits, Picture, Pyramid, centre_px
+from appliance.core.fit import Fit, inside, interpolated, looked_up
+from appliance.core.geometry import Array
+from appliance.core.pyramid import Array32, Bits, Picture, Pyramid, centre_px
 from appliance.core.speckle import Speckle, coarse_speckle
 from appliance.core.template import Template, template
 
@@ -211,8 +212,7 @@ def _looks(image: Picture, where: Array32) -> Array32:
     """(5, n) the picture at (2, n) places, and a little to the right, left, below and above them."""
     reach = max(_ASIDE_PX, _ASIDE_SHARE * image.shape[1])
     aside = np.array([[0, reach, -reach, 0, 0], [0, 0, 0, reach, -reach]], np.float32)
-    x, y = where[:, None] + aside[..., None]
-    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
+    return interpolated(image, where[:, None] + aside[..., None])
 
 
 def _correlations(grey: Array32, looks: Array32, seen: Bits) -> Array32:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.pyramid import Array, Array32, Bits, Picture, mask_at
+from appliance.core.geometry import Array
+from appliance.core.pyramid import Array32, Bits, Picture, mask_at
 
 _EDGE_PX = 2
 _LEAST_POINTS = 64
@@ -20,16 +21,20 @@ class Template:
     """n points of one pyramid level, top to bottom.
 
     factor: px of the full picture per px of the level. places: (3, n) x, y px of the full picture from its centre, 1.
-    grey: (n,). design: (5, n) ∂grey/∂(u_x, u_y, α), grey, 1. solver: (5, 5) inverse of the sum of their products.
+    design: (5, n) ∂grey/∂(u_x, u_y, α), grey, 1. solver: (5, 5) inverse of the sum of their products.
     shares: (4, n) of each point in the sums of the squares of ∂grey/∂(u_x, u_y, α), and in the number of points.
     """
 
     factor: float
     places: Array32
-    grey: Array32
     design: Array32
     solver: Array
     shares: Array32
+
+    @property
+    def grey(self) -> Array32:
+        """(n,)."""
+        return np.asarray(self.design[3], dtype=np.float32)
 
     @classmethod
     def of(cls, factor: float, places: Array32, design: Array32) -> "Template":
@@ -39,7 +44,7 @@ class Template:
         products.flat[::6] = products.diagonal() * (1 + 1e-9) + 1e-9
         shares = np.square(design[[0, 1, 2, 4]])
         shares /= np.maximum(shares.sum(axis=1, keepdims=True), 1e-9)
-        return cls(factor, places, design[3], design, np.asarray(np.linalg.inv(products), dtype=np.float64), shares)
+        return cls(factor, places, design, np.asarray(np.linalg.inv(products), dtype=np.float64), shares)
 
     def thinned(self, most: int) -> "Template":
         """The same with about `most` of the points."""

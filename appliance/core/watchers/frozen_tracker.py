@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from appliance.core.pyramid import Array
+from appliance.core.geometry import Array
 from appliance.types import Check, VerdictKind
 from drivers.samples import Matrix4, Pose
 
