@@ -62,14 +62,16 @@ lock: $(VENV)/dev ## resolve the lock files anew from pyproject.toml
 	  --custom-compile-command 'make lock' -c requirements-dev.lock --extra bench pyproject.toml -o requirements-bench.lock
 
 clean: ## remove what the targets made
-	rm -rf $(VENV) build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) appliance/core/_points.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-$(VENV)/runtime: requirements.lock pyproject.toml | $(VENV)/bin/python
+COMPILED := appliance/core/points.c tools/compile_points.py
+
+$(VENV)/runtime: requirements.lock pyproject.toml $(COMPILED) | $(VENV)/bin/python
 	$(BIN)/pip install --quiet --require-hashes -r requirements.lock
 	$(BIN)/pip install --quiet --no-deps --editable .
 	@touch $@
 
-$(VENV)/dev: requirements-dev.lock pyproject.toml | $(VENV)/bin/python
+$(VENV)/dev: requirements-dev.lock pyproject.toml $(COMPILED) | $(VENV)/bin/python
 	$(BIN)/pip install --quiet --require-hashes -r requirements-dev.lock
 	$(BIN)/pip install --quiet --no-deps --editable .
 	@touch $@ $(VENV)/runtime

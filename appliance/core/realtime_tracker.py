@@ -10,7 +10,7 @@ from appliance.core.pyramid import Pyramid, pyramid
 from appliance.core.registration import Keyframe, Registration, compose
 from drivers.samples import GreyImage
 
-ACCEPT_CORRELATION = 0.5
+_LEAST_EVIDENCE = 0.62
 _GOOD_CORRELATION = 0.93
 _LEAST_OVERLAP = 0.5
 _LEAST_PEAK = 0.08
@@ -122,8 +122,12 @@ class RealTimeTracker:
 
 def acceptable(found: Registration) -> bool:
     """The self-check, which needs no truth: enough of the keyframe in view, and it looks like the keyframe there and
-    not as much a little beside. Where the descent went astray, beside is as good."""
-    alike = likeness(found) >= ACCEPT_CORRELATION and found.peak >= _LEAST_PEAK
+    not as much a little beside. Where the descent went astray, beside is as good.
+
+    Likeness alone does not do: speckle that has changed and speckle that was never the same can be as much alike, but
+    only the first is less alike beside.
+    """
+    alike = found.peak >= _LEAST_PEAK and likeness(found) + 2 * found.peak >= _LEAST_EVIDENCE
     return found.converged and alike and found.overlap >= _LEAST_OVERLAP
 
 

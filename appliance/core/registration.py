@@ -15,20 +15,23 @@ from math import cos, hypot, inf, sin
 import cv2
 import numpy as np
 
-from appliance.core.fit import Fit, inside, interpolated, looked_up
+from appliance.core.fit import Fit
 from appliance.core.geometry import Array
-from appliance.core.pyramid import Array32, Bits, Picture, Pyramid, centre_px
+from appliance.core.points import Look, Picture, Warp
+from appliance.core.pyramid import Bits, Pyramid
 from appliance.core.speckle import Speckle, coarse_speckle
 from appliance.core.template import Template, template
 
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
 """For each level that is used how many points steer, and the step in px after which the next level goes on."""
 _STEPS = 15
-_FINE, _DENSE = 20_000, 28_000
-_FINE_ACCURATE, _DENSE_ACCURATE = 80_000, 120_000
+_FINE, _DENSE = 20_000, 80_000
+_FINE_ACCURATE, _DENSE_ACCURATE = 80_000, 160_000
 _UNCHANGED = 0.935
 _POLISHED_PX, _POLISHING_STEPS = 0.05, 3
 _MOST_GAIN = 5.0
+_TUKEY, _LEAST_SCALE, _SAMPLED = 6.0, 2.0, 500
+_LEAST_SEEN = 64
 _LEAST_MIDDLE = 6
 _JUDGED = 1_000
 _ASIDE_PX, _ASIDE_SHARE = 12.0, 0.02
@@ -76,7 +79,7 @@ class Keyframe:
         self.aspect = aspect
         self._levels, self._mask, self._accurate = levels, mask, accurate
         self._speckle = Speckle(mask, levels.finest.shape)
-        self._centre = centre_px(levels.shape[1], levels.shape[0])
+        self._centre = (levels.shape[1] - 1) / 2, (levels.shape[0] - 1) / 2
         self._fine = self._template(0, _FINE_ACCURATE if accurate else _FINE)
         coarsest = levels.level(levels.coarsest)
         self._middle = coarse_speckle(coarsest)[_inner(coarsest.shape)]
@@ -109,10 +112,11 @@ class Keyframe:
         """Register a picture of the same size, coarse to fine from `start`, or from `guess`. Needs `textured`."""
         u, alpha = (self.guess(levels), 0.0) if start is None else start
         fit = Fit((float(u[0]), float(u[1])), float(alpha))
+        finest = Picture(levels.finest)
         for k, level in self._steering:
-            fit = self._descend(level, levels.level(k), fit, _STEERING[k][1])
+            fit = self._descend(level, Picture(levels.level(k)) if k else finest, fit, _STEERING[k][1])
         assert self._fine is not None
-        return self._polished(self._fine, levels, fit)
+        return self._polished(self._fine, finest, levels, fit)
 
     def guess(self, levels: Pyramid) -> Array:
         """(2,) px: where the middle of the keyframe is seen, found on the coarsest level by trying every place."""
@@ -124,77 +128,76 @@ class Keyframe:
         rows, columns = _inner(coarsest.shape)
         return np.array([column - columns.start, row - rows.start]) * levels.factor * 2.0**levels.coarsest
 
-    def _descend(self, level: Template, image: Picture, start: Fit, enough_px: float) -> Fit:
+    def _descend(self, level: Template, picture: Picture, start: Fit, enough_px: float) -> Fit:
         fit = Fit(start.u, start.alpha, start.gain, start.bias)
+        look = Look(level.points)
         for _ in range(_STEPS):
-            fit.converged = self._improve(level, image, fit) < enough_px
+            fit.converged = self._improve(level, look, picture, fit) < enough_px
             if fit.converged or fit.lost:
                 break
         return fit
 
-    def _polished(self, level: Template, levels: Pyramid, fit: Fit) -> Registration:
+    def _polished(self, level: Template, picture: Picture, levels: Pyramid, fit: Fit) -> Registration:
         """One step with all points; where the speckle has changed, which tells less, several with more of them."""
-        self._improve(level, levels.finest, fit)
+        look = Look(level.points)
+        self._improve(level, look, picture, fit)
         if fit.lost:
             return _lost(fit)
-        fit.respond(level, levels.finest)
+        fit.respond(level, look, picture)
         if fit.response[2] > _UNCHANGED or self._dense is None:
-            return self._concluded(level, levels.finest, fit, fit.covariance(level))
-        speckle = self._speckle.of(levels)
+            return self._concluded(level, picture, fit, fit.covariance(level, look))
         close = Fit(fit.u, fit.alpha, fit.gain * fit.response[2])
+        covariance = self._close(self._dense, Picture(self._speckle.of(levels)), close)
+        if close.lost:
+            return _lost(close)
+        fit.u, fit.alpha = close.u, close.alpha
+        return self._concluded(level, picture, fit, covariance)
+
+    def _close(self, level: Template, speckle: Picture, fit: Fit) -> Array:
+        """Covariance after the last steps, in the speckle alone."""
+        look = Look(level.points)
         for _ in range(_POLISHING_STEPS):
-            length_px = self._improve(self._dense, speckle, close)
-            if close.lost:
-                return _lost(close)
-            close.respond(self._dense, speckle)
+            length_px = self._improve(level, look, speckle, fit)
+            if fit.lost:
+                return _UNKNOWN
+            fit.respond(level, look, speckle)
             if length_px < _POLISHED_PX:
                 break
-        fit.u, fit.alpha = close.u, close.alpha
-        return self._concluded(level, levels.finest, fit, close.covariance(self._dense))
+        return fit.covariance(level, look)
 
-    def _improve(self, level: Template, image: Picture, fit: Fit) -> float:
+    def _improve(self, level: Template, look: Look, picture: Picture, fit: Fit) -> float:
         """Look, weigh, and go one step of so many px."""
-        self._look(level, image, fit)
-        fit.lost = not fit.weigh()
+        seen, sums = look.take(picture, self._warp(level.factor, fit), _SAMPLED, _TUKEY, _LEAST_SCALE)
+        fit.lost = seen < _LEAST_SEEN
         if fit.lost:
             return inf
-        x, y, turn, gain, bias = fit.step(level)
+        x, y, turn, gain, bias = fit.step(level, sums)
         fit.gain = min(max(fit.gain + gain, 1 / _MOST_GAIN), _MOST_GAIN)
         fit.bias += bias
         fit.alpha -= turn
         c, s = cos(fit.alpha), sin(fit.alpha)
         fit.u = fit.u[0] - c * x + s * self.aspect * y, fit.u[1] - s / self.aspect * x - c * y
-        return hypot(x, y) + abs(turn) * float(self._centre[0])
+        return hypot(x, y) + abs(turn) * self._centre[0]
 
-    def _look(self, level: Template, image: Picture, fit: Fit) -> None:
-        """Where the points are seen in the level, and what gain and bias leave unexplained."""
-        fit.where = self._warp(level.factor, fit) @ level.places
-        fit.seen = inside(fit.where, image)
-        expected = level.grey * np.float32(fit.gain)
-        expected += np.float32(fit.bias)
-        fit.residual = np.subtract(looked_up(image, fit.where), expected, out=expected)
-
-    def _warp(self, factor: float, fit: Fit) -> Array32:
-        """(2, 3) places of a template → columns and rows of a level."""
+    def _warp(self, factor: float, fit: Fit) -> Warp:
         c, s = cos(fit.alpha) / factor, sin(fit.alpha) / factor
-        x, y = ((u + middle + 0.5) / factor - 0.5 for u, middle in zip(fit.u, self._centre.tolist(), strict=True))
-        return np.array([[c, -s * self.aspect, x], [s / self.aspect, c, y]], np.float32)
+        x, y = (fit.u[0] + self._centre[0] + 0.5) / factor - 0.5, (fit.u[1] + self._centre[1] + 0.5) / factor - 0.5
+        return Warp(c, -s * self.aspect, x, s / self.aspect, c, y, fit.gain, fit.bias)
 
-    def _concluded(self, level: Template, image: Picture, fit: Fit, covariance: Array) -> Registration:
-        thin = np.s_[:: max(level.grey.size // _JUDGED, 1)]
-        where = self._warp(level.factor, fit) @ level.places[:, thin]
-        seen = inside(where, image)
-        correlation = _correlations(level.grey[thin], _looks(image, where), seen)
+    def _concluded(self, level: Template, picture: Picture, fit: Fit, covariance: Array) -> Registration:
+        reach_px = max(_ASIDE_PX, _ASIDE_SHARE * picture.shape[1])
+        warp = self._warp(level.factor, fit)
+        (correlation, *aside), overlap = level.points.judge(picture, warp, _JUDGED, reach_px)
         return Registration(
             np.array(fit.u),
             fit.alpha,
             fit.gain,
             fit.bias,
             covariance,
-            float(correlation[0]),
-            float(np.count_nonzero(seen)) / seen.size,
+            correlation,
+            overlap,
             fit.converged,
-            float(correlation[0] - correlation[1:].max()),
+            correlation - max(aside),
         )
 
 
@@ -206,20 +209,3 @@ def _inner(shape: tuple[int, ...]) -> tuple[slice, slice]:
     """The middle half of a picture in each direction."""
     rows, columns = shape[0] // 4, shape[1] // 4
     return np.s_[rows : shape[0] - rows, columns : shape[1] - columns]
-
-
-def _looks(image: Picture, where: Array32) -> Array32:
-    """(5, n) the picture at (2, n) places, and a little to the right, left, below and above them."""
-    reach = max(_ASIDE_PX, _ASIDE_SHARE * image.shape[1])
-    aside = np.array([[0, reach, -reach, 0, 0], [0, 0, 0, reach, -reach]], np.float32)
-    return interpolated(image, where[:, None] + aside[..., None])
-
-
-def _correlations(grey: Array32, looks: Array32, seen: Bits) -> Array32:
-    """(k,) correlation of (n,) values with each of (k, n) over the points that are seen; 0 where one is constant."""
-    share = seen.astype(np.float32) / max(int(np.count_nonzero(seen)), 1)
-    apart = grey - share @ grey
-    mean = looks @ share
-    looks = np.subtract(looks, mean[:, None], dtype=np.float32)
-    scale = np.sqrt(np.square(looks) @ share * float(np.square(apart) @ share))
-    return np.asarray((looks @ (apart * share)) / np.maximum(scale, 1e-3), dtype=np.float32)

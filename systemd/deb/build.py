@@ -71,7 +71,7 @@ def _project() -> dict[str, str]:
 def _environment(prefix: Path, minor: int, machine: str) -> None:
     """What `python3 -m venv` and pip would leave there, for a Python that need not be here."""
     site = prefix / f"lib/python3.{minor}/site-packages"
-    platforms = [option for name in PLATFORMS for option in ("--platform", f"{name}_{machine}")]
+    platforms = [option for name in (*PLATFORMS, "linux") for option in ("--platform", f"{name}_{machine}")]
     foreign = [
         "--only-binary=:all:", f"--python-version=3.{minor}", "--implementation=cp", f"--abi=cp3{minor}", "--abi=abi3",
         "--abi=none", *platforms,
@@ -79,9 +79,9 @@ def _environment(prefix: Path, minor: int, machine: str) -> None:
     lock = str(ROOT / "requirements.lock")
     _pip("install", "--no-deps", "--require-hashes", "--no-compile", "-r", lock, "--target", str(site), *foreign)
     with tempfile.TemporaryDirectory() as wheels:
-        _pip("wheel", "--no-deps", "--wheel-dir", wheels, str(ROOT))
+        _pip("wheel", "--no-deps", "--wheel-dir", wheels, str(ROOT), PROBEWATCH_MACHINE=machine)
         (wheel,) = Path(wheels).glob("probewatch-*.whl")
-        _pip("install", "--no-deps", "--no-compile", "--target", str(site), str(wheel))
+        _pip("install", "--no-deps", "--no-compile", "--target", str(site), *foreign, str(wheel))
     shutil.rmtree(site / "bin", ignore_errors=True)
     _put(prefix / "pyvenv.cfg", f"home = /usr/bin\ninclude-system-site-packages = false\nversion = 3.{minor}\n")
     _put(prefix / "bin/probewatch", LAUNCHER, 0o755)
@@ -129,8 +129,8 @@ def _put(path: Path, text: str, mode: int = 0o644) -> None:
     path.chmod(mode)
 
 
-def _pip(*arguments: str) -> None:
-    _run(sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", *arguments)
+def _pip(*arguments: str, **environment: str) -> None:
+    _run(sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", *arguments, **environment)
 
 
 def _run(*command: str, **environment: str) -> str:
