@@ -27,9 +27,15 @@ class Speckle:
     def __init__(self, mask: Bits | None, shape: tuple[int, ...]) -> None:
         self._seen = None if mask is None else mask_at(mask, shape).astype(np.uint8)
         self._weight: Array32 | None = None
+        self._latest: tuple[Pyramid, Array32] | None = None
 
     def of(self, levels: Pyramid) -> Array32:
-        """(h, w)."""
+        """(h, w). Of the latest picture it is remembered: where a registration does not convince, others follow."""
+        if self._latest is None or self._latest[0] is not levels:
+            self._latest = levels, self._taken(levels)
+        return self._latest[1]
+
+    def _taken(self, levels: Pyramid) -> Array32:
         around = _around(levels.picture, _OF_FINEST)
         if self._seen is None:
             return np.asarray(levels.finest - cv2.boxFilter(levels.picture, cv2.CV_32F, around), dtype=np.float32)

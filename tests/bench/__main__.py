@@ -19,12 +19,12 @@ import numpy as np  # noqa: E402
 import SimpleITK as sitk  # noqa: E402, N813
 from rich.progress import Progress  # noqa: E402
 
-from tests.bench import accuracy, bounds, cost, report, selfcheck  # noqa: E402
+from tests.bench import accuracy, bounds, cost, cross_spectrum, report, selfcheck  # noqa: E402
 from tests.bench.peers import COARSE, FINE, SMOOTHED_PX, one_thread  # noqa: E402
 from tests.bench.scenes import CLEAN, DECORRELATED, SCENES, Scene  # noqa: E402
 
 RESULTS = Path("results/bench.json")
-_STEPS = 5
+_STEPS = 6
 
 
 def main() -> None:
@@ -56,13 +56,13 @@ def _options() -> argparse.Namespace:
 
 
 def measure(scenes: Sequence[Scene], count: int, done: Callable[[], None]) -> dict[str, Any]:
-    """All figures; `done` is called len(scenes) · count + 5 times on the way."""
+    """All figures; `done` is called len(scenes) · count + 6 times on the way."""
     started = os.getloadavg()[0]
     rows = accuracy.measure(scenes, count, done)
     result = {"errors": accuracy.errors(rows), "times": accuracy.times(rows)}
     result["coverage"] = accuracy.coverage(scenes, 4 * count)
     done()
-    result["self-check"] = selfcheck.measure(20 * count)
+    result["self-check"] = selfcheck.measure(40 * count)
     done()
     white = bounds.white_noise_px()
     result["bounds_px"] = {
@@ -70,6 +70,9 @@ def measure(scenes: Sequence[Scene], count: int, done: Callable[[], None]) -> di
         for scene in scenes
         if scene.name in (*CLEAN, *DECORRELATED)
     }
+    done()
+    changed = [scene for scene in scenes if scene.name in DECORRELATED]
+    result["reached_px"] = {scene.name: cross_spectrum.reached_px(scene, count) for scene in changed}
     done()
     result["line"] = [cost.line((640, 480)), cost.line(cost.FULL_HD)]
     done()

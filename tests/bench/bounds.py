@@ -3,8 +3,10 @@
 White noise: F = Σ ∇I ∇Iᵀ / 2σ², σ from two pictures of one place. Decorrelation: the two pictures as stationary fields
 with magnitude-squared coherence γ²(ω); a bin tells 2 γ²/(1 − γ²) ω² about the shift (Carter 1987 for delays), so
 F = area ∫ ω ωᵀ γ²/(1 − γ²) dω/4π², with γ² estimated by Welch's method on pairs without in-plane motion. The second
-is a bound for Gaussian fields, which log-compressed speckle is not.
+is a bound for Gaussian fields, which log-compressed speckle is not: cross_spectrum.py shows how much of it is reached.
 """
+
+from functools import cache
 
 import cv2
 import numpy as np
@@ -13,7 +15,7 @@ from appliance.core.geometry import Array
 from tests.bench.scenes import PLAIN
 from tests.rendered import moved, world
 
-_WINDOW = 64
+WINDOW_PX = 64
 _TISSUES = (1, 2, 3, 4)
 _PLACES = 2
 
@@ -32,18 +34,20 @@ def white_noise_px() -> float:
 
 def decorrelation_px(elevation_mm: float) -> float:
     """Bound set by what the speckle has changed over so much elevation."""
-    coherence = _coherence(elevation_mm)
-    told = coherence / (1 - coherence)
-    omega = 2 * np.pi * np.fft.fftfreq(_WINDOW)
-    cell = (2 * np.pi / _WINDOW) ** 2 / (2 * np.pi) ** 2
+    squared = coherence(elevation_mm)
+    told = squared / (1 - squared)
+    omega = 2 * np.pi * np.fft.fftfreq(WINDOW_PX)
+    cell = (2 * np.pi / WINDOW_PX) ** 2 / (2 * np.pi) ** 2
     area = 640 * 480
     F_x, F_y = (area * cell * float((told * part**2).sum()) for part in (omega[None, :], omega[:, None]))
     F_turn = F_x * 480**2 / 12 + F_y * 640**2 / 12
     return _rms_px(np.diag([1 / F_x, 1 / F_y, 1 / F_turn]))
 
 
-def _coherence(elevation_mm: float) -> Array:
-    window = np.outer(np.hanning(_WINDOW), np.hanning(_WINDOW))
+@cache
+def coherence(elevation_mm: float) -> Array:
+    """(window, window) γ² of two pictures so far apart, by frequency as of `np.fft.fft2`."""
+    window = hann()
     auto_a, auto_b, cross, count = 0.0, 0.0, 0.0, 0
     for tissue in _TISSUES:
         for k in range(_PLACES):
@@ -51,14 +55,19 @@ def _coherence(elevation_mm: float) -> Array:
             later = moved(first, PLAIN, elevation_mm=elevation_mm)
             seen = world(tissue, PLAIN, False)
             a, b = (np.float64(seen.frame_at(pose, 9 + k)) for k, pose in enumerate((first, later)))
-            for row in range(0, 480 - _WINDOW + 1, _WINDOW // 2):
-                for column in range(0, 640 - _WINDOW + 1, _WINDOW // 2):
-                    part = np.s_[row : row + _WINDOW, column : column + _WINDOW]
+            for row in range(0, 480 - WINDOW_PX + 1, WINDOW_PX // 2):
+                for column in range(0, 640 - WINDOW_PX + 1, WINDOW_PX // 2):
+                    part = np.s_[row : row + WINDOW_PX, column : column + WINDOW_PX]
                     fa, fb = (np.fft.fft2((image[part] - image[part].mean()) * window) for image in (a, b))
                     auto_a, auto_b = auto_a + np.abs(fa) ** 2, auto_b + np.abs(fb) ** 2
                     cross, count = cross + fa * fb.conj(), count + 1
     found = np.abs(cross) ** 2 / (auto_a * auto_b)
     return np.asarray(np.clip(found - (1 - found) * 3 / count, 0, 0.9999))
+
+
+def hann() -> Array:
+    """(window, window)."""
+    return np.outer(np.hanning(WINDOW_PX), np.hanning(WINDOW_PX))
 
 
 def _rms_px(covariance: Array) -> float:

@@ -33,14 +33,14 @@ def show(result: dict[str, Any]) -> None:
 def _errors(result: dict[str, Any]) -> Table:
     table = _table(
         f"RMS error px of what did not fail, and the share that failed: gave up, or more than {FAILED_PX:g} px off",
-        *("scene", "bound", *METHODS),
+        *("scene", "bound", "reached", *METHODS),
     )
     table.columns[0].no_wrap = True
     cells = {(row["scene"], row["method"]): row for row in result["errors"]}
     for scene in dict.fromkeys(row["scene"] for row in result["errors"]):
-        bound = result["bounds_px"].get(scene)
-        limit = "" if bound is None else f"{bound:.4f}"
-        table.add_row(scene, limit, *(_cell(cells[scene, name]) for name in METHODS))
+        known = (result[name].get(scene) for name in ("bounds_px", "reached_px"))
+        limits = ("" if px is None else f"{px:.4f}" for px in known)
+        table.add_row(scene, *limits, *(_cell(cells[scene, name]) for name in METHODS))
     return table
 
 
