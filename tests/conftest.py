@@ -1,11 +1,16 @@
-"""One BLAS thread for each test process and for what it starts: on busy cores more of them only wait for each other."""
+"""One BLAS thread for each test process and for what it starts: on busy cores more of them only wait for each other.
+
+Hypothesis tries the same examples in every run, as slowly as the machine may be.
+"""
 
 import os
 
 import pytest
+from hypothesis import settings
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+settings.load_profile("ci")
 
 LIVE = (
     "test_failures",
