@@ -151,7 +151,10 @@ def _declared(name: str, *arguments: Any, result: Any = None) -> Any:
     return function
 
 
-_library = np.ctypeslib.load_library("_points", __file__)
+try:
+    _library = np.ctypeslib.load_library("_points", __file__)
+except OSError as missing:
+    raise ImportError(f"{missing}: points.c is not compiled for this machine; `make .venv/dev` does that") from missing
 _seen = POINTER(_Points), POINTER(_Picture), POINTER(Warp), c_int32
 _look = _declared("look", *_seen, c_float, c_float, c_void_p, c_void_p, c_void_p, result=c_int32)
 _respond = _declared("respond", *_seen, c_void_p, c_void_p)
