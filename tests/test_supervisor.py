@@ -540,6 +540,19 @@ def test_aborted_recalibration_needs_verification() -> None:
     assert room.ok() is M
 
 
+@pytest.mark.parametrize(
+    ("name", "lost_ns", "expected"), [("video-lost", 0, W), ("video-lost", S_NS, L), ("estimator-silent", 0, I)]
+)
+def test_a_recalibration_given_up_shows_at_once_what_failed_meanwhile(name: str, lost_ns: int, expected: State) -> None:
+    room = room_in(State.MONITORING)
+    if lost_ns:
+        assert room.at(TICK_NS, device(name)) is W
+        assert room.at(lost_ns - 2 * TICK_NS, device(name)) is W
+    failing = device(name).devices
+    assert room.at(TICK_NS, Inputs(devices=failing, request=Request.BEGIN_RECALIBRATION)) is R
+    assert room.at(TICK_NS, Inputs(devices=failing, request=Request.ABORT_RECALIBRATION)) is expected
+
+
 def test_device_loss_ends_a_recalibration() -> None:
     room = room_in(State.RECALIBRATING)
     assert room.at(TICK_NS, device()) is R

@@ -124,6 +124,9 @@ class AlarmTable(statemachine.StateMachine):
     abort_recalibration = (
         recalibrating.to(halt, cond="latched_halt")
         | recalibrating.to(recalibration_requested, cond="latched_request")
+        | recalibrating.to(internal_fault, cond="internal_fault")
+        | recalibrating.to(device_lost, cond="losing_device")
+        | recalibrating.to(warning, cond="device_fault")
         | recalibrating.to(not_verified)
     )
 
