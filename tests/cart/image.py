@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +24,10 @@ ROOT = HERE.parents[1]
 HOST_SOURCES = (Path("/etc/apt/sources.list.d/debian.sources"), Path("/etc/apt/sources.list"))
 KERNEL_SOURCE = {"bookworm": "6.1", "trixie": "6.12"}
 PACKAGES = (
-    "systemd-sysv,udev,kmod,procps,python3,dbus,v4l-utils,qemu-guest-agent,linux-image-amd64,init-system-helpers,gpiod"
+    "systemd-sysv,udev,kmod,procps,e2fsprogs,python3,dbus,v4l-utils,qemu-guest-agent,linux-image-amd64,"
+    "init-system-helpers,gpiod"
 )
+"""e2fsprogs: Debian 13 has it no longer in every system, and the initrd takes its file system check from there."""
 BUILD_PACKAGES = "gcc,make,xz-utils,linux-headers-amd64,linux-source-{source}"
 MASKED = [
     "serial-getty@ttyS0.service",
@@ -97,10 +100,15 @@ def _built(image: Image, name: str) -> Image:
     folder = image.folder
     module_key = _key(BUILD_PACKAGES, inspect.getsource(_kernel_module), name)
     base_key = _key(PACKAGES, name)
-    _part(folder, "kernel module", module_key, lambda: _kernel_module(image, name))
-    _part(folder, "base system", base_key, lambda: _base(image, name))
     package_key = _key(*_package_sources(), name)
-    _part(folder, "package", package_key, lambda: _package(image, name))
+    with ThreadPoolExecutor() as beside:
+        parts = (
+            beside.submit(_part, folder, "kernel module", module_key, lambda: _kernel_module(image, name)),
+            beside.submit(_part, folder, "base system", base_key, lambda: _base(image, name)),
+            beside.submit(_part, folder, "package", package_key, lambda: _package(image, name)),
+        )
+    for part in parts:
+        part.result()
     inside_key = _key(*_baked_in(), inspect.getsource(_root) + inspect.getsource(_inside))
     root_key = _key(module_key, base_key, package_key, inside_key)
     _part(folder, "root", root_key, lambda: _root(image))
@@ -143,13 +151,13 @@ def _part(folder: Path, name: str, key: str, make: Callable[[], None]) -> None:
     print(f"cart image: {name} in {time.monotonic() - began_s:.0f} s", file=sys.stderr, flush=True)
 
 
-def _sources(image: Image, name: str) -> str:
-    """apt's sources for the suite, from this host's own."""
+def _sources(name: str, target: Path) -> str:
+    """A file beside the target with apt's sources for the suite, from this host's own."""
     host = next((path for path in HOST_SOURCES if path.exists()), None)
     if host is None:
         raise NoMirror(f"this host's apt has none in {' or '.join(map(str, HOST_SOURCES))}")
     text = re.sub(r"\b(bookworm|trixie)\b", name, host.read_text())
-    place = image.folder / f"{name}{host.suffix}"
+    place = target.with_name(f"{target.name}{host.suffix}")
     place.write_text("".join(f"{line}\n" for line in text.splitlines() if not line.startswith("#")))
     return str(place)
 
@@ -162,7 +170,7 @@ def _kernel_module(image: Image, name: str) -> None:
     """
     build_root, source = image.folder / "build", KERNEL_SOURCE[name]
     shutil.rmtree(build_root, ignore_errors=True)
-    _bootstrap(image, name, BUILD_PACKAGES.format(source=source), build_root, "apt")
+    _bootstrap(name, BUILD_PACKAGES.format(source=source), build_root, "apt")
     place = build_root / "gpio-sim"
     place.mkdir()
     inner = f"linux-source-{source}"
@@ -190,13 +198,13 @@ def _adapt(path: Path, old: str, new: str) -> None:
 
 
 def _base(image: Image, name: str) -> None:
-    _bootstrap(image, name, PACKAGES, image.folder / "base.tar", "minbase")
+    _bootstrap(name, PACKAGES, image.folder / "base.tar", "minbase")
 
 
-def _bootstrap(image: Image, name: str, packages: str, target: Path, variant: str) -> None:
+def _bootstrap(name: str, packages: str, target: Path, variant: str) -> None:
     options = ("-q", f"--variant={variant}", f"--include={packages}")
     try:
-        run("mmdebstrap", *options, name, str(target), _sources(image, name))
+        run("mmdebstrap", *options, name, str(target), _sources(name, target))
     except RuntimeError as error:
         if silent := re.search("(?m)^.*(Could not (connect|resolve)|Temporary failure resolving).*$", str(error)):
             raise NoMirror(silent[0].strip()) from error
