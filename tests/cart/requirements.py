@@ -1,8 +1,12 @@
-"""What the harness needs of the host. Each test names what is missing when it skips."""
+"""What the harness needs of the host. Each test names what is missing when it skips.
+
+`python -m tests.cart.requirements` prints the Debian packages that this host lacks.
+"""
 
 import os
 import shutil
 import subprocess
+from collections.abc import Iterable
 from functools import cache
 
 TOOLS = {
@@ -34,11 +38,19 @@ def _may_mount() -> bool:
         return False
 
 
+def absent(programs: Iterable[str] = tuple(TOOLS)) -> list[str]:
+    """The Debian packages to install for these programs."""
+    return sorted({TOOLS[name] for name in programs if shutil.which(name) is None})
+
+
 def missing(programs: tuple[str, ...]) -> str:
     """Why these cannot be used here, in words; empty when they can."""
     if os.geteuid() != 0:
         return "needs root"
-    absent = sorted({TOOLS[name] for name in programs if shutil.which(name) is None})
-    if absent:
-        return f"needs {', '.join(absent)} (apt install {' '.join(absent)})"
+    if packages := absent(programs):
+        return f"needs {', '.join(packages)} (apt install {' '.join(packages)})"
     return "" if _may_mount() else "needs the right to mount file systems, which this container withholds"
+
+
+if __name__ == "__main__":
+    print(*absent())
