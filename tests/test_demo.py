@@ -107,7 +107,7 @@ def test_a_stop_while_starting_ends_everything(folder: Path, demos: list[Demo]) 
     assert demo.left_nothing()
 
 
-@pytest.mark.parametrize(("part", "name"), [("drivers.twins.polaris", "polaris"), ("run", "service")])
+@pytest.mark.parametrize(("part", "name"), [("ndi", "polaris"), ("run", "service")])
 def test_a_part_that_dies_is_named(folder: Path, demos: list[Demo], part: str, name: str) -> None:
     demo = Demo(folder)
     demos.append(demo)

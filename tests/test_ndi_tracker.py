@@ -3,7 +3,6 @@
 import json
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ from drivers.samples import PoseStatus
 from drivers.twins.combined_api import Mode
 from drivers.twins.faults import Episode, Schedule
 from drivers.twins.rom import REFERENCE, make_rom
+from tests.simulated import PROBEWATCH
 from tests.simulated_ndi import bench, moving, poses, until
 
 
@@ -317,7 +317,7 @@ def test_disabled_and_unready_ports_carry_no_pose() -> None:
 
 
 def test_killed_twin_is_lost_and_a_new_one_takes_the_link_over(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "drivers.twins.polaris", "--pty", str(tmp_path / "tracker")]
+    command = [*PROBEWATCH, "simulate", "ndi", "--model", "polaris-spectra", "--pty", str(tmp_path / "tracker")]
     command += ["--rom", str(tmp_path / "probe.rom"), "--origin-ns", str(time.monotonic_ns())]
     clock = HostClock()
     with _process(command) as (first, url), open_tracker(*_split(url), clock) as tracker:

@@ -26,7 +26,7 @@ from drivers.hosttime import HostClock
     type=click.Path(dir_okay=False, path_type=Path),
     help="the configuration, such as config/probewatch.toml",
 )
-@click.option("--clock-rate", default=1.0, type=click.FloatRange(0.1, 100), hidden=True)
+@click.option("--clock-rate", default=1.0, type=click.FloatRange(0.01, 100), hidden=True)
 @click.option("--clock-origin-ns", type=int, hidden=True)
 def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -> None:
     """Watch the devices named in the configuration until SIGTERM; the log is JSON lines on stderr."""

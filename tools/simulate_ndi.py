@@ -42,7 +42,7 @@ _OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
     click.option("--control", type=_FILE, help="JSON list of faults, read again whenever it changes"),
     click.option("--freeze-tag", help="firmware name, such as 'AURORA Rev 009'; decides how clients ask for poses"),
     click.option("--skew-ppm", type=click.FloatRange(-500, 500), default=0.0, help="how fast the device's clock runs"),
-    click.option("--rate", type=click.FloatRange(0.1, 100), default=1.0, help="world seconds per second"),
+    click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="world seconds per second"),
     click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC of world time 0; now if not given"),
 ]
 

@@ -24,8 +24,13 @@ from drivers.twins.world import World
 
 Event = dict[str, Any]
 
-TWINS = ("scanner", "polaris", "relay_board")
-SERVICE = [sys.executable, "-P", "-c", "from tools.cli import main; main()"]
+_PROBEWATCH = [sys.executable, "-P", "-c", "from tools.cli import main; main()"]
+TWINS = {
+    "scanner": [sys.executable, "-P", "-m", "drivers.twins.scanner"],
+    "polaris": [*_PROBEWATCH, "simulate", "ndi", "--model", "polaris-spectra"],
+    "relay_board": [sys.executable, "-P", "-m", "drivers.twins.relay_board"],
+}
+"""The command that starts each."""
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _READY_S = 30.0
 _END_S = 10.0
@@ -166,7 +171,7 @@ class SimulatedCart:
         }[name]
         settings = self.settings
         common = ["--origin-ns", str(self.clock.origin_ns), "--rate", str(settings.rate), "--seed", str(settings.seed)]
-        self.twins[name] = Part(name, [sys.executable, "-P", "-m", f"drivers.twins.{name}", *options, *common])
+        self.twins[name] = Part(name, [*TWINS[name], *options, *common])
 
     def await_twin(self, name: str) -> str:
         """URL under which it serves. Raises DeviceLost when it ends or hangs before it is ready."""
@@ -191,7 +196,7 @@ class SimulatedCart:
     def start_daemon(self) -> None:
         """Start the service on the configuration that has been written."""
         rate = ["--clock-rate", str(self.settings.rate), "--clock-origin-ns", str(self.clock.origin_ns)]
-        self.daemon = Part("service", [*SERVICE, "run", "--config", str(self.config), *rate])
+        self.daemon = Part("service", [*_PROBEWATCH, "run", "--config", str(self.config), *rate])
 
     def require_alive(self) -> None:
         """Raises DeviceLost naming the part that has ended by itself, with the last lines of its log."""

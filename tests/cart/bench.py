@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterable
@@ -15,10 +14,14 @@ from appliance.calibration_file import calibration_from_image_to_probe, write_ca
 from drivers.twins.rom import make_rom
 from drivers.twins.world import World
 from tests.cart.guest import Ended
+from tests.polling import until
+from tools.simulated_cart import TWINS
 
 UNIT = "probewatch.service"
 CONFIG = "/etc/probewatch/probewatch.toml"
 SEED = 3
+RELAY, LAMP = 0, 1
+"""Lines of the simulated GPIO chip."""
 
 
 class Machine(Protocol):
@@ -67,12 +70,16 @@ def wait_status(machine: Machine, words: str | tuple[str, ...], deadline_s: floa
     """Until the unit's status text begins with one of the words; seconds waited. AssertionError after the deadline."""
     began_s = time.monotonic()
     wanted = tuple(f"StatusText={one}" for one in ((words,) if isinstance(words, str) else words))
-    while True:
-        shown = machine.sh(f"systemctl show --property=ActiveState,StatusText {UNIT}").out.splitlines()
-        if "ActiveState=active" in shown and any(line.startswith(wanted) for line in shown):
-            return time.monotonic() - began_s
-        assert time.monotonic() - began_s < deadline_s, f"{shown}\n{log_tail(machine)}"
-        time.sleep(machine.look_s)
+
+    def shown() -> list[str]:
+        return machine.sh(f"systemctl show --property=ActiveState,StatusText {UNIT}").out.splitlines()
+
+    def reached() -> bool:
+        lines = shown()
+        return "ActiveState=active" in lines and any(line.startswith(wanted) for line in lines)
+
+    until(reached, deadline_s, machine.look_s, lambda: f"{shown()}, not {words}\n{log_tail(machine)}")
+    return time.monotonic() - began_s
 
 
 def journal(machine: Machine, unit: str = UNIT, *matches: str) -> list[dict[str, Any]]:
@@ -85,6 +92,29 @@ def device_events(machine: Machine, role: str) -> tuple[int, int]:
     """(how often the device was lost, how often it came back), by the journal."""
     found = [entry.get("PROBEWATCH_EVENT") for entry in journal(machine, UNIT, f"PROBEWATCH_DEVICE={role}")]
     return found.count("device lost"), found.count("device back")
+
+
+def await_device_events(machine: Machine, role: str, lost: int, back: int, deadline_s: float) -> None:
+    """Until the journal has exactly so many of each."""
+    until(
+        lambda: device_events(machine, role) == (lost, back),
+        deadline_s,
+        machine.look_s,
+        lambda: f"{role} lost and back {device_events(machine, role)}, not {(lost, back)}\n{log_tail(machine)}",
+    )
+
+
+def gpio(machine: Machine, number: int = RELAY) -> int:
+    """Level of a line of the simulated chip, as the line's own side sees it."""
+    return int(machine.sh(f"cat /sys/devices/platform/gpio-sim.*/gpiochip*/sim_gpio{number}/value").out)
+
+
+def await_gpio(machine: Machine, number: int, level: int, deadline_s: float) -> float:
+    """Seconds until the line has that level."""
+    began_s = time.monotonic()
+    otherwise = f"line {number} stays {1 - level}"
+    until(lambda: gpio(machine, number) == level, deadline_s, 0.2, lambda: f"{otherwise}\n{log_tail(machine)}")
+    return time.monotonic() - began_s
 
 
 def log_tail(machine: Machine, lines: int = 25) -> str:
@@ -112,8 +142,7 @@ class HostTwins:
 
     @staticmethod
     def _start(name: str, *options: str) -> "subprocess.Popen[str]":
-        command = [sys.executable, "-P", "-m", f"drivers.twins.{name}", *options]
-        return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        return subprocess.Popen([*TWINS[name], *options], stdout=subprocess.PIPE, text=True)
 
     def __enter__(self) -> "HostTwins":
         return self

@@ -5,14 +5,16 @@ import time
 
 from tests.cart.bench import SEED, UNIT, configure, show, wait_status
 from tests.cart.container import Container
+from tests.polling import until
 
 PLACE = "/run/cart"
 PYTHON = "/opt/probewatch/bin/python3"
 TWINS = {
-    "scanner": f"--socket {PLACE}/scanner",
-    "polaris": f"--pty {PLACE}/polaris --rom {PLACE}/probe.rom",
-    "relay_board": f"--pty {PLACE}/relay_board",
+    "scanner": f"{PYTHON} -m drivers.twins.scanner --socket {PLACE}/scanner",
+    "polaris": f"probewatch simulate ndi --model polaris-spectra --pty {PLACE}/polaris --rom {PLACE}/probe.rom",
+    "relay_board": f"{PYTHON} -m drivers.twins.relay_board --pty {PLACE}/relay_board",
 }
+"""The command that starts each."""
 PROPERTIES = "-p UMask=0 -p Environment=OMP_NUM_THREADS=1 -p Nice=-5 -p CPUWeight=1000"
 """Devices do not wait for a host that is busy with something else."""
 URLS = {
@@ -30,20 +32,22 @@ def start_twins(machine: Container, fps: float = FPS) -> None:
     """They share one origin, so they stay in one world however often one of them is started anew."""
     origin_ns = time.monotonic_ns()
     machine.sh(f"mkdir -p -m 755 {PLACE}")
-    for name, options in TWINS.items():
+    for name, command in TWINS.items():
         rate = f"--fps {fps}" if name == "scanner" else ""
-        command = f"{PYTHON} -m drivers.twins.{name} {options} {rate} --seed {SEED} --origin-ns {origin_ns}"
-        machine.sh(f"systemd-run --quiet --unit=twin-{name} {PROPERTIES} {command}")
+        common = f"--seed {SEED} --origin-ns {origin_ns}"
+        machine.sh(f"systemd-run --quiet --unit=twin-{name} {PROPERTIES} {command} {rate} {common}")
     for name in TWINS:
         _await_twin(machine, name)
     machine.sh(f"chmod 666 $(readlink -f {PLACE}/polaris) $(readlink -f {PLACE}/relay_board)")
 
 
 def _await_twin(machine: Container, name: str) -> None:
-    end_s = time.monotonic() + 60
-    while not any(event.get("ready") for event in said(machine, name)):
-        assert time.monotonic() < end_s, f"the {name} twin does not start"
-        time.sleep(0.1)
+    until(
+        lambda: any(event.get("ready") for event in said(machine, name)),
+        60,
+        machine.look_s,
+        lambda: f"the {name} twin does not start",
+    )
 
 
 def said(machine: Container, name: str) -> list[dict[str, object]]:
@@ -68,11 +72,9 @@ def start_service(machine: Container, more: str = "") -> None:
 
 def await_contact(machine: Container, closed: bool, deadline_s: float) -> float:
     """CLOCK_MONOTONIC at which the board changed to that state, s."""
-    end_s = time.monotonic() + deadline_s
-    while (state := contact(machine))[0] is not closed:
-        assert time.monotonic() < end_s, f"the contact stays {'open' if closed else 'closed'}"
-        time.sleep(0.05)
-    return state[1]
+    stays = f"the contact stays {'open' if closed else 'closed'}"
+    until(lambda: contact(machine)[0] is closed, deadline_s, machine.look_s, lambda: stays)
+    return contact(machine)[1]
 
 
 def come_first(machine: Container) -> None:

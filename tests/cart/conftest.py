@@ -10,11 +10,18 @@ from tests.cart.guest import Guest
 from tests.cart.image import Image, NoMirror, build
 from tests.cart.requirements import CONTAINER, GUEST, IMAGE, missing
 
+FIRST = ("test_guest_cart", "test_guest_service", "test_kernel_devices")
+"""Two processes take these files of tests in this order, then the others: the longest alone to one of them, the next
+longest to the other, and what the first may have behind it. pytest-xdist hands a file of one or two tests out together
+with the one after it.
+"""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.parent == Path(__file__).parent:
             item.add_marker(pytest.mark.cart)
+    items.sort(key=lambda item: FIRST.index(item.path.stem) if item.path.stem in FIRST else len(FIRST))
 
 
 def _require(programs: tuple[str, ...]) -> None:

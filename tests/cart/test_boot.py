@@ -3,10 +3,11 @@
 import time
 from dataclasses import dataclass
 
-from tests.cart.bench import UNIT, Machine, configure, journal, show, wait_status
+from tests.cart.bench import UNIT, Machine, configure, gpio, journal, show, wait_status
 from tests.cart.cart_in_container import URLS, start_twins
 from tests.cart.container import Container
 from tests.cart.guest import Guest
+from tests.polling import until
 
 OWN_S, VERDICT_S = 15.0, 60.0
 """Of the start itself at full speed, and until the line has a verdict; a quiet host takes about a third."""
@@ -81,12 +82,8 @@ def test_cold_boot_with_a_clock_years_off_that_leaps_afterwards(guest: Guest) ->
     wait_status(guest, FIRST_WORDS, EMULATED_S)
     assert show(guest, "MainPID") == before
     assert show(guest, "NRestarts") == "0"
-    assert int(guest.sh("cat /sys/devices/platform/gpio-sim.*/gpiochip*/sim_gpio0/value").out) == 0
+    assert gpio(guest) == 0
 
 
 def _await_said(guest: Guest) -> list[dict[str, str]]:
-    end_s = time.monotonic() + 30
-    while not (said := journal(guest, UNIT, "PROBEWATCH_EVENT='wall clock stepped'")):
-        assert time.monotonic() < end_s, "the log does not say it"
-        time.sleep(0.3)
-    return said
+    return until(lambda: journal(guest, UNIT, "PROBEWATCH_EVENT='wall clock stepped'"), 30, guest.look_s)

@@ -5,16 +5,32 @@ verified calibration, which takes long under emulation, and is dropped by whatev
 """
 
 import json
+import re
 import time
 from collections.abc import Callable, Iterator
 
 import pytest
 
-from tests.cart.bench import UNIT, HostTwins, configure, device_events, journal, log_tail, show, wait_status
+from tests.cart.bench import (
+    LAMP,
+    RELAY,
+    UNIT,
+    HostTwins,
+    await_device_events,
+    await_gpio,
+    configure,
+    device_events,
+    gpio,
+    journal,
+    log_tail,
+    show,
+    wait_status,
+)
 from tests.cart.guest import PYTHON, SCRIPTS, Guest, Ports
 from tests.cart.image import Image
+from tests.polling import until
 
-START_S = 150.0
+START_S, BACK_S = 150.0, 60.0
 WATCHDOG_S = 5.0
 HOLD = "/sys/module/gpio_sim_cart/parameters/hold"
 """gpio-sim as built by tests.cart.image."""
@@ -36,18 +52,6 @@ def machine(guest_image: Image, tmp_path_factory: pytest.TempPathFactory) -> Ite
         yield guest
 
 
-def lamp(guest: Guest) -> int:
-    """The red lamp's line: 1 is dark."""
-    return int(guest.sh("cat /sys/devices/platform/gpio-sim.*/gpiochip*/sim_gpio1/value").out)
-
-
-def await_lamp(guest: Guest, level: int, deadline_s: float) -> None:
-    end_s = time.monotonic() + deadline_s
-    while lamp(guest) != level:
-        assert time.monotonic() < end_s, f"the lamp's line stays {1 - level}\n{log_tail(guest)}"
-        time.sleep(0.2)
-
-
 def after_signal(guest: Guest, signal: int, seconds: float) -> float | None:
     """Milliseconds from the signal to the line's fall, measured in the guest."""
     pid = show(guest, "MainPID")
@@ -55,43 +59,43 @@ def after_signal(guest: Guest, signal: int, seconds: float) -> float | None:
 
 
 def test_a_killed_daemon_drops_its_line_within_250_ms(machine: Guest) -> None:
-    await_lamp(machine, 1, START_S)
+    await_gpio(machine, LAMP, 1, START_S)
     before = show(machine, "MainPID")
     low_ms = after_signal(machine, 9, 5)
     print(f"SIGKILL: line low after {low_ms} ms")
     assert low_ms is not None
     assert low_ms < 250
-    await_lamp(machine, 1, START_S)
+    await_gpio(machine, LAMP, 1, START_S)
     assert show(machine, "MainPID") != before
 
 
 def test_a_stopped_daemon_loses_its_line_within_the_watchdogs_time(machine: Guest) -> None:
-    await_lamp(machine, 1, START_S)
+    await_gpio(machine, LAMP, 1, START_S)
     low_ms = after_signal(machine, 19, 30)
     print(f"SIGSTOP: line low after {low_ms} ms, WatchdogSec={WATCHDOG_S:g}")
     assert low_ms is not None
     assert low_ms < (WATCHDOG_S + 1.0) * 1e3
-    await_lamp(machine, 1, START_S)
+    await_gpio(machine, LAMP, 1, START_S)
 
 
 def test_a_chip_that_holds_its_level_is_released_by_the_unit(machine: Guest) -> None:
     """As many real controllers do. What it takes is the start of Python, here under emulation."""
-    await_lamp(machine, 1, START_S)
+    await_gpio(machine, LAMP, 1, START_S)
     machine.sh(f"echo 1 >{HOLD}")
     low_ms = after_signal(machine, 9, START_S)
     machine.sh(f"echo 0 >{HOLD}")
     print(f"SIGKILL with a chip that holds its level: line low after {low_ms} ms")
     assert low_ms is not None
-    await_lamp(machine, 1, START_S)
+    await_gpio(machine, LAMP, 1, START_S)
 
 
 def test_steps_of_the_wall_clock_disturb_nothing(machine: Guest) -> None:
-    await_lamp(machine, 1, START_S)
+    await_gpio(machine, LAMP, 1, START_S)
     before = show(machine, "MainPID")
     for step in ("+1 hour", "-2 hours", "+1 hour"):
         machine.sh(f"date -s '{step}' >/dev/null")
         for _ in range(5):
-            assert lamp(machine) == 1
+            assert gpio(machine, LAMP) == 1
             time.sleep(0.3)
     assert show(machine, "MainPID") == before
     assert show(machine, "ActiveState") == "active"
@@ -101,19 +105,21 @@ def test_steps_of_the_wall_clock_disturb_nothing(machine: Guest) -> None:
 
 def test_a_hung_kernel_is_reset_by_the_hardware_and_the_alarm_is_on_again(machine: Guest) -> None:
     """The last test of this machine. A panic that does not reboot is as dead as a kernel can be."""
-    await_lamp(machine, 1, START_S)
+    await_gpio(machine, LAMP, 1, START_S)
     machine.sh("sync")
-    boots = machine.console().count("clean,") + machine.console().count("recovering journal")
-    began_s = time.monotonic()
+    checks, began_s = _file_system_checks(machine), time.monotonic()
     machine.begin("sleep 0.5; echo c >/proc/sysrq-trigger")
-    while machine.console().count("clean,") + machine.console().count("recovering journal") == boots:
-        assert time.monotonic() - began_s < 90, f"no reset: {machine.console()[-800:]}"
-        time.sleep(0.2)
+    until(lambda: _file_system_checks(machine) > checks, 90, 0.2, lambda: f"no reset: {machine.console()[-800:]}")
     reset_s = time.monotonic() - began_s
     machine.await_agent()
     print(f"kernel panic: reset and at the file system check after {reset_s:.1f} s")
     wait_status(machine, ("waiting", "self-test", "device lost", "not verified"), START_S)
-    assert int(machine.sh("cat /sys/devices/platform/gpio-sim.*/gpiochip*/sim_gpio0/value").out) == 0
+    assert gpio(machine, RELAY) == 0
+
+
+def _file_system_checks(machine: Guest) -> int:
+    """How often one was said on the console: once for each boot."""
+    return len(re.findall(r"clean,|recovering journal", machine.console()))
 
 
 def test_unplugged_serial_and_lost_signal_are_said_once_and_come_back(
@@ -138,10 +144,12 @@ def test_unplugged_serial_and_lost_signal_are_said_once_and_come_back(
 
 def await_samples(guest: Guest) -> None:
     """Both devices deliver."""
-    end_s = time.monotonic() + START_S
-    while not all((counters := guest.script("status")["counters"])[name] > 5 for name in ("frames", "poses")):
-        assert time.monotonic() < end_s, f"{counters}\n{log_tail(guest)}"
-        time.sleep(1)
+
+    def counted() -> dict[str, int]:
+        counters: dict[str, int] = guest.script("status")["counters"]
+        return {name: counters[name] for name in ("frames", "poses")}
+
+    until(lambda: min(counted().values()) > 5, START_S, 1.0, lambda: f"{counted()}\n{log_tail(guest)}")
 
 
 def _lost_and_back(
@@ -155,19 +163,12 @@ def _lost_and_back(
     began_s = time.monotonic()
     lose()
     if give_back is not None:
-        _await_events(guest, role, losses + 1, backs)
+        await_device_events(guest, role, losses + 1, backs, BACK_S)
         print(f"{role} lost: said within {time.monotonic() - began_s:.1f} s")
         time.sleep(3)
         began_s = time.monotonic()
         give_back()
-    _await_events(guest, role, losses + 1, backs + 1)
+    await_device_events(guest, role, losses + 1, backs + 1, BACK_S)
     print(f"{role} back: said within {time.monotonic() - began_s:.1f} s")
     time.sleep(2)
-    assert device_events(guest, role) == (losses + 1, backs + 1)
-
-
-def _await_events(guest: Guest, role: str, losses: int, backs: int) -> None:
-    end_s = time.monotonic() + 60
-    while (seen := device_events(guest, role)) != (losses, backs):
-        assert time.monotonic() < end_s, f"{role}: lost and back {seen}, not {(losses, backs)}\n{log_tail(guest)}"
-        time.sleep(0.3)
+    assert device_events(guest, role) == (losses + 1, backs + 1), log_tail(guest)

@@ -11,6 +11,7 @@ from appliance.alarm_chain import Reading, read_log
 from appliance.calibration_file import read_calibration
 from tests.cart.guest import PYTHON, SCRIPTS, Guest
 from tests.cart.image import run
+from tests.polling import until
 
 CUTS, WRITING = 20, "writing"
 STATE = "/var/lib/probewatch"
@@ -55,10 +56,7 @@ def _snapshot_while_writing(guest: Guest, acks: Path, folder: Path) -> Path:
 
 def _await_more(acks: Path, than: int, deadline_s: float = 30.0) -> int:
     """The first acknowledged number above that."""
-    end_s = time.monotonic() + deadline_s
-    while not acks.exists() or _last(acks) <= than:
-        assert time.monotonic() < end_s, "nothing is acknowledged"
-        time.sleep(0.02)
+    until(lambda: acks.exists() and _last(acks) > than, deadline_s, 0.02, lambda: "nothing is acknowledged")
     return _last(acks)
 
 

@@ -9,6 +9,7 @@ no one: vivid repeats it by itself.
 import os
 import select
 import sys
+import time
 from pathlib import Path
 
 import cv2
@@ -53,19 +54,24 @@ class Line:
         return True
 
 
-def shown(picture: np.ndarray, screen: tuple[int, ...]) -> np.ndarray:
-    """The picture alone, or in its place on the screen."""
-    if not screen:
-        return picture
-    width, height, left, top, shrunk = screen
-    picture = cv2.resize(picture, None, fx=1 / shrunk, fy=1 / shrunk, interpolation=cv2.INTER_AREA)
-    whole = np.full((height, width), 40, np.uint8)
-    whole[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
-    return whole
+class Screen:
+    """The whole output of the scanner: the picture alone, or in its place on grey."""
+
+    def __init__(self, width: int = 0, height: int = 0, left: int = 0, top: int = 0, shrunk: int = 1) -> None:
+        self.grey = np.full((height, width), 40, np.uint8)
+        self.left, self.top, self.scale = left, top, 1 / shrunk
+
+    def show(self, picture: np.ndarray) -> np.ndarray:
+        if not self.grey.size:
+            return picture
+        picture = cv2.resize(picture, None, fx=self.scale, fy=self.scale, interpolation=cv2.INTER_AREA)
+        height, width = picture.shape
+        self.grey[self.top : self.top + height, self.left : self.left + width] = picture
+        return self.grey
 
 
-def main(port: str, node: str, *screen: str) -> None:
-    line, output = Line(port), OutputNode(node)
+def main(port: str, node: str, *place: str) -> None:
+    line, output, screen = Line(port), OutputNode(node), Screen(*map(int, place))
     while True:
         header, body = line.frame()
         if BLANK.exists():
@@ -73,7 +79,20 @@ def main(port: str, node: str, *screen: str) -> None:
         picture = np.frombuffer(body, np.uint8).reshape(header.height_px, header.width_px)
         if FLIP.exists():
             picture = picture[:, ::-1]
-        output.write(shown(picture, tuple(map(int, screen))).tobytes())
+        try:
+            output.write(np.ascontiguousarray(screen.show(picture)).data)
+        except OSError:
+            output.close()
+            output = reopened(node)
+
+
+def reopened(node: str) -> OutputNode:
+    """Disconnected, every node of vivid is gone until all of them are closed, the service's too."""
+    while True:
+        try:
+            return OutputNode(node)
+        except OSError:
+            time.sleep(0.2)
 
 
 if __name__ == "__main__":

@@ -88,13 +88,6 @@ def loop_back(fd: int, on: bool) -> None:
     fcntl.ioctl(fd, request, struct.pack("<I", LOOP))
 
 
-def wait_raised(fd: int, sense: str) -> None:
-    """The emulated port reads its far end, which raises all lines, only some time after its test mode was left."""
-    deadline_s = time.monotonic() + 5
-    while not lines(fd)[sense] and time.monotonic() < deadline_s:
-        time.sleep(0.01)
-
-
 def serial() -> dict[str, object]:
     found: dict[str, object] = {}
     for pin, sense in (("rts", "cts"), ("dtr", "dsr")):
@@ -109,7 +102,6 @@ def serial() -> dict[str, object]:
             found[pin] = seen
             found[f"{pin} busy"] = refused(f"serialpin:{PORT}?pin={pin}")
             loop_back(fd, False)
-            wait_raised(fd, sense)
             try:
                 output.write(False)
                 found[f"{pin} stuck"] = "followed"
