@@ -64,6 +64,7 @@ def cart(guest: Guest) -> Iterator[Guest]:
     with HostTwins(guest.folder, FPS, LOOP_S, guest.rate) as twins:
         guest.ports = Ports(serial=twins.tracker, scanner=twins.scanner)
         guest.restore()
+        guest.qmp("watchdog-set-action", {"action": "none"})  # units are read again for longer than its 10 s here
         guest.put_scripts()
         configure(guest, VIDEO, TRACKER, ["gpio:/dev/gpiochip0?line=relay"], shrunk=SHRUNK)
         guest.sh("mkdir -p /run/systemd/system/probewatch.service.d")
