@@ -25,7 +25,7 @@ from tests.cart.bench import (
 from tests.cart.guest import PYTHON, SCRIPTS, Guest, Ports
 from tests.polling import until
 
-FASTEST, SLOWEST = 0.1, 0.02
+FASTEST, SLOWEST = 0.06, 0.02
 """Seconds of the cart in a second."""
 MEASURE = "python3 -c 'for i in range(600000): i * i'"
 ENOUGH_S = 2.0
@@ -33,7 +33,7 @@ ENOUGH_S = 2.0
 FPS = 16.0
 """Pictures of the scanner in a second of the cart."""
 GRABBER_HZ = 4
-"""Pictures of vivid in a real second, 40 or more in one of the cart. Its pixel clock has a lower bound, so only large
+"""Pictures of vivid in a real second, 60 or more in one of the cart. Its pixel clock has a lower bound, so only large
 pictures may be this slow; what repeats a picture of the scanner costs the emulation and shows nothing new.
 """
 SCREEN, PLACE = (2560, 1440), (640, 300)
