@@ -72,9 +72,13 @@ def start_service(machine: Container, more: str = "") -> None:
 
 def await_contact(machine: Container, closed: bool, deadline_s: float) -> float:
     """CLOCK_MONOTONIC at which the board changed to that state, s."""
+
+    def changed() -> tuple[bool, float] | None:
+        state = contact(machine)
+        return state if state[0] is closed else None
+
     stays = f"the contact stays {'open' if closed else 'closed'}"
-    until(lambda: contact(machine)[0] is closed, deadline_s, machine.look_s, lambda: stays)
-    return contact(machine)[1]
+    return until(changed, deadline_s, machine.look_s, lambda: stays)[1]
 
 
 def come_first(machine: Container) -> None:
