@@ -20,8 +20,8 @@ from drivers.ports import TrackerSource, VideoSource, open_tracker, open_video
 from drivers.samples import Frame, Pose, PoseStatus
 from drivers.twins.world import World
 from tests.polling import until
+from tests.simulated import PROBEWATCH
 
-PROBEWATCH = [sys.executable, "-c", "from tools.cli import main; main()"]
 DEADLINE_S = 0.6
 """Of the trackers here: how soon they are lost by default is under test elsewhere, on a clock of its own."""
 

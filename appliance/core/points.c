@@ -186,7 +186,7 @@ void curvature(const Points *points, int32_t sampled, const float *weights, floa
         for (int k = 0; k < PARAMETERS; k++)
             for (int l = 0; l < PARAMETERS; l++) sum[k][l] += slope * J[k] * J[l];
     }
-    for (int k = 0; k < PARAMETERS * PARAMETERS; k++) normal[k] = sum[k / 5][k % 5] * (float)points->count / (float)used;
+    for (int k = 0; k < PARAMETERS * PARAMETERS; k++) normal[k] = sum[k / PARAMETERS][k % PARAMETERS] * (float)points->count / (float)used;
 }
 
 /* scores: (5, n) sums of weighted · (∂u_x, ∂u_y, ∂α, grey, 1) over n strips of as many points each, top to bottom. */

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.geometry import Array
-from appliance.core.pyramid import Array32, Bits
-from drivers.samples import GreyImage
+from appliance.core.pyramid import Array32, Bits, Level
 
 _LOOKED_UP, _RESPONDED, _LOOKS, _PARTS, _PARAMETERS = 9, 6, 5, 6, 5
 
@@ -31,7 +30,7 @@ class Warp(ctypes.Structure):
 class Picture:
     """(h, w) grey values to be looked at. Raises ValueError where h or w is less than 2."""
 
-    def __init__(self, grey: GreyImage | Array32) -> None:
+    def __init__(self, grey: Level) -> None:
         if min(grey.shape) < 2:
             raise ValueError(
                 f"a picture of {grey.shape[0]} × {grey.shape[1]} px cannot be looked at between its pixels"

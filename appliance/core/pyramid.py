@@ -11,7 +11,7 @@ from drivers.samples import GreyImage
 
 Array32 = NDArray[np.float32]
 Bits = NDArray[np.bool_]
-Picture = GreyImage | Array32
+Level = GreyImage | Array32
 
 _HALVINGS = 3
 _LEAST_SIDE, _MOST_SIDE = 32, 800
@@ -31,7 +31,7 @@ class Pyramid:
     finest: Array32
     halved: tuple[GreyImage, ...]
 
-    def level(self, index: int) -> Picture:
+    def level(self, index: int) -> Level:
         """0 is the finest."""
         return self.halved[index - 1] if index else self.finest
 

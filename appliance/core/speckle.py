@@ -7,14 +7,14 @@ alone they do less.
 import cv2
 import numpy as np
 
-from appliance.core.pyramid import Array32, Bits, Picture, Pyramid, mask_at
+from appliance.core.pyramid import Array32, Bits, Level, Pyramid, mask_at
 
 _OF_COARSEST, _OF_FINEST = 4, 32
 """The height of the picture ÷ the width of what counts as smooth."""
 _LEAST_SHARE = 0.01
 
 
-def coarse_speckle(image: Picture) -> Array32:
+def coarse_speckle(image: Level) -> Array32:
     """Of the coarsest level: without shadows and gain."""
     smooth = cv2.blur(image, _around(image, _OF_COARSEST))
     return np.asarray(cv2.subtract(image, smooth, dtype=cv2.CV_32F), dtype=np.float32)
@@ -46,6 +46,6 @@ class Speckle:
         return np.asarray(levels.finest - cv2.multiply(smooth, self._weight), dtype=np.float32)
 
 
-def _around(image: Picture, share: int) -> tuple[int, int]:
+def _around(image: Level, share: int) -> tuple[int, int]:
     side = image.shape[0] // share | 1
     return side, side

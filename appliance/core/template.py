@@ -6,8 +6,7 @@ import numpy as np
 
 from appliance.core.geometry import Array
 from appliance.core.points import Picture, Points
-from appliance.core.pyramid import Array32, Bits, mask_at
-from drivers.samples import GreyImage
+from appliance.core.pyramid import Bits, Level, mask_at
 
 _EDGE_PX = 2
 _LEAST_POINTS = 64
@@ -43,7 +42,7 @@ class Template:
 
 
 def template(
-    image: GreyImage | Array32, factor: float, centre: tuple[float, float], aspect: float, most: int, mask: Bits | None
+    image: Level, factor: float, centre: tuple[float, float], aspect: float, most: int, mask: Bits | None
 ) -> Template | None:
     """About `most` points of a level, spread evenly over what has structure; None where there is too little of it.
 

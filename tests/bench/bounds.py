@@ -10,6 +10,7 @@ from functools import cache
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from appliance.core.geometry import Array
 from tests.bench.scenes import PLAIN
@@ -47,27 +48,25 @@ def decorrelation_px(elevation_mm: float) -> float:
 @cache
 def coherence(elevation_mm: float) -> Array:
     """(window, window) γ² of two pictures so far apart, by frequency as of `np.fft.fft2`."""
-    window = hann()
     auto_a, auto_b, cross, count = 0.0, 0.0, 0.0, 0
     for tissue in _TISSUES:
         for k in range(_PLACES):
             first = moved(np.eye(4), PLAIN, (20.0 * k, 0), 0, 2.0 * k - 1)
             later = moved(first, PLAIN, elevation_mm=elevation_mm)
             seen = world(tissue, PLAIN, False)
-            a, b = (np.float64(seen.frame_at(pose, 9 + k)) for k, pose in enumerate((first, later)))
-            for row in range(0, 480 - WINDOW_PX + 1, WINDOW_PX // 2):
-                for column in range(0, 640 - WINDOW_PX + 1, WINDOW_PX // 2):
-                    part = np.s_[row : row + WINDOW_PX, column : column + WINDOW_PX]
-                    fa, fb = (np.fft.fft2((image[part] - image[part].mean()) * window) for image in (a, b))
-                    auto_a, auto_b = auto_a + np.abs(fa) ** 2, auto_b + np.abs(fb) ** 2
-                    cross, count = cross + fa * fb.conj(), count + 1
+            a, b = (spectra(np.float64(seen.frame_at(pose, 9 + k))) for k, pose in enumerate((first, later)))
+            auto_a, auto_b = (auto + np.square(np.abs(part)).sum(axis=0) for auto, part in ((auto_a, a), (auto_b, b)))
+            cross, count = cross + (a * b.conj()).sum(axis=0), count + len(a)
     found = np.abs(cross) ** 2 / (auto_a * auto_b)
     return np.asarray(np.clip(found - (1 - found) * 3 / count, 0, 0.9999))
 
 
-def hann() -> Array:
-    """(window, window)."""
-    return np.outer(np.hanning(WINDOW_PX), np.hanning(WINDOW_PX))
+def spectra(image: NDArray[np.floating]) -> NDArray[np.complex128]:
+    """(n, window, window) of Hann windows that overlap by half, row by row."""
+    parts = np.lib.stride_tricks.sliding_window_view(image, (WINDOW_PX, WINDOW_PX))
+    parts = parts[:: WINDOW_PX // 2, :: WINDOW_PX // 2].reshape(-1, WINDOW_PX, WINDOW_PX)
+    hann = np.outer(np.hanning(WINDOW_PX), np.hanning(WINDOW_PX))
+    return np.fft.fft2((parts - parts.mean(axis=(1, 2), keepdims=True)) * hann)
 
 
 def _rms_px(covariance: Array) -> float:

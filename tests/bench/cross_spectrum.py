@@ -11,20 +11,19 @@ from numpy.typing import NDArray
 
 from appliance.core.geometry import Array
 from appliance.core.pyramid import centre_px
-from tests.bench.bounds import WINDOW_PX, coherence, hann
+from tests.bench.bounds import WINDOW_PX, coherence, spectra
 from tests.bench.scenes import Scene, pairs
 from tests.rendered import Warp, rms_px
 
 _ROUNDS = 3
-_HALF = WINDOW_PX // 2 + 1
-_ACROSS = 2 * np.pi * np.arange(_HALF) / WINDOW_PX
-_DOWN = 2 * np.pi * np.fft.fftfreq(WINDOW_PX)[:, None]
+_ACROSS = 2 * np.pi * np.fft.fftfreq(WINDOW_PX)
+_DOWN = _ACROSS[:, None]
 _LOST_PX = 2.0
 
 
 def reached_px(scene: Scene, count: int) -> float:
     """RMS error px over `count` pairs, without those that were lost."""
-    told = coherence(scene.elevation_mm)[:, :_HALF]
+    told = coherence(scene.elevation_mm)
     errors = []
     for pair in pairs(scene, count):
         before, after = np.float32(pair.before), np.float32(pair.after)
@@ -37,14 +36,14 @@ def reached_px(scene: Scene, count: int) -> float:
 
 
 def closer(before: NDArray[np.float32], after: NDArray[np.float32], warp: Warp, told: Array) -> Warp:
-    """One step of Gauss–Newton on the phases of the cross-spectra. told: γ²/(1 − γ²), (window, half of it)."""
+    """One step of Gauss–Newton on the phases of the cross-spectra. told: γ²/(1 − γ²), (window, window)."""
     height, width = before.shape
     c, s = np.cos(warp[1]), np.sin(warp[1])
     turn, centre = np.array([[c, -s], [s, c]]), centre_px(width, height)
     place = np.column_stack([turn, warp[0] + centre - turn @ centre])
     flags = cv2.INTER_LANCZOS4 | cv2.WARP_INVERSE_MAP
     back = cv2.warpAffine(after, place, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-    cross = _spectra(back) * _spectra(before).conj()
+    cross = spectra(back) * spectra(before).conj()
     weighted = cross * (told / np.maximum(np.abs(cross.mean(axis=0)), 1e-9))
     score = np.stack([-(weighted.imag * omega).sum(axis=(1, 2)) for omega in (_ACROSS, _DOWN)])
     curve = weighted.real.mean(axis=0)
@@ -54,14 +53,6 @@ def closer(before: NDArray[np.float32], after: NDArray[np.float32], warp: Warp, 
     normal = np.einsum("akn,ab,bln->kl", J, H, J)
     step = np.linalg.solve(normal, np.einsum("akn,an->k", J, score))
     return warp[0] + turn @ step[:2], warp[1] + float(step[2])
-
-
-def _spectra(image: NDArray[np.float32]) -> NDArray[np.complex64]:
-    """(n, window, half of it) of windows that overlap by half."""
-    parts = np.lib.stride_tricks.sliding_window_view(image, (WINDOW_PX, WINDOW_PX))
-    parts = parts[:: WINDOW_PX // 2, :: WINDOW_PX // 2].reshape(-1, WINDOW_PX, WINDOW_PX)
-    apart = (parts - parts.mean(axis=(1, 2), keepdims=True)) * hann()
-    return np.asarray(np.fft.rfft2(apart), dtype=np.complex64)
 
 
 def _middles(height: int, width: int) -> Array:
