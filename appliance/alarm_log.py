@@ -33,11 +33,12 @@ class AlarmLog:
     """The writing end. opened: what was found; an unsound chain is left as it is and a new one begun after it.
 
     latch: what the last run latched. damage: hazard classes that are not acknowledged yet; the next entry keeps what it
-    is set to. Raises OSError when the folder cannot be made or read.
+    is set to. file: what was read or written last, so that a disk that does not answer can be named. Raises OSError
+    when the folder cannot be made or read.
     """
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
+        self._folder = self.file = folder
         folder.mkdir(parents=True, exist_ok=True)
         self.opened = read_log(folder)
         unsound = self._unsound()
@@ -120,9 +121,9 @@ class AlarmLog:
             "previous": GENESIS if event == BEGUN else self._memory.digest,
         }
         digest = digest_of(stored)
-        _append(
-            self._segment, json.dumps({**stored, "digest": digest}, ensure_ascii=False).encode(errors=_ESCAPED) + b"\n"
-        )
+        line = json.dumps({**stored, "digest": digest}, ensure_ascii=False).encode(errors=_ESCAPED) + b"\n"
+        self.file = self._segment
+        _append(self._segment, line)
         self._entries += 1
         self._memory_behind = True
         with suppress(OSError):
@@ -141,7 +142,8 @@ class AlarmLog:
         """When this fails the entry is on the disk all the same; the memory is tried again before the next one."""
         self._memory = memory
         stored = {"v": VERSION, **asdict(memory), "damage": list(memory.damage)}
-        with replacing(self._folder / MEMORY) as stream:
+        self.file = self._folder / MEMORY
+        with replacing(self.file) as stream:
             stream.write(json.dumps({**stored, "check": digest_of(stored)}).encode())
         self._memory_behind = False
 

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from appliance.service.control import ControlRefused, ControlServer
+from appliance.service.control import ControlRefused, ControlServer, Peer
 from appliance.service.control_client import ControlClient
 from drivers.errors import ConfigurationError, DeviceLost
 
@@ -31,7 +31,7 @@ class Service:
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
-    def answer(self, do: str, request: dict[str, Any], who: str) -> dict[str, Any]:
+    def answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
         self.asked.append((do, request))
         if do == "echo":
             return {"text": request["text"]}
@@ -138,7 +138,7 @@ def test_a_lone_surrogate_is_answered_and_harms_nobody(service: Service) -> None
 def test_slow_answers_to_many_clients_are_spread_over_ticks_and_each_gets_its_turn(tmp_path: Path) -> None:
     answered = list[str]()
 
-    def slow(do: str, request: dict[str, Any], who: str) -> dict[str, Any]:
+    def slow(do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
         answered.append(do)
         time.sleep(0.02)
         return {}

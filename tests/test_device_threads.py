@@ -319,3 +319,19 @@ def test_a_log_that_nobody_reads_drops_lines_and_delays_nobody() -> None:
         assert log.dropped > 0
         lines.close()
         log.close()
+
+
+def test_a_log_that_was_not_read_for_a_while_says_how_many_lines_are_missing() -> None:
+    reader, writer = os.pipe()
+    with os.fdopen(reader) as lines, os.fdopen(writer, "w") as stream:
+        log = configure("info", stream)
+        for number in range(5000):
+            get_log().info("line", number=number)
+        heard, dropped = [], 0
+        while (len(heard) + dropped) < 5000:
+            said = json.loads(lines.readline())
+            dropped += said.get("lines", 0)
+            heard += [said["number"]] if said["event"] == "line" else []
+        log.close()
+    assert (dropped, heard) == (log.dropped, sorted(set(heard)))
+    assert dropped > 0

@@ -142,6 +142,27 @@ def test_polling_a_hung_estimator_never_waits(host: EstimatorHost) -> None:
     assert longest_s < 0.05
 
 
+def test_one_that_no_signal_reaches_holds_up_no_poll_and_is_buried_later(
+    host: EstimatorHost, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that waits in the kernel for a disk dies when the disk has answered, not when it is killed."""
+    first = host._process
+    assert first is not None
+    monkeypatch.setattr(first, "send_signal", lambda _: None)
+    os.kill(first.pid, signal.SIGSTOP)
+    longest_s, end_s = 0.0, time.monotonic() + 8
+    while host.pid in {None, first.pid} and time.monotonic() < end_s:
+        start_s = time.monotonic()
+        host.poll()
+        longest_s = max(longest_s, time.monotonic() - start_s)
+        time.sleep(0.01)
+    assert longest_s < 0.2
+    until(lambda: host.poll()[0])
+    os.kill(first.pid, signal.SIGKILL)
+    until(lambda: host.poll() and first.returncode is not None)
+    assert host.restarts == 1
+
+
 def test_it_dies_with_its_parent(tmp_path: Path) -> None:
     program = """
         import sys, time

@@ -12,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from appliance.alarm_chain import read_log, segments
+from appliance.service.allowance import BURST
+from appliance.service.control import ControlRefused
 from appliance.service.control_client import ControlClient
 from tests.demo_cart import Cart
 from tests.polling import until
@@ -99,6 +102,29 @@ def fill_disk(cart: Cart, part: str) -> Undo:
     return make_room
 
 
+def silence_disk(cart: Cart, part: str) -> Undo:
+    """The log's file becomes a pipe that nobody reads: who opens it waits in the kernel, as on a disk that is dead."""
+    folder = cart.folder / "alarms"
+    segment = segments(folder)[-1]
+    until(lambda: cart.status()["log"]["waiting"] == 0)
+    kept, pipe = folder / "kept", folder / "pipe"
+    segment.rename(kept)
+    os.mkfifo(segment)
+    with ControlClient(cart.socket) as client:
+        client.test_lamps()
+    until(lambda: cart.status()["notices"], 5)
+    assert str(segment) in cart.status()["log"]["failing"], "the file is named"
+
+    def answer() -> None:
+        segment.rename(pipe)
+        kept.rename(segment)
+        os.close(os.open(pipe, os.O_RDONLY | os.O_NONBLOCK))
+        until(lambda: cart.status()["log"]["waiting"] == 0)
+        assert read_log(folder).damages == ()
+
+    return answer
+
+
 def flood_socket(cart: Cart, part: str) -> Undo:
     for _ in range(20):
         with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as link:
@@ -106,6 +132,48 @@ def flood_socket(cart: Cart, part: str) -> Undo:
             link.connect(str(cart.socket))
             link.sendall(b'{"v": 1, "do": "status"}\n' * 4000)
     return lambda: None
+
+
+def flood_log(cart: Cart, part: str) -> Undo:
+    """Whatever writes to the log, as fast as it is answered, until it is refused."""
+    before = cart.status()["log"]["entries"]
+    with ControlClient(cart.socket) as client, pytest.raises(ControlRefused, match="has asked too often"):
+        _begin_and_abort(client, 1000)
+    until(lambda: cart.status()["log"]["waiting"] == 0)
+    assert cart.status()["log"]["entries"] - before < 4 * BURST
+
+    def restart() -> None:
+        """Else the tests that follow would have to wait for their allowance."""
+        cart.daemon.end()
+        cart.start_daemon()
+
+    return restart
+
+
+def _begin_and_abort(client: ControlClient, times: int) -> None:
+    for _ in range(times):
+        client.begin_recalibration()
+        client.abort_recalibration()
+
+
+def name_silent_file(cart: Cart, part: str) -> Undo:
+    """Every request that reads a file, again and again."""
+    pipe = cart.folder / "silent"
+    cart.config.rename(kept := cart.folder / "kept.toml")
+    os.mkfifo(cart.config)
+    with ControlClient(cart.socket) as client:
+        for _ in range(20):
+            with pytest.raises(ControlRefused, match=f"{cart.config}.* does not answer"):
+                client.reload()
+
+    def answer() -> None:
+        cart.config.rename(pipe)
+        kept.rename(cart.config)
+        pipe.write_text("")
+        with ControlClient(cart.socket) as client:
+            client.reload()
+
+    return answer
 
 
 def pause_service(cart: Cart, part: str) -> Undo:
@@ -138,7 +206,10 @@ ACTIONS: dict[tuple[str, str], Callable[[Cart, str], Undo]] = {
     ("estimator", "killed"): kill_estimator,
     ("estimator", "stopped"): stop_estimator,
     ("log disk", "full"): fill_disk,
+    ("log disk", "does not answer"): silence_disk,
     ("control client", "floods the socket"): flood_socket,
+    ("control client", "floods the alarm log"): flood_log,
+    ("control client", "names a file that does not answer"): name_silent_file,
     ("service", "stopped, then goes on"): pause_service,
     ("service", "killed while halted"): kill_halted_service,
 }

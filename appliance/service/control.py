@@ -11,7 +11,6 @@ import fcntl
 import grp
 import json
 import os
-import pwd
 import selectors
 import socket
 import stat
@@ -32,7 +31,17 @@ _ACCEPTS_A_TICK, _BACKLOG = 16, 128
 _SHARE_OF_A_TICK_S = 0.01
 
 Reply = dict[str, Any]
-Answer = Callable[[str, dict[str, Any], str], Reply]
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """The asking process, as the kernel knows it."""
+
+    pid: int
+    uid: int
+
+
+Answer = Callable[[str, dict[str, Any], Peer], Reply]
 """(what to do, whole request, who asks) → fields of the reply. Raises ControlRefused."""
 
 
@@ -45,7 +54,7 @@ class ControlRefused(ProbewatchError):  # noqa: N818  an answer, as the operator
 @dataclass(slots=True, eq=False)
 class _Client:
     link: socket.socket
-    who: str
+    who: Peer
     received: bytearray = field(default_factory=bytearray)
     unsent: bytearray = field(default_factory=bytearray)
 
@@ -193,16 +202,12 @@ def _unusable(path: Path, error: OSError) -> ConfigurationError:
     return ConfigurationError(f"cannot be made ({error.strerror})", where, "Create its folder, or choose another path")
 
 
-def _who(link: socket.socket) -> str:
+def _who(link: socket.socket) -> Peer:
     pid, uid, _gid = struct.unpack("3i", link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
-    try:
-        name = pwd.getpwuid(uid).pw_name
-    except KeyError:
-        name = f"uid {uid}"
-    return f"{name}, process {pid}"
+    return Peer(pid, uid)
 
 
-def _reply(line: bytes, answer: Answer, who: str) -> Reply:
+def _reply(line: bytes, answer: Answer, who: Peer) -> Reply:
     try:
         request = json.loads(line)
         if not isinstance(request, dict) or request.get("v") != VERSION:

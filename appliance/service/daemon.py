@@ -7,9 +7,11 @@ from types import FrameType
 from typing import Any, Self
 
 from appliance.alarm_chain import Latch
+from appliance.calibration_file import read_calibration
 from appliance.config import Config, load_config
 from appliance.service.control import ControlRefused, ControlServer
 from appliance.service.device_thread import DeviceThread
+from appliance.service.errands import Errands
 from appliance.service.estimator_host import EstimatorHost
 from appliance.service.log import get_log
 from appliance.service.output_thread import OutputThread
@@ -28,7 +30,7 @@ from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.supervisor import LATCHED, Inputs, Request, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts
-from appliance.types import AlarmState, Check, State, Verdict
+from appliance.types import AlarmState, Calibration, Check, State, Verdict
 from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
 from drivers.ports import open_output, open_tracker, open_video
@@ -54,7 +56,8 @@ class Daemon:
         self._supervisor = _supervisor(config, self._recorder.latch)
         self._annunciator = Annunciator()
         self._estimator = estimator
-        self._recalibration = Recalibration(self._supervisor, self._estimator, self._ask)
+        self._errands = Errands()
+        self._recalibration = Recalibration(self._supervisor, self._estimator, self._ask, self._read_calibration)
         deliver = self._estimator.put
         self._video = CaptureThread("video", config.video.url, open_video, deliver, clock)
         self._tracker = TrackerThread("tracker", config.tracker.url, open_tracker, deliver, clock)
@@ -74,7 +77,6 @@ class Daemon:
         self._stopping = self._reloading = False
 
     def __enter__(self) -> Self:
-        self._recorder.start()
         self._recorder.note("started", self._recorder.latch, found=[*self._recorder.damage])
         for thread in self._threads():
             thread.start()
@@ -111,6 +113,7 @@ class Daemon:
         self._now_ns = self._clock.now_ns()
         self._ticks.note(self._now_ns)
         self._watch_wall_clock()
+        self._recorder.watch()
         heard, verdicts = self._estimator.poll()
         if heard or not self._estimator.speaking:
             self._heard_ns = self._now_ns if heard else None
@@ -139,6 +142,7 @@ class Daemon:
             reload=self._reload,
             recalibration=self._recalibration,
             annunciator=self._annunciator,
+            errands=self._errands,
             now_ns=lambda: self._now_ns,
             note=lambda event, **data: self._recorder.note(event, self._latch(), **data),
         )
@@ -162,7 +166,8 @@ class Daemon:
 
     def _reload(self) -> None:
         """Raises ControlRefused, ConfigurationError; then nothing has changed."""
-        before, self._config = self._config, reloaded(self._config, load_config(self._config_file))
+        written = self._errands.run(str(self._config_file), lambda: load_config(self._config_file))
+        before, self._config = self._config, reloaded(self._config, written)
         self._supervisor.retime(self._config.supervisor.durations())
         self._patience = self._config.supervisor.patience()
         if self._config.limits != before.limits:
@@ -171,6 +176,9 @@ class Daemon:
         if self._config != before:
             self._recorder.note("reloaded", self._latch(), file=str(self._config_file))
         self._log.info("configuration reloaded", file=str(self._config_file))
+
+    def _read_calibration(self, file: Path) -> Calibration:
+        return self._errands.run(str(file), lambda: read_calibration(file))
 
     def _raise_failures(self) -> None:
         failures = [self._recorder.failure, *(thread.failure for thread in self._threads())]

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 
 from appliance.limits import Limits
 from appliance.service.estimator_link import LinkClosed, Order, Word, link_pair, receive, send
@@ -19,6 +20,7 @@ from drivers.samples import Frame, Sample
 _COMMAND = (sys.executable, "-m", "appliance.service.estimator_process")
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 5.0
 _HUNG_S, _LOADING_S = 5.0, 60.0
+_BURIAL_S, _LAST_BURIAL_S = 0.05, 1.0
 _SIGNALS = {one.value: one.name for one in signal.Signals}
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -40,6 +42,7 @@ class EstimatorHost:
         self._order = Order(1, reference, limits)
         self._frames, self._poses = Ring(FRAMES), Ring(POSES)
         self._process: subprocess.Popen[bytes] | None = None
+        self._dying: list[subprocess.Popen[bytes]] = []
         self._link: socket.socket | None = None
         self._started_s = self._heard_s = self._start_at_s = 0.0
         self._spoken = False
@@ -99,7 +102,7 @@ class EstimatorHost:
 
     def close(self) -> None:
         """Stop the process and free the rings."""
-        self._stop()
+        self._stop(_LAST_BURIAL_S)
         self._frames.close()
         self._poses.close()
 
@@ -114,6 +117,7 @@ class EstimatorHost:
         return words
 
     def _look_after(self, now_s: float) -> None:
+        self._bury()
         if self._process is None:
             if now_s >= self._start_at_s:
                 self._start(now_s)
@@ -161,9 +165,17 @@ class EstimatorHost:
             self._link.close()
             self._link = None
 
-    def _stop(self) -> None:
+    def _stop(self, patience_s: float = _BURIAL_S) -> None:
         self._drop_link()
         if self._process is not None:
             self._process.send_signal(signal.SIGKILL)
-            self._process.wait()
+            self._dying.append(self._process)
             self._process, self._spoken = None, False
+            self._bury(patience_s)
+
+    def _bury(self, patience_s: float = 0.0) -> None:
+        """Collect the processes that are dead by now; one that waits in the kernel for a disk cannot die before it."""
+        for process in tuple(self._dying):
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(patience_s)
+                self._dying.remove(process)

@@ -2,6 +2,7 @@
 that it never delays a tick.
 """
 
+import json
 import queue
 import sys
 import threading
@@ -23,12 +24,15 @@ class LogStream(Protocol):
 
 
 class LogWriter:
-    """A bounded queue and its thread; the newest line is dropped, and counted, when the reader of stderr is slow."""
+    """A bounded queue and its thread; the newest line is dropped, and counted, when the reader of stderr is slow.
+
+    How many were dropped is the next line that can be written.
+    """
 
     def __init__(self, stream: LogStream) -> None:
         self._stream = stream
         self._lines: queue.Queue[str | None] = queue.Queue(_LONGEST_QUEUE)
-        self.dropped = 0
+        self.dropped = self._told_dropped = 0
         self._thread = threading.Thread(target=self._write, name="log", daemon=True)
         self._thread.start()
 
@@ -58,9 +62,17 @@ class LogWriter:
         while (line := self._lines.get()) is not None:
             try:
                 self._stream.write(line + "\n")
+                self._tell_dropped()
                 self._stream.flush()
             except (OSError, ValueError):
                 self.dropped += 1
+
+    def _tell_dropped(self) -> None:
+        dropped = self.dropped - self._told_dropped
+        if dropped:
+            said = {"event": "log lines dropped", "level": "warning", "lines": dropped}
+            self._stream.write(json.dumps(said) + "\n")
+            self._told_dropped += dropped
 
 
 def configure(level: str, stream: TextIO | None = None) -> LogWriter:

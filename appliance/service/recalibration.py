@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from appliance.calibration_file import read_calibration
 from appliance.service.control import ControlRefused
 from appliance.service.estimator_host import EstimatorHost
 from appliance.supervision.supervisor import Request, Supervisor
@@ -16,12 +15,15 @@ from appliance.types import Calibration, State
 Ask = Callable[[Request], None]
 """Puts a request to the supervisor. Raises ControlRefused."""
 
+Read = Callable[[Path], Calibration]
+"""Reads a calibration file, waiting for no disk. Raises ControlRefused, ConfigurationError."""
+
 
 class Recalibration:
     """Carries out what the supervisor grants."""
 
-    def __init__(self, supervisor: Supervisor, estimator: EstimatorHost, ask: Ask) -> None:
-        self._supervisor, self._estimator, self._ask = supervisor, estimator, ask
+    def __init__(self, supervisor: Supervisor, estimator: EstimatorHost, ask: Ask, read: Read) -> None:
+        self._supervisor, self._estimator, self._ask, self._read = supervisor, estimator, ask, read
         self._before = estimator.reference
 
     def begin(self) -> None:
@@ -33,13 +35,13 @@ class Recalibration:
         refusal = self._supervisor.refusal(Request.END_RECALIBRATION)
         if refusal:
             raise ControlRefused(refusal)
-        reference = read_calibration(file)
+        reference = self._read(file)
         self._ask(Request.END_RECALIBRATION)
         self._estimator.refer(reference)
 
     def propose(self, file: Path) -> dict[str, Any]:
-        """How the calibration in the file differs from the reference; nothing changes. Raises ConfigurationError."""
-        return difference(self._estimator.reference, read_calibration(file))
+        """How the calibration in the file differs from the reference; nothing changes. Raises as Read does."""
+        return difference(self._estimator.reference, self._read(file))
 
     def abort(self) -> None:
         """Back to the reference in force before. Raises ControlRefused."""

@@ -1,7 +1,11 @@
-"""Writes the alarm log in a thread of its own: a slow or full disk delays no tick, and what waits is kept."""
+"""Writes the alarm log in a thread of its own: a disk that is slow, full or does not answer at all delays no tick, and
+what waits is kept.
+"""
 
 import threading
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,12 +14,14 @@ from typing import Any
 from appliance.alarm_chain import Latch
 from appliance.alarm_log import AlarmLog
 from appliance.service.log import get_log
+from appliance.service.own_files import own_files
 from appliance.supervision.alarms import HAZARDS, Kind
 from drivers.hosttime import HostClock
 
 _MOST_WAITING = 10_000
 _RETRY_S = 1.0
-_END_S = 2.0
+_OPEN_S, _END_S = 2.0, 2.0
+_SILENT_NS = 2_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,27 +34,36 @@ class _Note:
 
 
 class Recorder(threading.Thread):
-    """Opens the log at once, so that what was latched is known before the first tick.
+    """Runs from its construction on, which opens the log, so that what was latched is known before the first tick.
+    Where that takes more than two seconds it is not known, which is damage.
 
-    latch, damage: of the last run, see appliance.alarm_log.AlarmLog. failing: why nothing can be written now, None when
-    it can. written: number of the last entry on the disk. dropped: notes that did not fit into memory either.
-    failure: an error of ours, which has ended the thread; the tick raises it.
+    latch, damage: of the last run, see appliance.alarm_log.AlarmLog. written: number of the last entry on the disk.
+    dropped: notes that did not fit into memory either. failure: an error of ours, which has ended the thread; the tick
+    raises it.
     """
 
     def __init__(self, folder: Path, clock: HostClock) -> None:
         super().__init__(name="recorder", daemon=True)
         self._folder, self._clock = folder, clock
         self._waiting = deque[_Note]()
-        self._wake = threading.Event()
+        self._wake, self._opened = threading.Event(), threading.Event()
         self._ending = False
         self._log = get_log(folder=str(folder))
         self._alarm_log: AlarmLog | None = None
-        self.failing: str | None = None
+        self._error: str | None = None
+        self._asked_ns: int | None = None
+        self._said_silent = False
+        self._told_dropped = 0
+        self._damage_lock = threading.Lock()
         self.failure: BaseException | None = None
         self.latch: Latch | None = None
         self.damage: tuple[str, ...] = ()
         self.written = self.dropped = 0
-        self._open()
+        self.start()
+        self._opened.wait(_OPEN_S)
+        with self._damage_lock:
+            if self._alarm_log is None:
+                self.damage = ("memory-damaged",)  # what was latched is not known
 
     def note(self, event: str, latch: Latch | None, **data: Any) -> None:
         """Add an entry; never blocks. When too many wait the newest takes the place of the one before it, counted."""
@@ -62,7 +77,22 @@ class Recorder(threading.Thread):
 
     def accept_damage(self, fault: str | None) -> None:
         """A person has acknowledged this class; the next entry makes that last."""
-        self.damage = tuple(one for one in self.damage if one != fault)
+        with self._damage_lock:
+            self.damage = tuple(one for one in self.damage if one != fault)
+
+    @property
+    def failing(self) -> str | None:
+        """Why nothing can be written now; None when it can."""
+        return self._silence() or self._error
+
+    def watch(self) -> None:
+        """Say once in the log when the disk does not answer, and once when it does again; the thread itself hangs."""
+        silence = self._silence()
+        if silence is not None and not self._said_silent:
+            self._log.warning("alarm log cannot be written", what=silence)
+        elif silence is None and self._said_silent:
+            self._log.info("the disk of the alarm log answers again")
+        self._said_silent = silence is not None
 
     @property
     def waiting(self) -> int:
@@ -81,16 +111,32 @@ class Recorder(threading.Thread):
         self._ending = True
         self._wake.set()
         self.join(_END_S)
+        if self._waiting:
+            self._log.error("alarm log ends without its last entries", entries=self.waiting, what=self.failing)
 
     def run(self) -> None:
         try:
+            own_files()
+            self._open()
+            self._opened.set()
             self._keep_writing()
         except BaseException as error:
             self.failure = error
+        finally:
+            self._opened.set()
+
+    def _silence(self) -> str | None:
+        """Which file has not answered for how long; None while the disk takes no longer than it may."""
+        asked_ns = self._asked_ns
+        age_ns = 0 if asked_ns is None else self._clock.now_ns() - asked_ns
+        if age_ns < _SILENT_NS:
+            return None
+        file = self._folder if self._alarm_log is None else self._alarm_log.file
+        return f"{file} has not answered for {age_ns / 1e9:.0f} s"
 
     def _keep_writing(self) -> None:
-        while not (self._ending and (self.failing is not None or not self._waiting)):
-            if self.failing is not None:
+        while not (self._ending and (self._error is not None or not self._waiting)):
+            if self._error is not None:
                 self._wake.wait(_RETRY_S)
                 self._wake.clear()
             elif not self._waiting:
@@ -105,6 +151,7 @@ class Recorder(threading.Thread):
             while self._waiting and self._alarm_log is not None:
                 self._append(self._alarm_log, self._waiting[0])
                 self._waiting.popleft()
+            self._tell_dropped()
         except OSError as error:
             self._note_failure(error)
             if isinstance(error, FileNotFoundError):
@@ -112,40 +159,60 @@ class Recorder(threading.Thread):
         else:
             self._note_success()
 
+    def _tell_dropped(self) -> None:
+        """What did not fit while nothing could be written is missed before the last entry."""
+        dropped = self.dropped - self._told_dropped
+        if dropped and self._alarm_log is not None:
+            utc, t_ns = datetime.now(UTC), self._clock.now_ns()
+            note = _Note(utc, t_ns, "dropped", {"entries": dropped}, self._alarm_log.latch)
+            self._append(self._alarm_log, note)
+            self._told_dropped += dropped
+
     def _append(self, alarm_log: AlarmLog, note: _Note) -> None:
         alarm_log.damage = self.damage
-        alarm_log.append(note.utc, note.t_ns, note.event, note.data, note.latch)
+        with self._asking():
+            alarm_log.append(note.utc, note.t_ns, note.event, note.data, note.latch)
         self.written = alarm_log.number
         self._log.info("alarm log", number=self.written, digest=alarm_log.digest, entry=note.event)
 
     def _open(self) -> None:
         try:
-            opened = AlarmLog(self._folder)
+            with self._asking():
+                opened = AlarmLog(self._folder)
         except OSError as error:
-            if self.failing is None:
-                self.damage = ("memory-damaged",)  # what was latched is not known
             self._note_failure(error)
             return
-        self._alarm_log = opened
-        self.latch, self.written = opened.latch, opened.number
-        self.damage = self.damage or tuple(dict.fromkeys(map(_integrity_class, opened.damage)))
+        with self._damage_lock:
+            self._alarm_log = opened
+            self.latch, self.written = opened.latch, opened.number
+            self.damage = tuple(dict.fromkeys((*self.damage, *map(_integrity_class, opened.damage))))
         for damage in opened.opened.damages:
             self._log.warning("alarm log", damage=str(damage))
+
+    @contextmanager
+    def _asking(self) -> Iterator[None]:
+        """The disk is asked for something and may not answer."""
+        self._asked_ns = self._clock.now_ns()
+        try:
+            yield
+        finally:
+            self._asked_ns = None
 
     def _begin_again(self) -> None:
         """The folder was taken away: the next attempt makes it anew, and what it held is missed."""
         if self._alarm_log is not None:
-            self._alarm_log = None
-            self.damage = tuple(dict.fromkeys((*self.damage, "log-damaged")))
+            with self._damage_lock:
+                self._alarm_log = None
+                self.damage = tuple(dict.fromkeys((*self.damage, "log-damaged")))
 
     def _note_failure(self, error: OSError) -> None:
-        if self.failing is None:
+        if self._error is None:
             self._log.warning("alarm log cannot be written", what=error.strerror or str(error))
-        self.failing = error.strerror or str(error)
+        self._error = error.strerror or str(error)
 
     def _note_success(self) -> None:
-        if self._alarm_log is not None and self.failing is not None:
-            self.failing = None
+        if self._alarm_log is not None and self._error is not None:
+            self._error = None
             self._log.info("alarm log is written again")
 
 

@@ -1,17 +1,22 @@
 """What a person may ask over the control socket, and what becomes of it."""
 
+import math
+import pwd
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from appliance.service.control import ControlRefused, Reply
+from appliance.service.allowance import BURST, EVERY_NS, Allowance
+from appliance.service.control import ControlRefused, Peer, Reply
+from appliance.service.errands import Errands
 from appliance.service.recalibration import Recalibration
 from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.supervisor import Request
 
-_NOTED_EVERY_NS = 1_000_000_000
 _LONGEST_TEXT = 200
+_ALWAYS = ("acknowledge", "audio-on")
+"""Granted however much this user has asked for: both can change something only after something else has."""
 
 Body = Mapping[str, Any]
 
@@ -26,16 +31,20 @@ class Hands:
     reload: Callable[[], None]
     recalibration: Recalibration
     annunciator: Annunciator
+    errands: Errands
     now_ns: Callable[[], int]
     note: Callable[..., None]
 
 
 class Requests:
-    """One method a request; each raises ControlRefused, or ConfigurationError for a file. What is granted is noted."""
+    """One method a request; each raises ControlRefused, or ConfigurationError for a file. What is granted is noted; so
+    that no client can flood the log, each user may ask only so often.
+    """
 
     def __init__(self, hands: Hands) -> None:
         self._hands = hands
-        self._noted_ns: dict[str, int] = {}
+        self._allowance = Allowance()
+        self._names: dict[int, str] = {}
         self._table: dict[str, Callable[[Body], Reply | None]] = {
             "status": lambda _: {"status": hands.status()},
             "acknowledge": lambda _: hands.ask(Request.ACKNOWLEDGE),
@@ -56,22 +65,38 @@ class Requests:
         """Everything that can be asked."""
         return tuple(self._table)
 
-    def answer(self, do: str, body: Body, who: str) -> Reply:
+    def answer(self, do: str, body: Body, who: Peer) -> Reply:
         """Fields of the reply. who: the asking process, as the kernel knows it."""
         if do not in self._table:
             raise ControlRefused(f"'{do[:40]}' is no request of this service; it knows {', '.join(self._table)}")
+        if do == "status" or (do == "audio-on" and not self._hands.annunciator.audio.silenced):
+            return self._table[do](body) or {}
+        self._refuse_too_many(do, who)
         reply = self._table[do](body)
-        if do != "status":
-            self._note(do, body, who)
+        self._note(do, body, who)
         return reply or {}
 
-    def _note(self, do: str, body: Body, who: str) -> None:
-        """Once a second at most for each kind, so that no client can flood the log."""
-        now_ns = self._hands.now_ns()
-        if now_ns - self._noted_ns.get(do, -_NOTED_EVERY_NS) >= _NOTED_EVERY_NS:
-            self._noted_ns[do] = now_ns
-            said = {key: _plain(body[key]) for key in ("file", "reason", "seconds") if key in body}
-            self._hands.note("request", do=do, who=who, **said)
+    def _refuse_too_many(self, do: str, who: Peer) -> None:
+        wait_ns = self._allowance.wait_ns(who.uid, self._hands.now_ns())
+        if wait_ns and do not in _ALWAYS:
+            rate = f"{BURST} at once, then one in {EVERY_NS // 10**9} s"
+            wait_s = math.ceil(wait_ns / 1e9)
+            raise ControlRefused(f"{self._name(who.uid)} has asked too often ({rate}); wait {wait_s} s")
+
+    def _note(self, do: str, body: Body, who: Peer) -> None:
+        if do not in _ALWAYS:
+            self._allowance.take(who.uid, self._hands.now_ns())
+        said = {key: _plain(body[key]) for key in ("file", "reason", "seconds") if key in body}
+        self._hands.note("request", do=do, who=f"{self._name(who.uid)}, process {who.pid}", **said)
+
+    def _name(self, uid: int) -> str:
+        """Looked up once; a list of users may be on a disk, or on the network, that does not answer."""
+        try:
+            if uid not in self._names:
+                self._names[uid] = self._hands.errands.run("the list of users", lambda: pwd.getpwuid(uid).pw_name)
+            return self._names[uid]
+        except (ControlRefused, KeyError):
+            return f"uid {uid}"
 
     def _pause_audio(self, body: Body) -> None:
         seconds = body.get("seconds", 120)

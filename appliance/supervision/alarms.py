@@ -136,7 +136,7 @@ HAZARDS = {
     "log-damaged": Hazard(
         Kind.INTEGRITY, "Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True
     ),
-    "log-not-written": Hazard(Kind.ADVISORY, "Alarm log cannot be written", "Make room on the cart's disk"),
+    "log-not-written": Hazard(Kind.ADVISORY, "Alarm log cannot be written", "Make room on the cart's disk; check it"),
 }
 
 UNVERIFIED = {"line-of-sight": "probe not seen by the tracker"}

@@ -57,6 +57,11 @@ class Audio:
             raise ValueError("the alarm sound is switched off only with a reason")
         self._off_reason = reason.strip()
 
+    @property
+    def silenced(self) -> bool:
+        """A pause or an audio-off is in force."""
+        return self._paused_until_ns is not None or bool(self._off_reason)
+
     def on(self) -> None:
         """End a pause or an audio-off."""
         self._paused_until_ns, self._off_reason = None, ""

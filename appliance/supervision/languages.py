@@ -51,7 +51,7 @@ GERMAN = {
     "Alarm log is damaged": "Alarmprotokoll ist beschädigt",
     "Read 'probewatch log --verify', then acknowledge": "'probewatch log --verify' lesen, dann quittieren",
     "Alarm log cannot be written": "Alarmprotokoll kann nicht geschrieben werden",
-    "Make room on the cart's disk": "Platz auf der Festplatte des Wagens schaffen",
+    "Make room on the cart's disk; check it": "Platz auf der Festplatte des Wagens schaffen; sie prüfen",
 }
 
 LANGUAGES = {"en": {}, "de": GERMAN}

@@ -1,0 +1,25 @@
+"""How often each user may ask for what is written to the alarm log: some at once, then one now and then. Pure.
+
+The log keeps its last 40,000 entries; a client that asks as fast as it can must not push out what a person will look
+for.
+"""
+
+BURST = 30
+EVERY_NS = 60_000_000_000
+
+
+class Allowance:
+    """A bucket of BURST requests for each user, refilled by one every EVERY_NS. Times are ns of the host clock."""
+
+    def __init__(self) -> None:
+        self._full_ns: dict[int, int] = {}
+        """When the bucket of a user is full again; users who are not named have a full one."""
+
+    def wait_ns(self, user: int, now_ns: int) -> int:
+        """How long this user must wait for his next request; 0 when he need not."""
+        missing_ns = self._full_ns.get(user, now_ns) - now_ns
+        return max(0, missing_ns - (BURST - 1) * EVERY_NS)
+
+    def take(self, user: int, now_ns: int) -> None:
+        """A request of this user was granted."""
+        self._full_ns[user] = max(self._full_ns.get(user, now_ns), now_ns) + EVERY_NS
