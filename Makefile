@@ -62,9 +62,9 @@ lock: $(VENV)/dev ## resolve the lock files anew from pyproject.toml
 	  --custom-compile-command 'make lock' -c requirements-dev.lock --extra bench pyproject.toml -o requirements-bench.lock
 
 clean: ## remove what the targets made
-	rm -rf $(VENV) appliance/core/_points.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) appliance/core/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-COMPILED := appliance/core/points.c tools/compile_points.py
+COMPILED := $(wildcard appliance/core/*.[ch]) tools/compile_core.py
 
 $(VENV)/runtime: requirements.lock pyproject.toml $(COMPILED) | $(VENV)/bin/python
 	$(BIN)/pip install --quiet --require-hashes -r requirements.lock

@@ -5,7 +5,7 @@ from collections import deque
 import cv2
 import numpy as np
 
-from appliance.core.pyramid import Array32, Bits, Pyramid
+from appliance.core.pyramid import Array32, Bits, Pyramid, half
 from drivers.samples import GreyImage
 
 _LEAST_APART, _MOST_APART = 4, 24
@@ -50,14 +50,14 @@ class OverlayMask:
 
     def step(self, levels: Pyramid) -> bool:
         """Take the next picture; True when the mask changed."""
-        if not levels.halved:
+        if not levels.coarsest:
             return False
         self._shape = levels.shape
-        self._history.append(levels.halved[0])
+        self._history.append(half(levels.picture))
         self._wait -= 1
         if self._wait > 0 or len(self._history) <= self._apart:
             return False
-        if not self._learn(levels.halved[0], self._history[-1 - self._apart]):
+        if not self._learn(self._history[-1], self._history[-1 - self._apart]):
             self._apart = min(self._apart + 1, _MOST_APART)
             return False
         self._wait = self._apart // _LEAST_APART

@@ -1,65 +1,73 @@
 """A picture at several sizes, coarse to find the way and fine to measure it."""
 
+from ctypes import c_int32, c_void_p
 from dataclasses import dataclass
+from itertools import accumulate
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from appliance.core.compiled import declared
 from appliance.core.geometry import Array
 from drivers.samples import GreyImage
 
 Array32 = NDArray[np.float32]
 Bits = NDArray[np.bool_]
-Level = GreyImage | Array32
+Level = NDArray[np.int16]
+"""Greys in ninths."""
 
 _HALVINGS = 3
 _LEAST_SIDE, _MOST_SIDE = 32, 800
-_SMOOTHED_PX = (3, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pyramid:
     """shape: rows, columns of the picture as it came. factor: px of it per px of the finest level, more than one where
-    it is larger than any speckle asks for. picture: (h, w) uint8 of the finest level. finest: the same smoothed a
-    little, float32. halved: uint8, each half the size of the one before; pixel i of a level is the mean of 2i and
-    2i + 1 of the finer one."""
+    it is larger than any speckle asks for. picture: (h, w) uint8 of the size of the finest level. levels: the finest
+    first, each half the size of the one before; pixel i of a level is the mean of 2i and 2i + 1 of the finer one."""
 
     shape: tuple[int, int]
     factor: float
     picture: GreyImage
-    finest: Array32
-    halved: tuple[GreyImage, ...]
+    levels: tuple[Level, ...]
 
-    def level(self, index: int) -> Level:
-        """0 is the finest."""
-        return self.halved[index - 1] if index else self.finest
+    @property
+    def finest(self) -> Level:
+        """(h, w)."""
+        return self.levels[0]
 
     @property
     def coarsest(self) -> int:
         """Index of the last level."""
-        return len(self.halved)
+        return len(self.levels) - 1
 
 
 def pyramid(picture: GreyImage) -> Pyramid:
     """(h, w) uint8 → levels.
 
-    The finest is float32, for OpenCV looks bytes up in steps of a 32nd of a pixel, and smoothed a little, for between
-    the pixels of a sharp picture linear interpolation shifts what it shows. The others only steer.
+    The finest is the sum of the 3 × 3 pixels around each: between the pixels of a sharp picture linear interpolation
+    shifts what it shows, and rounded to greys again it would shift as well.
     """
     shape, factor = (picture.shape[0], picture.shape[1]), 1.0
     while min(picture.shape) > _MOST_SIDE:
-        picture, factor = _half(picture), 2 * factor
-    finest = np.asarray(cv2.boxFilter(picture, cv2.CV_32F, _SMOOTHED_PX), dtype=np.float32)
-    halved: list[GreyImage] = []
-    image = picture
-    while len(halved) < _HALVINGS and min(image.shape) >= _LEAST_SIDE:
-        halved.append(_half(image))
-        image = np.asarray(cv2.blur(halved[-1], _SMOOTHED_PX), dtype=np.uint8)
-    return Pyramid(shape, factor, picture, finest, tuple(halved))
+        picture, factor = half(picture), 2 * factor
+    picture = np.ascontiguousarray(picture)
+    rows, columns = picture.shape
+    halvings = next((k for k in range(_HALVINGS) if min(rows, columns) >> k < _LEAST_SIDE), _HALVINGS)
+    shapes = [(rows >> k, columns >> k) for k in range(halvings + 1)]
+    ends = list(accumulate(height * width for height, width in shapes))
+    greys = np.empty(ends[-1], np.int16)
+    _levels(picture.ctypes.data, rows, columns, halvings, greys.ctypes.data)
+    parts = (
+        greys[end - height * width : end].reshape(height, width)
+        for (height, width), end in zip(shapes, ends, strict=True)
+    )
+    return Pyramid(shape, factor, picture, tuple(parts))
 
 
-def _half(image: GreyImage) -> GreyImage:
+def half(image: GreyImage) -> GreyImage:
+    """(h ÷ 2, w ÷ 2) means of 2 × 2."""
     height, width = image.shape[0] // 2, image.shape[1] // 2
     even = image[: 2 * height, : 2 * width]
     return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
@@ -76,3 +84,6 @@ def mask_at(mask: Bits, shape: tuple[int, ...]) -> Bits:
 def centre_px(width: int, height: int) -> Array:
     """(2,) column and row of the image centre."""
     return np.array([(width - 1) / 2, (height - 1) / 2])
+
+
+_levels = declared("levels", c_void_p, c_int32, c_int32, c_int32, c_void_p)

@@ -10,30 +10,25 @@ is not all there any more, the speckle has changed: then the last steps look at 
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import cos, hypot, inf, sin
+from math import cos, sin
 
 import cv2
 import numpy as np
 
-from appliance.core.fit import Fit
 from appliance.core.geometry import Array
-from appliance.core.points import Look, Picture, Warp
+from appliance.core.points import Fit, Picture, Template
 from appliance.core.pyramid import Bits, Pyramid
 from appliance.core.speckle import Speckle, coarse_speckle
-from appliance.core.template import Template, template
+from appliance.core.template import template
 
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
 """For each level that is used how many points steer, and the step in px after which the next level goes on."""
 _STEPS = 15
-_FINE, _DENSE = 20_000, 80_000
+_FINE, _DENSE = 40_000, 80_000
 _FINE_ACCURATE, _DENSE_ACCURATE = 80_000, 160_000
-_UNCHANGED = 0.935
-_POLISHED_PX, _POLISHING_STEPS = 0.05, 3
-_MOST_GAIN = 5.0
-_TUKEY, _LEAST_SCALE, _SAMPLED = 6.0, 2.0, 500
-_LEAST_SEEN = 64
+_UNCHANGED = 0.92
+_POLISHED_PX, _POLISHING_STEPS = 0.03, 5
 _LEAST_MIDDLE = 6
-_JUDGED = 1_000
 _ASIDE_PX, _ASIDE_SHARE = 12.0, 0.02
 _UNKNOWN = np.diag([1e6, 1e6, 10.0])
 
@@ -78,10 +73,10 @@ class Keyframe:
     def __init__(self, levels: Pyramid, aspect: float, mask: Bits | None = None, accurate: bool = False) -> None:
         self.aspect = aspect
         self._levels, self._mask, self._accurate = levels, mask, accurate
-        self._speckle = Speckle(mask, levels.finest.shape)
+        self._speckle = Speckle(mask)
         self._centre = (levels.shape[1] - 1) / 2, (levels.shape[0] - 1) / 2
         self._fine = self._template(0, _FINE_ACCURATE if accurate else _FINE)
-        coarsest = levels.level(levels.coarsest)
+        coarsest = levels.levels[-1]
         self._middle = coarse_speckle(coarsest)[_inner(coarsest.shape)]
 
     @property
@@ -106,103 +101,49 @@ class Keyframe:
 
     def _template(self, index: int, most: int) -> Template | None:
         factor = self._levels.factor * 2.0**index
-        return template(self._levels.level(index), factor, self._centre, self.aspect, most, self._mask)
+        return template(self._levels.levels[index], factor, self._centre, self.aspect, most, self._mask)
 
     def register(self, levels: Pyramid, start: tuple[Array, float] | None = None) -> Registration:
         """Register a picture of the same size, coarse to fine from `start`, or from `guess`. Needs `textured`."""
         u, alpha = (self.guess(levels), 0.0) if start is None else start
-        fit = Fit((float(u[0]), float(u[1])), float(alpha))
-        finest = Picture(levels.finest)
+        fit = Fit(u[0], u[1], alpha)
         for k, level in self._steering:
-            fit = self._descend(level, Picture(levels.level(k)) if k else finest, fit, _STEERING[k][1])
-        assert self._fine is not None
-        return self._polished(self._fine, finest, levels, fit)
+            level.descend(Picture(levels.levels[k]), fit, _STEPS, _STEERING[k][1])
+        return self._polished(levels, fit)
 
     def guess(self, levels: Pyramid) -> Array:
         """(2,) px: where the middle of the keyframe is seen, found on the coarsest level by trying every place."""
         if min(self._middle.shape) < _LEAST_MIDDLE:
             return np.zeros(2)
-        coarsest = levels.level(levels.coarsest)
+        coarsest = levels.levels[-1]
         likeness = cv2.matchTemplate(coarse_speckle(coarsest), self._middle, cv2.TM_CCOEFF_NORMED)
         row, column = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
         rows, columns = _inner(coarsest.shape)
         return np.array([column - columns.start, row - rows.start]) * levels.factor * 2.0**levels.coarsest
 
-    def _descend(self, level: Template, picture: Picture, start: Fit, enough_px: float) -> Fit:
-        fit = Fit(start.u, start.alpha, start.gain, start.bias)
-        look = Look(level.points)
-        for _ in range(_STEPS):
-            fit.converged = self._improve(level, look, picture, fit) < enough_px
-            if fit.converged or fit.lost:
-                break
-        return fit
-
-    def _polished(self, level: Template, picture: Picture, levels: Pyramid, fit: Fit) -> Registration:
+    def _polished(self, levels: Pyramid, fit: Fit) -> Registration:
         """One step with all points; where the speckle has changed, which tells less, several with more of them."""
-        look = Look(level.points)
-        self._improve(level, look, picture, fit)
-        if fit.lost:
-            return _lost(fit)
-        fit.respond(level, look, picture)
-        if fit.response[2] > _UNCHANGED or self._dense is None:
-            return self._concluded(level, picture, fit, fit.covariance(level, look))
-        close = Fit(fit.u, fit.alpha, fit.gain * fit.response[2])
-        covariance = self._close(self._dense, Picture(self._speckle.of(levels)), close)
-        if close.lost:
-            return _lost(close)
-        fit.u, fit.alpha = close.u, close.alpha
-        return self._concluded(level, picture, fit, covariance)
+        assert self._fine is not None
+        finest, converged = Picture(levels.finest), bool(fit.converged)
+        self._fine.descend(finest, fit, 1, responding=True)
+        if fit.lost or fit.response[2] > _UNCHANGED or self._dense is None:
+            return self._concluded(finest, fit, converged, fit)
+        close = Fit(fit.u_x, fit.u_y, fit.alpha, fit.gain * fit.response[2])
+        speckle = Picture(self._speckle.of(levels))
+        self._dense.descend(speckle, close, _POLISHING_STEPS, _POLISHED_PX, responding=True)
+        fit.u_x, fit.u_y, fit.alpha = close.u_x, close.u_y, close.alpha
+        return self._concluded(finest, fit, converged, close)
 
-    def _close(self, level: Template, speckle: Picture, fit: Fit) -> Array:
-        """Covariance after the last steps, in the speckle alone."""
-        look = Look(level.points)
-        for _ in range(_POLISHING_STEPS):
-            length_px = self._improve(level, look, speckle, fit)
-            if fit.lost:
-                return _UNKNOWN
-            fit.respond(level, look, speckle)
-            if length_px < _POLISHED_PX:
-                break
-        return fit.covariance(level, look)
-
-    def _improve(self, level: Template, look: Look, picture: Picture, fit: Fit) -> float:
-        """Look, weigh, and go one step of so many px."""
-        seen, sums = look.take(picture, self._warp(level.factor, fit), _SAMPLED, _TUKEY, _LEAST_SCALE)
-        fit.lost = seen < _LEAST_SEEN
-        if fit.lost:
-            return inf
-        x, y, turn, gain, bias = fit.step(level, sums)
-        fit.gain = min(max(fit.gain + gain, 1 / _MOST_GAIN), _MOST_GAIN)
-        fit.bias += bias
-        fit.alpha -= turn
-        c, s = cos(fit.alpha), sin(fit.alpha)
-        fit.u = fit.u[0] - c * x + s * self.aspect * y, fit.u[1] - s / self.aspect * x - c * y
-        return hypot(x, y) + abs(turn) * self._centre[0]
-
-    def _warp(self, factor: float, fit: Fit) -> Warp:
-        c, s = cos(fit.alpha) / factor, sin(fit.alpha) / factor
-        x, y = (fit.u[0] + self._centre[0] + 0.5) / factor - 0.5, (fit.u[1] + self._centre[1] + 0.5) / factor - 0.5
-        return Warp(c, -s * self.aspect, x, s / self.aspect, c, y, fit.gain, fit.bias)
-
-    def _concluded(self, level: Template, picture: Picture, fit: Fit, covariance: Array) -> Registration:
-        reach_px = max(_ASIDE_PX, _ASIDE_SHARE * picture.shape[1])
-        warp = self._warp(level.factor, fit)
-        (correlation, *aside), overlap = level.points.judge(picture, warp, _JUDGED, reach_px)
-        return Registration(
-            np.array(fit.u),
-            fit.alpha,
-            fit.gain,
-            fit.bias,
-            covariance,
-            correlation,
-            overlap,
-            fit.converged,
-            correlation - max(aside),
-        )
-
-
-def _lost(fit: Fit) -> Registration:
-    return Registration(np.array(fit.u), fit.alpha, 1.0, 0.0, _UNKNOWN, 0.0, 0.0, False)
+    def _concluded(self, finest: Picture, fit: Fit, converged: bool, last: Fit) -> Registration:
+        """last: the descent that ended it."""
+        assert self._fine is not None
+        u_px, covariance = np.array([fit.u_x, fit.u_y]), None if last.lost else last.covariance()
+        if covariance is None:
+            return Registration(u_px, fit.alpha, 1.0, 0.0, _UNKNOWN, 0.0, 0.0, False)
+        reach_px = max(_ASIDE_PX, _ASIDE_SHARE * finest.shape[1])
+        (correlation, *aside), overlap = self._fine.judge(finest, fit, reach_px)
+        peak = correlation - max(aside)
+        return Registration(u_px, fit.alpha, fit.gain, fit.bias, covariance, correlation, overlap, converged, peak)
 
 
 def _inner(shape: tuple[int, ...]) -> tuple[slice, slice]:

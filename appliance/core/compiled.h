@@ -1,0 +1,57 @@
+/* What the compiled files of the core share. Nothing in them is allocated, nothing is kept between calls. Greys are
+   those of a level, ninths; px are those of the full picture unless it says of the level. */
+
+#ifndef COMPILED_H
+#define COMPILED_H
+
+#include <stdint.h>
+
+enum { PARAMETERS = 5 };
+static const double NINTHS = 9;
+
+typedef double Matrix[PARAMETERS][PARAMETERS];
+
+/* (rows, columns), at least 2 × 2. */
+typedef struct {
+    const int16_t *grey;
+    int32_t rows, columns;
+} Level;
+
+/* Points of one level, top to bottom. column, row: of the level. across, down: right − left, below − above. factor: px
+   per px of the level. centre_x, centre_y: px of the middle of the picture. aspect: λ_axial ÷ λ_lateral.
+   solver: inverse of Σ J Jᵀ, J = (∂grey/∂u_x, ∂u_y, ∂α, grey, 1). energy: Σ of (∂u_x², ∂u_y², ∂α², 1). */
+typedef struct {
+    const int16_t *column, *row, *across, *down, *grey;
+    int32_t count;
+    double factor, centre_x, centre_y, aspect;
+    double energy[4];
+    Matrix solver;
+} Template;
+
+static inline int32_t least(int32_t a, int32_t b) {
+    return a < b ? a : b;
+}
+
+/* Every how manieth point makes up about as many as sampled, never more. */
+static inline int32_t spacing(const Template *points, int32_t sampled) {
+    return (points->count + sampled - 1) / sampled;
+}
+
+static inline float middle(const Template *points, double centre) {
+    return (float)((centre - (points->factor - 1) / 2) / points->factor);
+}
+
+/* J of a point, but that its gradient is across and down as they are. */
+static inline void slopes(const Template *points, int32_t at, float *J) {
+    float x = (float)(points->factor / points->aspect) * ((float)points->column[at] - middle(points, points->centre_x));
+    float y = (float)(points->factor * points->aspect) * ((float)points->row[at] - middle(points, points->centre_y));
+    J[0] = points->across[at], J[1] = points->down[at], J[2] = J[1] * x - J[0] * y, J[3] = points->grey[at], J[4] = 1;
+}
+
+/* Σ J Jᵀ of all points from the lower half of sum, which is that of so many of them, for slopes as they are. */
+void whole(const Template *points, int32_t used, float sum[PARAMETERS][PARAMETERS], Matrix found);
+
+/* Gauss–Jordan with the largest pivot. Spoils A. Returns 0 where there is no inverse. */
+int32_t inverted(Matrix A, Matrix inverse);
+
+#endif
