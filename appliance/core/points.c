@@ -2,7 +2,10 @@
 
 #include "compiled.h"
 
-enum { BINS = 512, PREPARED = 2048 };
+enum { CHUNK = 256, BINS = 512 };
+
+/* How many pixels tell what is flat, how many points tell the solver. */
+enum { TOLD = 16384, PREPARED = 2048 };
 
 static inline int32_t across(const Level *level, int32_t at) {
     return level->grey[at + 1] - level->grey[at - 1];
@@ -16,36 +19,45 @@ static inline int32_t positive(int32_t value) {
     return value > 0 ? value : -value;
 }
 
-/* Greys. */
-static inline int32_t steepness(const Level *level, int32_t at) {
-    return least((positive(across(level, at)) + positive(down(level, at))) / (int32_t)NINTHS, BINS - 1);
+/* In ninths, of so many pixels from one on, every pitch-th. */
+static inline void steepness(const Level *level, int32_t at, int32_t pitch, int32_t count, int16_t *steep) {
+    for (int32_t i = 0; i < count; i++)
+        steep[i] = (int16_t)(positive(across(level, at + i * pitch)) + positive(down(level, at + i * pitch)));
 }
 
-/* The steepness below which there is flat_share of the gradient energy; least_steep or more. */
-static inline int32_t threshold(const int32_t *steep, int32_t count, double flat_share, int32_t least_steep) {
-    int32_t counts[BINS] = {0}, k = 0;
-    for (int32_t i = 0; i < count; i++) counts[steep[i]]++;
+/* The steepness in greys below which there is flat_share of the gradient energy; least_steep or more. */
+static int32_t threshold(const int32_t *counts, double flat_share, int32_t least_steep) {
     double all = 0, held = 0;
     for (int i = 0; i < BINS; i++) all += (double)counts[i] * i * i;
+    int32_t k = 0;
     while (k < BINS - 1 && (held += (double)counts[k] * k * k) < flat_share * all) k++;
     return k > least_steep ? k : least_steep;
 }
 
 /* found: flat indices of every pitch-th pixel that is in the mask (0: all are), edge px or more from the sides, and
-   steeper than the flat rest, which holds flat_share of the gradient energy, and than least_steep greys. Returns how
-   many; found has room for all pixels that are asked for. */
+   steeper than the flat rest, which holds flat_share of the gradient energy, as some of the rows tell, and than
+   least_steep greys. Returns how many; found has room for all pixels that are asked for. */
 int32_t structured(const Level *level, const uint8_t *mask, int32_t pitch, int32_t edge, double flat_share,
                    int32_t least_steep, int32_t *found) {
-    int32_t all = 0, count = 0, i = 0;
-    for (int32_t row = edge; row < level->rows - edge; row += pitch)
-        for (int32_t column = edge; column < level->columns - edge; column += pitch)
-            found[all++] = steepness(level, row * level->columns + column);
-    int32_t enough = threshold(found, all, flat_share, least_steep);
-    for (int32_t row = edge; row < level->rows - edge; row += pitch)
-        for (int32_t column = edge; column < level->columns - edge; column += pitch) {
-            int32_t at = row * level->columns + column, steep = found[i++];
-            found[count] = at;
-            count += (steep > enough) & (!mask || mask[at]);
+    int32_t last_row = level->rows - edge, last_column = level->columns - edge, counts[BINS] = {0}, count = 0;
+    int32_t apart = pitch * (1 + (last_row - edge) / pitch * ((last_column - edge) / pitch) / TOLD);
+    int16_t steep[CHUNK];
+    for (int32_t row = edge; row < last_row; row += apart)
+        for (int32_t column = edge; column < last_column; column += CHUNK * pitch) {
+            int32_t some = least((last_column - column + pitch - 1) / pitch, CHUNK);
+            steepness(level, row * level->columns + column, pitch, some, steep);
+            for (int32_t i = 0; i < some; i++) counts[least(steep[i] / (int32_t)NINTHS, BINS - 1)]++;
+        }
+    int32_t enough = (threshold(counts, flat_share, least_steep) + 1) * (int32_t)NINTHS;
+    for (int32_t row = edge; row < last_row; row += pitch)
+        for (int32_t column = edge; column < last_column; column += CHUNK * pitch) {
+            int32_t some = least((last_column - column + pitch - 1) / pitch, CHUNK);
+            int32_t at = row * level->columns + column;
+            steepness(level, at, pitch, some, steep);
+            for (int32_t i = 0; i < some; i++, at += pitch) {
+                found[count] = at;
+                count += (steep[i] >= enough) & (!mask || mask[at]);
+            }
         }
     return count;
 }
