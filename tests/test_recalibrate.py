@@ -239,6 +239,7 @@ def started(*arguments: object) -> "subprocess.Popen[str]":
 
 def whole_recalibration(cart: Cart, *arguments: object) -> None:
     """Contact open while it scans; file; verified; contact closed."""
+    until(lambda: cart.daemon.find(event="state", state="monitoring"))
     began_s = time.monotonic()
     process = started("--config", cart.config, "--simulated", *arguments)
     until(lambda: cart.daemon.find(began_s, event="state", state="recalibrating"), 20)
