@@ -141,12 +141,13 @@ class RelayOutput:
         self._port.send(STATUS_QUERY)
         deadline_ns = self._clock.now_ns() + round(_ANSWER_S * 1e9)
         received = b""
-        while (left_ns := deadline_ns - self._clock.now_ns()) > 0 and not whole(received):
-            wait_s = self._clock.real_s(left_ns / 1e9)
+        while not whole(received):
+            left_ns = deadline_ns - self._clock.now_ns()
+            wait_s = self._clock.real_s(max(0, left_ns) / 1e9)
             heard = self._port.receive(min(wait_s, _PAUSE_S) if received else wait_s)
-            if received and not heard:
-                break
             received += heard
+            if left_ns <= 0 or not heard:
+                break  # what came while this host was busy has been looked at once more
         return received
 
 

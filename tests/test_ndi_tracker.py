@@ -113,6 +113,26 @@ def test_bump_is_latched_and_names_itself(tmp_path: Path) -> None:
         assert {pose.status for pose in poses(tracker, 5)} == {PoseStatus.FAULT}
 
 
+@pytest.mark.parametrize(("unanswered", "lost"), [(2, False), (100, True)])
+def test_an_alert_that_is_asked_for_in_vain_loses_the_tracker_only_when_it_insists(
+    unanswered: int, lost: bool, tmp_path: Path
+) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 1)
+        answer, left = cart.twin.device.answer, [b""] * unanswered
+
+        def deaf_to_get(line: bytes, t_s: float, monitor: bool = False) -> bytes:
+            return left.pop() if line.startswith(b"GET") and left else answer(line, t_s, monitor)
+
+        cart.twin.device.answer = deaf_to_get  # type: ignore[method-assign]
+        cart.twin.device.raise_alert(0x200000)
+        if lost:
+            with pytest.raises(DeviceLost, match="does not tell its alerts"):
+                poses(tracker, 20)
+        else:
+            assert until(tracker, PoseStatus.FAULT).reason == "the position sensor was bumped"
+
+
 def test_low_battery_does_not_stop_the_watch(tmp_path: Path) -> None:
     with bench(tmp_path) as cart, cart.open() as tracker:
         cart.twin.device.raise_alert(0x100000)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -14,11 +15,11 @@ from pathlib import Path
 import pytest
 import serial
 
-from drivers import sharedport
+from drivers import relay, sharedport
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.hosttime import HostClock
 from drivers.ports import open_output
-from drivers.relay import relay_command
+from drivers.relay import STATUS_QUERY, RelayOutput, relay_command
 from drivers.serialport import open_serial
 from drivers.twins.ptyline import PtyLine
 from tests.boards import running_board
@@ -129,8 +130,8 @@ def test_a_port_that_hangs_while_it_is_opened_holds_up_no_other(
     with running_board(tmp_path / "relay", CLOCK) as board:
         first.start()
         began_s = time.monotonic()
-        with open_output(f"relay:{tmp_path / 'relay'}", CLOCK) as relay:
-            relay.write(True)
+        with open_output(f"relay:{tmp_path / 'relay'}", CLOCK) as output:
+            output.write(True)
             wait_for(lambda: board.contacts[1])
         assert time.monotonic() - began_s < 5
         goes_on.set()
@@ -159,6 +160,26 @@ def test_absent_port_says_so(tmp_path: Path) -> None:
 def test_bad_option_is_a_configuration_error(query: str) -> None:
     with pytest.raises(ConfigurationError):
         open_output(f"relay:/dev/null?{query}", CLOCK)
+
+
+def test_an_answer_that_came_while_this_host_was_busy_is_no_silence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The host gets no processor time between its question and the end of its patience."""
+    with running_board(tmp_path / "relay", CLOCK) as board, open_output(f"relay:{tmp_path}/relay", CLOCK) as output:
+        assert isinstance(output, RelayOutput)
+        send = output._port.send
+
+        def send_and_sleep(data: bytes) -> None:
+            send(data)
+            if data == STATUS_QUERY:
+                wait_for(lambda: bool(select.select([output._port._port.fileno()], [], [], 0)[0]))
+                time.sleep(0.02)
+                monkeypatch.setattr(relay, "_ANSWER_S", -1.0)
+
+        monkeypatch.setattr(output._port, "send", send_and_sleep)
+        output.write(True)
+        assert board.contacts[1]
 
 
 def test_unplugged_board_is_lost(tmp_path: Path) -> None:

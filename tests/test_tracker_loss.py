@@ -21,7 +21,7 @@ from tests import simulated_ndi, simulated_optotrak
 from tests.polling import until
 
 RATE = 0.4
-REPORTED_NS, RESUMED_NS = 250e6, 2e9
+REPORTED_NS, RESUMED_NS, FOUND_NS = 250e6, 2e9, 3e9
 BREAK_NS = 1.31e9
 """Quarter of a second and 60 ms of break, and a second until the device speaks again: the protocol demands them."""
 
@@ -95,6 +95,28 @@ def test_tracking_resumes_within_two_seconds(line: str, fault: str, tmp_path: Pa
             resumed_ns = lost.clock.now_ns() - ended_ns
             assert resumed_ns < RESUMED_NS + (BREAK_NS if fault == "baud-mismatch" else 0)
             assert thread.failure is None
+        finally:
+            thread.stop()
+            thread.join()
+
+
+@pytest.mark.parametrize("silent_s", [2.0, 3.5])
+def test_a_tracker_that_was_away_for_long_is_found_within_three_seconds(silent_s: float, tmp_path: Path) -> None:
+    """As behind a cable that was pulled: no reset has reached it, so it goes on tracking, at the speed it had."""
+    found: list[Pose] = []
+    with device("ndi", tmp_path) as lost:
+        thread = TrackerThread("tracker", lost.url, open_tracker, found.append, lost.clock)  # type: ignore[arg-type]
+        thread.start()
+        try:
+            until(lambda: any(map(_is_ok, found)), 20)
+            lost.show("no-reply")
+            lost.clock.sleep_until(lost.clock.now_ns() + round(silent_s * 1e9))
+            lost.show()
+            until(lost.is_back)
+            ended_ns = lost.clock.now_ns()
+            until(lambda: any(_is_ok(pose) and pose.stamp.t_ns > ended_ns for pose in tuple(found)), 20)
+            assert lost.clock.now_ns() - ended_ns < FOUND_NS
+            assert (thread.losses, thread.failure) == (1, None)
         finally:
             thread.stop()
             thread.join()

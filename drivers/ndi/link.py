@@ -82,12 +82,22 @@ class Link:
         self.discard()
 
     def read_reply(self, deadline_ns: int) -> bytes:
-        """One whole reply, text or binary.
+        """One whole reply, text or binary. What has come by the deadline counts, however late this host looks at it.
 
         Raises SilentError at the deadline, ProtocolError as soon as the bytes cannot be a reply.
         """
-        while (length := reply_length(bytes(self._received))) is None or len(self._received) < length:
+        looked_last = False
+        while (reply := self._whole_reply()) is None:
+            if looked_last:
+                raise self._silent()
+            looked_last = self._clock.now_ns() >= deadline_ns
             self._fill(deadline_ns)
+        return reply
+
+    def _whole_reply(self) -> bytes | None:
+        length = reply_length(bytes(self._received))
+        if length is None or len(self._received) < length:
+            return None
         reply = bytes(self._received[:length])
         del self._received[:length]
         return reply
@@ -102,6 +112,8 @@ class Link:
                 if self._clock.now_ns() < deadline_ns:
                     return
                 raise
+            if self._clock.now_ns() >= deadline_ns:
+                raise self._silent()
 
     def discard(self) -> bytes:
         """Forget everything received so far, and return it."""
@@ -112,11 +124,15 @@ class Link:
         return dropped
 
     def _fill(self, deadline_ns: int) -> None:
-        remaining_ns = deadline_ns - self._clock.now_ns()
-        if remaining_ns <= 0 or not self._readable(self._clock.real_s(remaining_ns / 1e9)):
-            got = f"only {len(self._received)} bytes of a reply" if self._received else "no reply"
-            raise SilentError(f"{got} from the tracker", self.where, "Check that it is switched on and plugged in")
+        """Take in what comes next, or is there already. Raises SilentError when that is nothing."""
+        remaining_ns = max(0, deadline_ns - self._clock.now_ns())
+        if not self._readable(self._clock.real_s(remaining_ns / 1e9)):
+            raise self._silent()
         self._receive()
+
+    def _silent(self) -> SilentError:
+        got = f"only {len(self._received)} bytes of a reply" if self._received else "no reply"
+        return SilentError(f"{got} from the tracker", self.where, "Check that it is switched on and plugged in")
 
     def _readable(self, real_s: float) -> bool:
         try:

@@ -28,7 +28,7 @@ from drivers.ndi.health import HealthWatch
 from drivers.ndi.identity import ReplyKind
 from drivers.ndi.judge import Judgement
 from drivers.ndi.lines import ByteLine, SerialLine
-from drivers.ndi.link import Link, lost_by_protocol
+from drivers.ndi.link import Link, SilentError, lost_by_protocol
 from drivers.ndi.news import News
 from drivers.ndi.options import TrackerOptions, parse_options
 from drivers.ndi.plausible import Plausibility
@@ -49,6 +49,8 @@ _RETRY_NS = 1_000_000
 _RISKED = 0.1
 _REFERENCE_PERIODS = 3
 _REPLY_BYTES = 50
+_SHARE_OF_DEADLINE = 0.5
+_UNANSWERED = 3
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "NdiTracker":
@@ -76,7 +78,7 @@ class NdiTracker:
         self._session = Session(link, clock)
         self._random = random.Random(0)
         self._forward = Forward()
-        self._doubted, self._backward = 0, 0
+        self._doubted, self._backward, self._unanswered = 0, 0, 0
         self._absent_ns: int | None = None
         self._next_poll_ns = 0
         try:
@@ -325,12 +327,20 @@ class NdiTracker:
             self._look_up("Info.Status.Alerts")
 
     def _look_up(self, name: str) -> None:
-        """Devices that announce new alerts without telling which count as bumped, the gravest meaning."""
+        """Devices that announce new alerts without telling which count as bumped, the gravest meaning.
+
+        One question that is not answered is no silence of the device: the next tracking reply decides that. But what it
+        does not tell several times may be grave.
+        """
         try:
-            alerts = self._session.parameter(name, self._options.deadline_ms / 1e3)
-        except ProtocolError:
+            alerts = self._session.parameter(name, _SHARE_OF_DEADLINE * self._options.deadline_ms / 1e3)
+        except (ProtocolError, SilentError) as error:
             self._exchange.refused += 1
+            self._unanswered += 1
+            if self._unanswered >= _UNANSWERED:
+                raise self._lost(f"the tracker does not tell its alerts ({error.what})", error.remedy) from error
             return
+        self._unanswered = 0
         if name == "Info.Status.Alerts":
             self._health.note_standing(alerts, self._clock.now_ns())
         else:

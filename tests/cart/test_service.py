@@ -1,17 +1,25 @@
 """The service under real systemd at full speed: killed, stopped, starved of its disk, and whether it comes back."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
 from tests.cart.bench import UNIT, journal, show, wait_status
 from tests.cart.cart_in_container import await_contact, contact, main_pid, start_service, start_twins
 from tests.cart.container import Container
-from tests.cart.image import Image
+from tests.cart.image import Image, run
+from tests.polling import until
 
+STATE = "/var/lib/probewatch"
 WATCHDOG_S = 5.0
 VERIFY_S = 90.0
+UNDEAD_S, NEXT_S = 25.0, 90.0
+"""Until the unit's release command has run after a service that cannot die: WatchdogSec, a second, TimeoutStopSec=15.
+Until the next one: TimeoutStopSec thrice more.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -107,6 +115,66 @@ def test_without_room_for_its_state_it_goes_on_watching(cart: Container, how: st
         assert ("no space" if how == "full" else "read-only") in said, said
     finally:
         cart.sh(f"systemctl stop {UNIT}; umount /var/lib/probewatch; systemctl start {UNIT}")
+
+
+@contextmanager
+def silent_disk(cart: Container) -> Iterator[Callable[[], None]]:
+    """The state folder becomes an ext4 of its own; calling what this gives freezes it: the kernel lets who writes there
+    wait, for ever and deaf to every signal, as it does on a dead disk or a share whose server is gone.
+    """
+    disk = Path(cart.log.name).with_name("state.img")
+    run("truncate", "--size=32M", str(disk))
+    run("mke2fs", "-q", "-t", "ext4", str(disk))
+    loop = run("losetup", "--find", "--show", str(disk)).strip()
+    node = "/dev/state-disk"
+    cart.sh(f"systemctl stop {UNIT}; rm -f {node}; mknod {node} b 7 {loop.removeprefix('/dev/loop')}")
+    cart.sh(f"mount {node} {STATE} && chown probewatch: {STATE} && systemctl start {UNIT}")
+    try:
+        wait_status(cart, "monitoring", VERIFY_S)
+        yield lambda: cart.sh(f"fsfreeze --freeze {STATE}")
+    finally:
+        cart.sh(f"fsfreeze --unfreeze {STATE}", check=False)
+        cart.sh(f"systemctl stop {UNIT}; umount {STATE}")
+        run("losetup", "--detach", loop)
+        cart.sh(f"systemctl start {UNIT}")
+
+
+def test_a_disk_that_does_not_answer_takes_no_alarm_away(cart: Container) -> None:
+    with silent_disk(cart) as freeze:
+        pid, since = main_pid(cart), cart.sh("date +%s").out.strip()
+        freeze()
+        for closed, sign in ((False, "STOP"), (True, "CONT")):
+            began_s = time.monotonic()
+            cart.sh(f"kill -{sign} $(systemctl show -P MainPID twin-polaris)")
+            took_s = await_contact(cart, closed, 10 if not closed else VERIFY_S) - began_s
+            print(f"silent disk, tracker {sign}: contact {'closed' if closed else 'open'} after {took_s:.2f} s")
+        assert main_pid(cart) == pid
+        said = f"journalctl -u {UNIT} --since=@{since} --no-pager -o cat -p warning"
+        until(lambda: f"what={STATE}/alarms-00000001.jsonl has not answered for" in cart.sh(said).out, 10, cart.look_s)
+        cart.sh(f"fsfreeze --unfreeze {STATE}")
+        until(lambda: "has not answered" not in cart.sh("probewatch status --json").out, 10, cart.look_s)
+        verified = cart.sh(f"probewatch log {STATE} --verify").out
+        assert "the chain is whole" in verified
+
+
+def test_a_service_that_dies_while_its_disk_does_not_answer_opens_the_contact(cart: Container) -> None:
+    """A thread of it cannot die before the disk answers, so that systemd, too, waits for it; its devices do not. The
+    next one comes up in alarm, as what was latched is not known.
+    """
+    with silent_disk(cart) as freeze:
+        freeze()
+        before = main_pid(cart)
+        cart.sh("probewatch lamp-test")
+        until(lambda: "has not answered" in cart.sh("probewatch status --json", check=False).out, 10, cart.look_s)
+        killed_s = time.monotonic()
+        cart.sh(f"kill -KILL {before}")
+        opened_s = await_contact(cart, False, UNDEAD_S) - killed_s
+        print(f"silent disk, SIGKILL: relay board open after {opened_s:.2f} s")
+        wait_status(cart, "internal fault", NEXT_S)
+        cart.sh(f"fsfreeze --unfreeze {STATE}")
+        until(lambda: "has not answered" not in cart.sh("probewatch status --json", check=False).out, 10, cart.look_s)
+        cart.sh("probewatch ack")
+        wait_status(cart, "monitoring", VERIFY_S)
 
 
 def test_it_stops_in_order(cart: Container) -> None:
