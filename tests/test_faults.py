@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.errors import ConfigurationError
 from drivers.twins.faults import FAULT_CLASS, Episode, Schedule, pose_time_s, spoil_image, spoil_pose
+from drivers.twins.metal import COMES_IN_S, DISPLACED_MM, LEAVES_AT_S, PLACE_MM, near_metal
 from drivers.twins.world import World
 
 IMAGE = np.random.default_rng(1).integers(0, 256, (48, 64), np.uint8)
@@ -112,3 +113,22 @@ def test_pose_faults_are_of_the_promised_size_and_oblique_to_the_picture() -> No
 def test_latency_reports_an_older_pose() -> None:
     assert pose_time_s(3.0, {"latency"}) == pytest.approx(2.9)
     assert pose_time_s(3.0, {"depth"}) == 3.0
+
+
+def test_metal_comes_lies_and_leaves_and_bends_what_is_near_most() -> None:
+    here = World(1).probe_pose(1.0)
+    for t_s, share in (
+        (0.0, 0.0),
+        (COMES_IN_S / 2, 0.5),
+        (COMES_IN_S, 1.0),
+        (LEAVES_AT_S, 1.0),
+        (LEAVES_AT_S + COMES_IN_S, 0.0),
+    ):
+        pushed = near_metal(here, here, t_s)[:3, 3] - here[:3, 3]
+        assert np.linalg.norm(pushed) == pytest.approx(share * DISPLACED_MM)
+        assert pushed @ PLACE_MM <= 0, "away from the metal"
+    further = here.copy()
+    further[:3, 3] -= PLACE_MM
+    measured = near_metal(further, here, COMES_IN_S)
+    assert np.linalg.norm(measured[:3, 3] - further[:3, 3]) == pytest.approx(DISPLACED_MM / 8), "at twice the distance"
+    assert np.linalg.det(measured[:3, :3]) == pytest.approx(1.0)

@@ -10,6 +10,7 @@ from drivers.marker_geometry import Points, marker_geometry
 from drivers.ndi.replies import Markers, Position, ToolInformation, Transform
 from drivers.samples import Matrix4
 from drivers.twins.faults import pose_time_s, spoil_pose
+from drivers.twins.metal import near_metal
 from drivers.twins.motion import PROBE, PoseAt
 
 TOOL_FAULTS = (
@@ -18,6 +19,7 @@ TOOL_FAULTS = (
     "interference",
     "latency",
     "marker-drift",
+    "metal",
     "missing",
     "out-of-volume",
     "partial",
@@ -77,6 +79,8 @@ def measure(
     if true is None or "missing" in on_probe:
         return Measurement(None)
     pose = spoil_pose(true, on_probe)
+    if "metal" in on_probe:
+        pose = _near_metal(pose, pose_at, t_s, number, on_probe["metal"])
     outside = tuple("out-of-volume" in on_probe or ("partial" in on_probe and i == 0) for i in range(len(definition)))
     status = _OUTSIDE * ("out-of-volume" in on_probe) + _PARTLY_OUTSIDE * ("partial" in on_probe)
     if "em-distortion" in on_probe:
@@ -87,6 +91,12 @@ def measure(
         drift_mm = _DRIFT_MM_PER_S * (t_s - on_probe["marker-drift"])
         places[_DRIFTING_MARKER, 0] += np.clip(drift_mm, 0.0, _FURTHEST_DRIFT_MM)
     return _fitted(pose, places, definition, fit_mm, status, outside)
+
+
+def _near_metal(pose: Matrix4, pose_at: PoseAt, t_s: float, number: int, since_s: float) -> Matrix4:
+    """Metal that the indicator value does not tell of."""
+    before = pose_at(PROBE, since_s, number)
+    return pose if before is None else near_metal(pose, before, t_s - since_s)
 
 
 def _fitted(
