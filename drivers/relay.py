@@ -3,11 +3,12 @@
 Several outputs may name channels of the same board.
 
 9600 baud 8N1. Command: A0, channel, 00 off or 01 on, sum of the three modulo 256. Boards with a microcontroller answer
-the byte FF with `CHn: ON` or `CHn: OFF` lines; the bare LCUS-1 never answers. Which of the two is asked once, when the
-port is opened; a board that has answered once must go on. `confirm=yes` refuses a board that does not answer,
-`confirm=no` does not ask. heartbeat=HZ, up to 1, clicks the relay for an external watchdog relay; a mechanical one
-makes some 100 000 clicks under load, so at 1 Hz it lasts about a day: a GPIO line or a control line of a serial port
-does this better.
+the byte FF with `CHn: ON` or `CHn: OFF` lines; the bare LCUS-1 never answers. Which of the two is asked when the port
+is opened, and once a second until it answers; a board that has answered once must go on. `confirm=yes` refuses a board
+that does not answer, `confirm=no` does not ask.
+
+heartbeat=HZ, up to 1, clicks the relay for an external watchdog relay; a mechanical one makes some 100 000 clicks under
+load, so at 1 Hz it lasts about a day: a GPIO line or a control line of a serial port does this better.
 
 Release: on every orderly end the contact is opened first. The board holds its contact when the process dies or the
 data line breaks, and drops it when it loses power. `probewatch release` (the unit's ExecStopPost) opens it then.
@@ -33,6 +34,7 @@ _COMMAND_S = 4 * 10 / BAUD
 _OPTIONS = ("channel", "confirm", "heartbeat")
 _FASTEST_CLICK_HZ = 1.0
 _PAUSE_S = 0.05
+_ASK_AGAIN_NS = 1_000_000_000
 _CONTACT = re.compile(rb"CH *(\d{1,2}) *: *(ON|OFF)\s")
 _CONFIRM = ("auto", "yes", "no")
 _CHECK = "Check the relay board's cable"
@@ -66,10 +68,11 @@ class RelayOutput:
     def __init__(self, path: str, channel: int, confirm: str, heartbeat: Heartbeat, clock: HostClock) -> None:
         self._path, self._channel, self._heartbeat, self._clock = path, channel, heartbeat, clock
         self._port = shared_port(path, BAUD)
-        self.confirmed = False
+        self.confirmed, self._asks = False, confirm != "no"
         self._reported = 0
+        self._asked_ns = clock.now_ns()
         try:
-            self.confirmed = confirm != "no" and self._learn_report()
+            self.confirmed = self._asks and self._learn_report()
             self._insist(confirm == "yes" or (confirm == "auto" and path in _have_reported))
         except BaseException:
             self._port.give_back()
@@ -109,6 +112,7 @@ class RelayOutput:
             self._confirm(level)
         else:
             self._clock.sleep_until(self._clock.now_ns() + round(_COMMAND_S * 1e9))
+            self._ask_again()
 
     def read_back(self) -> bool | None:
         """See drivers.ports.AlarmOutput."""
@@ -122,11 +126,23 @@ class RelayOutput:
             said = "closed" if state else "open"
             raise DeviceLost(f"the relay board did not switch, its contact is {said}", self._path, "Replace the board")
 
+    def _ask_again(self) -> None:
+        """A board that was starting, or hung, when it was asked would never be missed; this waits for no answer."""
+        if not self._asks:
+            return
+        with self._port.exchange:
+            heard = self._port.receive(0)
+            if not heard and self._clock.now_ns() - self._asked_ns >= _ASK_AGAIN_NS:
+                self._asked_ns = self._clock.now_ns()
+                self._port.send(STATUS_QUERY)
+        self.confirmed = b"CH" in heard and self._learn_report()
+        self._insist(False)
+
     def _learn_report(self) -> bool:
         """Whether the board reports this contact; a report is whole when the board falls silent after it."""
         with self._port.exchange:
             received = self._ask(lambda _: False)
-        self._reported = len(_CONTACT.findall(received))
+        self._reported = len(_contacts(received))
         return self._channel in _contacts(received)
 
     def _state(self) -> bool | None:

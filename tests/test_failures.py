@@ -94,6 +94,21 @@ def stop_estimator(cart: Cart, part: str) -> Undo:
     return stop([cart.estimator_pid()])
 
 
+def late_board(cart: Cart, part: str) -> Undo:
+    """Deaf while the service starts, so that it does not answer when it is first asked; then it hangs once more."""
+    assert cart.daemon is not None
+    cart.daemon.end()
+    listen = stop_twin(cart, part)
+    cart.start_daemon()
+    until(cart.status, 10)
+    time.sleep(1)
+    listen()
+    cart.wait_for("monitoring")
+    until(cart.contact)
+    time.sleep(2)
+    return stop_twin(cart, part)
+
+
 def fill_disk(cart: Cart, part: str) -> Undo:
     make_room = cart.fill_disk()
     with ControlClient(cart.socket) as client:
@@ -203,6 +218,7 @@ def kill_halted_service(cart: Cart, part: str) -> Undo:
 ACTIONS: dict[tuple[str, str], Callable[[Cart, str], Undo]] = {
     **{(part, "killed"): kill_twin for part in _TWINS},
     **{(part, "stopped"): stop_twin for part in _TWINS},
+    ("alarm output", "hangs at the start, later once more"): late_board,
     ("estimator", "killed"): kill_estimator,
     ("estimator", "stopped"): stop_estimator,
     ("log disk", "full"): fill_disk,

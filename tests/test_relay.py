@@ -80,6 +80,38 @@ def test_board_that_must_confirm_but_cannot_is_refused(tmp_path: Path) -> None:
         open_output(f"relay:{tmp_path}/relay?confirm=yes", CLOCK)
 
 
+def test_a_board_that_answers_late_must_go_on_from_then_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Deaf when it is opened, as while it starts: it must not pass for one that never answers."""
+    monkeypatch.setattr(relay, "_ANSWER_S", 0.1)
+    url = f"relay:{tmp_path}/relay"
+    with running_board(tmp_path / "relay", CLOCK, answers=False) as board, open_output(url, CLOCK) as output:
+        assert isinstance(output, RelayOutput)
+        output.write(True)
+        assert not output.confirmed
+        board._answers = True
+        for level in (False, True) * 20:
+            output.write(level)
+            CLOCK.sleep_until(CLOCK.now_ns() + 50_000_000)
+        assert output.confirmed
+        board._answers = False
+        with pytest.raises(DeviceLost, match="does not answer"):
+            output.write(True)
+
+
+@pytest.mark.parametrize("confirm", ["auto", "no"])
+def test_a_board_that_never_answers_is_asked_once_a_second_or_not_at_all(tmp_path: Path, confirm: str) -> None:
+    with running_board(tmp_path / "relay", CLOCK, answers=False) as board:
+        asked, report = list[int](), board._report
+        board._report = lambda: (asked.append(CLOCK.now_ns()), report())[1]  # type: ignore[method-assign]
+        with open_output(f"relay:{tmp_path}/relay?confirm={confirm}", CLOCK) as output:
+            end_ns = CLOCK.now_ns() + 5_000_000_000
+            while CLOCK.now_ns() < end_ns:
+                output.write(True)
+                CLOCK.sleep_until(CLOCK.now_ns() + 50_000_000)
+            assert board.contacts[1]
+        assert len(asked) in ((0,) if confirm == "no" else (4, 5, 6))
+
+
 def test_a_board_that_has_reported_once_must_go_on(tmp_path: Path) -> None:
     """Opened again, a hung board must not pass for one of those that never answer."""
     url = f"relay:{tmp_path}/relay"

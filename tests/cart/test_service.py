@@ -158,8 +158,9 @@ def test_a_disk_that_does_not_answer_takes_no_alarm_away(cart: Container) -> Non
 
 
 def test_a_service_that_dies_while_its_disk_does_not_answer_opens_the_contact(cart: Container) -> None:
-    """A thread of it cannot die before the disk answers, so that systemd, too, waits for it; its devices do not, and the
-    next one watches as well.
+    """A thread of it cannot die before the disk answers, so that systemd, too, waits for it; its devices do not.
+
+    The next one watches as well.
     """
     with silent_disk(cart) as freeze:
         freeze()
