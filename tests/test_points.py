@@ -1,6 +1,7 @@
 """The compiled part of the core against NumPy's, SciPy's and OpenCV's own words for the same sums."""
 
 import ctypes
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -154,6 +155,45 @@ def test_response_curvature_and_covariance_are_those_of_what_was_seen() -> None:
     np.testing.assert_allclose(found_covariance, expected, rtol=0.02, atol=np.abs(expected).min())
 
 
+def seen_with_noise(steps: int, responding: bool = True) -> Fit:
+    """After a descent into what differs from the keyframe."""
+    parts, fit = some(), Fit(0, 0, 0)
+    at = parts[1], parts[0]
+    parts[4] = speckle(5)[at] + np.random.default_rng(7).normal(0, 60, parts.shape[1])
+    points(parts).descend(Picture(speckle(5)), fit, steps, responding=responding)
+    return fit
+
+
+def test_asked_again_the_covariance_is_the_same() -> None:
+    fit = seen_with_noise(1)
+    first, second = fit.covariance(), fit.covariance()
+    assert first is not None
+    assert second is not None
+    np.testing.assert_array_equal(first, second)
+
+
+def test_a_fit_that_has_seen_nothing_has_no_covariance() -> None:
+    """All sums are 0 then, and nothing would look more certain."""
+    lost = Fit(1e6, 0, 0)
+    points(some()).descend(Picture(speckle()), lost, 1, responding=True)
+    unknown = Fit(0, 0, 0, bias=np.nan)
+    points(some()).descend(Picture(speckle()), unknown, 1, responding=True)
+    assert lost.lost
+    assert not unknown.lost
+    for fit in (Fit(0, 0, 0), seen_with_noise(0), lost, unknown):
+        assert fit.covariance() is None
+
+
+def test_the_correlation_of_a_picture_with_itself_is_at_most_one() -> None:
+    """A mean that is large beside the contrast: the difference of two large sums."""
+    for seed in range(20):
+        level = (2000 + 2 * np.random.default_rng(seed).random((96, 128))).astype(np.int16)
+        parts = some(900, seed)
+        parts[4] = level[parts[1], parts[0]]
+        found, _ = points(parts).judge(Picture(level), Fit(0, 0, 0), 9.0)
+        assert 0.9 < found[0] <= 1.0
+
+
 def test_correlations_in_place_and_aside() -> None:
     level, parts, fit = speckle(shape=(96, 128)), some(), Fit(29.2, 24.7, 0.02)
     where = places(parts, fit)
@@ -197,6 +237,22 @@ def test_fewer_points_are_taken_evenly() -> None:
     np.testing.assert_array_equal(picture.described(chosen, 100), picture.described(chosen, chosen.size)[:, taken])
 
 
+def test_masks_and_indices_may_be_of_any_kind_of_number_and_lie_anyhow() -> None:
+    picture, mask = Picture(speckle()), np.random.default_rng(4).random((48, 64)) < 0.7
+    chosen = picture.structured(mask, 1, 2, 0.02, 3)
+    for other in (mask.astype(float), np.asfortranarray(mask), 256 * mask.astype(np.int64)):
+        np.testing.assert_array_equal(picture.structured(other, 1, 2, 0.02, 3), chosen)
+    described = picture.described(chosen, 90)
+    for same in (chosen.astype(np.int64), np.repeat(chosen, 2)[::2]):
+        np.testing.assert_array_equal(picture.described(same, 90), described)
+
+
+@pytest.mark.parametrize(("pitch", "edge"), [(1, 0), (1, -2), (0, 2), (-1, 2)])
+def test_a_gradient_that_would_look_outside_is_not_taken(pitch: int, edge: int) -> None:
+    with pytest.raises(AssertionError, match="outside"):
+        Picture(speckle()).structured(None, pitch, edge, 0.02, 3)
+
+
 @settings(max_examples=200)
 @given(st.lists(st.floats(), min_size=3, max_size=3), st.lists(st.integers(0, 32767), min_size=2, max_size=2))
 def test_no_number_makes_it_look_outside_the_picture(fit: list[float], at: list[int]) -> None:
@@ -231,6 +287,28 @@ def test_levels_are_smooth_and_each_half_the_one_before(shape: tuple[int, int]) 
         rows, columns = half.shape
         mean = smooth[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2).mean(axis=(1, 3))
         np.testing.assert_allclose(half, mean, atol=0.5 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("picture", "why"),
+    [
+        (np.zeros((48, 64), np.uint16), "uint16"),
+        (np.zeros((48, 64)), "float64"),
+        (np.zeros((48, 64, 3), np.uint8), "shape"),
+        (np.zeros(64, np.uint8), "shape"),
+        (np.zeros((0, 64), np.uint8), "empty"),
+    ],
+)
+def test_what_is_no_picture_has_no_levels(picture: np.ndarray, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        pyramid(picture)
+
+
+@pytest.mark.parametrize("lie", [np.asfortranarray, lambda picture: np.repeat(picture, 2, 1)[:, ::2], np.copy])
+def test_a_picture_may_lie_anyhow_in_memory(lie: Callable[[np.ndarray], np.ndarray]) -> None:
+    image = np.random.default_rng(6).integers(0, 256, (48, 64)).astype(np.uint8)
+    for found, expected in zip(pyramid(lie(image)).levels, pyramid(image).levels, strict=True):
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_what_is_compiled_for_one_processor_finds_what_another_finds() -> None:

@@ -142,3 +142,10 @@ def test_renewing_before_any_picture_changes_nothing() -> None:
     tracker.renew_keyframe()
     assert tracker.step(world().frame_at(HOME), 1).chain == 1
     assert not tracker.settled
+
+
+@pytest.mark.parametrize("size", [(40, 320), (320, 240), (20, 20), (480, 640)])
+def test_a_picture_of_another_size_is_refused(size: tuple[int, int]) -> None:
+    tracker = practised(world())
+    with pytest.raises(ValueError, match=rf"\({size[0]}, {size[1]}\) px after pictures of \(240, 320\)"):
+        tracker.step(np.zeros(size, np.uint8), 50)

@@ -178,6 +178,14 @@ def test_a_picture_without_structure_cannot_be_a_keyframe(grey: int, size_px: tu
     assert not Keyframe(pyramid(plain), 1.0).textured
 
 
+def test_a_picture_of_another_size_is_not_registered() -> None:
+    """Though its levels are as large: at 900 px and more a picture is worked on at half its size."""
+    small = np.random.default_rng(1).integers(0, 256, (450, 600)).astype(np.uint8)
+    keyframe = Keyframe(pyramid(np.repeat(np.repeat(small, 2, 0), 2, 1)), 1.0)
+    with pytest.raises(ValueError, match=r"\(450, 600\) px, but a keyframe of \(900, 1200\)"):
+        keyframe.register(pyramid(small))
+
+
 def test_everything_masked_is_no_structure_either() -> None:
     picture = pyramid(world().frame_at(HOME))
     assert not Keyframe(picture, 1.0, np.zeros(picture.finest.shape, dtype=bool)).textured

@@ -249,11 +249,13 @@ void descend(const Template *points, const Level *level, Fit *fit, int32_t most,
 /* covariance: of u_x, u_y px, α rad: A⁻¹ S A⁻ᵀ ÷ (gain · response)², the sandwich of an M-estimate (Huber 1967), A the
    curvature, S from how much strips of the picture disagree. Neighbouring pixels of speckle and what decorrelates with
    them count once, whatever their number; and a picture in which only a part of the keyframe's contrast is left tells
-   as much less of the shift. Returns 0 where nothing can be said. */
-int32_t covariance(Fit *fit, double found[3][3]) {
-    Matrix inverse;
-    for (int k = 0; k < PARAMETERS; k++) fit->curvature[k][k] += 1e-6;
-    if (!inverted(fit->curvature, inverse)) return 0;
+   as much less of the shift. Returns 0 where nothing can be said: before the first look, and where the fit is lost. */
+int32_t covariance(const Fit *fit, double found[3][3]) {
+    Matrix curvature, inverse;
+    if (fit->lost || !(fit->narrow > 0)) return 0;
+    for (int k = 0; k < PARAMETERS; k++)
+        for (int l = 0; l < PARAMETERS; l++) curvature[k][l] = fit->curvature[k][l] + (k == l ? 1e-6 : 0);
+    if (!inverted(curvature, inverse)) return 0;
     for (int k = 0; k < 3; k++)
         for (int l = 0; l < 3; l++) found[k][l] = k == l ? FLOOR[k] : 0;
     double told = fit->gain * fit->gain * (1 - (double)PARAMETERS / STRIPS);
@@ -265,7 +267,7 @@ int32_t covariance(Fit *fit, double found[3][3]) {
             for (int l = 0; l < 3; l++)
                 found[k][l] += spread[k] * spread[l] / (told * fit->response[k] * fit->response[l]);
     }
-    return 1;
+    return found[0][0] + found[1][1] + found[2][2] < 1e300; /* 0 where it is no number */
 }
 
 /* correlations: (5,) of some of the points with the level in their places, and reach px of it right, left, below and
@@ -300,7 +302,7 @@ double judge(const Template *points, const Level *level, const Fit *fit, double 
     for (int k = 0; k < LOOKS; k++) {
         double mine = seen * squares - grey * grey, other = seen * square[k] - sum[k] * sum[k];
         double scale = __builtin_sqrt(mine > 0 ? mine : 0) * __builtin_sqrt(other > 0 ? other : 0);
-        correlations[k] = scale > seen ? (seen * product[k] - grey * sum[k]) / scale : 0;
+        correlations[k] = scale > seen ? limited((seen * product[k] - grey * sum[k]) / scale, -1, 1) : 0;
     }
     return all ? (double)seen / all : 0;
 }

@@ -34,8 +34,9 @@ class Picture(ctypes.Structure):
         That is all but flat_share of the energy of the gradient; the flat rest says nothing.
         """
         if mask is not None:
-            mask = np.ascontiguousarray(mask)
+            mask = np.ascontiguousarray(mask, np.bool_)
             assert mask.shape == self.shape
+        assert min(pitch, edge) > 0, "the gradient of a pixel at the sides is outside the level"
         rows, columns = (max(-(-(side - 2 * edge) // pitch), 0) for side in self.shape)
         found = np.empty(rows * columns, np.int32)
         sees = None if mask is None else mask.ctypes.data
@@ -45,6 +46,7 @@ class Picture(ctypes.Structure):
     def described(self, chosen: NDArray[np.int32], most: int) -> NDArray[np.int16]:
         """(5, n) column, row, right − left, below − above, grey of at most so many of the pixels at these flat indices,
         evenly taken. None of them is at the sides."""
+        chosen = np.ascontiguousarray(chosen, np.int32)
         parts = np.empty((_PARTS, min(chosen.size, most)), np.int16)
         _describe(self, chosen.ctypes.data, chosen.size, parts.shape[1], parts.ctypes.data)
         return parts
@@ -71,7 +73,8 @@ class Fit(ctypes.Structure):
         super().__init__(u_x, u_y, alpha, gain, bias, (1.0, 1.0, 1.0))
 
     def covariance(self) -> Array | None:
-        """(3, 3) of u_x, u_y px, α rad, after a descent that was responding; None where nothing can be said."""
+        """(3, 3) of u_x, u_y px, α rad, after a descent that was responding; None where it was lost, or nothing can be
+        said."""
         found = np.empty((3, 3))
         return found if _covariance(self, found.ctypes.data) else None
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.compiled import declared
+from appliance.core.door import refused_picture
 from appliance.core.geometry import Array
 from drivers.samples import GreyImage
 
@@ -48,7 +49,10 @@ def pyramid(picture: GreyImage) -> Pyramid:
 
     The finest is the sum of the 3 × 3 pixels around each: between the pixels of a sharp picture linear interpolation
     shifts what it shows, and rounded to greys again it would shift as well.
+    Raises ValueError where it is no such picture.
     """
+    if refusal := refused_picture(picture):
+        raise ValueError(refusal)
     shape, factor = (picture.shape[0], picture.shape[1]), 1.0
     while min(picture.shape) > _MOST_SIDE:
         picture, factor = half(picture), 2 * factor

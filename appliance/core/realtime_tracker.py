@@ -44,6 +44,7 @@ class RealTimeTracker:
     def __init__(self, aspect: float) -> None:
         self._aspect = aspect
         self._overlay = OverlayMask()
+        self._shape: tuple[int, int] | None = None
         self._keyframe: Keyframe | None = None
         self._keyframe_sequence = 0
         self._keyframe_path = _REST
@@ -57,8 +58,11 @@ class RealTimeTracker:
         return self._overlay.settled
 
     def step(self, image: GreyImage, sequence: int) -> Tracked:
-        """Follow the next picture, (h, w) uint8 of constant size."""
+        """Follow the next picture, (h, w) uint8. Raises ValueError where its size is not that of the first."""
         levels = pyramid(image)
+        self._shape = self._shape or levels.shape
+        if levels.shape != self._shape:
+            raise ValueError(f"a picture of {levels.shape} px after pictures of {self._shape}: take another tracker")
         if self._overlay.step(levels) and self._before is not None:
             self._take_keyframe(*self._before)
         tracked = self._follow(levels, sequence)

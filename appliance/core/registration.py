@@ -104,7 +104,12 @@ class Keyframe:
         return template(self._levels.levels[index], factor, self._centre, self.aspect, most, self._mask)
 
     def register(self, levels: Pyramid, start: tuple[Array, float] | None = None) -> Registration:
-        """Register a picture of the same size, coarse to fine from `start`, or from `guess`. Needs `textured`."""
+        """Register a picture of the same size, coarse to fine from `start`, or from `guess`. Needs `textured`.
+
+        Raises ValueError where the size is another.
+        """
+        if levels.shape != self._levels.shape:
+            raise ValueError(f"a picture of {levels.shape} px, but a keyframe of {self._levels.shape}: take another")
         u, alpha = (self.guess(levels), 0.0) if start is None else start
         fit = Fit(u[0], u[1], alpha)
         for k, level in self._steering:
@@ -137,7 +142,7 @@ class Keyframe:
     def _concluded(self, finest: Picture, fit: Fit, converged: bool, last: Fit) -> Registration:
         """last: the descent that ended it."""
         assert self._fine is not None
-        u_px, covariance = np.array([fit.u_x, fit.u_y]), None if last.lost else last.covariance()
+        u_px, covariance = np.array([fit.u_x, fit.u_y]), last.covariance()
         if covariance is None:
             return Registration(u_px, fit.alpha, 1.0, 0.0, _UNKNOWN, 0.0, 0.0, False)
         reach_px = max(_ASIDE_PX, _ASIDE_SHARE * finest.shape[1])
