@@ -1,12 +1,13 @@
-/* What the compiled files of the core share. Nothing in them is allocated, nothing is kept between calls. Greys are
-   those of a level, ninths; px are those of the full picture unless it says of the level. */
+/* What the compiled files of the core share. points.py declares the structures as well, in the same order. Nothing is
+   allocated, and nothing kept between calls, so any number of threads may call at once. Greys are those of a level,
+   ninths; px are those of the full picture unless it says of the level. */
 
 #ifndef COMPILED_H
 #define COMPILED_H
 
 #include <stdint.h>
 
-enum { PARAMETERS = 5 };
+enum { PARAMETERS = 5, STRIPS = 24, SUMS = 9, LOOKS = 5 };
 static const double NINTHS = 9;
 
 typedef double Matrix[PARAMETERS][PARAMETERS];
@@ -27,6 +28,17 @@ typedef struct {
     double energy[4];
     Matrix solver;
 } Template;
+
+/* A descent in progress. u: px, alpha: rad, bias: greys. response: share of the keyframe's gradient across, down and
+   around that is still there, of what the gain leaves of it. narrow: 1 ÷ the residual that counted for nothing at the
+   last look. sums: of that look, over strips of the picture from top to bottom: of weight · residual · J, then of
+   weight · (∂u_x², ∂u_y², ∂α², 1). curvature: Σ ψ′ J Jᵀ, ψ′ the slope of Tukey's ψ. */
+typedef struct {
+    double u_x, u_y, alpha, gain, bias, response[3];
+    int32_t converged, lost;
+    float narrow, sums[STRIPS][SUMS];
+    Matrix curvature;
+} Fit;
 
 static inline int32_t least(int32_t a, int32_t b) {
     return a < b ? a : b;

@@ -10,15 +10,28 @@ _CPU_AVX2 = 11
 """OpenCV's number for it, cv::CpuFeatures."""
 
 
+def unusable(why: object) -> ImportError:
+    """What to raise where the library is not there, or not the one of this source."""
+    return ImportError(
+        f"the compiled core {_NAME} cannot be used: {why}. `make -B .venv/dev` compiles it anew for this machine; "
+        "where probewatch came as a package, install the one of this machine's architecture again"
+    )
+
+
 def declared(name: str, *arguments: Any, result: Any = None) -> Any:
     """A compiled function by its name."""
-    function = getattr(_library, name)
+    try:
+        function = getattr(_library, name)
+    except AttributeError as missing:
+        raise unusable(missing) from missing
     function.argtypes, function.restype = arguments, result
     return function
 
 
+_NAME = "_compiled_avx2" if cv2.checkHardwareSupport(_CPU_AVX2) else "_compiled"
 try:
-    _name = "_compiled_avx2" if cv2.checkHardwareSupport(_CPU_AVX2) else "_compiled"
-    _library: ctypes.CDLL = np.ctypeslib.load_library(_name, __file__)
-except OSError as missing:
-    raise ImportError(f"{missing}: the core is not compiled for this machine; `make .venv/dev` does that") from missing
+    _library: ctypes.CDLL = np.ctypeslib.load_library(_NAME, __file__)
+    LAYOUT = tuple((ctypes.c_int32 * 7).in_dll(_library, "layout"))
+    """PARAMETERS, STRIPS, SUMS, LOOKS; sizes of Level, Template, Fit in bytes."""
+except (OSError, ValueError) as missing:
+    raise unusable(missing) from missing

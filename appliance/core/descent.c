@@ -6,7 +6,7 @@
 
 #include "compiled.h"
 
-enum { CHUNK = 128, STRIPS = 24, SUMS = 9, LOOKS = 5 };
+enum { CHUNK = 128 };
 
 /* How many points tell the scale of the residuals, and what has become of the gradient. */
 enum { SAMPLED = 512, JUDGED = 1024 };
@@ -14,17 +14,6 @@ enum { SAMPLED = 512, JUDGED = 1024 };
 static const int32_t LEAST_SEEN = 64;
 static const double TUKEY = 6, LEAST_SCALE = 2, MOST_GAIN = 5, LEAST_LEFT = 0.05, LEAST_RESPONSE = 0.2;
 static const double FLOOR[3] = {0.005 * 0.005, 0.005 * 0.005, 2e-5 * 2e-5}; /* px², px², rad² */
-
-/* A descent in progress. u: px, alpha: rad, bias: greys. response: share of the keyframe's gradient across, down and
-   around that is still there, of what the gain leaves of it. narrow: 1 ÷ the residual that counted for nothing at the
-   last look. sums: of that look, over strips of the picture from top to bottom: of weight · residual · J, then of
-   weight · (∂u_x², ∂u_y², ∂α², 1). curvature: Σ ψ′ J Jᵀ, ψ′ the slope of Tukey's ψ. */
-typedef struct {
-    double u_x, u_y, alpha, gain, bias, response[3];
-    int32_t converged, lost;
-    float narrow, sums[STRIPS][SUMS];
-    Matrix curvature;
-} Fit;
 
 /* From column and row of one level to those of another, xx·column + xy·row + x0 and yx·column + yy·row + y0; greys to
    gain·grey + bias. */
@@ -306,3 +295,6 @@ double judge(const Template *points, const Level *level, const Fit *fit, double 
     }
     return all ? (double)seen / all : 0;
 }
+
+/* What points.py declares as well, to be compared with it before anything else is called. */
+const int32_t layout[] = {PARAMETERS, STRIPS, SUMS, LOOKS, sizeof(Level), sizeof(Template), sizeof(Fit)};

@@ -1,16 +1,17 @@
 """What registration does to every point of a keyframe, `points.c` and `descent.c`, for NumPy's arrays."""
 
 import ctypes
-from ctypes import POINTER, c_double, c_float, c_int32, c_void_p
+from ctypes import POINTER, c_double, c_float, c_int32, c_void_p, sizeof
 
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.compiled import declared
+from appliance.core.compiled import LAYOUT, declared, unusable
 from appliance.core.geometry import Array
 from appliance.core.pyramid import Bits, Level
 
-_PARTS, _PARAMETERS, _STRIPS, _SUMS, _LOOKS = 5, 5, 24, 9, 5
+_PARTS = 5
+_PARAMETERS, _STRIPS, _SUMS, _LOOKS, *_SIZES = LAYOUT
 _MOST_SIDE = np.iinfo(np.int16).max
 
 
@@ -123,6 +124,9 @@ class Template(ctypes.Structure):
         share = _judge(self, picture, fit, reach_px, found)
         return found[:], share
 
+
+if [sizeof(structure) for structure in (Picture, Template, Fit)] != _SIZES:
+    raise unusable("it was compiled from another source")
 
 _seen = POINTER(Template), POINTER(Picture), POINTER(Fit)
 _descend = declared("descend", *_seen, c_int32, c_double, c_int32)
