@@ -241,6 +241,15 @@ def test_fewer_points_are_taken_evenly() -> None:
     np.testing.assert_array_equal(picture.described(chosen, 100), picture.described(chosen, chosen.size)[:, taken])
 
 
+def test_steepness_that_16_bits_do_not_hold_is_steep() -> None:
+    level = np.random.default_rng(8).integers(-16000, 16000, (48, 64)).astype(np.int16)
+    down, across = (np.abs(2 * part) for part in np.gradient(level.astype(float)))
+    structure = np.zeros(level.shape, bool)
+    structure[2:-2, 2:-2] = (across + down)[2:-2, 2:-2] >= 512 * 9
+    np.testing.assert_array_equal(Picture(level).structured(None, 1, 2, 0.02, 3), np.flatnonzero(structure))
+    assert Picture(2 * level).structured(None, 1, 2, 0.02, 3).size <= 44 * 60
+
+
 def test_masks_and_indices_may_be_of_any_kind_of_number_and_lie_anyhow() -> None:
     picture, mask = Picture(speckle()), np.random.default_rng(4).random((48, 64)) < 0.7
     chosen = picture.structured(mask, 1, 2, 0.02, 3)

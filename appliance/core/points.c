@@ -19,10 +19,10 @@ static inline int32_t positive(int32_t value) {
     return value > 0 ? value : -value;
 }
 
-/* In ninths, of so many pixels from one on, every pitch-th. */
-static inline void steepness(const Level *level, int32_t at, int32_t pitch, int32_t count, int16_t *steep) {
+/* In ninths, of so many pixels from one on, every pitch-th. Unsigned: greys of ± 16000 are held, and none is negative. */
+static inline void steepness(const Level *level, int32_t at, int32_t pitch, int32_t count, uint16_t *steep) {
     for (int32_t i = 0; i < count; i++)
-        steep[i] = (int16_t)(positive(across(level, at + i * pitch)) + positive(down(level, at + i * pitch)));
+        steep[i] = (uint16_t)(positive(across(level, at + i * pitch)) + positive(down(level, at + i * pitch)));
 }
 
 /* The steepness in greys below which there is flat_share of the gradient energy; least_steep or more. */
@@ -41,7 +41,7 @@ int32_t structured(const Level *level, const uint8_t *mask, int32_t pitch, int32
                    int32_t least_steep, int32_t *found) {
     int32_t last_row = level->rows - edge, last_column = level->columns - edge, counts[BINS] = {0}, count = 0;
     int32_t apart = pitch * (1 + (last_row - edge) / pitch * ((last_column - edge) / pitch) / TOLD);
-    int16_t steep[CHUNK];
+    uint16_t steep[CHUNK];
     for (int32_t row = edge; row < last_row; row += apart)
         for (int32_t column = edge; column < last_column; column += CHUNK * pitch) {
             int32_t some = least((last_column - column + pitch - 1) / pitch, CHUNK);
