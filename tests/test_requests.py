@@ -31,7 +31,7 @@ class Desk:
         self.now_ns = 0
         nothing = cast(Callable[..., Any], lambda *_: None)
         estimator = cast(EstimatorHost, SimpleNamespace(reference=None))
-        recalibration = Recalibration(Supervisor(Durations()), estimator, nothing, nothing)
+        recalibration = Recalibration(Supervisor(Durations()), estimator, nothing, Errands())
         self.requests = Requests(
             Hands(
                 ask=nothing,

@@ -7,7 +7,6 @@ from types import FrameType
 from typing import Any, Self
 
 from appliance.alarm_chain import Latch
-from appliance.calibration_file import read_calibration
 from appliance.config import Config, load_config
 from appliance.service.control import ControlRefused, ControlServer
 from appliance.service.device_thread import DeviceThread
@@ -30,7 +29,7 @@ from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.supervisor import LATCHED, Inputs, Request, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts
-from appliance.types import AlarmState, Calibration, Check, State, Verdict
+from appliance.types import AlarmState, Check, State, Verdict
 from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
 from drivers.ports import open_output, open_tracker, open_video
@@ -57,7 +56,7 @@ class Daemon:
         self._annunciator = Annunciator()
         self._estimator = estimator
         self._errands = Errands()
-        self._recalibration = Recalibration(self._supervisor, self._estimator, self._ask, self._read_calibration)
+        self._recalibration = Recalibration(self._supervisor, self._estimator, self._ask, self._errands)
         deliver = self._estimator.put
         self._video = CaptureThread("video", config.video.url, open_video, deliver, clock)
         self._tracker = TrackerThread("tracker", config.tracker.url, open_tracker, deliver, clock)
@@ -176,9 +175,6 @@ class Daemon:
         if self._config != before:
             self._recorder.note("reloaded", self._latch(), file=str(self._config_file))
         self._log.info("configuration reloaded", file=str(self._config_file))
-
-    def _read_calibration(self, file: Path) -> Calibration:
-        return self._errands.run(str(file), lambda: read_calibration(file))
 
     def _raise_failures(self) -> None:
         failures = [self._recorder.failure, *(thread.failure for thread in self._threads())]

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from appliance.calibration_file import read_calibration
 from appliance.service.control import ControlRefused
+from appliance.service.errands import Errands
 from appliance.service.estimator_host import EstimatorHost
 from appliance.supervision.supervisor import Request, Supervisor
 from appliance.types import Calibration, State
@@ -15,15 +17,12 @@ from appliance.types import Calibration, State
 Ask = Callable[[Request], None]
 """Puts a request to the supervisor. Raises ControlRefused."""
 
-Read = Callable[[Path], Calibration]
-"""Reads a calibration file, waiting for no disk. Raises ControlRefused, ConfigurationError."""
-
 
 class Recalibration:
     """Carries out what the supervisor grants."""
 
-    def __init__(self, supervisor: Supervisor, estimator: EstimatorHost, ask: Ask, read: Read) -> None:
-        self._supervisor, self._estimator, self._ask, self._read = supervisor, estimator, ask, read
+    def __init__(self, supervisor: Supervisor, estimator: EstimatorHost, ask: Ask, errands: Errands) -> None:
+        self._supervisor, self._estimator, self._ask, self._errands = supervisor, estimator, ask, errands
         self._before = estimator.reference
 
     def begin(self) -> None:
@@ -40,7 +39,9 @@ class Recalibration:
         self._estimator.refer(reference)
 
     def propose(self, file: Path) -> dict[str, Any]:
-        """How the calibration in the file differs from the reference; nothing changes. Raises as Read does."""
+        """How the calibration in the file differs from the reference; nothing changes. Raises ControlRefused,
+        ConfigurationError for the file.
+        """
         return difference(self._estimator.reference, self._read(file))
 
     def abort(self) -> None:
@@ -53,6 +54,9 @@ class Recalibration:
             self._before = self._estimator.reference
         elif before is State.RECALIBRATING and after is not State.RECALIBRATING:
             self._return()
+
+    def _read(self, file: Path) -> Calibration:
+        return self._errands.run(str(file), lambda: read_calibration(file))
 
     def _return(self) -> None:
         if self._estimator.reference is not self._before:

@@ -1,5 +1,6 @@
 """The service under real systemd at full speed: killed, stopped, starved of its disk, and whether it comes back."""
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -148,7 +149,8 @@ def test_a_disk_that_does_not_answer_takes_no_alarm_away(cart: Container) -> Non
             print(f"silent disk, tracker {sign}: contact {'closed' if closed else 'open'} after {took_s:.2f} s")
         assert main_pid(cart) == pid
         said = f"journalctl -u {UNIT} --since=@{since} --no-pager -o cat -p warning"
-        until(lambda: f"what={STATE}/alarms-00000001.jsonl has not answered for" in cart.sh(said).out, 10, cart.look_s)
+        hangs = re.compile(rf"what={STATE}/alarm(s-\d+\.jsonl|-memory\.json) has not answered for")
+        until(lambda: hangs.search(cart.sh(said).out), 10, cart.look_s, lambda: cart.sh(said).out)
         cart.sh(f"fsfreeze --unfreeze {STATE}")
         until(lambda: "has not answered" not in cart.sh("probewatch status --json").out, 10, cart.look_s)
         verified = cart.sh(f"probewatch log {STATE} --verify").out
@@ -169,6 +171,16 @@ def test_a_service_that_dies_while_its_disk_does_not_answer_opens_the_contact(ca
         cart.sh(f"fsfreeze --unfreeze {STATE}")
         until(lambda: main_pid(cart) not in (0, before), UNDEAD_S, cart.look_s)
         wait_status(cart, "monitoring", VERIFY_S)
+
+
+def test_the_alarm_log_names_who_asked_and_each_user_has_an_allowance(cart: Container) -> None:
+    for name in ("anna", "bert"):
+        cart.sh(f"useradd --groups probewatch {name}")
+    asked = cart.sh("for i in $(seq 31); do runuser -u anna -- probewatch lamp-test; done", check=False).out
+    assert "anna has asked too often (30 at once, then one in 60 s); wait" in asked
+    cart.sh("runuser -u bert -- probewatch lamp-test")
+    said = until(lambda: (log := cart.sh("probewatch log --event request --last 31").out) and "bert" in log and log, 10)
+    assert [said.count(f"lamp-test by {name}, process") for name in ("anna", "bert")] == [30, 1]
 
 
 def test_it_stops_in_order(cart: Container) -> None:
