@@ -194,7 +194,7 @@ def test_the_correlation_of_a_picture_with_itself_is_at_most_one() -> None:
         level = (2000 + 40 * np.random.default_rng(seed).random((96, 128))).astype(np.int16)
         parts = some(900, seed)
         parts[4] = level[parts[1], parts[0]]
-        found, _ = points(parts).judge(Picture(level), Fit(0, 0, 0), 9.0)
+        found, _ = points(parts).correlate(Picture(level), Fit(0, 0, 0), 9.0)
         assert 0.99 < found[0] <= 1.0
 
 
@@ -206,13 +206,13 @@ def test_correlations_in_place_and_aside() -> None:
     aside = [[0, 0], [9, 0], [-9, 0], [0, 9], [0, -9]]
     looks = [looked_up(level, where + np.array(step)[:, None]) for step in aside]
     expected = [np.corrcoef(parts[4], look)[0, 1] for look in looks]
-    found, share = points(parts).judge(Picture(level), fit, 9.0)
+    found, share = points(parts).correlate(Picture(level), fit, 9.0)
     assert share == 1.0
     np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
 def test_correlation_with_what_is_constant_is_none() -> None:
-    found, _ = points(some()).judge(Picture(np.full((48, 64), 77, np.int16)), askew(), 12.0)
+    found, _ = points(some()).correlate(Picture(np.full((48, 64), 77, np.int16)), askew(), 12.0)
     assert found == [0.0] * 5
 
 
@@ -281,7 +281,7 @@ def test_no_number_makes_it_look_outside_the_picture(fit: list[float], at: list[
     sums = np.array(looked.sums).sum(axis=0)
     assert looked.lost or sums[4] == pytest.approx(7 * sums[8]), "a look outside"
     assert looked.lost or max(looked.response) == pytest.approx(0.2), "a slope, where all is flat"
-    assert template.judge(picture, Fit(*fit), 12.0)[0] == [0.0] * 5
+    assert template.correlate(picture, Fit(*fit), 12.0)[0] == [0.0] * 5
 
 
 @pytest.mark.parametrize("shape", [(1, 640), (480, 1), (0, 0), (2, 40_000)])

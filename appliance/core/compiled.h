@@ -30,13 +30,14 @@ typedef struct {
 } Template;
 
 /* A descent in progress. u: px, alpha: rad, bias: greys. response: share of the keyframe's gradient across, down and
-   around that is still there, of what the gain leaves of it. narrow: 1 ÷ the residual that counted for nothing at the
-   last look. sums: of that look, over strips of the picture from top to bottom: of weight · residual · J, then of
-   weight · (∂u_x², ∂u_y², ∂α², 1). curvature: Σ ψ′ J Jᵀ, ψ′ the slope of Tukey's ψ. */
+   around that is still there, of what the gain leaves of it. inverse_cutoff: 1 ÷ the residual from which on
+   Tukey's weight was 0 at the last step. sums: at that step, over strips of the picture from top to bottom: of
+   weight · residual · J, then of weight · (∂u_x², ∂u_y², ∂α², 1). curvature: Σ ψ′ J Jᵀ, ψ′ the slope of
+   Tukey's ψ. */
 typedef struct {
     double u_x, u_y, alpha, gain, bias, response[3];
     int32_t converged, lost;
-    float narrow, sums[STRIPS][SUMS];
+    float inverse_cutoff, sums[STRIPS][SUMS];
     Matrix curvature;
 } Fit;
 
@@ -44,26 +45,29 @@ static inline int32_t least(int32_t a, int32_t b) {
     return a < b ? a : b;
 }
 
-/* Every how manieth point makes up about as many as sampled, never more. */
-static inline int32_t spacing(const Template *points, int32_t sampled) {
+/* Taking every stride-th point takes about as many as sampled, never more. */
+static inline int32_t stride(const Template *points, int32_t sampled) {
     return (points->count + sampled - 1) / sampled;
 }
 
-static inline float middle(const Template *points, double centre) {
+/* centre_x or centre_y in px of the level. */
+static inline float on_level(const Template *points, double centre) {
     return (float)((centre - (points->factor - 1) / 2) / points->factor);
 }
 
-/* J of a point, but that its gradient is across and down as they are. */
-static inline void slopes(const Template *points, int32_t at, float *J) {
-    float x = (float)(points->factor / points->aspect) * ((float)points->column[at] - middle(points, points->centre_x));
-    float y = (float)(points->factor * points->aspect) * ((float)points->row[at] - middle(points, points->centre_y));
+/* J of a point with the differences across and down in place of the gradient, 2 · factor times as large. */
+static inline void jacobian(const Template *points, int32_t at, float *J) {
+    float centre_x = on_level(points, points->centre_x), centre_y = on_level(points, points->centre_y);
+    float x = (float)(points->factor / points->aspect) * ((float)points->column[at] - centre_x);
+    float y = (float)(points->factor * points->aspect) * ((float)points->row[at] - centre_y);
     J[0] = points->across[at], J[1] = points->down[at], J[2] = J[1] * x - J[0] * y, J[3] = points->grey[at], J[4] = 1;
 }
 
-/* Σ J Jᵀ of all points from the lower half of sum, which is that of so many of them, for slopes as they are. */
-void whole(const Template *points, int32_t used, float sum[PARAMETERS][PARAMETERS], Matrix found);
+/* Σ J Jᵀ of all points in units of the gradient, from the lower half of sum: Σ over `used` of them of what jacobian()
+   gives. */
+void normal_matrix(const Template *points, int32_t used, float sum[PARAMETERS][PARAMETERS], Matrix found);
 
 /* Gauss–Jordan with the largest pivot. Spoils A. Returns 0 where there is no inverse. */
-int32_t inverted(Matrix A, Matrix inverse);
+int32_t invert(Matrix A, Matrix inverse);
 
 #endif

@@ -56,16 +56,16 @@ static inline int32_t inside(const Level *level, float x, float y) {
     return (x >= 0) & (y >= 0) & (x <= (float)(level->columns - 1)) & (y <= (float)(level->rows - 1));
 }
 
-/* Two neighbours at once. */
+/* Two neighbours in one load, the left one in the lower half: every processor in compile_core.py is little-endian. */
 static inline uint32_t two_at(const int16_t *grey) {
     uint32_t both;
     __builtin_memcpy(&both, grey, sizeof both);
     return both;
 }
 
-/* Greys at so many columns and rows, a little aside of them, by linear interpolation. */
-static inline void looked_up(const Level *level, int32_t count, const float *x, const float *y, float right,
-                             float below, float *grey) {
+/* Greys at so many columns and rows, a little aside of them, by bilinear interpolation. */
+static inline void interpolated(const Level *level, int32_t count, const float *x, const float *y, float right,
+                                float below, float *grey) {
     int32_t corner[CHUNK];
     uint32_t upper[CHUNK], lower[CHUNK];
     float column[CHUNK], row[CHUNK];
@@ -109,15 +109,15 @@ static inline float median(float *values, int32_t count) {
     return values[middle];
 }
 
-/* 1 ÷ the residual that counts for nothing any more, from the median of some residuals in view. */
-static inline float narrowness(const Template *points, const Level *level, const Warp *warp) {
-    int32_t each = spacing(points, SAMPLED), seen = 0;
+/* 1 ÷ the residual from which on Tukey's weight is 0, from the median of some residuals in view. */
+static inline float inverse_tukey_cutoff(const Template *points, const Level *level, const Warp *warp) {
+    int32_t each = stride(points, SAMPLED), seen = 0;
     float residual[SAMPLED];
     for (int32_t first = 0; first < points->count; first += CHUNK * each) {
         int32_t count = least((points->count - first + each - 1) / each, CHUNK);
         float x[CHUNK], y[CHUNK], grey[CHUNK];
         warped(points, warp, first, each, count, x, y);
-        looked_up(level, count, x, y, 0, 0, grey);
+        interpolated(level, count, x, y, 0, 0, grey);
         for (int32_t i = 0; i < count; i++) {
             residual[seen] = magnitude(grey[i] - (warp->gain * points->grey[first + i * each] + warp->bias));
             seen += inside(level, x[i], y[i]);
@@ -128,19 +128,19 @@ static inline float narrowness(const Template *points, const Level *level, const
 }
 
 /* The sums of points first … last. Returns how many are in view. */
-static inline int32_t summed(const Template *points, const Level *level, const Warp *warp, float narrow, int32_t first,
-                             int32_t last, float *sums) {
+static inline int32_t weighted_sums(const Template *points, const Level *level, const Warp *warp, float inverse_cutoff,
+                                    int32_t first, int32_t last, float *sums) {
     float a = 0, b = 0, c = 0, d = 0, e = 0, aa = 0, bb = 0, cc = 0, all = 0, step = 0.5f / (float)points->factor;
     int32_t seen = 0;
     for (; first < last; first += CHUNK) {
         int32_t count = least(last - first, CHUNK);
         float x[CHUNK], y[CHUNK], grey[CHUNK];
         warped(points, warp, first, 1, count, x, y);
-        looked_up(level, count, x, y, 0, 0, grey);
+        interpolated(level, count, x, y, 0, 0, grey);
         for (int32_t i = 0; i < count; i++) {
             float J[PARAMETERS];
-            slopes(points, first + i, J);
-            float residual = grey[i] - (warp->gain * J[3] + warp->bias), ratio = residual * narrow;
+            jacobian(points, first + i, J);
+            float residual = grey[i] - (warp->gain * J[3] + warp->bias), ratio = residual * inverse_cutoff;
             int32_t in = inside(level, x[i], y[i]);
             float left_over = clamped(1 - ratio * ratio, 1) * (float)in, weight = left_over * left_over;
             float product = weight * residual;
@@ -179,24 +179,24 @@ static inline double share(double found, double usual) {
 }
 
 /* Where the speckle has changed, its gradient is another one, and the residual answers less to a step. */
-static inline void responded(const Template *points, const Level *level, Fit *fit) {
+static inline void measure_response(const Template *points, const Level *level, Fit *fit) {
     Warp warp = warp_of(points, fit);
-    int32_t each = spacing(points, JUDGED), used = 0;
+    int32_t each = stride(points, JUDGED), used = 0;
     float xx = 0, xy = 0, yx = 0, yy = 0, square_x = 0, square_y = 0, sum[PARAMETERS][PARAMETERS] = {{0}};
     for (int32_t first = 0; first < points->count; first += CHUNK * each) {
         int32_t count = least((points->count - first + each - 1) / each, CHUNK);
         float x[CHUNK], y[CHUNK], grey[CHUNK], right[CHUNK], left[CHUNK], below[CHUNK], above[CHUNK];
         warped(points, &warp, first, each, count, x, y);
-        looked_up(level, count, x, y, 0, 0, grey);
-        looked_up(level, count, x, y, 1, 0, right);
-        looked_up(level, count, x, y, -1, 0, left);
-        looked_up(level, count, x, y, 0, 1, below);
-        looked_up(level, count, x, y, 0, -1, above);
+        interpolated(level, count, x, y, 0, 0, grey);
+        interpolated(level, count, x, y, 1, 0, right);
+        interpolated(level, count, x, y, -1, 0, left);
+        interpolated(level, count, x, y, 0, 1, below);
+        interpolated(level, count, x, y, 0, -1, above);
         used += count;
         for (int32_t i = 0; i < count; i++) {
             float J[PARAMETERS];
-            slopes(points, first + i * each, J);
-            float ratio = (grey[i] - (warp.gain * J[3] + warp.bias)) * fit->narrow;
+            jacobian(points, first + i * each, J);
+            float ratio = (grey[i] - (warp.gain * J[3] + warp.bias)) * fit->inverse_cutoff;
             float in = (float)inside(level, x[i], y[i]), left_over = clamped(1 - ratio * ratio, 1) * in;
             float weight = left_over * left_over, slope = left_over * (5 * left_over - 4);
             float slope_x = weight * (right[i] - left[i]), slope_y = weight * (below[i] - above[i]);
@@ -206,7 +206,7 @@ static inline void responded(const Template *points, const Level *level, Fit *fi
                 for (int l = 0; l <= k; l++) sum[k][l] += slope * J[k] * J[l];
         }
     }
-    whole(points, used, sum, fit->curvature);
+    normal_matrix(points, used, sum, fit->curvature);
     double c = __builtin_cos(fit->alpha), s = __builtin_sin(fit->alpha);
     double across = c * (double)xx + s * (double)yx, down = c * (double)yy - s * (double)xy;
     double usual_x = fit->gain * (double)square_x + 1e-3, usual_y = fit->gain * (double)square_y + 1e-3;
@@ -222,16 +222,16 @@ void descend(const Template *points, const Level *level, Fit *fit, int32_t most,
     while (most-- > 0 && !fit->converged && !fit->lost) {
         Warp warp = warp_of(points, fit);
         int32_t seen = 0;
-        fit->narrow = narrowness(points, level, &warp);
+        fit->inverse_cutoff = inverse_tukey_cutoff(points, level, &warp);
         for (int32_t s = 0; s < STRIPS; s++) {
             int32_t first = (int32_t)((int64_t)points->count * s / STRIPS);
             int32_t last = (int32_t)((int64_t)points->count * (s + 1) / STRIPS);
-            seen += summed(points, level, &warp, fit->narrow, first, last, fit->sums[s]);
+            seen += weighted_sums(points, level, &warp, fit->inverse_cutoff, first, last, fit->sums[s]);
         }
         fit->lost = seen < LEAST_SEEN;
         if (fit->lost) break;
         fit->converged = stepped(points, fit) < enough;
-        if (responding) responded(points, level, fit);
+        if (responding) measure_response(points, level, fit);
     }
 }
 
@@ -241,10 +241,10 @@ void descend(const Template *points, const Level *level, Fit *fit, int32_t most,
    as much less of the shift. Returns 0 where nothing can be said: before the first look, and where the fit is lost. */
 int32_t covariance(const Fit *fit, double found[3][3]) {
     Matrix curvature, inverse;
-    if (fit->lost || !(fit->narrow > 0)) return 0;
+    if (fit->lost || !(fit->inverse_cutoff > 0)) return 0;
     for (int k = 0; k < PARAMETERS; k++)
         for (int l = 0; l < PARAMETERS; l++) curvature[k][l] = fit->curvature[k][l] + (k == l ? 1e-6 : 0);
-    if (!inverted(curvature, inverse)) return 0;
+    if (!invert(curvature, inverse)) return 0;
     for (int k = 0; k < 3; k++)
         for (int l = 0; l < 3; l++) found[k][l] = k == l ? FLOOR[k] : 0;
     double told = fit->gain * fit->gain * (1 - (double)PARAMETERS / STRIPS);
@@ -261,10 +261,10 @@ int32_t covariance(const Fit *fit, double found[3][3]) {
 
 /* correlations: (5,) of some of the points with the level in their places, and reach px of it right, left, below and
    above of them; of those in view, 0 where one side is constant. Returns the share in view. */
-double judge(const Template *points, const Level *level, const Fit *fit, double reach, double *correlations) {
+double correlate(const Template *points, const Level *level, const Fit *fit, double reach, double *correlations) {
     const float far = (float)reach, right[LOOKS] = {0, far, -far, 0, 0}, below[LOOKS] = {0, 0, 0, far, -far};
     Warp warp = warp_of(points, fit);
-    int32_t each = spacing(points, JUDGED), seen = 0, all = 0;
+    int32_t each = stride(points, JUDGED), seen = 0, all = 0;
     double grey = 0, squares = 0, sum[LOOKS] = {0}, square[LOOKS] = {0}, product[LOOKS] = {0};
     for (int32_t first = 0; first < points->count; first += CHUNK * each) {
         int32_t count = least((points->count - first + each - 1) / each, CHUNK);
@@ -280,7 +280,7 @@ double judge(const Template *points, const Level *level, const Fit *fit, double 
         grey += (double)g, squares += (double)gg;
         for (int k = 0; k < LOOKS; k++) {
             float s = 0, ss = 0, sg = 0;
-            looked_up(level, count, x, y, right[k], below[k], value);
+            interpolated(level, count, x, y, right[k], below[k], value);
             for (int32_t i = 0; i < count; i++) {
                 float v = in[i] * value[i];
                 s += v, ss += v * v, sg += v * mine[i];

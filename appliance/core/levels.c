@@ -18,17 +18,18 @@ static inline void smoothed(const uint8_t *restrict picture, int32_t rows, int32
     for (int32_t first = 0; first < columns; first += CHUNK) {
         int32_t count = least(columns - first, CHUNK);
         int32_t left = mirrored(first - 1, columns), right = mirrored(first + count, columns);
-        int16_t upright[CHUNK + 2];
+        int16_t vertical[CHUNK + 2];
         for (int32_t i = 0; i < count; i++)
-            upright[i + 1] = (int16_t)(above[first + i] + here[first + i] + below[first + i]);
-        upright[0] = (int16_t)(above[left] + here[left] + below[left]);
-        upright[count + 1] = (int16_t)(above[right] + here[right] + below[right]);
+            vertical[i + 1] = (int16_t)(above[first + i] + here[first + i] + below[first + i]);
+        vertical[0] = (int16_t)(above[left] + here[left] + below[left]);
+        vertical[count + 1] = (int16_t)(above[right] + here[right] + below[right]);
         for (int32_t i = 0; i < count; i++)
-            sums[first + i] = (int16_t)(upright[i] + upright[i + 1] + upright[i + 2]);
+            sums[first + i] = (int16_t)(vertical[i] + vertical[i + 1] + vertical[i + 2]);
     }
 }
 
-/* One row of the level of half the size: means of 2 × 2, of the level as it is, or of what 3 × 3 of it smooth. */
+/* One row of the level of half the size: means of 2 × 2, of the level as it is, or of its means of 3 × 3. 16 bits hold
+   the 18 greys, of at most 9 · 255 ninths, that are added up. */
 static inline __attribute__((always_inline)) void halved(const int16_t *restrict level, int32_t rows, int32_t columns,
                                                          int32_t row, int32_t smooth, int16_t *restrict half) {
     const int16_t *upper = level + (int64_t)2 * row * columns, *lower = upper + columns;
@@ -37,15 +38,15 @@ static inline __attribute__((always_inline)) void halved(const int16_t *restrict
     for (int32_t first = 0; first < columns - 1; first += CHUNK) {
         int32_t count = least(columns - first, CHUNK), left = mirrored(first - 1, columns);
         int32_t right = mirrored(first + count, columns);
-        uint16_t upright[CHUNK + 2];
-        union { uint16_t one[CHUNK]; uint32_t two[CHUNK / 2]; } sum; /* two in one are added many at a time */
+        uint16_t vertical[CHUNK + 2];
+        union { uint16_t one[CHUNK]; uint32_t two[CHUNK / 2]; } sum; /* pairs, added many at a time */
         for (int32_t i = 0; i < count; i++)
-            upright[i + 1] = (uint16_t)((1 + smooth) * (upper[first + i] + lower[first + i]) +
+            vertical[i + 1] = (uint16_t)((1 + smooth) * (upper[first + i] + lower[first + i]) +
                                         smooth * (above[first + i] + below[first + i]));
-        upright[0] = (uint16_t)(2 * (upper[left] + lower[left]) + above[left] + below[left]);
-        upright[count + 1] = (uint16_t)(2 * (upper[right] + lower[right]) + above[right] + below[right]);
+        vertical[0] = (uint16_t)(2 * (upper[left] + lower[left]) + above[left] + below[left]);
+        vertical[count + 1] = (uint16_t)(2 * (upper[right] + lower[right]) + above[right] + below[right]);
         for (int32_t i = 0; i < count; i++)
-            sum.one[i] = (uint16_t)(upright[i + 1] + smooth * (upright[i] + upright[i + 2]));
+            sum.one[i] = (uint16_t)(vertical[i + 1] + smooth * (vertical[i] + vertical[i + 2]));
         uint32_t all = smooth ? 36 : 4;
         for (int32_t i = 0; i < count / 2; i++)
             half[first / 2 + i] = (int16_t)(((sum.two[i] & 0xffff) + (sum.two[i] >> 16) + all / 2) / all);

@@ -19,7 +19,8 @@ static inline int32_t positive(int32_t value) {
     return value > 0 ? value : -value;
 }
 
-/* In ninths, of so many pixels from one on, every pitch-th. Unsigned: greys of ± 16000 are held, and none is negative. */
+/* In ninths, of so many pixels from one on, every pitch-th. Unsigned, for it is an index: what is too
+   large wraps, which takes greys beyond ± 16000. */
 static inline void steepness(const Level *level, int32_t at, int32_t pitch, int32_t count, uint16_t *steep) {
     for (int32_t i = 0; i < count; i++)
         steep[i] = (uint16_t)(positive(across(level, at + i * pitch)) + positive(down(level, at + i * pitch)));
@@ -79,7 +80,7 @@ void describe(const Level *level, const int32_t *chosen, int32_t of, int32_t cou
     }
 }
 
-void whole(const Template *points, int32_t used, float sum[PARAMETERS][PARAMETERS], Matrix found) {
+void normal_matrix(const Template *points, int32_t used, float sum[PARAMETERS][PARAMETERS], Matrix found) {
     for (int k = 0; k < PARAMETERS; k++)
         for (int l = 0; l < PARAMETERS; l++) {
             double unit = (k < 3 ? 0.5 / points->factor : 1) * (l < 3 ? 0.5 / points->factor : 1);
@@ -87,7 +88,7 @@ void whole(const Template *points, int32_t used, float sum[PARAMETERS][PARAMETER
         }
 }
 
-int32_t inverted(Matrix A, Matrix inverse) {
+int32_t invert(Matrix A, Matrix inverse) {
     for (int k = 0; k < PARAMETERS; k++)
         for (int l = 0; l < PARAMETERS; l++) inverse[k][l] = k == l;
     for (int k = 0; k < PARAMETERS; k++) {
@@ -111,22 +112,22 @@ int32_t inverted(Matrix A, Matrix inverse) {
 
 /* Fills in the solver, which some of the points give well enough: it steers, it does not judge; and the energy. */
 void prepare(Template *points) {
-    int32_t each = spacing(points, PREPARED), used = 0;
+    int32_t each = stride(points, PREPARED), used = 0;
     float sum[PARAMETERS][PARAMETERS] = {{0}}, across = 0, down = 0, turn = 0, J[PARAMETERS];
     for (int32_t i = 0; i < points->count; i += each, used++) {
-        slopes(points, i, J);
+        jacobian(points, i, J);
         for (int k = 0; k < PARAMETERS; k++)
             for (int l = 0; l <= k; l++) sum[k][l] += J[k] * J[l];
     }
     for (int32_t i = 0; i < points->count; i++) {
-        slopes(points, i, J);
+        jacobian(points, i, J);
         across += J[0] * J[0], down += J[1] * J[1], turn += J[2] * J[2];
     }
     Matrix normal;
     double unit = 0.25 / (points->factor * points->factor);
-    whole(points, used, sum, normal);
+    normal_matrix(points, used, sum, normal);
     for (int k = 0; k < PARAMETERS; k++) normal[k][k] += 1e-9 * normal[k][k] + 1e-9;
-    inverted(normal, points->solver);
+    invert(normal, points->solver);
     double energy[] = {unit * (double)across, unit * (double)down, unit * (double)turn, points->count};
     for (int k = 0; k < 4; k++) points->energy[k] = energy[k] > 1e-9 ? energy[k] : 1e-9;
 }

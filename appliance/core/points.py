@@ -65,7 +65,7 @@ class Fit(ctypes.Structure):
         ("response", c_double * 3),
         ("converged", c_int32),
         ("lost", c_int32),
-        ("narrow", c_float),
+        ("inverse_cutoff", c_float),
         ("sums", c_float * _SUMS * _STRIPS),
         ("curvature", c_double * _PARAMETERS * _PARAMETERS),
     )
@@ -117,11 +117,11 @@ class Template(ctypes.Structure):
         """
         _descend(self, picture, fit, most_steps, enough_px, responding)
 
-    def judge(self, picture: Picture, fit: Fit, reach_px: float) -> tuple[list[float], float]:
+    def correlate(self, picture: Picture, fit: Fit, reach_px: float) -> tuple[list[float], float]:
         """Correlation of about a thousand points with the picture where the fit puts them, and so far to the right,
         left, below and above; 0 where there is nothing to correlate. And the share of them in view."""
         found = (c_double * _LOOKS)()
-        share = _judge(self, picture, fit, reach_px, found)
+        share = _correlate(self, picture, fit, reach_px, found)
         return found[:], share
 
 
@@ -130,7 +130,7 @@ if [sizeof(structure) for structure in (Picture, Template, Fit)] != _SIZES:
 
 _seen = POINTER(Template), POINTER(Picture), POINTER(Fit)
 _descend = declared("descend", *_seen, c_int32, c_double, c_int32)
-_judge = declared("judge", *_seen, c_double, c_void_p, result=c_double)
+_correlate = declared("correlate", *_seen, c_double, c_void_p, result=c_double)
 _prepare = declared("prepare", POINTER(Template))
 _covariance = declared("covariance", POINTER(Fit), c_void_p, result=c_int32)
 _structured = declared(

@@ -146,7 +146,7 @@ class Keyframe:
         if covariance is None:
             return Registration(u_px, fit.alpha, 1.0, 0.0, _UNKNOWN, 0.0, 0.0, False)
         reach_px = max(_ASIDE_PX, _ASIDE_SHARE * finest.shape[1])
-        (correlation, *aside), overlap = self._fine.judge(finest, fit, reach_px)
+        (correlation, *aside), overlap = self._fine.correlate(finest, fit, reach_px)
         peak = correlation - max(aside)
         return Registration(u_px, fit.alpha, fit.gain, fit.bias, covariance, correlation, overlap, converged, peak)
 
