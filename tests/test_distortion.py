@@ -111,8 +111,10 @@ def verdicts(program: str, displaced_mm: float, at_s: float, duration_s: float) 
 
 
 @pytest.mark.parametrize("program", ["still", "elevational", "rotation"])
-def test_motion_that_shows_no_distortion_verifies_nothing_either(program: str) -> None:
-    assert {verdict.kind for verdict in verdicts(program, 12.0, 3.0, 15.0)} == {VerdictKind.NOT_VERIFIED}
+def test_motion_that_need_not_show_the_distortion_verifies_nothing_either(program: str) -> None:
+    found = {verdict.kind for verdict in verdicts(program, 12.0, 3.0, 15.0)}
+    assert VerdictKind.NOT_VERIFIED in found
+    assert VerdictKind.OK not in found
 
 
 @pytest.mark.parametrize(("displaced_mm", "named"), [(1.0, False), (3.0, True), (6.0, True)])
