@@ -1,6 +1,7 @@
 """Opens a serial port for one owner, and says in plain words why it cannot."""
 
 import errno
+import termios
 from pathlib import Path
 
 import serial
@@ -22,6 +23,19 @@ def open_serial(path: str, baud: int, raise_lines: bool = True) -> serial.Serial
     except (OSError, serial.SerialException) as error:
         raise _refusal(path, error) from error
     return port
+
+
+def drain(port: serial.Serial) -> None:
+    """Until the last byte has left. A signal, as of a reload or after a stop, ends tcdrain(3) too early; it goes on.
+
+    Raises OSError, termios.error when the port fails.
+    """
+    while True:
+        try:
+            return port.flush()
+        except termios.error as error:
+            if error.args[0] != errno.EINTR:
+                raise
 
 
 def _refusal(path: str, error: OSError) -> DeviceLost:

@@ -10,7 +10,7 @@ from pathlib import Path
 import serial
 
 from drivers.errors import DeviceLost
-from drivers.serialport import open_serial
+from drivers.serialport import drain, open_serial
 
 _open: dict[str, "SharedPort"] = {}
 _gates: dict[str, threading.Lock] = {}
@@ -33,7 +33,7 @@ class SharedPort:
         """Raises DeviceLost."""
         try:
             self._port.write(data)
-            self._port.flush()
+            drain(self._port)
         except (OSError, termios.error) as error:
             raise self._failed(error) from error
 

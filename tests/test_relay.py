@@ -1,11 +1,13 @@
 """The relay driver on simulated boards behind a real pseudo-terminal."""
 
+import errno
 import json
 import os
 import select
 import signal
 import subprocess
 import sys
+import termios
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -212,6 +214,28 @@ def test_an_answer_that_came_while_this_host_was_busy_is_no_silence(
         monkeypatch.setattr(output._port, "send", send_and_sleep)
         output.write(True)
         assert board.contacts[1]
+
+
+def test_a_signal_while_the_last_byte_leaves_is_no_failure_of_the_port(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the reload of the configuration, or SIGCONT, may interrupt tcdrain(3)."""
+    with running_board(tmp_path / "relay", CLOCK) as board, open_output(f"relay:{tmp_path}/relay", CLOCK) as output:
+        assert isinstance(output, RelayOutput)
+        port, interrupted = output._port._port, [termios.error(errno.EINTR, "Interrupted system call")] * 2
+        flush = port.flush
+
+        def flush_interrupted() -> None:
+            if interrupted:
+                raise interrupted.pop()
+            flush()
+
+        monkeypatch.setattr(port, "flush", flush_interrupted)
+        output.write(True)
+        assert board.contacts[1]
+        interrupted.append(termios.error(errno.EIO, "Input/output error"))
+        with pytest.raises(DeviceLost, match="Input/output error"):
+            output.write(False)
 
 
 def test_unplugged_board_is_lost(tmp_path: Path) -> None:

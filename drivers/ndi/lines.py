@@ -10,7 +10,7 @@ import serial
 
 from drivers.errors import DeviceLost
 from drivers.hosttime import HostClock
-from drivers.serialport import open_serial
+from drivers.serialport import drain, open_serial
 from drivers.tcpline import connect_tcp
 
 FIRST_BAUD = 9600
@@ -95,7 +95,7 @@ class SerialLine:
         self._port.send_break(_BREAK_S)
         self._port.baudrate = _BREAK_BAUD
         self._port.write(b"\0")
-        self._port.flush()
+        drain(self._port)
         clock.sleep_until(clock.now_ns() + _BREAK_NS)
         self._port.baudrate = FIRST_BAUD
 
