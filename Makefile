@@ -62,9 +62,9 @@ lock: $(VENV)/dev ## resolve the lock files anew from pyproject.toml
 	  --custom-compile-command 'make lock' -c requirements-dev.lock --extra bench pyproject.toml -o requirements-bench.lock
 
 clean: ## remove what the targets made
-	rm -rf $(VENV) appliance/core/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) appliance/core/picture/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-COMPILED := $(wildcard appliance/core/*.[ch]) tools/compile_core.py
+COMPILED := $(wildcard appliance/core/picture/*.[ch]) tools/compile_core.py
 
 $(VENV)/runtime: requirements.lock pyproject.toml $(COMPILED) | $(VENV)/bin/python
 	$(BIN)/pip install --quiet --require-hashes -r requirements.lock

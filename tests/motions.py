@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from appliance.core.geometry import Array, inverse, rigid, rotation_from_vector
-from appliance.core.path_samples import PathSamples
+from appliance.core.path.samples import PathSamples
 from appliance.types import Calibration
 
 TRUTH = Calibration(

@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 
 from appliance.core.geometry import Array, inverse, rigid, rotation_from_vector
-from appliance.core.overlay import OverlayMask
-from appliance.core.pyramid import Pyramid, pyramid
-from appliance.core.registration import warp_matrix
+from appliance.core.picture.overlay import OverlayMask
+from appliance.core.picture.pyramid import Pyramid, pyramid
+from appliance.core.picture.registration import warp_matrix
 from drivers.samples import GreyImage, Matrix4
 from drivers.twins.world import World, WorldSettings
 

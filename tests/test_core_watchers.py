@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from appliance.core.geometry import rigid, rotation_from_vector
-from appliance.core.latency import Latency
-from appliance.core.solver import Prior, Solution, solve
+from appliance.core.path.latency import Latency
+from appliance.core.path.solver import Prior, Solution, solve
 from appliance.core.watchers.calibration_change import agreement_check, calibration_checks, latency_check
 from appliance.core.watchers.frozen_tracker import FrozenTracker
 from appliance.core.watchers.frozen_video import FrozenVideo

@@ -7,7 +7,7 @@ import pytest
 
 from appliance.core.evidence import Evidence, examine, examine_nothing
 from appliance.core.geometry import rotation_from_vector
-from appliance.core.path import PathWindow
+from appliance.core.path.window import PathWindow
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, VerdictKind
 from tests.motions import TRUTH, planar_path, tilting_path

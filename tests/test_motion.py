@@ -10,8 +10,8 @@ from hypothesis import given
 from appliance.core.geometry import inverse, rigid, vector_from_rotation
 from appliance.core.line import Line
 from appliance.core.motion import analyse, predicted_motion, sort_motion, wants_keyframe
-from appliance.core.realtime_tracker import Tracked
-from appliance.core.registration import Registration
+from appliance.core.picture.realtime_tracker import Tracked
+from appliance.core.picture.registration import Registration
 from appliance.limits import Limits
 from appliance.types import Motion, MotionKind, StampedPair
 from drivers.samples import Frame, Matrix4, Stamp

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.overlay import OverlayMask
-from appliance.core.pyramid import pyramid
-from appliance.core.realtime_tracker import RealTimeTracker
+from appliance.core.picture.overlay import OverlayMask
+from appliance.core.picture.pyramid import pyramid
+from appliance.core.picture.realtime_tracker import RealTimeTracker
 from drivers.samples import GreyImage
 from drivers.twins.world import World
 from tests.paper import sweeps

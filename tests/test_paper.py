@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from appliance.core.solver import Prior, solve
+from appliance.core.path.solver import Prior, solve
 from appliance.types import Calibration
 from tests.paper import figure4, table1
 from tests.paper.matching import Pairs, first_pictures, keyframe_chain

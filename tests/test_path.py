@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from appliance.core.geometry import rigid, rotation_from_vector
-from appliance.core.path import PathWindow, PoseTrack, sensor_jump
-from appliance.core.picture_steps import SensorSteps, picture_steps, predicted_path, products_and_slopes
+from appliance.core.path.steps import SensorSteps, picture_steps, predicted_path, products_and_slopes
+from appliance.core.path.window import PathWindow, PoseTrack, sensor_jump
 from tests.motions import TRUTH, planar_path, tilting_path
 from tests.windows import ORIGIN_NS, elevational_path, filled, motion
 

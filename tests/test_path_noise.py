@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from appliance.core.path_noise import Noise, Times, Whitener, position_weight
+from appliance.core.path.noise import Noise, Times, Whitener, position_weight
 
 NOISE = Noise(position_mm=0.12, position_drift=0.05, angle_rad=4e-4, angle_drift=3e-4)
 

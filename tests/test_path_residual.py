@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from appliance.core.geometry import rotation_from_vector
-from appliance.core.path_noise import Noise, Whitener
-from appliance.core.path_residual import OFFSET, SCALE, TAU, PathResidual, side_by_side
+from appliance.core.path.noise import Noise, Whitener
+from appliance.core.path.residual import OFFSET, SCALE, TAU, PathResidual, side_by_side
 from tests import motions
 from tests.motions import TRUTH, planar_path, samples, tilting_path
 

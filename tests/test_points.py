@@ -16,9 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 
-from appliance.core import compiled
-from appliance.core.points import Fit, Picture, Template
-from appliance.core.pyramid import pyramid
+from appliance.core.picture import compiled
+from appliance.core.picture.points import Fit, Picture, Template
+from appliance.core.picture.pyramid import pyramid
 
 CORE = Path(compiled.__file__).parent
 TUKEY, LEAST_SCALE, STRIPS, NINTHS = 6.0, 18.0, 24, 9.0
@@ -346,12 +346,12 @@ def test_structures_are_declared_alike_in_c_and_in_python(name: str, structure: 
 def test_a_library_that_is_not_of_this_source_says_what_to_do(
     tmp_path: Path, file: str, right: str, wrong: str, why: str
 ) -> None:
-    for package in (CORE.parent, CORE.parents[1] / "drivers"):
+    for package in (CORE.parents[1], CORE.parents[2] / "drivers"):
         shutil.copytree(package, tmp_path / package.name, ignore=shutil.ignore_patterns("__pycache__"))
-    source = tmp_path / "appliance/core" / file
+    source = tmp_path / "appliance/core/picture" / file
     assert right in source.read_text()
     source.write_text(source.read_text().replace(right, wrong))
-    command = [sys.executable, "-c", "import appliance.core.points"]
+    command = [sys.executable, "-c", "import appliance.core.picture.points"]
     said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stderr.splitlines()[-1]
     assert said.startswith("ImportError: the compiled core")
     assert why in said

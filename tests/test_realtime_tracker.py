@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from appliance.core.realtime_tracker import RealTimeTracker, Tracked
-from appliance.core.registration import compose
+from appliance.core.picture.realtime_tracker import RealTimeTracker, Tracked
+from appliance.core.picture.registration import compose
 from drivers.samples import Matrix4
 from drivers.twins.world import World
 from tests.motions import TRUTH, picture_path

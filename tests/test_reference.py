@@ -6,7 +6,8 @@ from typing import cast
 import numpy as np
 import pytest
 
-from appliance.calibration_file import read_calibration, write_calibration
+from appliance.calibration_file import write_calibration
+from appliance.service.errands import Errands
 from appliance.service.estimator_host import EstimatorHost
 from appliance.service.recalibration import Recalibration
 from appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
@@ -30,9 +31,7 @@ class Cart:
     def __init__(self, latched: State | None = None) -> None:
         self.estimator = Estimator()
         self.supervisor = Supervisor(Durations(), latched, None if latched is None else "scale")
-        self.recalibration = Recalibration(
-            self.supervisor, cast(EstimatorHost, self.estimator), self.ask, read_calibration
-        )
+        self.recalibration = Recalibration(self.supervisor, cast(EstimatorHost, self.estimator), self.ask, Errands())
         self.now_ns = 0
         self.state = self.supervisor.state
 

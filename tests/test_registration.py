@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.pyramid import pyramid
-from appliance.core.realtime_tracker import RealTimeTracker, acceptable
-from appliance.core.registration import Keyframe, compose, warp_matrix
+from appliance.core.picture.pyramid import pyramid
+from appliance.core.picture.realtime_tracker import RealTimeTracker, acceptable
+from appliance.core.picture.registration import Keyframe, compose, warp_matrix
 from drivers.twins.world import World
 from tests.rendered import (
     FULL,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from appliance.core.geometry import rigid, rotation_from_vector, vector_from_rotation
-from appliance.core.solver import Prior, path_misfit, solve
+from appliance.core.path.solver import Prior, path_misfit, solve
 from appliance.types import Calibration
 from tests.motions import TRUTH, Noise, planar_path, samples, tilting_path
 

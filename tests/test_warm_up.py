@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from appliance.core import realtime_tracker
+from appliance.core.picture import realtime_tracker
 from appliance.core.warm_up import warm_up
 from appliance.core.watchers import picture_event
 

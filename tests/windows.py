@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from appliance.core.geometry import Array, rigid, rotation_from_vector
-from appliance.core.path import PathWindow
+from appliance.core.path.window import PathWindow
 from appliance.types import Calibration, Motion, MotionKind
 from drivers.samples import Stamp
 from tests.motions import TRUTH, picture_path

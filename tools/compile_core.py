@@ -1,4 +1,4 @@
-"""Build hook of hatchling: compiles `appliance/core/*.c` with the C compiler that Zig's wheel from PyPI carries.
+"""Build hook of hatchling: compiles `appliance/core/picture/*.c` with the C compiler of Zig's wheel from PyPI.
 
 So a machine needs no compiler of its own, and one machine builds for another: PROBEWATCH_MACHINE names it (x86_64,
 aarch64), where it is not this one.
@@ -14,7 +14,7 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-CORE = "appliance/core"
+CORE = "appliance/core/picture"
 BUILDS = {
     "x86_64": {"_compiled.so": "x86_64_v2", "_compiled_avx2.so": "x86_64_v2+avx2"},
     "aarch64": {"_compiled.so": "generic"},

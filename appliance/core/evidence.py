@@ -5,11 +5,11 @@ from math import isnan, nan, sqrt
 
 import numpy as np
 
-from appliance.core.latency import Latency
-from appliance.core.path import PathWindow
-from appliance.core.path_residual import TAU
+from appliance.core.path.latency import Latency
+from appliance.core.path.residual import TAU
+from appliance.core.path.solver import Prior, Solution, path_misfit, solve
+from appliance.core.path.window import PathWindow
 from appliance.core.second_opinion import SecondOpinion, second_opinion
-from appliance.core.solver import Prior, Solution, path_misfit, solve
 from appliance.core.watchers.calibration_change import agreement_check, calibration_checks, latency_check, trusted
 from appliance.core.watchers.polarity import flipped, weigh_polarity
 from appliance.limits import Limits

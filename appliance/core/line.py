@@ -10,8 +10,8 @@ from appliance.core.evidence import Evidence
 from appliance.core.judgement import Judgement, judge
 from appliance.core.motion import analyse, wants_keyframe
 from appliance.core.pairing import Pairing, Unpaired
-from appliance.core.path import PathWindow
-from appliance.core.realtime_tracker import RealTimeTracker, Tracked
+from appliance.core.path.window import PathWindow
+from appliance.core.picture.realtime_tracker import RealTimeTracker, Tracked
 from appliance.core.report import LineReport
 from appliance.core.watchers.frozen_tracker import FrozenTracker
 from appliance.core.watchers.frozen_video import FrozenVideo

@@ -7,7 +7,7 @@ spoiling the sorting: what the tracker alone calls out-of-plane counts for nothi
 import numpy as np
 
 from appliance.core.geometry import Array, inverse, vector_from_rotation
-from appliance.core.realtime_tracker import Tracked
+from appliance.core.picture.realtime_tracker import Tracked
 from appliance.types import Calibration, Motion, MotionKind, StampedPair
 from drivers.samples import Matrix4
 

@@ -15,8 +15,8 @@ from appliance.core.handeye.freehand import freehand
 from appliance.core.handeye.motions import HandEye, Motions, nearest_polarity
 from appliance.core.handeye.scaled_rotation import scaled_rotation
 from appliance.core.handeye.sums import Sums
-from appliance.core.path_samples import PathSamples
-from appliance.core.registration import warp_matrix
+from appliance.core.path.samples import PathSamples
+from appliance.core.picture.registration import warp_matrix
 from appliance.types import Calibration
 
 _STEP_S = 0.7

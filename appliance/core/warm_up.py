@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from appliance.core.realtime_tracker import RealTimeTracker
+from appliance.core.picture.realtime_tracker import RealTimeTracker
 from appliance.core.watchers.picture_event import PictureEvent
 from drivers.samples import GreyImage
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.pyramid import pyramid
-from appliance.core.registration import Keyframe
+from appliance.core.picture.pyramid import pyramid
+from appliance.core.picture.registration import Keyframe
 from tests.bench.peers import PEERS, Method, accurate, cold, kept
 from tests.bench.scenes import CHANGED, CLEAN, Pair, Scene, pairs
 from tests.rendered import Warp, rms_px

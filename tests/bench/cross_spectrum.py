@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.geometry import Array
-from appliance.core.pyramid import centre_px
+from appliance.core.picture.pyramid import centre_px
 from tests.bench.bounds import WINDOW_PX, coherence, spectra
 from tests.bench.scenes import Scene, pairs
 from tests.rendered import Warp, rms_px

@@ -13,8 +13,8 @@ import numpy as np
 import SimpleITK as sitk  # noqa: N813
 from pystackreg import StackReg
 
-from appliance.core.pyramid import centre_px, pyramid
-from appliance.core.registration import Keyframe
+from appliance.core.picture.pyramid import centre_px, pyramid
+from appliance.core.picture.registration import Keyframe
 from drivers.samples import GreyImage
 from tests.bench.scenes import Bits
 from tests.rendered import Warp

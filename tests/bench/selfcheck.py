@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.realtime_tracker import acceptable
-from appliance.core.registration import Keyframe
+from appliance.core.picture.realtime_tracker import acceptable
+from appliance.core.picture.registration import Keyframe
 from tests.bench.scenes import SCREEN
 from tests.rendered import aspect, learnt_mask, levels, moved, rms_px, true_motion, world
 

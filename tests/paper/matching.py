@@ -3,9 +3,9 @@
 import numpy as np
 
 from appliance.core.handeye.motions import Motions
-from appliance.core.path_samples import PathSamples
-from appliance.core.pyramid import pyramid
-from appliance.core.registration import Keyframe, compose
+from appliance.core.path.samples import PathSamples
+from appliance.core.picture.pyramid import pyramid
+from appliance.core.picture.registration import Keyframe, compose
 from tests.paper.sweeps import FPS, SCALE, Sweep
 
 ASPECT = float(SCALE[1] / SCALE[0])

@@ -1,8 +1,8 @@
 """AX = XB solvers, one file per method, each named after its equation in Boctor et al. 2005. Pure.
 
-The service decides with `appliance.core.solver`, which fits the whole path by maximum likelihood near the reference.
-The methods here need no reference and no prior: `second_opinion` sets them beside the service's answer in the replay
-report, and `make paper` measures them against each other.
+The service decides with `appliance.core.path.solver`, which fits the whole path by maximum likelihood near the
+reference. The methods here need no reference and no prior: `second_opinion` sets them beside the service's answer in
+the replay report, and `make paper` measures them against each other.
 
 | file | motion that it needs | what it gives |
 |---|---|---|

@@ -4,8 +4,8 @@ from math import nan, sqrt
 
 import numpy as np
 
-from appliance.core.latency import Latency
-from appliance.core.solver import Solution
+from appliance.core.path.latency import Latency
+from appliance.core.path.solver import Solution
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, VerdictKind
 

@@ -11,7 +11,7 @@ from math import hypot
 import numpy as np
 
 from appliance.core.geometry import angle_from_rotation, inverse
-from appliance.core.path import sensor_jump
+from appliance.core.path.window import sensor_jump
 from appliance.limits import Limits
 from appliance.types import Check, VerdictKind
 from drivers.samples import Matrix4

@@ -11,7 +11,7 @@ from math import log
 import cv2
 import numpy as np
 
-from appliance.core.pyramid import Array32
+from appliance.core.picture.pyramid import Array32
 from appliance.types import Check, VerdictKind
 from drivers.samples import GreyImage
 

@@ -6,8 +6,8 @@ that leaves the rotation nearest its reference (mathematics, section 2).
 
 from dataclasses import replace
 
-from appliance.core.path_samples import PathSamples
-from appliance.core.solver import path_agreement, path_misfit
+from appliance.core.path.samples import PathSamples
+from appliance.core.path.solver import path_agreement, path_misfit
 from appliance.types import Calibration, Check, VerdictKind
 
 POLARITIES = ((1, 1), (-1, 1), (1, -1), (-1, -1))

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.geometry import Array
-from appliance.core.path_noise import Times
-from appliance.core.picture_steps import SensorSteps
+from appliance.core.path.noise import Times
+from appliance.core.path.steps import SensorSteps
 
 _LEAST_CHAIN = 4
 _LEAST_PICTURES = 8

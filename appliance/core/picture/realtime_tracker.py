@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from appliance.core.geometry import Array
-from appliance.core.overlay import OverlayMask
-from appliance.core.pyramid import Pyramid, pyramid
-from appliance.core.registration import Keyframe, Registration, compose
+from appliance.core.picture.overlay import OverlayMask
+from appliance.core.picture.pyramid import Pyramid, pyramid
+from appliance.core.picture.registration import Keyframe, Registration, compose
 from drivers.samples import GreyImage
 
 _LEAST_EVIDENCE = 0.62

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.compiled import declared
 from appliance.core.door import refused_picture
 from appliance.core.geometry import Array
+from appliance.core.picture.compiled import declared
 from drivers.samples import GreyImage
 
 Array32 = NDArray[np.float32]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from appliance.core.points import Picture, Template
-from appliance.core.pyramid import Bits, Level, mask_at
+from appliance.core.picture.points import Picture, Template
+from appliance.core.picture.pyramid import Bits, Level, mask_at
 
 _EDGE_PX = 2
 _LEAST_POINTS = 64

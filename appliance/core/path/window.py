@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.geometry import Array, ComplexArray, inverse, quaternion_from_rotation, rigid
-from appliance.core.latency import Latency, estimate_latency
-from appliance.core.path_samples import PathSamples
-from appliance.core.picture_steps import predicted_path
+from appliance.core.path.latency import Latency, estimate_latency
+from appliance.core.path.samples import PathSamples
+from appliance.core.path.steps import predicted_path
 from appliance.types import Calibration, Motion
 from drivers.samples import Matrix4
 

@@ -7,7 +7,7 @@ alone they do less.
 import cv2
 import numpy as np
 
-from appliance.core.pyramid import Array32, Bits, Level, Pyramid, mask_at
+from appliance.core.picture.pyramid import Array32, Bits, Level, Pyramid, mask_at
 
 _COARSEST_WIDTHS, _FINEST_SIGMAS = 4, 95
 """The height of the picture ÷ the width, or ÷ sigma, of what counts as smooth."""

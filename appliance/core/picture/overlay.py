@@ -5,7 +5,7 @@ from collections import deque
 import cv2
 import numpy as np
 
-from appliance.core.pyramid import Array32, Bits, Pyramid, half
+from appliance.core.picture.pyramid import Array32, Bits, Pyramid, half
 from drivers.samples import GreyImage
 
 _LEAST_APART, _MOST_APART = 4, 24

@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 
 from appliance.core.geometry import Array
-from appliance.core.points import Fit, Picture, Template
-from appliance.core.pyramid import Bits, Pyramid
-from appliance.core.speckle import Speckle, coarse_speckle
-from appliance.core.template import template
+from appliance.core.picture.points import Fit, Picture, Template
+from appliance.core.picture.pyramid import Bits, Pyramid
+from appliance.core.picture.speckle import Speckle, coarse_speckle
+from appliance.core.picture.template import template
 
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
 """For each level that is used how many points steer, and the step in px after which the next level goes on."""

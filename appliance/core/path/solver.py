@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from appliance.core.geometry import Array, rotation_from_vector
-from appliance.core.path_noise import Noise, Whitener, position_weight
-from appliance.core.path_residual import OFFSET, TAU, VALUE, PathResidual, Rows, side_by_side
-from appliance.core.path_samples import PathSamples
+from appliance.core.path.noise import Noise, Whitener, position_weight
+from appliance.core.path.residual import OFFSET, TAU, VALUE, PathResidual, Rows, side_by_side
+from appliance.core.path.samples import PathSamples
 from appliance.types import Calibration
 
 _ITERATIONS = 6

@@ -6,9 +6,9 @@ from ctypes import POINTER, c_double, c_float, c_int32, c_void_p, sizeof
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.compiled import LAYOUT, declared, unusable
 from appliance.core.geometry import Array
-from appliance.core.pyramid import Bits, Level
+from appliance.core.picture.compiled import LAYOUT, declared, unusable
+from appliance.core.picture.pyramid import Bits, Level
 
 _PARTS = 5
 _PARAMETERS, _STRIPS, _SUMS, _LOOKS, *_SIZES = LAYOUT
