@@ -51,7 +51,7 @@ def _timeline(findings: tuple[Finding, ...]) -> Table:
         table.add_column(title, justify="right")
     for one in findings:
         numbers = (*(one.reached.get(state) for state in _SHOWN), one.contact_open_after_s, one.verified_after_s)
-        table.add_row(one.injection.fault, f"{one.injection.from_s:g}", one.named or "–", *map(_shown, numbers))
+        table.add_row(one.injection.fault, _shown(one.injection.from_s), one.named or "–", *map(_shown, numbers))
     return table
 
 

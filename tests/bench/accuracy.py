@@ -15,7 +15,7 @@ from tests.rendered import Warp, rms_px
 FAILED_PX = 2.0
 COLD, KEPT, ACCURATE = "ours, cold", "ours, keyframe", "ours, accurate"
 METHODS = (COLD, KEPT, ACCURATE, *PEERS)
-_QUICK_MS, _REPEATS = 200.0, 3
+_QUICK_MS, _REPEATS = 200.0, 5
 
 Row = dict[str, Any]
 
@@ -44,7 +44,7 @@ def _methods(pair: Pair) -> Iterator[tuple[str, Method]]:
 
 
 def _timed(method: Method, pair: Pair) -> tuple[Warp | None, float]:
-    """What was found, and the median of three times; what takes long is done once."""
+    """What was found, and the median of five times; what takes long is done once."""
     spent_ms: list[float] = []
     while True:
         start = process_time()

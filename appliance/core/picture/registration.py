@@ -24,7 +24,7 @@ from appliance.core.picture.template import template
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
 """For each level that is used how many points steer, and the step in px after which the next level goes on."""
 _STEPS = 15
-_FINE, _DENSE = 40_000, 80_000
+_FINE, _DENSE = 30_000, 80_000
 _FINE_ACCURATE, _DENSE_ACCURATE = 80_000, 160_000
 _UNCHANGED = 0.92
 _POLISHED_PX, _POLISHING_STEPS = 0.03, 5
