@@ -62,7 +62,7 @@ class Cart(SimulatedCart):
             status = self.status()
             return status if status.get("state") == state else {}
 
-        return until(look, deadline_s)
+        return until(look, deadline_s, otherwise=self.status)
 
     def contact(self, since_s: float = 0.0) -> bool | None:
         """What the relay board did last since then."""
