@@ -46,7 +46,7 @@ paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: result
 deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/
 	$(BIN)/python systemd/deb/build.py dist
 
-test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, power cuts (root; about 13 minutes)
+test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, power cuts (root; 13 to 18 minutes)
 	$(BIN)/pytest -vv -n 2 --dist loadfile --no-loadscope-reorder -m "cart and not slow" -rsP --durations=20 tests/cart
 
 soak: $(VENV)/dev ## half an hour of service in a container: memory, files, dropped frames, processor share (root)
