@@ -45,6 +45,11 @@ static inline int32_t least(int32_t a, int32_t b) {
     return a < b ? a : b;
 }
 
+/* How many there are from first to before last, taking every each-th; most, where there are more. */
+static inline int32_t at_most(int32_t most, int32_t first, int32_t last, int32_t each) {
+    return least((last - first + each - 1) / each, most);
+}
+
 /* Taking every stride-th point takes about as many as sampled, never more. */
 static inline int32_t stride(const Template *points, int32_t sampled) {
     return (points->count + sampled - 1) / sampled;

@@ -30,10 +30,6 @@ static inline double limited(double value, double low, double high) {
     return value > low ? value < high ? value : high : low;
 }
 
-static inline float magnitude(float value) {
-    return value > 0 ? value : -value;
-}
-
 static inline Warp warp_of(const Template *points, const Fit *fit) {
     double factor = points->factor, a = points->aspect, c = __builtin_cos(fit->alpha), s = __builtin_sin(fit->alpha);
     double left = (factor - 1) / 2 - points->centre_x, top = (factor - 1) / 2 - points->centre_y;
@@ -114,17 +110,23 @@ static inline float inverse_tukey_cutoff(const Template *points, const Level *le
     int32_t each = stride(points, SAMPLED), seen = 0;
     float residual[SAMPLED];
     for (int32_t first = 0; first < points->count; first += CHUNK * each) {
-        int32_t count = least((points->count - first + each - 1) / each, CHUNK);
+        int32_t count = at_most(CHUNK, first, points->count, each);
         float x[CHUNK], y[CHUNK], grey[CHUNK];
         warped(points, warp, first, each, count, x, y);
         interpolated(level, count, x, y, 0, 0, grey);
         for (int32_t i = 0; i < count; i++) {
-            residual[seen] = magnitude(grey[i] - (warp->gain * points->grey[first + i * each] + warp->bias));
+            residual[seen] = __builtin_fabsf(grey[i] - (warp->gain * points->grey[first + i * each] + warp->bias));
             seen += inside(level, x[i], y[i]);
         }
     }
     double scale = seen ? 1.4826 * (double)median(residual, seen) : 0;
     return (float)(1 / (TUKEY * limited(scale, LEAST_SCALE * NINTHS, 1e30)));
+}
+
+/* Root of Tukey's weight of a residual: how much it leaves of 1; 0 out of view. */
+static inline float root_weight(float residual, float inverse_cutoff, int32_t in) {
+    float ratio = residual * inverse_cutoff;
+    return clamped(1 - ratio * ratio, 1) * (float)in;
 }
 
 /* The sums of points first … last. Returns how many are in view. */
@@ -133,17 +135,16 @@ static inline int32_t weighted_sums(const Template *points, const Level *level, 
     float a = 0, b = 0, c = 0, d = 0, e = 0, aa = 0, bb = 0, cc = 0, all = 0, step = 0.5f / (float)points->factor;
     int32_t seen = 0;
     for (; first < last; first += CHUNK) {
-        int32_t count = least(last - first, CHUNK);
+        int32_t count = at_most(CHUNK, first, last, 1);
         float x[CHUNK], y[CHUNK], grey[CHUNK];
         warped(points, warp, first, 1, count, x, y);
         interpolated(level, count, x, y, 0, 0, grey);
         for (int32_t i = 0; i < count; i++) {
             float J[PARAMETERS];
             jacobian(points, first + i, J);
-            float residual = grey[i] - (warp->gain * J[3] + warp->bias), ratio = residual * inverse_cutoff;
+            float residual = grey[i] - (warp->gain * J[3] + warp->bias);
             int32_t in = inside(level, x[i], y[i]);
-            float left_over = clamped(1 - ratio * ratio, 1) * (float)in, weight = left_over * left_over;
-            float product = weight * residual;
+            float root = root_weight(residual, inverse_cutoff, in), weight = root * root, product = weight * residual;
             seen += in;
             a += product * J[0], b += product * J[1], c += product * J[2], d += product * J[3], e += product;
             aa += weight * J[0] * J[0], bb += weight * J[1] * J[1], cc += weight * J[2] * J[2], all += weight;
@@ -184,7 +185,7 @@ static inline void measure_response(const Template *points, const Level *level, 
     int32_t each = stride(points, JUDGED), used = 0;
     float xx = 0, xy = 0, yx = 0, yy = 0, square_x = 0, square_y = 0, sum[PARAMETERS][PARAMETERS] = {{0}};
     for (int32_t first = 0; first < points->count; first += CHUNK * each) {
-        int32_t count = least((points->count - first + each - 1) / each, CHUNK);
+        int32_t count = at_most(CHUNK, first, points->count, each);
         float x[CHUNK], y[CHUNK], grey[CHUNK], right[CHUNK], left[CHUNK], below[CHUNK], above[CHUNK];
         warped(points, &warp, first, each, count, x, y);
         interpolated(level, count, x, y, 0, 0, grey);
@@ -196,9 +197,9 @@ static inline void measure_response(const Template *points, const Level *level, 
         for (int32_t i = 0; i < count; i++) {
             float J[PARAMETERS];
             jacobian(points, first + i * each, J);
-            float ratio = (grey[i] - (warp.gain * J[3] + warp.bias)) * fit->inverse_cutoff;
-            float in = (float)inside(level, x[i], y[i]), left_over = clamped(1 - ratio * ratio, 1) * in;
-            float weight = left_over * left_over, slope = left_over * (5 * left_over - 4);
+            float residual = grey[i] - (warp.gain * J[3] + warp.bias);
+            float root = root_weight(residual, fit->inverse_cutoff, inside(level, x[i], y[i]));
+            float weight = root * root, slope = root * (5 * root - 4);
             float slope_x = weight * (right[i] - left[i]), slope_y = weight * (below[i] - above[i]);
             xx += slope_x * J[0], xy += slope_x * J[1], yx += slope_y * J[0], yy += slope_y * J[1];
             square_x += weight * J[0] * J[0], square_y += weight * J[1] * J[1];
@@ -219,7 +220,7 @@ static inline void measure_response(const Template *points, const Level *level, 
    responding: 1 where the gradient is to be looked at after each step. */
 void descend(const Template *points, const Level *level, Fit *fit, int32_t most, double enough, int32_t responding) {
     fit->converged = fit->lost = 0;
-    while (most-- > 0 && !fit->converged && !fit->lost) {
+    while (most-- > 0 && !fit->converged) {
         Warp warp = warp_of(points, fit);
         int32_t seen = 0;
         fit->inverse_cutoff = inverse_tukey_cutoff(points, level, &warp);
@@ -267,7 +268,7 @@ double correlate(const Template *points, const Level *level, const Fit *fit, dou
     int32_t each = stride(points, JUDGED), seen = 0, all = 0;
     double grey = 0, squares = 0, sum[LOOKS] = {0}, square[LOOKS] = {0}, product[LOOKS] = {0};
     for (int32_t first = 0; first < points->count; first += CHUNK * each) {
-        int32_t count = least((points->count - first + each - 1) / each, CHUNK);
+        int32_t count = at_most(CHUNK, first, points->count, each);
         float x[CHUNK], y[CHUNK], in[CHUNK], mine[CHUNK], value[CHUNK], g = 0, gg = 0;
         warped(points, &warp, first, each, count, x, y);
         all += count;

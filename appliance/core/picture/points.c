@@ -15,15 +15,11 @@ static inline int32_t down(const Level *level, int32_t at) {
     return level->grey[at + level->columns] - level->grey[at - level->columns];
 }
 
-static inline int32_t positive(int32_t value) {
-    return value > 0 ? value : -value;
-}
-
 /* In ninths, of so many pixels from one on, every pitch-th. Unsigned, for it is an index: what is too
    large wraps, which takes greys beyond ± 16000. */
 static inline void steepness(const Level *level, int32_t at, int32_t pitch, int32_t count, uint16_t *steep) {
-    for (int32_t i = 0; i < count; i++)
-        steep[i] = (uint16_t)(positive(across(level, at + i * pitch)) + positive(down(level, at + i * pitch)));
+    for (int32_t i = 0; i < count; i++, at += pitch)
+        steep[i] = (uint16_t)(__builtin_abs(across(level, at)) + __builtin_abs(down(level, at)));
 }
 
 /* The steepness in greys below which there is flat_share of the gradient energy; least_steep or more. */
@@ -45,14 +41,14 @@ int32_t structured(const Level *level, const uint8_t *mask, int32_t pitch, int32
     uint16_t steep[CHUNK];
     for (int32_t row = edge; row < last_row; row += apart)
         for (int32_t column = edge; column < last_column; column += CHUNK * pitch) {
-            int32_t some = least((last_column - column + pitch - 1) / pitch, CHUNK);
+            int32_t some = at_most(CHUNK, column, last_column, pitch);
             steepness(level, row * level->columns + column, pitch, some, steep);
             for (int32_t i = 0; i < some; i++) counts[least(steep[i] / (int32_t)NINTHS, BINS - 1)]++;
         }
     int32_t enough = (threshold(counts, flat_share, least_steep) + 1) * (int32_t)NINTHS;
     for (int32_t row = edge; row < last_row; row += pitch)
         for (int32_t column = edge; column < last_column; column += CHUNK * pitch) {
-            int32_t some = least((last_column - column + pitch - 1) / pitch, CHUNK);
+            int32_t some = at_most(CHUNK, column, last_column, pitch);
             int32_t at = row * level->columns + column;
             steepness(level, at, pitch, some, steep);
             for (int32_t i = 0; i < some; i++, at += pitch) {
