@@ -25,15 +25,10 @@ from drivers.relay import STATUS_QUERY, RelayOutput, relay_command
 from drivers.serialport import open_serial
 from drivers.twins.ptyline import PtyLine
 from tests.boards import running_board
+from tests.polling import until
 
 CLOCK = HostClock(rate=5.0)
-
-
-def wait_for(condition: object, wanted: bool = True, seconds: float = 2.0) -> None:
-    end = time.monotonic() + seconds
-    while condition() is not wanted:  # type: ignore[operator]
-        assert time.monotonic() < end, "the board did not switch"
-        time.sleep(0.002)
+SWITCHED_S = 2.0
 
 
 def test_command_bytes() -> None:
@@ -57,8 +52,8 @@ def test_silent_board_is_driven_all_the_same(tmp_path: Path) -> None:
     with running_board(tmp_path / "relay", CLOCK, answers=False) as board:
         with open_output(f"relay:{tmp_path}/relay", CLOCK) as output:
             output.write(True)
-            wait_for(lambda: board.contacts[1])
-        wait_for(lambda: board.contacts[1], wanted=False)
+            until(lambda: board.contacts[1] is True, SWITCHED_S)
+        until(lambda: board.contacts[1] is False, SWITCHED_S)
 
 
 def test_leaving_on_an_error_de_energises(tmp_path: Path) -> None:
@@ -141,7 +136,7 @@ def test_channels_of_one_board_are_driven_at_the_same_time(tmp_path: Path, answe
         with ThreadPoolExecutor() as pool:
             for energised in (True, False) * 10:
                 list(pool.map(lambda output, level=energised: output.write(level), outputs))
-                wait_for(lambda level=energised: set(board.contacts.values()) == {level})
+                until(lambda level=energised: set(board.contacts.values()) == {level}, SWITCHED_S)
 
 
 def test_a_port_that_hangs_while_it_is_opened_holds_up_no_other(
@@ -166,7 +161,7 @@ def test_a_port_that_hangs_while_it_is_opened_holds_up_no_other(
         began_s = time.monotonic()
         with open_output(f"relay:{tmp_path / 'relay'}", CLOCK) as output:
             output.write(True)
-            wait_for(lambda: board.contacts[1])
+            until(lambda: board.contacts[1] is True, SWITCHED_S)
         assert time.monotonic() - began_s < 5
         goes_on.set()
         first.join()
@@ -207,7 +202,7 @@ def test_an_answer_that_came_while_this_host_was_busy_is_no_silence(
         def send_and_sleep(data: bytes) -> None:
             send(data)
             if data == STATUS_QUERY:
-                wait_for(lambda: bool(select.select([output._port._port.fileno()], [], [], 0)[0]))
+                until(lambda: select.select([output._port._port.fileno()], [], [], 0)[0], SWITCHED_S)
                 time.sleep(0.02)
                 monkeypatch.setattr(relay, "_ANSWER_S", -1.0)
 
