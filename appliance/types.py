@@ -114,6 +114,8 @@ class Check:
 
     fault: class this check names when it fails (polarity, scale, rotation, offset, latency, frozen-video, …).
     sigma: standard deviation of value, same unit; 0 for exact facts. value is NaN where nothing was observed.
+    shown_ns: time of the motion by which the quantity was last shown to be OK, or rests on, dated as in
+    appliance.core.path.solver.Solution; None where there is none.
     """
 
     name: str
@@ -123,6 +125,7 @@ class Check:
     unit: str
     limit: float
     verdict: VerdictKind
+    shown_ns: int | None = None
 
     @property
     def ratio(self) -> float:
@@ -135,6 +138,8 @@ class Verdict:
     """What the line concludes at one time. fault: class of the worst failing check, None unless kind is FAULT.
 
     t_ns: sample time it holds for. reason: one sentence for the operator.
+    verified_ns: the oldest of the times at which motion last showed a required parameter; None where one was never
+    shown or has been contradicted since. Only new motion makes it younger, whatever the time of the verdict.
     """
 
     t_ns: int
@@ -142,6 +147,7 @@ class Verdict:
     checks: tuple[Check, ...]
     fault: str | None = None
     reason: str = ""
+    verified_ns: int | None = None
 
 
 class State(Enum):

@@ -27,6 +27,7 @@ class TrustingLine:
 
     def __init__(self, reference: Calibration, limits: Limits) -> None:
         self._pose_ns = 0
+        self._verified_ns: int | None = None
         self._fault = Path(os.environ.get("PROBEWATCH_STAND_IN_FAULT", "/nowhere"))
 
     def step(self, sample: Sample) -> tuple[Verdict, ...]:
@@ -34,8 +35,11 @@ class TrustingLine:
             fault = self._fault.read_text() if self._fault.exists() else ""
             if fault:
                 return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (), fault, "as the test wishes"),)
-            near = abs(sample.stamp.t_ns - self._pose_ns) < _NEAR_NS
-            return (Verdict(sample.stamp.t_ns, VerdictKind.OK if near else VerdictKind.NOT_VERIFIED, ()),)
+            t_ns = sample.stamp.t_ns
+            near = abs(t_ns - self._pose_ns) < _NEAR_NS
+            self._verified_ns = t_ns if near else self._verified_ns
+            kind = VerdictKind.OK if near else VerdictKind.NOT_VERIFIED
+            return (Verdict(t_ns, kind, (), verified_ns=self._verified_ns),)
         if sample.status is PoseStatus.OK:
             self._pose_ns = sample.stamp.t_ns
         return ()

@@ -29,7 +29,7 @@ class ObedientLine:
             return ()
         check = Check("scale-lateral", "scale", self._scale, 0.0, "mm/px", 1.0, VerdictKind.OK)
         if order == OK:
-            return (Verdict(sample.stamp.t_ns, VerdictKind.OK, (check,)),)
+            return (Verdict(sample.stamp.t_ns, VerdictKind.OK, (check,), verified_ns=sample.stamp.t_ns),)
         return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (check,), "polarity", "ordered"),)
 
 

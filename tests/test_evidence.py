@@ -91,7 +91,7 @@ def fed(
             continue
         evidence.window.add(motion(t_s, index, seen.path_px / scale, seen.path_rad, chain=1 if scale == 1.0 else 2))
         if index % 10 == 9:
-            evidence.solve()
+            evidence.solve(evidence.window.now_ns)
             shown.append(frozenset(c.name for c in evidence.checks() if c.verdict is FAULT))
     return shown
 
@@ -122,9 +122,9 @@ def test_one_solution_alone_accuses_nobody() -> None:
     for seen in list(whole._seen)[:150]:
         t_s = (seen.stamp.t_ns - whole._seen[0].stamp.t_ns) / 1e9
         evidence.window.add(motion(t_s, 0, seen.path_px / 1.15, seen.path_rad))
-    evidence.solve()
+    evidence.solve(evidence.window.now_ns)
     assert all(check.verdict is not FAULT for check in evidence.checks())
-    evidence.solve()
+    evidence.solve(evidence.window.now_ns)
     assert any(check.verdict is FAULT for check in evidence.checks())
 
 

@@ -124,7 +124,7 @@ def timeline_of(samples, verdict):
 
 
 def healthy(sample):
-    return Verdict(sample.stamp.t_ns, VerdictKind.OK, ())
+    return Verdict(sample.stamp.t_ns, VerdictKind.OK, (), verified_ns=sample.stamp.t_ns)
 
 
 def polarity(sample):

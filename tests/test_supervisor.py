@@ -17,11 +17,17 @@ DURATIONS = Durations()
 
 
 def ok(t_ns: int) -> Inputs:
-    return Inputs(verdicts=(Verdict(t_ns, VerdictKind.OK, ()),))
+    return Inputs(verdicts=(Verdict(t_ns, VerdictKind.OK, (), verified_ns=t_ns),))
 
 
 def unsure(t_ns: int) -> Inputs:
     return Inputs(verdicts=(Verdict(t_ns, VerdictKind.NOT_VERIFIED, (), reason="still"),))
+
+
+def resting(t_ns: int) -> Inputs:
+    """What was shown stands, and is as old as the tick before."""
+    shown_ns = t_ns - TICK_NS
+    return Inputs(verdicts=(Verdict(t_ns, VerdictKind.NOT_VERIFIED, (), reason="still", verified_ns=shown_ns),))
 
 
 def fault(t_ns: int, name: str = "polarity") -> Inputs:
@@ -114,6 +120,7 @@ INPUTS = {
     "nothing": lambda _: Inputs(),
     "ok": ok,
     "unsure": unsure,
+    "resting": resting,
     "fault": fault,
     "frozen": lambda t_ns: fault(t_ns, "frozen-video"),
     "device": lambda _: device(),
@@ -128,17 +135,18 @@ INPUTS = {
     "abort": lambda _: Inputs(request=Request.ABORT_RECALIBRATION),
 }
 ONE_TICK_LATER = {
-    # nothing, ok, unsure, fault, frozen, device, output, estimator, damage, log, unseen, acknowledge, begin, end, abort
-    T: (A, A, A, A, A, A, T, T, I, A, A, A, A, A, A),
-    A: (N, N, N, W, A, A, A, I, I, N, N, N, R, N, N),
-    N: (N, M, N, W, W, W, W, I, I, N, N, N, R, N, N),
-    M: (M, M, M, W, W, W, W, I, I, M, N, M, R, M, M),
-    W: (W, W, W, W, W, W, W, I, I, W, W, W, R, W, W),
-    H: (H, H, H, H, H, H, H, H, H, H, H, H, R, H, H),
-    Q: (Q, Q, Q, Q, Q, Q, Q, Q, Q, Q, Q, Q, R, Q, Q),
-    R: (R, R, R, R, R, R, R, R, R, R, R, R, R, R, N),
-    L: (L, L, L, L, L, L, L, L, L, L, L, L, L, L, L),
-    I: (I, I, I, I, I, I, I, I, I, I, I, I, I, I, I),
+    # nothing, ok, unsure, resting, fault, frozen, device, output, estimator, damage, log, unseen,
+    # acknowledge, begin, end, abort
+    T: (A, A, A, A, A, A, A, T, T, I, A, A, A, A, A, A),
+    A: (N, N, N, N, W, A, A, A, I, I, N, N, N, R, N, N),
+    N: (N, M, N, M, W, W, W, W, I, I, N, N, N, R, N, N),
+    M: (M, M, N, M, W, W, W, W, I, I, M, N, M, R, M, M),
+    W: (W, W, W, W, W, W, W, W, I, I, W, W, W, R, W, W),
+    H: (H, H, H, H, H, H, H, H, H, H, H, H, H, R, H, H),
+    Q: (Q, Q, Q, Q, Q, Q, Q, Q, Q, Q, Q, Q, Q, R, Q, Q),
+    R: (R, R, R, R, R, R, R, R, R, R, R, R, R, R, R, N),
+    L: (L, L, L, L, L, L, L, L, L, L, L, L, L, L, L, L),
+    I: (I, I, I, I, I, I, I, I, I, I, I, I, I, I, I, I),
 }
 
 

@@ -70,12 +70,12 @@ class Room(RuleBasedStateMachine):
     def line_says_ok(self, delta_ns: int) -> None:
         self.fault_since_ns, self.faulty, self.disproved, self.frozen = None, False, True, False
         self.ok_ns = self.now_ns + delta_ns
-        self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.OK, ()))
+        self.step(delta_ns, Verdict(self.ok_ns, VerdictKind.OK, (), verified_ns=self.ok_ns))
 
     @rule(delta_ns=STEPS_NS)
     def line_shrugs(self, delta_ns: int) -> None:
         self.fault_since_ns, self.frozen = None, False
-        self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.NOT_VERIFIED, ()))
+        self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.NOT_VERIFIED, (), verified_ns=self.ok_ns))
 
     @rule(delta_ns=STEPS_NS, fault=st.sampled_from(CALIBRATION))
     def line_says_fault(self, delta_ns: int, fault: str) -> None:

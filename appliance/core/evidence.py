@@ -10,6 +10,7 @@ from appliance.core.path.residual import TAU
 from appliance.core.path.solver import Prior, Solution, path_misfit, solve
 from appliance.core.path.window import PathWindow
 from appliance.core.second_opinion import SecondOpinion, second_opinion
+from appliance.core.verification import Sign, Verification
 from appliance.core.watchers.calibration_change import agreement_check, calibration_checks, latency_check, trusted
 from appliance.core.watchers.polarity import flipped, weigh_polarity
 from appliance.limits import Limits
@@ -71,6 +72,7 @@ class Evidence:
         self._limits = limits
         self.window = window
         self._nothing = examine_nothing(limits)
+        self._verification = Verification(limits.confidence_sigma)
         self._latest = self._best = self._nothing
         self._suspects: frozenset[str] = frozenset()
         self._culprits: frozenset[str] = frozenset()
@@ -90,6 +92,7 @@ class Evidence:
     def restart(self) -> None:
         """The geometry has changed: what was measured before says nothing of what comes."""
         self.window.restart()
+        self._verification.restart()
         self._latest = self._nothing
         self._suspects = frozenset()
         self._settled_ns = 0
@@ -98,6 +101,16 @@ class Evidence:
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution."""
         return self._latest.checks
+
+    @property
+    def contradicted(self) -> tuple[Sign, ...]:
+        """Signs against the calibration that nothing has answered yet, the worst first."""
+        return self._verification.contradicted
+
+    @property
+    def verified_ns(self) -> int | None:
+        """As in `Verdict`."""
+        return self._verification.verified_ns
 
     def shows(self, fault: str) -> bool:
         """True where the latest solution verified every parameter of that class."""
@@ -131,9 +144,11 @@ class Evidence:
             self._failing_ns = now_ns
         return failed if self._failing_ns is None or now_ns - self._failing_ns < _SHORT_NS else frozenset()
 
-    def solve(self) -> None:
-        """Examine the short window for a change, drop what came before one, and examine what is left."""
-        now_ns = self.window.now_ns
+    def solve(self, now_ns: int) -> None:
+        """Examine the short window for a change, drop what came before one, and examine what is left.
+
+        now_ns: time of the latest picture, which may have shown no motion.
+        """
         recent = self.window.since(now_ns - _SHORT_NS)
         finding = examine(recent, self._reference, self._limits)
         short = _without(finding, _SLOW)
@@ -144,15 +159,38 @@ class Evidence:
         long = self.window.since(start_ns)
         if len(long) > len(recent):
             finding = examine(long, self._reference, self._limits)
+        else:
+            long = recent
         doubtful = finding.failed - self._suspects
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits - {"latency"}
         early = _SLOW if _punctual(short, self._limits) else _OF_X
         doubtful |= self._hasty(finding.failed & early, now_ns)
-        self._latest = _without(finding, doubtful)
         self._suspects = finding.failed | short.failed
+        self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful)
+        self._latest = self._accepted(_without(finding, doubtful), long)
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
+
+    def _contradict(self, checks: tuple[Check, ...], named: frozenset[str]) -> None:
+        self._verification.contradict(checks, named, self.window.now_ns)
+
+    def _accepted(self, finding: Finding, window: PathWindow) -> Finding:
+        """What the finding shows, or where its window reaches back to the last sign of a fault, what motion after the
+        sign shows.
+        """
+        last_sign_ns = self._verification.last_sign_ns
+        if window.start_ns <= last_sign_ns and not finding.failed:
+            window = window.since(last_sign_ns + 1)
+            finding = examine(window, self._reference, self._limits)
+            self._contradict(finding.checks, frozenset())
+            finding = _without(finding, finding.failed)
+        return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))
+
+
+def _quick(finding: Finding) -> tuple[Check, ...]:
+    """The checks that a few seconds can decide."""
+    return tuple(check for check in finding.checks if check.name not in _SLOW)
 
 
 def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Finding:
@@ -163,12 +201,14 @@ def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Findi
     lag = window.latency()
     lag_s = 0.0 if lag is None else lag.value_s
     try:
-        polarity, polarity_check = weigh_polarity(window.samples(lag_s, weigh_hidden=False), reference)
+        polarity_samples = window.samples(lag_s, weigh_hidden=False)
+        polarity, polarity_check = weigh_polarity(polarity_samples, reference)
     except ValueError:
         return examine_nothing(limits)
     solution, solved_lag = _solved(window, flipped(reference, polarity), lag)
     mostly_in_plane = solution is not None and window.samples(lag_s, weigh_hidden=True).in_plane_share >= _MOSTLY
-    lateness = latency_check(_sharper(lag, solved_lag if mostly_in_plane else None), limits, window.stamps_err_s)
+    sharper = _sharper(lag, solved_lag if mostly_in_plane else None)
+    lateness = latency_check(sharper, limits, window.stamps_err_s, polarity_samples.moved_ns)
     parameters = Finding(calibration_checks(solution, limits), solution)
     if lateness.verdict is not VerdictKind.OK:
         parameters = _without(parameters, parameters.failed)

@@ -2,27 +2,32 @@
 
 from collections import defaultdict
 
+from appliance.core.verification import REQUIRED, Sign
 from appliance.types import Check, Verdict, VerdictKind
-
-REQUIRED = ("polarity", "scale-lateral", "scale-axial", "rotation-elevational")
-"""What must be shown within its limit before the calibration counts as verified. The other parameters are shown only by
-tilt and turn, which an ordinary sweep may lack; they can fail, but their absence does not withhold an OK."""
 
 _LASTING_NS = 1_000_000_000
 _FIRST = ("frozen-video", "tracker-stale", "polarity", "latency")
 """Faults that spoil everything measured after them, in the order in which they are named."""
 
 
-def judge(t_ns: int, checks: tuple[Check, ...]) -> Verdict:
-    """FAULT if any check failed, OK if every required one is shown, NOT_VERIFIED otherwise."""
+def judge(
+    t_ns: int, checks: tuple[Check, ...], verified_ns: int | None = None, contradicted: tuple[Sign, ...] = ()
+) -> Verdict:
+    """FAULT if any check failed, OK if every required one is shown and none contradicted, NOT_VERIFIED otherwise.
+
+    verified_ns, contradicted: of the `Verification`.
+    """
     failed = [check for check in checks if check.verdict is VerdictKind.FAULT]
     if failed:
         worst = min(failed, key=_urgency)
         return Verdict(t_ns, VerdictKind.FAULT, checks, worst.fault, _sentence(worst))
+    if contradicted:
+        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, _contradiction(contradicted[0]))
     missing = [name for name in REQUIRED if name not in _shown(checks)]
     if missing:
-        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, f"not shown yet: {', '.join(missing)}")
-    return Verdict(t_ns, VerdictKind.OK, checks, None, "calibration verified")
+        reason = f"not shown yet: {', '.join(missing)}"
+        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, reason, verified_ns)
+    return Verdict(t_ns, VerdictKind.OK, checks, None, "calibration verified", verified_ns)
 
 
 class Judgement:
@@ -77,6 +82,12 @@ def _shown(checks: tuple[Check, ...]) -> set[str]:
 def _urgency(check: Check) -> tuple[int, float]:
     rank = _FIRST.index(check.fault) if check.fault in _FIRST else len(_FIRST)
     return rank, -check.ratio
+
+
+def _contradiction(sign: Sign) -> str:
+    check = sign.check
+    wait = "must be shown anew by motion" if sign.named else "waiting for it to be confirmed"
+    return f"{_sentence(check)}: {wait}"
 
 
 def _sentence(check: Check) -> str:

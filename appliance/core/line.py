@@ -89,7 +89,8 @@ class Line:
         self._paired += isinstance(item, StampedPair)
         if refusal := refused_picture(item.frame.image):
             self._lose_sight()
-            verdict = Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._facts(), None, refusal)
+            verified_ns = self._evidence.verified_ns
+            verdict = Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._facts(), None, refusal, verified_ns)
             self._judgement.note(verdict)
             return verdict
         height, width = item.frame.image.shape
@@ -100,10 +101,11 @@ class Line:
             self._watch(item)
         elif self._frozen_check.value > _SHOWN_AGAIN_MS:
             self._lose_sight()
+        self._solve(t_ns)
         return self._judged(t_ns, (*self._evidence.checks(), *self._facts()))
 
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
-        verdict = judge(t_ns, checks)
+        verdict = judge(t_ns, checks, self._evidence.verified_ns, self._evidence.contradicted)
         self._judgement.note(verdict)
         return verdict
 
@@ -126,7 +128,6 @@ class Line:
             self._slip.pause()
             return
         self._compare(item, tracked)
-        self._solve(frame.stamp.t_ns)
 
     def _compare(self, pair: StampedPair, tracked: Tracked) -> None:
         motion = self._analyse(pair, tracked)
@@ -164,7 +165,7 @@ class Line:
         if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < _SOLVE_EVERY_NS:
             return
         self._solve_ns = t_ns
-        self._evidence.solve()
+        self._evidence.solve(t_ns)
         if self._evidence.shows("polarity"):
             self._picture_event.forget_flips()
         if self._evidence.shows("scale"):

@@ -93,21 +93,28 @@ class Ledger:
 
     def _note_verdict(self, verdict: Verdict) -> None:
         self.last = verdict
+        self._note_verification(verdict)
         if verdict.kind is VerdictKind.OK:
             self._note_ok(verdict)
         elif verdict.fault is not None and kind_of(verdict.fault) is Kind.CALIBRATION:
-            self.verified_ns = None
+            self._barrier_ns = max(min(verdict.t_ns, self.now_ns), self._barrier_ns or 0)
             self.acknowledged = self.acknowledged and self.calibration.active
             self.calibration.show(self.now_ns, verdict.fault, verdict.reason or HAZARDS[verdict.fault].text)
         else:
             self.calibration.stand()
 
+    def _note_verification(self, verdict: Verdict) -> None:
+        """Age counts from the motion, not from the verdict. What was measured before the last disturbance, or claims to
+        be of the future, verifies nothing.
+        """
+        shown_ns = verdict.verified_ns
+        after_ns = -1 if self._barrier_ns is None else self._barrier_ns
+        stands = shown_ns is not None and after_ns < shown_ns <= self.now_ns
+        self.verified_ns = shown_ns if stands else None
+
     def _note_ok(self, verdict: Verdict) -> None:
-        """Only what was measured after the last disturbance verifies anything."""
-        if self._barrier_ns is not None and verdict.t_ns <= self._barrier_ns:
-            return
-        self.calibration.lift(self.now_ns)
-        self.verified_ns = min(verdict.t_ns, self.now_ns)
+        if self.verified_ns is not None:
+            self.calibration.lift(self.now_ns)
 
     def acknowledge(self) -> None:
         """A person has seen the latched state; a fault that comes anew is not acknowledged."""

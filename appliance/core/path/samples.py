@@ -22,6 +22,7 @@ class PathSamples:
     at t_s + latency; earlier_poses, later_poses: the same, half of `apart_s` before and after, for the derivative by
     latency. apart_s spans several pose periods, or tracker noise would drown the velocity. hidden_mm: (n,) ≥ 0, way of
     the probe since the picture before that the picture does not show, where that is most of it; 0 elsewhere.
+    origin_ns: stamp that t_s counts from.
     """
 
     t_s: Array
@@ -33,6 +34,7 @@ class PathSamples:
     later_poses: Array
     apart_s: float
     hidden_mm: Array
+    origin_ns: int = 0
 
     @cached_property
     def kept(self) -> NDArray[np.bool_]:
@@ -45,10 +47,23 @@ class PathSamples:
             )
         return kept
 
+    def stamp_ns(self, t_s: float) -> int:
+        """Stamp of a time of t_s."""
+        return self.origin_ns + round(t_s * 1e9)
+
     @property
     def in_plane_share(self) -> float:
         """Share of pictures before which little was hidden."""
         return float(np.mean(self.hidden_mm == 0.0)) if len(self.hidden_mm) else 0.0
+
+    @cached_property
+    def moved_ns(self) -> int:
+        """Stamp at and after which half of the picture's way along each axis was gone, the older of the two."""
+        later, *_ = self.times.walk
+        u_px = self.u_px[self.kept]
+        way = np.square(u_px[later] - u_px[later - 1]).cumsum(axis=0)
+        half = min(int(np.searchsorted(along, along[-1] / 2)) for along in way.T)
+        return self.stamp_ns(float(self.times.t_s[later[half]]))
 
     @cached_property
     def times(self) -> Times:

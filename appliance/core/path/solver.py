@@ -11,10 +11,11 @@ section 3).
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from appliance.core.geometry import Array, rotation_from_vector
 from appliance.core.path.noise import Noise, Whitener, position_weight
-from appliance.core.path.residual import OFFSET, TAU, VALUE, PathResidual, Rows, side_by_side
+from appliance.core.path.residual import OFFSET, TAU, VALUE, PathResidual, side_by_side
 from appliance.core.path.samples import PathSamples
 from appliance.types import Calibration
 
@@ -51,7 +52,10 @@ class Solution:
 
     covariance: (9, 9). position_noise_mm, angle_noise_rad: white tracker noise found. correlation: of measured and
     predicted in-plane steps, the worse of the two axes that moved; NaN where none did. misfit: −2 log likelihood per
-    picture. motions: pictures used.
+    picture. motions: pictures used. shown_ns: (9,) for each of θ the stamp at and after which half of the information on
+    it lies. An estimate that mixes motion from before and after a change of twice its limit can stay within the limit
+    only while less than half of it is from after: so this is the newest time at which an estimate within its limit is
+    known to have held, and motion that says little, or none at all, makes it no younger.
     """
 
     calibration: Calibration
@@ -62,6 +66,7 @@ class Solution:
     correlation: float
     misfit: float
     motions: int
+    shown_ns: NDArray[np.int64]
 
 
 def solve(samples: PathSamples, reference: Calibration, prior: Prior = Prior()) -> Solution:
@@ -70,9 +75,9 @@ def solve(samples: PathSamples, reference: Calibration, prior: Prior = Prior()) 
     theta, noise, rounds = np.zeros(9), problem.noise(np.zeros(9)), []
     for _ in range(_NOISE_ROUNDS):
         whiten = Whitener(samples.times, noise)
-        theta, covariance, cost = problem.minimise(theta, whiten, noise)
+        theta, covariance, cost, shown_ns = problem.minimise(theta, whiten, noise)
         settled, noise = noise, problem.noise(theta)
-        rounds.append((theta, covariance, cost + problem.residual.log_volume(whiten), noise))
+        rounds.append((theta, covariance, cost + problem.residual.log_volume(whiten), noise, shown_ns))
         if noise.like(settled):
             break
     # A worse fit asks for more noise, and more noise lets it be worse still: the likeliest round counts.
@@ -98,18 +103,23 @@ class _Problem:
         self.residual = PathResidual(samples, reference, prior.planar)
         self._reference = reference
         self._prior = prior
+        self._samples = samples
         self._period_s = samples.times.period_s
 
     def noise(self, theta: Array) -> Noise:
         """Of the residual path."""
         return self.residual.noise(self.residual.steps(theta))
 
-    def minimise(self, theta: Array, whiten: Whitener, noise: Noise) -> tuple[Array, Array, float]:
-        """Gauss–Newton with Huber weights on the innovations; covariance grows where they are wider than the model."""
+    def minimise(self, theta: Array, whiten: Whitener, noise: Noise) -> tuple[Array, Array, float, NDArray[np.int64]]:
+        """Gauss–Newton with Huber weights on the innovations; covariance grows where they are wider than the model.
+
+        Last: `Solution.shown_ns`.
+        """
         self.residual.linearise_latency(theta)
         whitened = self.residual.whitened(whiten)
         prior = np.diag(1 / self._prior_sd() ** 2)
-        covariance, excess = self._honest_covariance(whitened, noise, prior)
+        J = self.residual.linear(np.zeros(9), whitened)[:VALUE]
+        covariance, excess = self._honest_covariance(J, whitened[0].shape[1], noise, prior)
         known = prior.copy()
         known[OFFSET, OFFSET] -= np.diag(excess)
         drawn = np.zeros(9)
@@ -125,10 +135,18 @@ class _Problem:
             if np.all(np.abs(step) < 1e-6):
                 break
         spread = float(sums[VALUE, VALUE]) / max(r.size - 9, 1) / _HUBER_SHARE
-        return theta, covariance * max(_LEAST_SPREAD, spread), _huber_cost(r)
+        return theta, covariance * max(_LEAST_SPREAD, spread), _huber_cost(r), self._shown_ns(covariance @ J)
 
-    def _honest_covariance(self, whitened: Rows, noise: Noise, prior: Array) -> tuple[Array, Array]:
-        """I_c⁻¹ I I_c⁻¹ at the reference, where I_c is the information I less what tracker noise in it pretends; and
+    def _shown_ns(self, influence: Array) -> NDArray[np.int64]:
+        """influence: (9, rows · steps) of each innovation on θ; its squares add up to the variance of θ."""
+        later, *_ = self._samples.times.walk
+        shares = np.square(influence).reshape(9, -1, later.size).sum(axis=1).cumsum(axis=1)
+        half = [int(np.searchsorted(share, share[-1] / 2)) for share in shares]
+        t_s = self._samples.times.t_s[later[half]]
+        return np.array([self._samples.stamp_ns(float(t)) for t in t_s], dtype=np.int64)
+
+    def _honest_covariance(self, J: Array, steps: int, noise: Noise, prior: Array) -> tuple[Array, Array]:
+        """J (9, m): of all rows, `steps` innovations each. I_c⁻¹ I I_c⁻¹ at the reference, where I_c is the information I less what tracker noise in it pretends; and
         the excess (3,) of the offsets, zero where the motion does not rise well above it.
 
         Each picture adds one such unit in each of the two rows that a rotation enters. Without this, motion that has no
@@ -138,8 +156,6 @@ class _Problem:
         A turn error δ of one pose moves the residual by δ × t_x and its derivative by t_x with it: the offset would
         shrink by the ratio of excess to information, so `minimise` takes the excess off (errors in variables).
         """
-        J = self.residual.linear(np.zeros(9), whitened)[:VALUE]
-        steps = whitened[0].shape[1]
         information = J @ J.T + prior
         entered = np.array([2.0, 2.0, 2.0] if self._prior.planar else [1.0, 1.0, 2.0])
         excess = entered * steps * noise.angle_rad**2 * position_weight(noise, self._period_s)
@@ -154,7 +170,9 @@ class _Problem:
         p = self._prior
         return np.array([p.tilt_rad] * 2 + [p.rotation_rad] + [p.scale] * 2 + [p.offset_mm] * 3 + [p.latency_s])
 
-    def conclude(self, theta: Array, covariance: Array, cost: float, noise: Noise) -> Solution:
+    def conclude(
+        self, theta: Array, covariance: Array, cost: float, noise: Noise, shown_ns: NDArray[np.int64]
+    ) -> Solution:
         reference = self._reference
         estimate = replace(
             reference,
@@ -173,6 +191,7 @@ class _Problem:
             self.residual.agreement(theta),
             cost / len(self.residual),
             len(self.residual),
+            shown_ns,
         )
 
     def _observed(self, covariance: Array) -> tuple[bool, ...]:

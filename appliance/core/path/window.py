@@ -122,6 +122,11 @@ class PathWindow:
         return self._seen[-1].stamp.t_ns if self._seen else 0
 
     @property
+    def start_ns(self) -> int:
+        """Time of the first motion; 0 while there is none."""
+        return self._seen[0].stamp.t_ns if self._seen else 0
+
+    @property
     def span_ns(self) -> int:
         """From the first motion to the latest."""
         return self._seen[-1].stamp.t_ns - self._seen[0].stamp.t_ns if self._seen else 0
@@ -171,7 +176,8 @@ class PathWindow:
         keep = known.all(axis=0)
         poses, earlier, later = around[:, keep]
         seen = t_s[keep], chain[keep], u_px[keep], alpha[keep]
-        samples = PathSamples(*seen, poses, earlier, later, _APART_S, np.zeros_like(seen[0]))
+        origin_ns = self._seen[0].stamp.t_ns
+        samples = PathSamples(*seen, poses, earlier, later, _APART_S, np.zeros_like(seen[0]), origin_ns)
         hidden_mm = self._hidden_mm(t_s, chain, u_px, alpha, around[0])[keep]
         return samples, replace(samples, hidden_mm=hidden_mm) if hidden_mm.any() else samples
 

@@ -1,5 +1,6 @@
 """Each parameter of the solved calibration against the reference: shown inside, shown outside, or not shown."""
 
+from dataclasses import replace
 from math import nan, sqrt
 
 import numpy as np
@@ -26,16 +27,19 @@ def trusted(solution: Solution) -> bool:
     return solution.correlation >= _LEAST_AGREEMENT
 
 
-def latency_check(latency: Latency | None, limits: Limits, stamps_err_s: float) -> Check:
+def latency_check(latency: Latency | None, limits: Limits, stamps_err_s: float, shown_ns: int | None = None) -> Check:
     """Lag of the tracker, ms, positive when it is late.
 
     stamps_err_s: bound of the error that the stamps of pictures and poses share. It is no noise: motion cannot average
-    it away, so it takes from the room on either side of the limit.
+    it away, so it takes from the room on either side of the limit. shown_ns: of the motion that it comes from.
     """
-    value, sigma = (nan, nan) if latency is None else (latency.value_s * 1e3, latency.sigma_s * 1e3)
-    return _judge(
-        "latency", "latency", value, sigma, "ms", limits.latency_ms, limits.confidence_sigma, stamps_err_s * 1e3
-    )
+    if latency is None:
+        return Check("latency", "latency", nan, nan, "ms", limits.latency_ms, VerdictKind.NOT_VERIFIED)
+    check = Check(
+        "latency", "latency", latency.value_s * 1e3, latency.sigma_s * 1e3, "ms", limits.latency_ms,
+        VerdictKind.NOT_VERIFIED, shown_ns,
+    )  # fmt: skip
+    return _judged(check, limits.confidence_sigma, stamps_err_s * 1e3)
 
 
 def agreement_check(solution: Solution | None) -> Check:
@@ -61,18 +65,14 @@ def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
     sigma = sqrt(float(solution.covariance[index, index])) * factor
     if not solution.calibration.observed[index]:
         return Check(name, fault, nan, sigma, unit, limit, VerdictKind.NOT_VERIFIED)
-    return _judge(name, fault, value, sigma, unit, limit, limits.confidence_sigma)
+    shown_ns = int(solution.shown_ns[index])
+    check = Check(name, fault, value, sigma, unit, limit, VerdictKind.NOT_VERIFIED, shown_ns)
+    return _judged(check, limits.confidence_sigma)
 
 
-def _judge(
-    name: str, fault: str, value: float, sigma: float, unit: str, limit: float, confidence: float, bound: float = 0.0
-) -> Check:
-    """OK and FAULT both need `confidence` standard deviations and the bound as room; NaN and what lies between show
-    nothing.
-    """
-    verdict, room = VerdictKind.NOT_VERIFIED, confidence * sigma + bound
-    if abs(value) + room <= limit:
-        verdict = VerdictKind.OK
-    elif abs(value) - room > limit:
-        verdict = VerdictKind.FAULT
-    return Check(name, fault, value, sigma, unit, limit, verdict)
+def _judged(check: Check, confidence: float, bound: float = 0.0) -> Check:
+    """OK and FAULT both need `confidence` standard deviations and the bound as room; what lies between shows nothing."""
+    room = confidence * check.sigma + bound
+    if abs(check.value) + room <= check.limit:
+        return replace(check, verdict=VerdictKind.OK)
+    return replace(check, verdict=VerdictKind.FAULT) if abs(check.value) - room > check.limit else check

@@ -27,9 +27,9 @@ def weigh_polarity(samples: PathSamples, reference: Calibration) -> tuple[tuple[
     margin = (min(misfits[p] for p in POLARITIES if p != best) - misfits[best]) * samples.t_s.size
     agreement = path_agreement(samples, flipped(reference, best))
     if margin < _CONVINCING or not agreement > _LEAST_AGREEMENT:
-        return (1, 1), _check(float("nan"), VerdictKind.NOT_VERIFIED)
+        return (1, 1), _check(float("nan"), VerdictKind.NOT_VERIFIED, None)
     axes = float(best.count(-1))
-    return best, _check(axes, VerdictKind.FAULT if axes else VerdictKind.OK)
+    return best, _check(axes, VerdictKind.FAULT if axes else VerdictKind.OK, samples.moved_ns)
 
 
 def flipped(reference: Calibration, polarity: tuple[int, int]) -> Calibration:
@@ -38,5 +38,5 @@ def flipped(reference: Calibration, polarity: tuple[int, int]) -> Calibration:
     return replace(reference, polarity=(lateral * polarity[0], axial * polarity[1]))
 
 
-def _check(value: float, verdict: VerdictKind) -> Check:
-    return Check("polarity", "polarity", value, 0.0, "axes", 0.5, verdict)
+def _check(value: float, verdict: VerdictKind, shown_ns: int | None) -> Check:
+    return Check("polarity", "polarity", value, 0.0, "axes", 0.5, verdict, shown_ns)
