@@ -43,14 +43,14 @@ def test_times_that_no_two_readings_bracket_are_said_so() -> None:
     assert known.tolist() == [False]
 
 
-def test_a_reading_that_is_not_newer_is_ignored_and_old_ones_are_forgotten() -> None:
+def test_old_readings_are_forgotten_and_those_of_the_future_can_be() -> None:
     poses = PoseTrack(1_000_000_000)
-    poses.add(100, np.eye(4))
-    poses.add(100, 2 * np.eye(4))
-    poses.add(90, np.eye(4))
+    for t_ns in (90, 100, 2_000_000_000):
+        poses.add(t_ns, np.eye(4))
     assert len(poses.arrays(0)[0]) == 1
-    poses.add(2_000_000_000, np.eye(4))
-    assert len(poses.arrays(0)[0]) == 1
+    poses.add(2_000_000_100, np.eye(4))
+    poses.forget(2_000_000_050)
+    np.testing.assert_allclose(poses.arrays(0)[0], [2.0])
     poses.clear()
     assert len(poses.arrays(0)[0]) == 0
 

@@ -83,7 +83,9 @@ def test_a_confirmed_reference_stays(new):
     cart.recalibration.begin()
     cart.recalibration.end(new)
     for _ in range(3):
-        cart.step(Inputs((Verdict(cart.now_ns + 50_000_000, VerdictKind.OK, (), verified_ns=cart.now_ns + 50_000_000),)))
+        cart.step(
+            Inputs((Verdict(cart.now_ns + 50_000_000, VerdictKind.OK, (), verified_ns=cart.now_ns + 50_000_000),))
+        )
     assert cart.state is State.MONITORING
     cart.fail("video-lost")
     assert cart.estimator.reference is not OLD

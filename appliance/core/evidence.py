@@ -98,6 +98,14 @@ class Evidence:
         self._settled_ns = 0
         self._failing_ns = None
 
+    def forget(self, since_ns: int) -> None:
+        """Motion at or after since_ns was stamped wrongly."""
+        self.window.forget(since_ns)
+        self._verification.forget(since_ns)
+        self._latest = self._nothing
+        self._valid_ns, self._settled_ns = (min(t_ns, since_ns) for t_ns in (self._valid_ns, self._settled_ns))
+        self._failing_ns = None
+
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution."""
         return self._latest.checks

@@ -13,6 +13,7 @@ from appliance.core.pairing import Pairing, Unpaired
 from appliance.core.path.window import PathWindow
 from appliance.core.picture.realtime_tracker import RealTimeTracker, Tracked
 from appliance.core.report import LineReport
+from appliance.core.stamp_gate import Passage, StampGate
 from appliance.core.watchers.frozen_tracker import FrozenTracker
 from appliance.core.watchers.frozen_video import FrozenVideo
 from appliance.core.watchers.marker_slip import MarkerSlip
@@ -38,10 +39,12 @@ class Line:
 
     def __init__(self, reference: Calibration, limits: Limits) -> None:
         self._reference = reference
+        self._frame_gate, self._pose_gate = StampGate(), StampGate()
         self._pairing = Pairing()
         self._tracker = RealTimeTracker(float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0]))
         self._evidence = Evidence(reference, limits, PathWindow(reference))
-        self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
+        self._frozen_ns = round(limits.frozen_ms * 1e6)
+        self._frozen = FrozenVideo(self._frozen_ns)
         self._frozen_check: Check | None = None
         self._frozen_tracker = FrozenTracker(_STALE_NS)
         self._picture_event = PictureEvent(limits.scale_percent)
@@ -54,12 +57,15 @@ class Line:
 
     def step(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
         """Take the next sample; one verdict for each frame that it settles."""
+        gate = self._count(sample)
+        passage = gate.step(sample.stamp.t_ns)
+        if passage is Passage.REFUSED:
+            return self._refused(sample)
+        if passage is Passage.TURNED_BACK:
+            self._turn_back(sample)
         if isinstance(sample, Pose):
             sample = checked_pose(sample)
-            self._poses += 1
             self._take_pose(sample)
-        else:
-            self._frames += 1
         return tuple(self._settled(item) for item in self._pairing.step(sample))
 
     def report(self) -> LineReport:
@@ -78,6 +84,33 @@ class Line:
             checks=verdict.checks,
             verdict=verdict,
         )
+
+    def _count(self, sample: Frame | Pose) -> StampGate:
+        if isinstance(sample, Pose):
+            self._poses += 1
+            return self._pose_gate
+        self._frames += 1
+        return self._frame_gate
+
+    def _refused(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
+        """A frame with a stamp that cannot be believed is settled at the time of the last one that could."""
+        if isinstance(sample, Pose):
+            return ()
+        self._pairing.unpaired[Passage.REFUSED.value] += 1
+        return (self._judged(self._frame_gate.last_ns or 0, self._checks()),)
+
+    def _turn_back(self, sample: Frame | Pose) -> None:
+        """What is stamped at or after this sample was stamped in the future."""
+        t_ns = sample.stamp.t_ns
+        if isinstance(sample, Pose):
+            self._pairing.forget_poses(t_ns)
+            self._evidence.window.poses.forget(t_ns)
+            self._frozen_tracker = FrozenTracker(_STALE_NS)
+        else:
+            self._pairing.forget_frames(t_ns)
+            self._evidence.forget(t_ns)
+            self._frozen = FrozenVideo(self._frozen_ns)
+            self._slip.pause()
 
     def _take_pose(self, pose: Pose) -> None:
         if pose.matrix is not None:
@@ -102,7 +135,10 @@ class Line:
         elif self._frozen_check.value > _SHOWN_AGAIN_MS:
             self._lose_sight()
         self._solve(t_ns)
-        return self._judged(t_ns, (*self._evidence.checks(), *self._facts()))
+        return self._judged(t_ns, self._checks())
+
+    def _checks(self) -> tuple[Check, ...]:
+        return (*self._evidence.checks(), *self._facts())
 
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
         verdict = judge(t_ns, checks, self._evidence.verified_ns, self._evidence.contradicted)

@@ -11,7 +11,6 @@ NO_POSE = "no pose before the frame"
 GAP = "poses too far apart"
 NOT_OK = "pose not usable: "
 NEVER = "no pose after the frame"
-BACKWARDS = "frame older than the one before"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +24,8 @@ class Unpaired:
 class Pairing:
     """Holds frames until a pose at or after frame time + latency has come.
 
+    Each stream comes in the order of its stamps, as `StampGate` lets it in.
+
     latency_ns > 0 where the tracker is late: the pose stamped t + latency belongs to the image stamped t.
     max_gap_ns: poses further apart than this do not bracket. max_waiting: frames held before the oldest is given up.
     """
@@ -34,7 +35,6 @@ class Pairing:
         self._max_waiting = max_waiting
         self._poses: deque[Pose] = deque()
         self._frames: deque[Frame] = deque()
-        self._last_frame_ns: int | None = None
         self.latency_ns = 0
         self.unpaired: Counter[str] = Counter()
 
@@ -54,15 +54,21 @@ class Pairing:
         self.unpaired.update(item.reason for item in left)
         return left
 
+    def forget_frames(self, since_ns: int) -> None:
+        """Frames that wait with a stamp at or after since_ns were stamped wrongly."""
+        while self._frames and self._frames[-1].stamp.t_ns >= since_ns:
+            self.unpaired[NEVER] += 1
+            self._frames.pop()
+
+    def forget_poses(self, since_ns: int) -> None:
+        """Poses at or after since_ns were stamped wrongly."""
+        while self._poses and self._poses[-1].stamp.t_ns >= since_ns:
+            self._poses.pop()
+
     def _admit(self, sample: Frame | Pose) -> list[Unpaired]:
         if isinstance(sample, Pose):
-            if self._poses and sample.stamp.t_ns <= self._poses[-1].stamp.t_ns:
-                return []
             self._poses.append(sample)
             return []
-        if self._last_frame_ns is not None and sample.stamp.t_ns <= self._last_frame_ns:
-            return [Unpaired(sample, BACKWARDS)]
-        self._last_frame_ns = sample.stamp.t_ns
         self._frames.append(sample)
         if len(self._frames) > self._max_waiting:
             return [Unpaired(self._frames.popleft(), NEVER)]

@@ -25,7 +25,7 @@ much with the motion in them; a blunter one says nothing about what the sharper 
 
 @dataclass(frozen=True, slots=True)
 class Sign:
-    """A measurement beyond its limit by its own sigmas. until_ns: newest motion in it. named: it was told as a FAULT."""
+    """A measurement beyond its limit by its own sigmas. until_ns: newest motion in it. named: told as a FAULT."""
 
     check: Check
     until_ns: int
@@ -43,6 +43,13 @@ class Verification:
     def restart(self) -> None:
         """The geometry has changed: nothing is shown any more. Signs stand until new motion answers them."""
         self._shown_ns.clear()
+
+    def forget(self, since_ns: int) -> None:
+        """Motion at or after since_ns was stamped wrongly: it shows nothing, and a sign of it is one of just before."""
+        self._shown_ns = {name: t_ns for name, t_ns in self._shown_ns.items() if t_ns < since_ns}
+        self._signs = {
+            name: replace(sign, until_ns=min(sign.until_ns, since_ns - 1)) for name, sign in self._signs.items()
+        }
 
     @property
     def contradicted(self) -> tuple[Sign, ...]:

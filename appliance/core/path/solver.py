@@ -52,10 +52,12 @@ class Solution:
 
     covariance: (9, 9). position_noise_mm, angle_noise_rad: white tracker noise found. correlation: of measured and
     predicted in-plane steps, the worse of the two axes that moved; NaN where none did. misfit: −2 log likelihood per
-    picture. motions: pictures used. shown_ns: (9,) for each of θ the stamp at and after which half of the information on
-    it lies. An estimate that mixes motion from before and after a change of twice its limit can stay within the limit
-    only while less than half of it is from after: so this is the newest time at which an estimate within its limit is
-    known to have held, and motion that says little, or none at all, makes it no younger.
+    picture. motions: pictures used.
+
+    shown_ns: (9,) for each of θ the stamp on either side of which half of the information on it lies. An estimate that
+    mixes motion from before and after a change of twice its limit stays within the limit only while less than half of
+    it is from after: so this is the newest time at which an estimate within its limit is known to have held, and motion
+    that says little, or nothing at all, makes it no younger.
     """
 
     calibration: Calibration
@@ -146,8 +148,10 @@ class _Problem:
         return np.array([self._samples.stamp_ns(float(t)) for t in t_s], dtype=np.int64)
 
     def _honest_covariance(self, J: Array, steps: int, noise: Noise, prior: Array) -> tuple[Array, Array]:
-        """J (9, m): of all rows, `steps` innovations each. I_c⁻¹ I I_c⁻¹ at the reference, where I_c is the information I less what tracker noise in it pretends; and
+        """I_c⁻¹ I I_c⁻¹ at the reference, where I_c is the information I less what tracker noise in it pretends; and
         the excess (3,) of the offsets, zero where the motion does not rise well above it.
+
+        J: (9, m) of all rows, each of `steps` innovations.
 
         Each picture adds one such unit in each of the two rows that a rotation enters. Without this, motion that has no
         elevational part would seem to show the rotations about lateral and axial; and at the solution the fit has

@@ -30,24 +30,25 @@ class PoseTrack:
 
     def __init__(self, span_ns: int) -> None:
         self._span_ns = span_ns
-        self._newest_ns: int | None = None
         self._new: list[tuple[int, Matrix4]] = []
         self._times_ns, self._positions, self._turns = _NO_TRACK
 
     def add(self, t_ns: int, matrix: Matrix4) -> None:
-        """Poses older than the newest one are ignored."""
-        if self._newest_ns is not None and t_ns <= self._newest_ns:
-            return
-        self._newest_ns = t_ns
+        """Take the next pose, in time order."""
         self._new.append((t_ns, matrix))
         if len(self._new) >= _MOST_NEW:
             self._take_new()
 
     def clear(self) -> None:
         """Forget everything."""
-        self._newest_ns = None
         self._new.clear()
         self._times_ns, self._positions, self._turns = _NO_TRACK
+
+    def forget(self, since_ns: int) -> None:
+        """Poses at or after since_ns were stamped wrongly."""
+        self._take_new()
+        kept = slice(None, np.searchsorted(self._times_ns, since_ns))
+        self._times_ns, self._positions, self._turns = self._times_ns[kept], self._positions[kept], self._turns[kept]
 
     def arrays(self, origin_ns: int) -> tuple[Array, Array, Array]:
         """Times s since origin_ns (m,), positions mm (m, 3), quaternions (m, 4) of continuous sign."""
@@ -111,6 +112,12 @@ class PathWindow:
         """What comes next obeys another calibration: forget the pictures, keep the poses."""
         self._changed()
         self._seen.clear()
+
+    def forget(self, since_ns: int) -> None:
+        """Motion at or after since_ns was stamped wrongly."""
+        self._changed()
+        while self._seen and self._seen[-1].stamp.t_ns >= since_ns:
+            self._seen.pop()
 
     def _changed(self) -> None:
         self._arrays_known = None

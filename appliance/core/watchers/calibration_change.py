@@ -71,7 +71,7 @@ def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
 
 
 def _judged(check: Check, confidence: float, bound: float = 0.0) -> Check:
-    """OK and FAULT both need `confidence` standard deviations and the bound as room; what lies between shows nothing."""
+    """OK and FAULT both need `confidence` sigmas and the bound as room; what lies between shows nothing."""
     room = confidence * check.sigma + bound
     if abs(check.value) + room <= check.limit:
         return replace(check, verdict=VerdictKind.OK)
