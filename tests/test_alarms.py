@@ -24,6 +24,7 @@ SHOWN_IN = {
     Kind.DEVICE: (State.WARNING, State.DEVICE_LOST, State.RECALIBRATING),
     Kind.INTERNAL: (State.INTERNAL_FAULT, State.WARNING, State.RECALIBRATING),
     Kind.INTEGRITY: (State.INTERNAL_FAULT,),
+    Kind.SIGHT: (State.NOT_VERIFIED,),
     Kind.ADVISORY: (),
 }
 """States that name a hazard of each kind."""

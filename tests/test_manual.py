@@ -28,5 +28,5 @@ def test_the_page_on_the_control_socket_lists_every_request_and_every_field_of_t
     hands = Hands(**{one.name: None for one in fields(Hands)})  # type: ignore[arg-type]
     assert set(re.findall(r"^\| `([a-z-]+)` \|", requests, re.M)) == set(Requests(hands).names)
     alarm = AlarmState(State.MONITORING, 0, None, "", True, None)
-    known = alarm_fields(0, alarm, "en").keys() | check_lists(None, ()).keys()
+    known = alarm_fields(0, alarm, "en").keys() | check_lists(0, None, ()).keys()
     assert known <= set(re.findall(r"^\| `([a-z_]+)` \|", status, re.M))

@@ -219,7 +219,15 @@ def test_json_is_the_documented_contract():
         },
         "second_opinion": None,
         "checks": [
-            {"name": "scale lateral", "value": 2.0, "unit": "%", "limit": 5.0, "ratio": 0.4, "verdict": "OK"},
+            {
+                "name": "scale lateral",
+                "value": 2.0,
+                "unit": "%",
+                "limit": 5.0,
+                "ratio": 0.4,
+                "verdict": "OK",
+                "shown_age_s": None,
+            },
             {
                 "name": "scale axial",
                 "value": None,
@@ -227,6 +235,7 @@ def test_json_is_the_documented_contract():
                 "limit": 5.0,
                 "ratio": None,
                 "verdict": "NOT_VERIFIED",
+                "shown_age_s": None,
             },
         ],
         "verdict": "FAULT",

@@ -457,7 +457,7 @@ def test_the_self_test_takes_what_has_come_to_life() -> None:
 def test_unseen_probe_is_not_verified_and_needs_verification_anew() -> None:
     room = room_in(State.MONITORING)
     assert room.at(TICK_NS, UNSEEN) is N
-    assert room.alarm.reason == "probe not seen by the tracker"
+    assert room.alarm.reason == HAZARDS["line-of-sight"].text
     assert room.at(TICK_NS) is N
     assert room.ok() is M
 
@@ -467,7 +467,7 @@ def test_what_a_tracker_does_not_tell_withholds_nothing() -> None:
     untold = device("marker-body", VerdictKind.NOT_VERIFIED)
     assert room.at(TICK_NS, Inputs(ok(room.now_ns + TICK_NS).verdicts, untold.devices)) is M
     assert room.at(TICK_NS, Inputs((), (*untold.devices, *UNSEEN.devices))) is N
-    assert room.alarm.reason == "probe not seen by the tracker"
+    assert room.alarm.reason == HAZARDS["line-of-sight"].text
 
 
 def test_frozen_picture_is_lost_like_a_device_and_recovers_by_itself() -> None:
@@ -672,7 +672,7 @@ def test_what_is_refused_says_why() -> None:
 
 def test_each_state_tells_its_own_cause() -> None:
     room = room_in(State.MONITORING)
-    room.at(TICK_NS, unsure(room.now_ns))
+    room.at(TICK_NS, resting(room.now_ns))
     assert room.alarm.reason == operator_text(State.MONITORING, None)[0]
     testing = Room()
     testing.step(device("estimator-silent"))

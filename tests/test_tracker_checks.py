@@ -10,7 +10,7 @@ import pytest
 
 from appliance.limits import Limits
 from appliance.service.source_thread import TrackerThread
-from appliance.supervision.alarms import UNVERIFIED
+from appliance.supervision.alarms import Kind, kind_of
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import Check, VerdictKind
@@ -53,7 +53,8 @@ class Watch:
         return [
             name
             for name, check in self.checks().items()
-            if check.verdict is VerdictKind.FAULT or (check.fault in UNVERIFIED and check.verdict is not VerdictKind.OK)
+            if check.verdict is VerdictKind.FAULT
+            or (kind_of(check.fault) is Kind.SIGHT and check.verdict is not VerdictKind.OK)
         ]
 
     def healthy(self) -> bool:

@@ -59,7 +59,7 @@ def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any
         "latency": _latency(report.latency),
         "calibration": {**_calibration(report.estimate), "motions": report.motions},
         "second_opinion": _second_opinion(report.second_opinion),
-        "checks": [_check(check) for check in report.checks],
+        "checks": [_check(check, report.verdict.t_ns) for check in report.checks],
         "verdict": report.verdict.kind.value,
         "fault": report.verdict.fault,
         "timeline": [{"t_s": change.t_s, "state": change.state.value, "reason": change.reason} for change in timeline],
@@ -80,7 +80,7 @@ def _latency(check: Check | None) -> dict[str, Any]:
     return {"value_ms": _number(check.value), "sigma_ms": _number(check.sigma), "verdict": check.verdict.value}
 
 
-def _check(check: Check) -> dict[str, Any]:
+def _check(check: Check, end_ns: int) -> dict[str, Any]:
     return {
         "name": check.name,
         "value": _number(check.value),
@@ -88,6 +88,7 @@ def _check(check: Check) -> dict[str, Any]:
         "limit": _number(check.limit),
         "ratio": _number(check.ratio),
         "verdict": check.verdict.value,
+        "shown_age_s": None if check.shown_ns is None else (end_ns - check.shown_ns) / 1e9,
     }
 
 

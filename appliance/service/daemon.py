@@ -254,7 +254,7 @@ class Daemon:
         testing = self._annunciator.testing(self._now_ns)
         return {
             **alarm_fields(self._now_ns, self._alarm, self._config.alarm.language),
-            **check_lists(self._verdict, self._devices),
+            **check_lists(self._now_ns, self._verdict, self._devices),
             "audio": audio_fields(self._now_ns, self._annunciator.sound, testing),
             "outputs": output_fields(self._outputs),
             "log": log_fields(self._recorder),
@@ -273,6 +273,7 @@ class Daemon:
             "frames": self._video.samples,
             "poses": self._tracker.samples,
             "frame_gaps": self._video.gaps,
+            "early_stamps": self._video.early_stamps + self._tracker.early_stamps,
             "dropped_frames": 0 if word is None else word.dropped_frames,
             "dropped_poses": 0 if word is None else word.dropped_poses,
             "output_writes": sum(output.writes for output in self._outputs),

@@ -20,7 +20,10 @@ _LISTEN_NS = 1_000_000_000
 
 
 class SourceThread(DeviceThread):
-    """deliver takes each sample; it never blocks, and raises ValueError for one too large to pass on."""
+    """deliver takes each sample; it never blocks, and raises ValueError for one too large to pass on.
+
+    samples: passed on. early_stamps: refused, since they were stamped later than they arrived.
+    """
 
     def __init__(
         self,
@@ -32,7 +35,7 @@ class SourceThread(DeviceThread):
     ) -> None:
         super().__init__(role, url, clock)
         self._open, self._deliver = open_source, deliver
-        self.samples = 0
+        self.samples = self.early_stamps = 0
 
     def note(self, sample: Sample, now_ns: int) -> None:
         """Keep what the watchers need to know of this sample."""
@@ -55,6 +58,9 @@ class SourceThread(DeviceThread):
                     raise DeviceLost("is open but sends nothing", self.url, "Check its cable and that it is running")
 
     def _pass_on(self, sample: Sample, now_ns: int) -> None:
+        if sample.stamp.t_ns - sample.stamp.err_ns > now_ns:
+            self._refuse_early(sample, now_ns)
+            return
         try:
             self._deliver(sample)
         except ValueError as error:
@@ -62,6 +68,14 @@ class SourceThread(DeviceThread):
         self.samples += 1
         self.note(sample, now_ns)
         self.note_success()
+
+
+    def _refuse_early(self, sample: Sample, now_ns: int) -> None:
+        """What claims to be of the future would look young for as long as it is ahead."""
+        if self.early_stamps == 0:
+            ahead_ms = (sample.stamp.t_ns - now_ns) / 1e6
+            self._log.warning("stamped later than it arrived, refused", ahead_ms=round(ahead_ms, 3))
+        self.early_stamps += 1
 
 
 class CaptureThread(SourceThread):

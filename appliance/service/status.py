@@ -33,12 +33,12 @@ def alarm_fields(now_ns: int, alarm: AlarmState, language: str) -> dict[str, Any
     }
 
 
-def check_lists(verdict: Verdict | None, devices: tuple[Check, ...]) -> dict[str, Any]:
+def check_lists(now_ns: int, verdict: Verdict | None, devices: tuple[Check, ...]) -> dict[str, Any]:
     """What the line and the device watchers see."""
     return {
         "verdict": None if verdict is None else verdict.kind.value,
-        "checks": [] if verdict is None else [check_fields(check) for check in verdict.checks],
-        "devices": [check_fields(check) for check in devices],
+        "checks": [] if verdict is None else [check_fields(now_ns, check) for check in verdict.checks],
+        "devices": [check_fields(now_ns, check) for check in devices],
     }
 
 
@@ -74,8 +74,8 @@ def log_fields(recorder: Recorder) -> dict[str, Any]:
     }
 
 
-def check_fields(check: Check) -> dict[str, Any]:
-    """One check, ready for JSON."""
+def check_fields(now_ns: int, check: Check) -> dict[str, Any]:
+    """One check, ready for JSON; how long ago motion showed it, null where none did."""
     return {
         "name": check.name,
         "fault": check.fault,
@@ -85,6 +85,7 @@ def check_fields(check: Check) -> dict[str, Any]:
         "limit": _number(check.limit),
         "ratio": _number(check.ratio),
         "verdict": check.verdict.value,
+        "shown_age_s": None if check.shown_ns is None else (now_ns - check.shown_ns) / 1e9,
     }
 
 

@@ -37,6 +37,7 @@ class Kind(Enum):
 
     CALIBRATION: warns, halts and latches. DEVICE: warns, is lost, and recovers by itself. INTERNAL: a part of
     probewatch itself; recovers by itself. INTEGRITY: what was written down is damaged; stands until acknowledged.
+    SIGHT: there is nothing to compare, as whenever the probe is laid aside; the contact opens without an alarm.
     ADVISORY: shown and logged, the contact stays as it is.
     """
 
@@ -44,6 +45,7 @@ class Kind(Enum):
     DEVICE = "device"
     INTERNAL = "internal"
     INTEGRITY = "integrity"
+    SIGHT = "sight"
     ADVISORY = "advisory"
 
 
@@ -136,11 +138,10 @@ HAZARDS = {
     "log-damaged": Hazard(
         Kind.INTEGRITY, "Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True
     ),
+    "line-of-sight": Hazard(Kind.SIGHT, "Probe not seen by the tracker", "Bring the probe into the tracker's view"),
+    "no-picture": Hazard(Kind.SIGHT, "No ultrasound in the picture", "Probe on the skin, live picture on the scanner"),
     "log-not-written": Hazard(Kind.ADVISORY, "Alarm log cannot be written", "Make room on the cart's disk; check it"),
 }
-
-UNVERIFIED = {"line-of-sight": "probe not seen by the tracker"}
-"""Checks that are no hazard but keep the calibration from being verified, and why."""
 
 ACKNOWLEDGED = "acknowledged, waiting until the calibration is verified again"
 

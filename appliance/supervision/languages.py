@@ -50,6 +50,10 @@ GERMAN = {
     "Alarm memory is damaged": "Alarmspeicher ist beschädigt",
     "Alarm log is damaged": "Alarmprotokoll ist beschädigt",
     "Read 'probewatch log --verify', then acknowledge": "'probewatch log --verify' lesen, dann quittieren",
+    "Probe not seen by the tracker": "Tracker sieht die Sonde nicht",
+    "Bring the probe into the tracker's view": "Sonde ins Sichtfeld des Trackers bringen",
+    "No ultrasound in the picture": "Kein Ultraschall im Bild",
+    "Probe on the skin, live picture on the scanner": "Sonde auf die Haut, Livebild am Ultraschallgerät",
     "Alarm log cannot be written": "Alarmprotokoll kann nicht geschrieben werden",
     "Make room on the cart's disk; check it": "Platz auf der Festplatte des Wagens schaffen; sie prüfen",
 }

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from appliance.supervision.alarms import HAZARDS, UNVERIFIED, Kind, Severity, kind_of
+from appliance.supervision.alarms import HAZARDS, Kind, Severity, kind_of
 from appliance.supervision.condition import Condition
 from appliance.types import Check, State, Verdict, VerdictKind
 
@@ -30,7 +30,7 @@ class Ledger:
         self.started_ns: int | None = None
         self.verified_ns: int | None = None
         self.last: Verdict | None = None
-        self.unverified = ""
+        self.sight: str | None = None
         self.notices: tuple[str, ...] = ()
         self.scanning = False
         self.acknowledged = False
@@ -47,8 +47,9 @@ class Ledger:
         self.now_ns = now_ns
         self.started_ns = now_ns if self.started_ns is None else self.started_ns
         failing = [check.fault for check in devices if check.verdict is VerdictKind.FAULT]
-        self._note_hazards(failing + self._frozen(verdicts[-1] if verdicts else self.last))
-        self._note_sight(devices)
+        newest = verdicts[-1] if verdicts else self.last
+        self._note_hazards(failing + self._frozen(newest))
+        self._note_sight(devices if newest is None else (*devices, *newest.checks))
         if not self.scanning:
             for verdict in verdicts:
                 self._note_verdict(verdict)
@@ -68,10 +69,11 @@ class Ledger:
         self.notices = tuple(fault for fault in failing if kind_of(fault) is Kind.ADVISORY)
         self._untested = any(HAZARDS[fault].tested for fault in failing)
 
-    def _note_sight(self, devices: tuple[Check, ...]) -> None:
-        unknown = [check.fault for check in devices if check.verdict is VerdictKind.NOT_VERIFIED]
-        self.unverified = next((UNVERIFIED[fault] for fault in unknown if fault in UNVERIFIED), "")
-        if self.device.active or self.internal.active or self.unverified:
+    def _note_sight(self, checks: tuple[Check, ...]) -> None:
+        """Whatever is not in view can be changed meanwhile."""
+        unknown = [check.fault for check in checks if check.verdict is not VerdictKind.OK]
+        self.sight = next((fault for fault in unknown if _of_sight(fault)), None)
+        if self.device.active or self.internal.active or self.sight is not None:
             self.forget_verification()
 
     def _note_integrity(self, failing: list[str]) -> None:
@@ -194,8 +196,10 @@ class Ledger:
 
     @property
     def verified(self) -> bool:
-        """The line has said OK, not longer ago than max_verification_age, and the probe is in sight."""
-        if self.verified_ns is None or self.unverified:
+        """Motion not older than max_verification_age has shown all that is required, nothing has contradicted it, and
+        probe and tissue are in sight.
+        """
+        if self.verified_ns is None or self.sight is not None:
             return False
         return self.now_ns - self.verified_ns <= self.durations.max_verification_age_ns
 
@@ -268,3 +272,7 @@ class Ledger:
 
     def _running_ns(self) -> int:
         return 0 if self.started_ns is None else self.now_ns - self.started_ns
+
+
+def _of_sight(fault: str) -> bool:
+    return fault in HAZARDS and kind_of(fault) is Kind.SIGHT

@@ -16,7 +16,7 @@ from enum import Enum
 
 import statemachine
 
-from appliance.supervision.alarms import ACKNOWLEDGED, operator_text
+from appliance.supervision.alarms import ACKNOWLEDGED, HAZARDS, operator_text
 from appliance.supervision.condition import Condition
 from appliance.supervision.ledger import Durations, Ledger
 from appliance.types import AlarmState, Check, State, Verdict
@@ -237,7 +237,7 @@ class Supervisor:
         if condition is not None:
             return (None if self.state in _CALM else condition.fault), condition.reason
         if self.state is State.NOT_VERIFIED:
-            return None, self._unverified_reason()
+            return self._ledger.sight, self._unverified_reason()
         return None, operator_text(self.state, None)[0]
 
     def _condition(self) -> Condition | None:
@@ -255,8 +255,8 @@ class Supervisor:
         return next((one for one in (calibration, device, internal) if one.active), None)
 
     def _unverified_reason(self) -> str:
-        if self._ledger.unverified:
-            return self._ledger.unverified
+        if self._ledger.sight is not None:
+            return HAZARDS[self._ledger.sight].text
         last = self._ledger.last
         if last is not None and last.reason:
             return last.reason
