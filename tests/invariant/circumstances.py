@@ -1,0 +1,66 @@
+"""What can happen to pictures, poses and stamps on their way to the line."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Pictures(Enum):
+    GENUINE = "genuine pictures"
+    BLACK = "black pictures with faint noise"
+    NOISE = "pictures of pure noise"
+    FLICKER = "every second picture blank"
+    FROZEN = "the same picture again and again"
+    GONE = "no pictures"
+
+
+class Poses(Enum):
+    GENUINE = "genuine poses"
+    ONE_IN_TWELVE = "one pose in twelve, the rest missing"
+    ONE_IN_TWO = "every second pose missing"
+    SLOW = "three poses a second"
+    MISSING = "poses missing"
+    PARTIAL = "probe partly out of the volume"
+    OUT_OF_VOLUME = "probe out of the volume"
+    STALE = "stale poses"
+    FAULT = "tracker complains"
+    NAN = "poses of NaN"
+    REPEATED = "the same pose again and again"
+    GONE = "no answer of the tracker"
+
+
+class Stamps(Enum):
+    RIGHT = "right stamps"
+    FUTURE = "stamps in the future"
+    PAST = "stamps in the past"
+    ALIKE = "all stamps alike"
+
+
+@dataclass(slots=True)
+class Circumstances:
+    """skew_ns: how far stamps in the future or the past are off."""
+
+    pictures: Pictures = Pictures.GENUINE
+    poses: Poses = Poses.GENUINE
+    frame_stamps: Stamps = Stamps.RIGHT
+    pose_stamps: Stamps = Stamps.RIGHT
+    skew_ns: int = 20_000_000_000
+    moving: bool = True
+
+    @property
+    def in_view(self) -> bool:
+        """Nothing is between the truth and the line."""
+        return (
+            self.pictures is Pictures.GENUINE
+            and self.poses is Poses.GENUINE
+            and self.frame_stamps is self.pose_stamps is Stamps.RIGHT
+        )
+
+    def __str__(self) -> str:
+        parts = self.pictures, self.poses
+        told = [part.value for part in parts if part.name != "GENUINE"]
+        told += [
+            f"{what}: {s.value}"
+            for what, s in (("frames", self.frame_stamps), ("poses", self.pose_stamps))
+            if s is not Stamps.RIGHT
+        ]
+        return ", ".join(told + ([] if self.moving else ["probe at rest"])) or "all well"

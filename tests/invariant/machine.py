@@ -1,0 +1,132 @@
+"""A hypothesis state machine: everything that can happen to a cart, in any order, and the oracle after every tick."""
+
+from collections.abc import Callable
+
+import hypothesis
+from hypothesis import HealthCheck, Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, get_state_machine_test, initialize, rule
+
+from tests.invariant.cart import Cart
+from tests.invariant.circumstances import Circumstances, Pictures, Poses, Stamps
+from tests.invariant.world import CHANGES, NONE, Change
+
+SHORT_S = st.sampled_from([0.5, 1.0, 3.0])
+SPELL_S = st.sampled_from([0.5, 3.0, 3.0, 8.0, 34.0])
+"""How long a disturbance lasts by itself; the longest outlasts any verification."""
+SKEW_S = st.sampled_from([0.6, 5.0, 20.0, 3600.0])
+CLOSED_AGAIN_WITHIN_S = 30.0
+
+BAD_PICTURES = st.sampled_from([fate for fate in Pictures if fate is not Pictures.GENUINE])
+BAD_POSES = st.sampled_from([fate for fate in Poses if fate is not Poses.GENUINE])
+BAD_STAMPS = st.sampled_from([fate for fate in Stamps if fate is not Stamps.RIGHT])
+STREAMS = st.sampled_from(["frame", "pose"])
+UNSEEN = st.sampled_from([None, None, CHANGES[0], *CHANGES])
+"""What changes half a second after a disturbance began; the incident more often than the rest."""
+
+
+class Room(RuleBasedStateMachine):
+    """Disturbances end when `all_is_well_again`, may overlap until then, and hide what is changed meanwhile."""
+
+    @initialize(
+        seed=st.integers(0, 999),
+        wrong=st.sampled_from([NONE, NONE, NONE, *CHANGES]),
+        tilt_deg=st.sampled_from([1.4, 1.4, 0.0]),
+        seconds=st.sampled_from([7.0, 7.0, 16.0]),
+    )
+    def switched_on(self, seed: int, wrong: Change, tilt_deg: float, seconds: float) -> None:
+        self.cart = Cart(seed, change=wrong, tilt_deg=tilt_deg, attended=False)
+        self.body_was_moved = wrong.moves_body
+        self.cart.run(seconds)
+
+    @rule(fate=BAD_PICTURES, change=UNSEEN, seconds=SPELL_S)
+    def pictures_go_bad(self, fate: Pictures, change: Change | None, seconds: float) -> None:
+        self.cart.meet(pictures=fate)
+        self._spell(change, seconds)
+
+    @rule(fate=BAD_POSES, change=UNSEEN, seconds=SPELL_S)
+    def poses_go_bad(self, fate: Poses, change: Change | None, seconds: float) -> None:
+        self.cart.meet(poses=fate)
+        self._spell(change, seconds)
+
+    @rule(fate=BAD_STAMPS, stream=STREAMS, skew_s=SKEW_S, change=UNSEEN, seconds=SPELL_S)
+    def stamps_go_bad(self, fate: Stamps, stream: str, skew_s: float, change: Change | None, seconds: float) -> None:
+        self.cart.meet(**{f"{stream}_stamps": fate}, skew_ns=round(skew_s * 1e9))
+        self._spell(change, seconds)
+
+    @rule(stream=STREAMS, skew_s=SKEW_S, sign=st.sampled_from([1, 1, -1]))
+    def one_stamp_is_false(self, stream: str, skew_s: float, sign: int) -> None:
+        self.cart.false_stamp(stream, sign * round(skew_s * 1e9))
+        self.cart.run(1.0)
+
+    @rule(change=st.sampled_from([NONE, *CHANGES]))
+    def the_truth_changes(self, change: Change) -> None:
+        """Seen, where nothing hides it."""
+        self._change(change)
+        self.cart.run(2.0)
+
+    @rule(seconds=SPELL_S)
+    def probe_rests(self, seconds: float) -> None:
+        self.cart.meet(moving=False)
+        self.cart.run(seconds)
+
+    @rule(seconds=st.sampled_from([1.0, 5.0, 17.0]))
+    def all_is_well_again(self, seconds: float) -> None:
+        """What was changed stays."""
+        self._well()
+        self.cart.run(seconds)
+
+    @rule(attended=st.booleans())
+    def somebody_acknowledges(self, attended: bool) -> None:
+        """Now, or nobody does for a while."""
+        self.cart.attended = attended
+        self.cart.run(1.0)
+
+    def teardown(self) -> None:
+        """e: with everything well the contact closes again."""
+        if hasattr(self, "cart") and not self.cart.broken:
+            self._recover()
+
+    def _spell(self, change: Change | None, seconds: float) -> None:
+        self.cart.run(0.5)
+        if change is not None:
+            self._change(change)
+        self.cart.run(seconds)
+
+    def _change(self, change: Change) -> None:
+        self.body_was_moved |= change.moves_body
+        self.cart.change(change)
+
+    def _well(self) -> None:
+        self.cart.meet(**{name: getattr(Circumstances(), name) for name in Circumstances.__dataclass_fields__})
+
+    def _recover(self) -> None:
+        cart, cart.attended = self.cart, True
+        self._well()
+        cart.change(NONE)
+        closed_again = cart.run(CLOSED_AGAIN_WITHIN_S, until=lambda: cart.closed)
+        if not closed_again and self.body_was_moved:
+            cart.recalibrate()
+            closed_again = cart.run(CLOSED_AGAIN_WITHIN_S, until=lambda: cart.closed)
+        assert closed_again, f"(e) everything is well, but the contact stays open\n{cart.told()}"
+
+
+def room_test(examples: int, steps: int, seed: int | None = None) -> Callable[[], None]:
+    """A test of so many rooms of so many steps each. seed: None for always the same ones.
+
+    What fails is printed as it happened, not reduced: the journal of the cart tells it, and reducing takes minutes.
+    """
+    test = get_state_machine_test(
+        Room,
+        settings=settings(
+            max_examples=examples,
+            stateful_step_count=steps,
+            derandomize=seed is None,
+            database=None,
+            deadline=None,
+            phases=[Phase.generate],
+            report_multiple_bugs=False,
+            suppress_health_check=list(HealthCheck),
+        ),
+    )
+    return test if seed is None else hypothesis.seed(seed)(test)

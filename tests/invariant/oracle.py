@@ -1,0 +1,133 @@
+"""What must hold after every tick, from the truth of the world and what the room can see. See the package's text."""
+
+from collections import deque
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from appliance.supervision.supervisor import Durations
+from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
+from drivers.samples import Matrix4
+from tests.invariant.world import NONE, Change
+
+TICK_NS = 50_000_000
+DISCOVERED_WITHIN_NS = 15_000_000_000
+OLDEST_NS = Durations().max_verification_age_ns + TICK_NS
+_MOVED_WITHIN_NS = 300_000_000
+_LEAST_MM_PER_S = 0.5
+_FURTHEST_APART_NS = 250_000_000
+_REACH_MM = 5.0
+_OF_X = frozenset({"polarity", "scale", "rotation", "offset"})
+_ALARMED = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED)
+
+
+class Broken(AssertionError):  # noqa: N818  what is said of an invariant, not of an error
+    """The invariant does not hold. clause: its letter."""
+
+    def __init__(self, clause: str, what: str) -> None:
+        super().__init__(f"({clause}) contact closed, but {what}")
+        self.clause = clause
+
+
+@dataclass(frozen=True, slots=True)
+class Genuine:
+    """A picture of tissue under its own stamp. place: (3,) mm, of the probe in its plane."""
+
+    t_ns: int
+    place: NDArray[np.float64]
+
+
+class Oracle:
+    """shown_ns: the newest time at which motion could show the calibration in force; None before the first.
+
+    shown_fault: the calibration fault that was shown since the present change, None before the first.
+    """
+
+    def __init__(self) -> None:
+        self.shown_ns: int | None = None
+        self.shown_fault: str | None = None
+        self._change = NONE
+        self._visible_ns = 0
+        self._pictures: deque[Genuine] = deque(maxlen=20)
+        self._waiting: deque[int] = deque()
+        self._pose_ns: int | None = None
+
+    def changed(self, change: Change) -> None:
+        """From here on the true calibration is another."""
+        self._change, self.shown_fault, self._visible_ns = change, None, 0
+        self._pictures.clear()
+
+    def renewed(self) -> None:
+        """A recalibration was confirmed: what was shown before says nothing of the new reference."""
+        self.changed(NONE)
+        self._waiting.clear()
+        self.shown_ns = None
+
+    def picture(self, t_ns: int, pose: Matrix4) -> None:
+        """A genuine, rightly stamped picture was delivered; pose: (4, 4) picture → tissue, true."""
+        turn_mm = np.arctan2(pose[1, 0], pose[0, 0]) * _REACH_MM
+        self._pictures.append(Genuine(t_ns, np.array([*pose[:2, 3], turn_mm])))
+        if self._change.required_right and self._moved(t_ns):
+            self._waiting.append(t_ns)
+
+    def pose(self, t_ns: int) -> None:
+        """A genuine, rightly stamped pose was delivered: it settles the pictures before it."""
+        before_ns, self._pose_ns = self._pose_ns, t_ns
+        while self._waiting:
+            picture_ns = self._waiting.popleft()
+            if before_ns is not None and before_ns <= picture_ns and t_ns - before_ns <= _FURTHEST_APART_NS:
+                self.shown_ns = picture_ns
+
+    def tick(self, now_ns: int, lively_in_view: bool, alarm: AlarmState, newest: Verdict | None) -> tuple[Broken, ...]:
+        """Every clause that does not hold."""
+        if self._visible_ns < DISCOVERED_WITHIN_NS:
+            self._visible_ns = self._visible_ns + TICK_NS if lively_in_view else 0
+        if self._change.gross and self.shown_fault is None:
+            self.shown_fault = _fault_of_x(alarm, newest)
+        if not alarm.energised:
+            return ()
+        said = (self._age(now_ns), _contradiction(newest), self._relapse(), self._discovery())
+        return tuple(broken for broken in said if broken is not None)
+
+    def _age(self, now_ns: int) -> Broken | None:
+        if self.shown_ns is None:
+            return Broken("a", f"no motion has shown the calibration; it is {self._change}")
+        age_ns = now_ns - self.shown_ns
+        what = f"the last motion that showed the calibration is {age_ns / 1e9:.2f} s old; it is {self._change}"
+        return Broken("a", what) if age_ns > OLDEST_NS else None
+
+    def _relapse(self) -> Broken | None:
+        if self.shown_fault is None:
+            return None
+        return Broken("c", f"{self.shown_fault} was shown, and it is still {self._change}")
+
+    def _discovery(self) -> Broken | None:
+        if not self._change.visible or self._visible_ns < DISCOVERED_WITHIN_NS:
+            return None
+        return Broken("d", f"it was {self._change} for 15 s of motion in full view")
+
+    def _moved(self, now_ns: int) -> bool:
+        recent = [picture for picture in self._pictures if picture.t_ns >= now_ns - _MOVED_WITHIN_NS]
+        return any(
+            np.linalg.norm(b.place - a.place) >= _LEAST_MM_PER_S * (b.t_ns - a.t_ns) / 1e9 for a, b in pairwise(recent)
+        )
+
+
+def _fault_of_x(alarm: AlarmState, newest: Verdict | None) -> str | None:
+    told = [alarm.fault if alarm.state in _ALARMED else None, None if newest is None else newest.fault]
+    return next((fault for fault in told if fault in _OF_X), None)
+
+
+def _contradiction(newest: Verdict | None) -> Broken | None:
+    check = next((check for check in (() if newest is None else newest.checks) if _contradicts(check)), None)
+    if check is None:
+        return None
+    shown = f"{check.value:.3g} ± {check.sigma:.2g} {check.unit}, limit {check.limit:g}"
+    return Broken("b", f"{check.name} reads {shown}: {check.verdict.value}")
+
+
+def _contradicts(check: Check) -> bool:
+    beyond = check.sigma > 0 and abs(check.value) - 3 * check.sigma > check.limit
+    return beyond or check.verdict is VerdictKind.FAULT

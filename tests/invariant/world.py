@@ -1,0 +1,218 @@
+"""A probe on tissue that costs a fraction of a millisecond per picture: the truth that the oracle knows.
+
+Conventions as in appliance.types. Tissue is a plane of speckle that looks the same at every elevation, so tilting the
+probe moves the picture as geometry says and never changes the speckle. Everything is seeded.
+"""
+
+from dataclasses import dataclass, field
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from appliance.core.geometry import rigid, rotation_from_vector, vector_from_rotation
+from appliance.limits import Limits
+from appliance.types import Calibration
+from drivers.samples import GreyImage, Matrix4
+from drivers.twins.faults import BEND_AXIS, BEND_DEG, SLIDE_MM
+
+SIZE_PX = (160, 120)
+SCALE_MM_PER_PX = (0.12, 0.11)
+_LIMITS = Limits()
+_GRID_MM = 0.06
+_GRID = 1024
+_NOISE_GREY = 5.0
+_SPREAD_MM, _SPREAD_RAD = 0.1, np.deg2rad(0.02)
+"""Of one reading of the tracker, per axis: those of the simulated cart."""
+_FROM_TISSUE = rigid(rotation_from_vector(np.array([1.9, 0.7, -0.5])), np.array([64.0, -87.0, -1520.0]))
+X_REFERENCE = rigid(rotation_from_vector(np.array([0.62, -0.41, 0.93])), np.array([11.0, 62.0, 14.0]))
+
+REFERENCE = Calibration(
+    rotation=X_REFERENCE[:3, :3],
+    polarity=(1, 1),
+    scale_mm_per_px=np.array(SCALE_MM_PER_PX),
+    offset_mm=X_REFERENCE[:3, 3],
+    image_size_px=SIZE_PX,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Change:
+    """How the true calibration differs from REFERENCE.
+
+    body: (4, 4) the marker body sits at pose · body. polarity: of the picture. magnified: of the picture, about its
+    middle, so that its mm/px shrink.
+    """
+
+    name: str
+    body: Matrix4 = field(default_factory=lambda: np.eye(4))
+    polarity: tuple[int, int] = (1, 1)
+    magnified: float = 1.0
+
+    def __str__(self) -> str:
+        return self.name
+
+    @property
+    def moves_body(self) -> bool:
+        return not np.array_equal(self.body, np.eye(4))
+
+    @property
+    def required_right(self) -> bool:
+        """Every parameter that an OK requires is within its limit."""
+        return self._misfit() <= 1
+
+    @property
+    def visible(self) -> bool:
+        """A required parameter is beyond twice its limit, or it is the bend with a slide."""
+        return self._misfit() > 2 or (self._misfit() > 1 and self._slide() > 2)
+
+    @property
+    def gross(self) -> bool:
+        """Some parameter is beyond twice its limit."""
+        return max(self._misfit(), self._slide()) > 2
+
+    def _slide(self) -> float:
+        shift = (X_REFERENCE @ self.body)[:3, 3] - X_REFERENCE[:3, 3]
+        return float(np.linalg.norm(shift)) / _LIMITS.offset_mm
+
+    def _misfit(self) -> float:
+        """Of polarity, scales and rotation about the elevational axis the one furthest out, 1 at its limit."""
+        turn = vector_from_rotation(X_REFERENCE[:3, :3] @ self.body[:3, :3] @ X_REFERENCE[:3, :3].T)
+        flipped = 2.0 * self.polarity.count(-1) / 0.5
+        scale = 100 * abs(1 / self.magnified - 1) / _LIMITS.scale_percent
+        return max(flipped, scale, abs(float(np.rad2deg(turn[2]))) / _LIMITS.rotation_deg)
+
+
+def _bent_and_slid(bend_deg: float, slide_mm: tuple[float, float, float]) -> Matrix4:
+    axis = np.array(BEND_AXIS) / np.linalg.norm(BEND_AXIS)
+    return rigid(rotation_from_vector(np.deg2rad(bend_deg) * axis), np.array(slide_mm))
+
+
+def _moved_in_picture(offset_mm: tuple[float, float, float]) -> Matrix4:
+    """The body sits so that t_x differs by this much, in picture axes."""
+    return rigid(np.eye(3), X_REFERENCE[:3, :3].T @ np.array(offset_mm))
+
+
+NONE = Change("as calibrated")
+BENT_AND_SLID = Change("bent by 5° and slid by 10 mm", _bent_and_slid(BEND_DEG, SLIDE_MM))
+BENT = Change("bent by 10°", _bent_and_slid(10.0, (0.0, 0.0, 0.0)))
+SLID = Change("slid by 10 mm", _bent_and_slid(0.0, SLIDE_MM))
+ELSEWHERE = Change("30 mm off in ζ", _moved_in_picture((0.0, 0.0, 30.0)))
+FLIPPED = Change("flipped laterally", polarity=(-1, 1))
+UPSIDE_DOWN = Change("flipped vertically", polarity=(1, -1))
+MAGNIFIED = Change("magnified by 12.5 %", magnified=1.125)
+SHRUNK = Change("shrunk by 12.5 %", magnified=0.875)
+SLIGHTLY_MAGNIFIED = Change("magnified by 8.7 %", magnified=1.087)
+CHANGES = (BENT_AND_SLID, BENT, SLID, ELSEWHERE, FLIPPED, UPSIDE_DOWN, MAGNIFIED, SHRUNK, SLIGHTLY_MAGNIFIED)
+
+
+@cache
+def tissue() -> GreyImage:
+    """(1024, 1024) periodic speckle, 0.06 mm apart."""
+    random = np.random.default_rng(20)
+    waves = random.standard_normal((2, _GRID, _GRID)).astype(np.float32)
+    real, imaginary = (
+        cv2.GaussianBlur(np.tile(w, (3, 3)), (0, 0), 3.2)[_GRID : 2 * _GRID, _GRID : 2 * _GRID] for w in waves
+    )
+    echo = real**2 + imaginary**2
+    level = 10 * np.log10(echo / echo.mean() + 1e-3)
+    return np.clip(130 + 4.25 * level, 0, 255).astype(np.uint8)
+
+
+@cache
+def _noise() -> GreyImage:
+    return (
+        np.random.default_rng(21)
+        .normal(12, _NOISE_GREY, (SIZE_PX[1] + 512, SIZE_PX[0] + 512))
+        .clip(0, 255)
+        .astype(np.uint8)
+    )
+
+
+_WAVES = (
+    (7.0, 7.4, 0),
+    (0.7, 2.7, 0),
+    (4.2, 5.3, 1),
+    (0.5, 2.1, 1),
+    (1.0, 8.7, 3),
+    (0.85, 6.3, 4),
+    (6.2, 9.3, 5),
+)
+"""Amplitude (mm; of the tilts relative; of the turn deg), period s, and axis: place x, y, z, turn about x, y, z."""
+
+
+class Hand:
+    """Presses, slides, turns and tilts the probe a little; it can rest. tilt_deg: 0 keeps it in the plane."""
+
+    def __init__(self, seed: int, tilt_deg: float) -> None:
+        random = np.random.default_rng((seed, 1))
+        size, period_s, axis = np.array(_WAVES).T
+        self._size = size * random.uniform(0.9, 1.1, size.size)
+        self._rate = 2 * np.pi / (period_s * random.uniform(0.93, 1.08, size.size))
+        self._phase = random.uniform(-0.8, 0.8, size.size)
+        self._spread = (axis == np.arange(6)[:, None]) * np.array([1, 1, 1, tilt_deg, tilt_deg, 1])[:, None]
+        self._moved_s = 0.0
+        self._liveliness = 1.0
+
+    def go_on(self, dt_s: float, moving: bool) -> None:
+        """Come to rest, or get going, within a fifth of a second."""
+        self._liveliness = min(max(self._liveliness + (5 if moving else -5) * dt_s, 0.0), 1.0)
+        self._moved_s += self._liveliness * dt_s
+
+    def pose(self) -> Matrix4:
+        """(4, 4) picture → tissue, mm."""
+        place = self._spread @ (self._size * np.sin(self._rate * self._moved_s + self._phase))
+        return _rigid(np.deg2rad(place[3:]), place[:3])
+
+
+def _rigid(turn_rad: NDArray[np.float64], place_mm: NDArray[np.float64]) -> Matrix4:
+    """As appliance.core.geometry makes it, in a tenth of the time."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = cv2.Rodrigues(turn_rad)[0], place_mm
+    return matrix
+
+
+class Scanner:
+    """Cuts pictures out of the tissue."""
+
+    def __init__(self, seed: int) -> None:
+        self._random = np.random.default_rng((seed, 2))
+
+    def picture(self, pose: Matrix4, change: Change = NONE) -> GreyImage:
+        """(h, w) uint8 at pose picture → tissue."""
+        width, height = SIZE_PX
+        scale = np.array(SCALE_MM_PER_PX) / change.magnified * change.polarity
+        turn = pose[:2, :2] * scale / _GRID_MM
+        middle = pose[:2, 3] / _GRID_MM + _GRID / 2
+        warp = np.column_stack([turn, middle - turn @ [(width - 1) / 2, (height - 1) / 2]])
+        grey = cv2.warpAffine(
+            tissue(), warp, SIZE_PX, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_WRAP
+        )
+        return np.asarray(cv2.add(grey, self._grain()), np.uint8)
+
+    def black(self) -> GreyImage:
+        """No gel: faint electronic noise only."""
+        return self._random.integers(0, 5, SIZE_PX[::-1]).astype(np.uint8)
+
+    def noise(self) -> GreyImage:
+        """A lost cable: every pixel by itself."""
+        return self._random.integers(0, 256, SIZE_PX[::-1]).astype(np.uint8)
+
+    def _grain(self) -> GreyImage:
+        row, column = self._random.integers(0, 512, 2)
+        return _noise()[row : row + SIZE_PX[1], column : column + SIZE_PX[0]]
+
+
+class Tracker:
+    """Reads the pose of the marker body."""
+
+    def __init__(self, seed: int) -> None:
+        self._random = np.random.default_rng((seed, 3))
+
+    def reading(self, pose: Matrix4, change: Change = NONE) -> Matrix4:
+        """(4, 4) sensor → tracker, mm, as reported for the picture's pose."""
+        spread = _rigid(self._random.normal(0, _SPREAD_RAD, 3), np.zeros(3))
+        reading = _FROM_TISSUE @ pose @ X_REFERENCE @ change.body @ spread
+        reading[:3, 3] += self._random.normal(0, _SPREAD_MM, 3)
+        return reading
