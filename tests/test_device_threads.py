@@ -175,6 +175,21 @@ def test_capture_counts_what_the_device_sent_and_nobody_saw() -> None:
     assert (thread.gaps, thread.losses, thread.lost, len(seen)) == (2, 1, None, 5)
 
 
+def test_a_sample_stamped_later_than_it_arrived_is_refused_and_counted() -> None:
+    seen: list[Sample] = []
+    now_ns = CLOCK.now_ns()
+    early = [Frame(Stamp(now_ns + 3600 * 10**9, err_ns), 1, picture(1).image) for err_ns in (0, 10**9)]
+    late = Frame(Stamp(now_ns + 3600 * 10**9, 3601 * 10**9), 2, picture(1).image)
+    tape = Tape([*early, late, picture(3)], None)
+    thread = CaptureThread("video", "sim:/x", lambda url, clock: tape, seen.append, CLOCK)  # type: ignore[arg-type,return-value]
+    thread.start()
+    until(lambda: thread.samples == 2)
+    thread.stop()
+    thread.join(5)
+    assert thread.early_stamps == 2
+    assert [sample.sequence for sample in seen] == [2, 3], "the error of the stamp counts for it"
+
+
 def test_a_picture_that_fits_no_slot_is_a_loss_with_a_remedy_not_a_crash() -> None:
     def refuse(sample: Sample) -> None:
         raise ValueError("a sample of 9 bytes does not fit a slot of 8")

@@ -69,7 +69,6 @@ class SourceThread(DeviceThread):
         self.note(sample, now_ns)
         self.note_success()
 
-
     def _refuse_early(self, sample: Sample, now_ns: int) -> None:
         """What claims to be of the future would look young for as long as it is ahead."""
         if self.early_stamps == 0:
