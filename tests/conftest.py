@@ -19,6 +19,7 @@ LIVE = (
     "test_demo",
     "test_ndi_faults",
     "test_network_video",
+    "test_overloaded_cart",
     "test_public_clients",
     "test_recalibrate",
     "test_source_contract",
