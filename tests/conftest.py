@@ -22,6 +22,7 @@ LIVE = (
     "test_overloaded_cart",
     "test_public_clients",
     "test_recalibrate",
+    "test_simulate_cart",
     "test_source_contract",
     "test_tracker_alarm",
     "test_tracker_loss",
