@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from appliance.alarm_chain import read_log
-from tests.demo_cart import Cart
+from tests.demo_cart import PROBEWATCH, Cart
 from tests.polling import until
 
 BUSY_S = 15.0
@@ -27,19 +27,28 @@ def cart(tmp_path: Path) -> Iterator[Cart]:
 
 
 @contextmanager
-def starved(cart: Cart) -> Iterator[None]:
-    """Every part of the cart may compute only when none of the busy programs wants to: two for each processor."""
-    parts = [part.process.pid for part in (*cart.twins.values(), cart.daemon) if part is not None]
+def busy_programs() -> Iterator[None]:
+    """Two for each processor."""
     programs = []
     try:
         for _ in range(2 * (os.cpu_count() or 1)):
             programs.append(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
-        _schedule(parts, os.SCHED_IDLE)
         yield
     finally:
         for program in programs:
             program.kill()
             program.wait()
+
+
+@contextmanager
+def starved(cart: Cart) -> Iterator[None]:
+    """Every part of the cart may compute only when none of the busy programs wants to."""
+    parts = [part.process.pid for part in (*cart.twins.values(), cart.daemon) if part is not None]
+    try:
+        with busy_programs():
+            _schedule(parts, os.SCHED_IDLE)
+            yield
+    finally:
         _schedule(parts, os.SCHED_OTHER)
 
 
@@ -70,6 +79,14 @@ def test_an_overload_is_said_once_and_blames_no_cable(cart: Cart) -> None:
     assert reading.damages == ()
     assert (entries["overloaded"], entries["overload-ended"]) == (1, 1)
     assert entries["state"] <= MOST_ENTRIES, entries
-    explained = [entry.data for entry in reading.entries if "overloaded" in str(entry.data.get("reason"))]
-    print(dict(said), dict(entries), *[e.data for e in reading.entries], sep="\n")
+    explained = [entry for entry in reading.entries if "overloaded" in str(entry.data.get("reason"))]
     assert explained, "a silent device is told with the overload"
+
+
+def test_a_demo_that_gets_no_time_says_so_and_names_no_fault_for_it() -> None:
+    command = ["chrt", "--idle", "0", str(PROBEWATCH), "demo", "--fault", "flip-lateral@19"]
+    with busy_programs():
+        demo = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
+    assert demo.returncode == 75, demo.stdout + demo.stderr
+    assert "overloaded" in demo.stdout + demo.stderr
+    assert "Traceback" not in demo.stderr
