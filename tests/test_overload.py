@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from appliance.service.pressure import Pressure
-from appliance.supervision.alarms import HAZARDS, OVERLOADED, SILENCES, Kind, operator_text
+from appliance.supervision.alarms import DISPLAY_COLUMNS, HAZARDS, OVERLOADED, SILENCES, Kind, operator_text
 from appliance.supervision.languages import LANGUAGES, translated
 from appliance.supervision.overload import Load, Overload
 from appliance.supervision.overload_notes import OverloadNotes
@@ -146,6 +146,14 @@ def test_the_text_of_the_lamps_names_the_overload_and_not_the_cable(language: st
         assert (said in text, advice) == (True, remedy)
     for state, other in ((State.HALT, "scale"), (State.DEVICE_LOST, "marker-body"), (State.MONITORING, None)):
         assert operator_text(state, other, language, overloaded=True) == operator_text(state, other, language)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_every_text_that_tells_of_it_fits_the_display(language: str) -> None:
+    for state in State:
+        for fault in (None, *SILENCES):
+            texts = operator_text(state, fault, language, overloaded=True)
+            assert all(0 < len(text) <= DISPLAY_COLUMNS for text in texts), texts
 
 
 def alarm(state: State, fault: str | None = None, latched: State | None = None) -> AlarmState:

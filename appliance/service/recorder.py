@@ -90,7 +90,9 @@ class Recorder(threading.Thread):
 
         overloaded: this computer is short of time, which is no fault of the disk.
         """
-        silence = None if overloaded else self._silence()
+        if overloaded:
+            return
+        silence = self._silence()
         if silence is not None and not self._said_silent:
             self._log.warning("alarm log cannot be written", what=silence)
         elif silence is None and self._said_silent:
