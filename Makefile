@@ -7,7 +7,7 @@ export PROBEWATCH_PLUS_DATA ?= $(DATA)
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts live evidence bench paper deb test-cart soak docs lock clean
+.PHONY: help demo test lint types contracts live repeat evidence bench paper deb test-cart soak docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -30,6 +30,11 @@ contracts: $(VENV)/dev ## who may import whom
 
 live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about four minutes)
 	$(BIN)/pytest -n 2 -m "live and not slow"
+
+TIMES ?= 50
+repeat: $(VENV)/dev ## one test fifty times: make repeat TEST=tests/test_daemon.py::test_status_tells_everything
+	@failed=0; for i in $$(seq $(TIMES)); do $(BIN)/pytest -q $(TEST) || { failed=$$((failed + 1)); echo "repeat $$i failed"; }; \
+	  done; echo "$$failed of $(TIMES) repeats failed"; [ "$$failed" -eq 0 ]
 
 evidence: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m "slow and not cart" -n 2

@@ -34,6 +34,12 @@ class DeviceLost(ProbewatchError):  # noqa: N818  a state of the device, as oper
     exit_code = 69
 
 
+class TooBusy(ProbewatchError):  # noqa: N818  a state of the machine, as operators say it
+    """This machine was too busy to tell; the same may succeed on one that is less so."""
+
+    exit_code = 75
+
+
 class ProtocolError(ProbewatchError):
     """Bytes from a device break its protocol; the whole reply is refused."""
 

@@ -3,12 +3,15 @@
 import os
 import resource
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 from tests.polling import until
 from tools.simulated_cart import CartSettings, Event, Part, SimulatedCart
 
+_LATE_S = 5.0
+"""How late this process may look: beside the carts of other tests, which go first, it waits for the processor."""
 PROBEWATCH = Path(sys.executable).parent / "probewatch"
 
 
@@ -58,17 +61,30 @@ class Cart(SimulatedCart):
         return int(Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0])
 
     def wait_for(self, state: str, deadline_s: float = 20.0) -> Event:
-        def look() -> Event:
-            status = self.status()
-            return status if status.get("state") == state else {}
+        """The status in that state; AssertionError unless, by the service's clock, it was entered within deadline_s."""
+        began_s = time.monotonic()
 
-        return until(look, deadline_s, otherwise=self.status)
+        def look() -> tuple[float, Event]:
+            asked_s, status = time.monotonic(), self.status()
+            return (asked_s, status) if status.get("state") == state else (asked_s, {})
+
+        asked_s, status = until(lambda: (found := look())[1] and found, deadline_s + _LATE_S, otherwise=self.status)
+        after_s = asked_s - status["since_s"] - began_s
+        assert after_s <= deadline_s, f"'{state}' after {after_s:.2f} s"
+        return status
 
     def contact(self, since_s: float = 0.0) -> bool | None:
-        """What the relay board did last since then."""
-        events = [event for event in self.twins["relay_board"].said if "energised" in event]
-        return events[-1]["energised"] if events and events[-1]["heard_s"] >= since_s else None
+        """What the relay board did last since then, by its own clock."""
+        switched = self._switched(since_s)
+        return switched[-1][1] if switched else None
 
     def open_contact(self, since_s: float, within_s: float) -> None:
-        """AssertionError unless the relay board opened within that time."""
-        until(lambda: self.contact(since_s) is False, within_s)
+        """AssertionError unless the relay board, by its own clock, opened within that time."""
+        until(lambda: self.contact(since_s) is False, within_s + _LATE_S)
+        after_s = next(t_s for t_s, energised in self._switched(since_s) if not energised) - since_s
+        assert after_s <= within_s, f"the contact opened after {after_s:.2f} s"
+
+    def _switched(self, since_s: float) -> list[tuple[float, bool]]:
+        events = [event for event in tuple(self.twins["relay_board"].said) if "energised" in event]
+        times = [(event["t_ns"] / 1e9, bool(event["energised"])) for event in events]
+        return [(t_s, energised) for t_s, energised in times if t_s >= since_s]

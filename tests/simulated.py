@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +15,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from drivers.samples import Matrix4
+from tools import tether
 
+TETHER = [sys.executable, "-IS", str(Path(tether.__file__)), str(os.getpid())]
+"""Gives a simulator the priority of a simulated cart's devices: a cart in a test beside it would otherwise keep it from
+answering for longer than the 0.2 s that public clients allow."""
 PROBEWATCH = [sys.executable, "-c", "from tools.cli import main; main()"]
 
 Place = Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]]
@@ -73,7 +78,7 @@ class Simulated:
 def simulated_ndi(folder: Path, *arguments: str) -> Iterator[Simulated]:
     """`probewatch simulate ndi` with these arguments and a control file; stopped politely at the end."""
     control = folder / "faults.json"
-    command = [*PROBEWATCH, "simulate", "ndi", "--control", str(control), *arguments]
+    command = [*TETHER, *PROBEWATCH, "simulate", "ndi", "--control", str(control), *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

@@ -1,5 +1,6 @@
 """Every refusal of the configuration names file, key, value and bound, in one line."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -142,3 +143,8 @@ def test_an_unknown_signal_names_those_that_exist(tmp_path: Path) -> None:
 
 def test_two_outputs_on_one_contact_are_refused(tmp_path: Path) -> None:
     assert "two outputs share one contact" in refusal(tmp_path, GOOD + '[[output]]\nurl = "relay:/dev/ttyUSB1"\n')
+
+
+def test_the_template_names_no_simulated_device() -> None:
+    written = EXAMPLE.read_text(encoding="utf-8")
+    assert not re.findall(r'^[^#\n]*"(?:sim|replay):.*$', written, re.M), "a cart must not be watched by a simulation"

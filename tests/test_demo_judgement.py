@@ -71,6 +71,38 @@ def test_a_contact_that_stays_closed_fails() -> None:
     assert "depth began while" in sentence(*GOOD, switches=())
 
 
+WRONG = (*HEALTHY, moment(30.1, WARNING, "offset"), *DEPTH[1:], *BACK, *TRACKER, *BACK_AGAIN)
+
+
+@pytest.mark.parametrize(
+    ("busy_s", "too_busy"),
+    [
+        ((), False),
+        (((31.0, 33.0),), True),
+        (((31.0, 31.9), (32.0, 33.1)), True),
+        (((31.0, 32.9),), False),
+        (((0.0, 22.0),), True),
+        (((0.0, 21.9),), False),
+        (((59.0, 90.0),), False),
+    ],
+)
+def test_what_went_wrong_while_the_machine_was_too_busy_says_nothing(
+    busy_s: tuple[tuple[float, float], ...], too_busy: bool
+) -> None:
+    """Depth was named offset from 30.1 s on; its evidence goes back by 10 s, and its time is up at 60 s."""
+    outcome = judge(SCRIPT, History(WRONG, SWITCHES, (41.0,), 90.0, busy_s))
+    assert (outcome.passed, outcome.too_busy) == (False, too_busy)
+    console = Console(file=io.StringIO(), width=80)
+    print_report(console, outcome)
+    head = "TOO BUSY: this computer is overloaded" if too_busy else "FAILED: At 30.0 s"
+    assert head in console.file.getvalue().splitlines()[-1]
+
+
+def test_a_good_run_on_a_busy_machine_passes() -> None:
+    outcome = judge(SCRIPT, History(GOOD, SWITCHES, (41.0,), 90.0, ((0.0, 90.0),)))
+    assert (outcome.passed, outcome.too_busy) == (True, False)
+
+
 def test_without_faults_only_quiet_is_asked_for() -> None:
     assert judge(Script((), 30.0), History(HEALTHY, SWITCHES[:1], (), 30.0)).passed
 

@@ -1,11 +1,13 @@
 """The threads that keep devices open, and the log writer: what hangs, breaks or is slow holds up nobody else."""
 
 import contextlib
+import io
 import json
 import os
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -135,6 +137,29 @@ def test_a_broken_output_is_opened_again(output: OutputThread, contact: Contact)
     contact.broken = False
     until(lambda: commanded(output, True)() and output.lost is None)
     assert output.losses == 1
+
+
+def test_while_the_computer_is_overloaded_a_flapping_device_is_said_once(
+    output: OutputThread, contact: Contact
+) -> None:
+    lines = io.StringIO()
+    with configure("info", lines):
+        output._log = get_log(device="output")
+        for number, overload_ns in enumerate((7, 7, 7, 9, None), 1):
+            output.overload_ns = overload_ns
+            contact.broken = True
+            until(partial(_commanded, output, lambda thread, number=number: thread.losses == number))
+            contact.broken = False
+            until(partial(_commanded, output, lambda thread: thread.lost is None))
+    said = [json.loads(line) for line in lines.getvalue().splitlines()]
+    lost = [line.get("overloaded", False) for line in said if line["event"] == "device lost"]
+    assert (output.losses, lost) == (5, [True, True, False]), "once for each overload, and always without one"
+    assert len([line for line in said if line["event"] == "device back"]) == len(lost)
+
+
+def _commanded(output: OutputThread, look: Callable[[OutputThread], bool]) -> bool:
+    output.command(True, CLOCK.now_ns())
+    return look(output)
 
 
 class Tape:

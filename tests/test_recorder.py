@@ -111,6 +111,9 @@ def test_a_disk_that_does_not_answer_is_named_and_nothing_is_lost(
         recorder.watch()
     assert time.monotonic() - began_s < 1, "a note waits for nothing"
     assert f"{segment} has not answered for" in until(lambda: recorder.failing)
+    lines = len(said)
+    recorder.watch(overloaded=True)
+    assert len(said) == lines, "a computer short of time is no fault of the disk"
     for _ in range(3):
         recorder.watch()
     answer(segment)

@@ -6,9 +6,10 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -18,8 +19,11 @@ from hypothesis import strategies as st
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.hosttime import HostClock
 from drivers.ports import VideoSource, open_video
-from drivers.samples import Frame
+from drivers.samples import Frame, GreyImage
 from drivers.sim import HEADER_BYTES, FrameHeader, pack_frame
+from drivers.twins.control import FaultControl
+from drivers.twins.faults import PICTURE_FAULTS
+from drivers.twins.scanner import Scanner, VideoPlug
 from drivers.twins.world import World
 from tests.polling import until
 
@@ -246,3 +250,31 @@ def test_absent_and_impossible_sockets_are_told_apart(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(DeviceLost):
         open_video(f"sim:{tmp_path}/file", HostClock())
+
+
+class Waiting(World):
+    """Its third picture waits for the processor."""
+
+    def frame(self, t_s: float, index: int, active: Collection[str] = ()) -> GreyImage:
+        self.pictures = getattr(self, "pictures", 0) + 1
+        if self.pictures == 3:
+            time.sleep(3.0)
+        return super().frame(t_s, index, active)
+
+
+def test_a_scanner_that_was_short_of_time_shows_pictures_again_at_once(tmp_path: Path) -> None:
+    """It renders ahead by what a picture costs; what it waited for the processor is no cost."""
+    clock, stop = HostClock(), Event()
+    with VideoPlug(tmp_path / "video") as plug:
+        scanner = Scanner(Waiting(1), plug, clock, FaultControl(PICTURE_FAULTS))
+        thread = Thread(target=scanner.run, args=(stop,))
+        thread.start()
+        try:
+            with open_video(f"sim:{tmp_path}/video", clock) as source:
+                until(lambda: (found := source.read(1.0)) is not None and found.stamp.t_ns > clock.origin_ns + 3e9)
+                began_s = time.monotonic()
+                frames(source, 6)
+                assert time.monotonic() - began_s < 1.2
+        finally:
+            stop.set()
+            thread.join()

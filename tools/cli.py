@@ -20,7 +20,7 @@ _COMMANDS = {
     "release": "de-energise every alarm output, for a service that has ended",
     "replay": "run a recording through the line and print a report",
     "run": "the service: watch the devices named in the configuration",
-    "simulate": "a tracker that exists only as bytes, with faults at run time",
+    "simulate": "a tracker or a whole cart that exists only as bytes, with faults at run time",
     "status": "what the service sees now; --watch keeps it on the screen",
 }
 

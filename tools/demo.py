@@ -5,7 +5,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
@@ -14,19 +14,21 @@ from rich.console import Console
 
 from appliance.supervision.supervisor import LATCHED
 from appliance.types import State
-from drivers.errors import DeviceLost
+from drivers.errors import TooBusy
 from drivers.twins.faults import FAULT_CLASS
 from tools.demo_director import Director
 from tools.demo_judgement import History, Moment, Switch, judge
+from tools.demo_load import DemoLoad
 from tools.demo_report import Circumstances, print_report, report_fields
 from tools.demo_script import Planned, Script, chosen_plan, default_plan
 from tools.json_report import check_writable, write_json
 from tools.live_view import LiveView
-from tools.simulated_cart import CartSettings, SimulatedCart
+from tools.simulated_cart import CartSettings, NotReady, SimulatedCart
 from tools.status_view import Status
 
 _ANSWER_S = 15.0
 _ASK_AGAIN_S = 0.5
+_LESS_BUSY = "Try again when the machine is less busy"
 
 
 def _faults(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> list[tuple[str, float]]:
@@ -82,7 +84,8 @@ def command(
       probewatch demo --duration 100 --seed 7
 
     Exit code 0: every fault was found, rightly named and recovered from, and nothing else alarmed. 1: not so; the last
-    line says why. 69: a part of the cart died. 78: the script or a file cannot be.
+    line says why. 69: a part of the cart died. 75: not so either, but this computer was too busy with other programs
+    for anything to be told; try again when it is not. 78: the script or a file cannot be.
     """
     check_writable(json_path)
     plan = chosen_plan(faults, duration_s) if faults else default_plan(duration_s)
@@ -95,7 +98,7 @@ def command(
     if json_path is not None:
         write_json(json_path, report_fields(outcome, history, Circumstances(seed, speed, counters)))
     if not outcome.passed:
-        sys.exit(1)
+        sys.exit(TooBusy.exit_code if outcome.too_busy else 1)
 
 
 @contextmanager
@@ -118,18 +121,38 @@ def _run(
     console: Console,
     stop: threading.Event,
 ) -> tuple[Script, History, dict[str, int]]:
-    """Shown, seen, and the service's counters. Raises Abort when stopped, DeviceLost when a part dies."""
+    """Shown, seen, and the service's counters. Raises Abort when stopped, DeviceLost when a part dies, TooBusy."""
+    with DemoLoad() as load:
 
-    def pause(seconds: float) -> None:
-        if stop.wait(seconds):
-            raise click.Abort
+        def pause(seconds: float) -> None:
+            load.look()
+            if stop.wait(seconds):
+                raise click.Abort
 
+        try:
+            return _show(plan, duration_s, settings, console, pause, load)
+        except NotReady as error:
+            since_ns = time.monotonic_ns() - round(_ANSWER_S * 1e9)
+            if any(until_ns > since_ns for _, until_ns in load.spans_ns):
+                raise TooBusy(f"this computer is overloaded: {error.what}", error.where, _LESS_BUSY) from None
+            raise
+
+
+def _show(
+    plan: tuple[Planned, ...],
+    duration_s: float | None,
+    settings: CartSettings,
+    console: Console,
+    pause: Callable[[float], None],
+    load: DemoLoad,
+) -> tuple[Script, History, dict[str, int]]:
+    """The run itself."""
     director = Director(plan)
     view = LiveView(console, director) if console.is_terminal and not console.is_dumb_terminal else PlainView()
     with tempfile.TemporaryDirectory(prefix="probewatch-", ignore_cleanup_errors=True) as folder:
         click.echo(f"simulated cart: seed {settings.seed}, speed {settings.rate:g}")
         with SimulatedCart(Path(folder), settings, pause) as cart, view:
-            operator = Operator(cart, director, view)
+            operator = Operator(cart, director, view, load)
             while not operator.finished(duration_s):
                 operator.look()
                 pause(0.0)
@@ -150,8 +173,8 @@ class PlainView(nullcontext[None]):
 class Operator:
     """Looks at the service once a tick, notes what is new, and acknowledges a halt whose fault has been removed."""
 
-    def __init__(self, cart: SimulatedCart, director: Director, view: LiveView | PlainView) -> None:
-        self._cart, self._director, self._view = cart, director, view
+    def __init__(self, cart: SimulatedCart, director: Director, view: LiveView | PlainView, load: DemoLoad) -> None:
+        self._cart, self._director, self._view, self._load = cart, director, view, load
         self._told_s = 0.0
         self._moments: list[Moment] = []
         self._switches: list[Switch] = []
@@ -170,6 +193,7 @@ class Operator:
             self._wait_for_answer()
             return
         self._answered_s, self.counters = time.monotonic(), status["counters"]
+        self._load.look(overloaded=status["load"]["overloaded_s"] is not None)
         self._note_state(t_s, status)
         if self._director.step(t_s, State(status["state"])):
             self._cart.show_faults(self._director.orders)
@@ -189,11 +213,11 @@ class Operator:
     def history(self) -> History:
         """Everything seen so far."""
         seen = tuple(self._moments), tuple(self._switches), tuple(self._acknowledged_s)
-        return History(*seen, end_s=self._cart.now_s())
+        return History(*seen, end_s=self._cart.now_s(), busy_s=self._load.spans_s(self._cart.clock))
 
     def _wait_for_answer(self) -> None:
         if time.monotonic() - self._answered_s > _ANSWER_S:
-            raise DeviceLost("the service does not answer", str(self._cart.socket), "Is the machine very busy?")
+            raise NotReady("the service does not answer", str(self._cart.socket), _LESS_BUSY)
         time.sleep(0.02)
 
     def _tell_faults(self, t_s: float) -> None:

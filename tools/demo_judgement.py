@@ -8,7 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from appliance.types import State
-from tools.demo_script import Injection, Script
+from tools.demo_script import LONGEST_RECOVERY_S, Injection, Script
+
+_EVIDENCE_S = 10.0
+"""What is told of a moment rests on the motion of so many seconds before it."""
+_BUSY_S = 2.0
+"""How long the machine must have been too busy in that time to explain anything; less has never made a run fail."""
 
 ALARMS = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED, State.DEVICE_LOST)
 
@@ -33,12 +38,20 @@ class Switch:
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Everything seen during a run, in time order. end_s: when it ended."""
+    """Everything seen during a run, in time order. end_s: when it ended. busy_s: from when until when the machine was
+    too busy for a cart in real time.
+    """
 
     moments: tuple[Moment, ...]
     switches: tuple[Switch, ...]
     acknowledged_s: tuple[float, ...]
     end_s: float
+    busy_s: tuple[tuple[float, float], ...] = ()
+
+    def busy(self, from_s: float, until_s: float) -> bool:
+        """Whether the machine was too busy then for anything to be told of it."""
+        spans = ((max(one, from_s - _EVIDENCE_S), min(other, until_s)) for one, other in self.busy_s)
+        return sum(max(0.0, other - one) for one, other in spans) >= _BUSY_S
 
     def at(self, t_s: float) -> Moment | None:
         """The moment in force at t_s, None before the first."""
@@ -73,13 +86,14 @@ class Finding:
 class Outcome:
     """The judgement. verified_s: when the calibration was first verified. unexpected: alarms without their fault.
 
-    sentence: why the run failed, empty where it passed.
+    sentence: why the run failed, empty where it passed. too_busy: the machine was too busy then, so it says nothing.
     """
 
     findings: tuple[Finding, ...]
     unexpected: tuple[Moment, ...]
     verified_s: float | None
     sentence: str
+    too_busy: bool = False
 
     @property
     def passed(self) -> bool:
@@ -91,7 +105,10 @@ def judge(script: Script, history: History) -> Outcome:
     findings = tuple(_find(one, script.until_s(one), history) for one in script.injections)
     unexpected = _unexpected(script, findings, history)
     verified_s = next((one.t_s for one in history.moments if one.state is State.MONITORING), None)
-    return Outcome(findings, unexpected, verified_s, _sentence(script, findings, unexpected, verified_s))
+    cause = _cause(script, findings, unexpected, verified_s)
+    if cause is None:
+        return Outcome(findings, unexpected, verified_s, "")
+    return Outcome(findings, unexpected, verified_s, cause.sentence, history.busy(cause.from_s, cause.until_s))
 
 
 def _find(injection: Injection, until_s: float, history: History) -> Finding:
@@ -150,17 +167,32 @@ def _explains(finding: Finding, moment: Moment, script: Script) -> bool:
     return injection.from_s <= moment.t_s < until_s and moment.fault in (injection.fault_class, None)
 
 
-def _sentence(
+@dataclass(frozen=True, slots=True, order=True)
+class _Cause:
+    """What went wrong from from_s until until_s, as a sentence."""
+
+    from_s: float
+    sentence: str
+    until_s: float
+
+
+def _cause(
     script: Script, findings: tuple[Finding, ...], unexpected: tuple[Moment, ...], verified_s: float | None
-) -> str:
-    """Why the run failed, by the earliest cause; empty when it did not."""
+) -> _Cause | None:
+    """The earliest; None when the run passed."""
     if verified_s is None:
-        return "The calibration was never verified."
-    causes = [(one.injection.from_s, f"{one.injection.fault} {one.problem}") for one in findings if one.problem]
-    causes += [(one.t_s, f"'{one.state.value}' ({one.fault}) came up without that fault") for one in unexpected]
+        return _Cause(0.0, "The calibration was never verified.", script.end_s)
+    causes = [_fault_cause(one.injection, one.problem, script) for one in findings if one.problem]
+    causes += [
+        _Cause(one.t_s, f"At {one.t_s:.1f} s '{one.state.value}' ({one.fault}) came up without that fault.", one.t_s)
+        for one in unexpected
+    ]
     if script.left_out and not causes:
-        return f"At {script.end_s:.1f} s the calibration was not verified; {script.left_out[0]} did not have its turn."
-    if not causes:
-        return ""
-    t_s, what = min(causes)
-    return f"At {t_s:.1f} s {what}."
+        what = f"At {script.end_s:.1f} s the calibration was not verified; {script.left_out[0]} did not have its turn."
+        return _Cause(script.end_s - LONGEST_RECOVERY_S, what, script.end_s)
+    return min(causes, default=None)
+
+
+def _fault_cause(injection: Injection, problem: str, script: Script) -> _Cause:
+    from_s = injection.from_s
+    return _Cause(from_s, f"At {from_s:.1f} s {injection.fault} {problem}.", script.until_s(injection))

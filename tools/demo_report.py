@@ -30,10 +30,13 @@ def print_report(console: Console, outcome: Outcome) -> None:
         console.print("Seconds after the fault began; verified: seconds after it ended.\n")
     if outcome.unexpected:
         console.print(_unexpected(outcome.unexpected))
-    console.print(_sentence(outcome), soft_wrap=True, style="green" if outcome.passed else "red")
+    colour = "green" if outcome.passed else "yellow" if outcome.too_busy else "red"
+    console.print(_sentence(outcome), soft_wrap=True, style=colour)
 
 
 def _sentence(outcome: Outcome) -> str:
+    if outcome.too_busy:
+        return f"TOO BUSY: this computer is overloaded, so nothing can be told. {outcome.sentence}"
     if not outcome.passed:
         return f"FAILED: {outcome.sentence}"
     number = len(outcome.findings)
@@ -74,6 +77,7 @@ def report_fields(outcome: Outcome, history: History, circumstances: Circumstanc
         "version": VERSION,
         "passed": outcome.passed,
         "reason": outcome.sentence,
+        "too_busy": outcome.too_busy,
         "seed": circumstances.seed,
         "speed": circumstances.speed,
         "duration_s": _number(history.end_s),
@@ -82,6 +86,7 @@ def report_fields(outcome: Outcome, history: History, circumstances: Circumstanc
         "unexpected": [_moment(one) for one in outcome.unexpected],
         "timeline": [_moment(one) for one in history.moments],
         "contact": [{"t_s": _number(one.t_s), "energised": one.energised} for one in history.switches],
+        "busy": [{"from_s": _number(one), "to_s": _number(other)} for one, other in history.busy_s],
         "counters": dict(circumstances.counters),
     }
 

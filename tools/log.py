@@ -24,7 +24,7 @@ _LOOKS = 3
 @click.option("--until", type=click.DateTime(), help="entries before this time, UTC")
 @click.option("--state", help="changes to this state only, such as halt")
 @click.option("--fault", help="entries that name this fault only, such as polarity")
-@click.option("--event", help="one kind of entry only: state, request, reloaded, wall-clock, started, stopped")
+@click.option("--event", help="one kind of entry only: state, request, reloaded, overloaded, wall-clock, started …")
 @click.option("--last", type=click.IntRange(1), metavar="N", help="the last N that match")
 @click.option("--verify", is_flag=True, help="only say whether the chain is whole")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="write the entries there")

@@ -1,10 +1,11 @@
-"""`probewatch simulate`: devices that exist only as bytes; each one's command lives in `tools/simulate_<name>.py`."""
+"""`probewatch simulate`: devices that exist only as bytes; each command lives in `tools/simulate_<name>.py`."""
 
 import importlib
 
 import click
 
 _DEVICES = {
+    "cart": "scanner, tracker and relay board together, and the configuration that fits them",
     "log": "an NDI tracker as it answered in a byte log",
     "ndi": "a Polaris or Aurora on a pseudo-terminal, a Vega on TCP",
     "optotrak": "an Optotrak behind an RTC3D server on TCP",
@@ -31,4 +32,4 @@ class _LazyGroup(click.Group):
 
 @click.group("simulate", cls=_LazyGroup)
 def command() -> None:
-    """Simulate a tracker at its own protocol, with faults at run time."""
+    """Simulate a tracker at its own protocol, or a whole cart, with faults at run time."""

@@ -1,4 +1,4 @@
-"""A whole cart on one machine: scanner, tracker and relay board as twins, and the service, each its own process."""
+"""A cart on one machine: scanner, tracker and relay board as twins, and the service, each its own process."""
 
 import json
 import os
@@ -113,10 +113,16 @@ class CartSettings:
     rate: float = 1.0
 
 
-class SimulatedCart:
-    """Everything under `folder`; leaving the context ends every process. Time 0 is the creation of this object.
+class NotReady(DeviceLost):
+    """A part that lives did not come up, or did not answer, in time."""
 
-    pause: how to wait for some seconds; what it raises ends the start. twins, daemon: the processes, once started.
+
+class SimulatedDevices:
+    """The devices, everything under `folder`; leaving the context ends every process. Time 0 is the creation of this
+    object.
+
+    pause: how to wait for some seconds; what it raises ends the start. twins: the processes, once started. config: the
+    configuration of a service that fits them, also as config_text.
     """
 
     def __init__(
@@ -126,8 +132,8 @@ class SimulatedCart:
         self.clock = HostClock(self.settings.rate, time.monotonic_ns())
         self.socket = folder / "control"
         self.config = folder / "probewatch.toml"
+        self.config_text = ""
         self.twins: dict[str, Part] = {}
-        self.daemon: Part | None = None
 
     def __enter__(self) -> Self:
         try:
@@ -149,12 +155,12 @@ class SimulatedCart:
         calibration = calibration_from_image_to_probe(image_to_probe, (640, 480))
         write_calibration(self.folder / "probe.toml", calibration, {"source": "the truth of the simulated world"})
         urls = {name: self.await_twin(name) for name in TWINS}
-        self._write_config(urls)
-        self.start_daemon()
+        self.config_text = self._configuration(urls)
+        self.config.write_text(self.config_text)
 
     def close(self) -> None:
-        """The service first, so that it opens the contact on a relay board that still listens."""
-        for part in (*filter(None, [self.daemon]), *self.twins.values()):
+        """End every process."""
+        for part in self.twins.values():
             part.end()
 
     def now_s(self) -> float:
@@ -181,7 +187,7 @@ class SimulatedCart:
             twin.require()
             if time.monotonic() > deadline_s:
                 what = f"{name} is not ready after {_READY_S:g} s"
-                raise DeviceLost(what, "simulated cart", "Try again when the machine is less busy")
+                raise NotReady(what, "simulated cart", "Try again when the machine is less busy")
             self._pause(0.01)
         return str(ready["url"])
 
@@ -193,6 +199,41 @@ class SimulatedCart:
             with replacing(self.folder / f"{name}.json") as file:
                 file.write(Schedule(episodes).to_json().encode())
 
+    def require_alive(self) -> None:
+        """Raises DeviceLost naming the part that has ended by itself, with the last lines of its log."""
+        for part in self.twins.values():
+            part.require()
+
+    def _configuration(self, urls: dict[str, str]) -> str:
+        """Absolute paths, so that the text may be put anywhere. The tracker's deadline runs on the cart's clock, which
+        may be faster than the machine.
+        """
+        deadline_ms = min(max(1.0, self.settings.rate) * _DEADLINE_MS, _LONGEST_DEADLINE_MS)
+        return (
+            f'video.url = "{urls["scanner"]}"\n'
+            f'tracker.url = "{urls["polaris"]}&deadline_ms={deadline_ms:g}"\n'
+            f'output = [{{ url = "{urls["relay_board"]}" }}]\n'
+            f'calibration.file = "{self.folder / "probe.toml"}"\n'
+            f'control.socket = "{self.socket}"\n'
+            f'alarm.folder = "{self.folder / "alarms"}"\n'
+        )
+
+
+class SimulatedCart(SimulatedDevices):
+    """The devices and the service between them. daemon: its process, once started."""
+
+    daemon: Part | None = None
+
+    def _start(self) -> None:
+        super()._start()
+        self.start_daemon()
+
+    def close(self) -> None:
+        """The service first, so that it opens the contact on a relay board that still listens."""
+        if self.daemon is not None:
+            self.daemon.end()
+        super().close()
+
     def start_daemon(self) -> None:
         """Start the service on the configuration that has been written."""
         rate = ["--clock-rate", str(self.settings.rate), "--clock-origin-ns", str(self.clock.origin_ns)]
@@ -200,8 +241,9 @@ class SimulatedCart:
 
     def require_alive(self) -> None:
         """Raises DeviceLost naming the part that has ended by itself, with the last lines of its log."""
-        for part in (*self.twins.values(), *filter(None, [self.daemon])):
-            part.require()
+        super().require_alive()
+        if self.daemon is not None:
+            self.daemon.require()
 
     def status(self) -> Event:
         """What the service says; empty while it does not answer."""
@@ -219,15 +261,3 @@ class SimulatedCart:
         except ControlRefused:
             return False
         return True
-
-    def _write_config(self, urls: dict[str, str]) -> None:
-        """The tracker's deadline runs on the cart's clock, which may be faster than the machine."""
-        deadline_ms = min(max(1.0, self.settings.rate) * _DEADLINE_MS, _LONGEST_DEADLINE_MS)
-        self.config.write_text(
-            f'video.url = "{urls["scanner"]}"\n'
-            f'tracker.url = "{urls["polaris"]}&deadline_ms={deadline_ms:g}"\n'
-            f'output = [{{ url = "{urls["relay_board"]}" }}]\n'
-            'calibration.file = "probe.toml"\n'
-            f'control.socket = "{self.socket}"\n'
-            'alarm.folder = "alarms"\n'
-        )

@@ -14,6 +14,7 @@ from appliance.service.errands import Errands
 from appliance.service.estimator_host import EstimatorHost
 from appliance.service.log import get_log
 from appliance.service.output_thread import OutputThread
+from appliance.service.overload_watch import OverloadWatch
 from appliance.service.rate_meter import RateMeter
 from appliance.service.recalibration import Recalibration
 from appliance.service.recorder import Recorder
@@ -65,6 +66,7 @@ class Daemon:
         self._fps = {"video": RateMeter(), "tracker": RateMeter()}
         self._notifier = Notifier()
         self._ticks = TickMeter(TICK_NS)
+        self._overload = OverloadWatch(TICK_NS, self._note)
         self._wall_clock = WallClock()
         self._log = get_log()
         self._started_ns = self._now_ns = clock.now_ns()
@@ -89,6 +91,7 @@ class Daemon:
             thread.join(_JOIN_S)
         self._estimator.close()
         self._notifier.close()
+        self._overload.close(self._now_ns, self._device_losses)
         self._recorder.note("stopped", self._latch())
         self._recorder.close()
         self._log.info("stopped")
@@ -112,13 +115,14 @@ class Daemon:
         self._now_ns = self._clock.now_ns()
         self._ticks.note(self._now_ns)
         self._watch_wall_clock()
-        self._recorder.watch()
+        self._recorder.watch(self._overload.since_ns is not None)
         heard, verdicts = self._estimator.poll()
         if heard or not self._estimator.speaking:
             self._heard_ns = self._now_ns if heard else None
             self._verdict = self._verdict if heard else None
         self._verdict = verdicts[-1] if verdicts else self._verdict
-        self._devices = watch_devices(self._now_ns, self._facts(), self._patience, self._config.limits)
+        devices = watch_devices(self._now_ns, self._facts(), self._patience, self._config.limits)
+        self._devices = (*devices, self._watch_overload(devices))
         alarm = self._step(Inputs(verdicts, self._devices))
         self._control.poll(self._requests.answer)
         self._reload_if_asked()
@@ -143,7 +147,7 @@ class Daemon:
             annunciator=self._annunciator,
             errands=self._errands,
             now_ns=lambda: self._now_ns,
-            note=lambda event, **data: self._recorder.note(event, self._latch(), **data),
+            note=self._note,
         )
 
     def _threads(self) -> list[DeviceThread]:
@@ -182,6 +186,16 @@ class Daemon:
             if failure is not None:
                 raise failure
 
+    def _watch_overload(self, devices: tuple[Check, ...]) -> Check:
+        check = self._overload.step(self._now_ns, devices, self._estimator.waiting_frames, self._device_losses)
+        for thread in self._threads():
+            thread.overload_ns = self._overload.since_ns
+        return check
+
+    @property
+    def _device_losses(self) -> int:
+        return sum(thread.losses for thread in self._threads())
+
     def _facts(self) -> Facts:
         written = [output.written_ns for output in self._outputs]
         known = [written_ns for written_ns in written if written_ns is not None]
@@ -210,10 +224,15 @@ class Daemon:
         return alarm
 
     def _note_change(self, before: AlarmState | None, alarm: AlarmState) -> None:
+        if not self._overload.worth_an_entry(before, alarm):
+            return
         said = {"state": alarm.state.value, "fault": alarm.fault, "reason": alarm.reason}
         if before is None or before.state is not alarm.state:
             self._log.info("state", **said)
         self._recorder.note("state", self._latch(), **said)
+
+    def _note(self, event: str, **data: Any) -> None:
+        self._recorder.note(event, self._latch(), **data)
 
     def _latch(self) -> Latch | None:
         if self._alarm is None:
@@ -263,6 +282,7 @@ class Daemon:
             "remarks": list(self._tracker.remarks),
             "fps": {name: round(meter.per_s, 2) for name, meter in self._fps.items()},
             "tick": self._ticks.fields(),
+            "load": self._overload.fields(self._now_ns),
             "counters": self._counters(),
         }
 
@@ -277,7 +297,7 @@ class Daemon:
             "dropped_frames": 0 if word is None else word.dropped_frames,
             "dropped_poses": 0 if word is None else word.dropped_poses,
             "output_writes": sum(output.writes for output in self._outputs),
-            "device_losses": sum(thread.losses for thread in self._threads()),
+            "device_losses": self._device_losses,
             "estimator_restarts": max(0, self._estimator.restarts),
             "dropped_clients": self._control.dropped_clients,
             "late_ticks": self._ticks.late,

@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 
 from appliance.service.backoff import Backoff
 from appliance.service.log import get_log
+from appliance.supervision.alarms import HAZARDS, OVERLOADED
 from drivers.errors import DeviceLost, ProbewatchError, ProtocolError
 from drivers.hosttime import HostClock
 
@@ -13,7 +14,8 @@ class DeviceThread(threading.Thread, ABC):
     """Opens, works, and after a loss opens again with capped backoff; logs once that it is lost, once that it is back.
 
     failure: an error of ours, or a configuration that can never work; the tick raises it. lost: what is wrong, in
-    words, while the device is lost. losses: how often it was lost.
+    words, while the device is lost. losses: how often it was lost. overload_ns: since when this computer is short of
+    time; from then on the first loss is said and the others are only counted.
     """
 
     def __init__(self, role: str, url: str, clock: HostClock) -> None:
@@ -26,6 +28,9 @@ class DeviceThread(threading.Thread, ABC):
         self.failure: BaseException | None = None
         self.lost: str | None = None
         self.losses = 0
+        self.overload_ns: int | None = None
+        self._told_ns: int | None = None
+        self._said = False
 
     def stop(self) -> None:
         """Ask the thread to close its device and end."""
@@ -52,12 +57,23 @@ class DeviceThread(threading.Thread, ABC):
     def _note_loss(self, error: ProbewatchError) -> None:
         if self.lost is None:
             self.losses += 1
-            self._log.warning("device lost", what=error.what, where=error.where, remedy=error.remedy)
+            self._say_loss(error)
         self.lost = str(error)
+
+    def _say_loss(self, error: ProbewatchError) -> None:
+        overload_ns = self.overload_ns
+        self._said = overload_ns is None or overload_ns != self._told_ns
+        if not self._said:
+            return
+        self._told_ns, why = overload_ns, {}
+        if overload_ns is not None:
+            why = {"overloaded": True, "remedy": HAZARDS[OVERLOADED].remedy}
+        self._log.warning("device lost", **{"what": error.what, "where": error.where, "remedy": error.remedy} | why)
 
     def note_success(self) -> None:
         """The device has just done its work."""
         self._backoff.reset()
         if self.lost is not None:
             self.lost = None
-            self._log.info("device back")
+            if self._said:
+                self._log.info("device back")

@@ -20,6 +20,8 @@ from drivers.samples import Frame, Sample
 _COMMAND = (sys.executable, "-m", "appliance.service.estimator_process")
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 5.0
 _HUNG_S, _LOADING_S = 5.0, 60.0
+_WORKING_S = 0.3
+"""Silence up to which the estimator counts as working: three of its words."""
 _BURIAL_S, _LAST_BURIAL_S = 0.05, 1.0
 _SIGNALS = {one.value: one.name for one in signal.Signals}
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -62,6 +64,12 @@ class EstimatorHost:
     def speaking(self) -> bool:
         """The present process has spoken; False from the death of one to the first word of the next."""
         return self._spoken
+
+    @property
+    def waiting_frames(self) -> int:
+        """Pictures that it has not taken yet; 0 while it does not work, as then nobody is behind."""
+        working = self._spoken and time.monotonic() - self._heard_s < _WORKING_S
+        return self._frames.backlog if working else 0
 
     @property
     def reference(self) -> Calibration:

@@ -82,5 +82,6 @@ class OutputThread(DeviceThread):
 
     def _note_switch(self, energised: bool, delay_ms: float) -> None:
         self.slowest_ms = max(self.slowest_ms, delay_ms)
-        log = self._log.info if self.signal is Role.CONTACT else self._log.debug
+        loud = self.signal is Role.CONTACT and self.overload_ns is None
+        log = self._log.info if loud else self._log.debug
         log("contact", signal=self.signal.value, energised=energised, delay_ms=round(delay_ms, 3))

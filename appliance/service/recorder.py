@@ -85,8 +85,13 @@ class Recorder(threading.Thread):
         """Why nothing can be written now; None when it can."""
         return self._silence() or self._error
 
-    def watch(self) -> None:
-        """Say once in the log when the disk does not answer, and once when it does again; the thread itself hangs."""
+    def watch(self, overloaded: bool = False) -> None:
+        """Say once in the log when the disk does not answer, and once when it does again; the thread itself hangs.
+
+        overloaded: this computer is short of time, which is no fault of the disk.
+        """
+        if overloaded:
+            return
         silence = self._silence()
         if silence is not None and not self._said_silent:
             self._log.warning("alarm log cannot be written", what=silence)

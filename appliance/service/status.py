@@ -6,7 +6,7 @@ from typing import Any
 
 from appliance.service.output_thread import OutputThread
 from appliance.service.recorder import Recorder
-from appliance.supervision.alarms import HAZARDS, SIGNALS, operator_text
+from appliance.supervision.alarms import HAZARDS, OVERLOADED, SIGNALS, operator_text
 from appliance.supervision.audio import Sound
 from appliance.supervision.languages import translated
 from appliance.types import AlarmState, Check, Verdict
@@ -14,7 +14,7 @@ from appliance.types import AlarmState, Check, Verdict
 
 def alarm_fields(now_ns: int, alarm: AlarmState, language: str) -> dict[str, Any]:
     """What the room is told, in its language."""
-    text, remedy = operator_text(alarm.state, alarm.fault, language)
+    text, remedy = operator_text(alarm.state, alarm.fault, language, OVERLOADED in alarm.notices)
     signal = SIGNALS[alarm.state]
     return {
         "state": alarm.state.value,

@@ -141,7 +141,18 @@ HAZARDS = {
     "line-of-sight": Hazard(Kind.SIGHT, "Probe not seen by the tracker", "Bring the probe into the tracker's view"),
     "no-picture": Hazard(Kind.SIGHT, "No ultrasound in the picture", "Probe on the skin, live picture on the scanner"),
     "log-not-written": Hazard(Kind.ADVISORY, "Alarm log cannot be written", "Make room on the cart's disk; check it"),
+    "overloaded": Hazard(
+        Kind.ADVISORY, "This computer is overloaded", "Close other programs; check a device that stays lost"
+    ),
 }
+
+OVERLOADED = "overloaded"
+SILENCES = frozenset(
+    ("frozen-video", "video-lost", "tracker-lost", "tracker-stale", "output-failed", "estimator-silent")
+)
+"""Hazards that a computer short of time shows as well as a device that is gone."""
+_EXPLAINED = (State.WAITING, State.NOT_VERIFIED, State.WARNING, State.DEVICE_LOST, State.INTERNAL_FAULT)
+"""States that silence alone can lead to."""
 
 ACKNOWLEDGED = "acknowledged, waiting until the calibration is verified again"
 
@@ -151,10 +162,14 @@ def kind_of(fault: str) -> Kind:
     return HAZARDS[fault].kind
 
 
-def operator_text(state: State, fault: str | None, language: str = "en") -> tuple[str, str]:
-    """(text, remedy) for the operator: the state's own, sharpened by the hazard where one is named."""
+def operator_text(state: State, fault: str | None, language: str = "en", overloaded: bool = False) -> tuple[str, str]:
+    """(text, remedy) for the operator: the state's own, sharpened by the hazard where one is named; by the overload
+    where a computer short of time explains it.
+    """
     signal = SIGNALS[state]
     text = translated(signal.text, language)
+    if overloaded and state in _EXPLAINED and (fault is None or fault in SILENCES):
+        fault = OVERLOADED
     if fault is None:
         return text, translated(signal.remedy, language)
     hazard = HAZARDS[fault]

@@ -56,6 +56,8 @@ GERMAN = {
     "Probe on the skin, live picture on the scanner": "Sonde auf die Haut, Livebild am Ultraschallgerät",
     "Alarm log cannot be written": "Alarmprotokoll kann nicht geschrieben werden",
     "Make room on the cart's disk; check it": "Platz auf der Festplatte des Wagens schaffen; sie prüfen",
+    "This computer is overloaded": "Dieser Rechner ist überlastet",
+    "Close other programs; check a device that stays lost": "Andere Programme schließen; Gerät prüfen, das weg bleibt",
 }
 
 LANGUAGES = {"en": {}, "de": GERMAN}

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from appliance.supervision.alarms import HAZARDS, Kind, Severity, kind_of
+from appliance.supervision.alarms import HAZARDS, OVERLOADED, SILENCES, Kind, Severity, kind_of
 from appliance.supervision.condition import Condition
 from appliance.types import Check, State, Verdict, VerdictKind
 
@@ -63,10 +63,10 @@ class Ledger:
         return [verdict.fault]
 
     def _note_hazards(self, failing: list[str]) -> None:
+        self.notices = tuple(fault for fault in failing if kind_of(fault) is Kind.ADVISORY)
         self._note_integrity(failing)
         self._note_kind(self.internal, failing, Kind.INTERNAL)
         self._note_kind(self.device, failing, Kind.DEVICE)
-        self.notices = tuple(fault for fault in failing if kind_of(fault) is Kind.ADVISORY)
         self._untested = any(HAZARDS[fault].tested for fault in failing)
 
     def _note_sight(self, checks: tuple[Check, ...]) -> None:
@@ -87,7 +87,12 @@ class Ledger:
         if fault is None:
             condition.lift(self.now_ns)
         else:
-            condition.show(self.now_ns, fault, HAZARDS[fault].text)
+            condition.show(self.now_ns, fault, self._explained(fault))
+
+    def _explained(self, fault: str) -> str:
+        """What a silent device is told as, also while this computer is short of time."""
+        text = HAZARDS[fault].text
+        return f"{text}; {HAZARDS[OVERLOADED].text}" if fault in SILENCES and OVERLOADED in self.notices else text
 
     def forget_verification(self) -> None:
         """Only what is measured from now on can verify anything."""

@@ -25,6 +25,9 @@ from drivers.twins.world import SCENES, World, WorldSettings
 
 _STAMP_ERR_NS = 1_000_000
 _SEND_S = 0.5
+_LONGEST_COST_S = 0.2
+"""Of one frame, seconds of the clock. A frame that waited long for the processor would otherwise let the scanner render
+so far ahead that it shows one picture in as many seconds, long after the processor is free again."""
 
 
 class VideoPlug:
@@ -146,7 +149,7 @@ class Scanner:
         if self._held is None or "freeze-video" not in active:
             self._held = self._world.frame(t_s, number, active)
         frame = pack_frame(number, t_ns, _STAMP_ERR_NS, self._held)
-        cost_s = (time.monotonic() - began_s) * self._clock.rate
+        cost_s = min((time.monotonic() - began_s) * self._clock.rate, _LONGEST_COST_S)
         self._cost_s += 0.2 * (cost_s - self._cost_s)
         return frame
 

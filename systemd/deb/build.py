@@ -94,9 +94,7 @@ def _files(tree: Path) -> None:
     example = (ROOT / "config/probewatch.toml").read_text()
     config, count = re.subn(r"^# configured = true$", "configured = false", example, flags=re.M)
     assert count == 1, "the example configuration has lost its key 'configured'"
-    _put(
-        tree / "etc/probewatch/probewatch.toml", config.replace("sim:/run/probewatch/twins/scanner", "v4l2:/dev/video0")
-    )
+    _put(tree / "etc/probewatch/probewatch.toml", config)
     manual = tree / "usr/share/man/man1/probewatch.1.gz"
     manual.parent.mkdir(parents=True)
     manual.write_bytes(gzip.compress((HERE / "probewatch.1").read_bytes(), mtime=0))

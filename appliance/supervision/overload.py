@@ -1,0 +1,106 @@
+"""Is this computer short of time? Pure: time is an argument.
+
+It explains; it decides nothing: the contact, the states and their names are the same with and without it.
+"""
+
+from dataclasses import dataclass
+from math import exp, isnan, nan
+
+from appliance.supervision.alarms import OVERLOADED, SILENCES
+from appliance.types import Check, VerdictKind
+
+_MEMORY_S = 1.0
+"""Time constant of the means. Longer: a short burst is not called an overload. Shorter: fewer losses come before it."""
+_LONGEST_STEP_S = 0.25
+"""One step counts for no more, so that a service which was stopped once, or a laptop that slept, is not overloaded."""
+_LATE = 0.3
+"""Share of time by which ticks may be late. Measured on two cores: 0.00 beside 32 busy programs, which do no harm yet;
+0.9 for a service that gets what others leave over (SCHED_IDLE beside one busy program)."""
+_WAITING = 4
+"""Pictures that wait for the estimator: a quarter of its ring. One that keeps up has none or one."""
+_BEHIND = 0.5
+"""Share of time in which that many wait."""
+_PRESSED = 0.5
+"""Pressure without which a late tick is no overload, but a stopped process. Measured: 0.1 … 0.5 on a cart at rest."""
+_FULL = 0.9
+"""Pressure with which a silent device is explained. Measured: 0.85 … 1.0 beside four to eight busy programs."""
+_RELIEF = 0.5
+"""Share of each limit below which it counts as over."""
+_PROBATION_NS = 5_000_000_000
+"""How long it must be over. Longer: fewer pairs of entries. Shorter: the end is said sooner."""
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """What is known of the last tick. pressure: share of the time since the one before in which some program waited for
+    the processor or for memory, NaN where the kernel does not tell. waiting: pictures that the estimator has not taken
+    although it works.
+    """
+
+    pressure: float = nan
+    waiting: int = 0
+
+
+@dataclass(slots=True)
+class _Mean:
+    """Leaky mean."""
+
+    value: float = 0.0
+
+    def add(self, value: float, step_s: float) -> None:
+        self.value += (value - self.value) * (1 - exp(-step_s / _MEMORY_S))
+
+
+class Overload:
+    """One step a tick. since_ns: when it began, None while there is none. period_ns: how often the tick is due."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._pressure, self._late, self._behind = _Mean(), _Mean(), _Mean()
+        self._told = False
+        self._last_ns: int | None = None
+        self._good_ns = 0
+        self._failing = False
+        self.since_ns: int | None = None
+
+    def step(self, now_ns: int, load: Load, devices: tuple[Check, ...]) -> Check:
+        """The check to add to those of the device watchers, which are `devices`."""
+        if self._last_ns is not None and now_ns > self._last_ns:
+            self._note(now_ns - self._last_ns, load)
+        self._last_ns = now_ns
+        self._failing = any(check.verdict is VerdictKind.FAULT and check.fault in SILENCES for check in devices)
+        strain = self._strain()
+        if self.since_ns is None:
+            self.since_ns = now_ns if strain >= 1.0 else None
+            self._good_ns = now_ns
+        elif strain >= _RELIEF:
+            self._good_ns = now_ns
+        elif now_ns - self._good_ns >= _PROBATION_NS:
+            self.since_ns = None
+        verdict = VerdictKind.OK if self.since_ns is None else VerdictKind.FAULT
+        return Check("processor time", OVERLOADED, strain, 0.0, "", 1.0, verdict)
+
+    @property
+    def pressure(self) -> float:
+        """Mean of the last second, 0 … 1; NaN where the kernel does not tell."""
+        return self._pressure.value if self._told else nan
+
+    @property
+    def late(self) -> float:
+        """Share of the last second by which ticks were late."""
+        return self._late.value
+
+    def _note(self, interval_ns: int, load: Load) -> None:
+        step_s = min(interval_ns / 1e9, _LONGEST_STEP_S)
+        late = interval_ns > self._period_ns * 3 // 2
+        self._late.add((interval_ns - self._period_ns) / interval_ns if late else 0.0, step_s)
+        self._behind.add(float(load.waiting >= _WAITING), step_s)
+        self._told = not isnan(load.pressure)
+        self._pressure.add(load.pressure if self._told else 0.0, step_s)
+
+    def _strain(self) -> float:
+        """Worst quantity ÷ its limit. Without the kernel's word the tick has to tell alone."""
+        pressed = not self._told or self._pressure.value >= _PRESSED
+        late = self._late.value / _LATE if pressed else 0.0
+        full = self._pressure.value / _FULL if self._failing else 0.0
+        return max(late, self._behind.value / _BEHIND, full)
