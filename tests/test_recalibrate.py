@@ -183,7 +183,7 @@ class Scripted:
         self.asked.append(do)
         if do == self._declined:
             raise ControlRefused("not possible while halt")
-        return {"status": {"state": self._state, "reason": "scripted"}}
+        return {"status": {"state": self._state, "reason": "scripted"}, "proposal": {"text": "hardly", "confirm": False}}
 
 
 @pytest.mark.parametrize(
@@ -200,7 +200,7 @@ def test_the_end_is_what_the_service_says(monkeypatch, tmp_path, scan, capsys, s
     arguments = ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control", "--wait", 1)
     with Scripted(tmp_path / "control", state) as service:
         assert says in refusal(monkeypatch, capsys, code, *arguments)
-    assert service.asked[:3] == ["begin-recalibration", "end-recalibration", "status"]
+    assert service.asked[:3] == ["begin-recalibration", "propose-calibration", "end-recalibration"]
     assert "abort-recalibration" not in service.asked
 
 
@@ -208,7 +208,10 @@ def test_the_end_is_what_the_service_says(monkeypatch, tmp_path, scan, capsys, s
     ("declined", "asked"),
     [
         ("begin-recalibration", ["begin-recalibration", "abort-recalibration"]),
-        ("end-recalibration", ["begin-recalibration", "end-recalibration", "abort-recalibration"]),
+        (
+            "end-recalibration",
+            ["begin-recalibration", "propose-calibration", "end-recalibration", "abort-recalibration"],
+        ),
     ],
 )
 def test_a_service_that_declines_is_left_as_it_was(monkeypatch, tmp_path, scan, capsys, declined, asked) -> None:
@@ -248,7 +251,8 @@ def whole_recalibration(cart: Cart, *arguments: object) -> None:
     assert process.returncode == 0, err
     assert "the service has verified the new calibration and monitors again" in out
     (new,) = cart.config.parent.glob("probe-20*Z.toml")
-    assert f'[calibration] file = "{new}"' in out
+    assert "it is in force, also after a restart" in out
+    assert cart.status()["reference"]["file"] == str(new)
     new.unlink()
     events = [event for event in cart.daemon.said if event["heard_s"] > began_s]
     states = [event["state"] for event in events if event["event"] == "state"]

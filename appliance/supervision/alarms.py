@@ -137,6 +137,11 @@ HAZARDS = {
         Kind.INTEGRITY, "Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True
     ),
     "log-not-written": Hazard(Kind.ADVISORY, "Alarm log cannot be written", "Make room on the cart's disk; check it"),
+    "calibration-file": Hazard(
+        Kind.ADVISORY,
+        "Configured calibration is not in force",
+        "Read 'probewatch calibration list'",
+    ),
 }
 
 UNVERIFIED = {"line-of-sight": "probe not seen by the tracker"}

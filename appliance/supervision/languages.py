@@ -51,6 +51,8 @@ GERMAN = {
     "Alarm log is damaged": "Alarmprotokoll ist beschädigt",
     "Read 'probewatch log --verify', then acknowledge": "'probewatch log --verify' lesen, dann quittieren",
     "Alarm log cannot be written": "Alarmprotokoll kann nicht geschrieben werden",
+    "Configured calibration is not in force": "Konfigurierte Kalibrierung ist nicht in Kraft",
+    "Read 'probewatch calibration list'": "'probewatch calibration list' lesen",
     "Make room on the cart's disk; check it": "Platz auf der Festplatte des Wagens schaffen; sie prüfen",
 }
 
