@@ -60,9 +60,9 @@ class Entry(_Stored):
 
 
 class History(_Stored):
-    """entries: oldest first, the last is in force. configured_sha256: content of the configuration's file when a
-    person's last choice of a reference was verified, so that a later change of that file is noticed; empty where it
-    could not be read then.
+    """entries: oldest first, the last is in force. configured_sha256: content of the configuration's file when it
+    became the first reference, or when a later choice of a person was verified, so that a change of that file is
+    noticed; empty where it could not be read then.
     """
 
     v: Literal[1] = 1

@@ -25,6 +25,7 @@ from tools.cli import main
 
 SIZE_PX = (320, 240)
 START_NS = 7_000_000_000
+PROPOSAL = {"text": "hardly", "confirm": False}
 PERIOD_NS = 1_000_000_000 // 30
 TRUE_OFFSET_MM = np.array([11.0, 62.0, 14.0])
 
@@ -183,7 +184,10 @@ class Scripted:
         self.asked.append(do)
         if do == self._declined:
             raise ControlRefused("not possible while halt")
-        return {"status": {"state": self._state, "reason": "scripted"}, "proposal": {"text": "hardly", "confirm": False}}
+        return {
+            "status": {"state": self._state, "reason": "scripted"},
+            "proposal": {"text": "hardly", "confirm": False},
+        }
 
 
 @pytest.mark.parametrize(

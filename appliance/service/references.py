@@ -135,7 +135,10 @@ class References(threading.Thread):
             )
             self._unsized = None
             self._contents[candidate.sha256] = candidate.content
-            self._history = self._history.model_copy(update={"entries": (*self._history.entries, entry)})
+            changes: dict[str, object] = {"entries": (*self._history.entries, entry)}
+            if origin == CONFIGURED:
+                changes["configured_sha256"] = candidate.sha256
+            self._history = self._history.model_copy(update=changes)
             self.current = Reference(entry, candidate)
         self.look_again()
         return self.current
@@ -160,10 +163,12 @@ class References(threading.Thread):
             own_files()
             self._open()
             self._opened.set()
+            self._work()
             while not self._ending or (self._unwritten and self._error is None):
+                if not self._ending:
+                    self._wake.wait(None if self._error is None else _RETRY_S)
+                    self._wake.clear()
                 self._work()
-                self._wake.wait(None if self._error is None else _RETRY_S)
-                self._wake.clear()
         except BaseException as error:
             self.failure = error  # the tick raises it
         finally:
@@ -191,7 +196,7 @@ class References(threading.Thread):
 
     def _work(self) -> None:
         self._complete()
-        if self._look and self.current is not None:
+        if self._look and self._begun and self.current is not None:
             self._look = False
             self._compare_configured()
         if self._unwritten:
