@@ -70,7 +70,7 @@ def settled(references: References) -> References:
     references.close()
     if references.failure is not None:
         raise references.failure
-    assert references.waits is None
+    assert references.on_disk, references.waits
     return references
 
 

@@ -14,10 +14,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from appliance.alarm_chain import read_log
-from appliance.calibration_file import read_calibration, write_calibration
+from appliance.calibration_file import image_to_probe, read_calibration, write_calibration
 from appliance.service.control import ControlRefused
 from appliance.service.control_client import ControlClient
 from appliance.supervision.alarms import HAZARDS
@@ -108,7 +109,7 @@ def test_a_new_reference_outlives_a_restart_and_can_be_gone_back_from(monitoring
     first = monitoring.status()["reference"]
     old = read_calibration(monitoring.folder / "probe.toml")
     new = tmp_path / "new.toml"
-    write_calibration(new, replace(old, offset_mm=old.offset_mm + [0, 0, 1]), {})
+    write_calibration(new, replace(old, offset_mm=old.offset_mm + np.array([0, 0, 1])), {})
     used = calibration("use", new, "--socket", monitoring.socket)
     assert used.returncode == 0, used.stderr
     assert "moved by 1.00 mm" in used.stdout
@@ -117,7 +118,7 @@ def test_a_new_reference_outlives_a_restart_and_can_be_gone_back_from(monitoring
     assert (after["number"], after["origin"]) == (first["number"] + 1, "recalibration")
     asked = calibration("back", first["number"], "--socket", monitoring.socket)
     assert (asked.returncode, asked.stderr.count("\n")) == (75, 1)
-    assert "needs a person to accept this difference" in asked.stderr
+    assert "needs a person to accept it" in asked.stderr
     assert monitoring.status()["state"] == "monitoring", "nothing was begun"
     back = calibration("back", first["number"], "--yes", "--socket", monitoring.socket)
     assert back.returncode == 0, back.stderr
@@ -127,27 +128,42 @@ def test_a_new_reference_outlives_a_restart_and_can_be_gone_back_from(monitoring
     assert [one["reference"]["number"] for one in changes[-2:]] == [after["number"], now["number"]]
 
 
-def test_a_far_reference_is_declined_without_a_word_and_not_verified_by_little_motion(
-    monitoring: Cart, tmp_path: Path
-) -> None:
+def test_a_far_reference_needs_a_person_and_more_than_little_motion(tmp_path: Path) -> None:
     """The stand-in line shows no parameter, which is enough for a reference that is near."""
-    before = monitoring.status()["reference"]
-    old = read_calibration(monitoring.folder / "probe.toml")
-    far = tmp_path / "far.toml"
-    write_calibration(far, replace(old, offset_mm=old.offset_mm + [0, 0, 30]), {})
-    declined = calibration("use", far, "--socket", monitoring.socket)
-    assert declined.returncode == 75
-    assert "moved by 30.00 mm" in declined.stdout
-    taken = calibration("use", far, "--yes", "--wait", 2, "--socket", monitoring.socket)
-    assert taken.returncode == 75
-    assert "offset-elevational" in taken.stderr
-    assert not monitoring.status()["energised"]
-    with ControlClient(monitoring.socket) as client:
-        client.abort_recalibration()
-    status = monitoring.status()
-    assert status["reference"]["origin"] == f"went back to {before['number']}"
-    back = calibration("back", before["number"], "--yes", "--wait", 2, "--socket", monitoring.socket)
-    assert back.returncode == 75, "the way back is far, too, and nothing has shown it since"
+    with Cart(tmp_path, trusting=True) as cart:
+        cart.wait_for("monitoring")
+        old = read_calibration(tmp_path / "probe.toml")
+        far = tmp_path / "far.toml"
+        write_calibration(far, replace(old, offset_mm=old.offset_mm + np.array([0, 0, 30])), {})
+        declined = calibration("use", far, "--socket", cart.socket)
+        assert declined.returncode == 75
+        assert "moved by 30.00 mm" in declined.stdout
+        assert cart.status()["energised"], "nothing was begun"
+        taken = calibration("use", far, "--yes", "--wait", 2, "--socket", cart.socket)
+        assert taken.returncode == 75
+        assert "offset-elevational" in taken.stderr
+        assert not cart.status()["energised"]
+        cart.daemon.end(kill=True)
+        cart.start_daemon()
+        status = cart.wait_for("not verified")
+        assert (status["reference"]["number"], status["energised"]) == (2, False)
+        until(lambda: "offset-elevational" in cart.status().get("reference_waits", ""))
+
+
+def test_a_device_set_without_a_size_waits_for_the_first_picture(tmp_path: Path) -> None:
+    with Cart(tmp_path, trusting=True) as cart:
+        cart.wait_for("monitoring")
+        assert cart.daemon.end() == 0
+        rows = image_to_probe(read_calibration(tmp_path / "probe.toml")).ravel()
+        matrix = " ".join(repr(float(number)) for number in rows)
+        transform = f'<Transform From="Image" To="Probe" Matrix="{matrix}"/>'
+        (tmp_path / "set.xml").write_text(f"<P><CoordinateDefinitions>{transform}</CoordinateDefinitions></P>")
+        cart.config.write_text(cart.config.read_text().replace("probe.toml", "set.xml"))
+        (tmp_path / "alarms").rename(tmp_path / "of the other reference")
+        cart.start_daemon()
+        reference = cart.wait_for("monitoring")["reference"]
+        assert reference["image_size_px"] == [640, 480]
+        assert reference["file"] == str(tmp_path / "set.xml")
 
 
 def test_an_edited_calibration_file_is_named_in_the_status(cart: Cart) -> None:

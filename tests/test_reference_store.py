@@ -262,7 +262,7 @@ def test_a_far_reference_must_show_everything_also_after_a_restart(tmp_path):
     references = started(config)
     (verdict,) = references.judged(ok("polarity"))
     assert verdict.kind is VerdictKind.NOT_VERIFIED
-    assert verdict.reason == "reference 2 is far from the one before; not shown of it yet: offset-elevational"
+    assert verdict.reason == "reference: it is far from the one before, and of it is not shown yet: offset-elevational"
     assert references.judged(ok(*everything))[0].kind is VerdictKind.OK
     references.note_verified()
     assert references.judged(ok("polarity"))[0].kind is VerdictKind.OK, "shown once, watched as usual from then on"

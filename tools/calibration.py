@@ -11,14 +11,15 @@ from rich.console import Console
 from rich.table import Table
 
 from appliance.calibration_difference import Difference, difference
-from appliance.calibration_file import calibration_bytes
+from appliance.calibration_file import calibration_bytes, is_device_set
 from appliance.limits import Limits
-from appliance.reference import Candidate, candidate_from_content, candidate_of_entry
+from appliance.reference import candidate_from_content, candidate_of_entry
 from appliance.reference_store import FOLDER, Entry, History, content_of, read_history, set_aside
 from appliance.service.control_client import ControlClient
+from appliance.types import Calibration
 from drivers.errors import ConfigurationError, DeviceLost
 from tools.service_socket import socket_option
-from tools.verification import accepted, await_verification, recalibrating
+from tools.verification import accepted, ask, await_verification, recalibrating
 
 _WHERE = click.option(
     "--folder",
@@ -91,10 +92,8 @@ def show(number: int | None, folder: Path, content: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="print the difference as JSON")
 def diff(before: str, after: str, folder: Path, as_json: bool) -> None:
     """How AFTER differs from BEFORE; each is the number of a reference, or a file."""
-    first = _named(before, folder, None)
-    second = _named(after, folder, first)
-    first = _named(before, folder, second)
-    change = difference(first.calibration, second.calibration)
+    first, second = _pair(before, after, folder)
+    change = difference(first, second)
     if as_json:
         click.echo(json.dumps({**change.fields(), "text": change.text}, ensure_ascii=False, indent=2))
     else:
@@ -142,8 +141,7 @@ def reset(folder: Path, control_socket: Path, yes: bool) -> None:
     For a service that refuses to start because it cannot know its reference. What there was is kept under another name.
     """
     _refuse_running(control_socket)
-    if not yes:
-        click.confirm(f"Set aside what is known of the reference in {folder}?", abort=True)
+    ask(f"Set aside what is known of the reference in {folder}?", yes)
     try:
         kept = set_aside(folder)
     except OSError as error:
@@ -179,12 +177,26 @@ def _history(folder: Path) -> History:
     return history
 
 
-def _named(name: str, folder: Path, other: Candidate | None) -> Candidate:
-    """A number is one of the history. A device set gets the size of the pictures from the other side."""
-    if name.isdecimal():
-        return candidate_of_entry(folder, _history(folder).entry(int(name)))
-    size_px = None if other is None else other.calibration.image_size_px
-    return candidate_from_content(calibration_bytes(Path(name)), name, size_px, "Probe")
+def _pair(before: str, after: str, folder: Path) -> tuple[Calibration, Calibration]:
+    """Both calibrations. A device set gets the size of the pictures from the other side."""
+    first, second = _Named(before, folder), _Named(after, folder)
+    return first.calibration(second.size_px), second.calibration(first.size_px)
+
+
+class _Named:
+    """The number of a reference, or a file. size_px: (width, height) of its pictures, None where it does not say."""
+
+    def __init__(self, name: str, folder: Path) -> None:
+        entry = _history(folder).entry(int(name)) if name.isdecimal() else None
+        self._content = calibration_bytes(Path(name)) if entry is None else content_of(folder, entry)
+        self._file, self._probe = (name, "Probe") if entry is None else (entry.file, entry.probe)
+        self.size_px = None if entry is None else entry.image_size_px
+        if entry is None and not is_device_set(self._content):
+            self.size_px = self.calibration(None).image_size_px
+
+    def calibration(self, other_px: tuple[int, int] | None) -> Calibration:
+        needed_px = self.size_px or (other_px if is_device_set(self._content) else None)
+        return candidate_from_content(self._content, self._file, needed_px, self._probe).calibration
 
 
 def _cells(entry: Entry) -> tuple[str, ...]:

@@ -27,17 +27,22 @@ def progress_bar(text: str) -> Progress:
 
 
 def accepted(proposal: dict[str, Any], yes: bool) -> str:
-    """The difference in words, as the service wants it repeated. Asks where a terminal can answer. Raises
-    ControlRefused where nobody has accepted a difference that must be.
+    """The difference in words, as the service wants it repeated, once a person has accepted it where one must. Raises
+    ControlRefused.
     """
     text = str(proposal["text"])
     click.echo(f"against the reference in force: {text}")
-    if proposal["confirm"] and not yes:
-        if not sys.stdin.isatty():
-            what = "needs a person to accept this difference; nothing was changed"
-            raise ControlRefused(what, "the reference", "Give --yes if it is meant")
-        click.confirm("Accept that? Nothing of it is verified then", abort=True)
+    if proposal["confirm"]:
+        ask("Accept that? Nothing of it is verified then.", yes)
     return text
+
+
+def ask(question: str, yes: bool) -> None:
+    """Returns once a person has said yes, now or before. Raises ControlRefused where nobody can be asked."""
+    if not yes and not sys.stdin.isatty():
+        raise ControlRefused("needs a person to accept it; nothing was changed", question, "Give --yes if it is meant")
+    if not yes:
+        click.confirm(question, abort=True)
 
 
 def refuse_simulated(socket: Path) -> None:
@@ -75,11 +80,12 @@ def await_verification(socket: Path, wait_s: float) -> None:
         while True:
             with ControlClient(socket) as client:
                 status = client.status()
-            progress.update(task, state=status["state"], reason=status["reason"])
+            reason = status.get("reference_waits") or status["reason"]
+            progress.update(task, state=status["state"], reason=reason)
             if status["state"] != State.RECALIBRATING.value:
                 break
             if time.monotonic() > end_s:
-                raise _not_verified(f"not verified within {wait_s:g} s: {status['reason']}")
+                raise _not_verified(f"not verified within {wait_s:g} s: {reason}")
             time.sleep(_LOOK_EVERY_S)
     if status["state"] == State.DEVICE_LOST.value:
         what = f"a device was lost before the new calibration was verified: {status['reason']}"

@@ -51,6 +51,7 @@ class References(threading.Thread):
         self._seen_px: Size | None = None
         self._look, self._decided, self._begun, self._ending = True, False, False, False
         self._error: str | None = None
+        self._missing: tuple[str, ...] = ()
         self._log = get_log(folder=str(self._folder))
         self.current: Reference | None = None
         self.changed: str | None = None
@@ -92,6 +93,8 @@ class References(threading.Thread):
             return "no picture has come yet, whose size the device set does not state"
         if not self.on_disk:
             return f"it is not on the disk yet{'' if self._error is None else f' ({self._error})'}"
+        if self.current.entry.verified_utc is None and self._missing:
+            return f"it is far from the one before, and of it is not shown yet: {', '.join(self._missing)}"
         return None
 
     def see(self, size_px: Size | None) -> None:
@@ -133,7 +136,7 @@ class References(threading.Thread):
                 who=who,
                 to_show=tuple(to_show),
             )
-            self._unsized = None
+            self._unsized, self._missing = None, entry.to_show
             self._contents[candidate.sha256] = candidate.content
             changes: dict[str, object] = {"entries": (*self._history.entries, entry)}
             if origin == CONFIGURED:
@@ -156,6 +159,8 @@ class References(threading.Thread):
 
     def judged(self, verdicts: tuple[Verdict, ...]) -> tuple[Verdict, ...]:
         """The line's verdicts, without an OK that the reference in force has not earned yet."""
+        if verdicts and self.current is not None:
+            self._missing = self._not_shown(verdicts[-1], self.current.entry)
         return tuple(self._judged(one) for one in verdicts)
 
     def run(self) -> None:
@@ -184,7 +189,7 @@ class References(threading.Thread):
             self._history = self._written = history
         if history is not None and history.in_force is not None:
             candidate = self._allowed(candidate_of_entry(self._folder, history.in_force))
-            self.current = Reference(history.in_force, candidate)
+            self.current, self._missing = Reference(history.in_force, candidate), history.in_force.to_show
             return
         if history is None:
             _refuse_lost(self._folder)
@@ -263,18 +268,20 @@ class References(threading.Thread):
         return candidate
 
     def _judged(self, verdict: Verdict) -> Verdict:
-        why = self._withheld(verdict) if verdict.kind is VerdictKind.OK else ""
-        return replace(verdict, kind=VerdictKind.NOT_VERIFIED, reason=why) if why else verdict
+        """An OK of what is not on the disk, or far and not wholly shown, is none yet."""
+        if verdict.kind is not VerdictKind.OK:
+            return verdict
+        if self.current is None or not self.on_disk or self._not_shown(verdict, self.current.entry):
+            return replace(verdict, kind=VerdictKind.NOT_VERIFIED, reason=f"reference: {self.waits}")
+        return verdict
 
-    def _withheld(self, verdict: Verdict) -> str:
-        if self.current is None or not self.on_disk:
-            return f"the reference cannot be verified: {self.waits}"
-        entry = self.current.entry
+    @staticmethod
+    def _not_shown(verdict: Verdict, entry: Entry) -> tuple[str, ...]:
+        """Checks that the first OK of this reference still lacks."""
+        if entry.verified_utc is not None:
+            return ()
         shown = {check.name for check in verdict.checks if check.verdict is VerdictKind.OK}
-        missing = [] if entry.verified_utc is not None else [name for name in entry.to_show if name not in shown]
-        if not missing:
-            return ""
-        return f"reference {entry.number} is far from the one before; not shown of it yet: {', '.join(missing)}"
+        return tuple(name for name in entry.to_show if name not in shown)
 
 
 def _refuse_lost(folder: Path) -> None:
