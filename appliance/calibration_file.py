@@ -58,6 +58,7 @@ class _File(BaseModel):
     offset_mm: _Row3 | None = None
     not_observed: tuple[str, ...] = ()
     sigma: dict[str, _Sigma] | None = None
+    simulated: bool = False
     provenance: dict[str, str] = {}
 
     @model_validator(mode="after")
@@ -78,14 +79,40 @@ def read_calibration(path: Path, image_size_px: tuple[int, int] | None = None, p
     image_size_px: (width, height) of the pictures to watch; XML needs it, TOML must agree with it.
     Raises ConfigurationError naming file, key, fault and remedy; nothing that is not scale · rotation passes.
     """
-    data = _file_bytes(path)
-    if data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+    return parse_calibration(calibration_bytes(path), path, image_size_px, probe)
+
+
+def parse_calibration(
+    data: bytes, path: Path, image_size_px: tuple[int, int] | None = None, probe: str = "Probe"
+) -> Calibration:
+    """The same of a file's content. path: where it lay, for what is refused."""
+    if is_device_set(data):
         return _from_xml(data, path, image_size_px, probe)
     calibration = _from_toml(data, path)
     if image_size_px not in (None, calibration.image_size_px):
         what = f"image_size_px is {calibration.image_size_px}, the pictures are {image_size_px}"
         raise ConfigurationError(what, str(path), "Give the calibration that belongs to this scanner setting")
     return calibration
+
+
+def is_device_set(data: bytes) -> bool:
+    """Whether the content is XML, which does not state the size of the pictures, and not our TOML."""
+    return data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
+
+
+def calibration_bytes(path: Path) -> bytes:
+    """Content of a calibration file. Never waits for a writer, and opens no device. Raises ConfigurationError."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise ConfigurationError("is no regular file", str(path), "Give a .toml or a PLUS .xml file")
+        with open(path, "rb", opener=_without_waiting) as stream:
+            data = stream.read(_MAX_FILE_BYTES + 1) or b""
+    except OSError as error:
+        what = f"cannot be read: {error.strerror}"
+        raise ConfigurationError(what, str(path), "Check the name and the permissions") from error
+    if len(data) > _MAX_FILE_BYTES:
+        raise ConfigurationError("is too large for a calibration", str(path), "Give a .toml or a PLUS .xml file")
+    return data
 
 
 def write_calibration(path: Path, calibration: Calibration, provenance: Mapping[str, str]) -> None:
@@ -157,21 +184,6 @@ def _centre_px(image_size_px: tuple[int, int]) -> Vector:
     return np.array([(image_size_px[0] - 1) / 2, (image_size_px[1] - 1) / 2, 0.0])
 
 
-def _file_bytes(path: Path) -> bytes:
-    """Never waits for a writer, and opens no device."""
-    try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise ConfigurationError("is no regular file", str(path), "Give a .toml or a PLUS .xml file")
-        with open(path, "rb", opener=_without_waiting) as stream:
-            data = stream.read(_MAX_FILE_BYTES + 1) or b""
-    except OSError as error:
-        what = f"cannot be read: {error.strerror}"
-        raise ConfigurationError(what, str(path), "Check the name and the permissions") from error
-    if len(data) > _MAX_FILE_BYTES:
-        raise ConfigurationError("is too large for a calibration", str(path), "Give a .toml or a PLUS .xml file")
-    return data
-
-
 def _without_waiting(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY)
 
@@ -192,7 +204,7 @@ def _from_toml(data: bytes, path: Path) -> Calibration:
     covariance = None if file.sigma is None else np.diag([file.sigma[name] ** 2 for name in PARAMETERS])
     observed = tuple(name not in file.not_observed for name in PARAMETERS)
     parts = (base.rotation, base.polarity, base.scale_mm_per_px, base.offset_mm, base.image_size_px)
-    return Calibration(*parts, covariance=covariance, observed=observed)
+    return Calibration(*parts, covariance=covariance, observed=observed, simulated=file.simulated)
 
 
 def _from_parts(file: _File, path: Path) -> Calibration:
@@ -256,6 +268,8 @@ def _toml(calibration: Calibration, provenance: Mapping[str, str]) -> str:
         f"offset_mm = {_row(calibration.offset_mm)}    # translation of X",
         f"not_observed = {json.dumps(hidden)}",
     ]
+    if calibration.simulated:
+        lines += ["simulated = true    # made of a simulated scan: no cart with real devices takes it"]
     if calibration.covariance is not None:
         sigmas = np.sqrt(np.diag(calibration.covariance))
         lines += ["", "[sigma]    # standard deviations: rad, relative, mm"]

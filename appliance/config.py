@@ -1,20 +1,23 @@
 """The configuration file: read once, whole, and refused by key, value and bound when it cannot be meant."""
 
 import difflib
+import hashlib
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from appliance.limits import Limits
 from appliance.supervision.annunciator import Role
 from appliance.supervision.ledger import Durations
 from appliance.supervision.watchers.facts import Patience
 from drivers.errors import ConfigurationError
-from drivers.ports import split_url
+from drivers.ports import is_simulated, split_url
 
 _EXAMPLE = "config/probewatch.toml shows every key"
+
+_Side = Annotated[int, Field(ge=16, le=16_384)]
 
 
 class _Section(BaseModel):
@@ -34,9 +37,15 @@ class Output(Device):
 
 
 class CalibrationPlace(_Section):
-    """Where the reference calibration lies; a relative path counts from the folder of the configuration file."""
+    """Where the first reference lies; a relative path counts from the folder of the configuration file.
+
+    image_size_px: (width, height) of the pictures, where the file does not state it. probe: whose transform of a PLUS
+    device set it is.
+    """
 
     file: Path = Field(strict=False)
+    image_size_px: Annotated[tuple[_Side, _Side], Field(strict=False)] | None = None
+    probe: str = Field(default="Probe", min_length=1)
 
 
 class SupervisorTimes(_Section):
@@ -114,10 +123,23 @@ class Config(_Section):
     alarm: Alarm = Alarm()
     log: Log = Log()
 
+    _sha256: str = PrivateAttr(default="")
+
+    @property
+    def sha256(self) -> str:
+        """Of the file's content, in hexadecimal; empty where there was no file."""
+        return self._sha256
+
+    @property
+    def simulated(self) -> tuple[str, ...]:
+        """URLs of the sources that are no real device; with none of them it is a real cart."""
+        return tuple(device.url for device in (self.video, self.tracker) if is_simulated(device.url))
+
 
 def load_config(path: Path) -> Config:
     """Raises ConfigurationError naming file, key, value, bound and what to do."""
-    values = _read_toml(path)
+    content = _read(path)
+    values = _toml(content, path)
     try:
         config = Config.model_validate(values)
     except ValidationError as error:
@@ -126,27 +148,33 @@ def load_config(path: Path) -> Config:
     _check_contact(config, path)
     _check_outputs(config, path)
     _check_socket(config.control.socket, path)
-    place = CalibrationPlace(file=path.parent / config.calibration.file)
+    config._sha256 = hashlib.sha256(content).hexdigest()
+    place = config.calibration.model_copy(update={"file": path.parent / config.calibration.file})
     alarm = config.alarm.model_copy(update={"folder": path.parent / config.alarm.folder})
     return config.model_copy(update={"calibration": place, "alarm": alarm})
 
 
 def is_configured(path: Path) -> bool:
     """Whether a person has adapted the file; one without the key counts as adapted. Raises ConfigurationError."""
-    return _read_toml(path).get("configured", True) is not False
+    return _toml(_read(path), path).get("configured", True) is not False
 
 
 def _ns(seconds: float) -> int:
     return round(seconds * 1e9)
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> bytes:
     try:
-        return tomllib.loads(path.read_bytes().decode())
+        return path.read_bytes()
     except OSError as error:
         raise ConfigurationError(
             f"cannot be read ({error.strerror})", str(path), "Check the path and its rights"
         ) from None
+
+
+def _toml(content: bytes, path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(content.decode())
     except UnicodeDecodeError:
         raise ConfigurationError("is not UTF-8 text", str(path), "Save it as UTF-8") from None
     except (ValueError, RecursionError) as error:

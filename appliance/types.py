@@ -89,6 +89,7 @@ class Calibration:
     rotation: (3, 3) proper, R_x sensor → picture. polarity: ±1 for (lateral, axial).
     scale_mm_per_px: (2,) lateral, axial, > 0. offset_mm: (3,) t_x. image_size_px: (width, height) the origin refers to.
     covariance: (8, 8) in the order and units of PARAMETERS, None where unknown. observed: (8,) bool.
+    simulated: made of simulated pictures or poses, so that it is the calibration of no real probe.
     """
 
     rotation: Vector
@@ -98,6 +99,7 @@ class Calibration:
     image_size_px: tuple[int, int]
     covariance: Vector | None = None
     observed: tuple[bool, ...] = (True,) * len(PARAMETERS)
+    simulated: bool = False
 
 
 class VerdictKind(Enum):

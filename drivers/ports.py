@@ -100,6 +100,13 @@ _MODULES = {
     "v4l2": "drivers.v4l2.source",
 }
 
+_SIMULATED = ("replay", "sim")
+
+
+def is_simulated(url: str) -> bool:
+    """Whether a source is a simulation or a recording, and no device that is there now."""
+    return url.partition(":")[0] in _SIMULATED
+
 
 def split_url(url: str) -> tuple[str, str, dict[str, str]]:
     """`scheme:target?key=value` or `scheme://host:port?key=value` → (scheme, target, options).

@@ -8,11 +8,11 @@ import os
 import sys
 from pathlib import Path
 
-from appliance.calibration_file import read_calibration
 from appliance.config import load_config
 from appliance.limits import Limits
 from appliance.service.estimator_host import EstimatorHost
 from appliance.service.estimator_loop import serve as serve_estimator
+from appliance.service.references import References
 from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.hosttime import HostClock
 from drivers.samples import Frame, PoseStatus, Sample
@@ -49,8 +49,8 @@ def main() -> None:
     if len(sys.argv) > 2:
         return serve_estimator(sys.argv[1:], TrustingLine)
     config = load_config(Path(sys.argv[1]))
-    estimator = EstimatorHost(read_calibration(config.calibration.file), config.limits, _COMMAND)
-    return serve(config, Path(sys.argv[1]), estimator, HostClock())
+    estimator = EstimatorHost(None, config.limits, _COMMAND)
+    return serve(config, Path(sys.argv[1]), References(config), estimator, HostClock())
 
 
 if __name__ == "__main__":

@@ -134,13 +134,13 @@ def test_a_changed_configuration_is_taken_or_refused_whole(monitoring: Cart) -> 
             client.reload()
         monitoring.config.write_text(text + 'alarm.language = "de"\n')
         monitoring.daemon.process.send_signal(signal.SIGHUP)
-        until(lambda: monitoring.status()["text"] == "Kalibrierung bestätigt")
+        until(lambda: monitoring.status()["text"] == "SIMULIERT · Kalibrierung bestätigt")
         until(lambda: read_log(log_folder(monitoring)).entries[-1].event == "reloaded")
     finally:
         monitoring.config.write_text(text)
     with ControlClient(monitoring.socket) as client:
         client.reload()
-    assert monitoring.status()["text"] == "Calibration verified"
+    assert monitoring.status()["text"] == "SIMULATED · Calibration verified"
 
 
 def test_a_proposed_calibration_is_compared_and_nothing_changes(monitoring: Cart) -> None:

@@ -1,6 +1,7 @@
 """The service as a process of its own, on simulated devices that speak real bytes."""
 
 import contextlib
+import hashlib
 import os
 import re
 import signal
@@ -8,10 +9,16 @@ import socket
 import subprocess
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from appliance.alarm_chain import read_log
+from appliance.calibration_file import image_to_probe, read_calibration, write_calibration
 from appliance.service.control import ControlRefused
 from appliance.service.control_client import ControlClient
 from appliance.supervision.alarms import HAZARDS
@@ -68,6 +75,109 @@ def test_status_tells_everything(monitoring: Cart) -> None:
     assert list(status["counters"]) == re.findall(r"`([a-z_]+)`", dict(rows)["counters"])
     assert set(status["tick"]) == set(re.findall(r"`([a-z0-9_]+)`", dict(rows)["tick"]))
     assert set(status["log"]) == set(re.findall(r"`([a-z_]+)`", dict(rows)["log"]))
+    assert set(status["reference"]) == set(re.findall(r"`([a-z0-9_]+)`", dict(rows)["reference"]))
+
+
+def test_status_and_log_name_what_the_verdicts_rest_on(monitoring: Cart) -> None:
+    status = monitoring.status()
+    assert status["text"] == "SIMULATED · Calibration verified"
+    assert status["simulated"] == [f"sim:{monitoring.folder / 'scanner'}"]
+    entries = read_log(monitoring.folder / "alarms").entries
+    begun = [entry.data for entry in entries if entry.event == "started"][-1]
+    assert begun["software"] == status["software"] == version("probewatch")
+    sha256 = hashlib.sha256(monitoring.config.read_bytes()).hexdigest()
+    assert begun["configuration"] == status["configuration"] == {"file": str(monitoring.config), "sha256": sha256}
+    content = (monitoring.folder / "probe.toml").read_bytes()
+    assert begun["reference"]["sha256"] == hashlib.sha256(content).hexdigest() == status["reference"]["sha256"]
+    assert begun["simulated"] == status["simulated"]
+    assert all(entry.data["simulated"] for entry in entries if entry.event == "state")
+
+
+def restarted(cart: Cart) -> dict[str, Any]:
+    assert cart.daemon.end() == 0
+    cart.start_daemon()
+    return cart.wait_for("monitoring")
+
+
+def calibration(*arguments: object) -> "subprocess.CompletedProcess[str]":
+    command = [str(PROBEWATCH), "calibration", *(str(argument) for argument in arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, stdin=subprocess.DEVNULL)
+
+
+def test_a_new_reference_outlives_a_restart_and_can_be_gone_back_from(monitoring: Cart, tmp_path: Path) -> None:
+    """With the commands that a technician has."""
+    first = monitoring.status()["reference"]
+    old = read_calibration(monitoring.folder / "probe.toml")
+    new = tmp_path / "new.toml"
+    write_calibration(new, replace(old, offset_mm=old.offset_mm + np.array([0, 0, 1])), {})
+    used = calibration("use", new, "--socket", monitoring.socket)
+    assert used.returncode == 0, used.stderr
+    assert "moved by 1.00 mm" in used.stdout
+    new.unlink()
+    after = restarted(monitoring)["reference"]
+    assert (after["number"], after["origin"]) == (first["number"] + 1, "recalibration")
+    asked = calibration("back", first["number"], "--socket", monitoring.socket)
+    assert (asked.returncode, asked.stderr.count("\n")) == (75, 1)
+    assert "needs a person to accept it" in asked.stderr
+    assert monitoring.status()["state"] == "monitoring", "nothing was begun"
+    back = calibration("back", first["number"], "--yes", "--socket", monitoring.socket)
+    assert back.returncode == 0, back.stderr
+    now = restarted(monitoring)["reference"]
+    assert (now["origin"], now["sha256"]) == (f"went back to {first['number']}", first["sha256"])
+    changes = [one.data for one in read_log(monitoring.folder / "alarms").entries if one.event == "reference"]
+    assert [one["reference"]["number"] for one in changes[-2:]] == [after["number"], now["number"]]
+
+
+def test_a_far_reference_needs_a_person_and_more_than_little_motion(tmp_path: Path) -> None:
+    """The stand-in line shows no parameter, which is enough for a reference that is near."""
+    with Cart(tmp_path, trusting=True) as cart:
+        cart.wait_for("monitoring")
+        old = read_calibration(tmp_path / "probe.toml")
+        far = tmp_path / "far.toml"
+        write_calibration(far, replace(old, offset_mm=old.offset_mm + np.array([0, 0, 30])), {})
+        declined = calibration("use", far, "--socket", cart.socket)
+        assert declined.returncode == 75
+        assert "moved by 30.00 mm" in declined.stdout
+        assert cart.status()["energised"], "nothing was begun"
+        taken = calibration("use", far, "--yes", "--wait", 2, "--socket", cart.socket)
+        assert taken.returncode == 75
+        assert "offset-elevational" in taken.stderr
+        assert not cart.status()["energised"]
+        cart.daemon.end(kill=True)
+        cart.start_daemon()
+        status = cart.wait_for("not verified")
+        assert (status["reference"]["number"], status["energised"]) == (2, False)
+        until(lambda: "offset-elevational" in cart.status().get("reference_waits", ""))
+
+
+def test_a_device_set_without_a_size_waits_for_the_first_picture(tmp_path: Path) -> None:
+    with Cart(tmp_path, trusting=True) as cart:
+        cart.wait_for("monitoring")
+        assert cart.daemon.end() == 0
+        rows = image_to_probe(read_calibration(tmp_path / "probe.toml")).ravel()
+        matrix = " ".join(repr(float(number)) for number in rows)
+        transform = f'<Transform From="Image" To="Probe" Matrix="{matrix}"/>'
+        (tmp_path / "set.xml").write_text(f"<P><CoordinateDefinitions>{transform}</CoordinateDefinitions></P>")
+        cart.config.write_text(cart.config.read_text().replace("probe.toml", "set.xml"))
+        (tmp_path / "alarms").rename(tmp_path / "of the other reference")
+        cart.start_daemon()
+        reference = cart.wait_for("monitoring")["reference"]
+        assert reference["image_size_px"] == [640, 480]
+        assert reference["file"] == str(tmp_path / "set.xml")
+
+
+def test_an_edited_calibration_file_is_named_in_the_status(cart: Cart) -> None:
+    file = cart.folder / "probe.toml"
+    whole = file.read_bytes()
+    try:
+        file.write_bytes(whole + b"# edited\n")
+        with ControlClient(cart.socket) as client:
+            client.reload()
+        status = until(lambda: (now := cart.status())["calibration_changed"] and now)
+        assert status["calibration_changed"] == f"{file} was changed, and is not in force"
+        until(lambda: "Configured calibration is not in force" in cart.status()["notices"])
+    finally:
+        file.write_bytes(whole)
 
 
 @pytest.mark.parametrize(

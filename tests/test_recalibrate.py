@@ -1,6 +1,7 @@
 """`probewatch recalibrate`: refusals in one line, the file it writes, and the service through a whole recalibration."""
 
 import hashlib
+import io
 import signal
 import subprocess
 import sys
@@ -15,16 +16,27 @@ from typing import Self
 import numpy as np
 import pytest
 
-from appliance.calibration_file import calibration_from_image_to_probe, read_calibration, write_calibration
+from appliance.calibration_file import (
+    calibration_from_image_to_probe,
+    image_to_probe,
+    read_calibration,
+    write_calibration,
+)
 from appliance.service.control import ControlRefused, ControlServer
 from drivers.metaimage import SequenceItem, write_metaimage
 from drivers.twins.world import World, WorldSettings
+from tests import stores
 from tests.demo_cart import PROBEWATCH, Cart
 from tests.polling import until
+from tests.stores import configuration, log, settled
 from tools.cli import main
+
+pytestmark = pytest.mark.usefixtures("log")
+__all__ = ["log"]
 
 SIZE_PX = (320, 240)
 START_NS = 7_000_000_000
+PROPOSAL = {"text": "hardly", "confirm": False}
 PERIOD_NS = 1_000_000_000 // 30
 TRUE_OFFSET_MM = np.array([11.0, 62.0, 14.0])
 
@@ -156,12 +168,32 @@ def test_what_cannot_be_meant_is_refused(monkeypatch, tmp_path, scan, capsys) ->
         assert says in refusal(monkeypatch, capsys, code, *arguments), arguments
 
 
+def test_a_device_set_is_recalibrated_too(monkeypatch, tmp_path, scan) -> None:
+    """It does not state the size of its pictures; the scan does."""
+    before = read_calibration(calibration_file(tmp_path, 0, 0, -6))
+    matrix = " ".join(repr(float(number)) for number in image_to_probe(before).ravel())
+    transform = f'<Transform From="Image" To="Probe" Matrix="{matrix}"/>'
+    device_set = tmp_path / "set.xml"
+    device_set.write_text(f"<P><CoordinateDefinitions>{transform}</CoordinateDefinitions></P>")
+    assert run(monkeypatch, "--recording", scan, "--calibration", device_set) == 0
+    (dated,) = tmp_path.glob("set-20*Z.toml")
+    after = read_calibration(dated)
+    assert after.image_size_px == SIZE_PX
+    np.testing.assert_allclose(after.offset_mm, TRUE_OFFSET_MM, atol=0.5)
+
+
+def test_a_simulated_scan_marks_its_calibration(monkeypatch, tmp_path) -> None:
+    new = tmp_path / "new.toml"
+    assert run(monkeypatch, "--simulated", "--duration", 11, "--output", new) == 0
+    assert read_calibration(new).simulated
+
+
 class Scripted:
     """A control socket that grants everything but `declined`, and after the end of the scan is in `state`."""
 
-    def __init__(self, path: Path, state: str, declined: str = "") -> None:
+    def __init__(self, path: Path, state: str, declined: str = "", simulated: tuple[str, ...] = ()) -> None:
         self.asked: list[str] = []
-        self._state, self._declined = state, declined
+        self._state, self._declined, self._simulated = state, declined, simulated
         self._end = threading.Event()
         self._server = ControlServer(path)
         self._thread = threading.Thread(target=self._run)
@@ -183,7 +215,8 @@ class Scripted:
         self.asked.append(do)
         if do == self._declined:
             raise ControlRefused("not possible while halt")
-        return {"status": {"state": self._state, "reason": "scripted"}}
+        status = {"state": self._state, "reason": "scripted", "simulated": [*self._simulated]}
+        return {"status": status, "proposal": PROPOSAL}
 
 
 @pytest.mark.parametrize(
@@ -200,7 +233,7 @@ def test_the_end_is_what_the_service_says(monkeypatch, tmp_path, scan, capsys, s
     arguments = ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control", "--wait", 1)
     with Scripted(tmp_path / "control", state) as service:
         assert says in refusal(monkeypatch, capsys, code, *arguments)
-    assert service.asked[:3] == ["begin-recalibration", "end-recalibration", "status"]
+    assert service.asked[:3] == ["begin-recalibration", "propose-calibration", "end-recalibration"]
     assert "abort-recalibration" not in service.asked
 
 
@@ -208,7 +241,10 @@ def test_the_end_is_what_the_service_says(monkeypatch, tmp_path, scan, capsys, s
     ("declined", "asked"),
     [
         ("begin-recalibration", ["begin-recalibration", "abort-recalibration"]),
-        ("end-recalibration", ["begin-recalibration", "end-recalibration", "abort-recalibration"]),
+        (
+            "end-recalibration",
+            ["begin-recalibration", "propose-calibration", "end-recalibration", "abort-recalibration"],
+        ),
     ],
 )
 def test_a_service_that_declines_is_left_as_it_was(monkeypatch, tmp_path, scan, capsys, declined, asked) -> None:
@@ -217,6 +253,46 @@ def test_a_service_that_declines_is_left_as_it_was(monkeypatch, tmp_path, scan, 
     with Scripted(tmp_path / "control", "halt", declined) as service:
         assert "not possible while halt" in refusal(monkeypatch, capsys, 75, *arguments)
     assert service.asked == asked
+
+
+def test_a_scan_begins_with_what_is_in_force_not_with_the_configured_file(monkeypatch, tmp_path, scan) -> None:
+    (tmp_path / "of").mkdir()
+    calibration_file(tmp_path, 0, 0, -6)
+    now = calibration_file(tmp_path / "of", 0, 0, -2)
+    config = configuration(tmp_path, more=f'control.socket = "{tmp_path}/control"\n')
+    references = stores.started(config)
+    references.take(references.from_content(now.read_bytes(), str(now)), "recalibration")
+    settled(references)
+    new = tmp_path / "new.toml"
+    with Scripted(tmp_path / "control", "monitoring"):
+        named = ("--config", tmp_path / "probewatch.toml", "--output", new)
+        assert run(monkeypatch, "--recording", scan, *named) == 0
+    assert tomllib.loads(new.read_text())["provenance"]["previous_file"] == str(now)
+
+
+def test_a_simulated_scan_is_not_even_begun_on_real_devices(monkeypatch, tmp_path, capsys) -> None:
+    arguments = ("--simulated", "--duration", 600, "--output", tmp_path / "new.toml", "--socket", tmp_path / "control")
+    with Scripted(tmp_path / "control", "monitoring") as service:
+        assert "watches real devices" in refusal(monkeypatch, capsys, 78, *arguments)
+    assert service.asked == ["status"]
+
+
+def test_a_far_calibration_is_written_stated_and_not_taken_without_a_person(
+    monkeypatch, tmp_path, scan, capsys
+) -> None:
+    old, new = calibration_file(tmp_path, 0, 0, 1), tmp_path / "new.toml"
+    arguments = ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control", "--output", new)
+    monkeypatch.setitem(PROPOSAL, "confirm", True)
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    with Scripted(tmp_path / "control", "monitoring") as service:
+        assert run(monkeypatch, *arguments) == 75
+        out, err = capsys.readouterr()
+        assert "against the reference in force: hardly" in out
+        assert f"Give --yes if it is meant; later: probewatch calibration use {new}" in err
+        assert service.asked == ["begin-recalibration", "propose-calibration", "abort-recalibration"]
+        assert new.exists(), "a scan is not lost"
+        assert run(monkeypatch, *arguments, "--force", "--yes") == 0
+    assert "end-recalibration" in service.asked
 
 
 @pytest.fixture(scope="module")
@@ -248,7 +324,8 @@ def whole_recalibration(cart: Cart, *arguments: object) -> None:
     assert process.returncode == 0, err
     assert "the service has verified the new calibration and monitors again" in out
     (new,) = cart.config.parent.glob("probe-20*Z.toml")
-    assert f'[calibration] file = "{new}"' in out
+    assert "it is in force, also after a restart" in out
+    assert cart.status()["reference"]["file"] == str(new)
     new.unlink()
     events = [event for event in cart.daemon.said if event["heard_s"] > began_s]
     states = [event["state"] for event in events if event["event"] == "state"]

@@ -11,11 +11,9 @@ from appliance.alarm_log import ENTRIES_A_SEGMENT, SEGMENTS_KEPT
 from appliance.service.allowance import BURST
 from appliance.service.control import ControlRefused, Peer
 from appliance.service.errands import Errands
-from appliance.service.estimator_host import EstimatorHost
-from appliance.service.recalibration import Recalibration
+from appliance.service.recalibration import Recalibration, Wanted
 from appliance.service.requests import Hands, Requests
 from appliance.supervision.annunciator import Annunciator
-from appliance.supervision.supervisor import Durations, Supervisor
 
 ANNA = Peer(pid=7, uid=0)
 NOBODY_KNOWS = Peer(pid=8, uid=4_000_000)
@@ -27,18 +25,19 @@ class Desk:
 
     def __init__(self) -> None:
         self.noted: list[dict[str, Any]] = []
+        self.wanted: list[Wanted] = []
         self.annunciator = Annunciator()
         self.now_ns = 0
         nothing = cast(Callable[..., Any], lambda *_: None)
-        estimator = cast(EstimatorHost, SimpleNamespace(reference=None))
-        recalibration = Recalibration(Supervisor(Durations()), estimator, nothing, Errands())
+        take = self.wanted.append
+        recalibration = SimpleNamespace(propose=take, end=take, begin=lambda: None, abort=lambda: None)
         self.requests = Requests(
             Hands(
                 ask=nothing,
                 status=dict,
                 clear_bump=nothing,
                 reload=nothing,
-                recalibration=recalibration,
+                recalibration=cast(Recalibration, recalibration),
                 annunciator=self.annunciator,
                 errands=Errands(),
                 now_ns=lambda: self.now_ns,
@@ -65,6 +64,22 @@ def test_whatever_a_client_gives_as_a_reason_becomes_one_plain_line(reason: obje
 def test_what_is_no_name_of_a_file_is_refused(file: object) -> None:
     with pytest.raises(ControlRefused, match="must name a calibration file"):
         Desk().requests.answer("propose-calibration", {"file": file}, ANNA)
+
+
+@pytest.mark.parametrize("number", ["1", 1.5, True, None, [1]])
+def test_what_is_no_number_of_a_reference_is_refused(number: object) -> None:
+    with pytest.raises(ControlRefused, match="number must be that of an earlier reference"):
+        Desk().requests.answer("propose-calibration", {"number": number}, ANNA)
+
+
+def test_a_change_carries_what_was_confirmed_and_who_asked() -> None:
+    desk = Desk()
+    desk.requests.answer("end-recalibration", {"number": 3, "confirm": "moved by 30 mm"}, ANNA)
+    (wanted,) = desk.wanted
+    assert (wanted.number, wanted.file, wanted.confirm, wanted.who) == (3, None, "moved by 30 mm", "uid 0, process 7")
+    assert desk.noted[0]["number"] == "3"
+    with pytest.raises(ControlRefused, match="no file beside it"):
+        desk.requests.answer("end-recalibration", {"number": 3, "file": "/x.toml"}, ANNA)
 
 
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1, 0, 121, 10**400, True, "30", None, [30]])

@@ -6,8 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from appliance.service.control_client import ControlClient
 from appliance.service.systemd_notify import Notifier
+from drivers.errors import DeviceLost
 from tests.demo_cart import PROBEWATCH
+from tests.polling import until
+from tests.stores import PLUS, configuration, log, place, settled, started
+
+__all__ = ["log"]
+pytestmark = pytest.mark.usefixtures("log")
 
 GOOD = """
 video.url = "sim:/tmp/nowhere/scanner"
@@ -65,3 +72,37 @@ def test_a_deaf_service_manager_delays_nothing(tmp_path: Path) -> None:
         notifier.close()
         manager.setblocking(False)
         assert manager.recv(4096).startswith(b"READY=1")
+
+
+def test_a_plus_device_set_is_a_reference_and_waits_for_a_picture(tmp_path: Path) -> None:
+    (tmp_path / "probe.xml").write_text(PLUS)
+    config = tmp_path / "probewatch.toml"
+    folders = f'control.socket = "{tmp_path}/control"\nalarm.folder = "state"\n'
+    config.write_text(GOOD.replace("probe.toml", "probe.xml") + folders)
+    with subprocess.Popen([str(PROBEWATCH), "run", "--config", str(config)], stderr=subprocess.PIPE) as service:
+        try:
+            with until(lambda: reached(tmp_path / "control"), 20) as client:
+                status = client.status()
+        finally:
+            service.terminate()
+        service.communicate(timeout=20)
+    assert service.returncode == 0
+    assert (status["reference"], status["energised"]) == (None, False)
+    assert status["reference_waits"] == "no picture has come yet, whose size the device set does not state"
+
+
+def reached(path: Path) -> ControlClient | None:
+    try:
+        return ControlClient(path)
+    except DeviceLost:
+        return None
+
+
+def test_a_damaged_store_of_references_is_one_line_and_exit_78(tmp_path: Path) -> None:
+    config = configuration(tmp_path, more=f'control.socket = "{tmp_path}/control"\n')
+    settled(started(config))
+    (place(config) / "history.json").write_text("{}")
+    refused = run(tmp_path / "probewatch.toml")
+    assert (refused.returncode, refused.stderr.count("\n")) == (78, 1)
+    assert "state/references/history.json: cannot be understood" in refused.stderr
+    assert "probewatch calibration reset" in refused.stderr

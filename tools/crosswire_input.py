@@ -44,7 +44,8 @@ def simulated_reference() -> Calibration:
     world = World()
     size_px = world.settings.width_px, world.settings.height_px
     calibration = calibration_from_image_to_probe(world.image_to_probe, size_px)
-    return replace(calibration, offset_mm=calibration.offset_mm + np.array([0, 0, _SPOILED_MM]))
+    offset_mm = calibration.offset_mm + np.array([0, 0, _SPOILED_MM])
+    return replace(calibration, offset_mm=offset_mm, simulated=True)
 
 
 def recorded(path: Path, probe: str | None, reference: str | None, orientation: str | None) -> ScanInput:

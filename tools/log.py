@@ -3,9 +3,10 @@
 import csv
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -24,7 +25,7 @@ _LOOKS = 3
 @click.option("--until", type=click.DateTime(), help="entries before this time, UTC")
 @click.option("--state", help="changes to this state only, such as halt")
 @click.option("--fault", help="entries that name this fault only, such as polarity")
-@click.option("--event", help="one kind of entry only: state, request, reloaded, overloaded, wall-clock, started …")
+@click.option("--event", help="one kind only: state, request, reference, reloaded, overloaded, wall-clock, started …")
 @click.option("--last", type=click.IntRange(1), metavar="N", help="the last N that match")
 @click.option("--verify", is_flag=True, help="only say whether the chain is whole")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="write the entries there")
@@ -99,11 +100,40 @@ def _line(entry: Entry) -> str:
     data = entry.data
     text = {
         "state": f"{data.get('state')}{_fault(data.get('fault'))} · {data.get('reason')}",
-        "request": f"{data.get('do')} by {data.get('who')}{_fault(data.get('reason'))}",
+        "request": f"{data.get('do')} by {data.get('who')}{_fault(data.get('reason'))}{_wanted(data)}",
+        "started": _started(data),
+        "reference": _reference(data.get("reference")),
     }.get(entry.event, json.dumps(data, ensure_ascii=False) if any(data.values()) else "")
     colour = _COLOURS.get(str(data.get("state")))
     latch = f" [latched: {entry.latch.state}]" if entry.latch is not None else ""
     return f"{entry.number:6}  {entry.utc}  {click.style(f'{entry.event}: {text}', fg=colour)}{latch}"
+
+
+def _wanted(data: Mapping[str, Any]) -> str:
+    named = data.get("file") or (f"reference {data['number']}" if "number" in data else "")
+    return f": {named}" if named else ""
+
+
+def _started(data: Mapping[str, Any]) -> str:
+    """Entries of earlier versions say less."""
+    configuration = data.get("configuration") or {}
+    parts = [
+        f"probewatch {data['software']}" if "software" in data else "",
+        f"configuration {str(configuration['sha256'])[:12]}" if "sha256" in configuration else "",
+        _reference(data.get("reference")),
+        f"SIMULATED: {', '.join(data['simulated'])}" if data.get("simulated") else "",
+        f"found {', '.join(data['found'])}" if data.get("found") else "",
+    ]
+    return " · ".join(part for part in parts if part)
+
+
+def _reference(reference: Mapping[str, Any] | None) -> str:
+    if not reference:
+        return ""
+    told = f"reference {reference.get('number')}, {reference.get('origin')}, {reference.get('file')}"
+    by = f" by {reference['who']}" if reference.get("who") else ""
+    change = f", {reference['difference']}" if reference.get("difference") else ""
+    return f"{told}, SHA-256 {str(reference.get('sha256'))[:12]}{by}{change}"
 
 
 def _fault(fault: object) -> str:

@@ -1,13 +1,9 @@
 """`probewatch recalibrate`: a cross-wire scan, ζ in closed form, a new calibration file, and the service told of it."""
 
-import contextlib
 import getpass
-import hashlib
 import os
 import sys
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -16,10 +12,9 @@ import click
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from appliance.calibration_file import read_calibration, write_calibration
+from appliance.calibration_file import calibration_bytes, is_device_set, write_calibration
 from appliance.config import load_config
 from appliance.crosswire.offset import (
     Demand,
@@ -31,13 +26,14 @@ from appliance.crosswire.offset import (
     solve_zeta,
 )
 from appliance.crosswire.scan import CrosswireScan
+from appliance.reference import candidate_from_content, in_force
 from appliance.service.control import ControlRefused
 from appliance.service.control_client import ControlClient
-from appliance.types import Calibration, State
-from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from appliance.types import Calibration
+from drivers.errors import ConfigurationError
 from tools.crosswire_input import ScanInput, recorded, simulated, simulated_reference
+from tools.verification import accepted, await_verification, progress_bar, recalibrating, refuse_simulated
 
-_LOOK_EVERY_S = 0.25
 _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
 
 _HELP = """Scan a cross-wire, solve ζ, write a new calibration, and let the service verify it.
@@ -55,28 +51,29 @@ How to scan
 
 With --config or --socket the service is told: its contact opens, and closes again only after the service itself has
 verified the new calibration on moving tissue, for which the command waits (--wait). When the scan is refused or
-interrupted, the service goes back to the calibration in force before.
+interrupted, the service goes back to the calibration in force before. A new calibration beyond the limits of the checks
+must be accepted: the command states the difference and asks, or takes --yes; then the tilts and ζ, too, must be shown.
+A verified one stays in force after a restart; `probewatch calibration` tells the history.
 
 Exit code 0: written and, where a service was told, verified. 65: the scan or the recording cannot support it.
-69: no service answers, or it lost a device. 75: the service declined, or has not verified in time. 78: a file or an
+69: no service answers, or it lost a device. 75: declined, or not verified in time. 78: a file or an
 option cannot be used.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class _Reference:
-    """The calibration in force. file: None where it is the simulated one. configured: the service starts with it."""
+    """The calibration in force. file: None where it is the simulated one."""
 
     calibration: Calibration
     file: Path | None = None
-    configured: bool = False
     sha256: str = ""
 
 
 @click.command(name="recalibrate", help=_HELP, short_help="scan a cross-wire, solve ζ, write a new calibration")
-@click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: names the next two")
+@click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: tells the next two")
 @click.option("--socket", type=click.Path(path_type=Path), help="control socket of the running service")
-@click.option("--calibration", type=click.Path(path_type=Path), help="calibration in force: our .toml")
+@click.option("--calibration", type=click.Path(path_type=Path), help="calibration in force, if not the service's")
 @click.option("--output", type=click.Path(path_type=Path), help="new file [calibration in force, with date and time]")
 @click.option("--force", is_flag=True, help="replace the output file if it exists")
 @click.option("--recording", type=click.Path(path_type=Path), help="the scan: a PLUS sequence, .igs.mha or .mhd")
@@ -91,6 +88,7 @@ class _Reference:
     "--solve", default="zeta", show_default=True, type=click.Choice(["zeta", "offset"]), help="ζ, or all of t_x"
 )
 @click.option("--sigma-mm", default=0.5, show_default=True, type=click.FloatRange(0.01, 5), help="largest ± accepted")
+@click.option("--yes", is_flag=True, help="accept a difference beyond the limits of the checks without being asked")
 @click.option("--wait", "wait_s", default=120.0, show_default=True, type=click.FloatRange(1, 3600), help="for it, in s")
 def command(
     config_file: Path | None,
@@ -108,43 +106,57 @@ def command(
     duration: float,
     solve: str,
     sigma_mm: float,
+    yes: bool,
     wait_s: float,
 ) -> None:
     if simulate == (recording is not None):
         raise click.UsageError("give the scan: either --recording FILE or --simulated")
-    before, socket = _in_force(config_file, socket, calibration, simulate)
+    scan_input = simulated(seed, duration) if recording is None else recorded(recording, probe, reference, orientation)
+    before, socket = _in_force(config_file, socket, calibration, simulate, scan_input.size_px, probe)
     target = output or _dated(before)
     _check_target(target, force)
-    scan_input = simulated(seed, duration) if recording is None else recorded(recording, probe, reference, orientation)
     _check_size(before, scan_input)
-    with _recalibrating(socket):
+    if simulate and socket is not None:
+        refuse_simulated(socket)
+    with recalibrating(socket):
         scan = _scanned(scan_input, latency_ms)
         solution = _solved(scan, before.calibration, solve, Demand(sigma_mm=sigma_mm))
         _print(solution, before.calibration)
         _check_target(target, force)
-        write_calibration(target, renewed(before.calibration, solution), _provenance(solution, before, scan_input))
+        after = renewed(before.calibration, solution)
+        after = replace(after, simulated=simulate or before.calibration.simulated)
+        write_calibration(target, after, _provenance(solution, before, scan_input))
         click.echo(f"written: {target}")
         if socket is not None:
-            with ControlClient(socket) as client:
-                client.end_recalibration(target)
-    _conclude(socket, before, target, wait_s)
+            _hand_over(socket, target, yes)
+    _conclude(socket, target, wait_s)
 
 
 def _in_force(
-    config_file: Path | None, socket: Path | None, calibration: Path | None, simulate: bool
+    config_file: Path | None,
+    socket: Path | None,
+    calibration: Path | None,
+    simulate: bool,
+    size_px: tuple[int, int],
+    probe: str | None,
 ) -> tuple[_Reference, Path | None]:
-    """The calibration in force and the socket of the service; explicit options go before the configuration."""
-    configured = None
-    if config_file is not None:
-        config = load_config(config_file)
-        configured, socket = config.calibration.file, socket or config.control.socket
-    file = calibration or configured
-    if file is not None:
-        before = read_calibration(file)
-        return _Reference(before, file, file == configured, hashlib.sha256(file.read_bytes()).hexdigest()), socket
-    if not simulate:
-        raise click.UsageError("give the calibration in force: --calibration FILE, or --config FILE that names it")
-    return _Reference(simulated_reference()), socket
+    """The calibration in force and the socket of the service; explicit options go before the configuration.
+
+    size_px: (width, height) of the scan's pictures, which a device set does not state.
+    """
+    config = None if config_file is None else load_config(config_file)
+    socket = socket if config is None else socket or config.control.socket
+    if calibration is not None:
+        content = calibration_bytes(calibration)
+        needed_px = size_px if is_device_set(content) else None
+        before = candidate_from_content(content, str(calibration), needed_px, probe or "Probe")
+    elif config is not None:
+        before = in_force(config, size_px)
+    elif simulate:
+        return _Reference(simulated_reference()), socket
+    else:
+        raise click.UsageError("give the calibration in force: --calibration FILE, or --config FILE of the service")
+    return _Reference(before.calibration, Path(before.file), before.sha256), socket
 
 
 def _dated(before: _Reference) -> Path:
@@ -168,36 +180,14 @@ def _check_size(before: _Reference, scan_input: ScanInput) -> None:
         raise ConfigurationError(what, scan_input.name, "Scan with the scanner setting that the calibration belongs to")
 
 
-@contextlib.contextmanager
-def _recalibrating(socket: Path | None) -> Iterator[None]:
-    """The service recalibrates while the block runs; a block that fails or is interrupted aborts it."""
-    if socket is None:
-        yield
-        return
-    try:
-        with ControlClient(socket) as client:
-            client.begin_recalibration()
-        yield
-    except BaseException:
-        with contextlib.suppress(ProbewatchError), ControlClient(socket) as client:
-            client.abort_recalibration()
-        raise
-
-
 def _scanned(scan_input: ScanInput, latency_ms: float) -> CrosswireScan:
     scan = CrosswireScan(latency_ms)
-    with _progress("crossing seen in {task.fields[seen]} of {task.fields[pictures]} pictures") as progress:
+    with progress_bar("crossing seen in {task.fields[seen]} of {task.fields[pictures]} pictures") as progress:
         task = progress.add_task("scan", total=scan_input.total, seen=0, pictures=0)
         for sample in scan_input.samples:
             scan.step(sample)
             progress.update(task, advance=1, seen=scan.sightings, pictures=scan.pictures)
     return scan
-
-
-def _progress(text: str) -> Progress:
-    console = Console(stderr=True)
-    columns = TextColumn(text), BarColumn(), TimeRemainingColumn()
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 def _solved(scan: CrosswireScan, before: Calibration, solve: str, demand: Demand) -> OffsetSolution:
@@ -256,37 +246,19 @@ def _user() -> str:
         return f"uid {os.getuid()}"
 
 
-def _conclude(socket: Path | None, before: _Reference, target: Path, wait_s: float) -> None:
+def _hand_over(socket: Path, target: Path, yes: bool) -> None:
+    """Give the new calibration to the service. Raises ControlRefused, with the way to give it later."""
+    with ControlClient(socket) as client:
+        try:
+            client.end_recalibration(target, accepted(client.propose_calibration(target), yes))
+        except ControlRefused as error:
+            remedy = f"{error.remedy or 'See its status'}; later: probewatch calibration use {target}"
+            raise ControlRefused(error.what, error.where, remedy) from None
+
+
+def _conclude(socket: Path | None, target: Path, wait_s: float) -> None:
     if socket is None:
-        click.echo("no service was told; name the new file in [calibration] of its configuration and start it")
+        click.echo(f"no service was told; give it to one with: probewatch calibration use {target}")
         return
-    _await_verification(socket, wait_s)
-    click.echo("the service has verified the new calibration and monitors again")
-    if not (before.configured and before.file is not None and target.absolute() == before.file.absolute()):
-        click.echo(f'for its next start, set in its configuration: [calibration] file = "{target.absolute()}"')
-
-
-def _await_verification(socket: Path, wait_s: float) -> None:
-    """Returns once the service monitors. Raises DeviceLost, ControlRefused."""
-    end_s = time.monotonic() + wait_s
-    click.echo("now move the probe over tissue, to and fro: the service verifies the new calibration")
-    with _progress("{task.fields[state]}: {task.fields[reason]}") as progress:
-        task = progress.add_task("wait", total=None, state="", reason="")
-        while True:
-            with ControlClient(socket) as client:
-                status = client.status()
-            progress.update(task, state=status["state"], reason=status["reason"])
-            if status["state"] != State.RECALIBRATING.value:
-                break
-            if time.monotonic() > end_s:
-                raise _not_verified(f"not verified within {wait_s:g} s: {status['reason']}")
-            time.sleep(_LOOK_EVERY_S)
-    if status["state"] == State.DEVICE_LOST.value:
-        what = f"a device was lost before the new calibration was verified: {status['reason']}"
-        raise DeviceLost(what, str(socket), "The old one is in force again; mend the device and recalibrate anew")
-    if status["state"] != State.MONITORING.value:
-        raise _not_verified(f"not verified, the service is in state {status['state']}: {status['reason']}")
-
-
-def _not_verified(what: str) -> ControlRefused:
-    return ControlRefused(what, "new calibration", "The contact stays open; move the probe over tissue, see its status")
+    await_verification(socket, wait_s)
+    click.echo("the service has verified the new calibration and monitors again; it is in force, also after a restart")

@@ -21,6 +21,7 @@ from appliance.types import Check, Verdict, VerdictKind
 from drivers.replay import Recording, open_recording
 from drivers.samples import Sample
 from drivers.twins.faults import FAULT_CLASS, Episode, Schedule
+from tools.estimate import check_new, write_estimate
 from tools.inject import inject
 from tools.json_report import check_writable, write_json
 
@@ -48,6 +49,9 @@ def _episode(text: str) -> Episode:
 @click.option("--poses", type=click.Path(path_type=Path), help="sequence with the poses, if recorded apart")
 @click.option("--inject", "schedule", multiple=True, callback=_episodes, metavar="FAULT[@SECONDS]", help="repeatable")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the report here too")
+@click.option(
+    "--estimate", "estimate_path", type=click.Path(path_type=Path), help="write the estimated calibration here"
+)
 @click.option("--probe", help="tool on the probe, as the transforms name it [Probe]")
 @click.option("--reference", help="reference tool; Tracker for none [Reference, where recorded]")
 @click.option("--orientation", help="how pictures are stored, e.g. MF, where the file does not say")
@@ -57,22 +61,30 @@ def command(
     poses: Path | None,
     schedule: Schedule,
     json_path: Path | None,
+    estimate_path: Path | None,
     probe: str | None,
     reference: str | None,
     orientation: str | None,
 ) -> None:
     """Run RECORDING (PLUS .igs.mha or .mhd) through the line and print a report.
 
-    Exit code 0 says that a report was made; the verdict is in the report. 65: the recording cannot be used; 78: the
-    calibration or an option cannot.
+    --estimate writes what the motion shows of the calibration as a new file, for the first calibration of a cart
+    (docs/first-calibration.md); what it does not show is taken from --calibration and named in not_observed.
+
+    Exit code 0 says that a report was made; the verdict is in the report. 65: the recording cannot be used, or shows
+    too little for --estimate; 78: the calibration or an option cannot.
     """
     check_writable(json_path)
+    check_new(estimate_path)
     session = open_recording(recording, poses=poses, probe=probe, reference=reference, orientation=orientation)
     nominal = read_calibration(calibration, session.size_px, probe or "Probe")
     report, timeline = run(session, Line(nominal, Limits()), schedule)
     _print(report, timeline, recording)
     if json_path is not None:
         write_json(json_path, report_json(report, timeline))
+    if estimate_path is not None:
+        write_estimate(estimate_path, report.estimate, nominal, recording)
+        click.echo(f"written: {estimate_path}")
 
 
 def run(session: Recording, line: Line, schedule: Schedule) -> tuple[LineReport, list[Change]]:

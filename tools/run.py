@@ -7,13 +7,13 @@ from pathlib import Path
 
 import click
 
-from appliance.calibration_file import read_calibration
 from appliance.config import Config, is_configured, load_config
 from appliance.service.control import ControlServer
 from appliance.service.daemon import Daemon
 from appliance.service.estimator_host import EstimatorHost
 from appliance.service.log import configure
 from appliance.service.memory_lock import lock_memory
+from appliance.service.references import References
 from appliance.service.unconfigured import await_configuration
 from drivers.hosttime import HostClock
 
@@ -34,10 +34,10 @@ def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -
         _await_configuration(config_file)
         return
     config = load_config(config_file)
-    reference = read_calibration(config.calibration.file)
+    references = References(config)
     clock = HostClock(clock_rate, time.monotonic_ns() if clock_origin_ns is None else clock_origin_ns)
-    estimator = EstimatorHost(reference, config.limits, slowness=max(1.0, 1 / clock_rate))
-    serve(config, config_file, estimator, clock)
+    estimator = EstimatorHost(None, config.limits, slowness=max(1.0, 1 / clock_rate))
+    serve(config, config_file, references, estimator, clock)
 
 
 def _await_configuration(config_file: Path) -> None:
@@ -48,12 +48,14 @@ def _await_configuration(config_file: Path) -> None:
         await_configuration(config_file, stop)
 
 
-def serve(config: Config, config_file: Path, estimator: EstimatorHost, clock: HostClock) -> None:
+def serve(
+    config: Config, config_file: Path, references: References, estimator: EstimatorHost, clock: HostClock
+) -> None:
     """Run the service until it is told to stop. Raises DeviceLost when another one holds the control socket."""
     lock_memory()
     with (
         ControlServer(config.control.socket, config.control.group) as control,
         configure(config.log.level),
-        Daemon(config, config_file, estimator, clock, control) as daemon,
+        Daemon(config, config_file, references, estimator, clock, control) as daemon,
     ):
         daemon.run()

@@ -8,7 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -152,7 +152,7 @@ class SimulatedDevices:
         for name in TWINS:
             self.launch_twin(name)
         image_to_probe = World(self.settings.seed).image_to_probe
-        calibration = calibration_from_image_to_probe(image_to_probe, (640, 480))
+        calibration = replace(calibration_from_image_to_probe(image_to_probe, (640, 480)), simulated=True)
         write_calibration(self.folder / "probe.toml", calibration, {"source": "the truth of the simulated world"})
         urls = {name: self.await_twin(name) for name in TWINS}
         self.config_text = self._configuration(urls)

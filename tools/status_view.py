@@ -33,7 +33,7 @@ class StatusView:
         checks = [*status["checks"], *status["devices"]]
         self._note(status["counters"].get("uptime_s", 0.0), checks)
         lines: list[RenderableType] = [_state(status), _rates(status), self._table(checks)]
-        return Group(*lines, *_remarks(status))
+        return Group(*lines, *_remarks(status), *_origin(status))
 
     def _note(self, uptime_s: float, checks: list[Mapping[str, Any]]) -> None:
         if uptime_s - self._noted_s < _TREND_EVERY_S:
@@ -107,3 +107,19 @@ def _remarks(status: Status) -> list[Text]:
     ended = [] if status["estimator"] is None else [f"estimator: {status['estimator']}"]
     said = [*status["notices"], *status["remarks"], *lost, *ended]
     return [Text(f"! {line}", style="yellow", no_wrap=True, overflow="ellipsis") for line in said]
+
+
+def _origin(status: Status) -> list[Text]:
+    """Which reference the verdicts speak of, what keeps it from being verified, and what is not in force."""
+    reference = status.get("reference")
+    said = [] if reference is None else [_reference(reference)]
+    waits, changed = status.get("reference_waits"), status.get("calibration_changed")
+    said += [] if waits is None else [f"! reference: {waits}"]
+    said += [] if changed is None else [f"! {changed}"]
+    return [Text(line, style="yellow" if line.startswith("!") else "dim") for line in said]
+
+
+def _reference(reference: Mapping[str, Any]) -> str:
+    origin = f"{reference['origin']}, SIMULATED" if reference["simulated"] else str(reference["origin"])
+    name, since = str(reference["file"]).rpartition("/")[2], str(reference["utc"])[:16].replace("T", " ")
+    return f"reference {reference['number']} · {origin} · {name} · {reference['sha256'][:12]} · since {since} UTC"

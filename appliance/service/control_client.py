@@ -74,9 +74,9 @@ class ControlClient:
         """Take the limits, times and language of the changed configuration file; an invalid one changes nothing."""
         self._ask(do="reload")
 
-    def propose_calibration(self, file: Path) -> Reply:
-        """How it differs from the reference, see appliance.service.recalibration.difference."""
-        proposal = self._ask(do="propose-calibration", file=str(file.absolute()))["proposal"]
+    def propose_calibration(self, wanted: Path | int) -> Reply:
+        """How a file, or an earlier reference by its number, differs from the one in force; docs/control.md."""
+        proposal = self._ask(do="propose-calibration", **_wanted(wanted))["proposal"]
         assert isinstance(proposal, dict)
         return proposal
 
@@ -88,9 +88,11 @@ class ControlClient:
         """Stop monitoring for a scan."""
         self._ask(do="begin-recalibration")
 
-    def end_recalibration(self, file: Path) -> None:
-        """Take this calibration as the reference; monitoring resumes once the line has confirmed it."""
-        self._ask(do="end-recalibration", file=str(file.absolute()))
+    def end_recalibration(self, wanted: Path | int, confirm: str = "") -> None:
+        """Take a file, or an earlier reference by its number, as the reference; monitoring resumes once the line has
+        confirmed it. confirm: the difference as the proposal states it in words, where it must be confirmed.
+        """
+        self._ask(do="end-recalibration", confirm=confirm, **_wanted(wanted))
 
     def abort_recalibration(self) -> None:
         """Back to the reference in force before."""
@@ -113,3 +115,7 @@ class ControlClient:
     def _gone(self, error: OSError) -> DeviceLost:
         what = f"no service answers ({error.strerror or error})"
         return DeviceLost(what, str(self._path), "Start it: probewatch run --config FILE")
+
+
+def _wanted(wanted: Path | int) -> dict[str, str | int]:
+    return {"number": wanted} if isinstance(wanted, int) else {"file": str(wanted.absolute())}

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from appliance.alarm_chain import Latch
 from appliance.config import Config, load_config
+from appliance.reference import Reference
 from appliance.service.control import ControlRefused, ControlServer
 from appliance.service.device_thread import DeviceThread
 from appliance.service.errands import Errands
@@ -18,10 +19,21 @@ from appliance.service.overload_watch import OverloadWatch
 from appliance.service.rate_meter import RateMeter
 from appliance.service.recalibration import Recalibration
 from appliance.service.recorder import Recorder
+from appliance.service.references import References
 from appliance.service.reload import reloaded
 from appliance.service.requests import Hands, Requests
 from appliance.service.source_thread import CaptureThread, TrackerThread
-from appliance.service.status import alarm_fields, audio_fields, check_lists, log_fields, output_fields
+from appliance.service.status import (
+    alarm_fields,
+    audio_fields,
+    check_lists,
+    configuration_fields,
+    log_fields,
+    origin_fields,
+    output_fields,
+    reference_fields,
+    simulated_mark,
+)
 from appliance.service.systemd_notify import Notifier
 from appliance.service.tick_meter import TickMeter
 from appliance.service.wall_clock import WallClock
@@ -43,11 +55,17 @@ _JOIN_S = 1.0
 class Daemon:
     """Everything that runs, in one place. Leaving the context de-energises the outputs and closes all.
 
-    config_file: where the configuration came from, for reloading it.
+    config_file: where the configuration came from, for reloading it. estimator: without a reference.
     """
 
     def __init__(
-        self, config: Config, config_file: Path, estimator: EstimatorHost, clock: HostClock, control: ControlServer
+        self,
+        config: Config,
+        config_file: Path,
+        references: References,
+        estimator: EstimatorHost,
+        clock: HostClock,
+        control: ControlServer,
     ) -> None:
         self._config, self._config_file = config, config_file
         self._patience = config.supervisor.patience()
@@ -55,9 +73,17 @@ class Daemon:
         self._recorder = Recorder(config.alarm.folder, clock)
         self._supervisor = _supervisor(config, self._recorder.latch)
         self._annunciator = Annunciator()
-        self._estimator = estimator
+        self._estimator, self._references = estimator, references
         self._errands = Errands()
-        self._recalibration = Recalibration(self._supervisor, self._estimator, self._ask, self._errands)
+        self._recalibration = Recalibration(
+            self._supervisor,
+            estimator,
+            references,
+            self._ask,
+            self._errands,
+            limits=lambda: self._config.limits,
+            took=self._note_reference,
+        )
         deliver = self._estimator.put
         self._video = CaptureThread("video", config.video.url, open_video, deliver, clock)
         self._tracker = TrackerThread("tracker", config.tracker.url, open_tracker, deliver, clock)
@@ -76,9 +102,15 @@ class Daemon:
         self._alarm: AlarmState | None = None
         self._fed_writes = 0
         self._stopping = self._reloading = False
+        self._told_reference: int | None = None
 
     def __enter__(self) -> Self:
-        self._recorder.note("started", self._recorder.latch, found=[*self._recorder.damage])
+        self._references.begin()
+        current = self._references.current
+        self._told_reference = None if current is None else current.entry.number
+        said = origin_fields(self._config, self._config_file, self._references)
+        self._recorder.note("started", self._recorder.latch, found=[*self._recorder.damage], **said)
+        self._log.info("started", **said)
         for thread in self._threads():
             thread.start()
         return self
@@ -93,6 +125,7 @@ class Daemon:
         self._notifier.close()
         self._overload.close(self._now_ns, self._device_losses)
         self._recorder.note("stopped", self._latch())
+        self._references.close()
         self._recorder.close()
         self._log.info("stopped")
 
@@ -120,6 +153,7 @@ class Daemon:
         if heard or not self._estimator.speaking:
             self._heard_ns = self._now_ns if heard else None
             self._verdict = self._verdict if heard else None
+        verdicts = self._references.judged(verdicts)
         self._verdict = verdicts[-1] if verdicts else self._verdict
         devices = watch_devices(self._now_ns, self._facts(), self._patience, self._config.limits)
         self._devices = (*devices, self._watch_overload(devices))
@@ -127,6 +161,7 @@ class Daemon:
         self._control.poll(self._requests.answer)
         self._reload_if_asked()
         self._show(self._alarm or alarm, self._clock.at(self._estimator.said_ns) if verdicts else self._now_ns)
+        self._references.see(self._video.size_px)
         for name, thread in (("video", self._video), ("tracker", self._tracker)):
             self._fps[name].note(self._now_ns, thread.samples)
         self._feed_watchdog(alarm)
@@ -171,17 +206,18 @@ class Daemon:
         """Raises ControlRefused, ConfigurationError; then nothing has changed."""
         written = self._errands.run(str(self._config_file), lambda: load_config(self._config_file))
         before, self._config = self._config, reloaded(self._config, written)
+        self._references.look_again()
         self._supervisor.retime(self._config.supervisor.durations())
         self._patience = self._config.supervisor.patience()
         if self._config.limits != before.limits:
             self._estimator.limit(self._config.limits)
             self._supervisor.doubt()
         if self._config != before:
-            self._recorder.note("reloaded", self._latch(), file=str(self._config_file))
+            self._recorder.note("reloaded", self._latch(), **configuration_fields(self._config, self._config_file))
         self._log.info("configuration reloaded", file=str(self._config_file))
 
     def _raise_failures(self) -> None:
-        failures = [self._recorder.failure, *(thread.failure for thread in self._threads())]
+        failures = [self._recorder.failure, self._references.failure, *(thread.failure for thread in self._threads())]
         for failure in failures:
             if failure is not None:
                 raise failure
@@ -210,6 +246,7 @@ class Daemon:
             output_ns=min(known) if len(known) == len(written) else None,
             damage=self._recorder.damage,
             log_waits_ns=self._recorder.waited_ns(self._now_ns),
+            calibration_file_changed=self._references.changed is not None,
             body=self._tracker.body,
         )
 
@@ -226,13 +263,26 @@ class Daemon:
     def _note_change(self, before: AlarmState | None, alarm: AlarmState) -> None:
         if not self._overload.worth_an_entry(before, alarm):
             return
-        said = {"state": alarm.state.value, "fault": alarm.fault, "reason": alarm.reason}
+        said = {"state": alarm.state.value, "fault": alarm.fault, "reason": alarm.reason, **self._simulated()}
         if before is None or before.state is not alarm.state:
             self._log.info("state", **said)
         self._recorder.note("state", self._latch(), **said)
 
     def _note(self, event: str, **data: Any) -> None:
         self._recorder.note(event, self._latch(), **data)
+
+    def _note_reference(self, reference: Reference) -> None:
+        """It has just come in force; the one that the start entry named is known."""
+        if reference.entry.number == self._told_reference:
+            return
+        self._told_reference = reference.entry.number
+        said = {"reference": reference_fields(reference), **self._simulated()}
+        self._log.info("reference", **said)
+        self._recorder.note("reference", self._latch(), **said)
+
+    def _simulated(self) -> dict[str, list[str]]:
+        """What every state says of its sources; nothing on a real cart."""
+        return {"simulated": [*self._config.simulated]} if self._config.simulated else {}
 
     def _latch(self) -> Latch | None:
         if self._alarm is None:
@@ -251,7 +301,8 @@ class Daemon:
         writes = sum(output.writes for output in self._outputs)
         if writes > self._fed_writes:
             self._fed_writes = writes
-            self._notifier.alive(f"{alarm.state.value}: {alarm.reason}{self._why_silent()}")
+            mark = simulated_mark(self._config.simulated, "en")
+            self._notifier.alive(f"{mark}{alarm.state.value}: {alarm.reason}{self._why_silent()}")
 
     def _why_silent(self) -> str:
         ended = None if self._estimator.speaking else self._estimator.ended
@@ -272,7 +323,8 @@ class Daemon:
         assert self._alarm is not None
         testing = self._annunciator.testing(self._now_ns)
         return {
-            **alarm_fields(self._now_ns, self._alarm, self._config.alarm.language),
+            **alarm_fields(self._now_ns, self._alarm, self._config.alarm.language, self._config.simulated),
+            **origin_fields(self._config, self._config_file, self._references),
             **check_lists(self._now_ns, self._verdict, self._devices),
             "audio": audio_fields(self._now_ns, self._annunciator.sound, testing),
             "outputs": output_fields(self._outputs),

@@ -30,7 +30,8 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THR
 class EstimatorHost:
     """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
 
-    slowness: how much more patience an emulated machine needs.
+    reference: None until refer() gives one; without it nothing is judged. slowness: how much more patience an emulated
+    machine needs.
 
     restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
     before any did. last: what it said last, None before its first word. said_ns: when the first verdict of the last
@@ -38,10 +39,10 @@ class EstimatorHost:
     """
 
     def __init__(
-        self, reference: Calibration, limits: Limits, command: Sequence[str] = _COMMAND, slowness: float = 1.0
+        self, reference: Calibration | None, limits: Limits, command: Sequence[str] = _COMMAND, slowness: float = 1.0
     ) -> None:
         self._command, self._limits, self._slowness = tuple(command), limits, slowness
-        self._order = Order(1, reference, limits)
+        self._order = None if reference is None else Order(1, reference, limits)
         self._frames, self._poses = Ring(FRAMES), Ring(POSES)
         self._process: subprocess.Popen[bytes] | None = None
         self._dying: list[subprocess.Popen[bytes]] = []
@@ -72,9 +73,9 @@ class EstimatorHost:
         return self._frames.backlog if working else 0
 
     @property
-    def reference(self) -> Calibration:
+    def reference(self) -> Calibration | None:
         """The calibration that verdicts speak of."""
-        return self._order.reference
+        return None if self._order is None else self._order.reference
 
     def put(self, sample: Sample) -> None:
         """Hand a sample on; never blocks. One thread for frames, one for poses. Raises ValueError when too large."""
@@ -82,13 +83,14 @@ class EstimatorHost:
 
     def refer(self, reference: Calibration) -> None:
         """Verify against another reference from now on; what is said of the old one is no longer passed on."""
-        self._order = Order(self._order.generation + 1, reference, self._limits)
+        self._order = Order(1 + (0 if self._order is None else self._order.generation), reference, self._limits)
         self._send_order()
 
     def limit(self, limits: Limits) -> None:
         """Verify within other limits from now on."""
         self._limits = limits
-        self.refer(self.reference)
+        if self._order is not None:
+            self.refer(self._order.reference)
 
     def wait(self, real_s: float) -> None:
         """Until it says something, or for real_s at most."""
@@ -104,7 +106,8 @@ class EstimatorHost:
         if words:
             self._heard_s, self._spoken, self.last = now_s, True, words[-1]
         self._look_after(now_s)
-        present = [word for word in words if word.generation == self._order.generation and word.verdicts]
+        generation = None if self._order is None else self._order.generation
+        present = [word for word in words if word.generation == generation and word.verdicts]
         self.said_ns = present[0].said_ns if present else time.monotonic_ns()
         return bool(words), tuple(verdict for word in present for verdict in word.verdicts)
 
@@ -161,7 +164,7 @@ class EstimatorHost:
         self._send_order()
 
     def _send_order(self) -> None:
-        if self._link is not None:
+        if self._link is not None and self._order is not None:
             try:
                 send(self._link, self._order)
             except (LinkClosed, BlockingIOError):

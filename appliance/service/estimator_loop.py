@@ -40,9 +40,7 @@ class Estimator:
         self._spoke_s = 0.0
 
     def run(self) -> None:
-        """Until the peer closes the link. What waited before there was anyone to take it is old, and not counted."""
-        for ring in (self._frames, self._poses):
-            ring.take()
+        """Until the peer closes the link."""
         try:
             while True:
                 self._obey()
@@ -55,6 +53,9 @@ class Estimator:
     def _obey(self) -> None:
         while (order := receive(self._link)) is not None:
             assert isinstance(order, Order)
+            if self._line is None:  # what waited before there was anyone to take it is old, and not counted
+                for ring in (self._frames, self._poses):
+                    ring.take()
             self._line, self._generation = self._make_line(order.reference, order.limits), order.generation
 
     def _compute(self) -> None:

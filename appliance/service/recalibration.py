@@ -1,48 +1,88 @@
 """Which calibration is the reference while a person recalibrates, and what it returns to when he gives up."""
 
-import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from appliance.calibration_file import read_calibration
+from appliance.calibration_difference import Difference, difference
+from appliance.calibration_file import calibration_bytes
+from appliance.limits import Limits
+from appliance.reference import Candidate, Reference
+from appliance.reference_store import RECALIBRATED
 from appliance.service.control import ControlRefused
 from appliance.service.errands import Errands
 from appliance.service.estimator_host import EstimatorHost
+from appliance.service.references import References
 from appliance.supervision.supervisor import Request, Supervisor
-from appliance.types import Calibration, State
+from appliance.types import PARAMETERS, State
 
 Ask = Callable[[Request], None]
 """Puts a request to the supervisor. Raises ControlRefused."""
 
+_EVERYTHING = ("polarity", *PARAMETERS)
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What a person wants as the reference: a file, or the number of an earlier one. confirm: the difference from the
+    one in force, as the proposal states it; empty where he did not say that he accepts it. who: asks.
+    """
+
+    file: Path | None = None
+    number: int | None = None
+    confirm: str = ""
+    who: str = ""
+
+    @property
+    def origin(self) -> str:
+        return RECALIBRATED if self.number is None else f"went back to {self.number}"
+
 
 class Recalibration:
-    """Carries out what the supervisor grants."""
+    """Carries out what the supervisor grants. took: is told of every reference that comes in force."""
 
-    def __init__(self, supervisor: Supervisor, estimator: EstimatorHost, ask: Ask, errands: Errands) -> None:
-        self._supervisor, self._estimator, self._ask, self._errands = supervisor, estimator, ask, errands
-        self._before = estimator.reference
+    def __init__(
+        self,
+        supervisor: Supervisor,
+        estimator: EstimatorHost,
+        references: References,
+        ask: Ask,
+        errands: Errands,
+        limits: Callable[[], Limits],
+        took: Callable[[Reference], None],
+    ) -> None:
+        self._supervisor, self._estimator, self._references = supervisor, estimator, references
+        self._ask, self._errands, self._limits, self._took = ask, errands, limits, took
+        self._before: Reference | None = None
 
     def begin(self) -> None:
         """Raises ControlRefused."""
         self._ask(Request.BEGIN_RECALIBRATION)
 
-    def end(self, file: Path) -> None:
-        """Take the file as the reference. Raises ControlRefused, ConfigurationError for the file."""
+    def propose(self, wanted: Wanted) -> dict[str, Any]:
+        """How it differs from the reference; nothing changes. Raises ControlRefused, ConfigurationError."""
+        candidate = self._candidate(wanted)
+        change = self._change(candidate)
+        if change is None:
+            raise ControlRefused(f"there is no reference to compare with yet: {self._references.waits}")
+        asked = self._must_confirm(wanted, change)
+        return {**change.fields(), "text": change.text, "confirm": asked, "sha256": candidate.sha256}
+
+    def end(self, wanted: Wanted) -> None:
+        """Take it as the reference. Raises ControlRefused, also for a difference that nobody has confirmed, and
+        ConfigurationError for the file.
+        """
         refusal = self._supervisor.refusal(Request.END_RECALIBRATION)
         if refusal:
             raise ControlRefused(refusal)
-        reference = self._read(file)
+        candidate = self._candidate(wanted)
+        change = self._change(candidate)
+        if change is not None and self._must_confirm(wanted, change) and wanted.confirm != change.text:
+            what = f"differs from the reference in force: {change.text}"
+            raise ControlRefused(what, candidate.file, "To accept that, repeat the difference: field confirm, or --yes")
         self._ask(Request.END_RECALIBRATION)
-        self._estimator.refer(reference)
-
-    def propose(self, file: Path) -> dict[str, Any]:
-        """How the calibration in the file differs from the reference; nothing changes. Raises ControlRefused,
-        ConfigurationError for the file.
-        """
-        return difference(self._estimator.reference, self._read(file))
+        self._take(candidate, wanted.origin, wanted.who, change)
 
     def abort(self) -> None:
         """Back to the reference in force before. Raises ControlRefused."""
@@ -51,27 +91,46 @@ class Recalibration:
     def follow(self, before: State, after: State) -> None:
         """A reference that monitoring confirmed stays; whatever else ends a recalibration returns to the one before."""
         if after is State.MONITORING:
-            self._before = self._estimator.reference
+            self._references.note_verified()
+            self._before = self._references.current
         elif before is State.RECALIBRATING and after is not State.RECALIBRATING:
             self._return()
+        self._take_up()
 
-    def _read(self, file: Path) -> Calibration:
-        return self._errands.run(str(file), lambda: read_calibration(file))
+    def _take_up(self) -> None:
+        """The first reference, once the disk has told it."""
+        current = self._references.current
+        if current is not None and self._estimator.reference is None:
+            self._before = current
+            self._refer(current)
+
+    def _candidate(self, wanted: Wanted) -> Candidate:
+        """Only reading waits for the disk."""
+        file, number = wanted.file, wanted.number
+        if number is not None:
+            return self._errands.run(f"reference {number}", lambda: self._references.from_history(number))
+        assert file is not None
+        content = self._errands.run(str(file), lambda: calibration_bytes(file))
+        return self._errands.run(str(file), lambda: self._references.from_content(content, str(file)))
+
+    def _change(self, candidate: Candidate) -> Difference | None:
+        current = self._references.current
+        return None if current is None else difference(current.calibration, candidate.calibration)
+
+    def _must_confirm(self, wanted: Wanted, change: Difference) -> bool:
+        return wanted.number is not None or change.beyond(self._limits())
+
+    def _take(self, candidate: Candidate, origin: str, who: str, change: Difference | None) -> None:
+        far = change is not None and change.beyond(self._limits())
+        text = "" if change is None else change.text
+        self._refer(self._references.take(candidate, origin, who, text, _EVERYTHING if far else ()))
+
+    def _refer(self, reference: Reference) -> None:
+        self._estimator.refer(reference.calibration)
+        self._took(reference)
 
     def _return(self) -> None:
-        if self._estimator.reference is not self._before:
-            self._estimator.refer(self._before)
-
-
-def difference(reference: Calibration, proposed: Calibration) -> dict[str, Any]:
-    """rotation_deg: angle between the two; scale_percent: (lateral, axial); offset_mm: distance; same_polarity."""
-    turn = reference.rotation @ proposed.rotation.T
-    cosine = (float(np.trace(turn)) - 1) / 2
-    scale = proposed.scale_mm_per_px / reference.scale_mm_per_px - 1
-    return {
-        "rotation_deg": math.degrees(math.acos(min(max(cosine, -1.0), 1.0))),
-        "scale_percent": [float(100 * change) for change in scale],
-        "offset_mm": float(np.linalg.norm(proposed.offset_mm - reference.offset_mm)),
-        "same_polarity": reference.polarity == proposed.polarity,
-        "same_image_size": reference.image_size_px == proposed.image_size_px,
-    }
+        before = self._before
+        if before is not None and before is not self._references.current:
+            self._take(before.candidate, f"went back to {before.entry.number}", "", self._change(before.candidate))
+            self._before = self._references.current

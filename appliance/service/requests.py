@@ -10,7 +10,7 @@ from typing import Any
 from appliance.service.allowance import BURST, EVERY_NS, Allowance
 from appliance.service.control import ControlRefused, Peer, Reply
 from appliance.service.errands import Errands
-from appliance.service.recalibration import Recalibration
+from appliance.service.recalibration import Recalibration, Wanted
 from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.supervisor import Request
 
@@ -45,6 +45,7 @@ class Requests:
         self._hands = hands
         self._allowance = Allowance()
         self._names: dict[int, str] = {}
+        self._asking = ""
         self._table: dict[str, Callable[[Body], Reply | None]] = {
             "status": lambda _: {"status": hands.status()},
             "acknowledge": lambda _: hands.ask(Request.ACKNOWLEDGE),
@@ -53,9 +54,9 @@ class Requests:
             "audio-on": lambda _: hands.annunciator.audio.on(),
             "lamp-test": lambda _: hands.annunciator.test_lamps(hands.now_ns()),
             "clear-bump": self._clear_bump,
-            "propose-calibration": lambda body: {"proposal": hands.recalibration.propose(_file(body))},
+            "propose-calibration": lambda body: {"proposal": hands.recalibration.propose(_wanted(body, ""))},
             "begin-recalibration": lambda _: hands.recalibration.begin(),
-            "end-recalibration": lambda body: hands.recalibration.end(_file(body)),
+            "end-recalibration": lambda body: hands.recalibration.end(_wanted(body, self._asking)),
             "abort-recalibration": lambda _: hands.recalibration.abort(),
             "reload": lambda _: hands.reload(),
         }
@@ -72,6 +73,7 @@ class Requests:
         if do == "status" or (do == "audio-on" and not self._hands.annunciator.audio.silenced):
             return self._table[do](body) or {}
         self._refuse_too_many(do, who)
+        self._asking = f"{self._names.get(who.uid, f'uid {who.uid}')}, process {who.pid}"
         reply = self._table[do](body)
         self._note(do, body, who)
         return reply or {}
@@ -86,7 +88,7 @@ class Requests:
     def _note(self, do: str, body: Body, who: Peer) -> None:
         if do not in _ALWAYS:
             self._allowance.take(who.uid, self._hands.now_ns())
-        said = {key: _plain(body[key]) for key in ("file", "reason", "seconds") if key in body}
+        said = {key: _plain(body[key]) for key in ("file", "number", "confirm", "reason", "seconds") if key in body}
         self._hands.note("request", do=do, who=f"{self._name(who.uid)}, process {who.pid}", **said)
 
     def _name(self, uid: int) -> str:
@@ -123,8 +125,17 @@ def _plain(value: object) -> str:
     return "".join(sign if sign.isprintable() else "\N{REPLACEMENT CHARACTER}" for sign in str(value)[:_LONGEST_TEXT])
 
 
-def _file(body: Body) -> Path:
+def _wanted(body: Body, who: str) -> Wanted:
+    """The file, or the number, that is to become the reference. Raises ControlRefused."""
+    confirm = body.get("confirm", "")
+    if not isinstance(confirm, str):
+        raise ControlRefused("confirm must repeat the difference that is accepted")
+    if "number" in body:
+        number = body["number"]
+        if not isinstance(number, int) or isinstance(number, bool) or "file" in body:
+            raise ControlRefused("number must be that of an earlier reference, and no file beside it")
+        return Wanted(number=number, confirm=confirm, who=who)
     file = body.get("file")
     if not isinstance(file, str) or not file or not file.isprintable():
         raise ControlRefused("file must name a calibration file")
-    return Path(file)
+    return Wanted(file=Path(file), confirm=confirm, who=who)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from statistics import median
 from typing import Any
 
+from appliance.core.door import refused_picture
 from appliance.service.device_thread import DeviceThread
 from drivers.errors import DeviceLost
 from drivers.hosttime import HostClock
@@ -78,9 +79,12 @@ class SourceThread(DeviceThread):
 
 
 class CaptureThread(SourceThread):
-    """frame_ns: arrival of the last frame. gaps: frames that the device counted and nobody saw."""
+    """frame_ns: arrival of the last frame. size_px: (width, height) of the last one that the line can use. gaps: frames
+    that the device counted and nobody saw.
+    """
 
     frame_ns: int | None = None
+    size_px: tuple[int, int] | None = None
     gaps = 0
     _sequence: int | None = None
 
@@ -89,6 +93,8 @@ class CaptureThread(SourceThread):
         if self._sequence is not None:
             self.gaps += max(0, sample.sequence - self._sequence - 1)
         self._sequence = sample.sequence
+        if not refused_picture(sample.image):
+            self.size_px = sample.image.shape[1], sample.image.shape[0]
         self.frame_ns = now_ns
 
 

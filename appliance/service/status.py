@@ -2,23 +2,60 @@
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+from appliance.config import Config
+from appliance.reference import Reference
 from appliance.service.output_thread import OutputThread
 from appliance.service.recorder import Recorder
+from appliance.service.references import SOFTWARE, References
 from appliance.supervision.alarms import HAZARDS, OVERLOADED, SIGNALS, operator_text
 from appliance.supervision.audio import Sound
 from appliance.supervision.languages import translated
 from appliance.types import AlarmState, Check, Verdict
 
+_SIMULATED = {"en": "SIMULATED · ", "de": "SIMULIERT · "}
 
-def alarm_fields(now_ns: int, alarm: AlarmState, language: str) -> dict[str, Any]:
-    """What the room is told, in its language."""
+
+def simulated_mark(simulated: Sequence[str], language: str) -> str:
+    """What goes before every text while a source is no real device; empty where all are real."""
+    return _SIMULATED[language] if simulated else ""
+
+
+def origin_fields(config: Config, config_file: Path, references: References) -> dict[str, Any]:
+    """What the verdicts rest on: the software, its configuration, the reference in force, and which sources are real.
+
+    reference: None while there is none; reference_waits says why.
+    """
+    current = references.current
+    return {
+        "software": SOFTWARE,
+        "configuration": configuration_fields(config, config_file),
+        "reference": None if current is None else reference_fields(current),
+        "reference_waits": references.waits,
+        "calibration_changed": references.changed,
+        "simulated": [*config.simulated],
+    }
+
+
+def configuration_fields(config: Config, config_file: Path) -> dict[str, str]:
+    """The configuration in force."""
+    return {"file": str(config_file.absolute()), "sha256": config.sha256}
+
+
+def reference_fields(reference: Reference) -> dict[str, Any]:
+    """As appliance.reference_store.Entry describes them."""
+    return reference.entry.model_dump(mode="json")
+
+
+def alarm_fields(now_ns: int, alarm: AlarmState, language: str, simulated: Sequence[str] = ()) -> dict[str, Any]:
+    """What the room is told, in its language. simulated: URLs of the sources that are no real device."""
     text, remedy = operator_text(alarm.state, alarm.fault, language, OVERLOADED in alarm.notices)
     signal = SIGNALS[alarm.state]
     return {
         "state": alarm.state.value,
-        "text": text,
+        "text": f"{simulated_mark(simulated, language)}{text}",
         "remedy": remedy,
         "fault": alarm.fault,
         "reason": alarm.reason,

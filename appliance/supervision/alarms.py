@@ -144,6 +144,11 @@ HAZARDS = {
     "overloaded": Hazard(
         Kind.ADVISORY, "This computer is overloaded", "Close other programs; check a device that stays lost"
     ),
+    "calibration-file": Hazard(
+        Kind.ADVISORY,
+        "Configured calibration is not in force",
+        "Read 'probewatch calibration list'",
+    ),
 }
 
 OVERLOADED = "overloaded"

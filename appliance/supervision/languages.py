@@ -55,6 +55,8 @@ GERMAN = {
     "No ultrasound in the picture": "Kein Ultraschall im Bild",
     "Probe on the skin, live picture on the scanner": "Sonde auf die Haut, Livebild am Ultraschallgerät",
     "Alarm log cannot be written": "Alarmprotokoll kann nicht geschrieben werden",
+    "Configured calibration is not in force": "Konfigurierte Kalibrierung ist nicht in Kraft",
+    "Read 'probewatch calibration list'": "'probewatch calibration list' lesen",
     "Make room on the cart's disk; check it": "Platz auf der Festplatte des Wagens schaffen; sie prüfen",
     "This computer is overloaded": "Dieser Rechner ist überlastet",
     "Close other programs; check a device that stays lost": "Andere Programme schließen; Gerät prüfen, das weg bleibt",

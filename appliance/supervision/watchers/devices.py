@@ -3,6 +3,7 @@
 from appliance.limits import Limits
 from appliance.supervision.watchers.alarm_log_integrity import alarm_log_integrity
 from appliance.supervision.watchers.alarm_log_written import alarm_log_written
+from appliance.supervision.watchers.calibration_file import calibration_file
 from appliance.supervision.watchers.estimator_presence import estimator_presence
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.supervision.watchers.field_indicator import field_indicator
@@ -33,4 +34,10 @@ def watch_devices(now_ns: int, facts: Facts, patience: Patience, limits: Limits 
     bounds = limits or Limits()
     checks = tuple(watcher(now_ns, facts, patience) for watcher in _WATCHERS)
     quality = tuple(watcher(facts, bounds) for watcher in _QUALITY_WATCHERS)
-    return (*checks, *quality, alarm_log_integrity(facts), alarm_log_written(facts, patience))
+    return (
+        *checks,
+        *quality,
+        alarm_log_integrity(facts),
+        alarm_log_written(facts, patience),
+        calibration_file(facts),
+    )

@@ -15,7 +15,7 @@ class Facts:
     fresh_ns: last reply that was neither STALE nor FAULT. pose_ns: last with a pose. pose_status: of the last reply.
     heartbeat_ns: last word of the present estimator process. output_ns: last write of the output that lags most.
     damage: hazard classes of the alarm log that no person has acknowledged. log_waits_ns: age of its oldest entry that
-    is not on the disk yet.
+    is not on the disk yet. calibration_file_changed: the configured file is neither in force nor decided about.
     body: how well the tracker measures, the middle of the last second; None for one that does not say.
     """
 
@@ -29,6 +29,7 @@ class Facts:
     output_ns: int | None = None
     damage: tuple[str, ...] = ()
     log_waits_ns: int = 0
+    calibration_file_changed: bool = False
     body: MarkerBody | None = None
 
 
