@@ -82,19 +82,26 @@ def test_an_estimator_that_cannot_keep_up_is_an_overload() -> None:
     assert computer.overloaded
 
 
-def test_a_silent_device_is_explained_only_by_full_pressure() -> None:
-    rest, full = Computer(), Computer()
-    rest.run(30, Load(0.6), devices=SILENT)
-    full.run(10, Load(1.0))
-    assert not full.overloaded
-    full.run(0.05, Load(1.0), devices=SILENT)
-    assert (rest.overloaded, full.overloaded) == (False, True)
+def test_a_pulled_cable_on_a_busy_computer_is_a_pulled_cable() -> None:
+    """Measured: with a pressure of 0.99 and a killed tracker the ticks were late by 0.4 % of the time at most."""
+    assert set(Computer().run(60, Load(1.0), devices=SILENT)) == {VerdictKind.OK}
+
+
+def test_a_silent_device_is_explained_by_ticks_that_would_not_yet_be_an_overload() -> None:
+    for devices, overloaded in (((), False), (SILENT, True)):
+        computer = Computer()
+        for _ in range(20):
+            computer.run(0.4, Load(1.0), devices=devices)
+            computer.run(0.15, Load(1.0), every_ns=150 * MS_NS, devices=devices)
+        assert computer.overloaded is overloaded
 
 
 @pytest.mark.parametrize("fault", ["marker-body", "tracker-alert", "field-distortion", "log-damaged"])
 def test_what_only_a_device_can_do_is_not_explained(fault: str) -> None:
     computer = Computer()
-    computer.run(30, Load(1.0), devices=(replace(SILENT[0], fault=fault),))
+    for _ in range(20):
+        computer.run(0.4, Load(1.0), devices=(replace(SILENT[0], fault=fault),))
+        computer.run(0.15, Load(1.0), every_ns=150 * MS_NS, devices=(replace(SILENT[0], fault=fault),))
     assert not computer.overloaded
 
 

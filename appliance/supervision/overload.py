@@ -13,17 +13,16 @@ _MEMORY_S = 1.0
 """Time constant of the means. Longer: a short burst is not called an overload. Shorter: fewer losses come before it."""
 _LONGEST_STEP_S = 0.25
 """One step counts for no more, so that a service which was stopped once, or a laptop that slept, is not overloaded."""
-_LATE = 0.3
-"""Share of time by which ticks may be late. Measured on two cores: 0.00 beside 32 busy programs, which do no harm yet;
-0.9 for a service that gets what others leave over (SCHED_IDLE beside one busy program)."""
+_LATE, _LATE_SILENT = 0.3, 0.1
+"""Share of time by which ticks may be late; the second while a device is silent, whose thread waits as the tick does.
+Measured on two cores: at most 0.004 beside 32 busy programs, at a pressure of 0.99, where a killed tracker is a killed
+tracker; 0.4 … 0.9 for a service that gets what others leave over (SCHED_IDLE beside one busy program)."""
 _WAITING = 4
 """Pictures that wait for the estimator: a quarter of its ring. One that keeps up has none or one."""
 _BEHIND = 0.5
 """Share of time in which that many wait."""
 _PRESSED = 0.5
 """Pressure without which a late tick is no overload, but a stopped process. Measured: 0.1 … 0.5 on a cart at rest."""
-_FULL = 0.9
-"""Pressure with which a silent device is explained. Measured: 0.85 … 1.0 beside four to eight busy programs."""
 _RELIEF = 0.5
 """Share of each limit below which it counts as over."""
 _PROBATION_NS = 5_000_000_000
@@ -60,7 +59,7 @@ class Overload:
         self._told = False
         self._last_ns: int | None = None
         self._good_ns = 0
-        self._failing = False
+        self._silent = False
         self.since_ns: int | None = None
 
     def step(self, now_ns: int, load: Load, devices: tuple[Check, ...]) -> Check:
@@ -68,7 +67,7 @@ class Overload:
         if self._last_ns is not None and now_ns > self._last_ns:
             self._note(now_ns - self._last_ns, load)
         self._last_ns = now_ns
-        self._failing = any(check.verdict is VerdictKind.FAULT and check.fault in SILENCES for check in devices)
+        self._silent = any(check.verdict is VerdictKind.FAULT and check.fault in SILENCES for check in devices)
         strain = self._strain()
         if self.since_ns is None:
             self.since_ns = now_ns if strain >= 1.0 else None
@@ -101,6 +100,5 @@ class Overload:
     def _strain(self) -> float:
         """Worst quantity ÷ its limit. Without the kernel's word the tick has to tell alone."""
         pressed = not self._told or self._pressure.value >= _PRESSED
-        late = self._late.value / _LATE if pressed else 0.0
-        full = self._pressure.value / _FULL if self._failing else 0.0
-        return max(late, self._behind.value / _BEHIND, full)
+        late = self._late.value / (_LATE_SILENT if self._silent else _LATE) if pressed else 0.0
+        return max(late, self._behind.value / _BEHIND)
