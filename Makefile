@@ -2,12 +2,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-DATA := $(abspath ../shared/data/plus)
-export PROBEWATCH_PLUS_DATA ?= $(DATA)
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts live evidence bench paper deb test-cart soak docs lock clean
+.PHONY: help demo test lint types contracts live evidence bench paper deb test-deb test-cart soak docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -16,7 +14,7 @@ demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults,
 	$(BIN)/probewatch demo
 
 test: $(VENV)/dev lint types contracts ## lint, types, import contracts and the quick test suite (under 3 minutes)
-	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not live and not cart"
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not live and not cart and not deb"
 
 lint: $(VENV)/dev ## ruff: style and formatting
 	$(BIN)/ruff check .
@@ -43,8 +41,11 @@ bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of th
 paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
 	$(BIN)/python -m tests.paper
 
-deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/
-	$(BIN)/python systemd/deb/build.py dist
+deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/; SUITES=bookworm for one
+	$(BIN)/python systemd/deb/build.py dist $(SUITES)
+
+test-deb: deb ## builds the packages, then looks at what is in them and runs what this machine's Python can
+	$(BIN)/pytest -n 0 -m deb -rs tests/test_deb.py
 
 test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, power cuts (root; 13 to 18 minutes)
 	$(BIN)/pytest -vv -n 2 --dist loadfile --no-loadscope-reorder -m "cart and not slow" -rsP --durations=20 tests/cart
