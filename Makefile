@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts live evidence bench paper deb test-deb test-cart soak docs lock clean
+.PHONY: help demo test lint types contracts quick live mutation pythons evidence bench paper deb test-deb test-cart soak docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -13,7 +13,9 @@ help: ## list the targets
 demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults, alarm, timeline (under 3 minutes)
 	$(BIN)/probewatch demo
 
-test: $(VENV)/dev lint types contracts ## lint, types, import contracts and the quick test suite (under 3 minutes)
+test: lint types contracts quick ## lint, types, import contracts and the quick test suite (under 3 minutes)
+
+quick: $(VENV)/dev ## the quick test suite alone
 	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not live and not cart and not deb"
 
 lint: $(VENV)/dev ## ruff: style and formatting
@@ -27,7 +29,13 @@ contracts: $(VENV)/dev ## who may import whom
 	$(BIN)/lint-imports
 
 live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about four minutes)
-	$(BIN)/pytest -n 2 -m "live and not slow"
+	$(BIN)/python -m tests.retried -n 2 -m "live and not slow"
+
+mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about eight minutes)
+	$(BIN)/python -m tests.mutation
+
+pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root)
+	$(BIN)/python -m tests.pythons
 
 evidence: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m "slow and not cart" -n 2
@@ -63,7 +71,7 @@ lock: $(VENV)/dev ## resolve the lock files anew from pyproject.toml
 	  --custom-compile-command 'make lock' -c requirements-dev.lock --extra bench pyproject.toml -o requirements-bench.lock
 
 clean: ## remove what the targets made
-	rm -rf $(VENV) appliance/core/picture/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-3.* appliance/core/picture/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 COMPILED := $(wildcard appliance/core/picture/*.[ch]) tools/compile_core.py
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests import retried, skips
+from tests import pythons, retried, skips
 
 ROOT = Path(__file__).parents[1]
 FIRST = next(iter(skips.allowed()))
@@ -96,3 +96,22 @@ def test_a_suite_that_could_not_run_is_not_run_again(line: str, tmp_path: Path) 
     code, text = run(suite(tmp_path, line), "tests.retried")
     assert code not in (0, 1), text
     assert "once more" not in text
+
+
+def stand_in(folder: Path, name: str, answer: str) -> Path:
+    """A program on the path that says it is this Python, or none at all, as pyenv's shims do."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text(f"#!/bin/sh\n{answer}\n")
+    (folder / name).chmod(0o755)
+    return folder / name
+
+
+def test_a_python_is_one_that_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in(tmp_path / "shims", "python3.12", "echo no such version; exit 127")
+    stand_in(tmp_path / "shims", "python3.13", "echo no such version; exit 127")
+    real = stand_in(tmp_path / "pyenv/versions/3.13.7/bin", "python3.13", "echo 3.13")
+    monkeypatch.setenv("PATH", str(tmp_path / "shims"))
+    monkeypatch.setenv("PYENV_ROOT", str(tmp_path / "pyenv"))
+    assert pythons.interpreter("3.13") == real
+    assert pythons.interpreter("3.12") is None
+    assert pythons.tried("3.12").startswith("LEFT OUT, this machine has no python3.12")
