@@ -2,12 +2,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-DATA := $(abspath ../shared/data/plus)
-export PROBEWATCH_PLUS_DATA ?= $(DATA)
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts live repeat evidence bench paper deb test-cart soak docs lock clean
+.PHONY: help demo test lint types contracts quick live repeat mutation pythons evidence bench paper deb test-deb test-cart soak docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -15,8 +13,10 @@ help: ## list the targets
 demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults, alarm, timeline (under 3 minutes)
 	$(BIN)/probewatch demo
 
-test: $(VENV)/dev lint types contracts ## lint, types, import contracts and the quick test suite (under 3 minutes)
-	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not live and not cart"
+test: lint types contracts quick ## lint, types, import contracts and the quick test suite (under 3 minutes)
+
+quick: $(VENV)/dev ## the quick test suite alone
+	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not live and not cart and not deb"
 
 lint: $(VENV)/dev ## ruff: style and formatting
 	$(BIN)/ruff check .
@@ -29,7 +29,13 @@ contracts: $(VENV)/dev ## who may import whom
 	$(BIN)/lint-imports
 
 live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about four minutes)
-	$(BIN)/pytest -n 2 -m "live and not slow"
+	$(BIN)/python -m tests.retried -n 2 -m "live and not slow"
+
+mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about eight minutes)
+	$(BIN)/python -m tests.mutation
+
+pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root)
+	$(BIN)/python -m tests.pythons
 
 TIMES ?= 50
 repeat: $(VENV)/dev ## one test fifty times: make repeat TEST=tests/test_daemon.py::test_status_tells_everything
@@ -48,8 +54,11 @@ bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of th
 paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
 	$(BIN)/python -m tests.paper
 
-deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/
-	$(BIN)/python systemd/deb/build.py dist
+deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/; SUITES=bookworm for one
+	$(BIN)/python systemd/deb/build.py dist $(SUITES)
+
+test-deb: deb ## builds the packages, then looks at what is in them and runs what this machine's Python can
+	$(BIN)/pytest -n 0 -m deb -rs tests/test_deb.py
 
 test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, power cuts (root; 13 to 18 minutes)
 	$(BIN)/pytest -vv -n 2 --dist loadfile --no-loadscope-reorder -m "cart and not slow" -rsP --durations=20 tests/cart
@@ -67,7 +76,7 @@ lock: $(VENV)/dev ## resolve the lock files anew from pyproject.toml
 	  --custom-compile-command 'make lock' -c requirements-dev.lock --extra bench pyproject.toml -o requirements-bench.lock
 
 clean: ## remove what the targets made
-	rm -rf $(VENV) appliance/core/picture/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-3.* appliance/core/picture/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 COMPILED := $(wildcard appliance/core/picture/*.[ch]) tools/compile_core.py
 

@@ -8,6 +8,8 @@ import os
 import pytest
 from hypothesis import settings
 
+from tests import skips
+
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 settings.load_profile("ci")
@@ -28,6 +30,11 @@ LIVE = (
     "test_tracker_loss",
 )
 """Rooms whose tests run whole carts and devices in real time: `make live`."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Not by pytest_plugins, which only the topmost conftest may have."""
+    config.pluginmanager.register(skips, "tests.skips")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,10 +1,7 @@
 """Codecs of the NDI protocol: published vectors, round trips, and bytes that nobody should accept."""
 
-import json
-import os
 import struct
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,9 +36,7 @@ from drivers.ndi.wire import (
     encode_text,
     reply_length,
 )
-
-_REPOSITORY = Path(__file__).parents[1]
-_FILE = Path(os.environ.get("PROBEWATCH_VECTORS", _REPOSITORY.parent / "shared" / "protocols" / "vectors.json"))
+from tests.vectors import vectors
 
 BX_ONE_TOOL = bytes.fromhex(
     "c4a52d003043010a018104353f000000008104353f0000000066e6f6c2aec787420080bbc46de7fb3d31000000341200000000bc9a"
@@ -55,13 +50,6 @@ BX2_MISSING = bytes.fromhex(
     "c4a534003bd30100010001003000000000000100000002000000351200 0080e14e6815cd5b0701000100"
     "0200100000000000010000000a000d01a41f"
 )
-
-
-def _vectors(*kinds: str) -> list[Any]:
-    if not _FILE.exists():
-        return [pytest.param(None, marks=pytest.mark.skip(reason=f"{_FILE} is absent"), id=f"{kinds[0]}-file-absent")]
-    vectors = json.loads(_FILE.read_text())["vectors"]
-    return [pytest.param(v, id=v["name"]) for v in vectors if v["kind"] in kinds]
 
 
 def _options(vector: dict[str, Any]) -> int:
@@ -136,7 +124,7 @@ def test_quaternion_sign_does_not_change_the_pose() -> None:
     np.testing.assert_array_equal(Transform(q, (0, 0, 0), 0).matrix(), Transform(negative, (0, 0, 0), 0).matrix())
 
 
-@pytest.mark.parametrize("vector", _vectors("command-crc", "command-nocrc"))
+@pytest.mark.parametrize("vector", vectors("command-crc", "command-nocrc"))
 def test_command_vector(vector: dict[str, Any]) -> None:
     line = bytes.fromhex(vector["hex"])
     command = decode_command(line)
@@ -150,7 +138,7 @@ def test_command_vector(vector: dict[str, Any]) -> None:
         assert (command.name, command.arguments) == ("PVWR", expected)
 
 
-@pytest.mark.parametrize("vector", _vectors("text-reply"))
+@pytest.mark.parametrize("vector", vectors("text-reply"))
 def test_text_vector(vector: dict[str, Any]) -> None:
     reply, decoded = bytes.fromhex(vector["hex"]), vector["decoded"]
     if decoded.get("text", "").startswith("ERROR"):
@@ -198,7 +186,7 @@ def _assert_markers(tool: ToolReply, stated: dict[str, Any]) -> None:
         assert tool.stray == ActiveStray(stated["active_stray"]["status"], tuple(position) if position else None)
 
 
-@pytest.mark.parametrize("vector", _vectors("tx-reply", "bx-reply"))
+@pytest.mark.parametrize("vector", vectors("tx-reply", "bx-reply"))
 def test_tracking_vector(vector: dict[str, Any]) -> None:
     decode, encode = (decode_tx, encode_tx) if vector["kind"] == "tx-reply" else (decode_bx, encode_bx)
     data, options, decoded = bytes.fromhex(vector["hex"]), _options(vector), vector["decoded"]
@@ -214,7 +202,7 @@ def test_tracking_vector(vector: dict[str, Any]) -> None:
     assert encode(reply, options) == data
 
 
-@pytest.mark.parametrize("vector", _vectors("bx-fault", "bx-error", "bx-trunc"))
+@pytest.mark.parametrize("vector", vectors("bx-fault", "bx-error", "bx-trunc"))
 def test_faulty_vector_is_refused(vector: dict[str, Any]) -> None:
     with pytest.raises(ProtocolError):
         decode_bx(bytes.fromhex(vector["hex"]), _options(vector))
@@ -254,7 +242,7 @@ def _stated_3d(marker: bx2.Marker3D) -> dict[str, Any]:
     return said
 
 
-@pytest.mark.parametrize("vector", _vectors("bx2-reply", "bx2-ext"))
+@pytest.mark.parametrize("vector", vectors("bx2-reply", "bx2-ext"))
 def test_bx2_vector(vector: dict[str, Any]) -> None:
     data = bytes.fromhex(vector["hex"])
     components = bx2.decode_bx2(data)
@@ -264,7 +252,7 @@ def test_bx2_vector(vector: dict[str, Any]) -> None:
     assert bx2.encode_bx2(components, extended=vector["kind"] == "bx2-ext") == data
 
 
-@pytest.mark.parametrize("vector", _vectors("stream"))
+@pytest.mark.parametrize("vector", vectors("stream"))
 def test_stream_vector(vector: dict[str, Any]) -> None:
     data, decoded = bytes.fromhex(vector["hex"]), vector["decoded"]
     identity, reply = decode_stream(data)

@@ -1,11 +1,8 @@
 """The RTC3D codec: published vectors, constants by hand, round trips, and bytes that nobody should accept."""
 
-import json
 import math
-import os
 import random
 import struct
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,9 +32,7 @@ from drivers.rtc3d import (
     encode_packet,
     packet_length,
 )
-
-_REPOSITORY = Path(__file__).parents[1]
-_FILE = Path(os.environ.get("PROBEWATCH_VECTORS", _REPOSITORY.parent / "shared" / "protocols" / "vectors.json"))
+from tests.vectors import vectors
 
 TWO_BODIES = bytes.fromhex(
     "00000064 00000003 00000001 00000058 00000004 000004d2 00000000004c4b40 00000002"
@@ -47,13 +42,6 @@ TWO_MARKERS_LITTLE = bytes.fromhex(
     "00000044 00000003 01000000 38000000 01000000 d2040000 404b4c0000000000 02000000"
     "0000c842 00004843 0000fac4 00c07944" + "ffffffff" * 3 + "00c07944"
 )
-
-
-def _vectors() -> list[Any]:
-    if not _FILE.exists():
-        return [pytest.param(None, marks=pytest.mark.skip(reason=f"{_FILE} is absent"), id="file-absent")]
-    vectors = json.loads(_FILE.read_text())["vectors"]
-    return [pytest.param(v, id=v["name"]) for v in vectors if v["kind"] == "rtc3d"]
 
 
 def _described(item: object) -> object:
@@ -66,7 +54,7 @@ def _described(item: object) -> object:
     return [*item.quaternion, *item.translation_mm, item.rms_mm]
 
 
-@pytest.mark.parametrize("vector", _vectors())
+@pytest.mark.parametrize("vector", vectors("rtc3d"))
 def test_vectors_decode_to_their_fields_and_encode_to_their_bytes(vector: dict[str, Any]) -> None:
     data = bytes.fromhex(vector["hex"])
     order = ByteOrder.LITTLE if "little-endian" in vector["name"] else ByteOrder.BIG

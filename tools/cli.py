@@ -19,6 +19,7 @@ _COMMANDS = {
     "probe": "connect to a tracker, video source or output and say how well it does",
     "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",
     "release": "de-energise every alarm output, for a service that has ended",
+    "reload": "have the service take its changed configuration",
     "replay": "run a recording through the line and print a report",
     "run": "the service: watch the devices named in the configuration",
     "simulate": "a tracker or a whole cart that exists only as bytes, with faults at run time",
@@ -39,6 +40,7 @@ class _LazyGroup(click.Group):
             return None
         command = importlib.import_module(f"tools.{cmd_name.replace('-', '_')}").command
         assert isinstance(command, click.Command)
+        command.short_help = _COMMANDS[cmd_name]
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -46,7 +48,11 @@ class _LazyGroup(click.Group):
             formatter.write_dl(sorted(_COMMANDS.items()))
 
 
-@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=_LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    short_help="watches whether a tracked ultrasound probe is still calibrated",
+)
 @click.version_option(package_name="probewatch")
 def probewatch() -> None:
     """Watch, live and without a phantom, whether a tracked ultrasound probe is still calibrated.

@@ -70,8 +70,8 @@ class _Reference:
     sha256: str = ""
 
 
-@click.command(name="recalibrate", help=_HELP, short_help="scan a cross-wire, solve ζ, write a new calibration")
-@click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: tells the next two")
+@click.command(name="recalibrate", help=_HELP)
+@click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: names the next two")
 @click.option("--socket", type=click.Path(path_type=Path), help="control socket of the running service")
 @click.option("--calibration", type=click.Path(path_type=Path), help="calibration in force, if not the service's")
 @click.option("--output", type=click.Path(path_type=Path), help="new file [calibration in force, with date and time]")

@@ -18,7 +18,7 @@ from appliance.service.unconfigured import await_configuration
 from drivers.hosttime import HostClock
 
 
-@click.command(short_help="the service: watch the devices named in the configuration")
+@click.command()
 @click.option(
     "--config",
     "config_file",

@@ -23,6 +23,7 @@ class _LazyGroup(click.Group):
             return None
         command = importlib.import_module(f"tools.simulate_{cmd_name}").command
         assert isinstance(command, click.Command)
+        command.short_help = _DEVICES[cmd_name]
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

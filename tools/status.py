@@ -17,7 +17,7 @@ _EVERY_S = 0.25
 _EXIT = {"OK": 0, "NOT_VERIFIED": 3, "FAULT": 1}
 
 
-@click.command(short_help="what the service sees now; --watch keeps it on the screen")
+@click.command()
 @socket_option
 @click.option("--watch", is_flag=True, help="redraw four times a second until Ctrl-C")
 @click.option("--json", "as_json", is_flag=True, help="print the status as JSON, as docs/control.md describes it")

@@ -1,10 +1,9 @@
-"""Builds probewatch_VERSION~SUITE_ARCH.deb: `python3 systemd/deb/build.py OUT [SUITE …]`. Needs dpkg-deb and pip.
+"""Builds probewatch_VERSION~SUITE_ARCH.deb. Needs dpkg-deb, and the Python of `make .venv/dev`.
 
 The locked wheels are laid out under /opt/probewatch as a virtual environment of the target's own Python, so one machine
 builds for every suite. Nothing of the target is run here.
 """
 
-import argparse
 import gzip
 import os
 import re
@@ -13,7 +12,11 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from datetime import UTC, datetime
 from pathlib import Path
+
+import click
+from documents import completions, man_pages
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
@@ -34,15 +37,15 @@ FILES = {
 }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("suites", nargs="*", choices=list(PYTHONS), default=list(PYTHONS))
-    parser.add_argument("--architecture", choices=list(ARCHITECTURE), default="amd64")
-    arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    for suite in arguments.suites or list(PYTHONS):
-        print(build(suite, arguments.architecture, arguments.out))
+@click.command()
+@click.argument("out", type=click.Path(file_okay=False, path_type=Path))
+@click.argument("suites", metavar="[SUITE]...", nargs=-1, type=click.Choice(list(PYTHONS)))
+@click.option("--architecture", type=click.Choice(list(ARCHITECTURE)), default="amd64", show_default=True)
+def main(out: Path, suites: tuple[str, ...], architecture: str) -> None:
+    """Build the package for each SUITE (bookworm, trixie; both where none is named) into the folder OUT."""
+    out.mkdir(parents=True, exist_ok=True)
+    for suite in suites or PYTHONS:
+        click.echo(build(suite, architecture, out))
 
 
 def build(suite: str, architecture: str, out: Path) -> Path:
@@ -51,11 +54,12 @@ def build(suite: str, architecture: str, out: Path) -> Path:
     version = f"{_project()['version']}~{suffix}"
     with tempfile.TemporaryDirectory(prefix="probewatch-deb-") as folder:
         tree = Path(folder) / "tree"
+        epoch = _run("git", "-C", str(ROOT), "log", "-1", "--format=%ct").strip()
         _environment(tree / "opt/probewatch", minor, ARCHITECTURE[architecture])
         _files(tree)
+        _documents(tree, datetime.fromtimestamp(int(epoch), UTC).date().isoformat())
         _control(tree, version, architecture, minor)
         package = out / f"probewatch_{version}_{architecture}.deb"
-        epoch = _run("git", "-C", str(ROOT), "log", "-1", "--format=%ct").strip()
         _run(
             "dpkg-deb", "--root-owner-group", "-Zzstd", "-z6", "--build", str(tree), str(package),
             SOURCE_DATE_EPOCH=epoch,
@@ -95,11 +99,21 @@ def _files(tree: Path) -> None:
     config, count = re.subn(r"^# configured = true$", "configured = false", example, flags=re.M)
     assert count == 1, "the example configuration has lost its key 'configured'"
     _put(tree / "etc/probewatch/probewatch.toml", config)
-    manual = tree / "usr/share/man/man1/probewatch.1.gz"
-    manual.parent.mkdir(parents=True)
-    manual.write_bytes(gzip.compress((HERE / "probewatch.1").read_bytes(), mtime=0))
     (tree / "usr/bin").mkdir(parents=True)
     (tree / "usr/bin/probewatch").symlink_to("/opt/probewatch/bin/probewatch")
+
+
+def _documents(tree: Path, date: str) -> None:
+    """Links between README and docs/ hold as in the repository."""
+    about = tree / "usr/share/doc/probewatch"
+    shutil.copytree(ROOT / "docs", about / "docs", copy_function=shutil.copyfile)
+    shutil.copytree(ROOT / "config", about / "examples", copy_function=shutil.copyfile)
+    manual = tree / "usr/share/man/man1"
+    manual.mkdir(parents=True)
+    for name, text in man_pages(_project()["version"], date).items():
+        (manual / f"{name}.gz").write_bytes(gzip.compress(text.encode(), mtime=0))
+    for target, script in completions().items():
+        _put(tree / target, script)
 
 
 def _control(tree: Path, version: str, architecture: str, minor: int) -> None:

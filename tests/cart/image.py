@@ -170,7 +170,7 @@ def _kernel_module(image: Image, name: str) -> None:
     """
     build_root, source = image.folder / "build", KERNEL_SOURCE[name]
     shutil.rmtree(build_root, ignore_errors=True)
-    _bootstrap(name, BUILD_PACKAGES.format(source=source), build_root, "apt")
+    bootstrap(name, BUILD_PACKAGES.format(source=source), build_root, "apt")
     place = build_root / "gpio-sim"
     place.mkdir()
     inner = f"linux-source-{source}"
@@ -198,10 +198,10 @@ def _adapt(path: Path, old: str, new: str) -> None:
 
 
 def _base(image: Image, name: str) -> None:
-    _bootstrap(name, PACKAGES, image.folder / "base.tar", "minbase")
+    bootstrap(name, PACKAGES, image.folder / "base.tar", "minbase")
 
 
-def _bootstrap(name: str, packages: str, target: Path, variant: str) -> None:
+def bootstrap(name: str, packages: str, target: Path, variant: str) -> None:
     options = ("-q", f"--variant={variant}", f"--include={packages}")
     try:
         run("mmdebstrap", *options, name, str(target), _sources(name, target))
