@@ -52,6 +52,11 @@ def relay_command(channel: int, energised: bool) -> bytes:
 
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "RelayOutput":
     """See drivers.ports for what is raised. The contact stays as it is until the first write."""
+    return RelayOutput(target, *checked(target, options), clock)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[int, str, Heartbeat]:
+    """(channel, confirm, heartbeat). Raises ConfigurationError naming the option."""
     where = f"relay:{target}"
     refuse_unknown(options, _OPTIONS, where)
     text, confirm = options.get("channel", "1"), options.get("confirm", "auto")
@@ -59,7 +64,7 @@ def open_output(target: str, options: dict[str, str], clock: HostClock) -> "Rela
         raise ConfigurationError(f"channel={text} is not a relay of such a board", where, "Use a number from 1 to 16")
     if confirm not in _CONFIRM:
         raise ConfigurationError(f"confirm={confirm} is not known", where, f"Use {', '.join(_CONFIRM)}")
-    return RelayOutput(target, int(text), confirm, heartbeat_from(options, where, _FASTEST_CLICK_HZ), clock)
+    return int(text), confirm, heartbeat_from(options, where, _FASTEST_CLICK_HZ)
 
 
 class RelayOutput:

@@ -10,6 +10,7 @@ from drivers.errors import ProbewatchError
 
 _COMMANDS = {
     "ack": "acknowledge the alarm",
+    "check": "check a configuration and its calibration, and start nothing",
     "demo": "a simulated cart with injected faults, from bytes to alarm",
     "devices": "what is connected to this host, and whether it can be opened",
     "lamp-test": "light every lamp and sound the tone for five seconds",
