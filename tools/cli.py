@@ -19,6 +19,7 @@ _COMMANDS = {
     "probe": "connect to a tracker, video source or output and say how well it does",
     "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",
     "release": "de-energise every alarm output, for a service that has ended",
+    "reload": "let the running service take its changed configuration",
     "replay": "run a recording through the line and print a report",
     "run": "the service: watch the devices named in the configuration",
     "simulate": "a tracker that exists only as bytes, with faults at run time",

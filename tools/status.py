@@ -28,6 +28,7 @@ def command(control_socket: Path, watch: bool, as_json: bool) -> None:
 
     \b
     Exit code 0: verified, the contact is closed. 1: alarm. 3: not verified. 69: no service answers.
+    78: the service is not configured, or cannot use its configuration.
     """
     if watch:
         _watch(control_socket)
