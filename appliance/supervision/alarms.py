@@ -142,6 +142,10 @@ HAZARDS = {
 UNVERIFIED = {"line-of-sight": "probe not seen by the tracker"}
 """Checks that are no hazard but keep the calibration from being verified, and why."""
 
+OUTDATED = "the last verification is too old; move the probe over tissue"
+DISTURBED = "verified only before a disturbance; move the probe over tissue"
+"""Why a calibration that the line has called verified does not count as verified."""
+
 ACKNOWLEDGED = "acknowledged, waiting until the calibration is verified again"
 
 
