@@ -7,6 +7,7 @@ import sys
 import click
 
 from drivers.errors import ProbewatchError
+from tools.plain_text import speak_plainly
 
 _COMMANDS = {
     "ack": "acknowledge the alarm",
@@ -26,6 +27,8 @@ _COMMANDS = {
     "status": "what the service sees now; --watch keeps it on the screen",
 }
 
+_NOBODY_READS = 141
+"""As a process that SIGPIPE ended: whoever read the output has gone, as `head` does."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -64,6 +67,7 @@ def main() -> None:
     """
     for name in _THREADS:
         os.environ.setdefault(name, "1")
+    speak_plainly()
     try:
         sys.exit(probewatch.main(standalone_mode=False))
     except ProbewatchError as error:
@@ -72,6 +76,9 @@ def main() -> None:
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(_NOBODY_READS)
     except click.Abort:
         click.echo("probewatch: stopped", err=True)
         sys.exit(130)

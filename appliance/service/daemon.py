@@ -254,6 +254,7 @@ class Daemon:
         testing = self._annunciator.testing(self._now_ns)
         return {
             **alarm_fields(self._now_ns, self._alarm, self._config.alarm.language),
+            "language": self._config.alarm.language,
             **check_lists(self._verdict, self._devices),
             "audio": audio_fields(self._now_ns, self._annunciator.sound, testing),
             "outputs": output_fields(self._outputs),
