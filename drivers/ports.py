@@ -144,7 +144,7 @@ def split_url(url: str, kind: str = "") -> tuple[str, str, dict[str, str]]:
 def _no_scheme(url: str, kind: str) -> ConfigurationError:
     scheme, colon, rest = url.partition(":")
     fitting = _fitting(kind)
-    close = difflib.get_close_matches(scheme.lower(), fitting, n=1, cutoff=0.7) if colon else []
+    close = difflib.get_close_matches(scheme.lower(), fitting, n=1, cutoff=0.6) if colon else []
     meant = [f"{close[0]}:{rest}"] if close else [one for one in _likely(url) if one.partition(":")[0] in fitting]
     remedy = f"Did you mean {' or '.join(meant)}?" if meant else f"Use one of {_listed(fitting)}"
     what = f"'{scheme}:' is no known device kind" if colon else "does not say of which kind the device is"

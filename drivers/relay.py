@@ -144,11 +144,17 @@ class RelayOutput:
         self._insist(False)
 
     def _learn_report(self) -> bool:
-        """Whether the board reports this contact; a report is whole when the board falls silent after it."""
+        """Whether the board reports its contacts; a report is whole when the board falls silent after it.
+
+        Raises DeviceLost when this one is not among them: it can never close.
+        """
         with self._port.exchange:
-            received = self._ask(lambda _: False)
-        self._reported = len(_contacts(received))
-        return self._channel in _contacts(received)
+            contacts = _contacts(self._ask(lambda _: False))
+        self._reported = len(contacts)
+        if contacts and self._channel not in contacts:
+            what = f"the relay board has no contact {self._channel}, it reports {', '.join(map(str, sorted(contacts)))}"
+            raise DeviceLost(what, self._path, "Correct channel= in the URL, or use confirm=no")
+        return bool(contacts)
 
     def _state(self) -> bool | None:
         """Contact state as the board reports it; None without an answer."""

@@ -1,12 +1,12 @@
 """The `probewatch` command: finds the subcommand, and turns every known refusal into one line and an exit code."""
 
-import importlib
 import os
 import sys
 
 import click
 
 from drivers.errors import ProbewatchError
+from tools.lazy_group import LazyGroup
 from tools.plain_text import speak_plainly
 
 _COMMANDS = {
@@ -27,30 +27,16 @@ _COMMANDS = {
     "status": "what the service sees now; --watch keeps it on the screen",
 }
 
-_NOBODY_READS = 141
-"""As a process that SIGPIPE ended: whoever read the output has gone, as `head` does."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-class _LazyGroup(click.Group):
-    """Imports a subcommand's module, `tools.<name>`, only when it is used, so `--help` is quick."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted(_COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _COMMANDS:
-            return None
-        command = importlib.import_module(f"tools.{cmd_name.replace('-', '_')}").command
-        assert isinstance(command, click.Command)
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl(sorted(_COMMANDS.items()))
-
-
-@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=LazyGroup,
+    names=_COMMANDS,
+    prefix="tools.",
+    heading="Commands",
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
 @click.version_option(package_name="probewatch")
 def probewatch() -> None:
     """Watch, live and without a phantom, whether a tracked ultrasound probe is still calibrated.
@@ -76,9 +62,6 @@ def main() -> None:
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(_NOBODY_READS)
     except click.Abort:
         click.echo("probewatch: stopped", err=True)
         sys.exit(130)

@@ -65,6 +65,15 @@ def speak_plainly() -> None:
             stream.reconfigure(encoding=_CODEC if plain else None, errors=_HANDLER)
 
 
+def shown(text: str) -> str:
+    """The text as standard output will show it, so that a table is laid out for what is seen."""
+    encoding = sys.stdout.encoding or "utf-8"
+    try:
+        return text.encode(encoding, _HANDLER).decode(encoding)
+    except LookupError:
+        return text  # not speaking plainly: in a test, or called as a library
+
+
 def _locale_is_plain() -> bool:
     """Whether the user's locale is C or POSIX. Python itself writes LC_CTYPE=C.UTF-8 over that, to be able to start."""
     if os.environ.get("PYTHONUTF8") or os.environ.get("PYTHONIOENCODING"):

@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from appliance.supervision.languages import told, translated
+from tools.plain_text import shown
 
 Status = Mapping[str, Any]
 _Check = Mapping[str, Any]
@@ -68,7 +69,8 @@ class StatusView:
 def one_line(status: Status) -> str:
     """The status for a file or a pipe."""
     say = _words(status)
-    return " · ".join([f"{_title(status)}: {status['text']}", _advice(status), _age(status, say), _contact(status, say)])
+    parts = [f"{_title(status)}: {status['text']}", _advice(status), _age(status, say), _contact(status, say)]
+    return " · ".join(filter(None, parts))
 
 
 class _Checks:
@@ -76,7 +78,7 @@ class _Checks:
 
     def __init__(self, checks: list[_Check], trends: Mapping[str, tuple[float, ...]], language: str) -> None:
         self._checks, self._trends = checks, trends
-        self._names = [told(check["name"], language) for check in checks]
+        self._names = [shown(told(check["name"], language)) for check in checks]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         widest = max(map(len, self._names), default=0)
@@ -119,23 +121,28 @@ def _language(status: Status) -> str:
 
 
 def _words(status: Status) -> dict[str, str]:
-    return {name: translated(text, _language(status)) for name, text in WORDS.items()}
+    return {name: shown(translated(text, _language(status))) for name, text in WORDS.items()}
 
 
 def _title(status: Status) -> str:
-    return told(status["state"], _language(status)).upper()
+    return shown(told(status["state"], _language(status))).upper()
 
 
 def _state(status: Status) -> Panel:
     lamp, say = status["lamp"], _words(status)
-    lines = Text.assemble((status["text"], f"bold {lamp}"), f"\n{_advice(status)}\n")
-    lines.append(" · ".join([_age(status, say), _contact(status, say), *_latch(status, say)]), style=lamp)
-    return Panel(lines, title=_title(status), title_align="left", border_style=lamp)
+    facts = " · ".join([_age(status, say), _contact(status, say), *_latch(status, say)])
+    lines = [Text(shown(status["text"]), style=f"bold {lamp}"), Text(_advice(status)), Text(shown(facts), style=lamp)]
+    return Panel(
+        Text("\n").join(line for line in lines if line), title=_title(status), title_align="left", border_style=lamp
+    )
 
 
 def _advice(status: Status) -> str:
-    """What to do; in the calm states rather why they are what they are."""
-    return str(status["remedy"]) if status["fault"] is not None else told(status["reason"], _language(status))
+    """What to do; in the calm states rather why they are what they are, if that is more than the text says."""
+    if status["fault"] is not None:
+        return shown(status["remedy"])
+    reason = told(status["reason"], _language(status))
+    return "" if reason == status["text"] else shown(reason)
 
 
 def _age(status: Status, say: Mapping[str, str]) -> str:
@@ -158,7 +165,7 @@ def _rates(status: Status) -> Text:
     line = say["rates"].format(**fps, frames=counters["dropped_frames"], poses=counters["dropped_poses"])
     left = "" if audio["left_s"] is None else f" {audio['left_s']:.0f} s"
     sound = "" if audio["mode"] == "on" else f" · {say[_SOUNDS[audio['mode']]]}{left}"
-    return Text(f"{line}{sound}")
+    return Text(shown(f"{line}{sound}"))
 
 
 def _remarks(status: Status) -> list[Text]:
@@ -166,4 +173,4 @@ def _remarks(status: Status) -> list[Text]:
     lost = [f"{device}: {what}" for device, what in status["lost"].items()]
     ended = [] if status["estimator"] is None else [f"estimator: {status['estimator']}"]
     said = [*status["notices"], *status["remarks"], *lost, *ended]
-    return [Text(f"! {line}", style="yellow") for line in said]
+    return [Text(shown(f"! {line}"), style="yellow") for line in said]

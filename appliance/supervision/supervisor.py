@@ -258,8 +258,8 @@ class Supervisor:
         if self._ledger.unverified:
             return self._ledger.unverified
         last = self._ledger.last
-        if last is not None and last.kind is VerdictKind.OK:
+        if last is not None and last.kind is VerdictKind.OK and not self._ledger.verified:
             return DISTURBED if self._ledger.verified_ns is None else OUTDATED
-        if last is not None and last.reason:
+        if last is not None and last.kind is not VerdictKind.OK and last.reason:
             return last.reason
         return operator_text(State.NOT_VERIFIED, None)[1]
