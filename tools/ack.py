@@ -8,7 +8,7 @@ from appliance.service.control_client import ControlClient
 from tools.service_socket import socket_option
 
 
-@click.command(short_help="acknowledge the alarm")
+@click.command()
 @socket_option
 @click.option("--bump", is_flag=True, help="say instead that the tracker's position sensor was checked after a blow")
 def command(control_socket: Path, bump: bool) -> None:

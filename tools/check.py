@@ -15,7 +15,7 @@ from drivers.ports import check_options
 _DEFAULT = Path("/etc/probewatch/probewatch.toml")
 
 
-@click.command(short_help="check a configuration and its calibration, and start nothing")
+@click.command()
 @click.argument("file", type=click.Path(path_type=Path), default=_DEFAULT)
 def command(file: Path) -> None:
     """Check the configuration FILE and the calibration it names. No device is opened, no service is asked.

@@ -20,7 +20,7 @@ _COMMANDS = {
     "probe": "connect to a tracker, video source or output and say how well it does",
     "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",
     "release": "de-energise every alarm output, for a service that has ended",
-    "reload": "let the running service take its changed configuration",
+    "reload": "have the service take its changed configuration",
     "replay": "run a recording through the line and print a report",
     "run": "the service: watch the devices named in the configuration",
     "simulate": "a tracker that exists only as bytes, with faults at run time",
@@ -36,6 +36,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     prefix="tools.",
     heading="Commands",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    short_help="watches whether a tracked ultrasound probe is still calibrated",
 )
 @click.version_option(package_name="probewatch")
 def probewatch() -> None:

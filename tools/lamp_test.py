@@ -8,7 +8,7 @@ from appliance.service.control_client import ControlClient
 from tools.service_socket import socket_option
 
 
-@click.command(short_help="light every lamp and sound the tone for five seconds")
+@click.command()
 @socket_option
 def command(control_socket: Path) -> None:
     """Light every lamp and sound the tone for five seconds. The contact stays as it is."""

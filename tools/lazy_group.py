@@ -23,6 +23,7 @@ class LazyGroup(click.Group):
             return None
         command = importlib.import_module(f"{self._prefix}{cmd_name.replace('-', '_')}").command
         assert isinstance(command, click.Command)
+        command.short_help = self._names[cmd_name]
         return command
 
     def resolve_command(

@@ -19,7 +19,7 @@ _COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "
 _LOOKS = 3
 
 
-@click.command(short_help="read, filter and verify the alarm log; export it as CSV")
+@click.command()
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("/var/lib/probewatch"))
 @click.option("--since", type=click.DateTime(), help="entries from this time on, UTC")
 @click.option("--until", type=click.DateTime(), help="entries before this time, UTC")

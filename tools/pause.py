@@ -8,7 +8,7 @@ from appliance.service.control_client import ControlClient
 from tools.service_socket import socket_option
 
 
-@click.command(short_help="pause the alarm sound, switch it off with a reason, or on again")
+@click.command()
 @click.argument("seconds", type=click.FloatRange(1, 120), default=120)
 @click.option("--off", "reason", metavar="REASON", help="switch the sound off until --on; it reminds once a minute")
 @click.option("--on", is_flag=True, help="let it sound again")

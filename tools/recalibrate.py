@@ -74,7 +74,10 @@ class _Reference:
     sha256: str = ""
 
 
-@click.command(name="recalibrate", help=_HELP, short_help="scan a cross-wire, solve ζ, write a new calibration")
+@click.command(
+    name="recalibrate",
+    help=_HELP,
+)
 @click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: names the next two")
 @click.option("--socket", type=click.Path(path_type=Path), help="control socket of the running service")
 @click.option("--calibration", type=click.Path(path_type=Path), help="calibration in force: our .toml")

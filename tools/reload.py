@@ -1,31 +1,25 @@
-"""`probewatch reload`: a running service takes its changed configuration, or says why not."""
+"""`probewatch reload`: the service takes its changed configuration file."""
 
 from pathlib import Path
 
 import click
 
-from appliance.config import load_config
 from appliance.service.control_client import ControlClient
+from tools.service_socket import socket_option
 
 
-@click.command("reload")
-@click.option(
-    "--config",
-    "config_file",
-    required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="the configuration that the service runs with",
-)
-def command(config_file: Path) -> None:
-    """Let the running service take limits, times and language of its changed configuration.
+@click.command()
+@socket_option
+def command(control_socket: Path) -> None:
+    """Have the running service take its changed configuration file; `systemctl reload probewatch` does this.
 
-    `systemctl reload probewatch` runs this. A file with a mistake, or one that changes devices, calibration or log,
-    changes nothing; the service watches on with what it has.
+    Limits, times and the language of the alarm texts change while it watches. A file that is invalid, or that changes
+    devices, the calibration or paths, is refused whole, and the service goes on as before: those need
+    `systemctl restart probewatch`.
 
     \b
-    Exit code 0: taken. 69: no service answers. 75: only a restart can take the change. 78: the file has mistakes.
+    Exit code 0: taken. 69: no service answers. 75: refused, and why is said on stderr.
     """
-    config = load_config(config_file)
-    with ControlClient(config.control.socket) as client:
+    with ControlClient(control_socket) as client:
         client.reload()
-    click.echo(f"the service watches with {config_file} as it is now")
+    click.echo("the service has taken its configuration")

@@ -20,7 +20,7 @@ from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
 
 
-@click.command(short_help="the service: watch the devices named in the configuration")
+@click.command()
 @click.option(
     "--config",
     "config_file",

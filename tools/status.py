@@ -19,7 +19,7 @@ _LINE_EVERY_S = 1.0
 _EXIT = {"OK": 0, "NOT_VERIFIED": 3, "FAULT": 1}
 
 
-@click.command(short_help="what the service sees now; --watch keeps it on the screen")
+@click.command()
 @socket_option
 @click.option("--watch", is_flag=True, help="redraw four times a second until Ctrl-C; into a pipe, a line a second")
 @click.option("--json", "as_json", is_flag=True, help="JSON, as docs/control.md describes it; with --watch, one a line")
