@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from appliance.core.geometry import nearest_rotation
+from appliance.mistakes import Mistakes
 from appliance.types import PARAMETERS, Calibration, Vector
 from drivers.atomicfile import replacing
 from drivers.errors import ConfigurationError
@@ -192,11 +193,10 @@ def _from_toml(data: bytes, path: Path) -> Calibration:
     if len(data) > _MAX_TOML_BYTES:
         raise ConfigurationError("is too large for a calibration", str(path), "Give a .toml or a PLUS .xml file")
     try:
-        file = _File.model_validate(tomllib.loads(data.decode()))
+        text = data.decode()
+        file = _File.model_validate(tomllib.loads(text))
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise ConfigurationError(f"{key} {first['msg']}".strip(), str(path), "Mend this key") from error
+        raise Mistakes.found(error, _File, text, path, "Mend it, or restore the file") from None
     except (ValueError, RecursionError) as error:
         what = f"is neither TOML nor XML: {error}"
         raise ConfigurationError(what, str(path), "Give a .toml or a PLUS .xml file") from error

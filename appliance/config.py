@@ -1,21 +1,57 @@
-"""The configuration file: read once, whole, and refused by key, value and bound when it cannot be meant."""
+"""The configuration file: read once, whole, and refused by line, key, value and bound when it cannot be meant."""
 
-import difflib
 import hashlib
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic_core import PydanticCustomError
 
 from appliance.limits import Limits
+from appliance.mistakes import Mistakes
 from appliance.supervision.annunciator import Role
 from appliance.supervision.ledger import Durations
 from appliance.supervision.watchers.facts import Patience
 from drivers.errors import ConfigurationError
-from drivers.ports import is_simulated, split_url
+from drivers.ports import checked_url, is_simulated
 
 _EXAMPLE = "config/probewatch.toml shows every key"
+_LONGEST_SOCKET_BYTES = 100
+"""The kernel takes 107."""
+
+
+def _refused(what: str) -> PydanticCustomError:
+    return PydanticCustomError("refused", "{what}", {"what": what})
+
+
+def _url(kind: str) -> AfterValidator:
+    """Raises what pydantic collects for a URL that can never be opened as this kind."""
+
+    def check(url: str) -> str:
+        try:
+            return checked_url(url, kind)
+        except ConfigurationError as error:
+            raise _refused(f"{error.what}. {error.remedy}") from None
+
+    return AfterValidator(check)
+
+
+def _watched(outputs: "tuple[Output, ...]") -> "tuple[Output, ...]":
+    urls = [output.url for output in outputs]
+    doubled = next((url for url in urls if urls.count(url) > 1), None)
+    if doubled is not None:
+        raise _refused(f"two outputs share one contact, url = '{doubled}'. Give each its own channel or line")
+    if all(output.signal is not Role.CONTACT for output in outputs):
+        raise _refused("no output has signal = 'contact'. Without one nobody hears of a fault; add it")
+    return outputs
+
+
+def _bindable(socket: Path) -> Path:
+    if len(str(socket).encode(errors="surrogateescape")) > _LONGEST_SOCKET_BYTES:
+        raise _refused("the path is longer than 100 bytes. Choose a shorter path, such as in /run")
+    return socket
+
 
 _Side = Annotated[int, Field(ge=16, le=16_384)]
 
@@ -24,15 +60,22 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
-class Device(_Section):
-    """One device by its URL."""
+class Video(_Section):
+    """The scanner's picture by its URL."""
 
-    url: str = Field(min_length=1)
+    url: Annotated[str, _url("video")]
 
 
-class Output(Device):
-    """One alarm output and what it shows; see appliance.supervision.annunciator.Role."""
+class Tracker(_Section):
+    """The tracker by its URL."""
 
+    url: Annotated[str, _url("tracker")]
+
+
+class Output(_Section):
+    """One alarm output by its URL and what it shows; see appliance.supervision.annunciator.Role."""
+
+    url: Annotated[str, _url("output")]
     signal: Role = Field(default=Role.CONTACT, strict=False)
 
 
@@ -92,7 +135,7 @@ class SupervisorTimes(_Section):
 class Control(_Section):
     """The Unix socket through which tools speak to the service; its path is bounded by the kernel."""
 
-    socket: Path = Field(default=Path("/run/probewatch/control"), strict=False)
+    socket: Annotated[Path, AfterValidator(_bindable)] = Field(default=Path("/run/probewatch/control"), strict=False)
     group: str = ""
 
 
@@ -113,9 +156,9 @@ class Config(_Section):
     """The whole file. configured: False until a person has adapted it. output holds one or more alarm outputs."""
 
     configured: bool = True
-    video: Device
-    tracker: Device
-    output: Annotated[tuple[Output, ...], Field(min_length=1, max_length=8, strict=False)]
+    video: Video
+    tracker: Tracker
+    output: Annotated[tuple[Output, ...], Field(min_length=1, max_length=8, strict=False), AfterValidator(_watched)]
     calibration: CalibrationPlace
     limits: Limits = Limits()
     supervisor: SupervisorTimes = SupervisorTimes()
@@ -137,18 +180,14 @@ class Config(_Section):
 
 
 def load_config(path: Path) -> Config:
-    """Raises ConfigurationError naming file, key, value, bound and what to do."""
-    content = _read(path)
-    values = _toml(content, path)
+    """Raises ConfigurationError, and its kind Mistakes, naming file, line, key, value, bound and what to do."""
+    text = _text(path)
+    values = _parsed(text, path)
     try:
         config = Config.model_validate(values)
     except ValidationError as error:
-        raise ConfigurationError("; ".join(_violations(error)), str(path), f"Mend it; {_EXAMPLE}") from None
-    _check_urls(config, path)
-    _check_contact(config, path)
-    _check_outputs(config, path)
-    _check_socket(config.control.socket, path)
-    config._sha256 = hashlib.sha256(content).hexdigest()
+        raise Mistakes.found(error, Config, text, path, f"Mend it; {_EXAMPLE}") from None
+    config._sha256 = hashlib.sha256(text.encode()).hexdigest()
     place = config.calibration.model_copy(update={"file": path.parent / config.calibration.file})
     alarm = config.alarm.model_copy(update={"folder": path.parent / config.alarm.folder})
     return config.model_copy(update={"calibration": place, "alarm": alarm})
@@ -156,97 +195,25 @@ def load_config(path: Path) -> Config:
 
 def is_configured(path: Path) -> bool:
     """Whether a person has adapted the file; one without the key counts as adapted. Raises ConfigurationError."""
-    return _toml(_read(path), path).get("configured", True) is not False
+    return _parsed(_text(path), path).get("configured", True) is not False
 
 
 def _ns(seconds: float) -> int:
     return round(seconds * 1e9)
 
 
-def _read(path: Path) -> bytes:
+def _text(path: Path) -> str:
     try:
-        return path.read_bytes()
+        return path.read_bytes().decode()
     except OSError as error:
-        raise ConfigurationError(
-            f"cannot be read ({error.strerror})", str(path), "Check the path and its rights"
-        ) from None
-
-
-def _toml(content: bytes, path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(content.decode())
+        what = f"cannot be read ({error.strerror})"
+        raise ConfigurationError(what, str(path), "Check the path and its rights") from None
     except UnicodeDecodeError:
         raise ConfigurationError("is not UTF-8 text", str(path), "Save it as UTF-8") from None
+
+
+def _parsed(text: str, path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ConfigurationError(f"is not valid TOML: {error}", str(path), f"Mend that line; {_EXAMPLE}") from None
-
-
-def _violations(error: ValidationError) -> list[str]:
-    return [_violation(item["loc"], item["type"], item["msg"], item["input"]) for item in error.errors()]
-
-
-def _violation(loc: tuple[int | str, ...], kind: str, message: str, value: object) -> str:
-    key = _key(loc)
-    if kind == "missing":
-        return f"{key} is missing"
-    if kind == "extra_forbidden":
-        return f"{key} is not known{_did_you_mean(loc)}"
-    shown = "" if isinstance(value, dict | list) else f" = {value!r}"
-    return f"{key}{shown}: {message[0].lower()}{message[1:]}"
-
-
-def _key(loc: tuple[int | str, ...]) -> str:
-    """[section] key, as it stands in the file; entries of [[output]] are counted from 1."""
-    section, *rest = loc
-    if not rest:
-        return f"'{section}'"
-    names = [f"entry {part + 1}" if isinstance(part, int) else part for part in rest]
-    return f"[{section}] {' '.join(names)}"
-
-
-def _did_you_mean(loc: tuple[int | str, ...]) -> str:
-    known = _known_keys(loc[:-1])
-    close = difflib.get_close_matches(str(loc[-1]), known, n=1, cutoff=0.5)
-    return f", did you mean '{close[0]}'?" if close else f" (known: {', '.join(known)})"
-
-
-def _known_keys(section: tuple[int | str, ...]) -> list[str]:
-    if not section:
-        return list(Config.model_fields)
-    if section[0] == "output":
-        return list(Output.model_fields)
-    kind = Config.model_fields[str(section[0])].annotation
-    assert isinstance(kind, type)
-    assert issubclass(kind, BaseModel)
-    return list(kind.model_fields)
-
-
-def _check_urls(config: Config, path: Path) -> None:
-    named = [("video", config.video), ("tracker", config.tracker)]
-    named += [(f"output (entry {number})", output) for number, output in enumerate(config.output, 1)]
-    for section, device in named:
-        try:
-            split_url(device.url)
-        except ConfigurationError as error:
-            where = f"{path}: [{section}] url = '{device.url}'"
-            raise ConfigurationError(error.what, where, error.remedy) from None
-
-
-def _check_contact(config: Config, path: Path) -> None:
-    if all(output.signal is not Role.CONTACT for output in config.output):
-        what = "no output has signal = 'contact'"
-        raise ConfigurationError(what, f"{path}: [[output]]", "Without one nobody hears of a fault; add it")
-
-
-def _check_outputs(config: Config, path: Path) -> None:
-    urls = [output.url for output in config.output]
-    doubled = next((url for url in urls if urls.count(url) > 1), None)
-    if doubled is not None:
-        where = f"{path}: [[output]] url = '{doubled}'"
-        raise ConfigurationError("two outputs share one contact", where, "Give each its own channel or line")
-
-
-def _check_socket(socket: Path, path: Path) -> None:
-    if len(str(socket).encode()) > 100:
-        where = f"{path}: [control] socket = '{socket}'"
-        raise ConfigurationError("the path is longer than 100 bytes", where, "Choose a shorter path, such as in /run")

@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 class Limits(BaseModel):
     """Deviation from the reference calibration at which a check fails, and how sure it must be."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     rotation_deg: float = Field(default=3.0, ge=0.5, le=30, description="angle of each rotation component, deg")
     scale_percent: float = Field(default=5.0, ge=0.5, le=30, description="relative change of either scale, percent")

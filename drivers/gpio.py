@@ -32,6 +32,11 @@ Settings = dict[Iterable[Line] | Line, gpiod.LineSettings | None]
 
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "GpioOutput":
     """See drivers.ports for what is raised. The line is inactive from the moment it is taken."""
+    return GpioOutput(target, *checked(target, options), clock)
+
+
+def checked(target: str, options: dict[str, str]) -> "tuple[Line, Line | None, Settings, Heartbeat]":
+    """(line, sense, settings, heartbeat). Raises ConfigurationError naming the option."""
     where = f"gpio:{target}"
     refuse_unknown(options, _OPTIONS, where)
     line = _line(options.get("line", ""), where)
@@ -41,7 +46,7 @@ def open_output(target: str, options: dict[str, str], clock: HostClock) -> "Gpio
     settings: Settings = {line: _settings(Direction.OUTPUT, _is_low(options, "active", where))}
     if sense is not None:
         settings[sense] = _settings(Direction.INPUT, _is_low(options, "sense_active", where))
-    return GpioOutput(target, line, sense, settings, heartbeat_from(options, where), clock)
+    return line, sense, settings, heartbeat_from(options, where)
 
 
 def _line(text: str, where: str) -> Line:

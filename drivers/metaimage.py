@@ -19,6 +19,7 @@ import numpy as np
 
 from drivers.atomicfile import replacing
 from drivers.errors import RecordingError
+from drivers.foreign import HEAD_BYTES, refuse_foreign
 from drivers.picture import FLIPS
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 
@@ -145,6 +146,8 @@ def read_metaimage(path: Path, orientation: str | None = None) -> MetaImage:
     """
     try:
         with path.open("rb") as stream:
+            refuse_foreign(stream.read(HEAD_BYTES), path)
+            stream.seek(0)
             general, frames = _read_header(stream, path)
             offset = stream.tell()
         return _checked(path, general, frames, offset, orientation)
@@ -208,8 +211,6 @@ def _header_line(stream: BinaryIO, path: Path) -> tuple[str, str]:
     line = stream.readline(_MAX_LINE_BYTES)
     text = line.decode("utf-8", errors="replace").strip()
     key, equals, value = text.partition("=")
-    if text.startswith("NRRD"):
-        raise RecordingError("is an NRRD sequence, not a MetaImage", str(path), "Convert it to .igs.mha")
     if len(line) == _MAX_LINE_BYTES or (line.endswith(b"\n") and text and not equals):
         what = f"header line {text[:40]!r} is not 'key = value'"
         raise RecordingError(what, str(path), "Give a PLUS sequence (.igs.mha or .mhd)")

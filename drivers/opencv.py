@@ -36,9 +36,7 @@ _CHECK = "Check the address, and that the device sends"
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenCvVideo":
     """See drivers.ports for what is raised."""
     where = f"opencv:{target}"
-    refuse_unknown(options, _OPTIONS, where, "; write %3F for a question mark in the address")
-    delay_ms, error_ms = (_ms(options, key, usual, where) for key, usual in (("delay_ms", 0.0), ("error_ms", 100.0)))
-    cut = cut_from(options, where)
+    delay_ms, error_ms, cut = checked(target, options)
     is_stream = "://" in target
     source: str | int = int(target) if target.isdecimal() else unquote(target) if is_stream else target
     is_file = not is_stream and not target.isdecimal() and not Path(target).is_char_device()
@@ -55,6 +53,14 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenC
         capture.release()
         raise DeviceLost("the file does not tell its picture rate", where, "Convert it, or record anew")
     return OpenCvVideo(capture, where, _Times(clock, is_file, rate_hz, delay_ms, error_ms), cut)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[float, float, Cut]:
+    """(delay, ms; its error, ms; what to cut out). Raises ConfigurationError naming the option."""
+    where = f"opencv:{target}"
+    refuse_unknown(options, _OPTIONS, where, "; write %3F for a question mark in the address")
+    delay_ms, error_ms = (_ms(options, key, usual, where) for key, usual in (("delay_ms", 0.0), ("error_ms", 100.0)))
+    return delay_ms, error_ms, cut_from(options, where)
 
 
 def _ms(options: dict[str, str], key: str, usual: float, where: str) -> float:

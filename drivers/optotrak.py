@@ -66,9 +66,14 @@ class OptotrakOptions:
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "OptotrakTracker":
     """target: host or host:port. Connects and starts the stream; see drivers.ports for what is raised."""
+    (host, port), wanted = checked(target, options)
+    return OptotrakTracker(host, port, wanted, clock)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[tuple[str, int], OptotrakOptions]:
+    """(host, port) and the options. Raises ConfigurationError naming what cannot be."""
     where = f"optotrak://{target}"
-    checked = parse_options(options, where)
-    return OptotrakTracker(*parse_address(target, PORT, where), checked, clock)
+    return parse_address(target, PORT, where), parse_options(options, where)
 
 
 def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:

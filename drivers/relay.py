@@ -52,6 +52,11 @@ def relay_command(channel: int, energised: bool) -> bytes:
 
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "RelayOutput":
     """See drivers.ports for what is raised. The contact stays as it is until the first write."""
+    return RelayOutput(target, *checked(target, options), clock)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[int, str, Heartbeat]:
+    """(channel, confirm, heartbeat). Raises ConfigurationError naming the option."""
     where = f"relay:{target}"
     refuse_unknown(options, _OPTIONS, where)
     text, confirm = options.get("channel", "1"), options.get("confirm", "auto")
@@ -59,7 +64,7 @@ def open_output(target: str, options: dict[str, str], clock: HostClock) -> "Rela
         raise ConfigurationError(f"channel={text} is not a relay of such a board", where, "Use a number from 1 to 16")
     if confirm not in _CONFIRM:
         raise ConfigurationError(f"confirm={confirm} is not known", where, f"Use {', '.join(_CONFIRM)}")
-    return RelayOutput(target, int(text), confirm, heartbeat_from(options, where, _FASTEST_CLICK_HZ), clock)
+    return int(text), confirm, heartbeat_from(options, where, _FASTEST_CLICK_HZ)
 
 
 class RelayOutput:
@@ -139,11 +144,17 @@ class RelayOutput:
         self._insist(False)
 
     def _learn_report(self) -> bool:
-        """Whether the board reports this contact; a report is whole when the board falls silent after it."""
+        """Whether the board reports its contacts; a report is whole when the board falls silent after it.
+
+        Raises DeviceLost when this one is not among them: it can never close.
+        """
         with self._port.exchange:
-            received = self._ask(lambda _: False)
-        self._reported = len(_contacts(received))
-        return self._channel in _contacts(received)
+            contacts = _contacts(self._ask(lambda _: False))
+        self._reported = len(contacts)
+        if contacts and self._channel not in contacts:
+            what = f"the relay board has no contact {self._channel}, it reports {', '.join(map(str, sorted(contacts)))}"
+            raise DeviceLost(what, self._path, "Correct channel= in the URL, or use confirm=no")
+        return bool(contacts)
 
     def _state(self) -> bool | None:
         """Contact state as the board reports it; None without an answer."""

@@ -189,8 +189,14 @@ class Player(Generic[_S]):
             raise DeviceLost(error.what, error.where, error.remedy) from error
 
 
-def _from_url(target: str, options: dict[str, str], need_poses: bool) -> tuple[Recording, float]:
+def checked(target: str, options: dict[str, str]) -> float:
+    """Where to start, s. Raises ConfigurationError naming the option."""
     refuse_unknown(options, _OPTIONS, f"replay:{target}")
+    return _start_s(options.get("start_s", "1"), target)
+
+
+def _from_url(target: str, options: dict[str, str], need_poses: bool) -> tuple[Recording, float]:
+    start_s = checked(target, options)
     recording = open_recording(
         Path(target),
         poses=Path(options["poses"]) if "poses" in options else None,
@@ -199,7 +205,7 @@ def _from_url(target: str, options: dict[str, str], need_poses: bool) -> tuple[R
         orientation=options.get("orientation"),
         need_poses=need_poses,
     )
-    return recording, _start_s(options.get("start_s", "1"), target)
+    return recording, start_s
 
 
 def _start_s(text: str, target: str) -> float:

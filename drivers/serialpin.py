@@ -30,6 +30,11 @@ _BAUD, _CFLAG = 9600, 2
 
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "SerialPinOutput":
     """See drivers.ports for what is raised."""
+    return SerialPinOutput(target, *checked(target, options), clock)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[str, str | None, Heartbeat]:
+    """(pin, sense, heartbeat). Raises ConfigurationError naming the option."""
     where = f"serialpin:{target}"
     refuse_unknown(options, _OPTIONS, where)
     pin, sense = options.get("pin", ""), options.get("sense")
@@ -37,7 +42,7 @@ def open_output(target: str, options: dict[str, str], clock: HostClock) -> "Seri
         raise ConfigurationError(f"pin={pin} is no line that can be driven", where, f"Use {', '.join(_PINS)}")
     if sense is not None and sense not in _SENSES:
         raise ConfigurationError(f"sense={sense} is no line that can be read", where, f"Use {', '.join(_SENSES)}")
-    return SerialPinOutput(target, pin, sense, heartbeat_from(options, where), clock)
+    return pin, sense, heartbeat_from(options, where)
 
 
 class SerialPinOutput:

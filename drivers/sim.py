@@ -77,13 +77,7 @@ def pack_frame(sequence: int, t_ns: int, err_ns: int, image: GreyImage) -> bytes
 
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "SimVideo":
     """target: path of the socket. See drivers.ports for what is raised."""
-    where = f"sim:{target}"
-    if options:
-        raise ConfigurationError(f"unknown option '{min(options)}'", where, "A simulated scanner takes none")
-    if len(os.fsencode(target)) > _PATH_BYTES:
-        raise ConfigurationError(
-            f"the path is longer than {_PATH_BYTES} bytes", where, "Put the socket nearer to the root"
-        )
+    where = checked(target, options)
     line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     line.settimeout(_CONNECT_S)
     try:
@@ -93,6 +87,18 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "SimVi
         reason = error.strerror or "no answer"
         raise DeviceLost(f"no video ({reason.lower()})", where, "Check that the simulated scanner is running") from None
     return SimVideo(line, where, clock)
+
+
+def checked(target: str, options: dict[str, str]) -> str:
+    """The URL. Raises ConfigurationError for an option, or a path that is too long."""
+    where = f"sim:{target}"
+    if options:
+        raise ConfigurationError(f"unknown option '{min(options)}'", where, "A simulated scanner takes none")
+    if len(os.fsencode(target)) > _PATH_BYTES:
+        raise ConfigurationError(
+            f"the path is longer than {_PATH_BYTES} bytes", where, "Put the socket nearer to the root"
+        )
+    return where
 
 
 class SimVideo:

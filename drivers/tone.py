@@ -33,6 +33,11 @@ _STALL_S = 0.5
 
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "ToneOutput":
     """See drivers.ports for what is raised. Silent until the first write."""
+    return ToneOutput(*checked(target, options), clock)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[str, str, int]:
+    """(player, target, pitch, Hz). Raises ConfigurationError naming the option, or the player that is not installed."""
     where = f"tone:{target}"
     refuse_unknown(options, ("pitch",), where)
     text = options.get("pitch", "440")
@@ -41,7 +46,7 @@ def open_output(target: str, options: dict[str, str], clock: HostClock) -> "Tone
     player = shutil.which("aplay")
     if player is None:
         raise ConfigurationError("the player aplay is not installed", where, "Install it: apt install alsa-utils")
-    return ToneOutput(player, target, int(text), clock)
+    return player, target, int(text)
 
 
 def tone(pitch_hz: int, first: int, count: int) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """Every refusal of the configuration names file, key, value and bound, in one line."""
 
+import importlib
 import re
 from pathlib import Path
 
@@ -7,9 +8,12 @@ import pytest
 
 from appliance.config import SupervisorTimes, load_config
 from appliance.limits import Limits
+from appliance.mistakes import Mistakes
 from appliance.supervision.ledger import Durations
 from appliance.supervision.watchers.facts import Patience
+from appliance.toml_lines import key_lines, line_of
 from drivers.errors import ConfigurationError
+from drivers.ports import _DRIVERS, device_kinds
 
 EXAMPLE = Path(__file__).parent.parent / "config" / "probewatch.toml"
 GOOD = """
@@ -88,7 +92,10 @@ def test_two_outputs(tmp_path: Path) -> None:
         ("[supervisor]\nprobation_s = 0\n", ["probation_s = 0", "greater than or equal to 0.1"]),
         ("[log]\nlevel = 'loud'\n", ["[log] level = 'loud'", "'debug'"]),
         ("[control]\nxyzzy = 1\n", ["[control] xyzzy", "known: socket"]),
-        ("[[output]]\nurl = 'relais:/dev/x'\n", ["[output (entry 2)] url = 'relais:/dev/x'", "relay:"]),
+        (
+            "[[output]]\nurl = 'relais:/dev/x'\n",
+            ["[output] entry 2 url = 'relais:/dev/x'", "Did you mean relay:/dev/x?"],
+        ),
         ("[[output]]\nport = 1\n", ["[output] entry 2 url is missing", "[output] entry 2 port is not known"]),
         (f"[control]\nsocket = '/run/{'x' * 100}'\n", ["[control] socket", "100 bytes"]),
     ],
@@ -148,3 +155,94 @@ def test_two_outputs_on_one_contact_are_refused(tmp_path: Path) -> None:
 def test_the_template_names_no_simulated_device() -> None:
     written = EXAMPLE.read_text(encoding="utf-8")
     assert not re.findall(r'^[^#\n]*"(?:sim|replay):.*$', written, re.M), "a cart must not be watched by a simulation"
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "said"),
+    [
+        ("[video]", "[vidoe]", "line 2: 'vidoe' is not known, did you mean 'video'?"),
+        ('url = "sim', 'ulr = "sim', "line 3: [video] ulr is not known, did you mean 'url'?"),
+        ("[[output]]", "[output]", "line 6: 'output': must be a list of sections, each written [[output]]"),
+        ('[[output]]\nurl = "relay:/dev/ttyUSB1"', "output = 'relay:/x'", "line 6: [tracker] output is not known"),
+        ('"ndi:/dev/ttyUSB0"', "5", "line 5: [tracker] url = 5: must be text in quotes"),
+        (
+            '"ndi:/dev/ttyUSB0"',
+            '"relay:/dev/x"',
+            "'relay:' is an alarm output, not a tracker. Use one of ndi:, ndi+tcp:",
+        ),
+        ('"ndi:/dev/ttyUSB0"', '"/dev/ttyUSB0"', "Did you mean ndi:/dev/ttyUSB0?"),
+        (
+            '"relay:/dev/ttyUSB1"',
+            '"/dev/ttyUSB1"',
+            "Did you mean relay:/dev/ttyUSB1 or serialpin:/dev/ttyUSB1?pin=rts?",
+        ),
+        ('"sim:/tmp/x/scanner"', '"/dev/video0"', "Did you mean v4l2:/dev/video0?"),
+        ('"probe.toml"', '"probe.toml"\nlanguage = "de"', "[calibration] language is not known, it belongs in [alarm]"),
+        (
+            '"probe.toml"',
+            '"probe.toml"\n[limits]\noffset_mm = true',
+            "line 11: [limits] offset_mm = true: input should be",
+        ),
+        (
+            '"probe.toml"',
+            '"probe.toml"\n[limits]\noffset_mm = "4"',
+            "line 11: [limits] offset_mm = '4': input should be",
+        ),
+    ],
+)
+def test_one_mistake_is_one_complaint(tmp_path: Path, good: str, bad: str, said: str) -> None:
+    assert good in GOOD
+    with pytest.raises(Mistakes) as caught:
+        load_config(written(tmp_path, GOOD.replace(good, bad)))
+    (mistake,) = caught.value.rows()
+    assert said in f"line {mistake.removeprefix(f'{tmp_path}/probewatch.toml:').replace(': ', ': ', 1)}"
+
+
+def test_every_mistake_is_told_in_the_order_of_the_file(tmp_path: Path) -> None:
+    text = GOOD.replace("sim:", "simm:") + "[limits]\nrotation_deg = 50\nscale_procent = 3\n[log]\nlevel = 'loud'\n"
+    with pytest.raises(Mistakes) as caught:
+        load_config(written(tmp_path, text))
+    assert [line for line, _ in caught.value.each] == [3, 11, 12, 14]
+    assert all(row.startswith(f"{tmp_path}/probewatch.toml:") for row in caught.value.rows())
+
+
+def test_lines_of_keys() -> None:
+    text = """a = 1
+# comment
+[b]
+c = [
+  1,
+]
+d.e = \'\'\'
+x = 1
+\'\'\'
+
+[[f]]
+g = { h = 2 }
+[f.i]
+j = 1
+[[f]]
+g = 3
+"""
+    lines = key_lines(text)
+    assert {
+        place: lines[place] for place in [("a",), ("b",), ("b", "c"), ("b", "d", "e"), ("f", 0), ("f", 0, "g", "h")]
+    } == {
+        ("a",): 1,
+        ("b",): 3,
+        ("b", "c"): 4,
+        ("b", "d", "e"): 7,
+        ("f", 0): 11,
+        ("f", 0, "g", "h"): 12,
+    }
+    assert (lines["f", 0, "i", "j"], lines["f", 1], lines["f", 1, "g"]) == (14, 15, 16)
+    assert line_of(("f", 1, "missing"), lines) == 15
+    assert line_of(("missing",), lines) is None
+
+
+@pytest.mark.parametrize("kind", ["output", "tracker", "video"])
+def test_the_table_of_kinds_is_what_the_drivers_can(kind: str) -> None:
+    for scheme, driver in _DRIVERS.items():
+        module = importlib.import_module(driver.module)
+        assert (kind in device_kinds(f"{scheme}:x")) == hasattr(module, f"open_{kind}")
+        assert callable(module.checked)

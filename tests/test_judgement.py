@@ -97,3 +97,40 @@ def test_nothing_shown_is_not_verified_with_what_was_missing() -> None:
     assert verdict.kind is NOT_VERIFIED
     assert all(name in verdict.reason for name in REQUIRED)
     assert Judgement().overall(HEALTHY).kind is NOT_VERIFIED, "shown in parts, never at once"
+
+
+UNSHOWN = tuple(replace(one, verdict=NOT_VERIFIED, value=np.nan) for one in HEALTHY)
+
+
+def agreement(value: float) -> Check:
+    return Check("motion-agreement", "agreement", value, 0.0, "1 − r", 0.1, OK if value <= 0.1 else NOT_VERIFIED)
+
+
+@pytest.mark.parametrize("whole_session", [False, True])
+def test_picture_and_tracker_that_disagree_are_told_as_such(whole_session: bool) -> None:
+    checks = (*UNSHOWN, agreement(1.7))
+    verdict = Judgement().overall(checks) if whole_session else judge(7, checks)
+    assert verdict.kind is NOT_VERIFIED
+    assert verdict.reason == "picture and tracker disagree: motion-agreement 17 × its limit"
+    agreed = (*UNSHOWN, agreement(0.05))
+    assert "disagree" not in (Judgement().overall(agreed) if whole_session else judge(7, agreed)).reason
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "said"),
+    [
+        (-28.4, 1.5, "beyond its limit, not certain: offset-elevational -28.4 ± 1.5 mm, limit 4 mm"),
+        (3.6, 0.2, "near its limit, not certain: offset-elevational +3.6 ± 0.2 mm, limit 4 mm"),
+        (3.6, 0.6, ""),
+        (6.0, 6.0, ""),
+        (np.nan, 1.0, ""),
+    ],
+)
+@pytest.mark.parametrize("rest", [HEALTHY, UNSHOWN])
+def test_an_estimate_near_or_beyond_its_limit_is_named(
+    value: float, sigma: float, said: str, rest: tuple[Check, ...]
+) -> None:
+    doubtful = Check("offset-elevational", "offset", value, sigma, "mm", 4.0, NOT_VERIFIED)
+    clauses = judge(7, (*rest, doubtful)).reason.split("; ")
+    assert [clause for clause in clauses if "its limit" in clause] == ([said] if said else [])
+    assert len(clauses) == 1 + bool(said), "what is verified or missing is said as well"

@@ -338,3 +338,29 @@ def test_real_pictures_are_upright():
     first = next(iter(read_metaimage(plus_file("fCal_Test_Validation_3NWires_fCal2.0.igs.mha")).pictures()))
     assert first[445:470, 510:545].max() > 200
     assert max(flip[445:470, 510:545].max() for flip in (first[::-1], first[:, ::-1], first[::-1, ::-1])) < 20
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "kind", "way"),
+    [
+        ("scan.mp4", b"\x00\x00\x00\x18ftypmp42", "a film", "record pictures and poses together with PLUS"),
+        ("scan.avi", b"RIFF\x00\x00\x00\x00AVI ", "a film", "opencv:FILE"),
+        ("scan.mkv", b"\x1a\x45\xdf\xa3", "a film", "opencv:FILE"),
+        ("scan.seq.nrrd", b"NRRD0004\n", "an NRRD sequence", "EditSequenceFile"),
+        ("scan.bag", b"#ROSBAG V2.0\n", "a ROS bag", "while PLUS records"),
+        ("scan.mcap", b"\x89MCAP0\r\n", "a ROS bag", "while PLUS records"),
+        ("scan.dcm", bytes(128) + b"DICM", "a DICOM file", "record pictures and poses"),
+        ("device.xml", b"<PlusConfiguration>", "an XML file", "--calibration"),
+        ("scan.zip", b"PK\x03\x04", "a ZIP archive", "Unpack"),
+    ],
+)
+def test_a_recording_of_another_program_is_named_with_the_way_to_go(
+    tmp_path: Path, name: str, head: bytes, kind: str, way: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(head + bytes(1000))
+    with pytest.raises(RecordingError) as refusal:
+        read_metaimage(path)
+    assert refusal.value.what.startswith(f"is {kind}")
+    assert way in refusal.value.remedy
+    assert refusal.value.exit_code == 65

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import subprocess
 import sys
 import threading
@@ -17,6 +18,7 @@ from drivers.metaimage import write_metaimage
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.ptyline import PtyLine
 from drivers.twins.relay_board import RelayBoard
+from tests.boards import running_board
 from tests.recordings import SIZE_PX, items
 from tests.simulated_optotrak import bench
 from tools.probe import Measured, complaints, findings
@@ -125,7 +127,24 @@ def test_an_output_clicks_once_and_only_when_told_to(tmp_path: Path, capsys: pyt
     assert code == 0
     assert switched == [True, False]
     assert "it reports its contacts" in output
-    assert "contact energised in:" in output
+    assert re.search(r"contact energised in: +[\d.]+ ms, confirmed", output)
+    assert "nothing confirms" not in output
+
+
+def test_a_click_that_nobody_confirms_says_so(tmp_path: Path) -> None:
+    with running_board(tmp_path / "relay", HostClock(), answers=False):
+        code, output, _ = probed(f"relay:{tmp_path}/relay", "--click")
+    assert code == 0
+    assert "ms, told, not confirmed" in output
+    assert "! nothing confirms that the contact moved. Look at it, or listen for two clicks" in output
+
+
+def test_a_click_of_a_contact_that_the_board_does_not_have_is_refused(tmp_path: Path) -> None:
+    with running_board(tmp_path / "relay", HostClock(), channels=4):
+        code, output, errors = probed(f"relay:{tmp_path}/relay?channel=7", "--click")
+    assert code == 69
+    assert "has no contact 7, it reports 1, 2, 3, 4. Correct channel= in the URL" in errors
+    assert "energised" not in output
 
 
 def test_a_recording_gives_poses_and_pictures_until_its_end(tmp_path: Path) -> None:

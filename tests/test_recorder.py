@@ -224,7 +224,7 @@ def test_damage_of_another_version_can_be_shown_and_acknowledged(tmp_path: Path,
 CONFIG = Config.model_validate(
     {
         "video": {"url": "sim:/x"},
-        "tracker": {"url": "sim:/x"},
+        "tracker": {"url": "ndi:/x"},
         "output": [{"url": "relay:/x"}],
         "calibration": {"file": "x"},
     }

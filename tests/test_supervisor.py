@@ -750,3 +750,18 @@ def test_what_was_verified_within_other_limits_verifies_nothing() -> None:
     assert not room.alarm.energised
     assert room.at(TICK_NS, ok(doubted_ns)) is N
     assert room.ok() is M
+
+
+def test_not_verified_never_says_calibration_verified() -> None:
+    """The line's last word was OK; what is told is why that does not count."""
+    said = Verdict(100 * S_NS, VerdictKind.OK, (), reason="calibration verified")
+    room = Room()
+    room.step()
+    room.at(TICK_NS, Inputs((replace(said, t_ns=room.now_ns),)))
+    assert room.at(TICK_NS, Inputs((replace(said, t_ns=room.now_ns),))) is M
+    old_ns = room.now_ns
+    assert room.at(DURATIONS.max_verification_age_ns + TICK_NS, Inputs((replace(said, t_ns=old_ns),))) is N
+    assert room.alarm.reason == "the last verification is too old; move the probe over tissue"
+    room.supervisor.doubt()
+    assert room.at(TICK_NS, Inputs((replace(said, t_ns=old_ns),))) is N
+    assert room.alarm.reason == "verified only before a disturbance; move the probe over tissue"

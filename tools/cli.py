@@ -1,16 +1,18 @@
 """The `probewatch` command: finds the subcommand, and turns every known refusal into one line and an exit code."""
 
-import importlib
 import os
 import sys
 
 import click
 
 from drivers.errors import ProbewatchError
+from tools.lazy_group import LazyGroup
+from tools.plain_text import speak_plainly
 
 _COMMANDS = {
     "ack": "acknowledge the alarm",
     "calibration": "the reference in force and its history; compare, go back",
+    "check": "check a configuration and its calibration, and start nothing",
     "demo": "a simulated cart with injected faults, from bytes to alarm",
     "devices": "what is connected to this host, and whether it can be opened",
     "lamp-test": "light every lamp and sound the tone for five seconds",
@@ -29,27 +31,11 @@ _COMMANDS = {
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-class _LazyGroup(click.Group):
-    """Imports a subcommand's module, `tools.<name>`, only when it is used, so `--help` is quick."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return sorted(_COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _COMMANDS:
-            return None
-        command = importlib.import_module(f"tools.{cmd_name.replace('-', '_')}").command
-        assert isinstance(command, click.Command)
-        command.short_help = _COMMANDS[cmd_name]
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl(sorted(_COMMANDS.items()))
-
-
 @click.group(
-    cls=_LazyGroup,
+    cls=LazyGroup,
+    names=_COMMANDS,
+    prefix="tools.",
+    heading="Commands",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     short_help="watches whether a tracked ultrasound probe is still calibrated",
 )
@@ -69,6 +55,7 @@ def main() -> None:
     """
     for name in _THREADS:
         os.environ.setdefault(name, "1")
+    speak_plainly()
     try:
         sys.exit(probewatch.main(standalone_mode=False))
     except ProbewatchError as error:

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from appliance.alarm_chain import BEGUN, Entry, Reading, read_log
+from appliance.service.rights import join_group
 from drivers.errors import ConfigurationError
 
 _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
@@ -66,14 +67,13 @@ def command(
 
 
 def _read(folder: Path) -> Reading:
-    if not folder.is_dir():
-        raise ConfigurationError("is no folder", str(folder), "Name [alarm] folder of the service's configuration")
     try:
-        return _settled(folder)
+        if folder.is_dir():
+            return _settled(folder)
     except OSError as error:
-        raise ConfigurationError(
-            f"cannot be read ({error.strerror})", str(folder), "Ask with the service's group"
-        ) from None
+        remedy = join_group(folder) if isinstance(error, PermissionError) else "Check its disk"
+        raise ConfigurationError(f"cannot be read ({error.strerror})", str(folder), remedy) from None
+    raise ConfigurationError("is no folder", str(folder), "Name [alarm] folder of the service's configuration")
 
 
 def _settled(folder: Path) -> Reading:

@@ -12,6 +12,7 @@ import numpy as np
 from drivers.errors import ConfigurationError, DeviceLost, RecordingError
 from drivers.hosttime import HostClock
 from drivers.ports import (
+    AlarmOutput,
     Identified,
     TrackerSource,
     VideoSource,
@@ -79,11 +80,24 @@ def _probe_output(url: str, may_click: bool, clock: HostClock) -> None:
         raise ConfigurationError("probing an output moves its contact", url, remedy)
     with open_output(url, clock) as output:
         _print(_description(output))
-        for energised, word in ((True, "energised"), (False, "released")):
-            asked_ns = clock.now_ns()
-            output.write(energised)
-            _print([(f"contact {word} in", f"{(clock.now_ns() - asked_ns) / 1e6:.1f} ms")])
-            time.sleep(_HELD_S * energised)
+        said = [_click(output, energised, url, clock) for energised in (True, False)]
+    if None in said:
+        click.echo("! nothing confirms that the contact moved. Look at it, or listen for two clicks")
+
+
+def _click(output: AlarmOutput, energised: bool, url: str, clock: HostClock) -> bool | None:
+    """What the contact reads back as. Raises DeviceLost when that is not what it was told."""
+    asked_ns, word = clock.now_ns(), "energised" if energised else "released"
+    output.write(energised)
+    took_ms = (clock.now_ns() - asked_ns) / 1e6
+    said = output.read_back()
+    if said not in (None, energised):
+        what = f"the contact was told to be {word}, and reads back {'closed' if said else 'open'}"
+        raise DeviceLost(what, url, "Check the wiring of the contact and of what reads it back")
+    told = "told, not confirmed" if said is None else "confirmed"
+    _print([(f"contact {word} in", f"{took_ms:.1f} ms, {told}")])
+    time.sleep(_HELD_S * energised)
+    return said
 
 
 def _probe_recording(url: str, seconds: float) -> None:
@@ -214,4 +228,4 @@ _MEND: dict[PoseStatus | None, str] = {
 
 def _print(rows: list[Row]) -> None:
     for name, text in rows:
-        click.echo(f"{name + ':':<20}{text}")
+        click.echo(f"{name + ':':<22}{text}")

@@ -24,6 +24,7 @@ from drivers.twins.faults import FAULT_CLASS, Episode, Schedule
 from tools.estimate import check_new, write_estimate
 from tools.inject import inject
 from tools.json_report import check_writable, write_json
+from tools.plain_text import shown
 
 
 def _episodes(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> Schedule:
@@ -141,7 +142,7 @@ def _second_opinion(opinion: SecondOpinion) -> str:
 
 
 def _table(report: LineReport) -> Table:
-    table = Table("check", "value", "± 1σ", "limit", "of limit", "verdict", box=SIMPLE_HEAD, pad_edge=False)
+    table = Table("check", "value", shown("± 1σ"), "limit", "of limit", "verdict", box=SIMPLE_HEAD, pad_edge=False)
     table.columns[0].min_width = max((len(check.name) for check in report.checks), default=0)
     latency = () if report.latency is None or report.latency in report.checks else (report.latency,)
     for check in (*latency, *report.checks):

@@ -14,7 +14,9 @@ from appliance.service.estimator_host import EstimatorHost
 from appliance.service.log import configure
 from appliance.service.memory_lock import lock_memory
 from appliance.service.references import References
+from appliance.service.refusal import leave, withdraw
 from appliance.service.unconfigured import await_configuration
+from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
 
 
@@ -30,14 +32,21 @@ from drivers.hosttime import HostClock
 @click.option("--clock-origin-ns", type=int, hidden=True)
 def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -> None:
     """Watch the devices named in the configuration until SIGTERM; the log is JSON lines on stderr."""
+    clock = HostClock(clock_rate, time.monotonic_ns() if clock_origin_ns is None else clock_origin_ns)
+    try:
+        _run(config_file, clock, slowness=max(1.0, 1 / clock_rate))
+    except ConfigurationError as error:
+        remedy = f"{error.remedy}; then systemctl restart probewatch"
+        leave(config_file, ConfigurationError(error.what, error.where, remedy))
+        raise
+
+
+def _run(config_file: Path, clock: HostClock, slowness: float) -> None:
     if not is_configured(config_file):
         _await_configuration(config_file)
         return
     config = load_config(config_file)
-    references = References(config)
-    clock = HostClock(clock_rate, time.monotonic_ns() if clock_origin_ns is None else clock_origin_ns)
-    estimator = EstimatorHost(None, config.limits, slowness=max(1.0, 1 / clock_rate))
-    serve(config, config_file, references, estimator, clock)
+    serve(config, config_file, References(config), EstimatorHost(None, config.limits, slowness=slowness), clock)
 
 
 def _await_configuration(config_file: Path) -> None:
@@ -58,4 +67,5 @@ def serve(
         configure(config.log.level),
         Daemon(config, config_file, references, estimator, clock, control) as daemon,
     ):
+        withdraw(config.control.socket)
         daemon.run()

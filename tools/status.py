@@ -1,5 +1,6 @@
 """`probewatch status`: what the service sees now."""
 
+import contextlib
 import json
 import sys
 import time
@@ -11,16 +12,17 @@ from rich.live import Live
 
 from appliance.service.control_client import ControlClient
 from tools.service_socket import socket_option
-from tools.status_view import Status, StatusView
+from tools.status_view import Status, StatusView, one_line
 
 _EVERY_S = 0.25
+_LINE_EVERY_S = 1.0
 _EXIT = {"OK": 0, "NOT_VERIFIED": 3, "FAULT": 1}
 
 
 @click.command()
 @socket_option
-@click.option("--watch", is_flag=True, help="redraw four times a second until Ctrl-C")
-@click.option("--json", "as_json", is_flag=True, help="print the status as JSON, as docs/control.md describes it")
+@click.option("--watch", is_flag=True, help="redraw four times a second until Ctrl-C; into a pipe, a line a second")
+@click.option("--json", "as_json", is_flag=True, help="JSON, as docs/control.md describes it; with --watch, one a line")
 def command(control_socket: Path, watch: bool, as_json: bool) -> None:
     """What the service sees now: state, age of the last verification, every check with its share of the limit.
 
@@ -28,14 +30,16 @@ def command(control_socket: Path, watch: bool, as_json: bool) -> None:
 
     \b
     Exit code 0: verified, the contact is closed. 1: alarm. 3: not verified. 69: no service answers.
+    78: the service is not configured, or cannot use its configuration.
     """
-    if watch:
-        _watch(control_socket)
-        return
     with ControlClient(control_socket) as client:
+        if watch:
+            with contextlib.suppress(KeyboardInterrupt):
+                _watch(client, as_json)
+            return
         status = client.status()
     if as_json:
-        click.echo(json.dumps(status, ensure_ascii=False, indent=2))
+        click.echo(json.dumps(status, indent=2))
     else:
         Console(file=sys.stdout, highlight=False).print(StatusView().picture(status))
     sys.exit(_EXIT[_verdict(status)])
@@ -47,15 +51,15 @@ def _verdict(status: Status) -> str:
     return "NOT_VERIFIED" if status["priority"] == "low" else "FAULT"
 
 
-def _watch(control_socket: Path) -> None:
+def _watch(client: ControlClient, as_json: bool) -> None:
+    """Until the service ends."""
+    if as_json or not sys.stdout.isatty():
+        while True:
+            status = client.status()
+            click.echo(json.dumps(status) if as_json else one_line(status))
+            time.sleep(_LINE_EVERY_S)
     view = StatusView()
-    with (
-        Live(refresh_per_second=1 / _EVERY_S, screen=sys.stdout.isatty()) as live,
-        ControlClient(control_socket) as client,
-    ):
-        try:
-            while True:
-                live.update(view.picture(client.status()))
-                time.sleep(_EVERY_S)
-        except KeyboardInterrupt:
-            return
+    with Live(refresh_per_second=1 / _EVERY_S, screen=True) as live:
+        while True:
+            live.update(view.picture(client.status()))
+            time.sleep(_EVERY_S)

@@ -3,8 +3,13 @@
 from collections import defaultdict
 
 from appliance.core.verification import REQUIRED, Sign
-from appliance.types import Check, Verdict, VerdictKind
+from appliance.types import PARAMETERS, Check, Verdict, VerdictKind
 
+_ESTIMATED = frozenset({"polarity", "latency", *PARAMETERS})
+_NEAR = 0.8
+"""Share of its limit from which an estimate is named, even when it is one sigma less: low enough that a drift is read
+before it fails, high enough that the noise of a good calibration, a fifth of the limits or so, is not.
+"""
 _LASTING_NS = 1_000_000_000
 _FIRST = ("frozen-video", "tracker-stale", "polarity", "latency")
 """Faults that spoil everything measured after them, in the order in which they are named."""
@@ -25,9 +30,10 @@ def judge(
         return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, _contradiction(contradicted[0]))
     missing = [name for name in REQUIRED if name not in _shown(checks)]
     if missing:
-        reason = f"not shown yet: {', '.join(missing)}"
+        reason = _unverified(checks, "not shown yet", missing)
         return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, reason, verified_ns)
-    return Verdict(t_ns, VerdictKind.OK, checks, None, "calibration verified", verified_ns)
+    reason = "; ".join(["calibration verified", *_doubts(checks)])
+    return Verdict(t_ns, VerdictKind.OK, checks, None, reason, verified_ns)
 
 
 class Judgement:
@@ -66,7 +72,7 @@ class Judgement:
         if self._verified_ns is not None:
             return Verdict(self._last_ns, VerdictKind.OK, checks, None, "calibration verified")
         missing = [name for name in REQUIRED if name not in _shown(checks)]
-        reason = f"too little in-plane motion to show: {', '.join(missing)}" if missing else "verified only in parts"
+        reason = _unverified(checks, "too little in-plane motion to show", missing)
         return Verdict(self._last_ns, VerdictKind.NOT_VERIFIED, checks, None, reason)
 
 
@@ -79,6 +85,27 @@ def _shown(checks: tuple[Check, ...]) -> set[str]:
     return {check.name for check in checks if check.verdict is VerdictKind.OK}
 
 
+def _unverified(checks: tuple[Check, ...], lack: str, missing: list[str]) -> str:
+    """Why there is no OK: first what contradicts it, then what is missing."""
+    agreement = next((check for check in checks if check.name == "motion-agreement" and check.ratio > 1), None)
+    if agreement is not None:
+        return f"picture and tracker disagree: {agreement.name} {agreement.ratio:.3g} × its limit"
+    lacking = f"{lack}: {', '.join(missing)}" if missing else "verified only in parts"
+    return "; ".join([*_doubts(checks), lacking])
+
+
+def _doubts(checks: tuple[Check, ...]) -> list[str]:
+    """The undecided estimate that is nearest to its limit, or farthest beyond; none where all are far from theirs."""
+    undecided = (check for check in checks if check.name in _ESTIMATED and check.verdict is VerdictKind.NOT_VERIFIED)
+    near = [check for check in undecided if abs(check.value) - check.sigma >= _NEAR * check.limit]
+    if not near:
+        return []
+    worst = max(near, key=lambda check: check.ratio)
+    place = "beyond" if worst.ratio > 1 else "near"
+    value = f"{worst.value:+.3g} ± {worst.sigma:.2g} {worst.unit}"
+    return [f"{place} its limit, not certain: {worst.name} {value}, limit {worst.limit:g} {worst.unit}"]
+
+
 def _urgency(check: Check) -> tuple[int, float]:
     rank = _FIRST.index(check.fault) if check.fault in _FIRST else len(_FIRST)
     return rank, -check.ratio
@@ -86,7 +113,7 @@ def _urgency(check: Check) -> tuple[int, float]:
 
 def _contradiction(sign: Sign) -> str:
     check = sign.check
-    wait = "must be shown anew by motion" if sign.named else "waiting for it to be confirmed"
+    wait = "must be shown again by new motion" if sign.named else "waiting for it to be confirmed"
     return f"{_sentence(check)}: {wait}"
 
 

@@ -7,11 +7,15 @@ from pathlib import Path
 from typing import Self
 
 from appliance.service.control import VERSION, ControlRefused, Reply
-from drivers.errors import DeviceLost
+from appliance.service.refusal import why_silent
+from appliance.service.rights import join_group
+from drivers.errors import DeviceLost, ProbewatchError
 
 
 class ControlClient:
-    """Speaks to a running service. Raises DeviceLost when none answers, ControlRefused when it declines."""
+    """Speaks to a running service. Raises ControlRefused when it declines; when none answers, DeviceLost, or what the
+    service could not be started with, as ConfigurationError.
+    """
 
     def __init__(self, path: Path, timeout_s: float = 2.0) -> None:
         self._path = path
@@ -112,9 +116,12 @@ class ControlClient:
             raise ControlRefused(str(reply["error"]))
         return reply
 
-    def _gone(self, error: OSError) -> DeviceLost:
+    def _gone(self, error: OSError) -> ProbewatchError:
+        if isinstance(error, PermissionError):
+            return DeviceLost("your user may not ask the service", str(self._path), join_group(self._path))
         what = f"no service answers ({error.strerror or error})"
-        return DeviceLost(what, str(self._path), "Start it: probewatch run --config FILE")
+        remedy = "Start it: systemctl start probewatch; if it ends again, journalctl -u probewatch says why"
+        return why_silent(self._path) or DeviceLost(what, str(self._path), remedy)
 
 
 def _wanted(wanted: Path | int) -> dict[str, str | int]:

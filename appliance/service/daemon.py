@@ -325,6 +325,7 @@ class Daemon:
         return {
             **alarm_fields(self._now_ns, self._alarm, self._config.alarm.language, self._config.simulated),
             **origin_fields(self._config, self._config_file, self._references),
+            "language": self._config.alarm.language,
             **check_lists(self._now_ns, self._verdict, self._devices),
             "audio": audio_fields(self._now_ns, self._annunciator.sound, testing),
             "outputs": output_fields(self._outputs),

@@ -5,9 +5,12 @@ from pathlib import Path
 
 from appliance.config import is_configured
 from appliance.service.log import get_log
+from appliance.service.refusal import leave
 from appliance.service.systemd_notify import Notifier
+from drivers.errors import ConfigurationError
 
 _LOOK_AGAIN_S = 1.0
+_WHAT, _REMEDY = "not configured yet", "Edit it, then set configured = true in it; the service starts anew by itself"
 
 
 def await_configuration(path: Path, stop: threading.Event) -> None:
@@ -16,9 +19,10 @@ def await_configuration(path: Path, stop: threading.Event) -> None:
     No output is opened, so none is energised; that is what the watchdog is fed for. Raises ConfigurationError when the
     file becomes unreadable.
     """
-    status = f"not verified, alarm on: not configured yet. Edit {path}, then set configured = true in it"
+    status = f"not verified, alarm on: {_WHAT}. Edit {path}, then set configured = true in it"
     notifier = Notifier()
-    get_log().warning("not configured", file=str(path), remedy="Edit it, then set configured = true in it")
+    get_log().warning("not configured", file=str(path), remedy=_REMEDY)
+    leave(path, ConfigurationError(_WHAT, str(path), _REMEDY))
     while not is_configured(path):
         notifier.alive(status)
         if stop.wait(_LOOK_AGAIN_S):

@@ -159,6 +159,10 @@ SILENCES = frozenset(
 _EXPLAINED = (State.WAITING, State.NOT_VERIFIED, State.WARNING, State.DEVICE_LOST, State.INTERNAL_FAULT)
 """States that silence alone can lead to."""
 
+OUTDATED = "the last verification is too old; move the probe over tissue"
+DISTURBED = "verified only before a disturbance; move the probe over tissue"
+"""Why a calibration that the line has called verified does not count as verified."""
+
 ACKNOWLEDGED = "acknowledged, waiting until the calibration is verified again"
 
 

@@ -1,4 +1,11 @@
-"""The operator's texts in other languages: one table a language, from the English text. English needs none."""
+"""The operator's texts in other languages: one table a language, from the English text. English needs none.
+
+A text that is put together while the service runs is translated clause by clause, and stays English as a whole where
+one of them is unknown: half a sentence in each language is worse than either.
+"""
+
+import re
+from collections.abc import Mapping
 
 GERMAN = {
     "Self-test": "Selbsttest",
@@ -60,6 +67,86 @@ GERMAN = {
     "Make room on the cart's disk; check it": "Platz auf der Festplatte des Wagens schaffen; sie prüfen",
     "This computer is overloaded": "Dieser Rechner ist überlastet",
     "Close other programs; check a device that stays lost": "Andere Programme schließen; Gerät prüfen, das weg bleibt",
+    "self-test": "Selbsttest",
+    "waiting for devices": "Warten auf Geräte",
+    "not verified": "nicht bestätigt",
+    "monitoring": "überwacht",
+    "warning": "Warnung",
+    "halt": "Halt",
+    "recalibration requested": "Neukalibrierung verlangt",
+    "recalibrating": "Kalibrierung läuft",
+    "device lost": "Gerät fehlt",
+    "internal fault": "interner Fehler",
+    "the last verification is too old; move the probe over tissue": (
+        "die letzte Bestätigung ist zu alt; Sonde über Gewebe bewegen"
+    ),
+    "verified only before a disturbance; move the probe over tissue": (
+        "nur vor einer Störung bestätigt; Sonde über Gewebe bewegen"
+    ),
+    "calibration verified": "Kalibrierung bestätigt",
+    "verified only in parts": "nur in Teilen bestätigt",
+    "not shown yet: {names}": "noch nicht gezeigt: {names}",
+    "too little in-plane motion to show: {names}": "zu wenig Bewegung in der Bildebene für: {names}",
+    "picture and tracker disagree: {name} {ratio} × its limit": (
+        "Bild und Tracker widersprechen sich: {name} beim {ratio}-Fachen der Grenze"
+    ),
+    "near its limit, not certain: {name} {value} ± {sigma} {unit}, limit {limit} {unit}": (
+        "nahe an der Grenze, nicht sicher: {name} {value} ± {sigma} {unit}, Grenze {limit} {unit}"
+    ),
+    "beyond its limit, not certain: {name} {value} ± {sigma} {unit}, limit {limit} {unit}": (
+        "jenseits der Grenze, nicht sicher: {name} {value} ± {sigma} {unit}, Grenze {limit} {unit}"
+    ),
+    "{name} {value} {unit}, limit {limit} {unit}": "{name} {value} {unit}, Grenze {limit} {unit}",
+    "{name} {value} {unit}, limit {limit} {unit}: waiting for it to be confirmed": (
+        "{name} {value} {unit}, Grenze {limit} {unit}: noch zu bestätigen"
+    ),
+    "{name} {value} {unit}, limit {limit} {unit}: must be shown again by new motion": (
+        "{name} {value} {unit}, Grenze {limit} {unit}: durch neue Bewegung neu zu zeigen"
+    ),
+    "verified {age:.1f} s ago": "bestätigt vor {age:.1f} s",
+    "not verified now": "jetzt nicht bestätigt",
+    "contact closed (safe)": "Kontakt geschlossen (sicher)",
+    "contact OPEN": "Kontakt OFFEN",
+    "acknowledged": "quittiert",
+    "not acknowledged": "nicht quittiert",
+    "video {video:.1f}/s · tracker {tracker:.1f}/s · dropped: {frames} frames, {poses} poses": (
+        "Video {video:.1f}/s · Tracker {tracker:.1f}/s · verworfen: {frames} Bilder, {poses} Posen"
+    ),
+    "sound paused": "Ton pausiert",
+    "sound acknowledged": "Ton quittiert",
+    "sound off": "Ton aus",
+    "deg": "Grad",
+    "axes": "Achsen",
+    "polarity": "Spiegelung",
+    "rotation-lateral": "Drehung lateral",
+    "rotation-axial": "Drehung axial",
+    "rotation-elevational": "Drehung elevational",
+    "scale-lateral": "Maßstab lateral",
+    "scale-axial": "Maßstab axial",
+    "offset-lateral": "Versatz lateral",
+    "offset-axial": "Versatz axial",
+    "offset-elevational": "Versatz elevational",
+    "latency": "Verzögerung",
+    "motion-agreement": "Übereinstimmung",
+    "picture-flip": "Bild gespiegelt",
+    "picture-zoom": "Bild gezoomt",
+    "picture-size": "Bildgröße",
+    "marker-turn": "Marker verdreht",
+    "marker-shift": "Marker verschoben",
+    "frozen-video": "Standbild",
+    "frozen-tracker": "Tracker steht",
+    "video presence": "Video da",
+    "tracker presence": "Tracker da",
+    "tracker freshness": "Tracker aktuell",
+    "tracker alert": "Trackermeldung",
+    "line of sight": "Sichtverbindung",
+    "marker fit": "Markerpassung",
+    "marker geometry": "Markergeometrie",
+    "field indicator": "Feldanzeige",
+    "estimator presence": "Prüfprozess da",
+    "output presence": "Alarmausgang da",
+    "alarm log integrity": "Protokoll unversehrt",
+    "alarm log written": "Protokoll gesichert",
 }
 
 LANGUAGES = {"en": {}, "de": GERMAN}
@@ -68,3 +155,53 @@ LANGUAGES = {"en": {}, "de": GERMAN}
 def translated(text: str, language: str) -> str:
     """The text in one of LANGUAGES. Raises KeyError for one that has no translation."""
     return text if language == "en" else LANGUAGES[language][text]
+
+
+_FIELDS = {"name": ".+?", "names": ".+", "unit": ".*?"}
+_NUMBER = r"[-+]?\d\S*"
+
+
+def _pattern(template: str) -> re.Pattern[str]:
+    """Matches what the template becomes; a field that comes twice is the same both times."""
+    seen: set[str] = set()
+
+    def group(field: re.Match[str]) -> str:
+        name = field[1]
+        if name in seen:
+            return f"(?P={name})"
+        seen.add(name)
+        return f"(?P<{name}>{_FIELDS.get(name, _NUMBER)})"
+
+    return re.compile(re.sub(r"\\{(\w+)\\}", group, re.escape(template)))
+
+
+_PATTERNS = {english: _pattern(english) for english in GERMAN if re.search(r"{\w+}", english)}
+
+
+def told(text: str, language: str) -> str:
+    """A text of the running service in one of LANGUAGES; whole in that language, else the English text itself."""
+    if language == "en":
+        return text
+    table = LANGUAGES[language]
+    said = [table[text]] if text in table else [_clause(clause, table) for clause in text.split("; ")]
+    return text if None in said else "; ".join(filter(None, said))
+
+
+def _clause(clause: str, table: Mapping[str, str]) -> str | None:
+    if clause in table:
+        return table[clause]
+    for english, pattern in _PATTERNS.items():
+        parts = pattern.fullmatch(clause)
+        if parts is not None and english in table:
+            return _filled(table[english], parts.groupdict(), table)
+    return None
+
+
+def _filled(template: str, parts: Mapping[str, str], table: Mapping[str, str]) -> str | None:
+    """Names of checks must be known; units that are words are translated, symbols and numbers stay."""
+    names = [name for key in ("name", "names") if key in parts for name in parts[key].split(", ")]
+    if not all(name in table for name in names):
+        return None
+    told_names = ", ".join(table[name] for name in names)
+    unit = parts.get("unit", "")
+    return template.format(**{**parts, "name": told_names, "names": told_names, "unit": table.get(unit, unit)})

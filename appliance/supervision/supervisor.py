@@ -16,10 +16,10 @@ from enum import Enum
 
 import statemachine
 
-from appliance.supervision.alarms import ACKNOWLEDGED, HAZARDS, operator_text
+from appliance.supervision.alarms import ACKNOWLEDGED, DISTURBED, HAZARDS, OUTDATED, operator_text
 from appliance.supervision.condition import Condition
 from appliance.supervision.ledger import Durations, Ledger
-from appliance.types import AlarmState, Check, State, Verdict
+from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
 
 __all__ = ["Durations", "Inputs", "Request", "Supervisor"]
 
@@ -258,6 +258,8 @@ class Supervisor:
         if self._ledger.sight is not None:
             return HAZARDS[self._ledger.sight].text
         last = self._ledger.last
-        if last is not None and last.reason:
+        if last is not None and last.kind is VerdictKind.OK and not self._ledger.verified:
+            return DISTURBED if self._ledger.verified_ns is None else OUTDATED
+        if last is not None and last.kind is not VerdictKind.OK and last.reason:
             return last.reason
         return operator_text(State.NOT_VERIFIED, None)[1]

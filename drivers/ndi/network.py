@@ -3,7 +3,7 @@
 from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
 from drivers.ndi.lines import NetworkLine
-from drivers.ndi.options import parse_options
+from drivers.ndi.options import TrackerOptions, parse_options
 from drivers.ndi.tracker import NdiTracker, connect
 from drivers.tcpline import parse_address
 
@@ -12,9 +12,13 @@ DEFAULT_PORT = 8765
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> NdiTracker:
     """Connect, load the tools and start tracking; see drivers.ports for what is raised."""
+    wanted, (host, port) = checked(target, options)
+    return connect(NetworkLine(host, port, clock), f"ndi+tcp://{target}", wanted, clock)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[TrackerOptions, tuple[str, int]]:
+    """The options and (host, port). Raises ConfigurationError naming what cannot be."""
     url = f"ndi+tcp://{target}"
     if "baud" in options:
         raise ConfigurationError("a network has no line speed", url, "Leave baud= out")
-    wanted = parse_options(options, url)
-    host, port = parse_address(target, DEFAULT_PORT, url)
-    return connect(NetworkLine(host, port, clock), url, wanted, clock)
+    return parse_options(options, url), parse_address(target, DEFAULT_PORT, url)

@@ -55,9 +55,13 @@ _UNANSWERED = 3
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "NdiTracker":
     """Connect, load the tools and start tracking; see drivers.ports for what is raised."""
-    url = f"ndi:{target}"
-    wanted = parse_options(options, url)
-    return connect(SerialLine(target), url, wanted, clock)
+    wanted = checked(target, options)
+    return connect(SerialLine(target), f"ndi:{target}", wanted, clock)
+
+
+def checked(target: str, options: dict[str, str]) -> TrackerOptions:
+    """Raises ConfigurationError naming the option that is unknown or out of range."""
+    return parse_options(options, f"ndi:{target}")
 
 
 def connect(line: ByteLine, url: str, options: TrackerOptions, clock: HostClock) -> "NdiTracker":

@@ -28,11 +28,16 @@ _ASK_AGAIN_NS = 500_000_000
 
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "V4l2Video":
     """target: path of the node. See drivers.ports for what is raised."""
+    return V4l2Video(target, *checked(target, options), clock)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[Wish, Cut]:
+    """What to ask of the device, and what to cut out. Raises ConfigurationError naming the option."""
     where = f"v4l2:{target}"
     refuse_unknown(options, _OPTIONS, where)
     if not target.startswith("/"):
         raise ConfigurationError("is no path of a device", where, "Write v4l2:/dev/video0 or v4l2:/dev/v4l/by-id/…")
-    return V4l2Video(target, wish_from(options, where), cut_from(options, where), clock)
+    return wish_from(options, where), cut_from(options, where)
 
 
 class V4l2Video:

@@ -1,0 +1,38 @@
+"""Recordings of other programs, told by their first bytes: what such a file is, and what makes a sequence of it."""
+
+from pathlib import Path
+
+from drivers.errors import RecordingError
+
+HEAD_BYTES = 160
+_FILM = "A film has no poses: record pictures and poses together with PLUS; watch the film alone as opencv:FILE"
+_PICTURE = "Give the whole sequence with its poses, as PLUS records it (.igs.mha or .mhd)"
+_CONVERT = "Convert it to .igs.mha with EditSequenceFile of PLUS, or store it as that in 3D Slicer"
+_REPLAY = "Play it back while PLUS records pictures and poses into .igs.mha"
+_UNPACK = "Unpack it, and give the .igs.mha or .mhd that is in it"
+
+_KINDS = (
+    (4, b"ftyp", "a film (MP4 or MOV)", _FILM),
+    (0, b"RIFF", "a film (AVI)", _FILM),
+    (0, b"\x1a\x45\xdf\xa3", "a film (MKV or WebM)", _FILM),
+    (0, b"NRRD", "an NRRD sequence", _CONVERT),
+    (0, b"#ROSBAG", "a ROS bag", _REPLAY),
+    (0, b"\x89MCAP", "a ROS bag (MCAP)", _REPLAY),
+    (0, b"SQLite format 3", "a database, perhaps a ROS bag (db3)", _REPLAY),
+    (128, b"DICM", "a DICOM file", "It has no poses: record pictures and poses together with PLUS"),
+    (0, b"\x89HDF", "an HDF5 file", "Write its pictures and poses as a PLUS sequence (.igs.mha)"),
+    (0, b"MATLAB", "a MATLAB file", "Write its pictures and poses as a PLUS sequence (.igs.mha)"),
+    (0, b"\x89PNG", "a single picture (PNG)", _PICTURE),
+    (0, b"\xff\xd8\xff", "a single picture (JPEG)", _PICTURE),
+    (0, b"<", "an XML file", "Give a device set as --calibration, and here the recording (.igs.mha or .mhd)"),
+    (0, b"PK\x03\x04", "a ZIP archive", _UNPACK),
+    (0, b"\x1f\x8b", "a gzip archive", _UNPACK),
+    (0, b"7z\xbc\xaf", "a 7z archive", _UNPACK),
+)
+
+
+def refuse_foreign(head: bytes, path: Path) -> None:
+    """head: the first HEAD_BYTES. Raises RecordingError for a kind that is known and is no MetaImage."""
+    for offset, magic, kind, way in _KINDS:
+        if head[offset:].startswith(magic):
+            raise RecordingError(f"is {kind}, not a PLUS sequence (.igs.mha or .mhd)", str(path), way)

@@ -1,0 +1,43 @@
+"""A group of commands whose modules are imported only when one of them is used, so that `--help` is quick."""
+
+import difflib
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+
+class LazyGroup(click.Group):
+    """names: command → what it does. prefix: of the module that holds it as `command`. heading: over the list."""
+
+    def __init__(self, *args: Any, names: Mapping[str, str], prefix: str, heading: str, **kwargs: Any) -> None:
+        self._names, self._prefix, self._heading = names, prefix, heading
+        super().__init__(*args, **kwargs)
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(self._names)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in self._names:
+            return None
+        command = importlib.import_module(f"{self._prefix}{cmd_name.replace('-', '_')}").command
+        assert isinstance(command, click.Command)
+        command.short_help = self._names[cmd_name]
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Raises UsageError that says which command may have been meant."""
+        if args and not args[0].startswith("-") and args[0] not in self._names:
+            typed = args[0].lower()
+            begun = [name for name in self._names if typed.startswith(name) or name.startswith(typed)]
+            close = begun or difflib.get_close_matches(typed, self._names, n=1, cutoff=0.5)
+            meant = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(sorted(self._names))}."
+            ctx.fail(f"No such command '{args[0]}', {meant}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section(self._heading):
+            formatter.write_dl(sorted(self._names.items()))

@@ -1,0 +1,112 @@
+"""Text for every terminal: what its encoding lacks is written in ASCII, so that nothing ends in a traceback."""
+
+import codecs
+import io
+import os
+import sys
+import unicodedata
+
+_ASCII = {
+    "°": "deg",
+    "±": "+/-",
+    "·": "-",
+    "×": "x",
+    "→": "->",
+    "−": "-",
+    "–": "-",
+    "…": "...",
+    "ζ": "zeta",
+    "σ": "sigma",
+    "λ": "lambda",
+    "Λ": "Lambda",
+    "µ": "u",
+    "≤": "<=",
+    "≥": ">=",
+    "ä": "ae",
+    "ö": "oe",
+    "ü": "ue",
+    "Ä": "Ae",
+    "Ö": "Oe",
+    "Ü": "Ue",
+    "ß": "ss",
+    "✓": "+",
+    "✗": "X",
+    "━": "=",
+    "─": "-",
+    "┃": "|",
+    "│": "|",
+    "▁": "_",
+    "▂": ".",
+    "▃": ":",
+    "▄": "-",
+    "▅": "=",
+    "▆": "+",
+    "▇": "*",
+    "█": "#",
+}
+"""What each sign becomes. Those of tables and bars keep their width."""
+
+_HANDLER = "ascii-words"
+_CODEC = "plain-text"
+"""ASCII with that handler. It has a name of its own because click takes any stream called ASCII for a mistake, and
+writes UTF-8 to it.
+"""
+
+
+def speak_plainly() -> None:
+    """Standard output and error write in ASCII words what the terminal cannot show; in the C and POSIX locales that is
+    everything beyond ASCII, unless PYTHONUTF8 or PYTHONIOENCODING say otherwise.
+    """
+    codecs.register_error(_HANDLER, _in_ascii)
+    codecs.register(lambda name: _codec() if name.replace("_", "-") == _CODEC else None)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            plain = codecs.lookup(stream.encoding).name == "ascii" or _locale_is_plain()
+            stream.reconfigure(encoding=_CODEC if plain else None, errors=_HANDLER)
+
+
+def shown(text: str) -> str:
+    """The text as standard output will show it, so that a table is laid out for what is seen."""
+    encoding = sys.stdout.encoding or "utf-8"
+    try:
+        return text.encode(encoding, _HANDLER).decode(encoding)
+    except LookupError:
+        return text  # not speaking plainly: in a test, or called as a library
+
+
+def _locale_is_plain() -> bool:
+    """Whether the user's locale is C or POSIX. Python itself writes LC_CTYPE=C.UTF-8 over that, to be able to start."""
+    if os.environ.get("PYTHONUTF8") or os.environ.get("PYTHONIOENCODING"):
+        return False
+    ctype = os.environ.get("LC_CTYPE", "")
+    asked = os.environ.get("LC_ALL") or ("" if ctype == "C.UTF-8" else ctype) or os.environ.get("LANG") or "C"
+    return asked in ("C", "POSIX")
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    assert isinstance(error, UnicodeEncodeError)
+    return "".join(map(_word, error.object[error.start : error.end])), error.end
+
+
+def _word(sign: str) -> str:
+    plain = _ASCII.get(sign) or unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode()
+    return plain or "?"
+
+
+def _encode(text: str, _errors: str = "strict") -> tuple[bytes, int]:
+    return text.encode("ascii", _HANDLER), len(text)
+
+
+class _Encoder(codecs.IncrementalEncoder):
+    def encode(self, text: str, final: bool = False) -> bytes:
+        return _encode(text)[0]
+
+
+def _codec() -> codecs.CodecInfo:
+    return codecs.CodecInfo(
+        _encode,
+        codecs.lookup("ascii").decode,
+        incrementalencoder=_Encoder,
+        incrementaldecoder=codecs.getincrementaldecoder("ascii"),
+        name=_CODEC,
+    )
