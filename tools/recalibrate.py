@@ -14,10 +14,8 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from appliance.calibration_file import read_calibration, write_calibration
 from appliance.config import load_config
@@ -36,7 +34,7 @@ from appliance.service.control_client import ControlClient
 from appliance.types import Calibration, State
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from tools.crosswire_input import ScanInput, recorded, simulated, simulated_reference
-from tools.plain_text import shown
+from tools.tables import FittingTable
 
 _LOOK_EVERY_S = 0.25
 _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
@@ -221,11 +219,13 @@ def _solved(scan: CrosswireScan, before: Calibration, solve: str, demand: Demand
 
 
 def _print(solution: OffsetSolution, before: Calibration) -> None:
-    table = Table("mm", "before", "after", shown("± 1σ"), box=SIMPLE_HEAD, pad_edge=False)
-    for name, old, new, sigma in zip(_COMPONENTS, before.offset_mm, solution.offset_mm, solution.sigma_mm, strict=True):
-        table.add_row(shown(name), f"{old:.2f}", f"{new:.2f}", f"{sigma:.2f}" if np.isfinite(sigma) else "kept")
-    table.add_row("size of the cloud", f"{solution.cloud_before_mm:.2f}", f"{solution.cloud_after_mm:.2f}", "")
-    Console(file=sys.stdout, highlight=False).print(table)
+    parts = zip(_COMPONENTS, before.offset_mm, solution.offset_mm, solution.sigma_mm, strict=True)
+    rows = [
+        (name, f"{old:.2f}", f"{new:.2f}", f"{sigma:.2f}" if np.isfinite(sigma) else "kept")
+        for name, old, new, sigma in parts
+    ]
+    rows.append(("size of the cloud", f"{solution.cloud_before_mm:.2f}", f"{solution.cloud_after_mm:.2f}", ""))
+    Console(file=sys.stdout, highlight=False).print(FittingTable(("mm", "before", "after", "± 1σ"), rows))
     click.echo(f"views: {solution.views}, and {solution.rejected} rejected")
     click.echo(f"tilt spread: {solution.tilt_sd_deg:.1f}° (at least {solution.tilt_needed_deg:.1f}° needed)")
     click.echo(f"localisation: {solution.localisation_mm:.2f} mm per view and axis")
