@@ -9,7 +9,7 @@ import pytest
 from appliance.core.judgement import REQUIRED, Judgement, judge
 from appliance.core.line import Line
 from appliance.limits import Limits
-from appliance.supervision.alarms import DISTURBED, HAZARDS, OUTDATED, SIGNALS, UNVERIFIED
+from appliance.supervision.alarms import DISTURBED, HAZARDS, OUTDATED, SIGNALS
 from appliance.supervision.languages import GERMAN, told
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
@@ -44,7 +44,7 @@ def test_every_check_is_translated_and_its_name_is_short() -> None:
 
 def test_nothing_is_translated_that_nobody_says() -> None:
     tables = {text for row in (*SIGNALS.values(), *HAZARDS.values()) for text in (row.text, row.remedy)}
-    words = {*WORDS.values(), *(state.value for state in State), *UNVERIFIED.values(), OUTDATED, DISTURBED}
+    words = {*WORDS.values(), *(state.value for state in State), OUTDATED, DISTURBED}
     reasons = {text for text in GERMAN if "{" in text and text not in words}
     units = {"deg", "axes"}
     said = {"calibration verified", "verified only in parts"}
@@ -78,7 +78,6 @@ def checks(**values: tuple[float, float, VerdictKind]) -> tuple[Check, ...]:
         Judgement().overall(()).reason,
         Judgement().overall(checks()).reason,
         replace(judge(0, ()), reason=OUTDATED).reason,
-        *UNVERIFIED.values(),
     ],
 )
 def test_every_reason_is_told_in_german(reason: str) -> None:

@@ -757,11 +757,14 @@ def test_not_verified_never_says_calibration_verified() -> None:
     said = Verdict(100 * S_NS, VerdictKind.OK, (), reason="calibration verified")
     room = Room()
     room.step()
-    room.at(TICK_NS, Inputs((replace(said, t_ns=room.now_ns),)))
-    assert room.at(TICK_NS, Inputs((replace(said, t_ns=room.now_ns),))) is M
+    room.at(TICK_NS, Inputs((replace(said, t_ns=room.now_ns, verified_ns=room.now_ns),)))
+    assert room.at(TICK_NS, Inputs((replace(said, t_ns=room.now_ns, verified_ns=room.now_ns),))) is M
     old_ns = room.now_ns
-    assert room.at(DURATIONS.max_verification_age_ns + TICK_NS, Inputs((replace(said, t_ns=old_ns),))) is N
+    assert (
+        room.at(DURATIONS.max_verification_age_ns + TICK_NS, Inputs((replace(said, t_ns=old_ns, verified_ns=old_ns),)))
+        is N
+    )
     assert room.alarm.reason == "the last verification is too old; move the probe over tissue"
     room.supervisor.doubt()
-    assert room.at(TICK_NS, Inputs((replace(said, t_ns=old_ns),))) is N
+    assert room.at(TICK_NS, Inputs((replace(said, t_ns=old_ns, verified_ns=old_ns),))) is N
     assert room.alarm.reason == "verified only before a disturbance; move the probe over tissue"

@@ -3,12 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
 from appliance.types import State
 from tools.demo_judgement import Finding, History, Moment, Outcome
+from tools.tables import NOTHING, FittingTable
 
 VERSION = 1
 _SHOWN = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED, State.DEVICE_LOST)
@@ -46,29 +45,23 @@ def _sentence(outcome: Outcome) -> str:
     return f"PASSED: {faults} found, rightly named, halted and recovered from; nothing else alarmed."
 
 
-def _timeline(findings: tuple[Finding, ...]) -> Table:
-    table = Table(box=SIMPLE_HEAD, padding=0)
-    for title in ("fault", "at", "named"):
-        table.add_column(title, no_wrap=True)
-    for title in ("warning", "halt", "recal.", "lost", "contact", "verified"):
-        table.add_column(title, justify="right")
+def _timeline(findings: tuple[Finding, ...]) -> FittingTable:
+    headings = ("fault", "at", "named", "warning", "halt", "recal.", "lost", "contact", "verified")
+    rows = []
     for one in findings:
         numbers = (*(one.reached.get(state) for state in _SHOWN), one.contact_open_after_s, one.verified_after_s)
-        table.add_row(one.injection.fault, _shown(one.injection.from_s), one.named or "–", *map(_shown, numbers))
-    return table
+        rows.append((one.injection.fault, _shown(one.injection.from_s), one.named or NOTHING, *map(_shown, numbers)))
+    return FittingTable(headings, rows, right_from=3, tight=True)
 
 
-def _unexpected(moments: tuple[Moment, ...]) -> Table:
-    table = Table(
-        "alarm without a fault", "at", "named", "reason", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True
-    )
-    for one in moments:
-        table.add_row(one.state.value, f"{one.t_s:.2f}", one.fault or "–", one.reason)
-    return table
+def _unexpected(moments: tuple[Moment, ...]) -> FittingTable:
+    headings = ("alarm without a fault", "at", "named", "reason")
+    rows = [(one.state.value, f"{one.t_s:.2f}", one.fault or NOTHING, one.reason) for one in moments]
+    return FittingTable(headings, rows)
 
 
 def _shown(number: float | None) -> str:
-    return "–" if number is None else f"{number:.2f}"
+    return NOTHING if number is None else f"{number:.2f}"
 
 
 def report_fields(outcome: Outcome, history: History, circumstances: Circumstances) -> dict[str, object]:

@@ -5,12 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import click
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from drivers.inventory import ROOT, Found, gpio_chips, serial_ports, video_devices
+from tools.tables import FittingTable
 
 _KINDS: dict[str, Callable[[Path], tuple[Found, ...]]] = {
     "serial port": serial_ports,
@@ -44,8 +42,5 @@ def _row(kind: str, found: Found) -> tuple[str, ...]:
 
 
 def _print_table(rows: list[tuple[str, ...]]) -> None:
-    table = Table(*_HEADINGS, box=SIMPLE_HEAD, pad_edge=False)
-    table.columns[1].overflow = "fold"
-    for row in rows:
-        table.add_row(*map(Text, row), style=None if row[-1] == "free" else "yellow")
-    Console(highlight=False).print(table)
+    styles = ["" if row[-1] == "free" else "yellow" for row in rows]
+    Console(highlight=False).print(FittingTable(_HEADINGS, rows, styles))

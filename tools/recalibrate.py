@@ -10,9 +10,7 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
 from appliance.calibration_file import calibration_bytes, is_device_set, write_calibration
 from appliance.config import load_config
@@ -32,7 +30,7 @@ from appliance.service.control_client import ControlClient
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
 from tools.crosswire_input import ScanInput, recorded, simulated, simulated_reference
-from tools.plain_text import shown
+from tools.tables import FittingTable
 from tools.verification import accepted, await_verification, progress_bar, recalibrating, refuse_simulated
 
 _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
@@ -208,11 +206,13 @@ def _solved(scan: CrosswireScan, before: Calibration, solve: str, demand: Demand
 
 
 def _print(solution: OffsetSolution, before: Calibration) -> None:
-    table = Table("mm", "before", "after", shown("± 1σ"), box=SIMPLE_HEAD, pad_edge=False)
-    for name, old, new, sigma in zip(_COMPONENTS, before.offset_mm, solution.offset_mm, solution.sigma_mm, strict=True):
-        table.add_row(shown(name), f"{old:.2f}", f"{new:.2f}", f"{sigma:.2f}" if np.isfinite(sigma) else "kept")
-    table.add_row("size of the cloud", f"{solution.cloud_before_mm:.2f}", f"{solution.cloud_after_mm:.2f}", "")
-    Console(file=sys.stdout, highlight=False).print(table)
+    parts = zip(_COMPONENTS, before.offset_mm, solution.offset_mm, solution.sigma_mm, strict=True)
+    rows = [
+        (name, f"{old:.2f}", f"{new:.2f}", f"{sigma:.2f}" if np.isfinite(sigma) else "kept")
+        for name, old, new, sigma in parts
+    ]
+    rows.append(("size of the cloud", f"{solution.cloud_before_mm:.2f}", f"{solution.cloud_after_mm:.2f}", ""))
+    Console(file=sys.stdout, highlight=False).print(FittingTable(("mm", "before", "after", "± 1σ"), rows))
     click.echo(f"views: {solution.views}, and {solution.rejected} rejected")
     click.echo(f"tilt spread: {solution.tilt_sd_deg:.1f}° (at least {solution.tilt_needed_deg:.1f}° needed)")
     click.echo(f"localisation: {solution.localisation_mm:.2f} mm per view and axis")

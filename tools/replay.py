@@ -6,10 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from appliance.calibration_file import read_calibration
 from appliance.core.line import Line
@@ -24,7 +22,7 @@ from drivers.twins.faults import FAULT_CLASS, Episode, Schedule
 from tools.estimate import check_new, write_estimate
 from tools.inject import inject
 from tools.json_report import check_writable, write_json
-from tools.plain_text import shown
+from tools.tables import NOTHING, FittingTable
 
 
 def _episodes(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> Schedule:
@@ -141,17 +139,14 @@ def _second_opinion(opinion: SecondOpinion) -> str:
     return f"closed form, without the reference ({opinion.form}, {opinion.pairs} pairs): {lateral} and {axial} mm/px"
 
 
-def _table(report: LineReport) -> Table:
-    table = Table("check", "value", shown("± 1σ"), "limit", "of limit", "verdict", box=SIMPLE_HEAD, pad_edge=False)
-    table.columns[0].min_width = max((len(check.name) for check in report.checks), default=0)
+def _table(report: LineReport) -> FittingTable:
     latency = () if report.latency is None or report.latency in report.checks else (report.latency,)
-    for check in (*latency, *report.checks):
-        table.add_row(*_cells(check))
-    return table
+    headings = ("check", "value", "± 1σ", "limit", "of limit", "verdict")
+    return FittingTable(headings, [_cells(check) for check in (*latency, *report.checks)])
 
 
 def _cells(check: Check) -> tuple[str, ...]:
     if check.value != check.value:
-        return check.name, "–", "–", f"{check.limit:g} {check.unit}", "–", check.verdict.value
+        return check.name, NOTHING, NOTHING, f"{check.limit:g} {check.unit}", NOTHING, check.verdict.value
     value, sigma = f"{check.value:.3g} {check.unit}", f"{check.sigma:.2g}"
     return check.name, value, sigma, f"{check.limit:g} {check.unit}", f"{check.ratio:.3g}", check.verdict.value
