@@ -290,14 +290,14 @@ def test_few_pictures_of_tissue_are_taken_for_none() -> None:
     print("\ntissue: least, median, most; wrong ones")
     large = (SIZES[0], *SIZES[2:])
     told = [
-        row("scatterers: " + kind, [texture(image).tissue for image in scattered(kind, 60, 2, large)], missed)
+        row("scatterers: " + kind, [texture(image).tissue for image in scattered(kind, 30, 2, large)], missed)
         for kind in SCATTERERS
     ]
     for name, look in CART.items():
-        values = [texture(image).tissue for seed in range(2, 7) for image in cart(look, 12, seed)]
+        values = [texture(image).tissue for seed in range(2, 7) for image in cart(look, 8, seed)]
         told.append(row("cart: " + name, values, missed))
     for share in (0.36, 0.5):
-        values = [texture(lifted(share, seed, k)).tissue for seed in range(2, 7) for k in range(12)]
+        values = [texture(lifted(share, seed, k)).tissue for seed in range(2, 7) for k in range(8)]
         told.append(row(f"cart: {share:.0%} in contact", values, missed))
     for name in RECORDINGS:
         told.append(row("water: " + name[:24], [texture(image).tissue for image in recorded(name, 1)], missed))
