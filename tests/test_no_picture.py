@@ -195,21 +195,21 @@ def test_no_picture_is_named_within_a_second_and_a_picture_is_back_soon(rate_hz:
     step_ns = 10**9 // rate_hz
     said = verdicts([True] * 2 * rate_hz + [False] * 2 * rate_hz + [True] * 2 * rate_hz, step_ns)
     assert set(said[: 2 * rate_hz]) == {VerdictKind.OK}
-    assert 0.4 <= (first(VerdictKind.FAULT, said) - 2 * rate_hz) / rate_hz <= 0.8
+    assert 0.4 <= (first(VerdictKind.NOT_VERIFIED, said) - 2 * rate_hz) / rate_hz <= 0.8
     back_s = first(VerdictKind.OK, said[4 * rate_hz :]) / rate_hz
     assert 0.2 <= back_s <= 0.5
     assert set(said[-rate_hz:]) == {VerdictKind.OK}
 
 
 def test_a_stream_that_never_showed_tissue_is_named_within_a_second() -> None:
-    assert first(VerdictKind.FAULT, verdicts([False] * 30)) * STEP_NS < 700_000_000
+    assert first(VerdictKind.NOT_VERIFIED, verdicts([False] * 30)) * STEP_NS < 700_000_000
 
 
 @pytest.mark.parametrize(
     ("good_ones", "blank_ones", "kind"),
     [
-        (1, 1, VerdictKind.FAULT),
-        (1, 11, VerdictKind.FAULT),
+        (1, 1, VerdictKind.NOT_VERIFIED),
+        (1, 11, VerdictKind.NOT_VERIFIED),
         (6, 1, VerdictKind.OK),
         (30, 3, VerdictKind.OK),
     ],
@@ -219,7 +219,7 @@ def test_flicker_is_no_picture_and_a_lone_bad_one_is_no_matter(
 ) -> None:
     said = verdicts([True] * 30 + ([True] * good_ones + [False] * blank_ones) * 12)
     assert said[-1] is kind
-    assert kind is VerdictKind.FAULT or VerdictKind.FAULT not in said
+    assert kind is VerdictKind.NOT_VERIFIED or VerdictKind.NOT_VERIFIED not in said
 
 
 def test_a_pause_of_the_video_is_not_counted() -> None:
@@ -233,7 +233,7 @@ def test_a_pause_of_the_video_is_not_counted() -> None:
 def test_the_check_says_how_long_and_is_failed_beyond_its_limit() -> None:
     watcher = NoPicture()
     checks = [watcher.step(k * STEP_NS, blank()) for k in range(40)]
-    assert all((check.ratio > 1) == (check.verdict is VerdictKind.FAULT) for check in checks)
+    assert all((check.ratio > 1) == (check.verdict is VerdictKind.NOT_VERIFIED) for check in checks)
     assert (checks[-1].name, checks[-1].fault, checks[-1].unit) == ("no-picture", "no-picture", "ms")
     assert checks[-1].value == pytest.approx(39 * STEP_NS / 1e6, abs=40)
 
@@ -242,20 +242,20 @@ def test_the_check_says_how_long_and_is_failed_beyond_its_limit() -> None:
 @given(st.lists(st.integers(-(10**12), 10**12), min_size=60, max_size=60))
 def test_blank_pictures_fail_whatever_their_stamps_are(stamps_ns: list[int]) -> None:
     watcher = NoPicture()
-    assert [watcher.step(t_ns, blank()) for t_ns in stamps_ns][-1].verdict is VerdictKind.FAULT
+    assert [watcher.step(t_ns, blank()) for t_ns in stamps_ns][-1].verdict is VerdictKind.NOT_VERIFIED
 
 
 @pytest.mark.parametrize("rate_hz", [10, 12, 15, 20, 24, 25, 30, 50, 60])
 def test_every_second_picture_blank_is_named_at_any_rate(rate_hz: int) -> None:
     step_ns = 10**9 // rate_hz
     said = verdicts([True] * rate_hz + [True, False] * rate_hz, step_ns)
-    assert (first(VerdictKind.FAULT, said) - rate_hz) / rate_hz < 1.2
+    assert (first(VerdictKind.NOT_VERIFIED, said) - rate_hz) / rate_hz < 1.2
 
 
 def test_good_pictures_with_stamps_that_stand_still_bring_nothing_back() -> None:
     watcher = NoPicture()
     verdicts([False] * 30, watcher=watcher)
-    assert {watcher.step(0, good()).verdict for _ in range(30)} == {VerdictKind.FAULT}
+    assert {watcher.step(0, good()).verdict for _ in range(30)} == {VerdictKind.NOT_VERIFIED}
 
 
 def at_most(errors: int, of: int) -> float:

@@ -10,6 +10,8 @@ _NEAR = 0.8
 """Share of its limit from which an estimate is named, even when it is one sigma less: low enough that a drift is read
 before it fails, high enough that the noise of a good calibration, a fifth of the limits or so, is not.
 """
+_SIGHT = "no-picture"
+"""The check without which the others speak of no tissue."""
 _LASTING_NS = 1_000_000_000
 _FIRST = ("frozen-video", "tracker-stale", "polarity", "latency")
 """Faults that spoil everything measured after them, in the order in which they are named."""
@@ -26,6 +28,8 @@ def judge(
     if failed:
         worst = min(failed, key=_urgency)
         return Verdict(t_ns, VerdictKind.FAULT, checks, worst.fault, _sentence(worst))
+    if any(check.name == _SIGHT and check.verdict is not VerdictKind.OK for check in checks):
+        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, "no ultrasound in the picture")
     if contradicted:
         return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, _contradiction(contradicted[0]))
     missing = [name for name in REQUIRED if name not in _shown(checks)]

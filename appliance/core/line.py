@@ -17,6 +17,7 @@ from appliance.core.stamp_gate import Passage, StampGate
 from appliance.core.watchers.frozen_tracker import FrozenTracker
 from appliance.core.watchers.frozen_video import FrozenVideo
 from appliance.core.watchers.marker_slip import MarkerSlip
+from appliance.core.watchers.no_picture import NoPicture
 from appliance.core.watchers.picture_event import PictureEvent
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Motion, StampedPair, Verdict, VerdictKind
@@ -46,6 +47,8 @@ class Line:
         self._frozen_ns = round(limits.frozen_ms * 1e6)
         self._frozen = FrozenVideo(self._frozen_ns)
         self._frozen_check: Check | None = None
+        self._no_picture = NoPicture()
+        self._tissue_check: Check | None = None
         self._frozen_tracker = FrozenTracker(_STALE_NS)
         self._picture_event = PictureEvent(limits.scale_percent)
         self._slip = MarkerSlip(limits)
@@ -129,6 +132,7 @@ class Line:
         height, width = item.frame.image.shape
         if (width, height) != self._reference.image_size_px:
             return self._judged(t_ns, (self._wrong_size(width, height),))
+        self._tissue_check = self._no_picture.step(t_ns, item.frame.image)
         self._frozen_check = self._frozen.step(item.frame)
         if not self._frozen.repeats:
             self._watch(item)
@@ -146,8 +150,8 @@ class Line:
         return verdict
 
     def _facts(self) -> tuple[Check, ...]:
-        frozen = () if self._frozen_check is None else (self._frozen_check,)
-        return (*self._picture_event.checks(), *self._slip.checks(), *frozen, self._frozen_tracker.check())
+        seen = tuple(check for check in (self._frozen_check, self._tissue_check) if check is not None)
+        return (*self._picture_event.checks(), *self._slip.checks(), *seen, self._frozen_tracker.check())
 
     def _lose_sight(self) -> None:
         """Whoever stands still for long may go on anywhere: the chain ends here."""

@@ -128,6 +128,8 @@ GERMAN = {
     "offset-elevational": "Versatz elevational",
     "latency": "Verzögerung",
     "motion-agreement": "Übereinstimmung",
+    "no ultrasound in the picture": "kein Ultraschall im Bild",
+    "no-picture": "Kein Ultraschall",
     "picture-flip": "Bild gespiegelt",
     "picture-zoom": "Bild gezoomt",
     "picture-size": "Bildgröße",

@@ -45,7 +45,7 @@ class NoPicture:
         for_ns = min(max(since_ns, 0 if seen else _SHORTEST_NS), _LONGEST_NS)
         self._recent = seen + (self._recent - seen) * exp(-for_ns / _MEMORY_NS)
         self._without_ns = 0 if self._recent > _STEADY else self._without_ns + for_ns
-        verdict = VerdictKind.FAULT if self._without_ns > _LIMIT_NS else VerdictKind.OK
+        verdict = VerdictKind.NOT_VERIFIED if self._without_ns > _LIMIT_NS else VerdictKind.OK
         return Check("no-picture", "no-picture", self._without_ns / 1e6, 0.0, "ms", _LIMIT_NS / 1e6, verdict)
 
     def _judged(self, since_ns: int, image: GreyImage) -> Texture:
