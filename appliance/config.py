@@ -1,7 +1,6 @@
 """The configuration file: read once, whole, and refused by key, value and bound when it cannot be meant."""
 
 import difflib
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,7 +11,15 @@ from appliance.supervision.annunciator import Role
 from appliance.supervision.ledger import Durations
 from appliance.supervision.watchers.facts import Patience
 from drivers.errors import ConfigurationError
+from drivers.markup import toml_of
 from drivers.ports import split_url
+from drivers.regularfile import read_bounded
+
+_MOST_BYTES = 64_000
+"""The commented example has 3000."""
+
+_MOST_TOLD = 20
+"""Mistakes told at once; what is not told takes no time to be compared with what is known."""
 
 _EXAMPLE = "config/probewatch.toml shows every key"
 
@@ -142,19 +149,21 @@ def _ns(seconds: float) -> int:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_bytes().decode())
+        return toml_of(read_bounded(path, _MOST_BYTES), _MOST_BYTES)
     except OSError as error:
         raise ConfigurationError(
             f"cannot be read ({error.strerror})", str(path), "Check the path and its rights"
         ) from None
     except UnicodeDecodeError:
         raise ConfigurationError("is not UTF-8 text", str(path), "Save it as UTF-8") from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise ConfigurationError(f"is not valid TOML: {error}", str(path), f"Mend that line; {_EXAMPLE}") from None
 
 
 def _violations(error: ValidationError) -> list[str]:
-    return [_violation(item["loc"], item["type"], item["msg"], item["input"]) for item in error.errors()]
+    found = error.errors()
+    told = [_violation(item["loc"], item["type"], item["msg"], item["input"]) for item in found[:_MOST_TOLD]]
+    return told if len(found) <= _MOST_TOLD else [*told, f"and {len(found) - _MOST_TOLD} more"]
 
 
 def _violation(loc: tuple[int | str, ...], kind: str, message: str, value: object) -> str:

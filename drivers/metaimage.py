@@ -20,6 +20,7 @@ import numpy as np
 from drivers.atomicfile import replacing
 from drivers.errors import RecordingError
 from drivers.picture import FLIPS
+from drivers.regularfile import reading, refuse_irregular
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 
 _MAX_LINE_BYTES = 65_536
@@ -129,7 +130,7 @@ class MetaImage:
 
     def _blocks(self, frame_bytes: int) -> Iterator[bytes]:
         try:
-            with self._data_path.open("rb") as stream:
+            with reading(self._data_path) as stream:
                 stream.seek(self._data_offset)
                 read = _inflated if self._compressed else _raw
                 yield from read(stream, self._data_path, len(self.frames), frame_bytes)
@@ -144,7 +145,7 @@ def read_metaimage(path: Path, orientation: str | None = None) -> MetaImage:
     Raises RecordingError naming file, key, value and remedy for every header this cannot vouch for.
     """
     try:
-        with path.open("rb") as stream:
+        with reading(path) as stream:
             general, frames = _read_header(stream, path)
             offset = stream.tell()
         return _checked(path, general, frames, offset, orientation)
@@ -166,9 +167,11 @@ def write_metaimage(
     size_px: (width, height), None for a sequence of poses only. Entries without a picture are marked INVALID.
     Raises OSError, and ValueError for an image of another size.
     """
+    data_path = path.with_suffix(".zraw" if compressed else ".raw")
+    for target in (path, data_path) if detached else (path,):
+        refuse_irregular(target)
     with tempfile.TemporaryFile(dir=path.parent) as data:
         lines = _spool(data, items, size_px, compressed, FLIPS[orientation[:2]])
-        data_path = path.with_suffix(".zraw" if compressed else ".raw")
         head = _general_lines(size_px, lines.count, data.tell() if compressed else None, orientation)
         target = data_path.name if detached else "LOCAL"
         header = "\n".join([*head, *lines.text, f"ElementDataFile = {target}\n"]).encode()
@@ -276,6 +279,7 @@ def _check_length(sequence: MetaImage, general: dict[str, str]) -> None:
     """Find a file that was cut before any picture is read."""
     assert sequence.size_px is not None
     width, height = sequence.size_px
+    refuse_irregular(sequence._data_path)
     there = sequence._data_path.stat().st_size - sequence._data_offset
     needed = width * height * len(sequence.frames)
     key = "DimSize"

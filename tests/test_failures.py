@@ -178,7 +178,7 @@ def name_silent_file(cart: Cart, part: str) -> Undo:
     os.mkfifo(cart.config)
     with ControlClient(cart.socket) as client:
         for _ in range(20):
-            with pytest.raises(ControlRefused, match=f"{cart.config}.* does not answer"):
+            with pytest.raises(ControlRefused, match=f"{cart.config}.* it is a pipe"):
                 client.reload()
 
     def answer() -> None:

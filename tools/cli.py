@@ -7,6 +7,7 @@ import sys
 import click
 
 from drivers.errors import ProbewatchError
+from tools.terminal import guard_terminal
 
 _COMMANDS = {
     "ack": "acknowledge the alarm",
@@ -62,6 +63,7 @@ def main() -> None:
     """
     for name in _THREADS:
         os.environ.setdefault(name, "1")
+    guard_terminal()
     try:
         sys.exit(probewatch.main(standalone_mode=False))
     except ProbewatchError as error:

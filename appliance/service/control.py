@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from drivers.printable import printable_value
 
 VERSION = 1
 _MOST_CLIENTS = 8
@@ -159,8 +160,8 @@ class ControlServer:
 
 
 def _line(reply: Reply) -> bytes:
-    """A lone surrogate, which only JSON can name, becomes the JSON escape it came as."""
-    return json.dumps(reply, ensure_ascii=False).encode(errors="backslashreplace") + b"\n"
+    """What a device or a client said by a way on which nobody made it printable is made so here."""
+    return json.dumps(printable_value(reply), ensure_ascii=False).encode() + b"\n"
 
 
 def _remove_socket(path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Self
 
 from appliance.service.control import VERSION, ControlRefused, Reply
 from drivers.errors import DeviceLost
+from drivers.printable import printable_value
 
 
 class ControlClient:
@@ -104,7 +105,7 @@ class ControlClient:
             raise self._gone(error) from None
         if not line:
             raise DeviceLost("the service closed the control socket", str(self._path), "Ask again; else see its log")
-        reply = json.loads(line)
+        reply = printable_value(json.loads(line))
         assert isinstance(reply, dict)
         if not reply["ok"]:
             raise ControlRefused(str(reply["error"]))
