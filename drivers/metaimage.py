@@ -20,6 +20,7 @@ import numpy as np
 from drivers.atomicfile import replacing
 from drivers.errors import RecordingError
 from drivers.picture import FLIPS
+from drivers.printable import printable
 from drivers.regularfile import reading, refuse_irregular
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 
@@ -105,7 +106,7 @@ class MetaImage:
         """The transform `name` of one entry. Raises RecordingError for text that is not sixteen numbers."""
         status = self.frames[index].get(f"{name}TransformStatus", "OK").upper()
         if status != "OK":
-            return TransformReading(None, _STATUSES.get(status, PoseStatus.FAULT), f"{name} is {status}")
+            return TransformReading(None, _STATUSES.get(status, PoseStatus.FAULT), f"{name} is {printable(status)}")
         if f"{name}Transform" not in self.frames[index]:
             return TransformReading(None, PoseStatus.MISSING, f"{name} is missing")
         key, text = self._entry(index, f"{name}Transform")
@@ -168,8 +169,8 @@ def write_metaimage(
     Raises OSError, and ValueError for an image of another size.
     """
     data_path = path.with_suffix(".zraw" if compressed else ".raw")
-    for target in (path, data_path) if detached else (path,):
-        refuse_irregular(target)
+    for place in (path, data_path) if detached else (path,):
+        refuse_irregular(place)
     with tempfile.TemporaryFile(dir=path.parent) as data:
         lines = _spool(data, items, size_px, compressed, FLIPS[orientation[:2]])
         head = _general_lines(size_px, lines.count, data.tell() if compressed else None, orientation)
@@ -218,7 +219,7 @@ def _header_line(stream: BinaryIO, path: Path) -> tuple[str, str]:
         raise RecordingError(what, str(path), "Give a PLUS sequence (.igs.mha or .mhd)")
     if not line.endswith(b"\n") and not equals:
         raise RecordingError("the header ends before ElementDataFile", str(path), "It is cut short; copy it again")
-    return key.strip(), value.strip()
+    return printable(key.strip()), value.strip()
 
 
 def _checked(

@@ -184,7 +184,7 @@ def test_two_hundred_idle_clients_do_not_keep_a_person_out(service: Service) -> 
             stack.enter_context(contextlib.closing(connected(service)))
         with ControlClient(service.path) as client:
             assert client.status()["state"] == "monitoring"
-        assert service.server.dropped_clients >= 193
+        assert service.server.dropped_clients >= 200 + 1 - 32
     assert service.slowest_s < 0.05
 
 

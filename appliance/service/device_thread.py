@@ -1,5 +1,6 @@
 """A thread that keeps one device open: it blocks in the kernel so that the tick need not."""
 
+import errno
 import threading
 from abc import ABC, abstractmethod
 
@@ -7,6 +8,9 @@ from appliance.service.backoff import Backoff
 from appliance.service.log import get_log
 from drivers.errors import DeviceLost, ProbewatchError, ProtocolError
 from drivers.hosttime import HostClock
+
+_EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS)
+"""What the kernel answers where files or memory have run out, which may be better a second later."""
 
 
 class DeviceThread(threading.Thread, ABC):
@@ -46,8 +50,16 @@ class DeviceThread(threading.Thread, ABC):
         try:
             self.work()
         except (DeviceLost, ProtocolError) as error:
-            self._note_loss(error)
-            self._stopping.wait(self._clock.real_s(self._backoff.next_s()))
+            self._lose(error)
+        except OSError as error:
+            if error.errno not in _EXHAUSTED:
+                raise
+            remedy = "Start the service anew; see what else runs on this computer"
+            self._lose(DeviceLost(f"this computer has no room for it ({error.strerror})", self.url, remedy))
+
+    def _lose(self, error: ProbewatchError) -> None:
+        self._note_loss(error)
+        self._stopping.wait(self._clock.real_s(self._backoff.next_s()))
 
     def _note_loss(self, error: ProbewatchError) -> None:
         if self.lost is None:
