@@ -10,13 +10,16 @@ import sys
 import threading
 from collections.abc import Callable
 from ctypes import c_uint8
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 import structlog
-from hypothesis import given
+from click.testing import CliRunner
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from appliance.alarm_log import AlarmLog
 from appliance.service.control import ControlServer
 from appliance.service.control_client import ControlClient
 from appliance.service.log import configure
@@ -32,6 +35,7 @@ from drivers.printable import LONGEST_TEXT, LONGEST_WORDS, printable, printable_
 from drivers.rtc3d import ByteOrder, PacketType, Text, encode_packet
 from drivers.v4l2 import abi
 from tests.recordings import SIZE_PX, items
+from tools.log import command as log_command
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202etxet\u2066\u200b\r\n{forged}\x00\x7f\ud800" + "x" * 100_000
 SAFE_HOSTILE = HOSTILE.replace("\ud800", "")
@@ -49,11 +53,15 @@ def test_one_line_of_a_bounded_length(text: str) -> None:
         assert printable(text) == text
 
 
-@given(
-    st.recursive(
-        st.text() | st.integers() | st.none(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)
-    )
+JSON = st.recursive(
+    st.text(max_size=20) | st.integers() | st.just(HOSTILE),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
 )
+
+
+@given(JSON)
+@settings(max_examples=30)
 def test_whatever_json_holds(value: object) -> None:
     texts: list[str] = []
 
@@ -272,16 +280,9 @@ def test_the_net_holds_where_everything_else_failed() -> None:
 
 
 def test_a_row_of_an_export_is_no_formula(tmp_path: Path) -> None:
-    from datetime import UTC, datetime
-
-    from click.testing import CliRunner
-
-    from appliance.alarm_log import AlarmLog
-    from tools.log import command
-
     log = AlarmLog(tmp_path / "log")
     log.append(datetime(2026, 1, 1, tzinfo=UTC), 0, "request", {"reason": "=HYPERLINK(1)", "who": "@me\x1b[2J"}, None)
-    CliRunner().invoke(command, [str(tmp_path / "log"), "--csv", str(tmp_path / "out.csv")])
+    CliRunner().invoke(log_command, [str(tmp_path / "log"), "--csv", str(tmp_path / "out.csv")])
     text = (tmp_path / "out.csv").read_text()
     assert ",'=HYPERLINK(1)," in text
     assert ",'@me\ufffd[2J," in text
