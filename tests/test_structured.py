@@ -141,6 +141,6 @@ def test_the_sanitizers_find_nothing(tmp_path: Path) -> None:
         "LD_PRELOAD": runtime.stdout.strip(),
         "ASAN_OPTIONS": "detect_leaks=0",
     }
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "tests.sanitized", "-m", "not slow", __file__]
+    command = [sys.executable, "-m", "pytest", "-qs", "-p", "tests.sanitized", "-m", "not slow", __file__]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
