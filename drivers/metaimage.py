@@ -25,7 +25,12 @@ from drivers.regularfile import reading, refuse_irregular
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 
 _MAX_LINE_BYTES = 65_536
-_MAX_SIDE_PX = 16_384
+_MAX_SIDE_PX, _MAX_PIXELS = 16_384, 1 << 24
+"""Of one picture, which is in memory two or three times: the largest screen that scanners have, twice."""
+
+_MAX_HEADER_LINES, _MAX_HEADER_BYTES = 2_000_000, 256_000_000
+"""All of it is kept, 500 bytes a line or so; PLUS writes about ten lines and 1 kB a frame: an hour and more."""
+
 _MAX_STAMP_S = 9_000_000_000
 _BLOCK_BYTES = 262_144
 _ROTATION_TOLERANCE = 2e-3
@@ -197,7 +202,11 @@ def _unreadable(path: Path, error: OSError) -> RecordingError:
 def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int, dict[str, str]]]:
     general: dict[str, str] = {}
     frames: dict[int, dict[str, str]] = {}
+    lines = 0
     while "ElementDataFile" not in general:
+        lines += 1
+        if lines > _MAX_HEADER_LINES or (lines % 1000 == 0 and stream.tell() > _MAX_HEADER_BYTES):
+            raise RecordingError("the header is longer than any of PLUS", str(path), "Record in shorter parts")
         key, value = _header_line(stream, path)
         match = _FRAME_KEY.fullmatch(key)
         if match:
@@ -256,6 +265,9 @@ def _dimensions(path: Path, general: dict[str, str]) -> tuple[int, int, int]:
     if len(sizes) != 3 or min(sizes) < 0 or max(sizes[:2]) > _MAX_SIDE_PX:
         what = f"{text!r} is not width, height and number of frames"
         raise _refusal(path, "DimSize", what, "Give a sequence of two-dimensional pictures")
+    if sizes[0] * sizes[1] > _MAX_PIXELS:
+        what = f"says {sizes[0]} × {sizes[1]} pixels; more than {_MAX_PIXELS} are no picture of a scanner"
+        raise _refusal(path, "DimSize", what, "Record again, or cut the pictures")
     return sizes[0], sizes[1], sizes[2]
 
 

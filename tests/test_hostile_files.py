@@ -1,8 +1,11 @@
 """What is named as a file and is none, or is none of the kind: refused by name, at once, and left as it is."""
 
 import os
+import re
 import stat
 import time
+import tracemalloc
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +17,7 @@ from hypothesis import strategies as st
 from appliance.alarm_log import AlarmLog
 from appliance.calibration_file import read_calibration, write_calibration
 from appliance.config import load_config
+from drivers import metaimage
 from drivers.atomicfile import check_writable, writing
 from drivers.errors import ConfigurationError, ProbewatchError, RecordingError
 from drivers.hosttime import HostClock
@@ -172,6 +176,46 @@ def test_the_pictures_of_a_recording_lie_in_a_file(no_file: Path, compressed: bo
     data = header.with_suffix(".zraw" if compressed else ".raw").name
     header.write_text(header.read_text().replace(f"ElementDataFile = {data}", f"ElementDataFile = {no_file}"))
     refused_at_once(RecordingError, lambda _: list(read_metaimage(header).pictures()), no_file)
+
+
+def bomb(path: Path, size: str, content_bytes: int) -> Path:
+    """A small file whose pictures unfold to so many zeros."""
+    write_metaimage(path, items(), SIZE_PX)
+    header = path.read_bytes().partition(b"LOCAL\n")[0].decode()
+    zeros = zlib.compress(bytes(content_bytes), 1)
+    header = re.sub(r"CompressedDataSize = \d+", f"CompressedDataSize = {len(zeros)}", header)
+    path.write_bytes(re.sub(r"DimSize = .*", f"DimSize = {size}", header).encode() + b"LOCAL\n" + zeros)
+    return path
+
+
+def peak_of(use: Callable[[], object], complaint: str) -> int:
+    """Bytes in memory while it is refused."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(RecordingError, match=complaint):
+            use()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_picture_that_unfolds_beyond_any_scanner_is_refused_unread(tmp_path: Path) -> None:
+    path = bomb(tmp_path / "a.mha", "16384 16384 4", 1_000_000)
+    assert peak_of(lambda: read_metaimage(path), "DimSize says 16384 × 16384 pixels") < 1_000_000
+
+
+def test_pictures_that_unfold_to_more_than_they_say_take_no_memory(tmp_path: Path) -> None:
+    path = bomb(tmp_path / "a.mha", "7 5 4", 50_000_000)
+    session = read_metaimage(path)
+    assert peak_of(lambda: list(session.pictures()), "more or less picture data") < 2_000_000
+
+
+def test_a_header_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(metaimage, "_MAX_HEADER_LINES", 5_000)
+    path = tmp_path / "a.mha"
+    path.write_bytes(b"".join(b"key%d = 1\n" % number for number in range(6_000)))
+    with pytest.raises(RecordingError, match="the header is longer"):
+        read_metaimage(path)
 
 
 WHOLE = {"raw": False, "compressed": True}

@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from drivers.errors import ProbewatchError
+from drivers.errors import EXHAUSTED, ProbewatchError
 from tools.terminal import guard_terminal
 
 _COMMANDS = {
@@ -72,6 +72,11 @@ def main() -> None:
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
+    except OSError as error:
+        if error.errno not in EXHAUSTED:
+            raise
+        click.echo(f"probewatch: this computer has no room for it ({error.strerror}); see what else runs", err=True)
+        sys.exit(os.EX_OSERR)
     except click.Abort:
         click.echo("probewatch: stopped", err=True)
         sys.exit(130)

@@ -1,16 +1,12 @@
 """A thread that keeps one device open: it blocks in the kernel so that the tick need not."""
 
-import errno
 import threading
 from abc import ABC, abstractmethod
 
 from appliance.service.backoff import Backoff
 from appliance.service.log import get_log
-from drivers.errors import DeviceLost, ProbewatchError, ProtocolError
+from drivers.errors import EXHAUSTED, DeviceLost, ProbewatchError, ProtocolError
 from drivers.hosttime import HostClock
-
-_EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS)
-"""What the kernel answers where files or memory have run out, which may be better a second later."""
 
 
 class DeviceThread(threading.Thread, ABC):
@@ -52,7 +48,7 @@ class DeviceThread(threading.Thread, ABC):
         except (DeviceLost, ProtocolError) as error:
             self._lose(error)
         except OSError as error:
-            if error.errno not in _EXHAUSTED:
+            if error.errno not in EXHAUSTED:
                 raise
             remedy = "Start the service anew; see what else runs on this computer"
             self._lose(DeviceLost(f"this computer has no room for it ({error.strerror})", self.url, remedy))
