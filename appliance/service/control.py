@@ -5,9 +5,9 @@ The server is polled by the tick: it never blocks, takes at most one request of 
 sends too much or reads too slowly. What a tick has no time for waits for the next one, whoever has waited longest
 first.
 
-A crowd that connects and says nothing keeps nobody out: whoever is accepted is heard at once, and keeps the place until
-there is an answer; one client too many drops one that waits for nothing, of the user who has most. One descriptor is
-kept for a person who asks what is wrong when all others have run out.
+A crowd that connects and says nothing keeps nobody out: its clients take places from each other only, and whoever is
+accepted is heard before the next one is. Who has asked keeps the place until the answer is there, and longer while
+nobody else who asks needs it. One descriptor is kept for a person who asks what is wrong when all others have run out.
 """
 
 import contextlib
@@ -30,15 +30,17 @@ from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from drivers.printable import printable_value
 
 VERSION = 1
-_MOST_CLIENTS = 32
-"""Open at once. A dropped one was idle, or there are as many who ask; each costs a descriptor and 5 µs a tick."""
+_MOST_CLIENTS, _MOST_SILENT = 16, 16
+"""Open at once: who have asked, and who have not. Each costs a descriptor and a few µs a tick."""
 
 _LONGEST_LINE = 4096
 _MOST_UNSENT = 1 << 18
-_BACKLOG = 1024
-"""Clients that the kernel keeps in order until a tick has time for them; about a hundred a tick are taken."""
+_BACKLOG = 4096
+"""Clients that the kernel keeps in order, first come first served, until a tick has time for them. Who finds no place
+there races with the crowd for the next one."""
 
-_SHARE_OF_A_TICK_S = 0.01
+_ACCEPTING_S, _ANSWERING_S = 0.01, 0.01
+"""Of a tick of 50 ms, at most. Accepting one who says nothing takes 50 µs: 200 a tick, 4000 a second."""
 
 Reply = dict[str, Any]
 
@@ -65,7 +67,6 @@ class ControlRefused(ProbewatchError):  # noqa: N818  an answer, as the operator
 class _Client:
     link: socket.socket
     who: Peer
-    asked: bool = False
     received: bytearray = field(default_factory=bytearray)
     unsent: bytearray = field(default_factory=bytearray)
 
@@ -83,6 +84,7 @@ class ControlServer:
 
     def __init__(self, path: Path, group: str = "") -> None:
         self._path, self._group = path, group
+        self._silent: dict[_Client, None] = {}
         self._clients: list[_Client] = []
         self._lock_fd = _locked(path)
         self._listener = self._listen()
@@ -93,7 +95,7 @@ class ControlServer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for client in tuple(self._clients):
+        for client in (*self._silent, *self._clients):
             self._drop(client)
         self._listener.close()
         if self._spare is not None:
@@ -103,12 +105,15 @@ class ControlServer:
 
     def poll(self, answer: Answer) -> None:
         """Serve what is there now."""
-        begun_s = time.monotonic()
-        while self._accept() and time.monotonic() < begun_s + _SHARE_OF_A_TICK_S / 2:
+        for client in tuple(self._silent):
+            self._hear(client)
+        end_s = time.monotonic() + _ACCEPTING_S
+        while self._accept() and time.monotonic() < end_s:
             pass
+        end_s = time.monotonic() + _ANSWERING_S
         for client in tuple(self._clients):
             self._serve(client, answer)
-            if time.monotonic() >= begun_s + _SHARE_OF_A_TICK_S:
+            if time.monotonic() >= end_s:
                 return
 
     def _listen(self) -> socket.socket:
@@ -127,22 +132,43 @@ class ControlServer:
 
     def _accept(self) -> bool:
         """Take the next one of the queue and hear what it has said so far; False when there is none, or no place."""
-        if len(self._clients) >= _MOST_CLIENTS and all(client.waits for client in self._clients):
-            return False
-        link = self._next_link()
-        if link is None:
+        if self._full() is None or (link := self._next_link()) is None:
             return False
         link.setblocking(False)
         client = _Client(link, _who(link))
-        if len(self._clients) >= _MOST_CLIENTS:
-            self._drop(self._least_missed())
-            self.dropped_clients += 1
-        self._clients.append(client)
+        self._silent[client] = None
+        self._hear(client)
+        if len(self._silent) > _MOST_SILENT:
+            self._push_out(next(iter(self._silent)))
+        return True
+
+    def _hear(self, client: _Client) -> None:
+        """Who has asked something gets a place among those who are answered, as soon as one can be had."""
         try:
             self._read(client)
         except OSError:
             self._drop(client)
-        return True
+            return
+        if client.waits and (least_missed := self._full()) is not None:
+            for other in least_missed:
+                self._push_out(other)
+            del self._silent[client]
+            self._clients.append(client)
+
+    def _full(self) -> list[_Client] | None:
+        """Who leaves so that one more has a place, which may be nobody; None where all wait for an answer.
+
+        Of those who do not: of the user who has most, who has asked nothing for the longest time.
+        """
+        if len(self._clients) < _MOST_CLIENTS:
+            return []
+        idle = [client for client in self._clients if not client.waits]
+        held = Counter(client.who.uid for client in self._clients)
+        return [max(idle, key=lambda client: held[client.who.uid])] if idle else None
+
+    def _push_out(self, client: _Client) -> None:
+        self._drop(client)
+        self.dropped_clients += 1
 
     def _next_link(self) -> socket.socket | None:
         try:
@@ -154,35 +180,28 @@ class ControlServer:
             self._spare = None
             return self._next_link()
 
-    def _least_missed(self) -> _Client:
-        """Of those who wait for nothing: of the user who has most; who has not asked yet; who is silent longest."""
-        held = Counter(client.who.uid for client in self._clients)
-        idle = [client for client in self._clients if not client.waits]
-        return min(idle, key=lambda client: (-held[client.who.uid], client.asked))
-
     def _serve(self, client: _Client, answer: Answer) -> None:
         try:
             self._read(client)
             line, newline, rest = bytes(client.received).partition(b"\n")
             if newline:
-                client.received, client.asked = bytearray(rest), True
+                client.received = bytearray(rest)
                 self._clients.remove(client)
                 self._clients.append(client)
                 client.unsent += _line(_reply(line, answer, client.who))
-            elif len(line) > _LONGEST_LINE:
-                raise ConnectionAbortedError
             self._write(client)
         except OSError:
             self._drop(client)
 
     def _read(self, client: _Client) -> None:
-        if len(client.received) > _LONGEST_LINE:
-            return
-        with contextlib.suppress(BlockingIOError):
-            received = client.link.recv(_LONGEST_LINE)
-            if not received and b"\n" not in client.received:
-                raise ConnectionResetError
-            client.received += received
+        if len(client.received) <= _LONGEST_LINE:
+            with contextlib.suppress(BlockingIOError):
+                received = client.link.recv(_LONGEST_LINE)
+                if not received and not client.waits:
+                    raise ConnectionResetError
+                client.received += received
+        if len(client.received) > _LONGEST_LINE and not client.waits:
+            raise ConnectionAbortedError
 
     def _write(self, client: _Client) -> None:
         if len(client.unsent) > _MOST_UNSENT:
@@ -192,7 +211,10 @@ class ControlServer:
                 del client.unsent[: client.link.send(client.unsent)]
 
     def _drop(self, client: _Client) -> None:
-        self._clients.remove(client)
+        if client in self._silent:
+            del self._silent[client]
+        else:
+            self._clients.remove(client)
         client.link.close()
         if self._spare is None:
             with contextlib.suppress(OSError):
