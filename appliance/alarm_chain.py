@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 MEMORY = "alarm-memory.json"
-BEGUN = "chain begun"
+BEGUN, AFTER = "chain begun", "after"
+"""The event of a chain's first entry, and the field of it that holds the digest of the last entry before it."""
 VERSION = 1
 GENESIS = "0" * 64
 _SEGMENT = re.compile(r"alarms-([0-9]{8,})\.jsonl")
@@ -85,24 +86,37 @@ class _Chain:
     entries: list[Entry] = field(default_factory=list)
     damages: list[Damage] = field(default_factory=list)
 
-    def take(self, where: str, line: bytes) -> None:
+    def take(self, where: str, line: bytes, promised: int | None) -> None:
+        """promised: the number that the name of a segment gives its first line; None for the others."""
         try:
             entry = _parse(line)
         except ValueError as error:
             self.damages.append(Damage("log-damaged", where, f"is no entry ({error})"))
             return
-        self._link(where, entry)
+        if what := _misplaced(entry, promised):
+            self.damages.append(Damage("log-damaged", where, what))
+        if self.entries:
+            self._link(where, entry, self.entries[-1])
         self.entries.append(entry)
 
-    def _link(self, where: str, entry: Entry) -> None:
-        if not self.entries or entry.event == BEGUN:
+    def _link(self, where: str, entry: Entry, before: Entry) -> None:
+        if entry.event == BEGUN:
+            self._link_begun(where, entry, before)
             return
-        before = self.entries[-1]
         if entry.number != before.number + 1:
             what = f"entry {entry.number} follows entry {before.number}: entries are missing or were put in"
             self.damages.append(Damage("log-damaged", where, what))
         elif entry.previous != before.digest:
             self.damages.append(Damage("log-damaged", where, f"entry {entry.number} does not continue the chain"))
+
+    def _link_begun(self, where: str, entry: Entry, before: Entry) -> None:
+        """A chain begins anew after an unsound one, of which it says where that ended."""
+        if entry.number <= before.number:
+            what = f"entry {entry.number}, which begins a chain, follows entry {before.number}: it was moved or copied"
+            self.damages.append(Damage("log-damaged", where, what))
+        elif entry.data.get(AFTER, before.digest) != before.digest:
+            what = f"entry {entry.number} began a chain after another entry than {before.number}: entries are missing"
+            self.damages.append(Damage("log-damaged", where, what))
 
 
 def read_log(folder: Path) -> Reading:
@@ -132,7 +146,7 @@ def _read_segment(file: Path, chain: _Chain, last: bool) -> None:
     for number, line in enumerate(content.splitlines(keepends=True), 1):
         where = f"{file.name} line {number}"
         if line.endswith(b"\n"):
-            chain.take(where, line)
+            chain.take(where, line, first_number(file) if number == 1 else None)
         elif last:
             chain.damages.append(Damage("", where, "was cut off while it was written"))
         else:
@@ -184,6 +198,15 @@ def _parse(line: bytes) -> Entry:
         return Entry(**{**stored, "latch": _latch(stored["latch"])}, digest=digest)
     except (KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"a field is missing or wrong: {error}") from None
+
+
+def _misplaced(entry: Entry, promised: int | None) -> str:
+    """Why the entry cannot stand in this line of its segment; empty where it can."""
+    if promised is not None and entry.number != promised:
+        return f"entry {entry.number} stands where the segment's name promises entry {promised}"
+    if entry.event == BEGUN and promised is None:
+        return f"entry {entry.number} begins a chain, but not a segment: it was moved or copied"
+    return ""
 
 
 def _check_types(stored: dict[str, Any], types: dict[str, type]) -> None:

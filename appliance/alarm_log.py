@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from appliance.alarm_chain import (
+    AFTER,
     BEGUN,
     GENESIS,
     MEMORY,
@@ -80,7 +81,7 @@ class AlarmLog:
             found = [str(one) for one in self._unsound()]
             if found:  # the memory first: once the chain has begun anew, the log itself shows this damage no more
                 self._remember(replace(self._memory, damage=self.damage))
-            self._write(utc, t_ns, BEGUN, {"found": found}, latch)
+            self._write(utc, t_ns, BEGUN, {"found": found, AFTER: self._memory.digest}, latch)
             self._chain_begins = False
         self._write(utc, t_ns, event, data, latch)
 

@@ -5,10 +5,6 @@ X⁻¹ · diag(s_x λ_x, s_y λ_y, 1) · (shift of the origin from the picture's
 """
 
 import json
-import os
-import stat
-import tomllib
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -19,16 +15,22 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 from appliance.core.geometry import nearest_rotation
 from appliance.mistakes import Mistakes
 from appliance.types import PARAMETERS, Calibration, Vector
-from drivers.atomicfile import replacing
+from drivers.atomicfile import writing
 from drivers.errors import ConfigurationError
+from drivers.markup import toml_of, xml_of
+from drivers.regularfile import read_bounded
 from drivers.samples import Matrix4
 
 FORMAT = "probewatch-calibration"
 VERSION = 1
 
-_MAX_FILE_BYTES = 4_000_000
+_MAX_XML_BYTES = 1_000_000
+"""A device set of PLUS has 10 kB or so."""
+
 _MAX_TOML_BYTES = 16_000
 """Ours have 2000 or so, and the service, which reads one between two ticks, needs 30 ms for this many."""
+
+_GIVE = "Give a .toml or a PLUS .xml file"
 
 _MAX_SKEW = 0.05
 """Largest cosine between picture axes: freehand PLUS calibrations come to about 0.02."""
@@ -104,16 +106,10 @@ def is_device_set(data: bytes) -> bool:
 def calibration_bytes(path: Path) -> bytes:
     """Content of a calibration file. Never waits for a writer, and opens no device. Raises ConfigurationError."""
     try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise ConfigurationError("is no regular file", str(path), "Give a .toml or a PLUS .xml file")
-        with open(path, "rb", opener=_without_waiting) as stream:
-            data = stream.read(_MAX_FILE_BYTES + 1) or b""
+        return read_bounded(path, _MAX_XML_BYTES)
     except OSError as error:
         what = f"cannot be read: {error.strerror}"
-        raise ConfigurationError(what, str(path), "Check the name and the permissions") from error
-    if len(data) > _MAX_FILE_BYTES:
-        raise ConfigurationError("is too large for a calibration", str(path), "Give a .toml or a PLUS .xml file")
-    return data
+        raise ConfigurationError(what, str(path), f"Check name and permissions. {_GIVE}") from error
 
 
 def write_calibration(path: Path, calibration: Calibration, provenance: Mapping[str, str]) -> None:
@@ -122,12 +118,8 @@ def write_calibration(path: Path, calibration: Calibration, provenance: Mapping[
     Of the covariance the standard deviations are kept. provenance: who, when, how, from what; free keys.
     Raises ConfigurationError where the place cannot be written.
     """
-    try:
-        with replacing(path) as stream:
-            stream.write(_toml(calibration, provenance).encode())
-    except OSError as error:
-        what = f"cannot be written: {error.strerror}"
-        raise ConfigurationError(what, str(path), "Check the directory and its permissions") from error
+    with writing(path) as stream:
+        stream.write(_toml(calibration, provenance).encode())
 
 
 def image_to_probe(calibration: Calibration) -> Matrix4:
@@ -185,21 +177,14 @@ def _centre_px(image_size_px: tuple[int, int]) -> Vector:
     return np.array([(image_size_px[0] - 1) / 2, (image_size_px[1] - 1) / 2, 0.0])
 
 
-def _without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY)
-
-
 def _from_toml(data: bytes, path: Path) -> Calibration:
-    if len(data) > _MAX_TOML_BYTES:
-        raise ConfigurationError("is too large for a calibration", str(path), "Give a .toml or a PLUS .xml file")
     try:
         text = data.decode()
-        file = _File.model_validate(tomllib.loads(text))
+        file = _File.model_validate(toml_of(data, _MAX_TOML_BYTES))
     except ValidationError as error:
         raise Mistakes.found(error, _File, text, path, "Mend it, or restore the file") from None
-    except (ValueError, RecursionError) as error:
-        what = f"is neither TOML nor XML: {error}"
-        raise ConfigurationError(what, str(path), "Give a .toml or a PLUS .xml file") from error
+    except ValueError as error:
+        raise ConfigurationError(f"is neither TOML nor XML: {error}", str(path), _GIVE) from error
     base = _from_parts(file, path)
     covariance = None if file.sigma is None else np.diag([file.sigma[name] ** 2 for name in PARAMETERS])
     observed = tuple(name not in file.not_observed for name in PARAMETERS)
@@ -238,13 +223,11 @@ def _from_xml(data: bytes, path: Path, image_size_px: tuple[int, int] | None, pr
 
 
 def _xml_transforms(data: bytes, path: Path) -> list[tuple[str, str, str]]:
-    """(From, To, Matrix) of every Transform. Document types are refused: with them go all entities."""
-    if b"<!DOCTYPE" in data.upper():
-        raise ConfigurationError("declares a document type", str(path), "Remove the DOCTYPE; PLUS writes none")
+    """(From, To, Matrix) of every Transform."""
     try:
-        root = ET.fromstring(data)
-    except (ET.ParseError, LookupError, ValueError) as error:
-        raise ConfigurationError(f"is not well-formed XML: {error}", str(path), "Restore the file") from error
+        root = xml_of(data)
+    except ValueError as error:
+        raise ConfigurationError(f"is no XML that PLUS writes: {error}", str(path), "Restore the file") from error
     nodes = root.iterfind(".//CoordinateDefinitions//Transform")
     return [(node.get("From", ""), node.get("To", ""), node.get("Matrix", "")) for node in nodes]
 

@@ -1,7 +1,6 @@
 """The configuration file: read once, whole, and refused by line, key, value and bound when it cannot be meant."""
 
 import hashlib
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,7 +13,13 @@ from appliance.supervision.annunciator import Role
 from appliance.supervision.ledger import Durations
 from appliance.supervision.watchers.facts import Patience
 from drivers.errors import ConfigurationError
+from drivers.markup import toml_of
 from drivers.ports import checked_url, is_simulated
+from drivers.regularfile import read_bounded
+
+_MOST_BYTES = 64_000
+"""The commented example has 3000."""
+
 
 _EXAMPLE = "config/probewatch.toml shows every key"
 _LONGEST_SOCKET_BYTES = 100
@@ -204,7 +209,7 @@ def _ns(seconds: float) -> int:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_bytes().decode()
+        return read_bounded(path, _MOST_BYTES).decode()
     except OSError as error:
         what = f"cannot be read ({error.strerror})"
         raise ConfigurationError(what, str(path), "Check the path and its rights") from None
@@ -214,6 +219,6 @@ def _text(path: Path) -> str:
 
 def _parsed(text: str, path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
+        return toml_of(text.encode(), _MOST_BYTES)
+    except ValueError as error:
         raise ConfigurationError(f"is not valid TOML: {error}", str(path), f"Mend that line; {_EXAMPLE}") from None

@@ -1,4 +1,14 @@
-"""Every refusal names what is wrong, where, and what to do; the exit codes are those of sysexits.h."""
+"""Every refusal names what is wrong, where, and what to do; the exit codes are those of sysexits.h.
+
+They quote what devices and files say, so their words are made printable here, whoever shows them.
+"""
+
+import errno
+
+from drivers.printable import LONGEST_TEXT, printable
+
+EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS)
+"""What the kernel answers where descriptors or memory have run out, which may be better a second later."""
 
 
 class ProbewatchError(Exception):
@@ -7,8 +17,8 @@ class ProbewatchError(Exception):
     exit_code = 70
 
     def __init__(self, what: str, where: str = "", remedy: str = "") -> None:
-        self.what, self.where, self.remedy = what, where, remedy
-        super().__init__(what, where, remedy)
+        self.what, self.where, self.remedy = (printable(text, LONGEST_TEXT) for text in (what, where, remedy))
+        super().__init__(self.what, self.where, self.remedy)
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""

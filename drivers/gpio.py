@@ -21,6 +21,7 @@ from drivers.errors import ConfigurationError, DeviceLost
 from drivers.heartbeat import Heartbeat, heartbeat_from
 from drivers.hosttime import HostClock
 from drivers.ports import Description, refuse_unknown
+from drivers.printable import printable
 from drivers.readback import follows
 
 _OPTIONS = ("active", "heartbeat", "line", "sense", "sense_active")
@@ -147,7 +148,7 @@ class GpioOutput:
 def _label(path: str) -> str:
     with gpiod.Chip(path) as chip:
         info = chip.get_info()
-    return f"{info.label} ({info.num_lines} lines)"
+    return f"{printable(info.label)} ({info.num_lines} lines)"
 
 
 def _other(wanted: bool) -> str:

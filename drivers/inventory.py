@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.printable import printable_bytes
+
 ROOT = Path("/")
 
 _SERIAL = re.compile(r"tty(USB|ACM|AMA|S|mxc|THS)\d+")
@@ -130,7 +132,7 @@ def _entries(folder: Path) -> list[Path]:
 
 def _read(path: Path) -> str:
     try:
-        return path.read_text(errors="replace").strip()
+        return printable_bytes(path.read_bytes())
     except OSError:
         return ""
 

@@ -21,10 +21,17 @@ from drivers.atomicfile import replacing
 from drivers.errors import RecordingError
 from drivers.foreign import HEAD_BYTES, refuse_foreign
 from drivers.picture import FLIPS
+from drivers.printable import printable
+from drivers.regularfile import reading, refuse_irregular
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 
 _MAX_LINE_BYTES = 65_536
-_MAX_SIDE_PX = 16_384
+_MAX_SIDE_PX, _MAX_PIXELS = 16_384, 1 << 24
+"""Of one picture, which is in memory two or three times: the largest screen that scanners have, twice."""
+
+_MAX_HEADER_LINES, _MAX_HEADER_BYTES = 2_000_000, 256_000_000
+"""All of it is kept, 500 bytes a line or so; PLUS writes about ten lines and 1 kB a frame: an hour and more."""
+
 _MAX_STAMP_S = 9_000_000_000
 _BLOCK_BYTES = 262_144
 _ROTATION_TOLERANCE = 2e-3
@@ -105,7 +112,7 @@ class MetaImage:
         """The transform `name` of one entry. Raises RecordingError for text that is not sixteen numbers."""
         status = self.frames[index].get(f"{name}TransformStatus", "OK").upper()
         if status != "OK":
-            return TransformReading(None, _STATUSES.get(status, PoseStatus.FAULT), f"{name} is {status}")
+            return TransformReading(None, _STATUSES.get(status, PoseStatus.FAULT), f"{name} is {printable(status)}")
         if f"{name}Transform" not in self.frames[index]:
             return TransformReading(None, PoseStatus.MISSING, f"{name} is missing")
         key, text = self._entry(index, f"{name}Transform")
@@ -130,7 +137,7 @@ class MetaImage:
 
     def _blocks(self, frame_bytes: int) -> Iterator[bytes]:
         try:
-            with self._data_path.open("rb") as stream:
+            with reading(self._data_path) as stream:
                 stream.seek(self._data_offset)
                 read = _inflated if self._compressed else _raw
                 yield from read(stream, self._data_path, len(self.frames), frame_bytes)
@@ -145,7 +152,7 @@ def read_metaimage(path: Path, orientation: str | None = None) -> MetaImage:
     Raises RecordingError naming file, key, value and remedy for every header this cannot vouch for.
     """
     try:
-        with path.open("rb") as stream:
+        with reading(path) as stream:
             refuse_foreign(stream.read(HEAD_BYTES), path)
             stream.seek(0)
             general, frames = _read_header(stream, path)
@@ -169,9 +176,11 @@ def write_metaimage(
     size_px: (width, height), None for a sequence of poses only. Entries without a picture are marked INVALID.
     Raises OSError, and ValueError for an image of another size.
     """
+    data_path = path.with_suffix(".zraw" if compressed else ".raw")
+    for place in (path, data_path) if detached else (path,):
+        refuse_irregular(place)
     with tempfile.TemporaryFile(dir=path.parent) as data:
         lines = _spool(data, items, size_px, compressed, FLIPS[orientation[:2]])
-        data_path = path.with_suffix(".zraw" if compressed else ".raw")
         head = _general_lines(size_px, lines.count, data.tell() if compressed else None, orientation)
         target = data_path.name if detached else "LOCAL"
         header = "\n".join([*head, *lines.text, f"ElementDataFile = {target}\n"]).encode()
@@ -196,7 +205,11 @@ def _unreadable(path: Path, error: OSError) -> RecordingError:
 def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int, dict[str, str]]]:
     general: dict[str, str] = {}
     frames: dict[int, dict[str, str]] = {}
+    lines = 0
     while "ElementDataFile" not in general:
+        lines += 1
+        if lines > _MAX_HEADER_LINES or (lines % 1000 == 0 and stream.tell() > _MAX_HEADER_BYTES):
+            raise RecordingError("the header is longer than any of PLUS", str(path), "Record in shorter parts")
         key, value = _header_line(stream, path)
         match = _FRAME_KEY.fullmatch(key)
         if match:
@@ -216,7 +229,7 @@ def _header_line(stream: BinaryIO, path: Path) -> tuple[str, str]:
         raise RecordingError(what, str(path), "Give a PLUS sequence (.igs.mha or .mhd)")
     if not line.endswith(b"\n") and not equals:
         raise RecordingError("the header ends before ElementDataFile", str(path), "It is cut short; copy it again")
-    return key.strip(), value.strip()
+    return printable(key.strip()), value.strip()
 
 
 def _checked(
@@ -253,6 +266,9 @@ def _dimensions(path: Path, general: dict[str, str]) -> tuple[int, int, int]:
     if len(sizes) != 3 or min(sizes) < 0 or max(sizes[:2]) > _MAX_SIDE_PX:
         what = f"{text!r} is not width, height and number of frames"
         raise _refusal(path, "DimSize", what, "Give a sequence of two-dimensional pictures")
+    if sizes[0] * sizes[1] > _MAX_PIXELS:
+        what = f"says {sizes[0]} × {sizes[1]} pixels; more than {_MAX_PIXELS} are no picture of a scanner"
+        raise _refusal(path, "DimSize", what, "Record again, or cut the pictures")
     return sizes[0], sizes[1], sizes[2]
 
 
@@ -277,6 +293,7 @@ def _check_length(sequence: MetaImage, general: dict[str, str]) -> None:
     """Find a file that was cut before any picture is read."""
     assert sequence.size_px is not None
     width, height = sequence.size_px
+    refuse_irregular(sequence._data_path)
     there = sequence._data_path.stat().st_size - sequence._data_offset
     needed = width * height * len(sequence.frames)
     key = "DimSize"

@@ -179,4 +179,6 @@ class RelayOutput:
 
 
 def _contacts(report: bytes) -> dict[int, bool]:
-    return {int(channel): state == b"ON" for channel, state in _CONTACT.findall(report)}
+    """Channel → closed; one that is called both has not been reported."""
+    found = {(int(channel), state == b"ON") for channel, state in _CONTACT.findall(report)}
+    return {channel: closed for channel, closed in found if (channel, not closed) not in found}

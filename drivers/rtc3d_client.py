@@ -6,6 +6,7 @@ from pathlib import Path
 
 from drivers.errors import DeviceLost, ProtocolError
 from drivers.hosttime import HostClock
+from drivers.printable import printable
 from drivers.rtc3d import HEADER_BYTES, ByteOrder, Packet, PacketType, Text, command, decode_packet, packet_length
 from drivers.tap import Tap
 from drivers.tcpline import connect_tcp
@@ -71,7 +72,7 @@ class Rtc3dClient:
             packet = self._good_packet(deadline_ns)
             if isinstance(packet, Text) and packet.kind is PacketType.COMMAND:
                 self.shortest_ns = min(self.shortest_ns, self.arrival_ns - began_ns)
-                return packet.text.strip()
+                return printable(packet.text.strip())
             if isinstance(packet, Text) and packet.kind is PacketType.ERROR:
                 words = error_words(packet.text)
                 raise self.lost(f"the server refuses '{text}': {words}", "Start a collection in First Principles")
@@ -130,7 +131,7 @@ class Rtc3dClient:
 def error_words(text: str) -> str:
     """What an error packet says, for a message."""
     words = text.strip().removeprefix("Error-").removeprefix("error-").strip() or "an error without words"
-    return f"the server reports: {words[:_LONGEST_WORDS]}"
+    return f"the server reports: {printable(words, _LONGEST_WORDS)}"
 
 
 def _words_of(error: OSError) -> str:

@@ -8,15 +8,18 @@ A log is appended to. When FILE has reached half the bound it becomes FILE.1 and
 bytes are always there and the disk is never filled.
 """
 
+import os
 import re
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, TextIO
 
 from drivers.errors import ConfigurationError, RecordingError
 from drivers.hosttime import HostClock
+from drivers.printable import LONGEST_TEXT, printable
+from drivers.regularfile import open_regular, reading, refuse_irregular
 
 HEADING = "# probewatch byte log 1"
 LIMIT_BYTES = 64 << 20
@@ -49,7 +52,7 @@ class Tap:
         self.failed = False
         self._path, self._clock, self._limit_bytes = path, clock, limit_bytes
         try:
-            self._stream = path.open("a", encoding="utf-8", buffering=1)
+            self._stream = self._opened()
             self._stream.write(f"{HEADING} {url}\n")
         except OSError as error:
             remedy = "Name a file in a folder that this user may write to"
@@ -73,7 +76,7 @@ class Tap:
 
     def remark(self, words: str) -> None:
         """What happened to the line itself; one line of text."""
-        self._note(Direction.NOTE, words.replace("\n", " "))
+        self._note(Direction.NOTE, printable(words.replace("\n", " "), LONGEST_TEXT))
 
     def close(self) -> None:
         """End the log; calling it again does nothing."""
@@ -91,15 +94,22 @@ class Tap:
 
     def _turn_over(self) -> None:
         self._stream.close()
-        self._path.replace(self._path.with_name(f"{self._path.name}.1"))
-        self._stream = self._path.open("a", encoding="utf-8", buffering=1)
+        older = self._path.with_name(f"{self._path.name}.1")
+        refuse_irregular(older)
+        self._path.replace(older)
+        self._stream = self._opened()
         self._stream.write(f"{HEADING} continued\n")
+
+    def _opened(self) -> TextIO:
+        descriptor = open_regular(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        return os.fdopen(descriptor, "a", encoding="utf-8", buffering=1)
 
 
 def read_log(path: Path) -> tuple[Entry, ...]:
     """The entries of a log. Raises RecordingError naming the line that is none."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        with reading(path) as stream:
+            lines = stream.read().decode().splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"the byte log cannot be read ({error})", str(path), "Check the path") from None
     if not lines or not lines[0].startswith(HEADING):

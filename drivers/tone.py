@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.hosttime import HostClock
 from drivers.ports import Description, refuse_unknown
+from drivers.printable import printable_bytes
 
 RATE_HZ = 16_000
 _LATENCY_US = 100_000
@@ -132,6 +133,6 @@ class ToneOutput:
     def _ended(self) -> DeviceLost:
         assert self._player.stderr is not None
         self._player.kill()
-        said = self._player.stderr.read().decode(errors="replace").strip().splitlines()
-        what = f"the player ended ({said[-1] if said else 'without a word'})"
+        said = self._player.stderr.read().strip().splitlines()
+        what = f"the player ended ({printable_bytes(said[-1]) if said else 'without a word'})"
         return DeviceLost(what, self._where, "Name a device that `aplay -L` lists")

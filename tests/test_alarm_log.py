@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from appliance import alarm_log
-from appliance.alarm_chain import BEGUN, MEMORY, Latch, digest_of, read_log, segments
+from appliance.alarm_chain import AFTER, BEGUN, MEMORY, Latch, digest_of, read_log, segments
 from appliance.alarm_log import AlarmLog
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
@@ -429,3 +429,76 @@ def test_power_lost_between_any_two_writes_hides_no_damage_and_frees_no_latch(
     again = AlarmLog(tmp_path)
     assert set(found.damage) <= set(again.damage)
     assert again.latch == found.latch
+
+
+def two_chains(folder: Path) -> list[Path]:
+    """Entries 1 to 4, and after a loss of the memory, which a person accepted, 5 to 8; its two segments."""
+    filled(folder, 3)
+    (folder / MEMORY).unlink()
+    again = filled(folder, 2)
+    again.damage = ()
+    again.append(NOON, 9, "state", {"state": "monitoring"}, None)
+    assert ([entry.number for entry in read_log(folder).entries], faults(folder)) == ([*range(1, 9)], [])
+    first, second = segments(folder)
+    return [first, second]
+
+
+@pytest.mark.parametrize("moved", [False, True], ids=["copied", "moved"])
+def test_a_line_in_another_place_shows_also_where_it_begins_a_chain(tmp_path: Path, moved: bool) -> None:
+    """Every line of two chains at every other place of both segments."""
+    files = two_chains(tmp_path)
+    whole = [file.read_bytes().splitlines(keepends=True) for file in files]
+    places = [(f, at) for f in range(2) for at in range(5)]
+    unseen = []
+    for source, taken in ((f, at) for f in range(2) for at in range(4)):
+        for target, at in places:
+            if moved and target == source and at in (taken, taken + 1):
+                continue
+            lines = [list(part) for part in whole]
+            lines[target].insert(at, whole[source][taken])
+            if moved:
+                del lines[source][taken + (source == target and at <= taken)]
+            for file, part in zip(files, lines, strict=True):
+                file.write_bytes(b"".join(part))
+            if "log-damaged" not in faults(tmp_path):
+                unseen.append((source, taken, target, at))
+    assert unseen == []
+
+
+def test_a_segment_under_another_name_shows(tmp_path: Path) -> None:
+    _, second = two_chains(tmp_path)
+    content = second.read_bytes()
+    for name in ("alarms-00000004.jsonl", "alarms-00000006.jsonl", "alarms-00000099.jsonl"):
+        copy = tmp_path / name
+        copy.write_bytes(content)
+        assert "log-damaged" in faults(tmp_path), name
+        copy.unlink()
+    second.rename(tmp_path / "alarms-00000006.jsonl")
+    assert "log-damaged" in faults(tmp_path)
+
+
+@pytest.mark.parametrize("kept", [1, 2, 3])
+def test_a_chain_that_was_cut_before_the_next_one_began_shows(tmp_path: Path, kept: int) -> None:
+    """Nothing but the beginning of the next chain says where the one before it ended."""
+    first, _ = two_chains(tmp_path)
+    first.write_bytes(b"".join(first.read_bytes().splitlines(keepends=True)[:kept]))
+    assert "log-damaged" in faults(tmp_path)
+
+
+def test_a_chain_of_an_earlier_version_is_whole(tmp_path: Path) -> None:
+    """Its first entry does not say where the one before it ended."""
+    _, second = two_chains(tmp_path)
+    lines = second.read_bytes().splitlines(keepends=True)
+    entries = [json.loads(line) for line in lines]
+    del entries[0]["data"][AFTER]
+    previous = entries[0]["previous"]
+    for entry in entries:
+        entry["previous"] = previous
+        del entry["digest"]
+        previous = entry["digest"] = digest_of(entry)
+    second.write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+    memory = json.loads((tmp_path / MEMORY).read_text())
+    del memory["check"]
+    memory["digest"] = previous
+    (tmp_path / MEMORY).write_text(json.dumps({**memory, "check": digest_of(memory)}))
+    assert read_log(tmp_path).damages == ()

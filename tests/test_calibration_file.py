@@ -245,8 +245,8 @@ def test_absent_directory_and_oversized_files_are_refused(tmp_path):
     long.write_text("x = [" + 10_000 * "1," + "]")
     pipe = tmp_path / "pipe.toml"
     os.mkfifo(pipe)
-    refused = [(tmp_path, "no regular file"), (tmp_path / "none", "cannot be read"), (big, "too large")]
-    refused += [(long, "too large"), (pipe, "no regular file"), (Path("/dev/zero"), "no regular file")]
+    refused = [(tmp_path, "not a file"), (tmp_path / "none", "cannot be read"), (big, "too large")]
+    refused += [(long, "too large"), (pipe, "not a file"), (Path("/dev/zero"), "it is a device")]
     for path, complaint in refused:
         with pytest.raises(ConfigurationError, match=complaint):
             read_calibration(path, SIZE_PX)

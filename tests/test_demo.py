@@ -136,7 +136,7 @@ def test_a_killed_demo_takes_its_processes_with_it(folder: Path, demos: list[Dem
         (["--fault", "depth"], 2, "such as depth@25"),
         (["--fault", "depth@nan"], 2, "needs a time in seconds"),
         (["--fault", "depth@20", "--duration", "30"], 78, "the last fault may need until 58 s"),
-        (["--json", "/nowhere/at/all.json"], 78, "no file can be written here"),
+        (["--json", "/nowhere/at/all.json"], 78, "cannot be written"),
     ],
 )
 def test_a_bad_command_line_is_refused_before_anything_starts(arguments: list[str], code: int, said: str) -> None:

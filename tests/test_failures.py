@@ -171,20 +171,17 @@ def _begin_and_abort(client: ControlClient, times: int) -> None:
         client.abort_recalibration()
 
 
-def name_silent_file(cart: Cart, part: str) -> Undo:
-    """Every request that reads a file, again and again."""
-    pipe = cart.folder / "silent"
+def name_pipe(cart: Cart, part: str) -> Undo:
+    """Who opens it waits for a writer, for ever; again and again."""
     cart.config.rename(kept := cart.folder / "kept.toml")
     os.mkfifo(cart.config)
     with ControlClient(cart.socket) as client:
         for _ in range(20):
-            with pytest.raises(ControlRefused, match=f"{cart.config}.* does not answer"):
+            with pytest.raises(ControlRefused, match=f"{cart.config}.* it is a pipe"):
                 client.reload()
 
     def answer() -> None:
-        cart.config.rename(pipe)
-        kept.rename(cart.config)
-        pipe.write_text("")
+        kept.replace(cart.config)
         with ControlClient(cart.socket) as client:
             client.reload()
 
@@ -225,7 +222,7 @@ ACTIONS: dict[tuple[str, str], Callable[[Cart, str], Undo]] = {
     ("log disk", "does not answer"): silence_disk,
     ("control client", "floods the socket"): flood_socket,
     ("control client", "floods the alarm log"): flood_log,
-    ("control client", "names a file that does not answer"): name_silent_file,
+    ("control client", "names a pipe in place of a file"): name_pipe,
     ("service", "stopped, then goes on"): pause_service,
     ("service", "killed while halted"): kill_halted_service,
 }

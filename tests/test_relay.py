@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import select
 import signal
 import subprocess
@@ -10,18 +11,21 @@ import sys
 import termios
 import threading
 import time
+import tty
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
 import serial
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from drivers import relay, sharedport
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.hosttime import HostClock
 from drivers.ports import open_output
-from drivers.relay import STATUS_QUERY, RelayOutput, relay_command
+from drivers.relay import STATUS_QUERY, RelayOutput, _contacts, relay_command
 from drivers.serialport import open_serial
 from drivers.twins.ptyline import PtyLine
 from tests.boards import running_board
@@ -260,3 +264,56 @@ def test_board_process_reports_its_contact_and_a_killed_one_loses_the_output(tmp
                     output.write(True)
         finally:
             board.kill()
+
+
+REPORTS = st.lists(
+    st.sampled_from(
+        [b"CH1: ON\r\n", b"CH1: OFF\r\n", b"CH2: ON\r\n", b"CH11: ON\r\n", b"CH1: O", b"N\r\n", b"\xff\x1b"]
+    )
+    | st.binary(max_size=8),
+    max_size=6,
+).map(b"".join)
+
+
+@settings(max_examples=300, deadline=None)
+@given(report=REPORTS)
+def test_whatever_a_board_answers_is_closed_open_or_not_said(report: bytes) -> None:
+    """A contact that is called closed and open in one answer is neither."""
+    found = _contacts(report)
+    for channel, closed in found.items():
+        word, other = (b"ON", b"OFF") if closed else (b"OFF", b"ON")
+        assert re.search(rb"CH *0?%d *: *%s\s" % (channel, word), report)
+        assert not re.search(rb"CH *0?%d *: *%s\s" % (channel, other), report)
+
+
+@pytest.mark.parametrize(
+    "answer", [b"CH1: ON\r\nCH1: OFF\r\n", b"CH2: ON\r\n", b"\x1b[2JCH1:", b"CH1: ON" * 10_000, b""]
+)
+def test_no_answer_but_a_clear_one_counts(tmp_path: Path, answer: bytes) -> None:
+    """A board that has reported once and then says something else is lost within a second, and nothing worse."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    path, replies, stop = os.ttyname(slave), [b"CH1: OFF\r\n"], threading.Event()
+
+    def board() -> None:
+        while not stop.is_set():
+            if select.select([master], [], [], 0.05)[0] and STATUS_QUERY in os.read(master, 64):
+                os.set_blocking(master, False)
+                with suppress(BlockingIOError):
+                    os.write(master, replies[-1])
+
+    thread = threading.Thread(target=board)
+    thread.start()
+    try:
+        with open_output(f"relay:{path}", HostClock()) as output:
+            replies.append(answer)
+            began_s = time.monotonic()
+            with pytest.raises(DeviceLost) as refusal:
+                output.write(True)
+            assert time.monotonic() - began_s < 5
+            assert str(refusal.value).isprintable()
+    finally:
+        stop.set()
+        thread.join()
+        os.close(master)
+        os.close(slave)

@@ -346,7 +346,7 @@ def test_a_report_that_cannot_be_written_is_refused_first(monkeypatch, capsys, s
     target = tmp_path / "none" / "report.json"
     code, out, err = run(monkeypatch, capsys, session, "--calibration", calibration, "--json", target)
     assert (code, out) == (78, "")
-    assert "no file can be written here" in err
+    assert "cannot be written" in err
 
 
 @pytest.mark.parametrize("fault", ["melt", "depth@soon", "depth@-1", "depth@nan", "depth@"])

@@ -5,9 +5,10 @@ import sys
 
 import click
 
-from drivers.errors import ProbewatchError
+from drivers.errors import EXHAUSTED, ProbewatchError
 from tools.lazy_group import LazyGroup
 from tools.plain_text import speak_plainly
+from tools.terminal import guard_terminal
 
 _COMMANDS = {
     "ack": "acknowledge the alarm",
@@ -56,6 +57,7 @@ def main() -> None:
     for name in _THREADS:
         os.environ.setdefault(name, "1")
     speak_plainly()
+    guard_terminal()
     try:
         sys.exit(probewatch.main(standalone_mode=False))
     except ProbewatchError as error:
@@ -64,6 +66,11 @@ def main() -> None:
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
+    except OSError as error:
+        if error.errno not in EXHAUSTED:
+            raise
+        click.echo(f"probewatch: this computer has no room for it ({error.strerror}); see what else runs", err=True)
+        sys.exit(os.EX_OSERR)
     except click.Abort:
         click.echo("probewatch: stopped", err=True)
         sys.exit(130)

@@ -14,6 +14,7 @@ from rich.console import Console
 
 from appliance.supervision.supervisor import LATCHED
 from appliance.types import State
+from drivers.atomicfile import check_writable
 from drivers.errors import TooBusy
 from drivers.twins.faults import FAULT_CLASS
 from tools.demo_director import Director
@@ -21,7 +22,7 @@ from tools.demo_judgement import History, Moment, Switch, judge
 from tools.demo_load import DemoLoad
 from tools.demo_report import Circumstances, print_report, report_fields
 from tools.demo_script import Planned, Script, chosen_plan, default_plan
-from tools.json_report import check_writable, write_json
+from tools.json_report import write_json
 from tools.live_view import LiveView
 from tools.simulated_cart import CartSettings, NotReady, SimulatedCart
 from tools.status_view import Status

@@ -9,8 +9,8 @@ import numpy as np
 
 from appliance.calibration_file import write_calibration
 from appliance.types import PARAMETERS, Calibration
+from drivers.atomicfile import check_writable
 from drivers.errors import ConfigurationError, RecordingError
-from tools.json_report import check_writable
 
 _NEEDED = PARAMETERS[:5]
 """Rotations and scales: the offset follows from a cross-wire scan with `recalibrate --solve offset`."""

@@ -1,6 +1,7 @@
 """`probewatch log`: read, filter, verify and export the alarm log."""
 
 import csv
+import io
 import json
 import sys
 from collections.abc import Iterable, Mapping
@@ -12,12 +13,15 @@ import click
 
 from appliance.alarm_chain import BEGUN, Entry, Reading, read_log
 from appliance.service.rights import join_group
+from drivers.atomicfile import check_writable, writing
 from drivers.errors import ConfigurationError
+from drivers.printable import LONGEST_TEXT, printable
 
 _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
 _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
 _COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "latched", "digest")
 _LOOKS = 3
+_FORMULA = ("=", "+", "-", "@")
 
 
 @click.command()
@@ -29,7 +33,7 @@ _LOOKS = 3
 @click.option("--event", help="one kind only: state, request, reference, reloaded, overloaded, wall-clock, started …")
 @click.option("--last", type=click.IntRange(1), metavar="N", help="the last N that match")
 @click.option("--verify", is_flag=True, help="only say whether the chain is whole")
-@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="write the entries there")
+@click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="write the entries there")
 def command(
     folder: Path,
     since: datetime | None,
@@ -51,6 +55,7 @@ def command(
 
     Exit code 0: the chain is whole. 65: it is not; what is wrong is said on stderr. 78: the folder cannot be read.
     """
+    check_writable(csv_path)
     reading = _read(folder)
     if not verify:
         wanted = [
@@ -141,17 +146,23 @@ def _fault(fault: object) -> str:
 
 
 def _export(path: Path, entries: Iterable[Entry]) -> None:
-    try:
-        with path.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, _COLUMNS)
-            writer.writeheader()
-            for entry in entries:
-                data = {name: entry.data.get(name, "") for name in _COLUMNS}
-                latched = "" if entry.latch is None else entry.latch.state
-                own = {"number": entry.number, "utc": entry.utc, "event": entry.event, "digest": entry.digest}
-                writer.writerow({**data, **own, "latched": latched})
-    except OSError as error:
-        raise ConfigurationError(f"cannot be written ({error.strerror})", str(path), "Choose another file") from None
+    """Raises ConfigurationError."""
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, _COLUMNS)
+    writer.writeheader()
+    for entry in entries:
+        data = {name: entry.data.get(name, "") for name in _COLUMNS}
+        latched = "" if entry.latch is None else entry.latch.state
+        own = {"number": entry.number, "utc": entry.utc, "event": entry.event, "digest": entry.digest}
+        writer.writerow({name: _cell(value) for name, value in {**data, **own, "latched": latched}.items()})
+    with writing(path) as stream:
+        stream.write(text.getvalue().encode())
+
+
+def _cell(value: object) -> str:
+    """A text that a spreadsheet would take for a formula gets the mark that keeps it a text."""
+    text = printable(str(value), LONGEST_TEXT)
+    return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def _verified(reading: Reading) -> int:

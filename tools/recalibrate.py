@@ -28,6 +28,7 @@ from appliance.reference import candidate_from_content, in_force
 from appliance.service.control import ControlRefused
 from appliance.service.control_client import ControlClient
 from appliance.types import Calibration
+from drivers.atomicfile import check_writable
 from drivers.errors import ConfigurationError
 from tools.crosswire_input import ScanInput, recorded, simulated, simulated_reference
 from tools.tables import FittingTable
@@ -164,10 +165,7 @@ def _dated(before: _Reference) -> Path:
 
 
 def _check_target(target: Path, force: bool) -> None:
-    if target.is_dir() or not os.access(target.absolute().parent, os.W_OK | os.X_OK):
-        raise ConfigurationError(
-            "no file can be written here", str(target), "Name a file in a folder that exists and may be written"
-        )
+    check_writable(target)
     if target.exists() and not force:
         raise ConfigurationError("exists already", str(target), "Give --output another name, or --force to replace it")
 

@@ -16,12 +16,13 @@ from appliance.core.second_opinion import SecondOpinion
 from appliance.limits import Limits
 from appliance.supervision.timeline import Timeline
 from appliance.types import Check, Verdict, VerdictKind
+from drivers.atomicfile import check_writable
 from drivers.replay import Recording, open_recording
 from drivers.samples import Sample
 from drivers.twins.faults import FAULT_CLASS, Episode, Schedule
 from tools.estimate import check_new, write_estimate
 from tools.inject import inject
-from tools.json_report import check_writable, write_json
+from tools.json_report import write_json
 from tools.tables import NOTHING, FittingTable
 
 

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import click
 
-from drivers.atomicfile import replacing
+from drivers.atomicfile import check_writable, replacing
 from drivers.errors import ConfigurationError
 from drivers.twins.faults import PICTURE_FAULTS
 from drivers.twins.ndi import NDI_FAULTS
-from tools.json_report import check_writable
 from tools.simulated_cart import CartSettings, SimulatedDevices
 
 _LOOK_S = 0.5

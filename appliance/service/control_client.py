@@ -2,7 +2,7 @@
 
 import json
 import socket
-import time
+import struct
 from pathlib import Path
 from typing import Self
 
@@ -10,6 +10,7 @@ from appliance.service.control import VERSION, ControlRefused, Reply
 from appliance.service.refusal import why_silent
 from appliance.service.rights import join_group
 from drivers.errors import DeviceLost, ProbewatchError
+from drivers.printable import printable_value
 
 
 class ControlClient:
@@ -20,23 +21,20 @@ class ControlClient:
     def __init__(self, path: Path, timeout_s: float = 2.0) -> None:
         self._path = path
         self._link = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._link.settimeout(timeout_s)
         try:
-            self._connect(time.monotonic() + timeout_s)
+            self._connect(timeout_s)
         except OSError as error:
             self._link.close()
             raise self._gone(error) from None
+        self._link.settimeout(timeout_s)
         self._lines = self._link.makefile("rb")
 
-    def _connect(self, deadline_s: float) -> None:
-        """Linux refuses at once, with EAGAIN, where a crowd is waiting to be accepted."""
-        while True:
-            try:
-                return self._link.connect(str(self._path))
-            except BlockingIOError:
-                if time.monotonic() >= deadline_s:
-                    raise
-                time.sleep(0.01)
+    def _connect(self, timeout_s: float) -> None:
+        """Blocking, so that the kernel keeps the place in the queue where a crowd waits to be accepted."""
+        seconds, fraction = divmod(timeout_s, 1)
+        limit = struct.pack("@ll", int(seconds), int(fraction * 1e6))
+        self._link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
+        self._link.connect(str(self._path))
 
     def __enter__(self) -> Self:
         return self
@@ -110,7 +108,7 @@ class ControlClient:
             raise self._gone(error) from None
         if not line:
             raise DeviceLost("the service closed the control socket", str(self._path), "Ask again; else see its log")
-        reply = json.loads(line)
+        reply = printable_value(json.loads(line))
         assert isinstance(reply, dict)
         if not reply["ok"]:
             raise ControlRefused(str(reply["error"]))

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from appliance.service.backoff import Backoff
 from appliance.service.log import get_log
 from appliance.supervision.alarms import HAZARDS, OVERLOADED
-from drivers.errors import DeviceLost, ProbewatchError, ProtocolError
+from drivers.errors import EXHAUSTED, DeviceLost, ProbewatchError, ProtocolError
 from drivers.hosttime import HostClock
 
 
@@ -51,8 +51,16 @@ class DeviceThread(threading.Thread, ABC):
         try:
             self.work()
         except (DeviceLost, ProtocolError) as error:
-            self._note_loss(error)
-            self._stopping.wait(self._clock.real_s(self._backoff.next_s()))
+            self._lose(error)
+        except OSError as error:
+            if error.errno not in EXHAUSTED:
+                raise
+            remedy = "Start the service anew; see what else runs on this computer"
+            self._lose(DeviceLost(f"this computer has no room for it ({error.strerror})", self.url, remedy))
+
+    def _lose(self, error: ProbewatchError) -> None:
+        self._note_loss(error)
+        self._stopping.wait(self._clock.real_s(self._backoff.next_s()))
 
     def _note_loss(self, error: ProbewatchError) -> None:
         if self.lost is None:

@@ -30,7 +30,11 @@ class Errands:
         failed: list[BaseException] = []
         self._file = file
         self._thread = threading.Thread(target=_carry_out, args=(errand, done, failed), name="errand", daemon=True)
-        self._thread.start()
+        try:
+            self._thread.start()
+        except RuntimeError:
+            self._thread = None
+            raise ControlRefused(f"this computer has no room for a thread that reads {file}; try again") from None
         self._thread.join(_LONGEST_S)
         if failed:
             raise failed[0]

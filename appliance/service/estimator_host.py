@@ -1,5 +1,6 @@
 """The hardware process's side of the estimator: starts it, hears it without waiting, restarts it when dead or hung."""
 
+import math
 import os
 import select
 import signal
@@ -97,7 +98,9 @@ class EstimatorHost:
         if self._link is None:
             time.sleep(real_s)
         else:
-            select.select([self._link], [], [], real_s)
+            waiting = select.poll()  # select() refuses descriptors from 1024 on
+            waiting.register(self._link, select.POLLIN)
+            waiting.poll(math.ceil(real_s * 1e3))
 
     def poll(self) -> tuple[bool, tuple[Verdict, ...]]:
         """(heard anything, verdicts on the present reference). Never blocks; call it every tick."""
@@ -133,12 +136,8 @@ class EstimatorHost:
             if now_s >= self._start_at_s:
                 self._start(now_s)
         elif how := self._ending(self._process, now_s):
-            lived_s = now_s - self._started_s
+            self._note_end(how, now_s)
             self._stop()
-            self._wait_s = _FIRST_WAIT_S if lived_s > 10 else min(2 * self._wait_s, _LONGEST_WAIT_S)
-            self._start_at_s = now_s + self._wait_s
-            self.ended = f"{how}, restart {self.restarts + 1}"
-            self._log.error("estimator ended", how=how, lived_s=round(lived_s, 1), restart=self.restarts + 1)
 
     def _ending(self, process: subprocess.Popen[bytes], now_s: float) -> str:
         """How it has ended, or must be, in words; empty while it is well."""
@@ -151,17 +150,34 @@ class EstimatorHost:
         return now_s - self._heard_s > (_HUNG_S if self._spoken else _LOADING_S) * self._slowness
 
     def _start(self, now_s: float) -> None:
-        self._link, theirs = link_pair()
-        self._link.setblocking(False)
-        fds = (theirs.fileno(), self._frames.fd, self._poses.fd)
-        with theirs:
-            self._process = subprocess.Popen(
-                [*self._command, *(str(fd) for fd in fds)], pass_fds=fds, env=os.environ | _ONE_THREAD
-            )
+        try:
+            self._process = self._launched()
+        except OSError as error:
+            self._drop_link()
+            self._note_end(f"cannot be started ({error.strerror})", now_s)
+            return
         self._started_s = self._heard_s = now_s
         self._spoken = False
         self.restarts += 1
         self._send_order()
+
+    def _launched(self) -> subprocess.Popen[bytes]:
+        """Raises OSError where this process may open no more files, or the machine has no room for another one."""
+        self._link, theirs = link_pair()
+        self._link.setblocking(False)
+        fds = (theirs.fileno(), self._frames.fd, self._poses.fd)
+        with theirs:
+            command = [*self._command, *(str(fd) for fd in fds)]
+            return subprocess.Popen(command, pass_fds=fds, env=os.environ | _ONE_THREAD)
+
+    def _note_end(self, how: str, now_s: float) -> None:
+        """Say it once, however often the same is tried in vain, and try again later each time."""
+        lived_s, told = now_s - self._started_s, f"{how}, restart {self.restarts + 1}"
+        self._wait_s = _FIRST_WAIT_S if self._spoken and lived_s > 10 else min(2 * self._wait_s, _LONGEST_WAIT_S)
+        self._start_at_s = now_s + self._wait_s
+        if told != self.ended:
+            self._log.error("estimator ended", how=how, lived_s=round(lived_s, 1), restart=self.restarts + 1)
+        self.ended = told
 
     def _send_order(self) -> None:
         if self._link is not None and self._order is not None:

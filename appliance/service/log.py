@@ -11,6 +11,7 @@ from typing import Any, Protocol, Self, TextIO
 import structlog
 
 from appliance.service.journal import journal_stream
+from drivers.printable import printable_lines, printable_value
 
 _LEVELS = {"debug": 10, "info": 20, "warning": 30, "error": 40}
 _LONGEST_QUEUE = 2000
@@ -84,6 +85,7 @@ def configure(level: str, stream: TextIO | None = None) -> LogWriter:
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
             structlog.processors.format_exc_info,
+            _printable,
             structlog.processors.JSONRenderer(ensure_ascii=False),
         ],
         wrapper_class=structlog.make_filtering_bound_logger(_LEVELS[level]),
@@ -91,6 +93,13 @@ def configure(level: str, stream: TextIO | None = None) -> LogWriter:
         cache_logger_on_first_use=False,
     )
     return writer
+
+
+def _printable(_logger: object, _method: str, fields: structlog.typing.EventDict) -> structlog.typing.EventDict:
+    """Whatever came from outside by a way on which nobody thought of it; only a traceback has lines."""
+    traceback = fields.pop("exception", None)
+    shown: structlog.typing.EventDict = printable_value(fields)
+    return shown if traceback is None else {**shown, "exception": printable_lines(traceback)}
 
 
 def get_log(**bound: Any) -> structlog.typing.FilteringBoundLogger:

@@ -17,6 +17,7 @@ from appliance.service.log import get_log
 from appliance.service.own_files import own_files
 from appliance.supervision.alarms import HAZARDS, Kind
 from drivers.hosttime import HostClock
+from drivers.printable import printable_value
 
 _MOST_WAITING = 10_000
 _RETRY_S = 1.0
@@ -67,7 +68,7 @@ class Recorder(threading.Thread):
 
     def note(self, event: str, latch: Latch | None, **data: Any) -> None:
         """Add an entry; never blocks. When too many wait the newest takes the place of the one before it, counted."""
-        note = _Note(datetime.now(UTC), self._clock.now_ns(), event, data, latch)
+        note = _Note(datetime.now(UTC), self._clock.now_ns(), event, printable_value(data), latch)
         if len(self._waiting) >= _MOST_WAITING:
             self.dropped += 1
             self._waiting[-1] = note

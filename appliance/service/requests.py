@@ -13,8 +13,8 @@ from appliance.service.errands import Errands
 from appliance.service.recalibration import Recalibration, Wanted
 from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.supervisor import Request
+from drivers.printable import printable
 
-_LONGEST_TEXT = 200
 _ALWAYS = ("acknowledge", "audio-on")
 """Granted however much this user has asked for: both can change something only after something else has."""
 
@@ -88,7 +88,9 @@ class Requests:
     def _note(self, do: str, body: Body, who: Peer) -> None:
         if do not in _ALWAYS:
             self._allowance.take(who.uid, self._hands.now_ns())
-        said = {key: _plain(body[key]) for key in ("file", "number", "confirm", "reason", "seconds") if key in body}
+        said = {
+            key: printable(str(body[key])) for key in ("file", "number", "confirm", "reason", "seconds") if key in body
+        }
         self._hands.note("request", do=do, who=f"{self._name(who.uid)}, process {who.pid}", **said)
 
     def _name(self, uid: int) -> str:
@@ -111,18 +113,13 @@ class Requests:
 
     def _audio_off(self, body: Body) -> None:
         try:
-            self._hands.annunciator.audio.off(_plain(body.get("reason", "")))
+            self._hands.annunciator.audio.off(printable(str(body.get("reason", ""))))
         except ValueError as error:
             raise ControlRefused(str(error)) from None
 
     def _clear_bump(self, body: Body) -> None:
         if not self._hands.clear_bump():
             raise ControlRefused("the tracker has no bump detector, or is lost")
-
-
-def _plain(value: object) -> str:
-    """One line that can be shown and written anywhere, whatever the client sent."""
-    return "".join(sign if sign.isprintable() else "\N{REPLACEMENT CHARACTER}" for sign in str(value)[:_LONGEST_TEXT])
 
 
 def _wanted(body: Body, who: str) -> Wanted:

@@ -3,6 +3,8 @@
 import os
 import socket
 
+from drivers.printable import printable
+
 
 class Notifier:
     """Silent where no service manager listens. Never blocks: a full socket loses the datagram, not the tick."""
@@ -17,7 +19,7 @@ class Notifier:
         """A tick and an output write are complete."""
         first = "" if self._ready else "READY=1\n"
         self._ready = True
-        self._send(f"{first}WATCHDOG=1\nSTATUS={status}")
+        self._send(f"{first}WATCHDOG=1\nSTATUS={printable(status)}")
 
     def close(self) -> None:
         """Say that the stop is meant."""

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import Enum
 
+from drivers.printable import printable
+
 TEXT_ONLY_TAGS = (
     "AURORA Rev 007",
     "AURORA Rev 008",
@@ -64,9 +66,9 @@ def identity_of(version: str, api: str) -> Identity:
     stated = dict(line.split(":", 1) for line in rest.splitlines() if ":" in line)
     known = {key.strip(): value.strip() for key, value in stated.items()}
     return Identity(
-        title=first.removesuffix("Control Firmware").strip(),
-        serial_number=known.get("NDI S/N", ""),
-        freeze_tag=known.get("Freeze Tag", ""),
-        characterised=known.get("Characterization Date", ""),
-        api=api,
+        title=printable(first.removesuffix("Control Firmware").strip()),
+        serial_number=printable(known.get("NDI S/N", "")),
+        freeze_tag=printable(known.get("Freeze Tag", "")),
+        characterised=printable(known.get("Characterization Date", "")),
+        api=printable(api),
     )

@@ -13,6 +13,8 @@ import numpy as np
 
 from drivers.errors import ConfigurationError
 from drivers.marker_geometry import Points
+from drivers.printable import printable_bytes
+from drivers.regularfile import read_bounded
 
 ROM_BYTES = 752
 CHUNK_BYTES = 64
@@ -39,14 +41,14 @@ def definition_of(image: bytes) -> ToolDefinition:
     """What an image of at least 752 bytes says, whether its check sum is right or not."""
     count = min(struct.unpack_from("<I", image, 28)[0], _MOST_MARKERS)
     markers_mm = np.array(struct.unpack_from(f"<{3 * count}f", image, 0x48), np.float64).reshape(count, 3)
-    part_number = image[0x250:0x264].decode("latin-1").strip(" \0")
+    part_number = printable_bytes(image[0x250:0x264])
     return ToolDefinition(image, image[15], markers_mm, struct.unpack_from("<f", image, 36)[0], part_number)
 
 
 def read_rom(path: str) -> ToolDefinition:
     """One tool, checked. Raises ConfigurationError when the file is absent or damaged."""
     try:
-        image = Path(path).read_bytes()
+        image = read_bounded(Path(path), _LARGEST)
     except OSError as error:
         raise ConfigurationError(f"the tool definition cannot be read ({error.strerror})", path, _REMEDY) from error
     if not image.startswith(b"NDI\0") or not ROM_BYTES <= len(image) <= _LARGEST:

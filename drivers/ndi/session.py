@@ -11,6 +11,7 @@ from drivers.ndi.ports import Ports
 from drivers.ndi.tools import Tool, ToolWish
 from drivers.ndi.wire import Command, RefusedError, decode_text, encode_command
 from drivers.ndi.words import BUMPED
+from drivers.printable import printable
 
 COMM_CODES = {
     9600: "0",
@@ -65,7 +66,7 @@ class Session:
         reply = self.link.read_reply(self._clock.now_ns() + round(wait_s * _S) + spare_ns)
         text = refuse_reset(decode_text(reply), self.link.where)
         if text.startswith("WARNING"):
-            self.warnings.append(f"{name}: {text}")
+            self.warnings.append(printable(f"{name}: {text}"))
         return text
 
     def parameter(self, name: str, timeout_s: float | None = None) -> int | None:

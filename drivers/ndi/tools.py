@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from drivers.errors import ConfigurationError, ProtocolError
 from drivers.ndi.rom import ToolDefinition, read_rom
+from drivers.printable import printable
 
 INFORMATION = "0025"
 """Options of PHINF that parse_information reads: type and state, part number, location."""
@@ -113,9 +114,9 @@ def parse_information(text: str) -> ToolInformation | None:
             raise ValueError
         return ToolInformation(
             main_type=int(text[0:2], 16),
-            manufacturer=text[8:20].strip(),
-            serial_number=text[23:31].strip(),
-            part_number=text[33:53].strip(),
+            manufacturer=printable(text[8:20].strip()),
+            serial_number=printable(text[23:31].strip()),
+            part_number=printable(text[33:53].strip()),
             wireless=place[9] == "1",
             socket=int(place[10:12].strip() or "0"),
             channel=int(place[12:14].strip() or "0"),

@@ -11,6 +11,7 @@ import math
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Mapping
+from io import TextIOWrapper
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,6 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drivers.errors import RecordingError
+from drivers.regularfile import reading
 from drivers.replay import open_recording
 from drivers.samples import Matrix4
 from drivers.twins.world import World
@@ -64,7 +66,7 @@ def pose_file(path: Path) -> PoseAt:
     """Raises RecordingError naming the row that is no pose."""
     rows: defaultdict[str, list[tuple[float, Matrix4 | None]]] = defaultdict(list)
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
+        with TextIOWrapper(reading(path), encoding="utf-8", newline="") as stream:
             reader = csv.reader(stream)
             if next(reader, None) != _HEADING:
                 raise RecordingError(

@@ -7,6 +7,8 @@ compiler's. Names are the kernel's without the prefix v4l2_.
 from ctypes import Array, LittleEndianStructure, Structure, c_int, c_int64, c_long, c_uint8, c_uint32, c_uint64, sizeof
 from typing import ClassVar
 
+from drivers.printable import printable, printable_bytes
+
 _WRITE, _READ = 1, 2
 
 BUF_TYPE_VIDEO_CAPTURE = 1
@@ -213,7 +215,7 @@ SUBSCRIBE_EVENT = _request(_WRITE, 90, EventSubscription)
 
 def text(field: "Array[c_uint8]") -> str:
     """A text field of a structure, up to its first zero."""
-    return bytes(field).split(b"\0")[0].decode(errors="replace")
+    return printable_bytes(bytes(field))
 
 
 def fourcc(code: str) -> int:
@@ -223,4 +225,4 @@ def fourcc(code: str) -> int:
 
 def fourcc_text(number: int) -> str:
     """The inverse of fourcc, with the flag for big-endian left out."""
-    return (number & 0x7FFFFFFF).to_bytes(4, "little").decode("ascii", "replace")
+    return printable((number & 0x7FFFFFFF).to_bytes(4, "little").decode("ascii", "replace"))

@@ -7,6 +7,9 @@ enum { CHUNK = 256, BINS = 512 };
 /* How many pixels tell what is flat, how many points tell the solver. */
 enum { TOLD = 16384, PREPARED = 2048 };
 
+/* No grey is steeper. */
+enum { STEEPEST = 1 << 16 };
+
 static inline int32_t across(const Level *level, int32_t at) {
     return level->grey[at + 1] - level->grey[at - 1];
 }
@@ -33,10 +36,15 @@ static int32_t threshold(const int32_t *counts, double flat_share, int32_t least
 
 /* found: flat indices of every pitch-th pixel that is in the mask (0: all are), edge px or more from the sides, and
    steeper than the flat rest, which holds flat_share of the gradient energy, as some of the rows tell, and than
-   least_steep greys. Returns how many; found has room for all pixels that are asked for. */
+   least_steep greys. Returns how many; found has room for all pixels that are asked for. No number makes it loop for
+   ever or overflow: without a pitch and an edge of at least 1, or of a level beyond 32767 px, it finds nothing. */
 int32_t structured(const Level *level, const uint8_t *mask, int32_t pitch, int32_t edge, double flat_share,
                    int32_t least_steep, int32_t *found) {
+    if (least(least(pitch, edge), least(level->rows, level->columns)) < 1) return 0;
+    if (level->rows > INT16_MAX || level->columns > INT16_MAX) return 0;
+    pitch = least(pitch, INT16_MAX), edge = least(edge, INT16_MAX), least_steep = least(least_steep, STEEPEST);
     int32_t last_row = level->rows - edge, last_column = level->columns - edge, counts[BINS] = {0}, count = 0;
+    if (last_row <= edge || last_column <= edge) return 0;
     int32_t apart = pitch * (1 + (last_row - edge) / pitch * ((last_column - edge) / pitch) / TOLD);
     uint16_t steep[CHUNK];
     for (int32_t row = edge; row < last_row; row += apart)

@@ -32,12 +32,16 @@ class Picture(ctypes.Structure):
     ) -> NDArray[np.int32]:
         """(n,) flat indices of every pitch-th pixel, edge px from the sides, mask permitting, that has structure.
 
-        That is all but flat_share of the energy of the gradient; the flat rest says nothing.
+        That is all but flat_share of the energy of the gradient; the flat rest says nothing. Raises ValueError for a
+        pitch or edge of less than 1: the gradient of a pixel at the sides is outside the level.
         """
+        if min(pitch, edge) < 1:
+            raise ValueError(f"a pitch of {pitch} and an edge of {edge} px choose no points")
+        pitch, edge = min(pitch, _MOST_SIDE), min(edge, _MOST_SIDE)
         if mask is not None:
             mask = np.ascontiguousarray(mask, np.bool_)
-            assert mask.shape == self.shape
-        assert min(pitch, edge) > 0, "the gradient of a pixel at the sides is outside the level"
+            if mask.shape != self.shape:
+                raise ValueError(f"a mask of {mask.shape} px for a picture of {self.shape} px")
         rows, columns = (max(-(-(side - 2 * edge) // pitch), 0) for side in self.shape)
         found = np.empty(rows * columns, np.int32)
         sees = None if mask is None else mask.ctypes.data

@@ -1,0 +1,87 @@
+"""TOML and XML from files that anyone may have written: what would take memory or time out of proportion is refused
+before it is built.
+"""
+
+import re
+import tomllib
+import xml.etree.ElementTree as ET
+from typing import Any
+
+_MOST_PARTS = 8
+"""Of a dotted key. tomllib keeps every beginning of a key, so 8000 parts, which are 16 kB, took 300 MB."""
+
+_MOST_NESTED = 16
+"""Brackets in brackets; a matrix of a calibration needs two."""
+
+_STRING = (
+    r'"""(?:\\.|[^\\])*?"{3,5}',
+    r"'''.*?'{3,5}",
+    r'"(?:\\.|[^"\\\n])*"',
+    r"'[^'\n]*'",
+)
+_STRING_OR_COMMENT = re.compile("|".join((*_STRING, r"#[^\n]*")), re.DOTALL)
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}")
+_BRACKET = re.compile(r"[\[\]{}]")
+
+_MOST_ELEMENTS, _DEEPEST_ELEMENT = 10_000, 32
+"""A device set of PLUS has 60 or so, five deep; 10,000 elements take a few MB."""
+
+
+def toml_of(data: bytes, most_bytes: int) -> dict[str, Any]:
+    """The table of a TOML file. Raises ValueError: not UTF-8 text, larger, deeper than a configuration ever is, or no
+    TOML."""
+    if len(data) > most_bytes:
+        raise ValueError(f"too large (over {most_bytes // 1000} kB)")
+    text = data.decode()
+    _check_nesting(_STRING_OR_COMMENT.sub(lambda found: "" if found[0].startswith("#") else "_", text))
+    return tomllib.loads(text)
+
+
+def xml_of(data: bytes) -> ET.Element:
+    """The root of an XML document.
+
+    Raises ValueError: not well-formed, more or deeper elements than a device set has, or a document type. That is told
+    by the parser, so in whatever encoding; with it go all entities.
+    """
+    parser = ET.XMLParser(target=_Builder())
+    try:
+        parser.feed(data)
+        root = parser.close()
+    except (ET.ParseError, LookupError) as error:
+        raise ValueError(f"not well-formed ({error})") from None
+    assert isinstance(root, ET.Element)
+    return root
+
+
+def _check_nesting(text: str) -> None:
+    """text: without strings and comments, in which dots and brackets mean nothing."""
+    if _LONG_KEY.search(text):
+        raise ValueError(f"a key of more than {_MOST_PARTS} parts")
+    depth = 0
+    for bracket in _BRACKET.findall(text):
+        depth = depth + 1 if bracket in "[{" else max(depth - 1, 0)
+        if depth > _MOST_NESTED:
+            raise ValueError(f"more than {_MOST_NESTED} brackets in each other")
+
+
+class _Builder(ET.TreeBuilder):
+    def __init__(self) -> None:
+        super().__init__()
+        self._elements = self._depth = 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
+        self._elements += 1
+        self._depth += 1
+        if self._elements > _MOST_ELEMENTS:
+            raise ValueError(f"more than {_MOST_ELEMENTS} elements")
+        if self._depth > _DEEPEST_ELEMENT:
+            raise ValueError(f"more than {_DEEPEST_ELEMENT} elements in each other")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ET.Element:
+        self._depth -= 1
+        return super().end(tag)
+
+    def doctype(self, name: str, public: str | None, system: str | None) -> None:
+        """Called by the parser before it reads what a document type declares."""
+        raise ValueError("it has a DOCTYPE, which PLUS never writes")

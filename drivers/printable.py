@@ -1,0 +1,61 @@
+"""Text from outside, made fit for a terminal, a log and the status.
+
+A device, a server, a file or a client may send anything: escape sequences that rewrite the screen, controls that turn
+the direction of writing, line breaks that forge a second entry, megabytes. str.isprintable knows all of them (Unicode
+categories Cc, Cf, Cs, Co, Cn, Zl, Zp and every space but the ordinary one).
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+LONGEST_WORDS = 200
+"""Characters of one thing that a device says; a line of a terminal shows about a hundred."""
+
+LONGEST_TEXT = 4000
+"""Characters of one message or field of a log: room for every violation of a configuration, and for a traceback."""
+
+_UNPRINTABLE = "\N{REPLACEMENT CHARACTER}"
+_OWN_SEQUENCE = re.compile(r"(\x1b\[[0-9;?]{0,16}[A-Za-z]|\r)")
+"""What click and rich write to colour and to redraw: nothing that a terminal answers, no title, no clipboard."""
+
+
+def printable(text: str, longest: int = LONGEST_WORDS) -> str:
+    """One line of at most so many characters: U+FFFD for what cannot be printed, an ellipsis for what was left out."""
+    shown = _replaced(text[:longest], "")
+    return shown if len(text) <= longest else f"{shown[: longest - 1]}…"
+
+
+def printable_bytes(data: bytes, longest: int = LONGEST_WORDS) -> str:
+    """The same of bytes in UTF-8, up to the first NUL, without blanks around it."""
+    return printable(data.split(b"\0")[0].decode(errors="replace").strip(), longest)
+
+
+def printable_lines(text: str) -> str:
+    """The same of each line of at most LONGEST_TEXT characters of text."""
+    return _replaced(text[:LONGEST_TEXT], "\n\t")
+
+
+def printable_value(value: Any) -> Any:
+    """What JSON can hold, with every text in it, keys too, made printable."""
+    if isinstance(value, str):
+        return printable(value, LONGEST_TEXT)
+    if isinstance(value, Mapping):
+        return {printable(str(key)): printable_value(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [printable_value(one) for one in value]
+    return value
+
+
+def printable_screen(text: str, colours: bool) -> str:
+    """What commands write: line breaks stay, and with `colours` the sequences for colours and cursor movements do."""
+    if not colours:
+        return _replaced(text, "\n\t")
+    parts = _OWN_SEQUENCE.split(text)
+    return "".join(part if own % 2 else _replaced(part, "\n\t") for own, part in enumerate(parts))
+
+
+def _replaced(text: str, allowed: str) -> str:
+    if text.isprintable():
+        return text
+    return "".join(sign if sign.isprintable() or sign in allowed else _UNPRINTABLE for sign in text)
