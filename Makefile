@@ -7,7 +7,7 @@ export PROBEWATCH_PLUS_DATA ?= $(DATA)
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts live evidence bench paper deb test-cart soak docs lock clean
+.PHONY: help demo test lint types contracts invariant live evidence bench paper deb test-cart soak docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -33,6 +33,9 @@ live: $(VENV)/dev ## the service, the demo and every device simulator in real ti
 
 evidence: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m "slow and not cart" -n 2
+
+invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (12 minutes)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.invariant
 
 docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor
 	$(BIN)/python -m tools.manual
