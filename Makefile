@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts quick live repeat mutation pythons evidence bench paper deb test-deb test-cart soak docs lock clean
+.PHONY: help demo test lint types contracts quick live repeat mutation pythons evidence bench paper deb test-deb test-cart soak docs lock clean invariant
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -44,6 +44,9 @@ repeat: $(VENV)/dev ## one test fifty times: make repeat TEST=tests/test_daemon.
 
 evidence: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m "slow and not cart" -n 2
+
+invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (12 minutes)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.invariant
 
 docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor
 	$(BIN)/python -m tools.manual

@@ -2,12 +2,13 @@
 
 import pytest
 
+from tests.invariant.__main__ import long_run
 from tests.invariant.cart import ORIGIN_NS, Cart
 from tests.invariant.circumstances import Pictures, Poses
-from tests.invariant.machine import CLOSED_AGAIN_WITHIN_S, room_test
+from tests.invariant.machine import CLOSED_AGAIN_WITHIN_S, Room, room_test
 from tests.invariant.oracle import OLDEST_NS
 from tests.invariant.scenarios import DISTURBANCES, bend_unseen, incident, verified_cart
-from tests.invariant.world import BENT, ELSEWHERE, FLIPPED, MAGNIFIED, NONE, Change
+from tests.invariant.world import BENT, ELSEWHERE, FLIPPED, NONE, SLID
 
 OLDEST_S = OLDEST_NS / 1e9
 AN_HOUR_NS = 3600 * 10**9
@@ -15,8 +16,10 @@ SLOW = 15.0
 """Frames per second of the quick ones: the promise is the same, and half the pictures take half the time."""
 
 
-def outlasting(disturbance: str, seed: int = 1) -> None:
-    incident(disturbance, seed, OLDEST_S + 2, fps=SLOW)
+def outlasting(disturbance: str) -> None:
+    """The oracle objects where the contact is closed for longer than it may."""
+    cart = incident(disturbance, 1, fps=SLOW)
+    assert cart.run(OLDEST_S, until=lambda: not cart.closed), cart.told()
 
 
 def test_hole_1_the_contact_does_not_outlive_one_good_pose_in_twelve() -> None:
@@ -52,12 +55,14 @@ def test_hole_4_what_contradicts_the_reference_opens_the_contact_before_it_is_na
     Cart(1, change=ELSEWHERE, fps=SLOW).run(15.0)
 
 
-@pytest.mark.parametrize("change", [ELSEWHERE], ids=str)
-def test_hole_5_a_fault_that_is_still_there_does_not_go_back_to_ok(change: Change) -> None:
-    """Somebody acknowledges whatever halts."""
-    cart = Cart(1, change=change, fps=SLOW, enforced=False)
-    cart.run(30.0)
-    assert [broken for _, broken in cart.broken if broken.clause == "c"] == [], cart.told()
+def test_hole_5_a_fault_that_is_still_there_does_not_go_back_to_ok() -> None:
+    """Somebody acknowledges what halts; the probe rests until the measurements that showed the fault are too old."""
+    cart = Cart(1, change=SLID, fps=SLOW, enforced="c")
+    assert cart.run(25.0, until=lambda: cart.oracle.shown_fault is not None), cart.told()
+    cart.meet(moving=False)
+    cart.run(14.0)
+    cart.meet(moving=True)
+    cart.run(10.0)
 
 
 @pytest.mark.slow
@@ -65,32 +70,40 @@ def test_hole_5_a_fault_that_is_still_there_does_not_go_back_to_ok(change: Chang
 @pytest.mark.parametrize("disturbance", DISTURBANCES)
 def test_a_bend_that_no_motion_shows_opens_the_contact_for_good(disturbance: str, seed: int) -> None:
     """130 s: open when the last motion that showed the calibration is 30 s and one tick old, and never closed again."""
-    cart = incident(disturbance, seed, 130.0)
+    cart = incident(disturbance, seed)
+    cart.run(130.0)
     assert [moment.closed for moment in cart.moments].count(True) == 1, cart.told()
 
 
-@pytest.mark.parametrize("change", [FLIPPED, MAGNIFIED, BENT], ids=str)
-def test_liveness_a_fault_that_is_undone_lets_the_contact_close_again(change: Change) -> None:
+def test_liveness_a_fault_that_is_undone_lets_the_contact_close_again() -> None:
+    """Also the bend of the body, if it is undone as visibly as it was done."""
     cart = verified_cart(2, fps=SLOW)
-    cart.change(change)
-    cart.run(6.0)
-    assert not cart.closed
-    cart.change(NONE)
-    assert cart.run(CLOSED_AGAIN_WITHIN_S, until=lambda: cart.closed), cart.told()
+    for change in (FLIPPED, BENT):
+        cart.change(change)
+        assert cart.run(6.0, until=lambda: not cart.closed), cart.told()
+        cart.run(1.0)
+        cart.change(NONE)
+        assert cart.run(CLOSED_AGAIN_WITHIN_S, until=lambda: cart.closed), cart.told()
+        cart.run(1.0)
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [{"poses": Poses.MISSING}, {"poses": Poses.ONE_IN_TWELVE}, {"pictures": Pictures.NOISE}],
-    ids=["probe out of sight", "one pose in twelve", "noise"],
-)
-def test_liveness_after_a_disturbance_the_contact_closes_again(bad: dict[str, object]) -> None:
+def test_liveness_after_disturbances_the_contact_closes_again() -> None:
     cart = verified_cart(3, fps=SLOW)
-    cart.meet(**bad)
-    cart.run(5.0)
-    cart.meet(pictures=Pictures.GENUINE, poses=Poses.GENUINE)
-    assert cart.run(CLOSED_AGAIN_WITHIN_S, until=lambda: cart.closed), cart.told()
+    for bad in ({"poses": Poses.MISSING}, {"pictures": Pictures.NOISE}, {"pictures": Pictures.GONE}):
+        cart.meet(**bad)
+        cart.run(4.0)
+        cart.meet(pictures=Pictures.GENUINE, poses=Poses.GENUINE)
+        assert cart.run(CLOSED_AGAIN_WITHIN_S, until=lambda: cart.closed), cart.told()
+        cart.run(1.0)
 
 
 def test_no_sequence_lets_the_contact_outlive_its_evidence() -> None:
-    room_test(examples=3, steps=4)()
+    """The same sequences in every run; `make invariant` tries others."""
+    Room.fps, frames = SLOW, Cart.frames
+    room_test(examples=4, steps=4)()
+    assert Cart.frames - frames > 1500
+
+
+@pytest.mark.slow
+def test_no_sequence_of_a_hundred_thousand_frames_lets_the_contact_outlive_its_evidence() -> None:
+    assert long_run(seed=1, frames=100_000) >= 100_000

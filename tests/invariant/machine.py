@@ -28,6 +28,10 @@ UNSEEN = st.sampled_from([None, None, CHANGES[0], *CHANGES])
 class Room(RuleBasedStateMachine):
     """Disturbances end when `all_is_well_again`, may overlap until then, and hide what is changed meanwhile."""
 
+    fps = 30.0
+    done: Callable[[], None] = staticmethod(lambda: None)
+    """Called after each room."""
+
     @initialize(
         seed=st.integers(0, 999),
         wrong=st.sampled_from([NONE, NONE, NONE, *CHANGES]),
@@ -35,7 +39,7 @@ class Room(RuleBasedStateMachine):
         seconds=st.sampled_from([7.0, 7.0, 16.0]),
     )
     def switched_on(self, seed: int, wrong: Change, tilt_deg: float, seconds: float) -> None:
-        self.cart = Cart(seed, change=wrong, tilt_deg=tilt_deg, attended=False)
+        self.cart = Cart(seed, change=wrong, tilt_deg=tilt_deg, fps=self.fps, attended=False)
         self.body_was_moved = wrong.moves_body
         self.cart.run(seconds)
 
@@ -86,6 +90,7 @@ class Room(RuleBasedStateMachine):
         """e: with everything well the contact closes again."""
         if hasattr(self, "cart") and not self.cart.broken:
             self._recover()
+        self.done()
 
     def _spell(self, change: Change | None, seconds: float) -> None:
         self.cart.run(0.5)

@@ -19,7 +19,6 @@ _MOVED_WITHIN_NS = 300_000_000
 _LEAST_MM_PER_S = 0.5
 _FURTHEST_APART_NS = 250_000_000
 _REACH_MM = 5.0
-_OF_X = frozenset({"polarity", "scale", "rotation", "offset"})
 _ALARMED = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED)
 
 
@@ -49,13 +48,16 @@ class Oracle:
         self.shown_ns: int | None = None
         self.shown_fault: str | None = None
         self._change = NONE
+        self._told: frozenset[str] = frozenset()
+        self._told_before: frozenset[str] = frozenset()
         self._visible_ns = 0
         self._pictures: deque[Genuine] = deque(maxlen=20)
         self._waiting: deque[int] = deque()
         self._pose_ns: int | None = None
 
     def changed(self, change: Change) -> None:
-        """From here on the true calibration is another."""
+        """From here on the true calibration is another. A fault that is told already says nothing of it."""
+        self._told_before = self._told
         self._change, self.shown_fault, self._visible_ns = change, None, 0
         self._pictures.clear()
 
@@ -84,12 +86,18 @@ class Oracle:
         """Every clause that does not hold."""
         if self._visible_ns < DISCOVERED_WITHIN_NS:
             self._visible_ns = self._visible_ns + TICK_NS if lively_in_view else 0
-        if self._change.gross and self.shown_fault is None:
-            self.shown_fault = _fault_of_x(alarm, newest)
+        self._note_fault(alarm, newest)
         if not alarm.energised:
             return ()
         said = (self._age(now_ns), _contradiction(newest), self._relapse(), self._discovery())
         return tuple(broken for broken in said if broken is not None)
+
+    def _note_fault(self, alarm: AlarmState, newest: Verdict | None) -> None:
+        told = {alarm.fault if alarm.state in _ALARMED else None, None if newest is None else newest.fault}
+        self._told = frozenset(fault for fault in told if fault is not None)
+        new = (self._told & self._change.faults) - self._told_before
+        if self._change.gross and self.shown_fault is None and new:
+            self.shown_fault = min(new)
 
     def _age(self, now_ns: int) -> Broken | None:
         if self.shown_ns is None:
@@ -113,11 +121,6 @@ class Oracle:
         return any(
             np.linalg.norm(b.place - a.place) >= _LEAST_MM_PER_S * (b.t_ns - a.t_ns) / 1e9 for a, b in pairwise(recent)
         )
-
-
-def _fault_of_x(alarm: AlarmState, newest: Verdict | None) -> str | None:
-    told = [alarm.fault if alarm.state in _ALARMED else None, None if newest is None else newest.fault]
-    return next((fault for fault in told if fault in _OF_X), None)
 
 
 def _contradiction(newest: Verdict | None) -> Broken | None:

@@ -5,7 +5,7 @@ probe moves the picture as geometry says and never changes the speckle. Everythi
 """
 
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 
 import cv2
 import numpy as np
@@ -37,7 +37,7 @@ REFERENCE = Calibration(
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Change:
     """How the true calibration differs from REFERENCE.
 
@@ -50,38 +50,46 @@ class Change:
     polarity: tuple[int, int] = (1, 1)
     magnified: float = 1.0
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return self.name
 
-    @property
+    @cached_property
     def moves_body(self) -> bool:
         return not np.array_equal(self.body, np.eye(4))
 
-    @property
+    @cached_property
+    def faults(self) -> frozenset[str]:
+        """Classes of the parameters that are beyond their limits."""
+        return frozenset(name for name, misfit in self._misfits().items() if misfit > 1)
+
+    @cached_property
     def required_right(self) -> bool:
         """Every parameter that an OK requires is within its limit."""
-        return self._misfit() <= 1
+        return self._required() <= 1
 
-    @property
+    @cached_property
     def visible(self) -> bool:
-        """A required parameter is beyond twice its limit, or it is the bend with a slide."""
-        return self._misfit() > 2 or (self._misfit() > 1 and self._slide() > 2)
+        """A required parameter is off by twice its limit or more, or it is the bend with a slide."""
+        return self._required() >= 2 or (self._required() > 1 and self._misfits()["offset"] >= 2)
 
-    @property
+    @cached_property
     def gross(self) -> bool:
-        """Some parameter is beyond twice its limit."""
-        return max(self._misfit(), self._slide()) > 2
+        """Some parameter is off by twice its limit or more."""
+        return max(self._misfits().values()) >= 2
 
-    def _slide(self) -> float:
-        shift = (X_REFERENCE @ self.body)[:3, 3] - X_REFERENCE[:3, 3]
-        return float(np.linalg.norm(shift)) / _LIMITS.offset_mm
+    def _required(self) -> float:
+        return max(misfit for name, misfit in self._misfits().items() if name != "offset")
 
-    def _misfit(self) -> float:
-        """Of polarity, scales and rotation about the elevational axis the one furthest out, 1 at its limit."""
-        turn = vector_from_rotation(X_REFERENCE[:3, :3] @ self.body[:3, :3] @ X_REFERENCE[:3, :3].T)
-        flipped = 2.0 * self.polarity.count(-1) / 0.5
-        scale = 100 * abs(1 / self.magnified - 1) / _LIMITS.scale_percent
-        return max(flipped, scale, abs(float(np.rad2deg(turn[2]))) / _LIMITS.rotation_deg)
+    def _misfits(self) -> dict[str, float]:
+        """Class → how far out, 1 at the limit. Of the rotation the angle about the elevational axis is taken."""
+        X = X_REFERENCE @ self.body
+        turn_rad = vector_from_rotation(X[:3, :3] @ X_REFERENCE[:3, :3].T)
+        return {
+            "polarity": self.polarity.count(-1) / 0.5,
+            "scale": 100 * abs(1 / self.magnified - 1) / _LIMITS.scale_percent,
+            "rotation": abs(float(np.rad2deg(turn_rad[2]))) / _LIMITS.rotation_deg,
+            "offset": float(np.linalg.norm(X[:3, 3] - X_REFERENCE[:3, 3])) / _LIMITS.offset_mm,
+        }
 
 
 def _bent_and_slid(bend_deg: float, slide_mm: tuple[float, float, float]) -> Matrix4:
