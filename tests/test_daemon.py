@@ -96,7 +96,7 @@ def test_status_and_log_name_what_the_verdicts_rest_on(monitoring: Cart) -> None
 def restarted(cart: Cart) -> dict[str, Any]:
     assert cart.daemon.end() == 0
     cart.start_daemon()
-    return cart.wait_for("monitoring")
+    return cart.wait_for("monitoring", 60)
 
 
 def calibration(*arguments: object) -> "subprocess.CompletedProcess[str]":
@@ -225,7 +225,7 @@ def test_the_service_manager_is_told_ready_and_fed_by_every_tick(monitoring: Car
 def test_the_service_manager_is_told_how_the_estimator_ended(monitoring: Cart, manager: socket.socket) -> None:
     notifications(manager)
     os.kill(monitoring.estimator_pid(), signal.SIGSEGV)
-    words = "STATUS=internal fault: Verification has stopped (estimator killed by SIGSEGV, restart "
+    words = "STATUS=SIMULATED · internal fault: Verification has stopped (estimator killed by SIGSEGV, restart "
     until(lambda: any(words in said for said in notifications(manager)), ALARM_S)
     monitoring.wait_for("monitoring")
     notifications(manager)
