@@ -3,15 +3,19 @@
 import io
 import json
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
+from appliance.alarm_log import AlarmLog
 from appliance.calibration_file import parse_calibration
 from appliance.config import Config
 from appliance.reference_store import HISTORY
 from tests.stores import PLUS, configuration, kept, log, place, settled, started, written
 from tools.cli import main
+from tools.status_view import _origin
 
 pytestmark = pytest.mark.usefixtures("log")
 __all__ = ["log"]
@@ -108,3 +112,33 @@ def test_a_damaged_history_is_named_and_can_be_set_aside(said, config, tmp_path)
     assert (code, "kept as" in out) == (0, True)
     assert "no reference was kept here yet" in said("list")[2]
     assert settled(started(config)).current.entry.origin == "configuration"
+
+
+def test_the_alarm_log_tells_a_start_and_a_change_in_a_line(config, monkeypatch, capsys):
+    reference = kept(config).in_force.model_dump(mode="json")
+    started_with = {"software": "1.2.3", "configuration": {"file": "/etc/x.toml", "sha256": "ab" * 32}}
+    log = AlarmLog(config.alarm.folder)
+    now = datetime.now(UTC)
+    log.append(now, 1, "started", {**started_with, "reference": reference, "simulated": ["sim:/x"], "found": []}, None)
+    log.append(now, 2, "reference", {"reference": {**reference, "number": 3}}, None)
+    monkeypatch.setattr(sys, "argv", ["probewatch", "log", str(config.alarm.folder)])
+    with pytest.raises(SystemExit):
+        main()
+    start, change = [line for line in capsys.readouterr().out.splitlines() if "reference" in line]
+    told = f"recalibration, {reference['file']}, SHA-256 {reference['sha256'][:12]} by anna, moved by 1.5 mm"
+    assert start.endswith(
+        f"started: probewatch 1.2.3 · configuration abababababab · reference 2, {told} · SIMULATED: sim:/x"
+    )
+    assert change.endswith(f"reference: reference 3, {told}")
+
+
+def test_the_status_names_the_reference_and_what_is_not_in_force(config):
+    reference = kept(config).in_force.model_dump(mode="json")
+    console = Console(file=io.StringIO(), width=100)
+    for line in _origin({"reference": {**reference, "simulated": True}, "calibration_changed": "x was changed"}):
+        console.print(line)
+    first, second = console.file.getvalue().splitlines()
+    assert first.startswith(
+        f"reference 2 · recalibration, SIMULATED · new.toml · {reference['sha256'][:12]} · since 20"
+    )
+    assert second == "! x was changed"

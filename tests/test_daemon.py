@@ -96,12 +96,12 @@ def test_status_and_log_name_what_the_verdicts_rest_on(monitoring: Cart) -> None
 def restarted(cart: Cart) -> dict[str, Any]:
     assert cart.daemon.end() == 0
     cart.start_daemon()
-    return cart.wait_for("monitoring")
+    return cart.wait_for("monitoring", 60)
 
 
 def calibration(*arguments: object) -> "subprocess.CompletedProcess[str]":
     command = [str(PROBEWATCH), "calibration", *(str(argument) for argument in arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, stdin=subprocess.DEVNULL)
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, stdin=subprocess.DEVNULL)
 
 
 def test_a_new_reference_outlives_a_restart_and_can_be_gone_back_from(monitoring: Cart, tmp_path: Path) -> None:
@@ -229,7 +229,9 @@ def test_the_service_manager_is_told_how_the_estimator_ended(monitoring: Cart, m
     until(lambda: any(words in said for said in notifications(manager)), ALARM_S)
     monitoring.wait_for("monitoring")
     notifications(manager)
-    assert "estimator" not in until(lambda: notifications(manager))[-1]
+    said = until(lambda: notifications(manager))[-1]
+    assert "estimator" not in said
+    assert said.endswith(" · SIMULATED")
 
 
 def test_a_killed_relay_board_is_an_output_failure_and_comes_back(monitoring: Cart, manager: socket.socket) -> None:
@@ -323,3 +325,23 @@ def test_the_real_line_verifies_again_after_every_loss(real: Cart, part: str) ->
     if part != "estimator":
         real.start_twin(part)
     real.wait_for("monitoring", 60)
+
+
+@pytest.mark.slow
+def test_a_far_reference_opens_the_contact_until_all_of_it_is_shown(real: Cart, tmp_path: Path) -> None:
+    """The real line: 30 mm off in ζ never closes it; the way back closes it once the tilts and ζ are shown."""
+    right = read_calibration(real.folder / "probe.toml")
+    wrong = tmp_path / "wrong.toml"
+    write_calibration(wrong, replace(right, offset_mm=right.offset_mm + np.array([0, 0, 30])), {})
+    began_s = time.monotonic()
+    taken = calibration("use", wrong, "--yes", "--wait", 40, "--socket", real.socket)
+    assert taken.returncode == 75
+    said = [event for event in real.twins["relay_board"].said if event["heard_s"] > began_s]
+    assert not any(event.get("energised") for event in said)
+    with ControlClient(real.socket) as client:
+        client.abort_recalibration()
+    until(lambda: "offset-elevational" in (real.status().get("reference_waits") or ""))
+    status = real.wait_for("monitoring", 180)
+    assert (status["reference"]["origin"], status["reference_waits"]) == ("went back to 1", None)
+    shown = {check["name"] for check in status["checks"] if check["verdict"] == "OK"}
+    assert "offset-elevational" in shown

@@ -32,7 +32,6 @@ from appliance.service.status import (
     origin_fields,
     output_fields,
     reference_fields,
-    simulated_mark,
 )
 from appliance.service.systemd_notify import Notifier
 from appliance.service.tick_meter import TickMeter
@@ -301,8 +300,8 @@ class Daemon:
         writes = sum(output.writes for output in self._outputs)
         if writes > self._fed_writes:
             self._fed_writes = writes
-            mark = simulated_mark(self._config.simulated, "en")
-            self._notifier.alive(f"{mark}{alarm.state.value}: {alarm.reason}{self._why_silent()}")
+            mark = " · SIMULATED" if self._config.simulated else ""
+            self._notifier.alive(f"{alarm.state.value}: {alarm.reason}{self._why_silent()}{mark}")
 
     def _why_silent(self) -> str:
         ended = None if self._estimator.speaking else self._estimator.ended

@@ -16,11 +16,7 @@ from appliance.supervision.languages import translated
 from appliance.types import AlarmState, Check, Verdict
 
 _SIMULATED = {"en": "SIMULATED · ", "de": "SIMULIERT · "}
-
-
-def simulated_mark(simulated: Sequence[str], language: str) -> str:
-    """What goes before every text while a source is no real device; empty where all are real."""
-    return _SIMULATED[language] if simulated else ""
+"""Before the text of every state while a source is no real device."""
 
 
 def origin_fields(config: Config, config_file: Path, references: References) -> dict[str, Any]:
@@ -55,7 +51,7 @@ def alarm_fields(now_ns: int, alarm: AlarmState, language: str, simulated: Seque
     signal = SIGNALS[alarm.state]
     return {
         "state": alarm.state.value,
-        "text": f"{simulated_mark(simulated, language)}{text}",
+        "text": f"{_SIMULATED[language] if simulated else ''}{text}",
         "remedy": remedy,
         "fault": alarm.fault,
         "reason": alarm.reason,
