@@ -13,7 +13,8 @@ from tools.demo_script import LONGEST_RECOVERY_S, Injection, Script
 _EVIDENCE_S = 10.0
 """What is told of a moment rests on the motion of so many seconds before it."""
 _BUSY_S = 2.0
-"""How long the machine must have been too busy in that time to explain anything; less has never made a run fail."""
+"""How long the machine must have been too busy in that time to explain anything. A choice, not measured: longer, and a
+short overload is told as a failure; shorter, and another program's start excuses a failure."""
 
 ALARMS = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED, State.DEVICE_LOST)
 
