@@ -4,7 +4,7 @@ import difflib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from appliance.limits import Limits
 from appliance.supervision.annunciator import Role
@@ -28,10 +28,20 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
+def _refuse_controls(value: str | Path) -> str | Path:
+    if not str(value).isprintable():
+        raise ValueError("a control character is in it, such as a NUL or a line break")
+    return value
+
+
+_Url = Annotated[str, Field(min_length=1), AfterValidator(_refuse_controls)]
+_Place = Annotated[Path, Field(strict=False), AfterValidator(_refuse_controls)]
+
+
 class Device(_Section):
     """One device by its URL."""
 
-    url: str = Field(min_length=1)
+    url: _Url
 
 
 class Output(Device):
@@ -43,7 +53,7 @@ class Output(Device):
 class CalibrationPlace(_Section):
     """Where the reference calibration lies; a relative path counts from the folder of the configuration file."""
 
-    file: Path = Field(strict=False)
+    file: _Place
 
 
 class SupervisorTimes(_Section):
@@ -90,7 +100,7 @@ class SupervisorTimes(_Section):
 class Control(_Section):
     """The Unix socket through which tools speak to the service; its path is bounded by the kernel."""
 
-    socket: Path = Field(default=Path("/run/probewatch/control"), strict=False)
+    socket: _Place = Path("/run/probewatch/control")
     group: str = ""
 
 
@@ -98,7 +108,7 @@ class Alarm(_Section):
     """How the operator is spoken to, and the folder of the alarm log, which must outlive a power cut."""
 
     language: Literal["en", "de"] = "en"
-    folder: Path = Field(default=Path("/var/lib/probewatch"), strict=False)
+    folder: _Place = Path("/var/lib/probewatch")
 
 
 class Log(_Section):
