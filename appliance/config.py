@@ -34,6 +34,7 @@ def _url(kind: str) -> AfterValidator:
     """Raises what pydantic collects for a URL that can never be opened as this kind."""
 
     def check(url: str) -> str:
+        _refuse_controls(url)
         try:
             return checked_url(url, kind)
         except ConfigurationError as error:
@@ -65,6 +66,15 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
+def _refuse_controls(value: str | Path) -> str | Path:
+    if not str(value).isprintable():
+        raise _refused("a control character is in it, such as a NUL or a line break. Type it anew")
+    return value
+
+
+_Place = Annotated[Path, Field(strict=False), AfterValidator(_refuse_controls)]
+
+
 class Video(_Section):
     """The scanner's picture by its URL."""
 
@@ -91,7 +101,7 @@ class CalibrationPlace(_Section):
     device set it is.
     """
 
-    file: Path = Field(strict=False)
+    file: _Place
     image_size_px: Annotated[tuple[_Side, _Side], Field(strict=False)] | None = None
     probe: str = Field(default="Probe", min_length=1)
 
@@ -140,7 +150,7 @@ class SupervisorTimes(_Section):
 class Control(_Section):
     """The Unix socket through which tools speak to the service; its path is bounded by the kernel."""
 
-    socket: Annotated[Path, AfterValidator(_bindable)] = Field(default=Path("/run/probewatch/control"), strict=False)
+    socket: Annotated[_Place, AfterValidator(_bindable)] = Path("/run/probewatch/control")
     group: str = ""
 
 
@@ -148,7 +158,7 @@ class Alarm(_Section):
     """How the operator is spoken to, and the folder of the alarm log, which must outlive a power cut."""
 
     language: Literal["en", "de"] = "en"
-    folder: Path = Field(default=Path("/var/lib/probewatch"), strict=False)
+    folder: _Place = Path("/var/lib/probewatch")
 
 
 class Log(_Section):

@@ -168,6 +168,21 @@ def test_an_xml_of_a_megabyte_takes_little(tmp_path: Path, text: str, complaint:
     assert seconds < 1.0
 
 
+@pytest.mark.parametrize("key", ["video.url", "tracker.url", "calibration.file", "control.socket", "alarm.folder"])
+@pytest.mark.parametrize("sign", ["\\u0000", "\\n", "\\u001b", "\\u202e"])
+def test_a_control_character_in_a_name_is_refused_by_its_key(tmp_path: Path, key: str, sign: str) -> None:
+    values = {"video.url": "sim:/tmp/a", "tracker.url": "ndi:/dev/b", "calibration.file": "c", "alarm.folder": "d"}
+    values |= {key: f"sim:/tmp/{sign}x"}
+    path = tmp_path / "config.toml"
+    path.write_text(
+        "".join(f'{name} = "{value}"\n' for name, value in values.items()) + 'output = [{url = "relay:/e"}]'
+    )
+    section, name = key.split(".")
+    with pytest.raises(ConfigurationError, match=rf"\[{section}\] {name} = .*a control character") as refusal:
+        load_config(path)
+    assert str(refusal.value).isprintable()
+
+
 WORDS = st.sampled_from(["0", "-1", "nan", "1e999", '"x"', "[]", "{}", "true", "1979-05-27", "10000000000000000000000"])
 VALUE = st.one_of(WORDS, st.text(max_size=20).map(lambda text: repr(text).replace("'", '"')))
 
