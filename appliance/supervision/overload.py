@@ -16,7 +16,7 @@ _LONGEST_STEP_S = 0.25
 _LATE, _LATE_SILENT = 0.3, 0.1
 """Share of time by which ticks may be late; the second while a device is silent, whose thread waits as the tick does.
 Measured on two cores, service at nice -10, pressure 0.99: 0 beside 32 busy programs; under 0.04 in 23 of 25 kills of
-the tracker at a load average of 13, in the other two 0.09 and 0.20, with ticks that took 0.3 and 0.6 s. 0.4 and more for
+the tracker at a load average of 13, in the other two 0.09 and 0.20, with ticks of 0.3 and 0.6 s. 0.4 and more for
 a service that gets what others leave over (SCHED_IDLE beside four busy programs)."""
 _WAITING = 4
 """Pictures that wait for the estimator: a quarter of its ring. One that keeps up has none or one."""
