@@ -122,7 +122,7 @@ class Daemon:
             self._verdict = self._verdict if heard else None
         self._verdict = verdicts[-1] if verdicts else self._verdict
         devices = watch_devices(self._now_ns, self._facts(), self._patience, self._config.limits)
-        self._devices = (*devices, self._watch_overload(devices))
+        self._devices = (*devices, self._watch_overload())
         alarm = self._step(Inputs(verdicts, self._devices))
         self._control.poll(self._requests.answer)
         self._reload_if_asked()
@@ -186,8 +186,8 @@ class Daemon:
             if failure is not None:
                 raise failure
 
-    def _watch_overload(self, devices: tuple[Check, ...]) -> Check:
-        check = self._overload.step(self._now_ns, devices, self._estimator.waiting_frames, self._device_losses)
+    def _watch_overload(self) -> Check:
+        check = self._overload.step(self._now_ns, self._estimator.waiting_frames, self._device_losses)
         for thread in self._threads():
             thread.overload_ns = self._overload.since_ns
         return check
