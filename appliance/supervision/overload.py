@@ -16,7 +16,7 @@ _LONGEST_STEP_S = 0.25
 _LATE = 0.25
 """Share of time by which ticks may be late. Higher: a device is lost before the overload is known. Lower: a single long
 tick, which counts for 0.22 at most, is called an overload. Measured on two cores, service at nice -10, pressure 0.99: 0
-beside 32 busy programs; under 0.04 in 23 of 25 seconds after a tracker was killed at a load average of 13, 0.09 and 0.20
+beside 32 busy programs; under 0.04 in 23 of 25 seconds after a tracker was killed at a load average of 13, 0.09 and 0.2
 in the other two; 0.4 and more for a service that gets what others leave over (SCHED_IDLE beside four busy programs)."""
 _WAITING = 4
 """Pictures that wait for the estimator: a quarter of its ring. One that keeps up has none or one."""
