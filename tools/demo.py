@@ -133,6 +133,7 @@ def _run(
         try:
             return _show(plan, duration_s, settings, console, pause, load)
         except NotReady as error:
+            load.look()
             since_ns = time.monotonic_ns() - round(_ANSWER_S * 1e9)
             if any(until_ns > since_ns for _, until_ns in load.spans_ns):
                 raise TooBusy(f"this computer is overloaded: {error.what}", error.where, _LESS_BUSY) from None

@@ -155,7 +155,7 @@ class Daemon:
         verdicts = self._references.judged(verdicts)
         self._verdict = verdicts[-1] if verdicts else self._verdict
         devices = watch_devices(self._now_ns, self._facts(), self._patience, self._config.limits)
-        self._devices = (*devices, self._watch_overload(devices))
+        self._devices = (*devices, self._watch_overload())
         alarm = self._step(Inputs(verdicts, self._devices))
         self._control.poll(self._requests.answer)
         self._reload_if_asked()
@@ -221,8 +221,8 @@ class Daemon:
             if failure is not None:
                 raise failure
 
-    def _watch_overload(self, devices: tuple[Check, ...]) -> Check:
-        check = self._overload.step(self._now_ns, devices, self._estimator.waiting_frames, self._device_losses)
+    def _watch_overload(self) -> Check:
+        check = self._overload.step(self._now_ns, self._estimator.waiting_frames, self._device_losses)
         for thread in self._threads():
             thread.overload_ns = self._overload.since_ns
         return check

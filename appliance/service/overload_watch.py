@@ -27,10 +27,10 @@ class OverloadWatch:
         """When the present overload began, None while there is none."""
         return self._overload.since_ns
 
-    def step(self, now_ns: int, devices: tuple[Check, ...], waiting_frames: int, losses: int) -> Check:
+    def step(self, now_ns: int, waiting_frames: int, losses: int) -> Check:
         """The check to add to those of the device watchers. losses: of devices, since the start."""
         self._load = Load(self._pressure.share(time.monotonic_ns()), waiting_frames)
-        check = self._overload.step(now_ns, self._load, devices)
+        check = self._overload.step(now_ns, self._load)
         if self.since_ns is None:
             self._end(now_ns, losses)
         elif self._notes.begin(now_ns, losses):

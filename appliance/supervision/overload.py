@@ -6,18 +6,18 @@ It explains; it decides nothing: the contact, the states and their names are the
 from dataclasses import dataclass
 from math import exp, isnan, nan
 
-from appliance.supervision.alarms import OVERLOADED, SILENCES
+from appliance.supervision.alarms import OVERLOADED
 from appliance.types import Check, VerdictKind
 
 _MEMORY_S = 1.0
 """Time constant of the means. Longer: a short burst is not called an overload. Shorter: fewer losses come before it."""
 _LONGEST_STEP_S = 0.25
 """One step counts for no more, so that a service which was stopped once, or a laptop that slept, is not overloaded."""
-_LATE, _LATE_SILENT = 0.3, 0.1
-"""Share of time by which ticks may be late; the second while a device is silent, whose thread waits as the tick does.
-Measured on two cores, service at nice -10, pressure 0.99: 0 beside 32 busy programs; under 0.04 in 23 of 25 kills of
-the tracker at a load average of 13, in the other two 0.09 and 0.20, with ticks that took 0.3 and 0.6 s. 0.4 and more for
-a service that gets what others leave over (SCHED_IDLE beside four busy programs)."""
+_LATE = 0.25
+"""Share of time by which ticks may be late. Higher: a device is lost before the overload is known. Lower: a single long
+tick, which counts for 0.22 at most, is called an overload. Measured on two cores, service at nice -10, pressure 0.99: 0
+beside 32 busy programs; under 0.04 in 23 of 25 seconds after a tracker was killed at a load average of 13, 0.09 and 0.2
+in the other two; 0.4 and more for a service that gets what others leave over (SCHED_IDLE beside four busy programs)."""
 _WAITING = 4
 """Pictures that wait for the estimator: a quarter of its ring. One that keeps up has none or one."""
 _BEHIND = 0.5
@@ -60,15 +60,13 @@ class Overload:
         self._told = False
         self._last_ns: int | None = None
         self._good_ns = 0
-        self._silent = False
         self.since_ns: int | None = None
 
-    def step(self, now_ns: int, load: Load, devices: tuple[Check, ...]) -> Check:
-        """The check to add to those of the device watchers, which are `devices`."""
+    def step(self, now_ns: int, load: Load) -> Check:
+        """The check to add to those of the device watchers."""
         if self._last_ns is not None and now_ns > self._last_ns:
             self._note(now_ns - self._last_ns, load)
         self._last_ns = now_ns
-        self._silent = any(check.verdict is VerdictKind.FAULT and check.fault in SILENCES for check in devices)
         strain = self._strain()
         if self.since_ns is None:
             self.since_ns = now_ns if strain >= 1.0 else None
@@ -101,5 +99,5 @@ class Overload:
     def _strain(self) -> float:
         """Worst quantity ÷ its limit. Without the kernel's word the tick has to tell alone."""
         pressed = not self._told or self._pressure.value >= _PRESSED
-        late = self._late.value / (_LATE_SILENT if self._silent else _LATE) if pressed else 0.0
+        late = self._late.value / _LATE if pressed else 0.0
         return max(late, self._behind.value / _BEHIND)
