@@ -100,8 +100,8 @@ def test_liveness_after_disturbances_the_contact_closes_again() -> None:
 def test_no_sequence_lets_the_contact_outlive_its_evidence() -> None:
     """The same sequences in every run; `make invariant` tries others."""
     Room.fps, frames = SLOW, Cart.frames
-    room_test(examples=4, steps=4)()
-    assert Cart.frames - frames > 1500
+    room_test(examples=4, steps=3, seed=3)()
+    assert Cart.frames - frames > 1000
 
 
 @pytest.mark.slow
