@@ -15,7 +15,7 @@ from tools.cli import probewatch
         (["acknowledge"], "did you mean 'ack'?"),
         (["lamptest"], "did you mean 'lamp-test'?"),
         (["simulate", "optotrack"], "did you mean 'optotrak'?"),
-        (["xyz"], "there are ack, check, demo"),
+        (["xyz"], "there are ack, calibration, check"),
     ],
 )
 def test_an_unknown_command(words: list[str], said: str) -> None:

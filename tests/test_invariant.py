@@ -26,6 +26,7 @@ def test_hole_1_the_contact_does_not_outlive_one_good_pose_in_twelve() -> None:
     outlasting("one pose in twelve")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stream", ["frame", "pose"])
 def test_hole_2_one_stamp_in_the_future_does_not_end_pairing(stream: str) -> None:
     cart = verified_cart(1, fps=SLOW)
@@ -36,6 +37,7 @@ def test_hole_2_one_stamp_in_the_future_does_not_end_pairing(stream: str) -> Non
     assert age_s < 0.5, "a second of good samples has not brought pairing back"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stream", ["frame", "pose"])
 def test_hole_2_a_bend_after_one_stamp_in_the_future_is_found(stream: str) -> None:
     cart = verified_cart(1, fps=SLOW)
@@ -46,6 +48,7 @@ def test_hole_2_a_bend_after_one_stamp_in_the_future_is_found(stream: str) -> No
     assert not cart.closed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pictures", ["noise", "black"])
 def test_hole_3_the_contact_does_not_outlive_the_last_picture_of_tissue(pictures: str) -> None:
     outlasting(pictures)
@@ -55,6 +58,7 @@ def test_hole_4_what_contradicts_the_reference_opens_the_contact_before_it_is_na
     Cart(1, change=ELSEWHERE, fps=SLOW).run(15.0)
 
 
+@pytest.mark.slow
 def test_hole_5_a_fault_that_is_still_there_does_not_go_back_to_ok() -> None:
     """Somebody acknowledges what halts; the probe rests until the measurements that showed the fault are too old."""
     cart = Cart(1, change=SLID, fps=SLOW, enforced="c")
@@ -75,6 +79,7 @@ def test_a_bend_that_no_motion_shows_opens_the_contact_for_good(disturbance: str
     assert [moment.closed for moment in cart.moments].count(True) == 1, cart.told()
 
 
+@pytest.mark.slow
 def test_liveness_a_fault_that_is_undone_lets_the_contact_close_again() -> None:
     """Also the bend of the body, if it is undone as visibly as it was done."""
     cart = verified_cart(2, fps=SLOW)
@@ -87,6 +92,7 @@ def test_liveness_a_fault_that_is_undone_lets_the_contact_close_again() -> None:
         cart.run(1.0)
 
 
+@pytest.mark.slow
 def test_liveness_after_disturbances_the_contact_closes_again() -> None:
     cart = verified_cart(3, fps=SLOW)
     for bad in ({"poses": Poses.MISSING}, {"pictures": Pictures.NOISE}, {"pictures": Pictures.GONE}):

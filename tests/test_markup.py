@@ -78,7 +78,7 @@ def test_thousands_of_mistakes_take_no_time_and_a_few_are_told(tmp_path: Path) -
     path = tmp_path / "wrong.toml"
     path.write_text("".join(f"k{number:05} = 1\n" for number in range(5000)))
     began_s = time.thread_time()
-    with pytest.raises(ConfigurationError, match=r"'k00015' is not known.*and [0-9]+ more") as refusal:
+    with pytest.raises(ConfigurationError, match=r"'k00003' is not known.*and [0-9]+ more") as refusal:
         load_config(path)
     assert time.thread_time() - began_s < 0.5
     assert len(str(refusal.value)) < 5000

@@ -149,7 +149,7 @@ def test_printed_digits_are_made_orthonormal(raw):
         f"Seq_Frame0000_ProbeToTrackerTransform = {numbers}\nX = ".encode(),
     )
     matrix = read_metaimage(raw).transform(0, "ProbeToTracker").matrix
-    # The six digits are off by 1e-6. What rounding leaves, in nine products of three numbers, depends on NumPy's version.
+    # The six digits are off by 1e-6. What rounding leaves, in nine products of three numbers, depends on NumPy.
     assert np.abs(matrix[:3, :3].T @ matrix[:3, :3] - np.eye(3)).max() < 8 * np.finfo(float).eps
     np.testing.assert_allclose(matrix.ravel(), [float(word) for word in numbers.split()], atol=2e-6)
 

@@ -123,7 +123,7 @@ def test_no_contact_state_nor_name_depends_on_it() -> None:
 def _happening(fault: str | None, now_ns: int) -> tuple[tuple[Check, ...], tuple[Verdict, ...]]:
     if fault is None or HAZARDS[fault].kind is Kind.CALIBRATION:
         kind = VerdictKind.OK if fault is None else VerdictKind.FAULT
-        return (), (Verdict(now_ns, kind, (), fault),)
+        return (), (Verdict(now_ns, kind, (), fault, "", now_ns if kind is VerdictKind.OK else None),)
     return (replace(SILENT[0], fault=fault),), ()
 
 

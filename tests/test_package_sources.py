@@ -35,6 +35,7 @@ def test_an_unknown_suite_is_refused_by_name() -> None:
 
 def test_every_command_and_subcommand_has_a_man_page() -> None:
     below = {f"probewatch-simulate-{name}.1" for name in _DEVICES}
+    below |= {f"probewatch-calibration-{name}.1" for name in ("back", "diff", "list", "reset", "show", "use")}
     assert set(PAGES) == {"probewatch.1"} | {f"probewatch-{name}.1" for name in COMMANDS} | below
 
 

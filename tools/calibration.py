@@ -48,7 +48,7 @@ def command() -> None:
     """
 
 
-@command.command(name="list")
+@command.command(name="list", short_help="the references that were ever in force")
 @_WHERE
 @click.option("--json", "as_json", is_flag=True, help="print the history as JSON")
 def list_references(folder: Path, as_json: bool) -> None:
@@ -66,7 +66,7 @@ def list_references(folder: Path, as_json: bool) -> None:
     Console(file=sys.stdout, highlight=False).print(table)
 
 
-@command.command()
+@command.command(short_help="what is known of one reference")
 @click.argument("number", type=int, required=False)
 @_WHERE
 @click.option("--content", is_flag=True, help="print the calibration file itself, as it was taken")
@@ -85,7 +85,7 @@ def show(number: int | None, folder: Path, content: bool) -> None:
     click.echo(f"{'polarity':<14}{_numbers(calibration.polarity, 0)} (lateral, axial)")
 
 
-@command.command()
+@command.command(short_help="how two references or files differ")
 @click.argument("before")
 @click.argument("after")
 @_WHERE
@@ -100,7 +100,7 @@ def diff(before: str, after: str, folder: Path, as_json: bool) -> None:
         _print(change)
 
 
-@command.command()
+@command.command(short_help="give a file to the service as its reference")
 @click.argument("file", type=click.Path(path_type=Path))
 @socket_option
 @_YES
@@ -118,7 +118,7 @@ def use(file: Path, control_socket: Path, yes: bool, wait_s: float) -> None:
     _change(file, control_socket, yes, wait_s)
 
 
-@command.command()
+@command.command(short_help="go back to an earlier reference")
 @click.argument("number", type=int)
 @socket_option
 @_YES
@@ -131,7 +131,7 @@ def back(number: int, control_socket: Path, yes: bool, wait_s: float) -> None:
     _change(number, control_socket, yes, wait_s)
 
 
-@command.command()
+@command.command(short_help="set a damaged history aside and begin anew")
 @_WHERE
 @socket_option
 @_YES

@@ -23,7 +23,13 @@ from appliance.limits import Limits
 from appliance.types import Calibration, Check, Motion, StampedPair, Verdict, VerdictKind
 from drivers.samples import Frame, Matrix4, Pose
 
+_LEAST_TISSUE_ROWS = 200
+"""Smaller pictures are not asked for speckle, which is 1 or 2 px wide in them: at 120 rows one tissue picture in six is
+taken for none (tests/test_no_picture.py). No scanner's video is that small."""
 _SOLVE_EVERY_NS = 330_000_000
+_SOLVE_UNPAIRED_NS = 1_000_000_000
+"""Without poses only what leaves the window changes. When a tracker returns, 64 waiting pictures are settled in one step,
+and a step longer than `Patience.estimator_ns` is told as a silent estimator."""
 _STEADY_CORRELATION = 0.6
 _STALE_NS = 500_000_000
 _SHOWN_AGAIN_MS = 300.0
@@ -132,13 +138,14 @@ class Line:
         height, width = item.frame.image.shape
         if (width, height) != self._reference.image_size_px:
             return self._judged(t_ns, (self._wrong_size(width, height),))
-        self._tissue_check = self._no_picture.step(t_ns, item.frame.image)
+        if height >= _LEAST_TISSUE_ROWS:
+            self._tissue_check = self._no_picture.step(t_ns, item.frame.image)
         self._frozen_check = self._frozen.step(item.frame)
         if not self._frozen.repeats:
             self._watch(item)
         elif self._frozen_check.value > _SHOWN_AGAIN_MS:
             self._lose_sight()
-        self._solve(t_ns)
+        self._solve(t_ns, _SOLVE_EVERY_NS if isinstance(item, StampedPair) else _SOLVE_UNPAIRED_NS)
         return self._judged(t_ns, self._checks())
 
     def _checks(self) -> tuple[Check, ...]:
@@ -201,8 +208,8 @@ class Line:
         self._frozen_tracker.picture(seen_mm)
         return self._slip.step(pair.stamp.t_ns, pair.matrix, float(np.hypot(*seen_mm)))
 
-    def _solve(self, t_ns: int) -> None:
-        if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < _SOLVE_EVERY_NS:
+    def _solve(self, t_ns: int, every_ns: int) -> None:
+        if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < every_ns:
             return
         self._solve_ns = t_ns
         self._evidence.solve(t_ns)

@@ -148,6 +148,7 @@ GERMAN = {
     "estimator presence": "Prüfprozess da",
     "output presence": "Alarmausgang da",
     "alarm log integrity": "Protokoll unversehrt",
+    "calibration file": "Kalibrierdatei",
     "alarm log written": "Protokoll gesichert",
 }
 

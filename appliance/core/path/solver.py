@@ -143,7 +143,7 @@ class _Problem:
         """influence: (9, rows · steps) of each innovation on θ; its squares add up to the variance of θ."""
         later, *_ = self._samples.times.walk
         shares = np.square(influence).reshape(9, -1, later.size).sum(axis=1).cumsum(axis=1)
-        half = [int(np.searchsorted(share, share[-1] / 2)) for share in shares]
+        half = [min(int(np.searchsorted(share, share[-1] / 2)), later.size - 1) for share in shares]
         t_s = self._samples.times.t_s[later[half]]
         return np.array([self._samples.stamp_ns(float(t)) for t in t_s], dtype=np.int64)
 
