@@ -28,8 +28,8 @@ _LEAST_TISSUE_ROWS = 200
 taken for none (tests/test_no_picture.py). No scanner's video is that small."""
 _SOLVE_EVERY_NS = 330_000_000
 _SOLVE_UNPAIRED_NS = 1_000_000_000
-"""Without poses only what leaves the window changes. When a tracker returns, 64 waiting pictures are settled in one step,
-and a step longer than `Patience.estimator_ns` is told as a silent estimator."""
+"""Without poses only what leaves the window changes. When a tracker returns, 64 waiting pictures are settled in one
+step, and a step longer than `Patience.estimator_ns` is told as a silent estimator."""
 _STEADY_CORRELATION = 0.6
 _STALE_NS = 500_000_000
 _SHOWN_AGAIN_MS = 300.0
