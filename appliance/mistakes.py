@@ -23,6 +23,8 @@ _WORDS = {
     "bool_type": "must be true or false",
 }
 """Where pydantic's own words are about Python."""
+_MOST = 100
+"""Mistakes that are looked at: comparing thousands of keys with what is known would hold a start up for seconds."""
 _TOP = ", it belongs in a section of its own"
 
 
@@ -39,7 +41,7 @@ class Mistakes(ConfigurationError):  # noqa: N818  as people call them
     def found(cls, error: ValidationError, model: type[BaseModel], text: str, path: Path, remedy: str) -> Self:
         """One for each that a person made. model: of the whole file. text: what is in it."""
         lines = key_lines(text)
-        items = _without_consequences(error.errors(include_url=False), model)
+        items = _without_consequences(error.errors(include_url=False)[:_MOST], model)
         each = [(line_of(item["loc"], lines), _told(item, model)) for item in items]
         return cls(path, sorted(each, key=lambda one: one[0] or 0), remedy)
 
