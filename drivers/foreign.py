@@ -5,6 +5,7 @@ from pathlib import Path
 from drivers.errors import RecordingError
 
 HEAD_BYTES = 160
+"""What is read of a file to know its kind: DICOM says its own at byte 128, the others before."""
 _FILM = "A film has no poses: record pictures and poses together with PLUS; watch the film alone as opencv:FILE"
 _PICTURE = "Give the whole sequence with its poses, as PLUS records it (.igs.mha or .mhd)"
 _CONVERT = "Convert it to .igs.mha with EditSequenceFile of PLUS, or store it as that in 3D Slicer"

@@ -80,7 +80,7 @@ def test_thousands_of_mistakes_take_no_time_and_a_few_are_told(tmp_path: Path) -
     began_s = time.thread_time()
     with pytest.raises(ConfigurationError, match=r"'k00003' is not known.*and [0-9]+ more") as refusal:
         load_config(path)
-    assert time.thread_time() - began_s < 1.5
+    assert time.thread_time() - began_s < 0.5
     assert len(str(refusal.value)) < 5000
 
 

@@ -14,6 +14,7 @@ from drivers.errors import ConfigurationError
 from drivers.ports import check_options
 
 _ANY_SIZE_PX = (640, 480)
+"""Stands for the size of pictures that are not there; no other finding depends on it."""
 _DEFAULT = Path("/etc/probewatch/probewatch.toml")
 
 

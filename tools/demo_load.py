@@ -7,6 +7,7 @@ from appliance.service.pressure import Pressure
 from drivers.hosttime import HostClock
 
 _WINDOW_NS = 1_000_000_000
+"""Length of a window: long enough to hold 20 ticks, short enough to fall within one fault of the demo."""
 _SHORT = 0.9
 """Pressure of a window, the share of its time in which some program waited. Measured on two cores: 0.15 … 0.5 for the
 cart alone; 0.85 … 1.0 beside four to eight busy programs, of which the scanner's pictures begin to suffer at 16."""

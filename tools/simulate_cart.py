@@ -14,6 +14,7 @@ from drivers.twins.ndi import NDI_FAULTS
 from tools.simulated_cart import CartSettings, SimulatedDevices
 
 _LOOK_S = 0.5
+"""Between two looks whether every part still runs; how late an end is told."""
 
 
 @click.command("cart")

@@ -16,6 +16,7 @@ from tools.status_view import Status, StatusView, one_line
 
 _EVERY_S = 0.25
 _LINE_EVERY_S = 1.0
+"""Between two lines of `--watch` into a pipe: a reader's pace, and 20 ticks of the service."""
 _EXIT = {"OK": 0, "NOT_VERIFIED": 3, "FAULT": 1}
 
 

@@ -35,6 +35,7 @@ WORDS = {
 
 _BAR_CELLS = 9
 _NUMBER_CELLS = 7
+"""Columns of a ratio and its mark, such as 12.34 ✓."""
 _TREND_EVERY_S = 1.0
 _STEPS = "▁▂▃▄▅▆▇█"
 _COLOURS = {"OK": "green", "FAULT": "red", "NOT_VERIFIED": "cyan"}

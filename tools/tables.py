@@ -11,7 +11,9 @@ from rich.text import Text
 from tools.plain_text import shown
 
 _ENDLESS = 10_000
+"""Columns that no table reaches, to measure how wide one wants to be."""
 _INDENT = 2
+"""Columns by which the rest of a row is set in where the terminal is too narrow for a table."""
 NOTHING = "–"
 
 

@@ -17,6 +17,7 @@ from appliance.types import State
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 
 _LOOK_EVERY_S = 0.25
+"""Between two looks at the status: a progress bar that seems alive, and five ticks of the service."""
 
 
 def progress_bar(text: str) -> Progress:

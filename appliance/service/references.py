@@ -27,7 +27,10 @@ SOFTWARE = version("probewatch")
 _TAKE = "Take it with: probewatch calibration use"
 _UNREADABLE = ""
 _OPEN_S, _END_S = 2.0, 2.0
+"""How long start and end wait for the disk, as the alarm log does. Longer holds the alarm up; shorter starts without
+a reference on a slow disk, with the contact open until it answers."""
 _RETRY_S = 1.0
+"""Between two tries to write: how long room on a full disk may go unnoticed, against work for nothing."""
 
 
 class References(threading.Thread):

@@ -16,6 +16,7 @@ from drivers.errors import ConfigurationError
 
 _SUFFIX = ".refusal"
 _MOST_BYTES = 16_000
+"""A refusal is a few lines; what is larger was not written by the service, and is cut."""
 
 
 def leave(config_file: Path, error: ConfigurationError) -> None:
