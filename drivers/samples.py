@@ -23,6 +23,10 @@ class Stamp:
     t_ns: int
     err_ns: int
 
+    def later_than(self, arrival_ns: int) -> bool:
+        """Whether it claims to be of the future of its own arrival, by more than its error."""
+        return self.t_ns - self.err_ns > arrival_ns
+
 
 class PoseStatus(Enum):
     """What a tracker says of one pose; only OK carries numbers into the line."""

@@ -59,7 +59,7 @@ class SourceThread(DeviceThread):
                     raise DeviceLost("is open but sends nothing", self.url, "Check its cable and that it is running")
 
     def _pass_on(self, sample: Sample, now_ns: int) -> None:
-        if sample.stamp.t_ns - sample.stamp.err_ns > now_ns:
+        if sample.stamp.later_than(now_ns):
             self._refuse_early(sample, now_ns)
             return
         try:

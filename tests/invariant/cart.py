@@ -51,7 +51,8 @@ class Cart:
 
     change: how the true calibration differs from the reference from the start. tilt_deg: of the hand. enforced: the
     clauses of the invariant that are raised; of the others `broken` tells. attended: somebody acknowledges whatever is
-    latched.
+    latched. received: samples pass the threads of their devices, which refuse what is stamped later than it arrives;
+    without, the line alone must cope.
     """
 
     frames = 0
@@ -66,9 +67,10 @@ class Cart:
         fps: float = 30.0,
         enforced: str = "abcd",
         attended: bool = True,
+        received: bool = False,
     ) -> None:
         self.circumstances = Circumstances()
-        self.attended = attended
+        self.attended, self._received = attended, received
         self.oracle = Oracle()
         self.journal: list[str] = []
         self.moments: list[Moment] = []
@@ -233,7 +235,8 @@ class Cart:
 
     def _deliver(self, sample: Sample) -> None:
         """The one place where a sample enters the line; it arrives at self._now_ns."""
-        self._verdicts += self.line.step(sample)
+        if not (self._received and sample.stamp.later_than(self._now_ns)):
+            self._verdicts += self.line.step(sample)
 
     def _tick(self) -> None:
         now_ns = self._now_ns

@@ -39,7 +39,7 @@ class Room(RuleBasedStateMachine):
         seconds=st.sampled_from([7.0, 7.0, 16.0]),
     )
     def switched_on(self, seed: int, wrong: Change, tilt_deg: float, seconds: float) -> None:
-        self.cart = Cart(seed, change=wrong, tilt_deg=tilt_deg, fps=self.fps, attended=False)
+        self.cart = Cart(seed, change=wrong, tilt_deg=tilt_deg, fps=self.fps, attended=False, received=True)
         self.body_was_moved = wrong.moves_body
         self.cart.run(seconds)
 
