@@ -45,8 +45,9 @@ repeat: $(VENV)/dev ## one test fifty times: make repeat TEST=tests/test_daemon.
 evidence: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m "slow and not cart" -n 2
 
-invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (12 minutes)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.invariant
+FRAMES ?= 100000
+invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (15 minutes)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.invariant $(FRAMES)
 
 docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor
 	$(BIN)/python -m tools.manual
