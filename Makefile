@@ -13,7 +13,7 @@ help: ## list the targets
 demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults, alarm, timeline (under 3 minutes)
 	$(BIN)/probewatch demo
 
-test: lint types contracts quick ## lint, types, import contracts and the quick test suite (under 3 minutes)
+test: lint types contracts quick ## lint, types, import contracts and the quick test suite (about six minutes on two cores)
 
 quick: $(VENV)/dev ## the quick test suite alone
 	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not live and not cart and not deb"
