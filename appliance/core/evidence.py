@@ -33,6 +33,7 @@ _REQUIRED_FOR = {
     "polarity": ("polarity",),
     "scale": ("scale-lateral", "scale-axial"),
     "rotation": ("rotation-lateral", "rotation-axial", "rotation-elevational"),
+    "offset": ("offset-lateral", "offset-axial", "offset-elevational"),
 }
 _SLOW = frozenset({"rotation-lateral", "rotation-axial", "offset-lateral", "offset-axial", "offset-elevational"})
 """Shown only by tilt and turn, of which a few seconds hold too little to decide."""

@@ -115,22 +115,24 @@ class Line:
             self._pairing.forget_poses(t_ns)
             self._evidence.window.poses.forget(t_ns)
             self._frozen_tracker = FrozenTracker(_STALE_NS)
+            self._slip.pause()
         else:
             self._pairing.forget_frames(t_ns)
             self._evidence.forget(t_ns)
             self._frozen = FrozenVideo(self._frozen_ns)
-            self._slip.pause()
+            self._slip.pause(t_ns)
 
     def _take_pose(self, pose: Pose) -> None:
         if pose.matrix is not None:
             self._evidence.window.poses.add(pose.stamp.t_ns, pose.matrix)
             self._frozen_tracker.pose(pose)
+            self._slip.pose(pose.stamp.t_ns, pose.matrix)
 
     def _settled(self, item: StampedPair | Unpaired) -> Verdict:
         t_ns = item.frame.stamp.t_ns
         self._paired += isinstance(item, StampedPair)
         if refusal := refused_picture(item.frame.image):
-            self._lose_sight()
+            self._lose_sight(t_ns)
             verified_ns = self._evidence.verified_ns
             verdict = Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._facts(), None, refusal, verified_ns)
             self._judgement.note(verdict)
@@ -144,7 +146,7 @@ class Line:
         if not self._frozen.repeats:
             self._watch(item)
         elif self._frozen_check.value > _SHOWN_AGAIN_MS:
-            self._lose_sight()
+            self._lose_sight(t_ns)
         self._solve(t_ns, _SOLVE_EVERY_NS if isinstance(item, StampedPair) else _SOLVE_UNPAIRED_NS)
         return self._judged(t_ns, self._checks())
 
@@ -160,10 +162,10 @@ class Line:
         seen = tuple(check for check in (self._frozen_check, self._tissue_check) if check is not None)
         return (*self._picture_event.checks(), *self._slip.checks(), *seen, self._frozen_tracker.check())
 
-    def _lose_sight(self) -> None:
+    def _lose_sight(self, t_ns: int) -> None:
         """Whoever stands still for long may go on anywhere: the chain ends here."""
         self._tracker.restart()
-        self._slip.pause()
+        self._slip.pause(t_ns)
 
     def _watch(self, item: StampedPair | Unpaired) -> None:
         frame = item.frame
@@ -171,17 +173,11 @@ class Line:
         followed = tracked.registration is not None
         if self._picture_event.step(frame.stamp.t_ns, frame.image, followed) is not None:
             self._evidence.restart()
-        if isinstance(item, Unpaired):
-            self._slip.pause()
-            return
-        self._compare(item, tracked)
-
-    def _compare(self, pair: StampedPair, tracked: Tracked) -> None:
-        motion = self._analyse(pair, tracked)
-        if self._slipped(pair, tracked):
+        slipped = self._slipped(frame.stamp.t_ns, tracked)
+        motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None
+        if slipped:
             self._evidence.restart()
-            return
-        if motion.usable and self._tracker.settled:
+        elif motion is not None and motion.usable and self._tracker.settled:
             self._evidence.window.add(motion)
 
     def _analyse(self, pair: StampedPair, tracked: Tracked) -> Motion:
@@ -198,15 +194,15 @@ class Line:
         self._known_poses = (own if renew else keyframe, own)
         return motion
 
-    def _slipped(self, pair: StampedPair, tracked: Tracked) -> bool:
+    def _slipped(self, t_ns: int, tracked: Tracked) -> bool:
         """Only a picture that was well followed can testify against the tracker."""
         found = tracked.registration
         if tracked.step is None or found is None or found.correlation < _STEADY_CORRELATION:
-            self._slip.pause()
+            self._slip.pause(t_ns)
             return False
         seen_mm = tracked.step[0] * self._reference.scale_mm_per_px
         self._frozen_tracker.picture(seen_mm)
-        return self._slip.step(pair.stamp.t_ns, pair.matrix, float(np.hypot(*seen_mm)))
+        return self._slip.step(t_ns, float(np.hypot(*seen_mm)))
 
     def _solve(self, t_ns: int, every_ns: int) -> None:
         if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < every_ns:
@@ -219,6 +215,8 @@ class Line:
             self._picture_event.forget_zoom()
         if self._evidence.shows("rotation"):
             self._slip.forget_turn()
+        if self._evidence.shows("offset"):
+            self._slip.forget_shift()
 
     def _wrong_size(self, width: int, height: int) -> Check:
         wanted = self._reference.image_size_px

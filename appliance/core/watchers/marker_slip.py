@@ -6,6 +6,8 @@ forgiven; an outlier, which leaps out and back, sums to nothing.
 """
 
 from collections import deque
+from dataclasses import dataclass
+from itertools import pairwise
 from math import hypot
 
 import numpy as np
@@ -17,49 +19,76 @@ from appliance.types import Check, VerdictKind
 from drivers.samples import Matrix4
 
 _LEAST_MM, _LEAST_RAD = 2.5, np.deg2rad(2.0)
+"""Smallest leap. A marker that is covered for a moment lets a rigid fit jump by 1 to 2 mm; an offset limit is 4 mm."""
 _FAST_MM_PER_S, _FAST_RAD_PER_S = 60.0, np.deg2rad(45.0)
-_HISTORY = 6
-_SETTLE = 3
-_SHARED = 1.5
-_LIVELY = 2.0
+"""How much faster a hand may suddenly go. More hides leaps: at 20 poses a second, 3 mm of each are taken for a hand."""
+_HISTORY_NS = 250_000_000
+"""What went before a leap, for what the hand does usually. Longer takes a turn of the hand for its straight course."""
+_LEAST_STEPS = 4
+_FURTHEST_NS = 250_000_000
+"""Between poses further apart a hand can go anywhere; the pairing of pictures ends there as well."""
+_STAYS_NS = 100_000_000
+"""How long the marker must stay where it leapt to: an outlier of two poses at 20 Hz is over by then."""
+_SHARED, _LIVELY = 1.5, 2.0
+"""How much more than the picture shows, and than the hand did before, is still no leap: the picture shows two of three
+directions, and the liveliest step of a quarter of a second may be outdone."""
+_MOST_WAITING = 2_000
+"""Poses that wait for a picture to testify, 5 s of the fastest tracker; later they are forgotten."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Leap:
+    """expected: where the sensor would be at t_ns without it."""
+
+    t_ns: int
+    expected: Matrix4
 
 
 class MarkerSlip:
-    """Sums the leaps of the marker body in its own axes: B' = B · D."""
+    """Sums the leaps of the marker body in its own axes: B' = B · D.
+
+    Leaps are looked for between poses, not between the poses of pictures: those are interpolated, so that one leap
+    would be spread over two of them and each half taken for the hand's.
+    """
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._recent: deque[tuple[int, Matrix4]] = deque(maxlen=_HISTORY)
-        self._steps: deque[tuple[float, float]] = deque(maxlen=_HISTORY - 1)
+        self._waiting: deque[tuple[int, Matrix4]] = deque(maxlen=_MOST_WAITING)
+        self._recent: deque[tuple[int, Matrix4]] = deque()
         self._slip = np.eye(4)
-        self._pending: tuple[Matrix4, int] | None = None
+        self._pending: _Leap | None = None
 
-    def pause(self) -> None:
-        """The picture was not followed, so it cannot testify: forget the poses so far."""
+    def pose(self, t_ns: int, matrix: Matrix4) -> None:
+        """Take the next usable pose, in time order; it waits for a picture of its time."""
+        self._waiting.append((t_ns, matrix))
+
+    def pause(self, t_ns: int | None = None) -> None:
+        """The picture of t_ns was not followed, so it cannot testify: forget the poses so far.
+
+        None: forget every pose, also those that wait for a later picture.
+        """
         self._forget_path()
         self._pending = None
+        while self._waiting and (t_ns is None or self._waiting[0][0] <= t_ns):
+            self._waiting.popleft()
 
-    def step(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> bool:
-        """Take the pose of a picture that could be followed; True when a leap was confirmed.
+    def step(self, t_ns: int, seen_mm: float) -> bool:
+        """Take a picture that could be followed and weigh the poses up to its time; True when a leap was confirmed.
 
         seen_mm: how far the picture moved since the one before. What it shares with the tracker is no leap.
         """
-        if self._recent:
-            self._steps.append(_extent(sensor_jump(self._recent[-1][1], matrix)))
-        self._recent.append((t_ns, matrix))
-        if self._pending is not None:
-            return self._confirm(matrix)
-        if len(self._recent) == _HISTORY:
-            self._look_for_leap(seen_mm)
-        return False
+        confirmed = False
+        while self._waiting and self._waiting[0][0] <= t_ns:
+            confirmed |= self._weigh(*self._waiting.popleft(), seen_mm)
+        return confirmed
 
     def forget_turn(self) -> None:
         """Motion has shown the rotation to be right."""
         self._slip[:3, :3] = np.eye(3)
 
-    def forget(self) -> None:
-        """A new reference is in force."""
-        self._slip = np.eye(4)
+    def forget_shift(self) -> None:
+        """Motion has shown the offset to be right."""
+        self._slip[:3, 3] = 0.0
 
     def checks(self) -> tuple[Check, ...]:
         """Turn and shift of the marker body since the reference, deg and mm."""
@@ -71,52 +100,61 @@ class MarkerSlip:
             _check("marker-shift", "offset", shift, "mm", self._limits.offset_mm, slid and not bent),
         )
 
-    def _look_for_leap(self, seen_mm: float) -> None:
+    def _weigh(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> bool:
+        if self._pending is not None:
+            return self._confirm(self._pending, t_ns, matrix)
+        if self._recent and not 0 < t_ns - self._recent[-1][0] <= _FURTHEST_NS:
+            self._forget_path()
+        if len(self._recent) > _LEAST_STEPS:
+            self._look_for_leap(t_ns, matrix, seen_mm)
+        self._recent.append((t_ns, matrix))
+        while len(self._recent) > _LEAST_STEPS + 1 and t_ns - self._recent[1][0] > _HISTORY_NS:
+            self._recent.popleft()
+        return False
+
+    def _look_for_leap(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> None:
         """The newest step against the usual ones before it."""
-        (t_before, before), (t_now, now) = self._recent[-2], self._recent[-1]
-        expected = before @ self._usual_step()
-        moved_mm, turned_rad = _extent(sensor_jump(expected, now))
-        usual_mm, usual_rad = self._liveliest_step()
-        dt_s = (t_now - t_before) / 1e9
+        dt_s = (t_ns - self._recent[-1][0]) / 1e9
+        expected = self._expected(t_ns)
+        moved_mm, turned_rad = _extent(sensor_jump(expected, matrix))
+        usual_mm, usual_rad = self._liveliest_step(dt_s)
         far = moved_mm > max(_LEAST_MM, _FAST_MM_PER_S * dt_s) + _SHARED * seen_mm + _LIVELY * usual_mm
         turned = turned_rad > max(_LEAST_RAD, _FAST_RAD_PER_S * dt_s) + _LIVELY * usual_rad
         if far or turned:
-            self._pending = (expected, _SETTLE)
+            self._pending = _Leap(t_ns, expected)
 
-    def _liveliest_step(self) -> tuple[float, float]:
-        """Largest step before the newest, mm and rad: a probe in full swing may well turn round."""
-        steps = tuple(self._steps)[:-1]
-        return max(step[0] for step in steps), max(step[1] for step in steps)
+    def _liveliest_step(self, dt_s: float) -> tuple[float, float]:
+        """What the liveliest of the recent steps would be over dt_s, mm and rad: a probe in full swing may well turn
+        round."""
+        poses = list(self._recent)
+        steps = [(_extent(sensor_jump(one, two)), (t - t_one) / 1e9) for (t_one, one), (t, two) in pairwise(poses)]
+        stretched = [(mm * max(dt_s / s, 1.0), rad * max(dt_s / s, 1.0)) for (mm, rad), s in steps]
+        return max(mm for mm, _ in stretched), max(rad for _, rad in stretched)
 
-    def _forget_path(self) -> None:
-        self._recent.clear()
-        self._steps.clear()
-
-    def _usual_step(self) -> Matrix4:
-        """Mean step of the sensor over the frames before the newest, in sensor axes."""
-        oldest, latest = self._recent[0][1], self._recent[-2][1]
-        whole = inverse(oldest) @ latest
+    def _expected(self, t_ns: int) -> Matrix4:
+        """The latest pose carried on with the mean velocity of the recent ones, in sensor axes."""
+        (begin_ns, oldest), (end_ns, latest) = self._recent[0], self._recent[-1]
         step = np.eye(4)
-        step[:3, 3] = whole[:3, 3] / (_HISTORY - 2)
-        return step
+        step[:3, 3] = (inverse(oldest) @ latest)[:3, 3] * ((t_ns - end_ns) / (end_ns - begin_ns))
+        expected: Matrix4 = latest @ step
+        return expected
 
-    def _confirm(self, matrix: Matrix4) -> bool:
-        """A leap counts once the marker has stayed where it leapt to for a few frames."""
-        assert self._pending is not None
-        expected, left = self._pending
-        leap = sensor_jump(expected, matrix)
-        moved_mm, turned_rad = _extent(leap)
-        gone_back = moved_mm < _LEAST_MM / 2 and turned_rad < _LEAST_RAD / 2
-        if gone_back:
+    def _confirm(self, leap: _Leap, t_ns: int, matrix: Matrix4) -> bool:
+        """A leap counts once the marker has stayed where it leapt to."""
+        found = sensor_jump(leap.expected, matrix)
+        moved_mm, turned_rad = _extent(found)
+        if moved_mm < _LEAST_MM / 2 and turned_rad < _LEAST_RAD / 2:
             self._pending = None
             return False
-        if left > 1:
-            self._pending = (expected, left - 1)
+        if t_ns - leap.t_ns < _STAYS_NS:
             return False
-        self._slip = self._slip @ leap
+        self._slip = self._slip @ found
         self._pending = None
         self._forget_path()
         return True
+
+    def _forget_path(self) -> None:
+        self._recent.clear()
 
 
 def _extent(step: Matrix4) -> tuple[float, float]:
