@@ -242,7 +242,7 @@ def test_the_tracker_thread_tells_answers_from_news_from_poses() -> None:
     for status, expected in kinds.items():
         thread = TrackerThread("tracker", "ndi:/x", lambda url, clock: Tape([], None), lambda _: None, CLOCK)  # type: ignore[arg-type,return-value]
         thread.note(pose(status), 7)
-        noted = (thread.reply_ns, thread.fresh_ns, thread.pose_ns)
+        noted = (thread.replies.reply_ns, thread.replies.fresh_ns, thread.replies.pose_ns)
         assert tuple(value == 7 for value in noted) == expected
 
 

@@ -12,11 +12,16 @@ import pytest
 from appliance.calibration_file import write_calibration
 from appliance.core.geometry import rotation_from_vector
 from appliance.core.report import Change, LineReport, report_json
-from appliance.supervision.timeline import Timeline
+from appliance.limits import Limits
+from appliance.service.source_thread import TrackerThread
+from appliance.supervision.timeline import Judging, Timeline
+from appliance.supervision.watchers.devices import watch_devices
+from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import Calibration, Check, State, Verdict, VerdictKind
+from drivers.hosttime import HostClock
 from drivers.metaimage import write_metaimage
 from drivers.replay import open_recording
-from drivers.samples import Frame, Pose, PoseStatus
+from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.faults import Episode, Schedule
 from tests.recordings import PERIOD_NS, START_NS, items, picture, plus_file
 from tools.cli import main
@@ -129,6 +134,59 @@ def healthy(sample):
 
 def polarity(sample):
     return Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (), "polarity", "picture is mirrored")
+
+
+def live_checks(statuses: list[PoseStatus]) -> dict[str, VerdictKind]:
+    """What the service's own thread and watchers say after these replies, 40 ms apart."""
+    thread = TrackerThread("tracker", "ndi:/x", lambda *_: None, lambda _: None, HostClock())
+    for index, status in enumerate(statuses):
+        thread.note(reply(index, status), START_NS + index * PERIOD_NS)
+    end_ns = START_NS + (len(statuses) - 1) * PERIOD_NS
+    heard = {"heartbeat_ns": end_ns, "output_ns": end_ns, "frame_ns": end_ns}
+    facts = Facts(started_ns=START_NS, replies=thread.replies, **heard)
+    return verdict_of(watch_devices(end_ns, facts, Patience(), Limits()))
+
+
+def reply(index: int, status: PoseStatus) -> Pose:
+    matrix = np.eye(4) if status is PoseStatus.OK else None
+    return Pose(Stamp(START_NS + index * PERIOD_NS, 0), index, matrix, 0.1, status)
+
+
+def verdict_of(checks) -> dict[str, VerdictKind]:
+    return {check.name: check.verdict for check in checks}
+
+
+@pytest.mark.parametrize("status", PoseStatus)
+@pytest.mark.parametrize("before", [PoseStatus.OK, PoseStatus.MISSING])
+def test_replay_and_live_judge_every_kind_of_reply_alike(status, before):
+    statuses = [before] * 5 + [status] * 90
+    timeline = Timeline(START_NS, START_NS, START_NS + 94 * PERIOD_NS)
+    for index, kind in enumerate(statuses):
+        frame = Frame(Stamp(START_NS + index * PERIOD_NS, 0), index, picture(index, FRAME_PX))
+        timeline.step(frame, ())
+        timeline.step(reply(index, kind), ())
+    timeline.finish()
+    assert verdict_of(timeline.devices) == live_checks(statuses)
+    failing = {
+        PoseStatus.DISABLED: "tracker-lost",
+        PoseStatus.STALE: "tracker-stale",
+        PoseStatus.FAULT: "tracker-alert",
+    }
+    hidden = status not in failing and status is not PoseStatus.OK
+    expected = failing.get(status, "line-of-sight" if hidden else None)
+    assert [check.fault for check in timeline.devices if check.value > check.limit] == ([expected] if expected else [])
+
+
+def test_a_recording_is_judged_as_the_configuration_of_its_cart_says(session, tmp_path):
+    """A tracker that is lost for half a second is a fault unless the cart is told to wait longer."""
+    patient = Judging(patience=Patience(tracker_ns=5_000_000_000))
+    samples = spoiled(session, Episode("lose-tracker", 0.8))
+    for judging, lost in ((None, True), (patient, False)):
+        timeline = Timeline(START_NS, START_NS, START_NS + 39 * PERIOD_NS, judging)
+        for sample in samples:
+            timeline.step(sample, (healthy(sample),) if isinstance(sample, Frame) else ())
+        timeline.finish()
+        assert (timeline.lasting_fault() is not None) is lost
 
 
 def test_timeline_of_a_healthy_recording(session):

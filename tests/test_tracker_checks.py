@@ -39,10 +39,7 @@ class Watch:
         thread = self.thread
         facts = Facts(
             self._started_ns,
-            reply_ns=thread.reply_ns,
-            fresh_ns=thread.fresh_ns,
-            pose_ns=thread.pose_ns,
-            pose_status=thread.pose_status,
+            replies=thread.replies,
             body=thread.body,
         )
         found = watch_devices(self._clock.now_ns(), facts, self._patience, Limits())
@@ -58,7 +55,7 @@ class Watch:
         ]
 
     def healthy(self) -> bool:
-        return self.thread.pose_status is PoseStatus.OK and self.thread.body is not None and not self.failing()
+        return self.thread.replies.status is PoseStatus.OK and self.thread.body is not None and not self.failing()
 
 
 def known(watch: Watch, name: str) -> float:

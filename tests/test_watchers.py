@@ -2,13 +2,14 @@
 
 from dataclasses import replace
 from math import isnan
+from typing import Any
 
 import pytest
 
 from appliance.limits import Limits
 from appliance.supervision.alarms import HAZARDS, Kind
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Patience
+from appliance.supervision.watchers.facts import Facts, Patience, Replies
 from appliance.types import VerdictKind
 from drivers.samples import MarkerBody, PoseStatus
 
@@ -17,10 +18,7 @@ PATIENCE, LIMITS = Patience(), Limits()
 HEALTHY = Facts(
     started_ns=0,
     frame_ns=NOW_NS,
-    reply_ns=NOW_NS,
-    fresh_ns=NOW_NS,
-    pose_ns=NOW_NS,
-    pose_status=PoseStatus.OK,
+    replies=Replies(reply_ns=NOW_NS, fresh_ns=NOW_NS, pose_ns=NOW_NS, status=PoseStatus.OK),
     heartbeat_ns=NOW_NS,
     output_ns=NOW_NS,
 )
@@ -40,7 +38,6 @@ def test_a_healthy_cart_fails_nothing() -> None:
     ("field", "limit_ns", "fault"),
     [
         ("frame_ns", PATIENCE.video_ns, "video-lost"),
-        ("reply_ns", PATIENCE.tracker_ns, "tracker-lost"),
         ("heartbeat_ns", PATIENCE.estimator_ns, "estimator-silent"),
         ("output_ns", PATIENCE.output_ns, "output-failed"),
     ],
@@ -54,16 +51,31 @@ def test_silence_fails_one_nanosecond_past_its_bound(field: str, limit_ns: int, 
     assert check.ratio == 1.0
 
 
+def replying(**told: Any) -> Facts:
+    """HEALTHY but for what the tracker's replies have told."""
+    return replace(HEALTHY, replies=replace(HEALTHY.replies, **told))
+
+
+def test_a_silent_tracker_fails_one_nanosecond_past_its_bound() -> None:
+    at_bound = replying(reply_ns=NOW_NS - PATIENCE.tracker_ns)
+    assert failing(at_bound) == {}
+    lost = {"tracker-lost": VerdictKind.FAULT}
+    assert failing(replying(reply_ns=NOW_NS - PATIENCE.tracker_ns - 1)) == lost
+    assert failing(replying(reply_ns=None)) == lost, "what never came has failed"
+
+
 def test_stale_replies_fail_only_when_they_last() -> None:
-    stale = replace(HEALTHY, pose_status=PoseStatus.STALE, fresh_ns=NOW_NS - PATIENCE.stale_ns)
+    stale = replying(status=PoseStatus.STALE, fresh_ns=NOW_NS - PATIENCE.stale_ns)
     assert failing(stale) == {}
-    assert failing(replace(stale, fresh_ns=NOW_NS - PATIENCE.stale_ns - 1)) == {"tracker-stale": VerdictKind.FAULT}
+    older = replying(status=PoseStatus.STALE, fresh_ns=NOW_NS - PATIENCE.stale_ns - 1)
+    assert failing(older) == {"tracker-stale": VerdictKind.FAULT}
 
 
 def test_complaints_of_the_tracker_fail_only_when_they_last() -> None:
-    complaining = replace(HEALTHY, pose_status=PoseStatus.FAULT, fresh_ns=NOW_NS - PATIENCE.tracker_ns)
+    complaining = replying(status=PoseStatus.FAULT, fresh_ns=NOW_NS - PATIENCE.tracker_ns)
     assert failing(complaining) == {}
-    assert failing(replace(complaining, fresh_ns=complaining.fresh_ns - 1)) == {"tracker-alert": VerdictKind.FAULT}  # type: ignore[operator]
+    longer = replying(status=PoseStatus.FAULT, fresh_ns=NOW_NS - PATIENCE.tracker_ns - 1)
+    assert failing(longer) == {"tracker-alert": VerdictKind.FAULT}
 
 
 @pytest.mark.parametrize(
@@ -84,9 +96,11 @@ def test_a_bad_marker_body_or_field_fails_beyond_its_limit(figure: str, limit: f
 
 @pytest.mark.parametrize("status", [PoseStatus.MISSING, PoseStatus.OUT_OF_VOLUME, PoseStatus.PARTIAL])
 def test_a_hidden_probe_is_not_verified_and_no_fault(status: PoseStatus) -> None:
-    hidden = replace(HEALTHY, pose_status=status, pose_ns=NOW_NS - PATIENCE.unseen_ns)
+    hidden = replying(status=status, pose_ns=NOW_NS - PATIENCE.unseen_ns)
     assert failing(hidden) == {}
-    assert failing(replace(hidden, pose_ns=hidden.pose_ns - 1)) == {"line-of-sight": VerdictKind.NOT_VERIFIED}
+    assert failing(replying(status=status, pose_ns=NOW_NS - PATIENCE.unseen_ns - 1)) == {
+        "line-of-sight": VerdictKind.NOT_VERIFIED
+    }
 
 
 def test_nothing_has_failed_for_longer_than_the_service_runs() -> None:

@@ -10,11 +10,11 @@ from rich.console import Console
 from rich.progress import track
 
 from appliance.calibration_file import read_calibration
+from appliance.config import load_config
 from appliance.core.line import Line
 from appliance.core.report import Change, LineReport, report_json
 from appliance.core.second_opinion import SecondOpinion
-from appliance.limits import Limits
-from appliance.supervision.timeline import Timeline
+from appliance.supervision.timeline import Judging, Timeline
 from appliance.types import Check, Verdict, VerdictKind
 from drivers.atomicfile import check_writable
 from drivers.replay import Recording, open_recording
@@ -46,6 +46,7 @@ def _episode(text: str) -> Episode:
 @click.command(name="replay")
 @click.argument("recording", type=click.Path(path_type=Path))
 @click.option("--calibration", required=True, type=click.Path(path_type=Path), help="our .toml or a PLUS device set")
+@click.option("--config", "config_path", type=click.Path(path_type=Path), help="judge as the cart with this file would")
 @click.option("--poses", type=click.Path(path_type=Path), help="sequence with the poses, if recorded apart")
 @click.option("--inject", "schedule", multiple=True, callback=_episodes, metavar="FAULT[@SECONDS]", help="repeatable")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the report here too")
@@ -58,6 +59,7 @@ def _episode(text: str) -> Episode:
 def command(
     recording: Path,
     calibration: Path,
+    config_path: Path | None,
     poses: Path | None,
     schedule: Schedule,
     json_path: Path | None,
@@ -67,6 +69,9 @@ def command(
     orientation: str | None,
 ) -> None:
     """Run RECORDING (PLUS .igs.mha or .mhd) through the line and print a report.
+
+    --config takes limits, durations and patience from a cart's configuration, so that the recording is judged as that
+    cart would have judged it; without it they are those that probewatch ships with.
 
     --estimate writes what the motion shows of the calibration as a new file, for the first calibration of a cart
     (docs/first-calibration.md); what it does not show is taken from --calibration and named in not_observed.
@@ -78,7 +83,8 @@ def command(
     check_new(estimate_path)
     session = open_recording(recording, poses=poses, probe=probe, reference=reference, orientation=orientation)
     nominal = read_calibration(calibration, session.size_px, probe or "Probe")
-    report, timeline = run(session, Line(nominal, Limits()), schedule)
+    judging = Judging() if config_path is None else _judging(config_path)
+    report, timeline = run(session, Line(nominal, judging.limits), schedule, judging)
     _print(report, timeline, recording)
     if json_path is not None:
         write_json(json_path, report_json(report, timeline))
@@ -87,9 +93,16 @@ def command(
         click.echo(f"written: {estimate_path}")
 
 
-def run(session: Recording, line: Line, schedule: Schedule) -> tuple[LineReport, list[Change]]:
+def _judging(config_path: Path) -> Judging:
+    config = load_config(config_path)
+    return Judging(config.limits, config.supervisor.durations(), config.supervisor.patience())
+
+
+def run(
+    session: Recording, line: Line, schedule: Schedule, judging: Judging | None = None
+) -> tuple[LineReport, list[Change]]:
     """Every sample through line and supervisor; the report counts the frames that the reader left out, too."""
-    timeline = Timeline(session.start_ns, *session.overlap_ns)
+    timeline = Timeline(session.start_ns, *session.overlap_ns, judging)
     for sample in _progress(inject(session.samples(), schedule, session.start_ns), len(session)):
         timeline.step(sample, line.step(sample))
     timeline.finish()

@@ -237,10 +237,7 @@ class Daemon:
         return Facts(
             started_ns=self._started_ns,
             frame_ns=self._video.frame_ns,
-            reply_ns=self._tracker.reply_ns,
-            fresh_ns=self._tracker.fresh_ns,
-            pose_ns=self._tracker.pose_ns,
-            pose_status=self._tracker.pose_status,
+            replies=self._tracker.replies,
             heartbeat_ns=self._heard_ns,
             output_ns=min(known) if len(known) == len(written) else None,
             damage=self._recorder.damage,

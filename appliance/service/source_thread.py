@@ -8,10 +8,11 @@ from typing import Any
 
 from appliance.core.door import refused_picture
 from appliance.service.device_thread import DeviceThread
+from appliance.supervision.watchers.facts import Replies
 from drivers.errors import DeviceLost
 from drivers.hosttime import HostClock
 from drivers.ports import BumpDetector, Identified, TrackerSource, VideoSource, Watched
-from drivers.samples import Frame, MarkerBody, Pose, PoseStatus, Sample
+from drivers.samples import Frame, MarkerBody, Pose, Sample
 
 _READ_S = 0.1
 _REOPEN_AFTER_NS = 3_000_000_000
@@ -99,15 +100,12 @@ class CaptureThread(SourceThread):
 
 
 class TrackerThread(SourceThread):
-    """Arrival times and body as appliance.supervision.watchers.facts.Facts names them.
+    """Replies and body as appliance.supervision.watchers.facts.Facts names them.
 
     remarks: what the tracker says besides its poses, such as a low battery; first why the last pose has no number.
     """
 
-    reply_ns: int | None = None
-    fresh_ns: int | None = None
-    pose_ns: int | None = None
-    pose_status: PoseStatus | None = None
+    replies = Replies()
     body: MarkerBody | None = None
     remarks: tuple[str, ...] = ()
     _reason = ""
@@ -131,13 +129,7 @@ class TrackerThread(SourceThread):
 
     def note(self, sample: Sample, now_ns: int) -> None:
         assert isinstance(sample, Pose)
-        if sample.status is not PoseStatus.DISABLED:
-            self.reply_ns = now_ns
-        if sample.status not in (PoseStatus.STALE, PoseStatus.FAULT):
-            self.fresh_ns = now_ns
-        if sample.status is PoseStatus.OK:
-            self.pose_ns = now_ns
-        self.pose_status, self._reason = sample.status, sample.reason
+        self.replies, self._reason = self.replies.noted(sample.status, now_ns), sample.reason
 
     def tend(self, source: VideoSource | TrackerSource) -> None:
         """Look at what it says of itself now and then, and tell it of a bump that was checked."""

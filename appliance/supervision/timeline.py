@@ -1,29 +1,42 @@
 """The supervisor over a recording: the states a room would have seen. Pure: time is that of the samples."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from appliance.core.report import Change
+from appliance.limits import Limits
 from appliance.supervision.supervisor import Durations, Inputs, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import AlarmState, Check, Verdict, VerdictKind
-from drivers.samples import Frame, PoseStatus, Sample
+from drivers.samples import Frame, Sample
 
 _TICK_NS = 50_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Judging:
+    """What a cart's configuration says of how strictly and how soon it judges; the default is the shipped one's."""
+
+    limits: Limits = field(default_factory=Limits)
+    durations: Durations = field(default_factory=Durations)
+    patience: Patience = field(default_factory=Patience)
 
 
 class Timeline:
     """Ticks the supervisor at its usual rate between start_ns and end_ns, while both devices were recorded.
 
-    origin_ns: time that t_s counts from. All times ns of the recording's clock.
+    origin_ns: time that t_s counts from. All times ns of the recording's clock. judging: as the cart's configuration
+    says.
     """
 
-    def __init__(self, origin_ns: int, start_ns: int, end_ns: int) -> None:
+    def __init__(self, origin_ns: int, start_ns: int, end_ns: int, judging: Judging | None = None) -> None:
+        judging = judging or Judging()
         self._origin_ns, self._end_ns = origin_ns, end_ns
         self._next_ns = start_ns
         self._facts = Facts(started_ns=start_ns)
         self._verdicts: list[Verdict] = []
-        self._supervisor = Supervisor(Durations())
+        self._supervisor = Supervisor(judging.durations)
+        self._patience, self._limits = judging.patience, judging.limits
         self._last: AlarmState | None = None
         self.devices: tuple[Check, ...] = ()
         self.changes: list[Change] = []
@@ -50,7 +63,7 @@ class Timeline:
     def _tick(self, now_ns: int) -> None:
         """A recording has no estimator process and no outputs to lose: both are reported as just heard of."""
         facts = replace(self._facts, heartbeat_ns=now_ns, output_ns=now_ns)
-        self.devices = watch_devices(now_ns, facts, Patience())
+        self.devices = watch_devices(now_ns, facts, self._patience, self._limits)
         state = self._supervisor.step(now_ns, Inputs(tuple(self._verdicts), self.devices))
         self._verdicts.clear()
         if self._last is None or (state.state, state.fault) != (self._last.state, self._last.fault):
@@ -63,10 +76,4 @@ def _noted(facts: Facts, sample: Sample) -> Facts:
     t_ns = sample.stamp.t_ns
     if isinstance(sample, Frame):
         return replace(facts, frame_ns=t_ns)
-    return replace(
-        facts,
-        reply_ns=t_ns,
-        fresh_ns=facts.fresh_ns if sample.status in (PoseStatus.STALE, PoseStatus.FAULT) else t_ns,
-        pose_ns=t_ns if sample.status is PoseStatus.OK else facts.pose_ns,
-        pose_status=sample.status,
-    )
+    return replace(facts, replies=facts.replies.noted(sample.status, t_ns))

@@ -223,15 +223,7 @@ class Cart:
         return self._now_ns + off_ns, off_ns == 0
 
     def _note_reply(self, status: PoseStatus) -> None:
-        """As the tracker's thread does."""
-        now_ns, facts = self._now_ns, self._facts
-        self._facts = replace(
-            facts,
-            reply_ns=now_ns,
-            fresh_ns=facts.fresh_ns if status in (PoseStatus.STALE, PoseStatus.FAULT) else now_ns,
-            pose_ns=now_ns if status is PoseStatus.OK else facts.pose_ns,
-            pose_status=status,
-        )
+        self._facts = replace(self._facts, replies=self._facts.replies.noted(status, self._now_ns))
 
     def _deliver(self, sample: Sample) -> None:
         """The one place where a sample enters the line; it arrives at self._now_ns."""

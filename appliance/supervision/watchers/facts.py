@@ -8,23 +8,41 @@ from drivers.samples import MarkerBody, PoseStatus
 
 
 @dataclass(frozen=True, slots=True)
+class Replies:
+    """What a tracker's replies have told up to now; times ns, None where there was none.
+
+    reply_ns: last one in which the probe's tool was not DISABLED, whatever it saw. fresh_ns: last one that was neither
+    STALE nor FAULT. pose_ns: last with a pose. status: of the last one.
+    """
+
+    reply_ns: int | None = None
+    fresh_ns: int | None = None
+    pose_ns: int | None = None
+    status: PoseStatus | None = None
+
+    def noted(self, status: PoseStatus, at_ns: int) -> "Replies":
+        """With a reply of that status at at_ns."""
+        return Replies(
+            reply_ns=self.reply_ns if status is PoseStatus.DISABLED else at_ns,
+            fresh_ns=self.fresh_ns if status in (PoseStatus.STALE, PoseStatus.FAULT) else at_ns,
+            pose_ns=at_ns if status is PoseStatus.OK else self.pose_ns,
+            status=status,
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Facts:
     """Arrival times, ns of the host clock; None where there was none since the start.
 
-    reply_ns: last reply of the tracker in which the probe's tool was not DISABLED, whatever it saw.
-    fresh_ns: last reply that was neither STALE nor FAULT. pose_ns: last with a pose. pose_status: of the last reply.
-    heartbeat_ns: last word of the present estimator process. output_ns: last write of the output that lags most.
-    damage: hazard classes of the alarm log that no person has acknowledged. log_waits_ns: age of its oldest entry that
-    is not on the disk yet. calibration_file_changed: the configured file is neither in force nor decided about.
-    body: how well the tracker measures, the middle of the last second; None for one that does not say.
+    replies: of the tracker. heartbeat_ns: last word of the present estimator process. output_ns: last write of the
+    output that lags most. damage: hazard classes of the alarm log that no person has acknowledged. log_waits_ns: age of
+    its oldest entry that is not on the disk yet. calibration_file_changed: the configured file is neither in force nor
+    decided about. body: how well the tracker measures, the middle of the last second; None for one that does not say.
     """
 
     started_ns: int
     frame_ns: int | None = None
-    reply_ns: int | None = None
-    fresh_ns: int | None = None
-    pose_ns: int | None = None
-    pose_status: PoseStatus | None = None
+    replies: Replies = Replies()
     heartbeat_ns: int | None = None
     output_ns: int | None = None
     damage: tuple[str, ...] = ()

@@ -9,6 +9,6 @@ _UNSEEN = (PoseStatus.MISSING, PoseStatus.OUT_OF_VOLUME, PoseStatus.PARTIAL)
 
 def line_of_sight(now_ns: int, facts: Facts, patience: Patience) -> Check:
     """NOT_VERIFIED when the tracker has answered without a pose for patience.unseen_ns."""
-    last_pose_ns = facts.started_ns if facts.pose_ns is None else facts.pose_ns
-    age_ns = now_ns - last_pose_ns if facts.pose_status in _UNSEEN else 0
+    last_pose_ns = facts.started_ns if facts.replies.pose_ns is None else facts.replies.pose_ns
+    age_ns = now_ns - last_pose_ns if facts.replies.status in _UNSEEN else 0
     return silence("line of sight", "line-of-sight", age_ns, patience.unseen_ns, VerdictKind.NOT_VERIFIED)

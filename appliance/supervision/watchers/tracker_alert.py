@@ -7,6 +7,6 @@ from drivers.samples import PoseStatus
 
 def tracker_alert(now_ns: int, facts: Facts, patience: Patience) -> Check:
     """tracker-alert when the reply is FAULT, and none has been fresh for patience.tracker_ns."""
-    last_good_ns = facts.started_ns if facts.fresh_ns is None else facts.fresh_ns
-    age_ns = now_ns - last_good_ns if facts.pose_status is PoseStatus.FAULT else 0
+    last_good_ns = facts.started_ns if facts.replies.fresh_ns is None else facts.replies.fresh_ns
+    age_ns = now_ns - last_good_ns if facts.replies.status is PoseStatus.FAULT else 0
     return silence("tracker alert", "tracker-alert", age_ns, patience.tracker_ns)

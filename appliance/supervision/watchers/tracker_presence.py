@@ -6,4 +6,5 @@ from appliance.types import Check
 
 def tracker_presence(now_ns: int, facts: Facts, patience: Patience) -> Check:
     """tracker-lost when no reply has arrived for patience.tracker_ns."""
-    return presence("tracker presence", "tracker-lost", now_ns, facts.started_ns, facts.reply_ns, patience.tracker_ns)
+    last_ns = facts.replies.reply_ns
+    return presence("tracker presence", "tracker-lost", now_ns, facts.started_ns, last_ns, patience.tracker_ns)
