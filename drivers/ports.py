@@ -178,6 +178,11 @@ def refuse_unknown(options: Collection[str], known: Collection[str], where: str,
         raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(known)}{advice}")
 
 
+def known_schemes() -> tuple[str, ...]:
+    """Every URL scheme that there is a driver for."""
+    return tuple(_DRIVERS)
+
+
 def device_kinds(url: str) -> tuple[str, ...]:
     """Which of "output", "tracker", "video" a URL can be opened as. Raises ConfigurationError for an unknown scheme."""
     return _DRIVERS[split_url(url)[0]].kinds
