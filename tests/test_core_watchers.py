@@ -9,13 +9,14 @@ from appliance.core.geometry import rigid, rotation_from_vector
 from appliance.core.path.latency import Latency
 from appliance.core.path.solver import Prior, Solution, solve
 from appliance.core.watchers.calibration_change import agreement_check, calibration_checks, latency_check
+from appliance.core.watchers.detector import Observation
 from appliance.core.watchers.frozen_tracker import FrozenTracker
 from appliance.core.watchers.frozen_video import FrozenVideo
 from appliance.core.watchers.marker_slip import MarkerSlip
 from appliance.core.watchers.polarity import weigh_polarity
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, VerdictKind
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from drivers.samples import Pose, PoseStatus, Stamp
 from tests.motions import TRUTH, Noise, planar_path, samples
 
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
@@ -97,12 +98,16 @@ def test_motion_along_one_axis_does_not_show_the_polarity() -> None:
     assert (best, check.verdict) == ((1, 1), OK)
 
 
+def reading(t_ns: int, matrix: np.ndarray) -> Pose:
+    return Pose(Stamp(t_ns, 0), 0, matrix, 0.1, PoseStatus.OK)
+
+
 def sweep(slip: MarkerSlip, body: np.ndarray, frames: range, seen_mm: float = 0.3, hz: float = 30.0) -> list[bool]:
     """Poses of a probe that goes 9 mm/s; body: (4, 4) how the marker sits on it now."""
     confirmed = []
     for k in frames:
         t_ns = round(k / hz * 1e9)
-        slip.pose(t_ns, rigid(np.eye(3), np.array([9.0 * k / hz, 0, 0])) @ body)
+        slip.pose(reading(t_ns, rigid(np.eye(3), np.array([9.0 * k / hz, 0, 0])) @ body))
         confirmed.append(slip.step(t_ns, seen_mm))
     return confirmed
 
@@ -146,14 +151,14 @@ def test_a_leap_that_the_picture_shares_is_a_motion_of_the_probe() -> None:
 def test_nothing_is_concluded_across_a_pause() -> None:
     slip = MarkerSlip(LIMITS)
     sweep(slip, np.eye(4), range(20))
-    slip.pause()
+    slip.pause(round(19 / 30 * 1e9))
     assert not any(sweep(slip, SLID, range(20, 40)))
 
 
 def test_poses_under_pictures_that_were_not_followed_are_forgotten() -> None:
     slip = MarkerSlip(LIMITS)
     sweep(slip, np.eye(4), range(20))
-    slip.pose(round(20 / 30 * 1e9), rigid(np.eye(3), np.array([6.0, 0, 0])) @ SLID)
+    slip.pose(reading(round(20 / 30 * 1e9), rigid(np.eye(3), np.array([6.0, 0, 0])) @ SLID))
     slip.pause(round(20 / 30 * 1e9))
     assert not any(sweep(slip, SLID, range(21, 40)))
 
@@ -170,13 +175,26 @@ def test_a_shift_is_forgiven_once_motion_has_shown_the_offset_and_a_turn_is_not(
     slip = MarkerSlip(LIMITS)
     sweep(slip, np.eye(4), range(20))
     sweep(slip, SLID @ BENT, range(20, 40))
-    slip.forget_shift()
+    slip.forgive(lambda fault: fault == "offset")
     turn, shift = slip.checks()
     assert (turn.verdict, shift.verdict) == (FAULT, OK)
 
 
-def frame(t_ms: int, image: np.ndarray) -> Frame:
-    return Frame(Stamp(t_ms * MS, 0), t_ms, image)
+PICTURE = np.zeros((4, 4), np.uint8)
+
+
+def test_a_picture_that_is_shown_again_neither_testifies_nor_takes_anything_away() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    assert not slip.see(Observation(round(19.5 / 30 * 1e9), PICTURE, repeated=True))
+    assert any(sweep(slip, SLID, range(20, 40)))
+
+
+def test_a_picture_that_was_badly_followed_cannot_testify() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    slip.see(Observation(round(19.5 / 30 * 1e9), PICTURE, repeated=False, followed=True))
+    assert not any(sweep(slip, SLID, range(20, 40)))
 
 
 def test_a_frozen_picture_fails_past_its_limit_even_with_a_ticking_clock() -> None:
@@ -185,10 +203,12 @@ def test_a_frozen_picture_fails_past_its_limit_even_with_a_ticking_clock() -> No
     for k in range(60):
         shown = picture.copy()
         shown[:10, :20] = (7 * k) % 256
-        check = watcher.step(frame(10 * k, shown))
+        watcher.compare(10 * k * MS, shown)
+        (check,) = watcher.checks()
         assert (check.verdict is FAULT) == (10 * k > 500)
     assert watcher.repeats
-    assert watcher.step(frame(600, 255 - picture)).verdict is OK
+    watcher.compare(600 * MS, 255 - picture)
+    assert watcher.checks()[0].verdict is OK
 
 
 def test_a_live_picture_of_a_resting_probe_is_not_frozen() -> None:
@@ -197,7 +217,8 @@ def test_a_live_picture_of_a_resting_probe_is_not_frozen() -> None:
     watcher = FrozenVideo(500 * MS)
     for k in range(80):
         noisy = (still + random.integers(-4, 5, still.shape)).astype(np.uint8)
-        assert watcher.step(frame(20 * k, noisy)).verdict is OK
+        watcher.compare(20 * k * MS, noisy)
+        assert watcher.checks()[0].verdict is OK
 
 
 def pose(t_ms: int, x_mm: float) -> Pose:
@@ -209,7 +230,7 @@ def test_equal_poses_are_stale_only_while_the_picture_moves(moves_mm, verdict) -
     watcher = FrozenTracker(500 * MS)
     for k in range(40):
         watcher.pose(pose(20 * k, 1.0))
-        watcher.picture(np.array([moves_mm, 0.0]))
-    assert watcher.check().verdict is verdict
+        watcher.see(Observation(20 * k * MS, PICTURE, repeated=False, followed=True, step_mm=np.array([moves_mm, 0.0])))
+    assert watcher.checks()[0].verdict is verdict
     watcher.pose(pose(800, 1.5))
-    assert watcher.check().verdict is OK
+    assert watcher.checks()[0].verdict is OK

@@ -3,10 +3,9 @@
 Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quality Control, one picture after the other.
 """
 
-import numpy as np
-
 from appliance.core.door import checked_pose, refused_picture
 from appliance.core.evidence import Evidence
+from appliance.core.geometry import Array
 from appliance.core.judgement import Judgement, judge
 from appliance.core.motion import analyse, wants_keyframe
 from appliance.core.pairing import Pairing, Unpaired
@@ -14,6 +13,7 @@ from appliance.core.path.window import PathWindow
 from appliance.core.picture.realtime_tracker import RealTimeTracker, Tracked
 from appliance.core.report import LineReport
 from appliance.core.stamp_gate import Passage, StampGate
+from appliance.core.watchers.detector import Detector, Observation
 from appliance.core.watchers.frozen_tracker import FrozenTracker
 from appliance.core.watchers.frozen_video import FrozenVideo
 from appliance.core.watchers.marker_slip import MarkerSlip
@@ -23,16 +23,13 @@ from appliance.limits import Limits
 from appliance.types import Calibration, Check, Motion, StampedPair, Verdict, VerdictKind
 from drivers.samples import Frame, Matrix4, Pose
 
-_LEAST_TISSUE_ROWS = 200
-"""Smaller pictures are not asked for speckle, which is 1 or 2 px wide in them: at 120 rows one tissue picture in six is
-taken for none (tests/test_no_picture.py). No scanner's video is that small."""
 _SOLVE_EVERY_NS = 330_000_000
 _SOLVE_UNPAIRED_NS = 1_000_000_000
 """Without poses only what leaves the window changes. When a tracker returns, 64 waiting pictures are settled in one
 step, and a step longer than `Patience.estimator_ns` is told as a silent estimator."""
 _STEADY_CORRELATION = 0.6
 _STALE_NS = 500_000_000
-_SHOWN_AGAIN_MS = 300.0
+_SHOWN_AGAIN_NS = 300_000_000
 """A grabber faster than the scanner hands each picture on several times: no loss of sight, until this is exceeded."""
 
 
@@ -50,14 +47,14 @@ class Line:
         self._pairing = Pairing()
         self._tracker = RealTimeTracker(float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0]))
         self._evidence = Evidence(reference, limits, PathWindow(reference))
-        self._frozen_ns = round(limits.frozen_ms * 1e6)
-        self._frozen = FrozenVideo(self._frozen_ns)
-        self._frozen_check: Check | None = None
-        self._no_picture = NoPicture()
-        self._tissue_check: Check | None = None
-        self._frozen_tracker = FrozenTracker(_STALE_NS)
-        self._picture_event = PictureEvent(limits.scale_percent)
-        self._slip = MarkerSlip(limits)
+        self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
+        self._detectors: tuple[Detector, ...] = (
+            PictureEvent(limits.scale_percent),
+            MarkerSlip(limits),
+            self._frozen,
+            NoPicture(),
+            FrozenTracker(_STALE_NS),
+        )
         self._judgement = Judgement()
         self._known_poses: tuple[tuple[int, Matrix4], ...] = ()
         self._solve_ns: int | None = None
@@ -114,19 +111,19 @@ class Line:
         if isinstance(sample, Pose):
             self._pairing.forget_poses(t_ns)
             self._evidence.window.poses.forget(t_ns)
-            self._frozen_tracker = FrozenTracker(_STALE_NS)
-            self._slip.pause()
+            for detector in self._detectors:
+                detector.forget_poses(t_ns)
         else:
             self._pairing.forget_frames(t_ns)
             self._evidence.forget(t_ns)
-            self._frozen = FrozenVideo(self._frozen_ns)
-            self._slip.pause(t_ns)
+            for detector in self._detectors:
+                detector.forget_pictures(t_ns)
 
     def _take_pose(self, pose: Pose) -> None:
         if pose.matrix is not None:
             self._evidence.window.poses.add(pose.stamp.t_ns, pose.matrix)
-            self._frozen_tracker.pose(pose)
-            self._slip.pose(pose.stamp.t_ns, pose.matrix)
+            for detector in self._detectors:
+                detector.pose(pose)
 
     def _settled(self, item: StampedPair | Unpaired) -> Verdict:
         t_ns = item.frame.stamp.t_ns
@@ -140,13 +137,13 @@ class Line:
         height, width = item.frame.image.shape
         if (width, height) != self._reference.image_size_px:
             return self._judged(t_ns, (self._wrong_size(width, height),))
-        if height >= _LEAST_TISSUE_ROWS:
-            self._tissue_check = self._no_picture.step(t_ns, item.frame.image)
-        self._frozen_check = self._frozen.step(item.frame)
+        self._frozen.compare(t_ns, item.frame.image)
         if not self._frozen.repeats:
             self._watch(item)
-        elif self._frozen_check.value > _SHOWN_AGAIN_MS:
-            self._lose_sight(t_ns)
+        else:
+            self._seen(Observation(t_ns, item.frame.image, repeated=True))
+            if self._frozen.repeats_ns > _SHOWN_AGAIN_NS:
+                self._lose_sight(t_ns)
         self._solve(t_ns, _SOLVE_EVERY_NS if isinstance(item, StampedPair) else _SOLVE_UNPAIRED_NS)
         return self._judged(t_ns, self._checks())
 
@@ -159,23 +156,21 @@ class Line:
         return verdict
 
     def _facts(self) -> tuple[Check, ...]:
-        seen = tuple(check for check in (self._frozen_check, self._tissue_check) if check is not None)
-        return (*self._picture_event.checks(), *self._slip.checks(), *seen, self._frozen_tracker.check())
+        return tuple(check for detector in self._detectors for check in detector.checks())
 
     def _lose_sight(self, t_ns: int) -> None:
         """Whoever stands still for long may go on anywhere: the chain ends here."""
         self._tracker.restart()
-        self._slip.pause(t_ns)
+        for detector in self._detectors:
+            detector.pause(t_ns)
 
     def _watch(self, item: StampedPair | Unpaired) -> None:
         frame = item.frame
         tracked = self._tracker.step(frame.image, frame.sequence)
         followed = tracked.registration is not None
-        if self._picture_event.step(frame.stamp.t_ns, frame.image, followed) is not None:
-            self._evidence.restart()
-        slipped = self._slipped(frame.stamp.t_ns, tracked)
+        seen = Observation(frame.stamp.t_ns, frame.image, False, followed, self._step_mm(tracked))
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None
-        if slipped:
+        if self._seen(seen):
             self._evidence.restart()
         elif motion is not None and motion.usable and self._tracker.settled:
             self._evidence.window.add(motion)
@@ -194,29 +189,25 @@ class Line:
         self._known_poses = (own if renew else keyframe, own)
         return motion
 
-    def _slipped(self, t_ns: int, tracked: Tracked) -> bool:
-        """Only a picture that was well followed can testify against the tracker."""
+    def _seen(self, seen: Observation) -> bool:
+        """Whether some detector has seen the geometry change; each of them takes the picture."""
+        changed = [detector.see(seen) for detector in self._detectors]
+        return any(changed)
+
+    def _step_mm(self, tracked: Tracked) -> Array | None:
+        """(2,) as `Observation` has it."""
         found = tracked.registration
         if tracked.step is None or found is None or found.correlation < _STEADY_CORRELATION:
-            self._slip.pause(t_ns)
-            return False
-        seen_mm = tracked.step[0] * self._reference.scale_mm_per_px
-        self._frozen_tracker.picture(seen_mm)
-        return self._slip.step(t_ns, float(np.hypot(*seen_mm)))
+            return None
+        return tracked.step[0] * self._reference.scale_mm_per_px
 
     def _solve(self, t_ns: int, every_ns: int) -> None:
         if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < every_ns:
             return
         self._solve_ns = t_ns
         self._evidence.solve(t_ns)
-        if self._evidence.shows("polarity"):
-            self._picture_event.forget_flips()
-        if self._evidence.shows("scale"):
-            self._picture_event.forget_zoom()
-        if self._evidence.shows("rotation"):
-            self._slip.forget_turn()
-        if self._evidence.shows("offset"):
-            self._slip.forget_shift()
+        for detector in self._detectors:
+            detector.forgive(self._evidence.shows)
 
     def _wrong_size(self, width: int, height: int) -> Check:
         wanted = self._reference.image_size_px

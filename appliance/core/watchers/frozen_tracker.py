@@ -2,36 +2,42 @@
 
 import numpy as np
 
-from appliance.core.geometry import Array
+from appliance.core.watchers.detector import Detector, Observation
 from appliance.types import Check, VerdictKind
 from drivers.samples import Matrix4, Pose
 
 _MOVED_MM = 1.0
 
 
-class FrozenTracker:
+class FrozenTracker(Detector):
     """Needs motion in the picture: a probe at rest on a noiseless tracker may well report equal poses."""
 
     def __init__(self, limit_ns: int) -> None:
         self._limit_ns = limit_ns
+        self.forget_poses(0)
+
+    def forget_poses(self, since_ns: int) -> None:
+        """See Detector; the reading before is forgotten as well, and the next one is the first."""
         self._matrix: Matrix4 | None = None
         self._since_ns = 0
         self._now_ns = 0
         self._moved_mm = 0.0
 
     def pose(self, pose: Pose) -> None:
-        """Take the next usable pose."""
+        """See Detector."""
         assert pose.matrix is not None
         if self._matrix is None or not np.array_equal(self._matrix, pose.matrix):
             self._since_ns, self._moved_mm = pose.stamp.t_ns, 0.0
         self._matrix, self._now_ns = pose.matrix, pose.stamp.t_ns
 
-    def picture(self, step_mm: Array) -> None:
-        """The picture moved by step_mm (2,) between two frames."""
-        self._moved_mm += float(np.hypot(*step_mm))
+    def see(self, seen: Observation) -> bool:
+        """See Detector."""
+        if seen.step_mm is not None:
+            self._moved_mm += float(np.hypot(*seen.step_mm))
+        return False
 
-    def check(self) -> Check:
+    def checks(self) -> tuple[Check, ...]:
         """Age of the reading, ms, once the picture has moved more than a millimetre in that time; 0 before."""
         age_ns = self._now_ns - self._since_ns if self._moved_mm > _MOVED_MM else 0
         verdict = VerdictKind.FAULT if age_ns > self._limit_ns else VerdictKind.OK
-        return Check("frozen-tracker", "tracker-stale", age_ns / 1e6, 0.0, "ms", self._limit_ns / 1e6, verdict)
+        return (Check("frozen-tracker", "tracker-stale", age_ns / 1e6, 0.0, "ms", self._limit_ns / 1e6, verdict),)

@@ -2,34 +2,49 @@
 
 import numpy as np
 
+from appliance.core.watchers.detector import Detector
 from appliance.types import Check, VerdictKind
-from drivers.samples import Frame, GreyImage
+from drivers.samples import GreyImage
 
 _SAME_GREY = 2
 _CHANGED_SHARE = 1e-3
 
 
-class FrozenVideo:
+class FrozenVideo(Detector):
     """Counts for how long successive pictures have been equal, up to a ticking clock in a corner.
 
-    repeats: whether the latest picture equalled the one before.
+    The line asks it first: what repeats the picture before is not registered. repeats: whether the latest did.
     """
 
     def __init__(self, limit_ns: int) -> None:
         self._limit_ns = limit_ns
+        self.forget_pictures(0)
+
+    def forget_pictures(self, since_ns: int) -> None:
+        """See Detector; the picture before is forgotten as well."""
         self._image: GreyImage | None = None
-        self._since_ns = 0
+        self._since_ns = self._now_ns = 0
         self.repeats = False
 
-    def step(self, frame: Frame) -> Check:
-        """Age of the picture's content, ms. frame.image: (h, w) uint8."""
-        self.repeats = self._image is not None and _same(self._image, frame.image)
+    @property
+    def repeats_ns(self) -> int:
+        """Age of the picture's content."""
+        return self._now_ns - self._since_ns
+
+    def compare(self, t_ns: int, image: GreyImage) -> None:
+        """Take the next picture, (h, w) uint8, of t_ns."""
+        self.repeats = self._image is not None and _same(self._image, image)
         if not self.repeats:
-            self._since_ns = frame.stamp.t_ns
-        self._image = frame.image
-        age_ns = frame.stamp.t_ns - self._since_ns
-        verdict = VerdictKind.FAULT if age_ns > self._limit_ns else VerdictKind.OK
-        return Check("frozen-video", "frozen-video", age_ns / 1e6, 0.0, "ms", self._limit_ns / 1e6, verdict)
+            self._since_ns = t_ns
+        self._image, self._now_ns = image, t_ns
+
+    def checks(self) -> tuple[Check, ...]:
+        """Age of the picture's content, ms."""
+        if self._image is None:
+            return ()
+        verdict = VerdictKind.FAULT if self.repeats_ns > self._limit_ns else VerdictKind.OK
+        limit_ms = self._limit_ns / 1e6
+        return (Check("frozen-video", "frozen-video", self.repeats_ns / 1e6, 0.0, "ms", limit_ms, verdict),)
 
 
 def _same(before: GreyImage, now: GreyImage) -> bool:

@@ -6,6 +6,7 @@ forgiven; an outlier, which leaps out and back, sums to nothing.
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from math import hypot
@@ -14,9 +15,10 @@ import numpy as np
 
 from appliance.core.geometry import angle_from_rotation, inverse
 from appliance.core.path.window import sensor_jump
+from appliance.core.watchers.detector import Detector, Observation
 from appliance.limits import Limits
 from appliance.types import Check, VerdictKind
-from drivers.samples import Matrix4
+from drivers.samples import Matrix4, Pose
 
 _LEAST_MM, _LEAST_RAD = 2.5, np.deg2rad(2.0)
 """Smallest leap. A marker that is covered for a moment lets a rigid fit jump by 1 to 2 mm; an offset limit is 4 mm."""
@@ -44,7 +46,7 @@ class _Leap:
     expected: Matrix4
 
 
-class MarkerSlip:
+class MarkerSlip(Detector):
     """Sums the leaps of the marker body in its own axes: B' = B · D.
 
     Leaps are looked for between poses, not between the poses of pictures: those are interpolated, so that one leap
@@ -58,19 +60,36 @@ class MarkerSlip:
         self._slip = np.eye(4)
         self._pending: _Leap | None = None
 
-    def pose(self, t_ns: int, matrix: Matrix4) -> None:
-        """Take the next usable pose, in time order; it waits for a picture of its time."""
-        self._waiting.append((t_ns, matrix))
+    def pose(self, pose: Pose) -> None:
+        """See Detector; it waits for a picture of its time."""
+        assert pose.matrix is not None
+        self._waiting.append((pose.stamp.t_ns, pose.matrix))
 
-    def pause(self, t_ns: int | None = None) -> None:
-        """The picture of t_ns was not followed, so it cannot testify: forget the poses so far.
+    def see(self, seen: Observation) -> bool:
+        """See Detector; only a picture that was well followed can testify against the tracker."""
+        if seen.repeated:
+            return False
+        if seen.step_mm is None:
+            self.pause(seen.t_ns)
+            return False
+        return self.step(seen.t_ns, float(np.hypot(*seen.step_mm)))
 
-        None: forget every pose, also those that wait for a later picture.
-        """
-        self._forget_path()
+    def pause(self, t_ns: int) -> None:
+        """See Detector: forget the poses so far."""
+        self._recent.clear()
         self._pending = None
-        while self._waiting and (t_ns is None or self._waiting[0][0] <= t_ns):
+        while self._waiting and self._waiting[0][0] <= t_ns:
             self._waiting.popleft()
+
+    def forget_pictures(self, since_ns: int) -> None:
+        """See Detector."""
+        self.pause(since_ns)
+
+    def forget_poses(self, since_ns: int) -> None:
+        """See Detector; the poses before are forgotten as well."""
+        self._recent.clear()
+        self._waiting.clear()
+        self._pending = None
 
     def step(self, t_ns: int, seen_mm: float) -> bool:
         """Take a picture that could be followed and weigh the poses up to its time; True when a leap was confirmed.
@@ -82,13 +101,12 @@ class MarkerSlip:
             confirmed |= self._weigh(*self._waiting.popleft(), seen_mm)
         return confirmed
 
-    def forget_turn(self) -> None:
-        """Motion has shown the rotation to be right."""
-        self._slip[:3, :3] = np.eye(3)
-
-    def forget_shift(self) -> None:
-        """Motion has shown the offset to be right."""
-        self._slip[:3, 3] = 0.0
+    def forgive(self, shows: Callable[[str], bool]) -> None:
+        """See Detector."""
+        if shows("rotation"):
+            self._slip[:3, :3] = np.eye(3)
+        if shows("offset"):
+            self._slip[:3, 3] = 0.0
 
     def checks(self) -> tuple[Check, ...]:
         """Turn and shift of the marker body since the reference, deg and mm."""
@@ -104,7 +122,7 @@ class MarkerSlip:
         if self._pending is not None:
             return self._confirm(self._pending, t_ns, matrix)
         if self._recent and not 0 < t_ns - self._recent[-1][0] <= _FURTHEST_NS:
-            self._forget_path()
+            self._recent.clear()
         if len(self._recent) > _LEAST_STEPS:
             self._look_for_leap(t_ns, matrix, seen_mm)
         self._recent.append((t_ns, matrix))
@@ -150,11 +168,8 @@ class MarkerSlip:
             return False
         self._slip = self._slip @ found
         self._pending = None
-        self._forget_path()
-        return True
-
-    def _forget_path(self) -> None:
         self._recent.clear()
+        return True
 
 
 def _extent(step: Matrix4) -> tuple[float, float]:

@@ -4,9 +4,13 @@ from itertools import cycle
 from math import exp
 
 from appliance.core.picture.texture import Texture, TextureReader
+from appliance.core.watchers.detector import Detector, Observation
 from appliance.types import Check, VerdictKind
 from drivers.samples import GreyImage
 
+_LEAST_ROWS = 200
+"""Smaller pictures are not asked for speckle, which is 1 or 2 px wide in them: at 120 rows one tissue picture in six is
+taken for none (tests/test_no_picture.py). No scanner's video is that small."""
 _LIMIT_NS = 500_000_000
 """Without steady tissue. Longer, the hazard is named later than within a second; shorter, a cough is an alarm."""
 _MEMORY_NS, _STEADY = 250_000_000, 0.75
@@ -21,7 +25,7 @@ _FAST_NS, _IN_TURN = 45_000_000, (2, 3)
 could see only one kind of a flicker. The judgement stands until the next."""
 
 
-class NoPicture:
+class NoPicture(Detector):
     """Counts for how long tissue has not been seen steadily.
 
     texture: of the latest picture that was judged, None before the first.
@@ -36,8 +40,21 @@ class NoPicture:
         self._without_ns = 0
         self.texture: Texture | None = None
 
+    def see(self, seen: Observation) -> bool:
+        """See Detector."""
+        if seen.image.shape[0] >= _LEAST_ROWS:
+            self.step(seen.t_ns, seen.image)
+        return False
+
+    def checks(self) -> tuple[Check, ...]:
+        """Time without steady tissue, ms; none where no picture was judged."""
+        if self.texture is None:
+            return ()
+        verdict = VerdictKind.NOT_VERIFIED if self._without_ns > _LIMIT_NS else VerdictKind.OK
+        return (Check("no-picture", "no-picture", self._without_ns / 1e6, 0.0, "ms", _LIMIT_NS / 1e6, verdict),)
+
     def step(self, t_ns: int, image: GreyImage) -> Check:
-        """Time without steady tissue, ms. t_ns: of the picture, (h, w) uint8."""
+        """Take the next picture, (h, w) uint8, of t_ns; returns the one check."""
         since_ns = 0 if self._before_ns is None else t_ns - self._before_ns
         self._before_ns = t_ns
         seen = self._judged(since_ns, image).tissue >= 1
@@ -45,8 +62,7 @@ class NoPicture:
         for_ns = min(max(since_ns, 0 if seen else _SHORTEST_NS), _LONGEST_NS)
         self._recent = seen + (self._recent - seen) * exp(-for_ns / _MEMORY_NS)
         self._without_ns = 0 if self._recent > _STEADY else self._without_ns + for_ns
-        verdict = VerdictKind.NOT_VERIFIED if self._without_ns > _LIMIT_NS else VerdictKind.OK
-        return Check("no-picture", "no-picture", self._without_ns / 1e6, 0.0, "ms", _LIMIT_NS / 1e6, verdict)
+        return self.checks()[0]
 
     def _judged(self, since_ns: int, image: GreyImage) -> Texture:
         self._passed_over -= 1

@@ -5,6 +5,7 @@ it is mirrored or zoomed, the operator (or the frame grabber) has changed the ge
 for.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import log
 
@@ -12,6 +13,7 @@ import cv2
 import numpy as np
 
 from appliance.core.picture.pyramid import Array32
+from appliance.core.watchers.detector import Detector, Observation
 from appliance.types import Check, VerdictKind
 from drivers.samples import GreyImage
 
@@ -34,7 +36,7 @@ class PictureChange:
     zoom: float = 1.0
 
 
-class PictureEvent:
+class PictureEvent(Detector):
     """Adds up the changes since the reference was in force."""
 
     def __init__(self, scale_limit_percent: float) -> None:
@@ -44,6 +46,10 @@ class PictureEvent:
         self._followed = 0
         self._polarity = (1, 1)
         self._log_zoom = 0.0
+
+    def see(self, seen: Observation) -> bool:
+        """See Detector."""
+        return not seen.repeated and self.step(seen.t_ns, seen.image, seen.followed) is not None
 
     def step(self, t_ns: int, image: GreyImage, followed: bool) -> PictureChange | None:
         """The change between the picture before, (h, w) uint8, and this one; None where there was none.
@@ -65,13 +71,12 @@ class PictureEvent:
             self._log_zoom += log(change.zoom)
         return change
 
-    def forget_flips(self) -> None:
-        """Motion has shown the polarity to be right: the sum of events was wrong or has been undone elsewhere."""
-        self._polarity = (1, 1)
-
-    def forget_zoom(self) -> None:
-        """Motion has shown the scales to be right."""
-        self._log_zoom = 0.0
+    def forgive(self, shows: Callable[[str], bool]) -> None:
+        """See Detector: the sum of events was wrong or has been undone elsewhere."""
+        if shows("polarity"):
+            self._polarity = (1, 1)
+        if shows("scale"):
+            self._log_zoom = 0.0
 
     def checks(self) -> tuple[Check, ...]:
         """Flipped axes and magnification since the reference, as facts that need no motion."""

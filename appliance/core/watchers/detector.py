@@ -1,0 +1,54 @@
+"""The one shape of a detector: it takes poses and what was made of each picture, and yields checks.
+
+Pure: time is in the stamps. A detector overrides what concerns it; the others do nothing.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from appliance.core.geometry import Array
+from appliance.types import Check
+from drivers.samples import GreyImage, Pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """What the line has made of one picture that has the size of the reference's.
+
+    image: (h, w) uint8. repeated: the same picture as the one before, which shows nothing new. followed: the Real-time
+    Tracker registered it. step_mm: (2,) lateral and axial motion since the picture before; None where it was followed
+    too badly to testify against the tracker.
+    """
+
+    t_ns: int
+    image: GreyImage
+    repeated: bool
+    followed: bool = False
+    step_mm: Array | None = None
+
+
+class Detector:
+    """One thing that may be wrong."""
+
+    def pose(self, pose: Pose) -> None:
+        """Take the next usable pose, in time order; it comes before the picture of its time."""
+
+    def see(self, seen: Observation) -> bool:
+        """Take the next picture. True where it shows that the geometry has changed: what was measured is of before."""
+        return False
+
+    def pause(self, t_ns: int) -> None:
+        """Sight was lost at t_ns: what comes cannot be compared with what came."""
+
+    def forget_pictures(self, since_ns: int) -> None:
+        """Pictures at or after since_ns were stamped wrongly."""
+
+    def forget_poses(self, since_ns: int) -> None:
+        """Poses at or after since_ns were stamped wrongly."""
+
+    def forgive(self, shows: Callable[[str], bool]) -> None:
+        """Motion has shown the classes of faults for which `shows` is true to be absent."""
+
+    def checks(self) -> tuple[Check, ...]:
+        """What it knows now; none before it knows anything."""
+        raise NotImplementedError
