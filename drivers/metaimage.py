@@ -37,10 +37,10 @@ _BLOCK_BYTES = 262_144
 _ROTATION_TOLERANCE = 2e-3
 _FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
-_STATUSES = {
+_STATUSES = {  # PLUS says MISSING of a tool or port that is not there, OUT_OF_VIEW of one that is not seen
     "INVALID": PoseStatus.MISSING,
-    "MISSING": PoseStatus.MISSING,
-    "OUT_OF_VIEW": PoseStatus.OUT_OF_VOLUME,
+    "MISSING": PoseStatus.DISABLED,
+    "OUT_OF_VIEW": PoseStatus.MISSING,
     "OUT_OF_VOLUME": PoseStatus.OUT_OF_VOLUME,
     "DISABLED": PoseStatus.DISABLED,
     "REQ_TIMEOUT": PoseStatus.STALE,

@@ -1,7 +1,7 @@
 """RTC3D, the stream of NDI's First Principles server (TCP 3020): packets to bytes and back.
 
 A packet is u32 size with these 8 bytes, u32 type, both always big-endian, and a payload whose byte order the client
-chooses (fact sheet, section 7.2). There is no checksum: what guards a packet is that three sizes and two counts agree
+chooses (docs/protocols.md). There is no checksum: what guards a packet is that three sizes and two counts agree
 to the byte, that a quaternion has length one, and that a coordinate lies within a kilometre.
 """
 

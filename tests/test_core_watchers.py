@@ -102,12 +102,14 @@ def reading(t_ns: int, matrix: np.ndarray) -> Pose:
     return Pose(Stamp(t_ns, 0), 0, matrix, 0.1, PoseStatus.OK)
 
 
-def sweep(slip: MarkerSlip, body: np.ndarray, frames: range, seen_mm: float = 0.3, hz: float = 30.0) -> list[bool]:
-    """Poses of a probe that goes 9 mm/s; body: (4, 4) how the marker sits on it now."""
+def sweep(
+    slip: MarkerSlip, body: np.ndarray, frames: range, seen_mm: float = 0.3, hz: float = 30.0, mm_per_s: float = 9.0
+) -> list[bool]:
+    """Poses of a probe in steady motion; body: (4, 4) how the marker sits on it now."""
     confirmed = []
     for k in frames:
         t_ns = round(k / hz * 1e9)
-        slip.pose(reading(t_ns, rigid(np.eye(3), np.array([9.0 * k / hz, 0, 0])) @ body))
+        slip.pose(reading(t_ns, rigid(np.eye(3), np.array([mm_per_s * k / hz, 0, 0])) @ body))
         confirmed.append(slip.step(t_ns, seen_mm))
     return confirmed
 
@@ -132,6 +134,23 @@ def test_an_outlier_that_leaps_back_is_no_slip() -> None:
     sweep(slip, SLID, range(20, 21))
     assert not any(sweep(slip, np.eye(4), range(21, 40)))
     assert all(check.verdict is OK for check in slip.checks())
+
+
+@pytest.mark.parametrize("mm_per_s", [0.0, 30.0, 60.0])
+@pytest.mark.parametrize("hz", [20.0, 60.0])
+def test_how_fast_the_hand_goes_is_no_part_of_a_leap(mm_per_s: float, hz: float) -> None:
+    """One wrong pose leaves nothing; a leap and its undoing are measured to a millimetre."""
+    slip, number = MarkerSlip(LIMITS), round(hz)
+
+    def go(body: np.ndarray, frames: range) -> float:
+        sweep(slip, body, frames, seen_mm=0.0, hz=hz, mm_per_s=mm_per_s)
+        return slip.checks()[1].value
+
+    go(np.eye(4), range(number))
+    go(SLID, range(number, number + 1))
+    assert go(np.eye(4), range(number + 1, 2 * number)) == 0.0
+    assert go(SLID, range(2 * number, 3 * number)) == pytest.approx(9.9, abs=1.0)
+    assert go(np.eye(4), range(3 * number, 4 * number)) < 1.0
 
 
 def test_a_leap_undone_is_forgiven() -> None:

@@ -158,7 +158,8 @@ def test_printed_digits_are_made_orthonormal(raw):
     ("word", "status"),
     [
         ("INVALID", PoseStatus.MISSING),
-        ("OUT_OF_VIEW", PoseStatus.OUT_OF_VOLUME),
+        ("OUT_OF_VIEW", PoseStatus.MISSING),
+        ("MISSING", PoseStatus.DISABLED),
         ("DISABLED", PoseStatus.DISABLED),
         ("whatever", PoseStatus.FAULT),
     ],

@@ -77,7 +77,7 @@ def analyse(tracked: Tracked, pair: StampedPair, calibration: Calibration, keyfr
 
 def wants_keyframe(motion: Motion, overlap: float) -> bool:
     """Whether this picture should become the keyframe. The old one stays while it serves: long steps drown least in
-    tracker noise (mathematics, section 3), so the step d grows until likeness, overlap or capture range end it.
+    tracker noise (docs/method.md, section 3), so the step d grows until likeness, overlap or capture range end it.
 
     Out of the plane the picture shows no way that would be lost, and every change of keyframe adds its error to the
     path: there a worse likeness will do.

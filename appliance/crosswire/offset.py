@@ -211,7 +211,7 @@ def _least_cloud(points: Vector, directions: Vector, weights: Vector | None = No
 
 
 def _consistent(points: Vector, directions: Vector) -> NDArray[np.bool_]:
-    """(N,) False for views further off than 4 robust standard deviations from a fit of least absolute distances.
+    """(N,) False for views more than _CUT_SIGMA robust standard deviations off a fit of least absolute distances.
 
     At most one view in five may go: a scan worse than that is refused, not trimmed.
     """

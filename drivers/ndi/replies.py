@@ -104,7 +104,7 @@ class ToolReply:
 
 @dataclass(frozen=True, slots=True)
 class TrackingReply:
-    """One TX or BX reply. system_status: bits of the fact sheet's table, 0 in health."""
+    """One TX or BX reply. system_status: bits as in docs/protocols.md, 0 in health."""
 
     tools: tuple[ToolReply, ...]
     system_status: int = 0

@@ -78,7 +78,7 @@ def nearest_polarity(found: HandEye, nominal_rotation: Array) -> tuple[HandEye, 
     """The same motion read with the polarity that leaves R_x nearest the nominal one, and that polarity.
 
     found: as solved with polarity (1, 1). Mirroring both the picture's axes s and R_x by diag(s_x, s_y, s_x s_y)
-    changes no prediction (mathematics, section 2), so only nearness decides. Rows of t_x go with their axes.
+    changes no prediction (docs/method.md, equation 7), so only nearness decides. Rows of t_x go with their axes.
     """
     best = max(
         product((1, -1), repeat=2), key=lambda s: float(np.trace(nominal_rotation.T @ _mirror(s) @ found.rotation))

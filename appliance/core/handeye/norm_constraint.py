@@ -1,8 +1,8 @@
 """The norm constraint and Horn's method: the paper's third way through Eq. 4. For comparison only.
 
 |t_b|² = uᵀ Λ² u is linear in λ²; with the scales known, R_x turns the t_b onto the Λ u. Tracker noise adds to every
-|t_b|², so the scales come out too large, the more so the shorter the steps: +84 % at d = 1, +1.2 % at d = 10 for 0.1 mm
-and 3 mm/s (mathematics, section 3).
+|t_b|², so the scales come out too large, the more so the shorter the steps (docs/method.md, equation 25;
+docs/paper.md).
 """
 
 import numpy as np

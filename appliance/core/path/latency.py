@@ -3,7 +3,7 @@
 The centre of the picture goes its way w(t) as the tracker tells it; the picture's own path c(t) must be a linear map of
 it. For each candidate lag the best 2 × 3 map is fitted and what it leaves is the cost, so errors of scale and rotation
 of the calibration do not matter. Poses are smoothed over about one frame first: interpolation of noisy poses would
-otherwise favour half a frame (mathematics, section 5).
+otherwise favour half a frame (docs/method.md, section 5).
 """
 
 from dataclasses import dataclass
@@ -125,7 +125,7 @@ class _Steps:
 
 
 def _smoothed(t_s: Array, values: Array, width_s: float) -> Array:
-    """Triangular kernel of half-width width_s over irregular times (m,); values: (3, m)."""
+    """Triangular kernel that falls to zero at 1.5 × width_s, over irregular times (m,); values: (3, m)."""
     reach = max(1, int(np.ceil(width_s / max(float(np.median(np.diff(t_s))), 1e-4))))
     total, weights = np.zeros_like(values), np.zeros(t_s.size)
     for shift in range(-reach, reach + 1):

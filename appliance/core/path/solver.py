@@ -4,8 +4,8 @@ Measured is the path of the image centre through the tissue, integrated along th
 + Λ u_j the centre of picture j lies at −R(−α_j) Λ u_j in the axes of the chain's first picture. Predicted is the same
 path from A = X B X⁻¹ (Eq. 1), step by step: t_a = R_x t_b + t_x − R_a t_x, turned back by the measured α. Their
 difference is white tracker noise, a slow drift and one offset per chain; whitening by that model and regressing the
-noisy side on the clean one gives maximum-likelihood estimates without the bias of the norm constraint (mathematics,
-section 3).
+noisy side on the clean one gives maximum-likelihood estimates without the bias of the norm constraint (docs/method.md,
+section 7).
 """
 
 from dataclasses import dataclass, replace

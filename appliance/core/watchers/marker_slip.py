@@ -40,10 +40,15 @@ _MOST_WAITING = 2_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Leap:
-    """expected: where the sensor would be at t_ns without it."""
+    """moved_mm, turned_rad: how far the first pose lay from where the sensor would have been at t_ns without it."""
 
     t_ns: int
-    expected: Matrix4
+    moved_mm: float
+    turned_rad: float
+
+    def undone(self, moved_mm: float, turned_rad: float) -> bool:
+        """Whether less than half of it is left."""
+        return moved_mm < self.moved_mm / 2 and turned_rad < max(self.turned_rad, _LEAST_RAD) / 2
 
 
 class MarkerSlip(Detector):
@@ -124,22 +129,23 @@ class MarkerSlip(Detector):
         if self._recent and not 0 < t_ns - self._recent[-1][0] <= _FURTHEST_NS:
             self._recent.clear()
         if len(self._recent) > _LEAST_STEPS:
-            self._look_for_leap(t_ns, matrix, seen_mm)
+            self._pending = self._leap(t_ns, matrix, seen_mm)
+        if self._pending is not None:
+            return False
         self._recent.append((t_ns, matrix))
         while len(self._recent) > _LEAST_STEPS + 1 and t_ns - self._recent[1][0] > _HISTORY_NS:
             self._recent.popleft()
         return False
 
-    def _look_for_leap(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> None:
-        """The newest step against the usual ones before it."""
+    def _leap(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> _Leap | None:
+        """The newest step against the usual ones before it; None where a hand may have made it."""
         dt_s = (t_ns - self._recent[-1][0]) / 1e9
         expected = self._expected(t_ns)
         moved_mm, turned_rad = _extent(sensor_jump(expected, matrix))
         usual_mm, usual_rad = self._liveliest_step(dt_s)
         far = moved_mm > max(_LEAST_MM, _FAST_MM_PER_S * dt_s) + _SHARED * seen_mm + _LIVELY * usual_mm
         turned = turned_rad > max(_LEAST_RAD, _FAST_RAD_PER_S * dt_s) + _LIVELY * usual_rad
-        if far or turned:
-            self._pending = _Leap(t_ns, expected)
+        return _Leap(t_ns, max(moved_mm, _LEAST_MM), turned_rad) if far or turned else None
 
     def _liveliest_step(self, dt_s: float) -> tuple[float, float]:
         """What the liveliest of the recent steps would be over dt_s, mm and rad: a probe in full swing may well turn
@@ -158,10 +164,9 @@ class MarkerSlip(Detector):
         return expected
 
     def _confirm(self, leap: _Leap, t_ns: int, matrix: Matrix4) -> bool:
-        """A leap counts once the marker has stayed where it leapt to."""
-        found = sensor_jump(leap.expected, matrix)
-        moved_mm, turned_rad = _extent(found)
-        if moved_mm < _LEAST_MM / 2 and turned_rad < _LEAST_RAD / 2:
+        """A leap counts once the marker has stayed where it leapt to, beside the way that the hand goes on."""
+        found = sensor_jump(self._expected(t_ns), matrix)
+        if leap.undone(*_extent(found)):
             self._pending = None
             return False
         if t_ns - leap.t_ns < _STAYS_NS:

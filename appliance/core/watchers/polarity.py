@@ -1,7 +1,7 @@
 """Which of the four picture orientations the motion supports.
 
 Motion alone cannot tell a lateral flip from a sensor turned by 180° about image depth; the polarity is the explanation
-that leaves the rotation nearest its reference (mathematics, section 2).
+that leaves the rotation nearest its reference (docs/method.md, equation 7).
 """
 
 from dataclasses import replace
