@@ -25,7 +25,7 @@ import statemachine  # noqa: F401
 from hypothesis import Phase, settings
 
 ROOT = Path(__file__).parent.parent
-TESTS = ["tests/test_supervisor.py", "tests/test_alarms.py", "tests/test_supervisor_model.py"]
+TESTS = [f"tests/test_{name}.py" for name in ("supervisor", "alarms", "overload", "supervisor_model")]
 MODULES = ("condition", "ledger", "supervisor", "audio", "annunciator")
 _SWAPS = {
     ast.Lt: ast.LtE,

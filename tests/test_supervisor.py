@@ -768,3 +768,37 @@ def test_not_verified_never_says_calibration_verified() -> None:
     room.supervisor.doubt()
     assert room.at(TICK_NS, Inputs((replace(said, t_ns=old_ns, verified_ns=old_ns),))) is N
     assert room.alarm.reason == "verified only before a disturbance; move the probe over tissue"
+
+
+def test_damage_that_was_acknowledged_and_mended_is_another_alarm_when_it_is_found_again() -> None:
+    room = room_in(State.MONITORING)
+    damaged = device("log-damaged")
+    room.at(TICK_NS, damaged)
+    room.at(TICK_NS, replace(damaged, request=Request.ACKNOWLEDGE))
+    for _ in range(3):
+        assert room.at(TICK_NS, damaged) is not State.INTERNAL_FAULT, "it was seen"
+    room.ok()
+    assert room.at(TICK_NS, damaged) is State.INTERNAL_FAULT
+
+
+def test_an_ok_of_motion_before_the_fault_does_not_disprove_it() -> None:
+    room = room_in(State.HALT)
+    room.ask(Request.ACKNOWLEDGE)
+    before_ns = room.now_ns - 20 * S_NS
+    for _ in range(60):
+        room.at(TICK_NS, Inputs(verdicts=(Verdict(room.now_ns, VerdictKind.OK, (), verified_ns=before_ns),)))
+    assert room.alarm.latched is State.RECALIBRATION_REQUESTED, "the fault stands, so it escalates"
+    room.ask(Request.ACKNOWLEDGE)
+    for _ in range(60):
+        room.ok()
+    assert room.alarm.state is State.MONITORING
+
+
+def test_a_picture_without_tissue_opens_the_contact_without_an_alarm() -> None:
+    room = room_in(State.MONITORING)
+    blank = Check("no-picture", "no-picture", 600.0, 0.0, "ms", 500.0, VerdictKind.NOT_VERIFIED)
+    t_ns = room.now_ns + TICK_NS
+    assert room.at(TICK_NS, Inputs(verdicts=(Verdict(t_ns, VerdictKind.OK, (blank,), verified_ns=t_ns),))) is (
+        State.NOT_VERIFIED
+    )
+    assert room.alarm.fault == "no-picture"
