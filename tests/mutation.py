@@ -25,7 +25,12 @@ import statemachine  # noqa: F401
 from hypothesis import Phase, settings
 
 ROOT = Path(__file__).parent.parent
-TESTS = [f"tests/test_{name}.py" for name in ("supervisor", "alarms", "overload", "supervisor_model")]
+TESTS = [
+    "tests/test_supervisor.py",
+    "tests/test_alarms.py",
+    "tests/test_overload.py",
+    "tests/test_supervisor_model.py",
+]
 MODULES = ("condition", "ledger", "supervisor", "audio", "annunciator")
 _SWAPS = {
     ast.Lt: ast.LtE,
