@@ -27,11 +27,18 @@ _LEAST_TISSUE_ROWS = 200
 """Smaller pictures are not asked for speckle, which is 1 or 2 px wide in them: at 120 rows one tissue picture in six is
 taken for none (tests/test_no_picture.py). No scanner's video is that small."""
 _SOLVE_EVERY_NS = 330_000_000
+"""Between two solutions of the window. A fault is named by two in a row, so longer names it later; shorter costs the
+processor (the line's share of a picture: `make bench`).
+"""
 _SOLVE_UNPAIRED_NS = 1_000_000_000
 """Without poses only what leaves the window changes. When a tracker returns, 64 waiting pictures are settled in one
 step, and a step longer than `Patience.estimator_ns` is told as a silent estimator."""
 _STEADY_CORRELATION = 0.6
+"""Likeness from which a picture may testify against the tracker. Less takes a bad registration for a leap of the
+marker; more pauses the search for leaps in hasty sweeps. Not measured.
+"""
 _STALE_NS = 500_000_000
+"""How long a tracker may repeat one pose while the picture moves: as long as the shipped `Patience.stale_ns`."""
 _SHOWN_AGAIN_MS = 300.0
 """A grabber faster than the scanner hands each picture on several times: no loss of sight, until this is exceeded."""
 

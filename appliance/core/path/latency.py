@@ -22,12 +22,27 @@ _PARABOLA = np.linalg.pinv(np.vander(_NEAR_S, 3))
 _RANGE_S = (_REACH + _NEAR) * _GRID_S
 """How far from a picture poses are asked for."""
 _STRIDE = 3
+"""One step in so many is looked at where all lags are: a third of the work. About the best lag all steps are."""
 _LAGS_S = (0.08, 0.16, 0.32)
+"""Lengths of the steps. Short ones show a lag sharply but drown in tracker noise, long ones the other way round; what
+they disagree by goes into sigma. Not varied by themselves.
+"""
 _LEAST = 12
+"""Pictures, poses, and steps of one length: twice the parameters that are fitted to them. At 30 Hz, .3 s are too few
+(tests/test_latency.py).
+"""
 _LEAST_DEPTH = 5.0
+"""By how much, in log likelihood, the best lag must beat the usual one. Less takes chance for a lag, more leaves it
+unknown in slow sweeps. Not measured.
+"""
 _MEMORY_S = 0.35
+"""Steps that begin nearer to one another say the same. More widens sigma; with this it covers the error in 95 % of runs
+(tests/test_latency.py).
+"""
 _MAP_PARAMETERS = 6
+"""Of the 2 × 3 map."""
 _ROBUST_ROUNDS = 3
+"""Fits of the map, each with the weights of the one before; each costs as much as the first. Not measured."""
 
 
 @dataclass(frozen=True, slots=True)
