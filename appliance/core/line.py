@@ -37,6 +37,8 @@ _STEADY_CORRELATION = 0.6
 """Likeness from which a picture may testify against the tracker. Less takes a bad registration for a leap of the
 marker; more pauses the search for leaps in hasty sweeps. Not measured.
 """
+_SIZE_PERCENT = 0.1
+"""The limit told beside a picture of another size, which fails however little it differs: 1 px of 640 is .16 %."""
 _STALE_NS = 500_000_000
 """How long a tracker may repeat one pose while the picture moves: as long as the shipped `Patience.stale_ns`."""
 _SHOWN_AGAIN_MS = 300.0
@@ -228,4 +230,4 @@ class Line:
     def _wrong_size(self, width: int, height: int) -> Check:
         wanted = self._reference.image_size_px
         change = 100.0 * (width / wanted[0] - 1) or 100.0 * (height / wanted[1] - 1)
-        return Check("picture-size", "scale", change, 0.0, "%", 0.1, VerdictKind.FAULT)
+        return Check("picture-size", "scale", change, 0.0, "%", _SIZE_PERCENT, VerdictKind.FAULT)

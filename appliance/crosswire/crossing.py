@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from appliance.core.path.noise import SD_PER_MEDIAN
 from appliance.types import Vector
 from drivers.samples import GreyImage
 
@@ -36,6 +37,9 @@ _LARGEST_SHARE = 0.02
 _NOISE_CELL_PX = 9
 """Pixels over which noise is one grain of speckle; more widens sigma. With it the stated sigma is .7 to 1.6 times the
 scatter (tests/test_crossing.py).
+"""
+_ROUGH_SHARE = 1.2
+"""Noise ÷ what of it is rough over 1 px, for noise of the size of speckle: part of it is smooth. See `_NOISE_CELL_PX`.
 """
 _QUANTISATION_GREY = 0.29
 """1 ÷ √12: standard deviation of rounding to whole greys."""
@@ -164,4 +168,4 @@ def _measured(grey: Vector, inside: NDArray[np.bool_], floor: float, corner_px: 
 def _noise_grey(grey: Vector, inside: NDArray[np.bool_]) -> float:
     """Standard deviation of what a smooth spot does not explain, grey levels."""
     rough = grey - cv2.GaussianBlur(grey, (0, 0), 1.0)
-    return float(np.hypot(1.2 * 1.4826 * np.median(np.abs(rough[inside])), _QUANTISATION_GREY))
+    return float(np.hypot(_ROUGH_SHARE * SD_PER_MEDIAN * np.median(np.abs(rough[inside])), _QUANTISATION_GREY))

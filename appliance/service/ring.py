@@ -17,6 +17,7 @@ import numpy as np
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 
 _HEAD_BYTES = 64
+"""A cache line, so that counting does not disturb the first slot."""
 _WRITTEN, _READ = 0, 1
 """The two counters of the head: samples put by the producer; samples taken or dropped by the consumer."""
 _SLOT = struct.Struct("<QII")

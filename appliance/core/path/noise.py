@@ -14,6 +14,8 @@ from scipy.linalg.lapack import dpbtrf, dtbtrs
 
 from appliance.core.geometry import Array, ComplexArray
 
+SD_PER_MEDIAN = 1.4826
+"""Standard deviation ÷ median of the size of a normal variable with mean 0."""
 _SAME_NOISE = 0.1
 """Share by which two estimates of the noise may differ and count as the same. Less costs rounds of the solver; the
 estimates themselves scatter by more in a window of seconds.
@@ -116,7 +118,7 @@ class Times:
             told = self.chain[lag:] == self.chain[:-lag]
         change = np.abs((path[lag:] - path[:-lag])[told].view(np.float64))
         middle = change.size // 2
-        return float((1.4826 * np.partition(change, middle)[middle]) ** 2) if change.size else 0.0
+        return float((SD_PER_MEDIAN * np.partition(change, middle)[middle]) ** 2) if change.size else 0.0
 
 
 class Whitener:
