@@ -20,6 +20,7 @@ BEGUN, AFTER = "chain begun", "after"
 """The event of a chain's first entry, and the field of it that holds the digest of the last entry before it."""
 VERSION = 1
 GENESIS = "0" * 64
+"""In place of the digest before the first entry of all: as long as a SHA-256 in hexadecimal."""
 _SEGMENT = re.compile(r"alarms-([0-9]{8,})\.jsonl")
 _ENTRY_TYPES = {"number": int, "utc": str, "t_ns": int, "event": str, "data": dict, "previous": str}
 _MEMORY_TYPES = {"number": int, "digest": str, "first": int, "damage": list}

@@ -26,6 +26,9 @@ from appliance.alarm_chain import (
 from drivers.atomicfile import replacing, sync_directory
 
 ENTRIES_A_SEGMENT, SEGMENTS_KEPT = 2000, 20
+"""40,000 entries in all. More fills the disk of a cart and takes longer to verify at the start; fewer forgets sooner.
+What goes at once is a segment.
+"""
 _ESCAPED = "backslashreplace"
 """Makes of a lone surrogate, which no UTF-8 can hold, its JSON escape."""
 

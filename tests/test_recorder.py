@@ -50,7 +50,7 @@ def said(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[dict[str, object]]]:
 
 @pytest.fixture
 def recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Recorder]:
-    monkeypatch.setattr(room, "_RETRY_S", 0.02)
+    monkeypatch.setattr(room, "RETRY_S", 0.02)
     recorder = Recorder(tmp_path / "log", HostClock())
     yield recorder
     recorder.close()
@@ -70,7 +70,7 @@ def test_a_folder_that_is_taken_away_alarms_and_the_log_goes_on(recorder: Record
 def test_damage_that_was_accepted_while_nothing_can_be_opened_stays_accepted(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(room, "_RETRY_S", 0.02)
+    monkeypatch.setattr(room, "RETRY_S", 0.02)
     (tmp_path / "log").write_text("a file where the folder should be")
     recorder = Recorder(tmp_path / "log", HostClock())
     assert (recorder.damage, recorder.failing) == (("memory-damaged",), "File exists")
@@ -102,7 +102,7 @@ def test_a_disk_that_does_not_answer_is_named_and_nothing_is_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: list[dict[str, object]]
 ) -> None:
     monkeypatch.setattr(room, "_SILENT_NS", 300_000_000)
-    monkeypatch.setattr(room, "_RETRY_S", 0.02)
+    monkeypatch.setattr(room, "RETRY_S", 0.02)
     segment = silent_segment(tmp_path)
     recorder = Recorder(tmp_path / "log", HostClock())
     began_s = time.monotonic()
@@ -134,7 +134,7 @@ def test_a_disk_that_does_not_answer_is_named_and_nothing_is_lost(
 def test_a_log_that_cannot_be_read_keeps_the_service_waiting_for_a_moment_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(room, "_OPEN_S", 0.2)
+    monkeypatch.setattr(room, "OPEN_S", 0.2)
     monkeypatch.setattr(room, "_SILENT_NS", 100_000_000)
     log = AlarmLog(tmp_path / "log")
     log.append(datetime(2026, 1, 1, tzinfo=UTC), 0, "state", {}, HALT)
@@ -157,7 +157,7 @@ def test_when_too_many_wait_the_newest_is_kept_and_the_log_says_how_many_are_mis
 ) -> None:
     """What is latched now is in the newest."""
     monkeypatch.setattr(room, "_MOST_WAITING", 3)
-    monkeypatch.setattr(room, "_RETRY_S", 0.02)
+    monkeypatch.setattr(room, "RETRY_S", 0.02)
     segment = silent_segment(tmp_path)
     recorder = Recorder(tmp_path / "log", HostClock())
     for _ in range(9):
@@ -176,7 +176,7 @@ def test_when_too_many_wait_the_newest_is_kept_and_the_log_says_how_many_are_mis
 def test_what_is_not_on_the_disk_at_the_end_is_said_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: list[dict[str, object]]
 ) -> None:
-    monkeypatch.setattr(room, "_END_S", 0.1)
+    monkeypatch.setattr(room, "END_S", 0.1)
     segment = silent_segment(tmp_path)
     recorder = Recorder(tmp_path / "log", HostClock())
     recorder.note("stopped", None)

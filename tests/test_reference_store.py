@@ -238,7 +238,7 @@ def test_a_reference_that_is_not_on_the_disk_is_not_verified(tmp_path, monkeypat
     config = configuration(tmp_path)
     references = started(config)
     assert references.judged(ok())[0].kind is VerdictKind.OK
-    monkeypatch.setattr("appliance.service.references._RETRY_S", 0.02)
+    monkeypatch.setattr("appliance.service.references.RETRY_S", 0.02)
     with monkeypatch.context() as patch:
         patch.setattr("appliance.service.references.write_history", full)
         new = written(tmp_path / "new.toml", 0, 0, 1)

@@ -29,6 +29,7 @@ _WHERE = click.option(
     help="[alarm] folder of the service's configuration",
 )
 _YES = click.option("--yes", is_flag=True, help="accept the difference that is stated, without being asked")
+# Time to take up the probe and sweep; the service itself needs up to 10 s of motion (tests/test_line.py).
 _WAIT = click.option("--wait", "wait_s", default=120.0, show_default=True, type=click.FloatRange(1, 3600), help="in s")
 
 

@@ -15,8 +15,11 @@ from drivers.twins.world import World
 
 _FRAME_NS = 50_000_000
 _POSES_PER_FRAME = 3
+"""20 pictures a second, which are drawn in less time than 30, and the 60 poses a second of a Polaris Spectra."""
 _ERR_NS = 100_000
+"""Of every stamp: as good as a simulated device allows, so that no doubt about time is mistaken for one about ζ."""
 _SPOILED_MM = 4.0
+"""The shipped limit of an offset: as much as the service lets pass, plainly more than a scan's sigma of .5 mm."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,12 @@ from tools.simulated_cart import CartSettings, NotReady, SimulatedCart
 from tools.status_view import Status
 
 _ANSWER_S = 15.0
+"""Without an answer of the service before the demo gives up. It answers within a tick of 50 ms, so only a machine that
+is too busy, or a service that hangs, comes to this; less ends demos that would have gone on. Not measured.
+"""
 _ASK_AGAIN_S = 0.5
+"""Of the cart, between two acknowledgements: one in vain is written to its alarm log, and counts against the allowance.
+"""
 _LESS_BUSY = "Try again when the machine is less busy"
 
 

@@ -8,6 +8,7 @@ from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.faults import LATENCY_S, Schedule, spoil_image, spoil_pose
 
 _LATENCY_NS = round(LATENCY_S * 1e9)
+"""As late as the simulated tracker."""
 
 
 def inject(samples: Iterable[Sample], schedule: Schedule, origin_ns: int) -> Iterator[Sample]:

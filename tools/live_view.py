@@ -13,7 +13,9 @@ from tools.demo_director import Director
 from tools.status_view import Status, StatusView
 
 _REDRAWS_PER_S = 8
+"""Enough to be seen as motion; each redraw takes time from the simulated cart on the same machine."""
 _FIXED_LINES = 22
+"""Of the headline and the status; the events get what is left of the terminal. Fewer let the picture outgrow it."""
 
 
 class LiveView:

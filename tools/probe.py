@@ -25,10 +25,16 @@ from drivers.samples import Frame, Pose, PoseStatus
 from tools.time_quality import TimeQuality, time_quality
 
 _READ_S = 0.2
+"""For which a read waits, and by which the measurement may last longer than was asked."""
 _HELD_S = 1.0
 _LOOSE_BOUND_MS = 10.0
+"""Of the error of the time: it takes from the room on either side of the latency's limit, 60 ms as shipped."""
 _MANY_LOST = 0.02
+"""Share of the samples. Less complains of a host that was busy once; more is silent about a line that is too slow. Not
+measured.
+"""
 _POOR_FIT_MM = 0.5
+"""Median RMS of the markers: two thirds of the shipped limit, .75 mm, so that a person hears of it before the alarm."""
 
 Row = tuple[str, str]
 Open = Callable[[str, HostClock], TrackerSource | VideoSource]

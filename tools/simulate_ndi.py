@@ -24,10 +24,12 @@ from drivers.twins.tcpline import TcpLine
 from drivers.twins.world import World
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
+# The bounds of a port number are TCP's.
 _LINES: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
     click.option("--pty", "link", type=click.Path(path_type=Path), metavar="LINK", help="serve a pseudo-terminal here"),
     click.option("--tcp", "port", type=click.IntRange(0, 65535), metavar="PORT", help="serve TCP; 0 takes a free port"),
 ]
+# Bounds: clocks of devices are off by tens of ppm; rates at which a machine can still serve, or a person watch.
 _OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
     click.option("--model", "model_name", type=click.Choice(sorted(MODELS)), required=True),
     click.option("--track-hz", type=int, help="measurements per second; the model's usual rate if not given"),

@@ -16,6 +16,7 @@ from drivers.twins.optotrak import FAULTS, serve
 from drivers.twins.world import World
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
+# Bounds: a Certus fires markers at 4600 Hz at most, and no frame is faster; the others as for `simulate ndi`.
 _OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
     click.option("--tcp", "port", type=click.IntRange(0, 65535), required=True, metavar="PORT", help="0: any free one"),
     click.option("--host", default="127.0.0.1", help="address to listen at; 0.0.0.0 for every network [127.0.0.1]"),

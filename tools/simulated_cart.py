@@ -33,10 +33,16 @@ TWINS = {
 """The command that starts each."""
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _READY_S = 30.0
+"""For which a part may take to serve: it loads its libraries beside three others. Less gives up on a busy machine."""
 _END_S = 10.0
+"""Between SIGTERM and SIGKILL: the service waits up to 2 s for a disk, and a second for each device that hangs."""
 _LAST_LINES = 8
+"""Of the log of a part that ended by itself: the end of a traceback, and a few lines before it."""
 _DEADLINE_MS = 250.0
 _LONGEST_DEADLINE_MS = 5000.0
+"""`deadline_ms` of the tracker in real time, longer on a cart that is faster, and the most that it takes
+(docs/trackers.md): a little more than the default, 200, as the tracker shares the processors with the scanner.
+"""
 
 
 class Part:

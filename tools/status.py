@@ -15,9 +15,11 @@ from tools.service_socket import socket_option
 from tools.status_view import Status, StatusView, one_line
 
 _EVERY_S = 0.25
+"""Between two pictures of `--watch`: seen as motion; more often would only take time from the ticks."""
 _LINE_EVERY_S = 1.0
 """Between two lines of `--watch` into a pipe: a reader's pace, and 20 ticks of the service."""
 _EXIT = {"OK": 0, "NOT_VERIFIED": 3, "FAULT": 1}
+"""By verdict; 2 is a wrong command line."""
 
 
 @click.command()

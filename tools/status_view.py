@@ -34,9 +34,11 @@ WORDS = {
 """Every word of the picture that the service does not say itself."""
 
 _BAR_CELLS = 9
+"""Columns of a bar, and of a trend. More asks for a wider terminal before there are two columns of checks."""
 _NUMBER_CELLS = 7
 """Columns of a ratio and its mark, such as 12.34 ✓."""
 _TREND_EVERY_S = 1.0
+"""Of the service, for each cell of a trend: nine cells show what led to an alarm. Shorter shows noise."""
 _STEPS = "▁▂▃▄▅▆▇█"
 _COLOURS = {"OK": "green", "FAULT": "red", "NOT_VERIFIED": "cyan"}
 _MARKS = {"OK": "✓", "FAULT": "✗", "NOT_VERIFIED": "?"}

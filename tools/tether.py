@@ -12,6 +12,7 @@ from contextlib import suppress
 
 _PR_SET_PDEATHSIG = 1
 _NICE = -10
+"""As systemd/probewatch.service."""
 
 
 def main() -> None:

@@ -12,23 +12,59 @@ from appliance.core.path.window import PathWindow
 from appliance.core.second_opinion import SecondOpinion, second_opinion
 from appliance.core.verification import Sign, Verification
 from appliance.core.watchers.calibration_change import agreement_check, calibration_checks, latency_check, trusted
-from appliance.core.watchers.polarity import flipped, weigh_polarity
+from appliance.core.watchers.polarity import MOST_FLIPPED, flipped, weigh_polarity
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, VerdictKind
 
 _SHORT_NS = 3_500_000_000
+"""The window that finds a change. Longer names it later: a scale is named within 4 s (tests/test_evidence.py). Shorter
+shows too little to be sure by three sigmas.
+"""
 _LONG_NS = 10_000_000_000
+"""The window that measures. Longer measures better, and lets what has slowly changed count for longer as what was; 10 s
+of a hand's tilt show rotation, scales and offset (tests/test_solver.py; mathematics, section 3).
+"""
 _UNKNOWN_LATENCY_S = 0.05
+"""Standard deviation of a latency that the paths alone do not tell. More lets scales hide in it, less lets it hide in
+the scales; the limit is .06 s.
+"""
 _RELINEARISE_S = 0.008
+"""Change of the latency from which poses are taken anew: a quarter of a frame. The residual is linear in it only as far
+as the velocity lasts; less costs a second solution more often. Not measured.
+"""
 _LEAST_LATENCY_SIGMA_S = 0.005
+"""No latency counts as better known. Less trusts a fit that knows nothing of what all stamps have in common; more
+withholds OK and FAULT about the limit. Not measured.
+"""
 _LAGS_S = (-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
-_CONVINCING = 30.0
+"""Where a latency is looked for that the paths do not tell: as far apart as `_UNKNOWN_LATENCY_S` reaches. Each costs a
+misfit; a tracker that is later still is named once the paths tell it.
+"""
+_FAR_BETTER = 30.0
+"""By how much, in −2 log likelihood, a far latency must beat none: it excuses the calibration. Less excuses scale
+faults as latency; more leaves a late tracker unnamed for longer. Not measured.
+"""
 _MOSTLY = 0.7
+"""Share of pictures that saw all of the way, from which the solver's latency counts beside that of the paths: hidden
+way looks like one. Not measured.
+"""
 _LEAST_FAR_NS = 3_000_000_000
+"""A shorter window is not asked for a far latency: over so little motion chance finds one. Not measured."""
+_SAME_X = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2)
+"""rad, relative: X within this of the reference is the reference's, and the far latency is all that is wrong. Within
+the limits, or a wrong X would be excused.
+"""
+_SHARPER = 0.5
+"""Sigma of the solver's latency ÷ that of the paths, below which it takes the place of it: near to one another the two
+are equally good, and the paths' needs no X.
+"""
 _UNSEEN_TILT_RAD = 0.02
 """A tilt that no motion shows is held near the reference: left free, noise tilts it, and its cosine shrinks the scales.
 """
 _NEAR = Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0)
+"""Two to four times the limits: wide enough that a fault at twice its limit is not drawn back by much, near enough that
+what the window does not show stays where the model is linear. Not measured.
+"""
 _REQUIRED_FOR = {
     "polarity": ("polarity",),
     "scale": ("scale-lateral", "scale-axial"),
@@ -38,7 +74,7 @@ _REQUIRED_FOR = {
 _SLOW = frozenset({"rotation-lateral", "rotation-axial", "offset-lateral", "offset-axial", "offset-elevational"})
 """Shown only by tilt and turn, of which a few seconds hold too little to decide."""
 _OF_X = frozenset(PARAMETERS)
-_UNWEIGHED = Check("polarity", "polarity", nan, 0.0, "axes", 0.5, VerdictKind.NOT_VERIFIED)
+_UNWEIGHED = Check("polarity", "polarity", nan, 0.0, "axes", MOST_FLIPPED, VerdictKind.NOT_VERIFIED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -255,7 +291,7 @@ def _solved(window: PathWindow, reference: Calibration, lag: Latency | None) -> 
     """Solution and the latency it found; None for what could not be found."""
     try:
         if lag is not None:
-            solution, lag_s = _solved_near(window, reference, lag.value_s, max(lag.sigma_s, 0.005))
+            solution, lag_s = _solved_near(window, reference, lag.value_s, max(lag.sigma_s, _LEAST_LATENCY_SIGMA_S))
             return solution, _solved_latency(solution, lag_s)
         return _solved_far(window, reference)
     except ValueError:
@@ -273,15 +309,14 @@ def _solved_far(window: PathWindow, reference: Calibration) -> tuple[Solution, L
         return solution, None
     other, other_s = _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S)
     gain = (solution.misfit - other.misfit) * other.motions
-    if gain < _CONVINCING or not _unchanged(other):
+    if gain < _FAR_BETTER or not _unchanged(other):
         return solution, None
     return other, _solved_latency(other, other_s)
 
 
 def _unchanged(solution: Solution) -> bool:
-    """Whether X is the reference's to within 2° and 3 %: then a far latency is all that is wrong."""
-    near = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2)
-    return bool(np.all(np.abs(solution.change[:5]) < near))
+    """Whether X is the reference's: then a far latency is all that is wrong."""
+    return bool(np.all(np.abs(solution.change[:5]) < _SAME_X))
 
 
 def _solved_near(window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float) -> tuple[Solution, float]:
@@ -309,4 +344,4 @@ def _sharper(paths: Latency | None, solved: Latency | None) -> Latency | None:
     if solved is None or paths is None:
         return paths or solved
     near = abs(solved.value_s - paths.value_s) < paths.sigma_s
-    return solved if near and solved.sigma_s < 0.5 * paths.sigma_s else paths
+    return solved if near and solved.sigma_s < _SHARPER * paths.sigma_s else paths

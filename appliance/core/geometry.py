@@ -10,6 +10,7 @@ ComplexArray = NDArray[np.complex128]
 
 _IDENTITY = np.eye(3)
 _TINY = 1e-300
+"""rad². Keeps a rotation by nothing from 0 ÷ 0; its root, 1e-150 rad, rounds away beside any other angle."""
 
 
 def skew(v: Array) -> Array:

@@ -13,6 +13,9 @@ before it fails, high enough that the noise of a good calibration, a fifth of th
 _SIGHT = "no-picture"
 """The check without which the others speak of no tissue."""
 _LASTING_NS = 1_000_000_000
+"""For which a fault must last to name a whole recording. Less lets a passing sign name it, more hides short faults. The
+alarm of a cart does not wait for it.
+"""
 _FIRST = ("frozen-video", "tracker-stale", "polarity", "latency")
 """Faults that spoil everything measured after them, in the order in which they are named."""
 

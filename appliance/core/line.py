@@ -24,11 +24,20 @@ from appliance.types import Calibration, Check, Motion, StampedPair, Verdict, Ve
 from drivers.samples import Frame, Matrix4, Pose
 
 _SOLVE_EVERY_NS = 330_000_000
+"""Between two solutions of the window. A fault is named by two in a row, so longer names it later; shorter costs the
+processor (the line's share of a picture: `make bench`).
+"""
 _SOLVE_UNPAIRED_NS = 1_000_000_000
-"""Without poses only what leaves the window changes. When a tracker returns, 64 waiting pictures are settled in one
+"""Without poses only what leaves the window changes. When a tracker returns, all pictures that wait are settled in one
 step, and a step longer than `Patience.estimator_ns` is told as a silent estimator."""
 _STEADY_CORRELATION = 0.6
+"""Likeness from which a picture may testify against the tracker. Less takes a bad registration for a leap of the
+marker; more pauses the search for leaps in hasty sweeps. Not measured.
+"""
+_SIZE_PERCENT = 0.1
+"""The limit told beside a picture of another size, which fails however little it differs: 1 px of 640 is .16 %."""
 _STALE_NS = 500_000_000
+"""How long a tracker may repeat one pose while the picture moves: as long as the shipped `Patience.stale_ns`."""
 _SHOWN_AGAIN_NS = 300_000_000
 """A grabber faster than the scanner hands each picture on several times: no loss of sight, until this is exceeded."""
 
@@ -212,4 +221,4 @@ class Line:
     def _wrong_size(self, width: int, height: int) -> Check:
         wanted = self._reference.image_size_px
         change = 100.0 * (width / wanted[0] - 1) or 100.0 * (height / wanted[1] - 1)
-        return Check("picture-size", "scale", change, 0.0, "%", 0.1, VerdictKind.FAULT)
+        return Check("picture-size", "scale", change, 0.0, "%", _SIZE_PERCENT, VerdictKind.FAULT)

@@ -13,12 +13,26 @@ from drivers.samples import Matrix4
 
 _STILL_MM = 0.15
 _TURN_RAD = np.deg2rad(0.7)
-_OUT_MM = 0.25
-_ALIKE = 0.95
+"""RMS way over the picture since its keyframe, and turn, up to which a motion is called still, or a translation. They
+only name it; no estimate depends on them.
+"""
+_OUT_MM, _ALIKE = 0.25, 0.95
+"""RMS way out of the plane, mm, and correlation beyond which a motion is called out-of-plane, which keeps its keyframe
+for longer. Speckle correlates by .96 at 0.2 mm (mathematics, section 6); sooner, tracker noise would tell.
+"""
 _FAST_PX = 40.0
+"""Between two pictures. Further steps were not seen to be registered as well (mathematics, section 4: .014 px at 40
+px); what is refused is lost to the solver.
+"""
 _RENEW_CORRELATION, _RENEW_OUT_CORRELATION = 0.8, 0.7
+"""Likeness to the keyframe below which it is renewed. More renews it more often, and each time adds the error of one
+registration to the path; less comes near to what the self-check of the Real-time Tracker refuses. Not measured.
+"""
 _RENEW_OVERLAP = 0.85
 _RENEW_PX = 60.0
+"""Share of the keyframe in view, and way from it, at which it is renewed, for the same reasons: a leap of 70 px is
+still found (tests/test_realtime_tracker.py).
+"""
 
 
 def predicted_motion(calibration: Calibration, first: Matrix4, second: Matrix4) -> tuple[Array, Array]:

@@ -7,6 +7,10 @@ from appliance.core.geometry import interpolate
 from appliance.types import StampedPair
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 
+MOST_APART_NS = 250_000_000
+"""Between two poses that a picture's may lie between. More guesses where a hand went meanwhile; less loses pictures to
+a slow tracker (4 Hz is the slowest that serves) and to single poses that are missing.
+"""
 NO_POSE = "no pose before the frame"
 GAP = "poses too far apart"
 NOT_OK = "pose not usable: "
@@ -33,7 +37,7 @@ class Pairing:
     frames, for memory.
     """
 
-    def __init__(self, max_gap_ns: int = 250_000_000, max_wait_ns: int = 700_000_000, max_waiting: int = 64) -> None:
+    def __init__(self, max_gap_ns: int = MOST_APART_NS, max_wait_ns: int = 700_000_000, max_waiting: int = 64) -> None:
         self._max_gap_ns = max_gap_ns
         self._max_wait_ns = max_wait_ns
         self._max_waiting = max_waiting

@@ -15,6 +15,7 @@ from appliance.types import PARAMETERS, Calibration, Check, State, Verdict, Verd
 VERSION = 1
 
 _ROTATION, _SCALE, _OFFSET = slice(0, 3), slice(3, 5), slice(5, 8)
+"""Of PARAMETERS."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

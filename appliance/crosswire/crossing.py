@@ -12,19 +12,43 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from appliance.core.path.noise import SD_PER_MEDIAN
 from appliance.types import Vector
 from drivers.samples import GreyImage
 
+_SMOOTH_PX = 1.5
+"""Sigma, before a spot is looked for: a single hot pixel keeps 7 % of its height. More melts near wires into one."""
 _LEAST_CONTRAST_GREY = 60
+"""Of the brightest spot over the background. Less takes echoes of the tank for wires: one of 12 dB over the noise is 51
+greys of 60 dB (tests/test_crossing.py); more asks for gain.
+"""
 _DEPTH_OF_SPOT = 0.25
+"""Share of that contrast, from the top, that is the spot. More joins what is beside it; less leaves few pixels for the
+centre. Not measured.
+"""
 _DIP_GREY = 4
+"""A spot with a deeper dip is two. More measures wires that are apart, less parts one spot by its noise. Also the step
+in which dips are looked for.
+"""
 _LEAST_AREA_PX = 12
+"""Smaller spots are specks, not wires, which are smooth over `_SMOOTH_PX`. Not measured."""
 _LARGEST_SHARE = 0.02
+"""Of the picture: larger is no wire but a wall (tests/test_crossing.py)."""
 _NOISE_CELL_PX = 9
+"""Pixels over which noise is one grain of speckle; more widens sigma. With it the stated sigma is .7 to 1.6 times the
+scatter (tests/test_crossing.py).
+"""
+_ROUGH_SHARE = 1.2
+"""Noise ÷ what of it is rough over 1 px, for noise of the size of speckle: part of it is smooth. See `_NOISE_CELL_PX`.
+"""
 _QUANTISATION_GREY = 0.29
+"""1 ÷ √12: standard deviation of rounding to whole greys."""
 
 _DRAWN_GREY = 30
 _DRAWN_RANGE_GREY = 16
+"""Brighter than the first and changed by less than the second in every picture so far is drawn. Less of the first, or
+more of the second, takes the still background for drawn; the reverse leaves letters behind. Not measured.
+"""
 
 
 class NoCrossing(Enum):
@@ -72,7 +96,7 @@ class Drawings:
 
 def find_crossing(image: GreyImage, drawn: NDArray[np.uint8] | None = None) -> Crossing | NoCrossing:
     """The crossing in one picture (h, w) uint8, or why there is none. drawn: of Drawings, for this picture."""
-    smooth = cv2.GaussianBlur(image, (0, 0), 1.5)
+    smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX)
     if drawn is not None:
         smooth[drawn > 0] = 0
     background, peak = float(np.median(smooth[::4, ::4])), float(smooth.max())
@@ -144,4 +168,4 @@ def _measured(grey: Vector, inside: NDArray[np.bool_], floor: float, corner_px: 
 def _noise_grey(grey: Vector, inside: NDArray[np.bool_]) -> float:
     """Standard deviation of what a smooth spot does not explain, grey levels."""
     rough = grey - cv2.GaussianBlur(grey, (0, 0), 1.0)
-    return float(np.hypot(1.2 * 1.4826 * np.median(np.abs(rough[inside])), _QUANTISATION_GREY))
+    return float(np.hypot(_ROUGH_SHARE * SD_PER_MEDIAN * np.median(np.abs(rough[inside])), _QUANTISATION_GREY))

@@ -19,12 +19,27 @@ from drivers.errors import ProbewatchError
 from drivers.samples import Matrix4
 
 _CUT_SIGMA = 5.0
+"""Robust standard deviations beyond which a view is rejected. Less rejects good views, as the scale of few wavers; more
+lets gross errors draw the offset (tests/test_crosswire.py).
+"""
 _MEDIAN_OF_CHI3 = 1.5382
+"""Of the length of a vector of three unit normal parts: distances ÷ this are standard deviations."""
 _LARGEST_OUTLIER_SHARE = 0.2
+"""More is no scan with some bad views but a bad scan: 4 of 20 that agree do not win, 6 of 20 are refused
+(tests/test_crosswire.py).
+"""
 _ROBUST_ROUNDS = 12
+"""Of reweighting, each a small fit: it runs once a scan, so more would cost little. Not measured."""
 _TINY = 1e-9
+"""Information, as a share of the largest, and mm, that count as none: the rounding of places in mm is far less."""
 _LEAST_INFORMATION_PER_VIEW = 1e-7
+"""mm² of cloud for each mm² of offset along its weakest direction: normals that spread by 3e-4 rad, .02°. Less gives
+sigmas that rounding made; Demand asks for 5° anyway.
+"""
 _SLID_SIGMA, _SLID_MM = 4.0, 1.0
+"""Both, for a marker that slid: less of the first refuses scans by chance, of the second for what does no harm: a limit
+is 4 mm.
+"""
 
 
 class ScanRefused(ProbewatchError):  # noqa: N818  an answer, as the technician reads it

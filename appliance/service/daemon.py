@@ -38,7 +38,7 @@ from appliance.service.tick_meter import TickMeter
 from appliance.service.wall_clock import WallClock
 from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.annunciator import Annunciator
-from appliance.supervision.supervisor import LATCHED, Inputs, Request, Supervisor
+from appliance.supervision.supervisor import LATCHED, TICK_NS, Inputs, Request, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts
 from appliance.types import AlarmState, Check, State, Verdict
@@ -46,9 +46,12 @@ from drivers.errors import ConfigurationError
 from drivers.hosttime import HostClock
 from drivers.ports import open_output, open_tracker, open_video
 
-TICK_NS = 50_000_000
 _SOONEST_NS = 10_000_000
+"""Between two ticks, however often the estimator speaks. Longer keeps a verdict waiting, which is part of the delay of
+the contact; shorter lets a fast camera take the processor: 100 ticks a second are the most.
+"""
 _JOIN_S = 1.0
+"""For which the end waits for the thread of a device that hangs: a good one ends within its read of .1 s."""
 
 
 class Daemon:

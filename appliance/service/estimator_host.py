@@ -20,10 +20,19 @@ from drivers.samples import Frame, Sample
 
 _COMMAND = (sys.executable, "-m", "appliance.service.estimator_process")
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 5.0
+"""Before a new process is started, doubled each time one does not last. Longer leaves the contact open for longer;
+shorter spends the processor on what cannot start.
+"""
 _HUNG_S, _LOADING_S = 5.0, 60.0
+"""Silence after which it is killed: once it has spoken, and while it loads its libraries from a slow disk. The contact
+is open by then (`Patience.estimator_ns`), so these cost only recovery: shorter would kill one that is merely slow.
+"""
 _WORKING_S = 0.3
 """Silence up to which the estimator counts as working: three of its words."""
 _BURIAL_S, _LAST_BURIAL_S = 0.05, 1.0
+"""How long a killed process is waited for: in a tick, of which it may take one; at the end of the service. One that
+does not die by then is looked for again each tick.
+"""
 _SIGNALS = {one.value: one.name for one in signal.Signals}
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 

@@ -15,7 +15,11 @@ from appliance.types import Calibration, Verdict
 from drivers.samples import Sample
 
 _POLL_S = 0.004
+"""How long a sample may lie in its ring: an eighth of a picture at 30 Hz, part of the delay of the contact. Shorter
+costs more than 250 wake-ups a second.
+"""
 _WORD_EVERY_S = 0.1
+"""Between two words where there is no verdict: ten must be missing before `Patience.estimator_ns` calls it silent."""
 _PR_SET_PDEATHSIG = 1
 
 

@@ -13,6 +13,7 @@ from typing import Any, TextIO
 
 _SOCKET = "/run/systemd/journal/socket"
 _PRIORITIES = {"debug": 7, "info": 6, "warning": 4, "error": 3, "critical": 2}
+"""Severities of syslog(3), which PRIORITY of the journal takes."""
 _SHOWN_ELSEWHERE = ("event", "level", "timestamp")
 
 

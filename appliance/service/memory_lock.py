@@ -5,6 +5,7 @@ import os
 import resource
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+"""Flags of mlockall(2), <bits/mman-linux.h>."""
 
 
 def lock_memory() -> bool:

@@ -11,6 +11,9 @@ from drivers.hosttime import HostClock
 from drivers.ports import AlarmOutput
 
 _COMMAND_LIFE_S = 0.25
+"""How long a command holds an output: five ticks. Longer keeps the contact closed after a tick that hangs; shorter
+opens it for a tick that is late (docs/failures.md).
+"""
 
 
 @dataclass(frozen=True, slots=True)

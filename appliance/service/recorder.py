@@ -20,9 +20,17 @@ from drivers.hosttime import HostClock
 from drivers.printable import printable_value
 
 _MOST_WAITING = 10_000
-_RETRY_S = 1.0
-_OPEN_S, _END_S = 2.0, 2.0
+"""Entries, while the disk does not take them. More takes memory, fewer lose entries sooner (docs/failures.md)."""
+RETRY_S = 1.0
+"""Between two tries to write: how long room on a full disk may go unnoticed, against work for nothing."""
+OPEN_S, END_S = 2.0, 2.0
+"""How long start and end wait for the disk. Longer holds the alarm up; shorter starts in alarm, *alarm memory is
+damaged*, on a slow disk, and loses its last entries (docs/failures.md).
+"""
 _SILENT_NS = 2_000_000_000
+"""For which the disk may not answer before that is told: no alarm, so a disk that spins up is not worth a word. Told
+within 3 s (docs/failures.md).
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +69,7 @@ class Recorder(threading.Thread):
         self.damage: tuple[str, ...] = ()
         self.written = self.dropped = 0
         self.start()
-        self._opened.wait(_OPEN_S)
+        self._opened.wait(OPEN_S)
         with self._damage_lock:
             if self._alarm_log is None:
                 self.damage = ("memory-damaged",)  # what was latched is not known
@@ -116,7 +124,7 @@ class Recorder(threading.Thread):
         """Write what waits, for at most two seconds."""
         self._ending = True
         self._wake.set()
-        self.join(_END_S)
+        self.join(END_S)
         if self._waiting:
             self._log.error("alarm log ends without its last entries", entries=self.waiting, what=self.failing)
 
@@ -143,7 +151,7 @@ class Recorder(threading.Thread):
     def _keep_writing(self) -> None:
         while not (self._ending and (self._error is not None or not self._waiting)):
             if self._error is not None:
-                self._wake.wait(_RETRY_S)
+                self._wake.wait(RETRY_S)
                 self._wake.clear()
             elif not self._waiting:
                 self._wake.wait()

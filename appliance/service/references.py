@@ -19,6 +19,7 @@ from appliance.reference_store import CONFIGURED, Entry, History, read_history, 
 from appliance.service.last_reference import last_reference
 from appliance.service.log import get_log
 from appliance.service.own_files import own_files
+from appliance.service.recorder import END_S, OPEN_S, RETRY_S
 from appliance.types import Verdict, VerdictKind
 from drivers.errors import ConfigurationError
 
@@ -26,11 +27,6 @@ SOFTWARE = version("probewatch")
 
 _TAKE = "Take it with: probewatch calibration use"
 _UNREADABLE = ""
-_OPEN_S, _END_S = 2.0, 2.0
-"""How long start and end wait for the disk, as the alarm log does. Longer holds the alarm up; shorter starts without
-a reference on a slow disk, with the contact open until it answers."""
-_RETRY_S = 1.0
-"""Between two tries to write: how long room on a full disk may go unnoticed, against work for nothing."""
 
 
 class References(threading.Thread):
@@ -60,7 +56,7 @@ class References(threading.Thread):
         self.changed: str | None = None
         self.failure: BaseException | None = None
         self.start()
-        self._opened.wait(_OPEN_S)
+        self._opened.wait(OPEN_S)
         if isinstance(self.failure, ConfigurationError):
             raise self.failure
 
@@ -73,7 +69,7 @@ class References(threading.Thread):
         """Write what is not on the disk yet, for at most two seconds."""
         self._ending = True
         self._wake.set()
-        self.join(_END_S)
+        self.join(END_S)
         if not self.on_disk:
             self._log.error("the reference in force is not on the disk", what=self.waits)
 
@@ -174,7 +170,7 @@ class References(threading.Thread):
             self._work()
             while not self._ending or (self._unwritten and self._error is None):
                 if not self._ending:
-                    self._wake.wait(None if self._error is None else _RETRY_S)
+                    self._wake.wait(None if self._error is None else RETRY_S)
                     self._wake.clear()
                 self._work()
         except BaseException as error:

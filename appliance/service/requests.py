@@ -12,6 +12,7 @@ from appliance.service.control import ControlRefused, Peer, Reply
 from appliance.service.errands import Errands
 from appliance.service.recalibration import Recalibration, Wanted
 from appliance.supervision.annunciator import Annunciator
+from appliance.supervision.audio import LONGEST_PAUSE_NS
 from appliance.supervision.supervisor import Request
 from drivers.printable import printable
 
@@ -103,7 +104,7 @@ class Requests:
             return f"uid {uid}"
 
     def _pause_audio(self, body: Body) -> None:
-        seconds = body.get("seconds", 120)
+        seconds = body.get("seconds", LONGEST_PAUSE_NS // 10**9)
         if not isinstance(seconds, int | float) or isinstance(seconds, bool):
             raise ControlRefused("seconds must be a number")
         try:

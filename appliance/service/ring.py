@@ -17,6 +17,7 @@ import numpy as np
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 
 _HEAD_BYTES = 64
+"""A cache line, so that counting does not disturb the first slot."""
 _WRITTEN, _READ = 0, 1
 """The two counters of the head: samples put by the producer; samples taken or dropped by the consumer."""
 _SLOT = struct.Struct("<QII")
@@ -25,6 +26,7 @@ _FRAME = struct.Struct("<cqqqII")
 _POSE = struct.Struct("<cqqqdB16d")
 _STATUSES = tuple(PoseStatus)
 _LONGEST_REASON = 200
+"""Bytes of UTF-8; the rest of a longer reason is cut. It is for a person to read, and every slot takes as much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,9 @@ class Shape:
 FRAMES = Shape(slots=16, payload_bytes=_FRAME.size + 2560 * 1600)
 """Untouched pages of a memfd take no memory, so small pictures pay only for what they fill."""
 POSES = Shape(slots=256, payload_bytes=_POSE.size + _LONGEST_REASON)
+"""Both hold half a second: 16 pictures at 30 Hz, 256 poses at 500 Hz. An estimator that is behind by more loses the
+oldest, counted; more slots would have it judge what is old.
+"""
 
 
 class Ring:

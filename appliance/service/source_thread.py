@@ -15,10 +15,18 @@ from drivers.ports import BumpDetector, Identified, TrackerSource, VideoSource, 
 from drivers.samples import Frame, MarkerBody, Pose, Sample
 
 _READ_S = 0.1
+"""For which a read waits. Longer lets the end and what a person asks of the tracker wait; shorter costs wake-ups."""
 _REOPEN_AFTER_NS = 3_000_000_000
+"""Silence after which an open device is opened anew. The alarm does not wait for it (`Patience`). Shorter interrupts a
+device that is about to go on; longer is part of the time to recover.
+"""
 _LOOK_NS = 200_000_000
 _LOOKS = 5
+"""The marker body is looked at so often, and the median of so many looks counts: one second, in which two bad fits are
+outvoted. More tells a bent body later.
+"""
 _LISTEN_NS = 1_000_000_000
+"""Between two looks at what a tracker remarks, such as a low battery: for a person to read."""
 
 
 class SourceThread(DeviceThread):

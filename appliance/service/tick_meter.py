@@ -3,6 +3,7 @@
 from collections import deque
 
 _MOST = 2000
+"""100 s of ticks, so that the 99th percentile stands on twenty. More hides in it what the last minute was like."""
 
 
 class TickMeter:

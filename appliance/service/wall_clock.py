@@ -1,6 +1,9 @@
 """Steps of the wall clock: nothing is timed by it, but the times in the logs jump, and that is to be said."""
 
 _LEAST_NS = 1_000_000_000
+"""Less is not worth an entry: times in the logs are read to the second. Clocks that are slewed never come near to it in
+a tick.
+"""
 
 
 class WallClock:

@@ -110,6 +110,7 @@ SIGNALS = {
     State.DEVICE_LOST: _high(True, "Device lost: not watching", "Bring it back; monitoring resumes by itself"),
     State.INTERNAL_FAULT: _high(True, "Internal fault: not watching", "Wait for its restart; else restart the cart"),
 }
+"""Flashes in Hz and pulses of a burst in the ranges of IEC 60601-1-8 that are named above."""
 
 HAZARDS = {
     "polarity": Hazard(

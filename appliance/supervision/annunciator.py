@@ -12,7 +12,9 @@ from appliance.supervision.audio import Audio, Sound
 from appliance.types import AlarmState
 
 LAMP_TEST_NS = 5_000_000_000
+"""Time for one person to look at every lamp and to hear the longest burst, 3.25 s, to its end."""
 _MS = 1_000_000
+"""In ns."""
 
 
 class Role(Enum):

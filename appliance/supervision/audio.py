@@ -11,7 +11,10 @@ from appliance.supervision.alarms import SIGNALS, Priority
 from appliance.types import AlarmState
 
 LONGEST_PAUSE_NS = 120_000_000_000
+"""Longer, a room would forget that it silenced the alarm; shorter, it would switch the sound off instead."""
 REMINDER_NS = 60_000_000_000
+"""Between two reminders that the sound is off: more lets it be forgotten, less is the nuisance that was switched off.
+"""
 
 
 class AudioMode(Enum):

@@ -23,6 +23,10 @@ from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
 
 __all__ = ["Durations", "Inputs", "Request", "Supervisor"]
 
+TICK_NS = 50_000_000
+"""Between two steps of the supervisor. Longer finds a silent device later, beyond its `Patience`, and leaves a command
+to an output, which lives for five of them, less room; shorter costs the processor. A verdict is heard at once.
+"""
 LATCHED = (State.HALT, State.RECALIBRATION_REQUESTED)
 _CALM = (State.SELF_TEST, State.WAITING, State.NOT_VERIFIED, State.MONITORING)
 

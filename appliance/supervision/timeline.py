@@ -4,13 +4,11 @@ from dataclasses import dataclass, field, replace
 
 from appliance.core.report import Change
 from appliance.limits import Limits
-from appliance.supervision.supervisor import Durations, Inputs, Supervisor
+from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import AlarmState, Check, Verdict, VerdictKind
 from drivers.samples import Frame, Sample
-
-_TICK_NS = 50_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +56,7 @@ class Timeline:
     def _tick_until(self, t_ns: int) -> None:
         while self._next_ns < t_ns and self._next_ns <= self._end_ns:
             self._tick(self._next_ns)
-            self._next_ns += _TICK_NS
+            self._next_ns += TICK_NS
 
     def _tick(self, now_ns: int) -> None:
         """A recording has no estimator process and no outputs to lose: both are reported as just heard of."""

@@ -14,6 +14,9 @@ from appliance.core.handeye.motions import HandEye, independent, rows_to_rotatio
 from appliance.core.handeye.sums import Sums
 
 _SEPARATION = 3.0
+"""Variance of the second-smallest direction ÷ that of the smallest, which is noise. Less lets noise choose the row
+where the motion is planar; more refuses slight motion out of the plane. Not measured.
+"""
 
 
 def solve_freehand(u: Array, v: Array) -> HandEye:

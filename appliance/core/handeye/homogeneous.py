@@ -16,6 +16,9 @@ from appliance.core.geometry import Array, nearest_rotation
 from appliance.core.handeye.motions import UNKNOWN, HandEye, Motions
 
 _SINGULAR = 1e-7
+"""Singular value, as a share of the largest, that counts as none: a little above the root of the rounding of double
+numbers, 1.5e-8, to which the eigenvalues of a product can tell it.
+"""
 
 
 def solve_null_space(motions: Motions) -> HandEye:

@@ -16,8 +16,10 @@ from appliance.core.geometry import Array, rotation_from_vector, skew, vector_fr
 from appliance.core.handeye.motions import HandEye, Motions
 from appliance.core.handeye.observability import natural_units
 
-_ROUNDS = 60
-_SMALL = 1e-12
+_ROUNDS, _SMALL = 60, 1e-12
+"""Most Gauss–Newton steps, and the step (rad, relative, mm) that ends them. Near a good start a few are enough; the
+many are for starts some 20° off. It runs in reports, not on the cart's line.
+"""
 _UNSEEN, _ROUNDED = 1e-9, 1e-12
 """Least information that moves a parameter: in 1 / (natural unit)², and as a share of the largest."""
 

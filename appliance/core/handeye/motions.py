@@ -67,6 +67,7 @@ class HandEye:
 
 
 UNKNOWN = np.full(3, np.nan)
+"""An offset or a direction, (3,), that the motion does not determine."""
 
 
 def without_offset(rotation: Array, scale: Array) -> HandEye:

@@ -18,6 +18,9 @@ from appliance.core.geometry import Array, vector_from_rotation
 from appliance.core.handeye.motions import UNKNOWN, HandEye, Motions, independent
 
 _LEAST_TURN_RAD = 1e-6
+"""A turn below this is rounding, not motion. Less would solve for an offset from nothing; no tracker measures a turn as
+small as that, so more would lose nothing either.
+"""
 _NORMAL = np.array([0.0, 0.0, 1.0])
 
 

@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from appliance.core.geometry import Array
 
 _GRID_S = 0.01
+"""Between two lags: a parabola finds the minimum between them. Finer costs time, coarser than a third of a picture at
+30 Hz flattens it.
+"""
 _REACH, _NEAR = 30, 8
 """Lags looked at, in steps of the grid either way: all, and about the best."""
 _NEAR_S = _GRID_S * np.arange(-_NEAR, _NEAR + 1, 2)
@@ -22,12 +25,31 @@ _PARABOLA = np.linalg.pinv(np.vander(_NEAR_S, 3))
 _RANGE_S = (_REACH + _NEAR) * _GRID_S
 """How far from a picture poses are asked for."""
 _STRIDE = 3
+"""One step in so many is looked at where all lags are: a third of the work. About the best lag all steps are."""
 _LAGS_S = (0.08, 0.16, 0.32)
+"""Lengths of the steps. Short ones show a lag sharply but drown in tracker noise, long ones the other way round; what
+they disagree by goes into sigma. Not varied by themselves.
+"""
 _LEAST = 12
+"""Pictures, poses, and steps of one length: twice the parameters that are fitted to them. At 30 Hz, .3 s are too few
+(tests/test_latency.py).
+"""
 _LEAST_DEPTH = 5.0
+"""By how much, in log likelihood, the best lag must beat the usual one. Less takes chance for a lag, more leaves it
+unknown in slow sweeps. Not measured.
+"""
 _MEMORY_S = 0.35
+"""Steps that begin nearer to one another say the same. More widens sigma; with this it covers the error in 95 % of runs
+(tests/test_latency.py).
+"""
 _MAP_PARAMETERS = 6
+"""Of the 2 × 3 map."""
+_DOUBTFUL = 4.0
+"""Square of what is left of a step ÷ the usual one, at which it counts half: twice the usual length. More lets single
+bad pictures decide, less forgets the very steps that show the lag. Not measured.
+"""
 _ROBUST_ROUNDS = 3
+"""Fits of the map, each with the weights of the one before; each costs as much as the first. Not measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +142,7 @@ class _Steps:
             left = moved - map_back.swapaxes(1, 2) @ w
             left_square = left[:, 0] ** 2 + left[:, 1] ** 2
             usual = np.maximum(np.partition(left_square, middle, axis=1)[:, middle, None], 1e-6)
-            weight = 1 / (1 + left_square / (4 * usual))
+            weight = 1 / (1 + left_square / (_DOUBTFUL * usual))
         return np.asarray((weight * left_square).sum(axis=1) / weight.sum(axis=1))
 
 

@@ -14,20 +14,35 @@ from scipy.linalg.lapack import dpbtrf, dtbtrs
 
 from appliance.core.geometry import Array, ComplexArray
 
+SD_PER_MEDIAN = 1.4826
+"""Standard deviation ÷ median of the size of a normal variable with mean 0."""
 _SAME_NOISE = 0.1
+"""Share by which two estimates of the noise may differ and count as the same. Less costs rounds of the solver; the
+estimates themselves scatter by more in a window of seconds.
+"""
 _LEAST_QUIET = 8
+"""Steps without hidden way below which all steps tell the noise: the median of fewer is chance."""
 _LOST_MM = 2.0
 """mm² of random walk per mm out of the picture plane: a slanted structure moves through the picture as fast as the
 probe leaves its plane, and goes on doing so for about two millimetres.
 """
 _LONG_LAG_S = 0.7
+"""Where drift is told from white noise. Longer leaves few steps in the short window of `Evidence`, 3.5 s; shorter lets
+white noise cover the drift. Not measured.
+"""
 _CHANCE = 2.5
+"""Standard deviations by which chance may let white noise look like drift. Less finds drift in every quiet path, which
+widens the sigmas of the scales; more overlooks it, which draws the scales. Not measured.
+"""
 _SHORT_WAY_S = 1.0
 """Drift is an error of the picture's path, on which the scales are regressed: over ways shorter than this it shrinks
 them. White noise as large as the drift over that time lets the longer ways count.
 """
 _POSITION_FLOOR_MM, _ANGLE_FLOOR_RAD = 0.02, np.deg2rad(0.01)
 _POSITION_DRIFT_FLOOR, _ANGLE_DRIFT_FLOOR = 0.01, np.deg2rad(0.02)
+"""Least noise that is believed, and least drift per √s: well below any tracker's, so that a window which happens to fit
+does not count as certain, and equal poses do not divide by zero.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +118,7 @@ class Times:
             told = self.chain[lag:] == self.chain[:-lag]
         change = np.abs((path[lag:] - path[:-lag])[told].view(np.float64))
         middle = change.size // 2
-        return float((1.4826 * np.partition(change, middle)[middle]) ** 2) if change.size else 0.0
+        return float((SD_PER_MEDIAN * np.partition(change, middle)[middle]) ** 2) if change.size else 0.0
 
 
 class Whitener:

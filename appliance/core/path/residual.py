@@ -21,6 +21,12 @@ _OF_X = np.array([0, 1, 2, 5, 6, 7, VALUE])
 _OF_REST = np.zeros((10, 4))
 """Coefficients of the two measured axes, of the rate and of the measured turn, but for their values."""
 _OF_REST[[3, 4, TAU], [0, 1, 2]] = 1.0, 1.0, -1.0
+_AGREEMENT_LAG_S = 0.5
+"""Over which the two paths are compared. Shorter, tracker noise spoils the correlation of good calibrations; longer,
+few steps are independent in a window of 3.5 s. Not measured.
+"""
+_LEAST_MOVED_MM = 0.2
+"""Standard deviation of those steps along an axis, below which it has not moved and its correlation would be noise."""
 
 Rows = list[Array | ComplexArray]
 """One array for each row of the residual: position in the picture plane, mm, complex, and turn in that plane, rad.
@@ -91,12 +97,12 @@ class PathResidual:
         times = self._samples.times
         missed_path = np.cumsum(self.steps(theta)[0])
         measured = (1 + theta[SCALE]) @ self._seen
-        lag = max(1, min(round(0.5 / times.period_s), len(self) // 3))
+        lag = max(1, min(round(_AGREEMENT_LAG_S / times.period_s), len(self) // 3))
         same = times.quiet(lag)
         moved = (measured[lag:] - measured[:-lag])[same]
         missed = (missed_path[lag:] - missed_path[:-lag])[same]
         axes = [(moved.real, missed.real), (moved.imag, missed.imag)]
-        agreed = [_correlation(way, way - left) for way, left in axes if len(way) > 2 and way.std() > 0.2]
+        agreed = [_correlation(way, way - left) for way, left in axes if len(way) > 2 and way.std() > _LEAST_MOVED_MM]
         return min(agreed, default=float("nan"))
 
     def _moved_to(self, theta: Array) -> tuple[Array, Array]:

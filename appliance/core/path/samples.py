@@ -12,6 +12,9 @@ from appliance.core.path.steps import SensorSteps
 
 _LEAST_CHAIN = 4
 _LEAST_PICTURES = 8
+"""Pictures of one chain, and of all that count. Each chain spends one picture on an offset of its own; with fewer than
+X has parameters nothing but the prior would answer.
+"""
 
 
 @dataclass(frozen=True, eq=False)

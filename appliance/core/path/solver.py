@@ -20,12 +20,27 @@ from appliance.core.path.samples import PathSamples
 from appliance.types import Calibration
 
 _ITERATIONS = 6
+"""Most Gauss–Newton steps of one round; near the reference a step of less than 1e-6 mostly ends it sooner."""
 _NOISE_ROUNDS = 5
+"""Most rounds of noise and solution; each costs a whitening. Where they do not settle, the likeliest counts."""
 _HUBER = 2.0
+"""Standard deviations from which an innovation counts less. More lets outliers draw X, less wastes good pictures; heavy
+tails break the promised false alarms without it (mathematics, section 5; tests/test_solver.py).
+"""
 _LEAST_SPREAD = 0.7
+"""The covariance shrinks to no less where innovations are smaller than the noise says: a few pictures fit by chance.
+With it the stated sigmas cover the truth (tests/test_solver.py).
+"""
 _HUBER_SHARE = 0.954
-"""What the weights leave of the mean square of unit normal innovations."""
+"""What the weights leave of the mean square of unit normal innovations: the probability of one within `_HUBER`."""
 _RISES = 2.0
+"""How far the information on an offset must exceed what noise pretends before that is taken off: nearer to it, the
+difference of the two is noise itself. Not measured.
+"""
+_USEFUL_SD = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2 + [4.0] * 3)
+"""rad, relative, mm: sigma from which on a parameter says nothing to a check, about the limits' own size. More reports
+numbers that mean nothing; less calls a parameter unobserved that could still show a gross fault.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,8 +215,7 @@ class _Problem:
 
     def _observed(self, covariance: Array) -> tuple[bool, ...]:
         """Where the motion, not the prior, tells: within half the prior's sd and what a check could still use."""
-        useful = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2 + [4.0] * 3)
-        enough = np.minimum(useful, 0.5 * self._prior_sd()[:TAU])
+        enough = np.minimum(_USEFUL_SD, 0.5 * self._prior_sd()[:TAU])
         return tuple(bool(flag) for flag in np.sqrt(np.diag(covariance)[:TAU]) < enough)
 
 

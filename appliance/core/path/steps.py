@@ -12,6 +12,7 @@ from appliance.core.geometry import Array, inverse, skew
 from appliance.types import Calibration
 
 _GENERATORS = skew(np.eye(3))
+"""(3, 3, 3): [e]× of each axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.geometry import Array, ComplexArray, inverse, quaternion_from_rotation, rigid
+from appliance.core.pairing import MOST_APART_NS
 from appliance.core.path.latency import Latency, estimate_latency
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.steps import predicted_path
@@ -16,13 +17,25 @@ from appliance.types import Calibration, Motion
 from drivers.samples import Matrix4
 
 _APART_S = 0.1
+"""Between the poses that the velocity comes from. Shorter than some pose periods, tracker noise drowns it; longer, the
+turns of a hand are smoothed away.
+"""
 _BEFORE_S = 0.5
+"""Poses before the first picture that the search for the latency gets: more than the .38 s that it looks back."""
 _SORT_S = 0.3
-_OUT_RATIO = 1.5
-_OUT_FLOOR_MM = 0.3
+"""Time over which the ways of picture and tracker are compared. Shorter, tracker noise looks like hidden way; longer, a
+short way out of the plane is spread over pictures that saw all. Not measured.
+"""
+_OUT_RATIO, _OUT_FLOOR_MM = 1.5, 0.3
+"""How far the hidden way must exceed the one that is seen, and tracker noise, before it counts. Less weakens tilted
+sweeps, which show all; more lets what nobody saw count in full. Not measured.
+"""
+_SPARE_NS = 2_000_000_000
+"""Poses kept for longer than pictures: the latency search and the velocity reach beyond both ends of the window."""
 _MOST_NEW = 1000
 """Poses are turned into arrays when they are asked for; where nobody asks, when there are so many."""
 _NO_TRACK = np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 4))
+"""Times, positions, turns."""
 
 
 class PoseTrack:
@@ -68,7 +81,7 @@ class PoseTrack:
             for values in (positions, turns)
         )
         q /= np.linalg.norm(q, axis=-1, keepdims=True)
-        bracketed = (t_s >= times[0]) & (t_s <= times[-1]) & (end_s - start_s < 0.25)
+        bracketed = (t_s >= times[0]) & (t_s <= times[-1]) & (end_s - start_s < MOST_APART_NS / 1e9)
         return rigid(_rotation_from_quaternion(q), p), bracketed
 
     def _take_new(self) -> None:
@@ -88,13 +101,17 @@ class PoseTrack:
 
 
 class PathWindow:
-    """Registered pictures of the last `span_ns` and the poses around them."""
+    """Registered pictures of the last `span_ns` and the poses around them.
+
+    span_ns: half a minute shows the whole offset (tests/test_line.py); more costs memory, and time where all of it
+    is solved (`Evidence.final`).
+    """
 
     def __init__(self, reference: Calibration, span_ns: int = 30_000_000_000) -> None:
         self._reference = reference
         self._span_ns = span_ns
         self._seen: deque[Motion] = deque()
-        self.poses = PoseTrack(span_ns + 2_000_000_000)
+        self.poses = PoseTrack(span_ns + _SPARE_NS)
         self._arrays_known: tuple[Array, NDArray[np.int64], Array, Array] | None = None
         self._samples_known: dict[float, tuple[PathSamples, PathSamples]] = {}
 
@@ -219,7 +236,7 @@ class PathWindow:
         return np.asarray(np.where(chain[first] == chain[last], np.maximum(hidden, 0) * share, 0.0))
 
 
-_NO_POSES = np.zeros((0, 4, 4))
+_NO_POSES = np.zeros((0, 4, 4))  # no times, of (4, 4)
 _NOTHING = PathSamples(
     t_s=np.zeros(0),
     chain=np.zeros(0, dtype=np.int64),
@@ -231,6 +248,7 @@ _NOTHING = PathSamples(
     apart_s=_APART_S,
     hidden_mm=np.zeros(0),
 )
+"""Samples of no picture."""
 
 
 def _rotation_from_quaternion(q: Array) -> Array:

@@ -9,11 +9,23 @@ from appliance.core.picture.pyramid import Array32, Bits, Pyramid, half
 from drivers.samples import GreyImage
 
 _LEAST_APART, _MOST_APART = 4, 24
-_EARLY, _GOOD = 3, 9
-_EVERY = 6
+"""Pictures between the two that are compared: at 30 Hz, .8 s at most. More waits for slower hands and keeps as many
+pictures in memory; fewer learns tissue as overlay.
+"""
+_EARLY, _GOOD, _EVERY = 3, 9, 6
+"""Comparisons after which there is a first mask, from which on it takes all that is still, and between two of them.
+Fewer take slow tissue for overlay; more hold registration back for longer.
+"""
 _FORGET = 0.95
+"""Weight of what was learnt before, at each comparison: of 20. More keeps an overlay that the scanner has moved for
+longer; less makes the mask waver. Not measured.
+"""
 _STATIC_SHARE = 0.4
+"""Change ÷ usual change below which a pixel is still. More masks tissue that moves little; less leaves text with the
+picture's noise in it. Not measured.
+"""
 _FLOOR_GREY = 3.0
+"""Gradient, in greys, from which a pixel counts: flatter ones change by noise alone."""
 _MOVED, _MOVED_AT_ALL = 0.3, 0.05
 """Shares of the structure that have changed by half of its gradient; another place altogether would change 0.6."""
 _AROUND = np.ones((3, 3), np.uint8)

@@ -11,6 +11,7 @@ from appliance.core.picture.compiled import LAYOUT, declared, unusable
 from appliance.core.picture.pyramid import Bits, Level
 
 _PARTS = 5
+"""Rows of `Picture.described`."""
 _PARAMETERS, _STRIPS, _SUMS, _LOOKS, *_SIZES = LAYOUT
 _MOST_SIDE = np.iinfo(np.int16).max
 

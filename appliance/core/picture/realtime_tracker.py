@@ -10,15 +10,30 @@ from appliance.core.picture.pyramid import Pyramid, pyramid
 from appliance.core.picture.registration import Keyframe, Registration, compose
 from drivers.samples import GreyImage
 
-_LEAST_EVIDENCE = 0.62
-_GOOD_CORRELATION = 0.93
+_LEAST_EVIDENCE, _LEAST_PEAK = 0.62, 0.08
+"""Likeness plus twice its peak, and the peak. More refuses good registrations, which breaks the chain; less accepts
+those that went astray, which spoils the path. How many of either: `make bench`, the self-check.
+"""
 _LEAST_OVERLAP = 0.5
-_LEAST_PEAK = 0.08
-_TURNS_RAD = (0.06, -0.06)
+"""Share of the keyframe in view. Less lets a border strip speak for the picture; a chain that goes on takes another
+keyframe long before (`wants_keyframe`). Not measured.
+"""
 _LEAST_GAIN = 0.3
+"""Contrast of the image ÷ that of the keyframe. Less follows the picture before, which shines through where a scanner
+averages over time; more refuses tissue that a shadow or less contact dims. Not measured.
+"""
+_GOOD_CORRELATION = 0.93
+"""Likeness from which nothing is looked for elsewhere. More costs up to three registrations for a picture that was well
+followed; less keeps a start that was nearly right. Not measured.
+"""
+_TURNS_RAD = (0.06, -0.06)
+"""Turns that are tried where none convinces, 3.4° either way, for a hand that turned between two pictures. Each costs a
+registration. Not measured.
+"""
 
 Warp = tuple[Array, float]
 _REST: Warp = (np.zeros(2), 0.0)
+"""No way and no turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

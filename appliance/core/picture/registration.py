@@ -24,13 +24,30 @@ from appliance.core.picture.template import template
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
 """For each level that is used how many points steer, and the step in px after which the next level goes on."""
 _STEPS = 15
+"""Most steps on a level; a step shorter than `_STEERING` says ends it sooner. More costs time, only where it goes
+astray. Not measured.
+"""
 _FINE, _DENSE = 30_000, 80_000
 _FINE_ACCURATE, _DENSE_ACCURATE = 80_000, 160_000
+"""Points that measure: of the finest level, and of its speckle where that has changed. Time grows with them, the error
+falls until noise sets it: `make bench` shows both, of either mode.
+"""
 _UNCHANGED = 0.92
+"""Share of the keyframe's gradient that is left, above which the speckle has not changed. More spends the many points
+on pictures that need none; less leaves the error of changed speckle. Not measured by itself.
+"""
 _POLISHED_PX, _POLISHING_STEPS = 0.03, 5
+"""A step below which the last descent ends, and most steps of it. The first is below the .05 px that tests ask of a
+registration (tests/test_registration.py); each step costs a pass over all points.
+"""
 _LEAST_MIDDLE = 6
+"""Side, px, of what is looked for in the coarsest level: a smaller one is alike everywhere."""
 _ASIDE_PX, _ASIDE_SHARE = 12.0, 0.02
+"""How far beside the likeness is compared, the more of px and share of the width. Speckle is alike over a hundredth of
+the picture (`texture`), so nearer a good place has no peak; further, a descent that went astray by less keeps one.
+"""
 _UNKNOWN = np.diag([1e6, 1e6, 10.0])
+"""px², px², rad²: 1000 px and 3 rad are any place and any turn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

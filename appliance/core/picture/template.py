@@ -6,10 +6,17 @@ from appliance.core.picture.points import Picture, Template
 from appliance.core.picture.pyramid import Bits, Level, mask_at
 
 _EDGE_PX = 2
+"""A gradient looks 1 px to either side, and each pixel of the finest level is the sum of 3 × 3."""
 _LEAST_POINTS = 64
+"""As many as a descent needs in view, LEAST_SEEN of descent.c: with fewer every registration would be lost."""
 _LEAST_STEP = 3
+"""Greys, across plus down, over 2 px. Flatter pixels hold the rounding of greys and the noise of black."""
 _FLAT_SHARE = 0.02
+"""Of the energy of the gradient that may be left out. More takes fewer points, and in speckle leaves the nulls alone;
+less spends points on pixels that say nothing. Not measured.
+"""
 _SPARE = 1.2
+"""How many more points than wanted are looked at, as flat and hidden ones fall out; too few, and every pixel is."""
 
 
 def template(

@@ -11,6 +11,9 @@ from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, VerdictKind
 
 _LEAST_AGREEMENT = 0.9
+"""Correlation of measured and predicted motion. Less trusts X where a tracker is late or a picture badly followed; more
+concludes nothing from short or noisy motion. Not measured.
+"""
 
 
 def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check, ...]:

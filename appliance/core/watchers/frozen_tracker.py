@@ -7,6 +7,9 @@ from appliance.types import Check, VerdictKind
 from drivers.samples import Matrix4, Pose
 
 _MOVED_MM = 1.0
+"""Way of the picture while the pose stays: more than registration errors add up to at rest, less than the slowest sweep
+goes in its half second. Not measured.
+"""
 
 
 class FrozenTracker(Detector):

@@ -7,7 +7,13 @@ from appliance.types import Check, VerdictKind
 from drivers.samples import GreyImage
 
 _SAME_GREY = 2
+"""Difference up to which a pixel is the same: a video codec's ripple. More calls a dark, quiet picture frozen; noise of
+± 4 greys is live (tests/test_core_watchers.py).
+"""
 _CHANGED_SHARE = 1e-3
+"""Of the pixels, that may change in a frozen picture: a clock of 20 × 10 px in 640 × 480 is .0007
+(tests/test_core_watchers.py). More calls a live picture frozen that moves in one place only.
+"""
 
 
 class FrozenVideo(Detector):

@@ -14,6 +14,7 @@ from math import hypot
 import numpy as np
 
 from appliance.core.geometry import angle_from_rotation, inverse
+from appliance.core.pairing import MOST_APART_NS
 from appliance.core.path.window import sensor_jump
 from appliance.core.watchers.detector import Detector, Observation
 from appliance.limits import Limits
@@ -27,8 +28,7 @@ _FAST_MM_PER_S, _FAST_RAD_PER_S = 60.0, np.deg2rad(45.0)
 _HISTORY_NS = 250_000_000
 """What went before a leap, for what the hand does usually. Longer takes a turn of the hand for its straight course."""
 _LEAST_STEPS = 4
-_FURTHEST_NS = 250_000_000
-"""Between poses further apart a hand can go anywhere; the pairing of pictures ends there as well."""
+"""Before a leap is looked for: fewer do not tell what the hand does usually, and more are lost after each gap."""
 _STAYS_NS = 100_000_000
 """How long the marker must stay where it leapt to: an outlier of two poses at 20 Hz is over by then."""
 _SHARED, _LIVELY = 1.5, 2.0
@@ -126,7 +126,7 @@ class MarkerSlip(Detector):
     def _weigh(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> bool:
         if self._pending is not None:
             return self._confirm(self._pending, t_ns, matrix)
-        if self._recent and not 0 < t_ns - self._recent[-1][0] <= _FURTHEST_NS:
+        if self._recent and not 0 < t_ns - self._recent[-1][0] <= MOST_APART_NS:
             self._recent.clear()
         if len(self._recent) > _LEAST_STEPS:
             self._pending = self._leap(t_ns, matrix, seen_mm)

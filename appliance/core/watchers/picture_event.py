@@ -14,17 +14,33 @@ import numpy as np
 
 from appliance.core.picture.pyramid import Array32
 from appliance.core.watchers.detector import Detector, Observation
+from appliance.core.watchers.polarity import MOST_FLIPPED
 from appliance.types import Check, VerdictKind
 from drivers.samples import GreyImage
 
 _SMALL_PX = 160
+"""Columns in which pictures are compared. More asks for a zoom that is nearer and costs time for each that is tried;
+fewer leave too little speckle to tell a mirrored picture from another.
+"""
 _SHADE_PX = 5.0
-_BETTER_BY = 0.25
+"""Sigma of what counts as shade, px of the small picture: wider than its speckle. More lets a bright half match any."""
+_LEAST_LIKENESS, _BETTER_BY = 0.55, 0.25
+"""Correlation of the changed picture, and how much more than that of the unchanged one, also where a fast hand moved
+it. Less explains a new scene as a flip or zoom; more misses those with an overlay. A mirrored picture comes to .92
+where the unchanged has .02 (mathematics, section 5).
+"""
 _SLACK_PX = 3
+"""px of the small picture that the hand may go meanwhile: 12 px of 640. More tries more places by chance."""
 _CALM_FRAMES = 5
+"""Pictures that must have been followed before. Fewer explain what comes after a scene that was lost anyway; more miss
+two events in close succession. Not measured.
+"""
 _GAP_NS = 250_000_000
-_CONVINCING = 0.55
+"""Pictures further apart say nothing about one another: a hand has gone elsewhere."""
 _ZOOMS = tuple(float(z) for z in np.exp(np.arange(-0.405, 0.4051, 0.015)) if abs(z - 1) > 0.02)
+"""Magnifications that are tried, 1 ÷ 1.5 … 1.5: the next depth setting. 1.5 % moves the side of 160 columns by one, so
+finer steps only cost time; up to 2 % is no new setting.
+"""
 _FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
 
 
@@ -83,7 +99,7 @@ class PictureEvent(Detector):
         flipped = float(self._polarity.count(-1))
         zoom = 100 * (np.exp(self._log_zoom) - 1)
         return (
-            Check("picture-flip", "polarity", flipped, 0.0, "axes", 0.5, _judged(flipped, 0.5)),
+            Check("picture-flip", "polarity", flipped, 0.0, "axes", MOST_FLIPPED, _judged(flipped, MOST_FLIPPED)),
             Check("picture-zoom", "scale", float(zoom), 0.0, "%", self._scale_limit, _judged(zoom, self._scale_limit)),
         )
 
@@ -108,7 +124,7 @@ def _explanation(before: Array32, now: Array32) -> PictureChange | None:
     ]
     candidates += [(_likeness(_zoomed(before, zoom), now), PictureChange(zoom=zoom)) for zoom in _ZOOMS]
     likeness, change = max(candidates, key=lambda candidate: candidate[0])
-    return change if likeness > max(usual + _BETTER_BY, _CONVINCING) else None
+    return change if likeness > max(usual + _BETTER_BY, _LEAST_LIKENESS) else None
 
 
 def _shift_likeness(before: Array32, now: Array32) -> float:
