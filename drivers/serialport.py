@@ -8,6 +8,9 @@ import serial
 
 from drivers.errors import DeviceLost
 
+BITS_PER_BYTE = 10
+"""On the line, 8N1: a start bit, eight of data, a stop bit."""
+
 
 def open_serial(path: str, baud: int, raise_lines: bool = True) -> serial.Serial:
     """An 8N1 port that no other program can open at the same time; reads do not block.

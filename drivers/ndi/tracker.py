@@ -42,15 +42,39 @@ from drivers.rigid import seen_from
 from drivers.samples import MarkerBody, Matrix4, Pose, PoseStatus, Stamp
 from drivers.tap import Tap
 
-_BACKWARD_READINGS = 3
 _FROZEN = "many poses in a row are equal to the last bit"
+
+_BACKWARD_READINGS = 3
+"""Replies in a row with a counter that runs backward which are a counter begun anew. Fewer take an old reply come late
+for one, each more costs a reply without a pose; tests/test_ndi_tracker.py shows both."""
+
 _DETAILS_S = 0.1
+"""Between two replies with marker details, which are over twice as long: ten of them in the second over which the marker
+checks take the middle (docs/trackers.md). More of them cost poses on a slow line, fewer leave that middle to chance."""
+
 _RETRY_NS = 1_000_000
+"""Pause before the next request where nothing new was there. Less loads the processor (tests/test_tracker_load.py),
+more delays poses."""
+
 _RISKED = 0.1
+"""Share of early requests where a reply fills over a third of the period. Each may cost a pose; with none of them
+nothing bounds the device's clock from below. Not measured."""
+
 _REFERENCE_PERIODS = 3
+"""Of the probe's, by which the reference may be older: devices measure up to three kinds of tools in turn. More sets
+poses against a reference that has moved, fewer refuses mixed tools."""
+
 _REPLY_BYTES = 50
+"""First guess at the part of a reply that belongs to no tool: frame and status, and strays, 12 bytes each. Longer ones
+are noted when they come (Exchange)."""
+
 _SHARE_OF_DEADLINE = 0.5
+"""For one question about alerts, so that a tracking reply still fits before the deadline. More loses the device with
+the question, less gives slow replies up."""
+
 _UNANSWERED = 3
+"""Such questions in a row without an answer that lose the tracker: what it does not tell may be grave. Fewer lose it
+for two damaged replies (tests/test_ndi_tracker.py), each more leaves an unknown alert half a deadline longer."""
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "NdiTracker":

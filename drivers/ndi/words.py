@@ -62,8 +62,11 @@ _ERRORS = {
     0x41: "the tool does not match its definition",
     0x42: "the device is absent",
 }
+"""Combined API: the number after ERROR."""
 
 BUMPED = 0x200000
+"""Combined API, Info.Status.Alerts; all single bits below likewise."""
+
 PTP_LOST = 1 << (32 + 14)
 """The device's clock has lost its master. BX2 alone tells of it and of other bits from 32 on."""
 
