@@ -28,8 +28,16 @@ from drivers.samples import Frame, GreyImage, Stamp
 
 _OPTIONS = ("crop", "delay_ms", "error_ms", "orientation")
 _OPEN_MS, _READ_MS = 5000, 2000
+"""Given to FFmpeg for a stream. A camera that does not answer holds the thread that long before the next attempt; less
+gives up one that is slow to start. tests/test_network_video.py allows 8 s until it is lost, and 40 until it is back."""
+
 _WAITING = 4
+"""Pictures that wait for their reader, 0.13 s at 30 Hz; then the oldest gives way. More hands on older pictures after a
+hiccup, fewer loses some of them."""
+
 _MOST_MS = 5000.0
+"""Longest delay_ms= and error_ms=. More is a slip of the decimal point: a picture 5 s late serves no check."""
+
 _CHECK = "Check the address, and that the device sends"
 
 

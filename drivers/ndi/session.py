@@ -37,8 +37,8 @@ INIT, whose first may take 5 by other clients. It grants 8 to GET, too; 4 is our
 More delays word of a device that has failed, less gives up on one that is busy."""
 
 _REPLY_BYTES = 64
-"""Reply to a command whose time on the line is granted twice over, besides the seconds above: 67 ms at 9600 baud. Longer
-ones use up some of those seconds."""
+"""Reply to a command whose time on the line is granted twice over, besides those seconds: 67 ms at 9600 baud. Longer
+replies use up some of the seconds."""
 
 _KNOCK_S = 0.3
 """For INIT at a speed that may be wrong. ndicapi allows 0.2 s; more delays the search by each of nine speeds, less

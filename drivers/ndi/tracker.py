@@ -49,8 +49,8 @@ _BACKWARD_READINGS = 3
 for one, each more costs a reply without a pose; tests/test_ndi_tracker.py shows both."""
 
 _DETAILS_S = 0.1
-"""Between two replies with marker details, which are over twice as long: ten of them in the second over which the marker
-checks take the middle (docs/trackers.md). More of them cost poses on a slow line, fewer leave that middle to chance."""
+"""Between two replies with marker details, which are over twice as long: ten of them in the second over which the
+marker checks take the middle (docs/trackers.md). More cost poses on a slow line, fewer leave that middle to chance."""
 
 _RETRY_NS = 1_000_000
 """Pause before the next request where nothing new was there. Less loads the processor (tests/test_tracker_load.py),

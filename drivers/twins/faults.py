@@ -33,9 +33,11 @@ PICTURE_FAULTS = ("flip-lateral", "flip-vertical", "depth", "freeze-video", "los
 """Those that the scanner shows; the tracker shows the others."""
 
 _LATEST_S = 1e9
+"""Thirty years: later is a slip, and refused. Nanoseconds of it fit 64 bits."""
 
 ZOOM = 1.10
 LATENCY_S = 0.100
+"""Past the default limits (appliance/limits.py: 5 %, 60 ms), so that they must be found, and no more than twice."""
 
 BEND_DEG = 5.0
 BEND_AXIS = (0.95, 0.16, 0.27)

@@ -31,6 +31,7 @@ PoseAt = Callable[[str, float, int], Matrix4 | None]
 
 _HEADING = ["t_s", "tool", "q0", "qx", "qy", "qz", "x_mm", "y_mm", "z_mm"]
 _REFERENCE_POSE_MM = (150.0, -40.0, -1700.0)
+"""Beside the probe and some 0.2 m behind it, where a reference is clamped to the table; tracker frame."""
 
 
 class Track:

@@ -7,14 +7,21 @@ from ctypes import c_int
 from dataclasses import dataclass
 
 from drivers.errors import ConfigurationError, DeviceLost
+from drivers.picture import LEAST_PX
 from drivers.v4l2 import abi
 from drivers.v4l2.node import Node
 from drivers.v4l2.pixels import FORMATS
 
 _SIZE = re.compile(r"(\d{2,5})x(\d{2,5})")
-_SIDES_PX = range(16, 8193)
+_SIDES_PX = range(LEAST_PX, 8193)
+"""What size= may ask for; up to 8K screens. The device refuses what it does not have, this only finds slips."""
+
 _USUAL_HZ = 30.0
+"""Rate of a device that does not tell its own, for the bound of the stamps alone. The bound of a slower one is too
+narrow, that of a faster one too wide; `probe` says that it is assumed."""
+
 _MOST_NAMED = 8
+"""Formats in a message: what still fits a line."""
 _NO_SIGNAL = abi.IN_ST_NO_POWER | abi.IN_ST_NO_SIGNAL
 _NO_LOCK = abi.IN_ST_NO_H_LOCK | abi.IN_ST_NO_V_LOCK | abi.IN_ST_NO_SYNC
 
