@@ -26,6 +26,8 @@ from drivers.regularfile import reading, refuse_irregular
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 
 _MAX_LINE_BYTES = 65_536
+"""Of the header; lines of PLUS take some hundred. More reads on in a file that has no lines, and is no header."""
+
 _MAX_SIDE_PX, _MAX_PIXELS = 16_384, 1 << 24
 """Of one picture, which is in memory two or three times: the largest screen that scanners have, twice."""
 

@@ -16,6 +16,8 @@ from drivers.rigid import FURTHEST_MM, UNIT_TOLERANCE, pose_matrix
 from drivers.samples import Matrix4
 
 HEADER_BYTES = 8
+"""RTC3D: u32 size, u32 type."""
+
 MAX_PACKET_BYTES = 50_000
 """NDI's own client takes a longer packet for nonsense."""
 

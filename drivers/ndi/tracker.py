@@ -56,6 +56,13 @@ _RETRY_NS = 1_000_000
 """Pause before the next request where nothing new was there. Less loads the processor (tests/test_tracker_load.py),
 more delays poses."""
 
+_LEAST_RETRIES = 4
+"""Requests that fit a period at least, where that is short: at 400 Hz one in 0.6 ms."""
+
+_EARLY_PART = 3
+"""Part of a period, as 1 to this, by which a request may come early, and which a reply may fill without making early
+requests rare. More room asks in vain more often, less leaves the bound of the device's clock wider. Not measured."""
+
 _RISKED = 0.1
 """Share of early requests where a reply fills over a third of the period. Each may cost a pose; with none of them
 nothing bounds the device's clock from below. Not measured."""
@@ -267,7 +274,7 @@ class NdiTracker:
 
     def _nothing_new(self, answer: Answer, probe: Reading | None) -> Pose | None:
         self._absent_ns = answer.sent_ns
-        self._next_poll_ns = answer.arrival_ns + min(_RETRY_NS, round(self._news.period_ns / 4))
+        self._next_poll_ns = answer.arrival_ns + min(_RETRY_NS, round(self._news.period_ns / _LEAST_RETRIES))
         self._news.is_new(None, answer.arrival_ns)
         reason = self._news.overdue(answer.arrival_ns)
         if not reason:
@@ -395,8 +402,8 @@ class NdiTracker:
         if self._news.learning:
             self._next_poll_ns = arrival_ns + _RETRY_NS
             return
-        early_ns = min(self._device_clock.early_ns, period_ns / 3)
-        hurried = self._exchange.reply_ns > period_ns / 3 and self._random.random() > _RISKED
+        early_ns = min(self._device_clock.early_ns, period_ns / _EARLY_PART)
+        hurried = self._exchange.reply_ns > period_ns / _EARLY_PART and self._random.random() > _RISKED
         early_ns *= 0.0 if hurried else self._random.random()
         transfer_ns = self._link.transfer_ns(len(self._dialect.request(False)))
         self._next_poll_ns = measured.t_ns + round(period_ns - early_ns) - transfer_ns

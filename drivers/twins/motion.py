@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from drivers.errors import RecordingError
 from drivers.regularfile import reading
 from drivers.replay import open_recording
+from drivers.rigid import UNIT_TOLERANCE
 from drivers.samples import Matrix4
 from drivers.twins.world import World
 
@@ -113,7 +114,7 @@ def _row(row: list[str], where: str) -> tuple[float, str, Matrix4 | None]:
         raise RecordingError("this row is no pose", where, remedy)
     if not values:
         return t_s, tool, None
-    if abs(math.hypot(*values[:4]) - 1) > 1e-3:
+    if abs(math.hypot(*values[:4]) - 1) > UNIT_TOLERANCE:
         raise RecordingError(f"the quaternion has length {math.hypot(*values[:4]):.4g}", where, remedy)
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_quat([*values[1:4], values[0]]).as_matrix()
