@@ -12,7 +12,7 @@ tracker that a hand is guided by is so late."""
 STALE_PERIODS = 3
 """Periods of the tracker without a new measurement before it is stale. Two would make one reply that is lost an alarm,
 as the next one comes two periods after the last; each period more lets an old pose stand that much longer (at 60 Hz
-17 ms). docs/trackers.md states it; tests of both drivers hold it."""
+17 ms). docs/trackers.md states it."""
 
 SLOWEST_PERIOD_NS = 50e6
 """Period that is assumed until two measurements have shown it: that of the slowest tracker, a Vicra at 20 Hz. A longer

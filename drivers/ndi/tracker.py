@@ -57,7 +57,8 @@ _RETRY_NS = 1_000_000
 more delays poses."""
 
 _LEAST_RETRIES = 4
-"""Requests that fit a period at least, where that is short: at 400 Hz one in 0.6 ms."""
+"""Requests that fit a period at least, where that is short: at 400 Hz one in 0.6 ms. More load the processor, fewer
+delay poses by up to a period. tests/test_tracker_load.py measures the load at 400 Hz."""
 
 _EARLY_PART = 3
 """Part of a period, as 1 to this, by which a request may come early, and which a reply may fill without making early
