@@ -30,6 +30,7 @@ _KINDS = (
     (0, b"\x1f\x8b", "a gzip archive", _UNPACK),
     (0, b"7z\xbc\xaf", "a 7z archive", _UNPACK),
 )
+"""(offset, first bytes by the format's own definition, what it is, what to do). One row more tells one more file."""
 
 
 def refuse_foreign(head: bytes, path: Path) -> None:

@@ -14,6 +14,8 @@ ROOT = Path("/")
 _SERIAL = re.compile(r"tty(USB|ACM|AMA|S|mxc|THS)\d+")
 _NO_HARDWARE = "0"
 _LEVELS_UP = 5
+"""Folders of /sys above a port in which its USB device is looked for. It lies two above a USB serial port; drivers that
+put it deeper are found as well, many more would find the hub or the host controller instead."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,24 @@ from numpy.typing import NDArray
 from drivers.samples import Matrix4
 
 LEAST_MARKERS = 3
+"""Three points off a line fix a rigid pose; two leave the turn about their line open."""
+
 _LOOSE_SHARE = 0.35
+"""Share of the second smallest misfit, with one marker left out, below which the smallest names its marker as loose.
+More blames one marker for a body that is bent, less calls a loose one bent. A marker 5 mm off is named
+(tests/test_ndi_models.py); where the limit between the two lies was not measured."""
+
+_TOLERANCE_MM = 0.5
+"""Misfit (RMS) up to which nothing is said of single markers; above the fit of whole tools in recordings of a Polaris,
+0.13 to 0.30 mm, and below the limit of the check, 0.75 (docs/trackers.md)."""
+
+_NEAREST_MM = 15.0
+"""How far from its place a marker may be and still be taken for it. More mistakes strays and neighbours for it, which
+are 51 mm and more away on the simulated body; less does not see a marker that has moved far."""
+
+_FLATTEST = 1e-3
+"""Second extent of the markers against the first from which they span a plane: 0.1 mm on 100 mm, which is noise. Less
+lets noise decide on the turn about the line."""
 
 Points = NDArray[np.float64]
 """(n, 3) millimetres; a row of NaN is a marker that was not seen."""
@@ -38,7 +55,7 @@ class MarkerGeometry:
     pose: Matrix4
 
 
-def marker_geometry(measured: Points, definition: Points, tolerance_mm: float = 0.5) -> MarkerGeometry | None:
+def marker_geometry(measured: Points, definition: Points, tolerance_mm: float = _TOLERANCE_MM) -> MarkerGeometry | None:
     """Compare markers in the order of the definition; None where fewer than three are seen or they lie on a line.
 
     measured, definition: (n, 3) mm, in any two frames. Raises ValueError for unequal shapes.
@@ -55,7 +72,7 @@ def marker_geometry(measured: Points, definition: Points, tolerance_mm: float = 
     return MarkerGeometry(rms_mm, float(residuals_mm.max()), len(seen), loose, loose_mm, bent, pose)
 
 
-def in_order(found: Points, definition: Points, pose: Matrix4, nearest_mm: float = 15.0) -> Points:
+def in_order(found: Points, definition: Points, pose: Matrix4, nearest_mm: float = _NEAREST_MM) -> Points:
     """Markers found without numbers, put in the order of the definition: each to its nearest place, closest pair first.
 
     found: (m, 3) and pose: (4, 4) definition → tracker, in the tracker's frame, mm. Returns (n, 3), NaN where none of
@@ -113,4 +130,4 @@ def _without(marker: int, measured: Points, definition: Points, seen: NDArray[np
 
 def _spans_a_plane(points: Points) -> bool:
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[1] > 1e-3 * max(spread[0], 1e-9))
+    return bool(spread[1] > _FLATTEST * max(spread[0], 1e-9))

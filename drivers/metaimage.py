@@ -26,6 +26,8 @@ from drivers.regularfile import reading, refuse_irregular
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 
 _MAX_LINE_BYTES = 65_536
+"""Of the header; lines of PLUS take some hundred. More reads on in a file that has no lines, and is no header."""
+
 _MAX_SIDE_PX, _MAX_PIXELS = 16_384, 1 << 24
 """Of one picture, which is in memory two or three times: the largest screen that scanners have, twice."""
 
@@ -33,8 +35,16 @@ _MAX_HEADER_LINES, _MAX_HEADER_BYTES = 2_000_000, 256_000_000
 """All of it is kept, 500 bytes a line or so; PLUS writes about ten lines and 1 kB a frame: an hour and more."""
 
 _MAX_STAMP_S = 9_000_000_000
+"""Seconds whose nanoseconds still fit 64 bits; Unix time gets there in the year 2255."""
+
 _BLOCK_BYTES = 262_144
+"""Copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls. Not
+measured."""
+
 _ROTATION_TOLERANCE = 2e-3
+"""Largest error of RᵀR and of the last row that is rounding: PLUS prints six digits, and three would err
+by 1.7e-3. More takes a scaled matrix for a pose; an axis 2 % too long is refused (tests/test_metaimage.py)."""
+
 _FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
 _STATUSES = {  # PLUS says MISSING of a tool or port that is not there, OUT_OF_VIEW of one that is not seen

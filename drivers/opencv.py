@@ -28,8 +28,22 @@ from drivers.samples import Frame, GreyImage, Stamp
 
 _OPTIONS = ("crop", "delay_ms", "error_ms", "orientation")
 _OPEN_MS, _READ_MS = 5000, 2000
+"""Given to FFmpeg for a stream. A camera that does not answer holds the thread that long before the next attempt; less
+gives up one that is slow to start. tests/test_network_video.py allows 8 s until it is lost, and 40 until it is back."""
+
 _WAITING = 4
+"""Pictures that wait for their reader, 0.13 s at 30 Hz; then the oldest gives way. More hands on older pictures after a
+hiccup, fewer loses some of them."""
+
+_LEAVE_S = 0.5
+"""For the thread to leave its read at the end. More holds up the end of the service, less leaves threads behind."""
+
+_RATES_HZ = (0.1, 1000.0)
+"""Picture rates that a file may tell; others are a damaged header or a film without one."""
+
 _MOST_MS = 5000.0
+"""Longest delay_ms= and error_ms=. More is a slip of the decimal point: a picture 5 s late serves no check."""
+
 _CHECK = "Check the address, and that the device sends"
 
 
@@ -49,7 +63,7 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenC
     if not capture.isOpened():
         raise DeviceLost("OpenCV cannot read it", where, _CHECK)
     rate_hz = float(capture.get(cv2.CAP_PROP_FPS)) or math.nan
-    if is_file and not 0.1 <= rate_hz <= 1000:
+    if is_file and not _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]:
         capture.release()
         raise DeviceLost("the file does not tell its picture rate", where, "Convert it, or record anew")
     return OpenCvVideo(capture, where, _Times(clock, is_file, rate_hz, delay_ms, error_ms), cut)
@@ -119,7 +133,7 @@ class OpenCvVideo:
     ) -> None:
         """A read that hangs is left behind after its time-out; its thread releases the device when it returns."""
         self._closing.set()
-        self._thread.join(0.5)
+        self._thread.join(_LEAVE_S)
 
     def describe(self) -> Description:
         """See drivers.ports.Identified."""

@@ -35,19 +35,32 @@ from drivers.rtc3d import (
 )
 from drivers.rtc3d_client import SERVER_REMEDY, Rtc3dClient, error_words
 from drivers.samples import MarkerBody, Matrix4, Pose, PoseStatus, Stamp
+from drivers.staleness import (
+    DEADLINE_MS,
+    DEADLINES_MS,
+    FROZEN_READINGS,
+    LATENCIES_MS,
+    SLOWEST_PERIOD_NS,
+    STALE_PERIODS,
+)
 from drivers.tcpline import parse_address
 
 PORT = 3020
+"""TCP port of the RTC3D server of First Principles."""
 
 _OPTIONS = ("body", "reference", "mode", "order", "rate", "deadline_ms", "latency_ms", "log")
 _ORDERS = {"big": ByteOrder.BIG, "little": ByteOrder.LITTLE}
 _WANTED = "6D Events"
 _CONNECT_S = 2.0
+"""For the name, the connection and the replies to up to three commands together. More delays word that nobody is there;
+how long a busy First Principles takes is not known."""
+
 _SINGLE_HZ = 60
-_STALE_PERIODS = 3
-_SLOWEST_PERIOD_NS = 50e6
-_FROZEN_READINGS = 12
+"""Requests a second in single mode without rate=: two poses for every picture of a 30 Hz scanner. Each costs a command
+and a reply; fewer leave the pose of a picture further away."""
+
 _EVENTS_KEPT = 100
+"""Newest events that the server told, for who asks; nothing is decided by them. More is memory alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +72,7 @@ class OptotrakOptions:
     single: bool = False
     order: ByteOrder = ByteOrder.BIG
     rate_hz: int | None = None
-    deadline_ms: float = 200.0
+    deadline_ms: float = DEADLINE_MS
     latency_ms: float = 0.0
     log: Path | None = None
 
@@ -86,8 +99,8 @@ def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
         single=reader.word("mode", ("stream", "single")) == "single",
         order=_ORDERS[reader.word("order", tuple(_ORDERS))],
         rate_hz=reader.whole("rate", 4600),
-        deadline_ms=reader.number("deadline_ms", 200.0, 20, 5000),
-        latency_ms=reader.number("latency_ms", 0.0, 0, 500),
+        deadline_ms=reader.number("deadline_ms", DEADLINE_MS, *DEADLINES_MS),
+        latency_ms=reader.number("latency_ms", 0.0, *LATENCIES_MS),
         log=Path(options["log"]) if "log" in options else None,
     )
     if checked.reference == checked.body:
@@ -287,7 +300,7 @@ class OptotrakTracker:
         if probe is None:
             return self._without_number(PoseStatus.MISSING, "the tracker does not see the probe's rigid body", stamp)
         if self._news.frozen:
-            reason = f"{_FROZEN_READINGS} poses in a row are equal to the last bit"
+            reason = f"{FROZEN_READINGS} poses in a row are equal to the last bit"
             return self._without_number(PoseStatus.STALE, reason, stamp, rms_mm)
         return self._relative(bodies, probe, stamp)
 
@@ -322,7 +335,7 @@ class _NewsWatch:
         self.frame = -1
         self.frozen = False
         self._time_us = -1
-        self._period_ns = _SLOWEST_PERIOD_NS
+        self._period_ns = SLOWEST_PERIOD_NS
         self._learnt = False
         self._new_ns: int | None = None
         self._told_ns = 0
@@ -345,7 +358,7 @@ class _NewsWatch:
         body = _listed(bodies, number)
         repeated = isinstance(body, Body) and body == self._body
         self._equal = self._equal + 1 if repeated else 0
-        self.frozen = self._equal >= _FROZEN_READINGS - 1
+        self.frozen = self._equal >= FROZEN_READINGS - 1
         self._body = body if isinstance(body, Body) else None
         self.frame, self._time_us, self._odd = bodies.frame, bodies.time_us, ""
         self._new_ns = self._told_ns = arrival_ns
@@ -356,7 +369,7 @@ class _NewsWatch:
         if self._new_ns is None:
             self._new_ns = arrival_ns
         age_ns = arrival_ns - self._new_ns
-        if age_ns <= _STALE_PERIODS * self._period_ns or arrival_ns - self._told_ns < self._period_ns:
+        if age_ns <= STALE_PERIODS * self._period_ns or arrival_ns - self._told_ns < self._period_ns:
             return ""
         self._told_ns = arrival_ns
         return f"{self._odd or 'no new frame'} for {age_ns / 1e6:.0f} ms"
@@ -367,7 +380,7 @@ class _NewsWatch:
             return
         step_ns = (bodies.time_us - self._time_us) * 1000.0
         if step_ns <= 0 or bodies.frame < self.frame:
-            self._period_ns, self._learnt = _SLOWEST_PERIOD_NS, False
+            self._period_ns, self._learnt = SLOWEST_PERIOD_NS, False
         elif step_ns < self._period_ns or not self._learnt:
             self._period_ns, self._learnt = step_ns, True
 

@@ -12,7 +12,9 @@ FLIPS = {"MF": (False, False), "MN": (True, False), "UF": (False, True), "UN": (
 """Stored orientation → (rows, columns) to reverse for MF: marked side at column 0, near side at row 0."""
 
 _CROP = re.compile(r"(\d{1,5}),(\d{1,5}),(\d{1,5}),(\d{1,5})")
-_LEAST_PX = 16
+LEAST_PX = 16
+"""Side of the smallest picture, of any source, that is taken for one: less is a slip in an option or a damaged header.
+No picture of a scanner is near it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +46,8 @@ def cut_from(options: dict[str, str], where: str) -> Cut:
     if text is None:
         return Cut(None, orientation)
     found = _CROP.fullmatch(text)
-    if found is None or min(int(found[3]), int(found[4])) < _LEAST_PX:
-        remedy = f"Write crop=LEFT,TOP,WIDTH,HEIGHT in pixels, width and height at least {_LEAST_PX}"
+    if found is None or min(int(found[3]), int(found[4])) < LEAST_PX:
+        remedy = f"Write crop=LEFT,TOP,WIDTH,HEIGHT in pixels, width and height at least {LEAST_PX}"
         raise ConfigurationError(f"crop={text} is no part of a picture", where, remedy)
     left, top, width, height = (int(number) for number in found.groups())
     return Cut((left, top, width, height), orientation)

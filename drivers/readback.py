@@ -4,7 +4,12 @@ from collections.abc import Callable
 
 from drivers.hosttime import HostClock
 
-_FOLLOWS_S, _LOOK_AGAIN_NS = 0.1, 2_000_000
+_FOLLOWS_S = 0.1
+"""What a contact may take. Mechanical relays switch within some 15 ms; more delays word of a welded one, less loses a
+slow one. Not measured on relays."""
+
+_LOOK_AGAIN_NS = 2_000_000
+"""Between two looks. Less loads the processor, more adds to the time of each write."""
 
 
 def follows(read_back: Callable[[], bool | None], level: bool, clock: HostClock) -> bool:

@@ -24,17 +24,35 @@ from drivers.errors import ConfigurationError, DeviceLost
 from drivers.heartbeat import Heartbeat, heartbeat_from
 from drivers.hosttime import HostClock
 from drivers.ports import Description, refuse_unknown
+from drivers.serialport import BITS_PER_BYTE
 from drivers.sharedport import shared_port
 
 BAUD = 9600
 STATUS_QUERY = b"\xff"
-_START = 0xA0
-_ANSWER_S = 0.5
-_COMMAND_S = 4 * 10 / BAUD
+START = 0xA0
+COMMAND_BYTES = 4
+"""Protocol of LCUS boards, as the heading of this file tells it."""
+
 _OPTIONS = ("channel", "confirm", "heartbeat")
+
+_COMMAND_S = COMMAND_BYTES * BITS_PER_BYTE / BAUD
+"""Time on the line, after which a silent board has its command: 4.2 ms."""
+
+_ANSWER_S = 0.5
+"""For the report, which takes about 40 ms (docs/devices.md). More delays word of a dead board, less loses one behind a
+busy host."""
+
 _FASTEST_CLICK_HZ = 1.0
+"""Of a mechanical relay: 100 000 clicks under load last a day then; twice as fast, half a day."""
+
 _PAUSE_S = 0.05
+"""Silence that ends a report of unknown length. USB adapters hold bytes back for up to 16 ms; less cuts a report in
+two, more delays the opening."""
+
 _ASK_AGAIN_NS = 1_000_000_000
+"""Between questions to a board that has not answered so far. Rarer ones leave one that woke up unwatched for longer,
+each costs one byte on the line (tests/test_relay.py counts them)."""
+
 _CONTACT = re.compile(rb"CH *(\d{1,2}) *: *(ON|OFF)\s")
 _CONFIRM = ("auto", "yes", "no")
 _CHECK = "Check the relay board's cable"
@@ -46,7 +64,7 @@ _have_reported: set[str] = set()
 
 def relay_command(channel: int, energised: bool) -> bytes:
     """The four bytes that switch one channel."""
-    body = bytes((_START, channel, int(energised)))
+    body = bytes((START, channel, int(energised)))
     return body + bytes((sum(body) & 0xFF,))
 
 

@@ -6,6 +6,14 @@ import numpy as np
 
 from drivers.samples import Matrix4
 
+UNIT_TOLERANCE = 1e-3
+"""How far the length of a reported quaternion may be from 1. TX rounds to 1e-4, so whole ones are within 1e-4; more
+lets damage pass, less would refuse what rounding does."""
+
+FURTHEST_MM = 1e6
+"""A kilometre: no tracker sees so far, so such a number is damage. Damage within it is left to check sums and to
+the second look at leaps; less room would find more of it, and none of it near the tool."""
+
 
 def pose_matrix(quaternion: tuple[float, float, float, float], translation_mm: tuple[float, float, float]) -> Matrix4:
     """(4, 4) tool → tracker, mm. quaternion: (q0, qx, qy, qz); the rotation is orthonormal whatever its rounding."""

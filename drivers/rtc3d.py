@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from drivers.errors import ProtocolError
-from drivers.rigid import pose_matrix
+from drivers.rigid import FURTHEST_MM, UNIT_TOLERANCE, pose_matrix
 from drivers.samples import Matrix4
 
 HEADER_BYTES = 8
+"""RTC3D: u32 size, u32 type."""
+
 MAX_PACKET_BYTES = 50_000
 """NDI's own client takes a longer packet for nonsense."""
 
@@ -23,9 +25,9 @@ _HEADER = struct.Struct(">II")
 _COMPONENT_BYTES = 24
 _MISSING = b"\xff\xff\xff\xff"
 _LEAST = -3.0e28
-_FURTHEST_MM = 1e6
-_UNIT_TOLERANCE = 1e-3
 _NO_RELIABILITY = 999.0
+"""RTC3D: u32 size, type and frame, u64 microseconds, u32 item count before the items. Missing coordinates are bytes FF
+on the wire and -3.697314e28 in NDI's library, whose own limit is -3.0e28; 999 is a reliability that is not known."""
 
 
 class PacketType(IntEnum):
@@ -37,6 +39,7 @@ class PacketType(IntEnum):
     DATA = 3
     NO_DATA = 4
     C3D = 5
+    """RTC3D, packet types."""
 
 
 class ByteOrder(Enum):
@@ -59,6 +62,7 @@ class ComponentType(IntEnum):
     FORCE = 3
     BODIES = 4
     EVENTS = 5
+    """RTC3D, component types of a data frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +104,9 @@ class Body:
 
     def __post_init__(self) -> None:
         length = math.hypot(*self.quaternion)
-        if not abs(length - 1.0) <= _UNIT_TOLERANCE:
+        if not abs(length - 1.0) <= UNIT_TOLERANCE:
             raise ProtocolError(f"a rigid body whose quaternion has length {length:.4g}")
-        if not (0 <= self.rms_mm <= _FURTHEST_MM and _is_near(self.translation_mm)):
+        if not (0 <= self.rms_mm <= FURTHEST_MM and _is_near(self.translation_mm)):
             raise ProtocolError("a rigid body kilometres away, or a fit that cannot be")
 
     def matrix(self) -> Matrix4:
@@ -282,7 +286,7 @@ def _is_missing(*values: float) -> bool:
 
 
 def _is_near(place_mm: tuple[float, ...]) -> bool:
-    return all(abs(value_mm) <= _FURTHEST_MM for value_mm in place_mm)
+    return all(abs(value_mm) <= FURTHEST_MM for value_mm in place_mm)
 
 
 def _marker(fields: tuple[float, ...]) -> Marker:

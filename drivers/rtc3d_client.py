@@ -9,13 +9,16 @@ from drivers.hosttime import HostClock
 from drivers.printable import printable
 from drivers.rtc3d import HEADER_BYTES, ByteOrder, Packet, PacketType, Text, command, decode_packet, packet_length
 from drivers.tap import Tap
-from drivers.tcpline import connect_tcp
+from drivers.tcpline import SEND_S, connect_tcp
 
 SERVER_REMEDY = "Check that First Principles is running and its real-time server is switched on"
 
-_SEND_S = 0.1
 _CHUNK_BYTES = 1 << 16
+"""Read at a time: more than the longest packet (50 000 bytes), so one call takes a frame. More only takes memory."""
+
 _LONGEST_WORDS = 200
+"""Characters of the server's words in a message; the wording is not ours, and one line of a log is to hold it."""
+
 _REMADE = "The connection is made anew"
 
 
@@ -57,7 +60,7 @@ class Rtc3dClient:
         """Raises DeviceLost."""
         data = command(text)
         try:
-            self._line.settimeout(_SEND_S)
+            self._line.settimeout(SEND_S)
             if self._tap is not None:
                 self._tap.sent(data)
             self._line.sendall(data)

@@ -26,6 +26,7 @@ from drivers.serialport import open_serial
 _OPTIONS = ("heartbeat", "pin", "sense")
 _PINS, _SENSES = ("rts", "dtr"), {"cts": "cts", "dsr": "dsr", "dcd": "cd"}
 _BAUD, _CFLAG = 9600, 2
+"""Nothing is sent, so the speed is only one that every port has; index of the control flags in termios.tcgetattr."""
 
 
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "SerialPinOutput":

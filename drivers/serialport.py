@@ -8,6 +8,13 @@ import serial
 
 from drivers.errors import DeviceLost
 
+BITS_PER_BYTE = 10
+"""On the line, 8N1: a start bit, eight of data, a stop bit."""
+
+_WRITE_S = 1.0
+"""For the port to take bytes; the kernel's buffer holds thousands, so one that does not is stuck. More holds up the
+thread of the device; 9600 baud empty 960 bytes meanwhile."""
+
 
 def open_serial(path: str, baud: int, raise_lines: bool = True) -> serial.Serial:
     """An 8N1 port that no other program can open at the same time; reads do not block.
@@ -16,7 +23,7 @@ def open_serial(path: str, baud: int, raise_lines: bool = True) -> serial.Serial
     Raises DeviceLost when the port is absent, in use, or not permitted to this user.
     """
     try:
-        port = serial.Serial(None, baud, timeout=0, write_timeout=1.0, exclusive=True)
+        port = serial.Serial(None, baud, timeout=0, write_timeout=_WRITE_S, exclusive=True)
         port.rts = port.dtr = raise_lines
         port.port = path
         port.open()

@@ -17,14 +17,24 @@ import numpy as np
 
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.hosttime import HostClock
+from drivers.picture import LEAST_PX
 from drivers.samples import Frame, GreyImage, Stamp
 
 _LAYOUT = struct.Struct("<4sHHQqIII")
 _MAGIC, _VERSION, _BITS = b"PWSV", 1, 8
-_SIZE_PX = range(16, 4097)
+"""Header, as the heading of this file tells it."""
+
+_SIZE_PX = range(LEAST_PX, 4097)
+"""Sides that are no damage. The greatest picture, 16 MB, is what a false header can make us wait for."""
+
 _PATH_BYTES = 107
+"""Linux, unix(7): 108 with the closing zero."""
+
 _CONNECT_S = 1.0
+"""The scanner runs on this host and accepts at once, or its queue is full; more delays word of that."""
+
 _CHUNK_BYTES = 1 << 20
+"""Read at a time: three pictures of 640 × 480. Less takes more calls for a picture, more only memory."""
 
 HEADER_BYTES = _LAYOUT.size
 

@@ -10,7 +10,14 @@ from drivers.errors import ConfigurationError, DeviceLost
 _ADDRESS = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\[\]:/\s]+)(?::([0-9]{1,5}))?")
 _REFUSED = "Check that the device's server is running and that the port is right"
 _UNREACHABLE = "Check the network cable, the address and the firewall"
+
+SEND_S = 0.1
+"""What the other side may take to accept a request of some hundred bytes. Its buffer takes thousands, so one that does
+not is dead; more would hold up the thread beyond the deadline of the device."""
+
 _UNACKNOWLEDGED_MS = 500
+"""Linux repeats a lost segment after 200 ms and then 400 ms: one repetition fits. Less drops a connection for one lost
+packet, more keeps one with a dead peer. The trackers' own deadline comes first."""
 
 
 def parse_address(target: str, default_port: int, where: str) -> tuple[str, int]:

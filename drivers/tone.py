@@ -24,12 +24,28 @@ from drivers.ports import Description, refuse_unknown
 from drivers.printable import printable_bytes
 
 RATE_HZ = 16_000
+"""Samples a second: over twice the fifth partial of the highest pitch, 5 kHz. More makes more bytes, no other sound."""
+
 _LATENCY_US = 100_000
+"""Buffer of the sound card. More sounds and falls silent later, less crackles when the host is busy. Not measured."""
+
 _LEAD_NS, _LONGEST_NS = 150_000_000, 300_000_000
+"""How far ahead of the clock the player is fed: three writes of 50 ms, so that two may be late; and the most at once,
+after a pause. More sounds and falls silent later, less has gaps. Not measured on a busy cart."""
+
 _HARMONICS = (1.0, 0.7, 0.5, 0.35, 0.25)
+"""Amplitudes of fundamental and partials. IEC 60601-1-8 asks for four partials within 15 dB of the fundamental;
+tests/test_tone.py measures it. Nobody has compared how other rows sound."""
+
 _LEVEL = 0.5
+"""Of full scale, for the peak of all partials together. The volume is the sound card's; the rest is headroom, which
+resampling may need."""
+
 _FADE = RATE_HZ // 100
+"""Samples of 10 ms. Shorter ramps click, longer ones blur pulses of 150 ms."""
+
 _STALL_S = 0.5
+"""For which the player's pipe may stay full. More reports a hung sound card later, less a busy host as one."""
 
 
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "ToneOutput":

@@ -5,6 +5,7 @@ import struct
 
 from drivers.errors import ProtocolError
 from drivers.ndi.replies import (
+    STRAY_STATES,
     ActiveStray,
     HandleState,
     Markers,
@@ -25,7 +26,7 @@ from drivers.ndi.wire import Cursor, encode_container, open_container
 
 _STATES = {0x01: HandleState.VALID, 0x02: HandleState.MISSING, 0x04: HandleState.DISABLED}
 _CODES = {state: code for code, state in _STATES.items()} | {HandleState.UNOCCUPIED: 0x04}
-_STRAY_STATES = (0x00, 0x01, 0x02, 0x08)
+"""Combined API, BX: handle status. It has no code for unoccupied, which is sent as disabled."""
 
 
 def decode_bx(reply: bytes, options: int) -> TrackingReply:
@@ -74,7 +75,7 @@ def _information(cursor: Cursor) -> ToolInformation:
 
 def _stray(cursor: Cursor, wanted: int) -> ActiveStray:
     status = cursor.number("B")
-    if status not in _STRAY_STATES:
+    if status not in STRAY_STATES:
         raise cursor.refuse(f"a single marker has the unknown state {status:02X}")
     located = status == 0x01 or (status == 0x08 and bool(wanted & Options.OUT_OF_VOLUME))
     return ActiveStray(status, _position(cursor) if located else None)

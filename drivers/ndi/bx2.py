@@ -15,7 +15,11 @@ from drivers.ndi.wire import Cursor, encode_container, open_container
 _VERSION = 1
 _MISSING_BIT = 0x0100
 _HEADER = struct.Struct("<HIHI")
+"""BX2: version of the general format; bit 8 of a tool's status; u16 type, u32 size, u16 option, u32 count."""
+
 _DEEPEST = 2
+"""Levels of nesting below the top. Real replies use one, a frame with its items; a damaged one must not nest until the
+stack is full."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,6 +265,7 @@ def _alert(cursor: Cursor) -> Alert:
 
 
 _TYPES = {Frames: 0x0001, SixD: 0x0002, ThreeD: 0x0003, OneD: 0x0004, ErrorLists: 0x0009, Alerts: 0x0012}
+"""BX2: component types; the others are kept as they are (Opaque)."""
 _KNOWN = frozenset(_TYPES.values())
 
 

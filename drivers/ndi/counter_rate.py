@@ -10,9 +10,18 @@ from drivers.ndi.exchange import Answer
 from drivers.ndi.session import Session
 
 _POLARIS_HZ = 60.0
+"""Combined API: a Polaris counts at 60 Hz, whatever rate it measures at; a recorded 20 Hz unit steps by three."""
+
 _AURORAS_HZ = (40.0, 320.0)
+"""One count for a measurement of 25 ms, or eight. Recorded frame numbers of an Aurora V3 step by eight; that this makes
+320 Hz is inferred from their pace, that older units count single measurements is not documented."""
+
 _LEARN_NS = 400_000_000
+"""How long the counter is watched: 16 measurements, to tell rates apart that differ eightfold. More delays every
+connection to an Aurora, less leaves little to a late reply."""
+
 _LEARN_STEP_NS = 20_000_000
+"""Pause between the requests meanwhile: below the 25 ms of a measurement. Shorter asks more and learns no more."""
 
 
 def frame_counter_hz(session: Session, ask: Callable[[], Answer], handle: int, clock: HostClock) -> float:

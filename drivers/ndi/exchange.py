@@ -10,9 +10,21 @@ from drivers.ndi.readings import Dialect, Snapshot
 from drivers.ndi.wire import EXTENDED_START, RefusedError, decode_text
 
 _GAP_NS = 25_000_000
+"""Silence after which a broken reply has run out. USB adapters hold bytes back for up to 16 ms (the latency timer's
+default), so less takes its rest for the next reply; more delays the next try. A fact of the adapters, not measured."""
+
 _LEAST_TRY_NS = 50_000_000
+"""What a request gets at least, besides its time on the line, when this host comes to it after the deadline. More
+reports a loss later (250 ms in all, tests/test_tracker_loss.py), less takes a busy host for a silent device."""
+
 _TRY_SHARE, _SPARE_SHARE = 0.4, 0.5
+"""Of the deadline. One request waits for _TRY_SHARE, so that two find room: more leaves no second one, less gives slow
+replies up. Where two replies take more than the rest, a silence of _SPARE_SHARE comes on top of them: 9600 baud with
+four tools (tests/test_ndi_tracker.py)."""
+
 _UNSURE_ANSWERS = 3
+"""Answers after an unanswered request whose sending time bounds nothing, as the late reply may have come in place of
+the right one. More leaves poses with the wider bound, fewer risks a false one. Not measured."""
 
 
 @dataclass(frozen=True, slots=True)

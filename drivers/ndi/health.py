@@ -8,9 +8,15 @@ from drivers.ndi.words import BUMPED, HARMLESS_ALERTS, PTP_LOST, alert_words
 
 _BATTERIES = 0x100000 | 0x4000000
 _TOO_HOT, _TOO_COLD = 0x20000000, 0x40000000
+"""Combined API, Info.Status.Alerts: battery and laser battery; too hot, too cold."""
+
 _LATCHED = BUMPED
 _FORGET_NS = 3_000_000_000
+"""Age at which an alert that Info.Status.Alerts does not list is over: three looks. Less ends one that BX2 alone tells
+between two of its reports; more keeps the contact open that long after the cause has gone. Not measured."""
+
 _LOOK_AGAIN_NS = 1_000_000_000
+"""Between two looks at alerts that stand. Each takes the place of a tracking reply; rarer ones delay the all-clear."""
 
 
 @dataclass(frozen=True, slots=True)

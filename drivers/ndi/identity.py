@@ -15,6 +15,7 @@ TEXT_ONLY_TAGS = (
 """Firmware whose BX replies other clients found wanting."""
 
 _FIRST_API_WITH_BX2 = 3
+"""Combined API: major number of APIREV, such as G.003.008, from which a device knows BX2."""
 
 
 class ReplyKind(Enum):

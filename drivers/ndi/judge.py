@@ -8,6 +8,7 @@ from drivers.samples import PoseStatus
 SYSTEM_ALERTS_PENDING = 0x0100
 SYSTEM_PORTS_CHANGED = 0x00C0
 SYSTEM_TEMPERATURE = 0x0200
+"""Combined API, system status of TX and BX: bit 8; bits 6 and 7, a port newly occupied or unoccupied; bit 9."""
 
 _PORT_OCCUPIED, _PORT_READY = 0x01, 0x30
 _PORT_OUTSIDE, _PORT_PARTLY_OUTSIDE = 0x40, 0x80
@@ -21,6 +22,9 @@ _PORT_FAULTS = {
     0x4000: "the tracker fell behind",
     0x8000: "the tracker's data buffer is full",
 }
+"""Combined API, port status of TX and BX. Ready is bits 4 and 5, initialised and enabled. Bits 8 and 9 mean one thing
+on a Polaris and another on an Aurora, hence both in one phrase; 10, 11 and 13 are of the Aurora alone."""
+
 _SYSTEM_FAULTS = {
     0x0001: "communication synchronisation error",
     0x0002: "too much infrared light",
@@ -29,6 +33,7 @@ _SYSTEM_FAULTS = {
     SYSTEM_TEMPERATURE: "the tracker is outside its temperature range",
     0x0400: "the tracker's hardware configuration changed",
 }
+"""Combined API, system status of TX and BX. Bits 2 and 5, which old firmware alone sets, are left out."""
 
 Judgement = tuple[PoseStatus, str]
 _ABSENT = {
@@ -55,6 +60,7 @@ _CODES_6D = {
     32: (PoseStatus.DISABLED, "the tool's port is not enabled"),
     33: (PoseStatus.DISABLED, "the tool is unplugged"),
 }
+"""Combined API, 6D items of BX2: low byte of the status. A pose may come with 3 and 9 as well, and is not believed."""
 
 
 def judge_6d(tool: Tool6D) -> Judgement:

@@ -11,7 +11,7 @@ import serial
 from drivers.errors import DeviceLost
 from drivers.hosttime import HostClock
 from drivers.serialport import drain, open_serial
-from drivers.tcpline import connect_tcp
+from drivers.tcpline import SEND_S, connect_tcp
 
 FIRST_BAUD = 9600
 """8N1 at this rate after power-up and after every reset."""
@@ -20,18 +20,33 @@ LINE_ERRORS = (OSError, ValueError, termios.error)
 """What a line may raise besides DeviceLost; ValueError comes from a port that is closed."""
 
 _BREAK_S = 0.25
+"""As long as NDI's own sample program holds the line low. It is part of the 1.31 s that a reset costs
+(tests/test_tracker_loss.py); shorter ones some devices may not take for a break."""
+
 _BREAK_BAUD = 300
 _BREAK_NS = 60_000_000
+"""A NUL at 300 baud is low for 30 ms, longer than a character at any of the device's speeds, and takes 33 ms; what an
+adapter still holds of it has left after 60 ms. More delays every reset. Not measured on adapters."""
+
 _CONNECT_S = 1.0
-_SEND_S = 0.1
+"""For the name, the addresses and the handshake of one attempt. More delays word that nobody is there; a lost
+SYN, which Linux repeats after a second, is left to the next attempt."""
+
 _STARTING_NS = 1_750_000_000
+"""Until then a device that refuses connections may be starting: two seconds with the last pause. The simulated Vega
+takes one (tests/test_tracker_loss.py); how long a real one does is not published. More delays word of a wrong host."""
+
 _PAUSE_NS = 200_000_000
+"""Between two attempts. Shorter ones load a device that is starting, longer ones find it later."""
+
 _KEEPALIVE = (
     (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1),
     (socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 1),
     (socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 1),
     (socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3),
 )
+"""Ends a connection whose peer died while nothing was sent: asked after 1 s, then each second. Linux gives up by the
+TCP_USER_TIMEOUT of connect_tcp, which goes before the count (tcp(7)). Requests have deadlines of their own."""
 
 
 class ByteLine(Protocol):
@@ -150,7 +165,7 @@ class NetworkLine:
 
     def _connect(self) -> socket.socket:
         connection = connect_tcp(self._host, self._port, _CONNECT_S)
-        connection.settimeout(_SEND_S)
+        connection.settimeout(SEND_S)
         for level, option, value in _KEEPALIVE:
             connection.setsockopt(level, option, value)
         return connection

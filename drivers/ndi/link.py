@@ -6,10 +6,10 @@ from drivers.errors import DeviceLost, ProtocolError
 from drivers.hosttime import HostClock
 from drivers.ndi.lines import LINE_ERRORS, ByteLine
 from drivers.ndi.wire import encode_text, reply_length
+from drivers.serialport import BITS_PER_BYTE
 from drivers.tap import Tap
 
 _RESET = encode_text("RESET")
-_BITS_PER_BYTE = 10
 
 
 class SilentError(DeviceLost):
@@ -53,7 +53,7 @@ class Link:
 
     def transfer_ns(self, count: int) -> int:
         """Time on the wire of `count` bytes, ns of the clock."""
-        return 0 if self.baud is None else count * _BITS_PER_BYTE * 1_000_000_000 // self.baud
+        return 0 if self.baud is None else count * BITS_PER_BYTE * 1_000_000_000 // self.baud
 
     def send(self, request: bytes) -> int:
         """Throw away what came late, then write; ns of the clock just before the first byte went.

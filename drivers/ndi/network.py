@@ -8,6 +8,7 @@ from drivers.ndi.tracker import NdiTracker, connect
 from drivers.tcpline import parse_address
 
 DEFAULT_PORT = 8765
+"""TCP port at which a Vega speaks the Combined API."""
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> NdiTracker:

@@ -4,15 +4,14 @@ The rules differ: TX and BX list a tool in every reply, so a clock of it that st
 a tool out until there is something new, so its absence is.
 """
 
+from drivers.counter_clock import COUNTS
 from drivers.ndi.readings import Reading
 from drivers.ndi.replies import Transform
+from drivers.staleness import FROZEN_READINGS, SLOWEST_PERIOD_NS, STALE_PERIODS
 
-COUNTS = 1 << 32
-
-_STALE_PERIODS = 3
-_FROZEN_READINGS = 12
-_SLOWEST_STEP_NS = 50_000_000.0
 _LEARNING_READINGS = 20
+"""Steps of the counter after which the shortest is taken for the period; until then the next measurement is asked for
+every millisecond. More costs requests, fewer may take the double step of a slow start for the period. Not measured."""
 
 
 class News:
@@ -25,7 +24,7 @@ class News:
     def __init__(self, tick_ns: float, repeats: bool) -> None:
         self.frame = -1
         self.device_ns = 0
-        self.period_ns = _SLOWEST_STEP_NS
+        self.period_ns = SLOWEST_PERIOD_NS
         self.frozen = False
         self._tick_ns, self._repeats = tick_ns, repeats
         self._modulus = COUNTS if repeats else 0
@@ -62,7 +61,7 @@ class News:
         self.device_ns = self.time_ns(reading)
         repeated = reading.transform is not None and reading.transform == self._transform
         self._equal = self._equal + 1 if repeated else 0
-        self.frozen = self._equal >= _FROZEN_READINGS - 1
+        self.frozen = self._equal >= FROZEN_READINGS - 1
         self._transform, self._tick = reading.transform, reading.tick
         self.frame = reading.tick if reading.frame is None else reading.frame
         self._new_ns = self._told_ns = arrival_ns
@@ -78,7 +77,7 @@ class News:
         """Why the data are stale; empty while they are not, or while it was said less than a period ago."""
         assert self._new_ns is not None
         age_ns = arrival_ns - self._new_ns
-        if age_ns <= _STALE_PERIODS * self.period_ns or arrival_ns - self._told_ns < self.period_ns:
+        if age_ns <= STALE_PERIODS * self.period_ns or arrival_ns - self._told_ns < self.period_ns:
             return ""
         self._told_ns = arrival_ns
         what = (

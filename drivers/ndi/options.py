@@ -9,6 +9,7 @@ from drivers.ndi.identity import ReplyKind
 from drivers.ndi.session import COMM_CODES
 from drivers.ndi.tools import ToolWish, parse_wish
 from drivers.ports import refuse_unknown
+from drivers.staleness import DEADLINE_MS, DEADLINES_MS, LATENCIES_MS
 
 _KNOWN = ("probe", "reference", "tools", "baud", "reply", "counter_hz", "deadline_ms", "latency_ms", "log")
 
@@ -26,7 +27,7 @@ class TrackerOptions:
     baud: int = 115200
     reply: ReplyKind | None = None
     counter_hz: float | None = None
-    deadline_ms: float = 200.0
+    deadline_ms: float = DEADLINE_MS
     latency_ms: float = 0.0
     log: Path | None = None
 
@@ -50,8 +51,8 @@ def parse_options(options: dict[str, str], where: str) -> TrackerOptions:
         baud=_baud(options.get("baud", "115200"), where),
         reply=_reply(options["reply"], where) if "reply" in options else None,
         counter_hz=_number(options, "counter_hz", math.nan, (1, 5000), where) if "counter_hz" in options else None,
-        deadline_ms=_number(options, "deadline_ms", 200.0, (20, 5000), where),
-        latency_ms=_number(options, "latency_ms", 0.0, (0, 500), where),
+        deadline_ms=_number(options, "deadline_ms", DEADLINE_MS, DEADLINES_MS, where),
+        latency_ms=_number(options, "latency_ms", 0.0, LATENCIES_MS, where),
         log=Path(options["log"]) if "log" in options else None,
     )
 

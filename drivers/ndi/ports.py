@@ -13,8 +13,13 @@ Ask = Callable[[str, str], str]
 
 _ANY_WIRELESS = "*********1****"
 _ROUNDS = 8
+"""Of asking what is to be initialised. A dual tool needs two; a device that never says "none" must come to an end, and
+each round may take 6 s for every tool."""
+
 _SROM_ERRORS = (0x13, 0x1E)
 _CONTEXT_ERRORS = (0x01, 0x0C, 0x32)
+"""Combined API, ERRORxx. To PINIT: the tool's memory has failed, or cannot be read. To PHINF: invalid command, in this
+mode, for this device."""
 
 
 class Ports:

@@ -15,7 +15,7 @@ from drivers.ndi import bx2
 from drivers.ndi.bx import decode_bx
 from drivers.ndi.identity import ReplyKind
 from drivers.ndi.judge import SYSTEM_PORTS_CHANGED, Judgement, judge_6d, judge_tool
-from drivers.ndi.replies import HandleState, Markers, Options, ToolInformation, ToolReply, Transform
+from drivers.ndi.replies import MOST_MARKERS, HandleState, Markers, Options, ToolInformation, ToolReply, Transform
 from drivers.ndi.tx import decode_tx
 from drivers.ndi.wire import Command, encode_command
 from drivers.ndi.words import BX2_PORT_EVENTS, bx2_alert_mask
@@ -24,7 +24,16 @@ from drivers.samples import PoseStatus
 _SHORT = Options.POSE | Options.OUT_OF_VOLUME
 _DETAILED = _SHORT | Options.TOOL_INFORMATION | Options.TOOL_MARKERS | Options.PASSIVE_STRAYS
 _OUTSIDE_3D = (4, 5, 8)
+_STRAYS = 0xFFFF
+"""BX2, 3D items. Marker status: outside the volume, outside and used, outside and saturated. Handle of strays."""
+
 _BINARY_TOOL_BYTES, _TEXT_TOOL_BYTES = 110, 250
+"""First guess at the longest reply for each tool with details: a tool of four markers takes 103 bytes of BX, one of
+seven 243 of TX. Too few lets the first detailed reply on a slow line come too late, until its length is known; too many
+gives a silent device on such a line longer."""
+
+_MOST_LISTED = 256
+"""Of BX2's marker indices, which have 16 bits: more than any tool has, and little memory for one that is damaged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,7 +148,6 @@ class Bx2Dialect:
         return Snapshot(tools, 0, bx2_alert_mask(said), strays, bool(BX2_PORT_EVENTS.intersection(said)))
 
 
-_STRAYS = 0xFFFF
 _BX2_REQUESTS = {
     False: encode_command(Command("BX2", "--6d=tools")),
     True: encode_command(Command("BX2", "--6d=tools --3d=all")),
@@ -162,7 +170,7 @@ def _markers(markers: Markers, information: ToolInformation | None) -> MarkerRea
     seen = [i for i, flag in enumerate(information.markers) if flag] if information is not None else []
     if len(seen) != len(positions):
         return MarkerReading(positions, sum(markers.outside), ordered=False)
-    ordered = np.full((20, 3), np.nan)
+    ordered = np.full((MOST_MARKERS, 3), np.nan)
     ordered[seen] = positions
     return MarkerReading(ordered, sum(markers.outside), ordered=True)
 
@@ -182,7 +190,7 @@ def _reading_6d(tool: bx2.Tool6D, frame: bx2.FrameItem, markers: bx2.Tool3D | No
 
 def _markers_3d(tool: bx2.Tool3D) -> MarkerReading:
     size = max((marker.index for marker in tool.markers), default=-1) + 1
-    positions = np.full((min(max(size, 20), 256), 3), np.nan)
+    positions = np.full((min(max(size, MOST_MARKERS), _MOST_LISTED), 3), np.nan)
     for marker in tool.markers:
         if marker.position_mm is not None and marker.index < len(positions):
             positions[marker.index] = marker.position_mm

@@ -5,14 +5,17 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from drivers.errors import ProtocolError
-from drivers.rigid import pose_matrix
+from drivers.rigid import FURTHEST_MM, UNIT_TOLERANCE, pose_matrix
 from drivers.samples import Matrix4
 
 Position = tuple[float, float, float]
 """x, y, z in the tracker's frame, mm."""
 
-_FURTHEST_MM = 1e6
-_UNIT_TOLERANCE = 1e-3
+MOST_MARKERS = 20
+"""Marker places of one tool, A to T: as many states in the tool information, as many positions in a .rom file."""
+
+STRAY_STATES = (0x00, 0x01, 0x02, 0x08)
+"""Combined API, single stray marker of TX and BX: none, valid, missing, out of volume. Others mean a damaged reply."""
 
 
 class Options(IntEnum):
@@ -24,9 +27,10 @@ class Options(IntEnum):
     TOOL_MARKERS = 0x0008
     OUT_OF_VOLUME = 0x0800
     PASSIVE_STRAYS = 0x1000
+    """Bits by the Combined API, reply options of TX and BX."""
 
 
-_ALL_OPTIONS = 0x180F
+_ALL_OPTIONS = sum(Options)
 
 
 class HandleState(Enum):
@@ -50,10 +54,10 @@ class Transform:
 
     def __post_init__(self) -> None:
         length = math.hypot(*self.quaternion)
-        if not abs(length - 1.0) <= _UNIT_TOLERANCE:  # not a number fails every comparison
+        if not abs(length - 1.0) <= UNIT_TOLERANCE:  # not a number fails every comparison
             raise ProtocolError(f"a pose whose quaternion has length {length:.4g}")
         for value in (*self.translation_mm, self.error):
-            if not -_FURTHEST_MM <= value <= _FURTHEST_MM:
+            if not -FURTHEST_MM <= value <= FURTHEST_MM:
                 raise ProtocolError(f"a pose with {value:.4g} mm in it")
 
     def matrix(self) -> Matrix4:
@@ -138,7 +142,7 @@ def outside_flags(count: int, bits: int) -> tuple[bool, ...]:
 
 def marker_nibbles(packed: int) -> tuple[int, ...]:
     """(20,) marker states; marker A is the lowest nibble."""
-    return tuple(packed >> 4 * i & 0xF for i in range(20))
+    return tuple(packed >> 4 * i & 0xF for i in range(MOST_MARKERS))
 
 
 def packed_nibbles(markers: tuple[int, ...]) -> int:

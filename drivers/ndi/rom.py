@@ -13,13 +13,16 @@ import numpy as np
 
 from drivers.errors import ConfigurationError
 from drivers.marker_geometry import Points
+from drivers.ndi.replies import MOST_MARKERS
 from drivers.printable import printable_bytes
 from drivers.regularfile import read_bounded
 
 ROM_BYTES = 752
 CHUNK_BYTES = 64
 _LARGEST = 1024
-_MOST_MARKERS = 20
+"""Combined API: size of a definition (all public ones have it), bytes of one PVWR, and the sixteen PVWR that other
+clients fill with zeros to the end; a longer file is another kind of file."""
+
 _REMEDY = "Name the .rom file that came with the tool"
 
 
@@ -39,7 +42,7 @@ class ToolDefinition:
 
 def definition_of(image: bytes) -> ToolDefinition:
     """What an image of at least 752 bytes says, whether its check sum is right or not."""
-    count = min(struct.unpack_from("<I", image, 28)[0], _MOST_MARKERS)
+    count = min(struct.unpack_from("<I", image, 28)[0], MOST_MARKERS)
     markers_mm = np.array(struct.unpack_from(f"<{3 * count}f", image, 0x48), np.float64).reshape(count, 3)
     part_number = printable_bytes(image[0x250:0x264])
     return ToolDefinition(image, image[15], markers_mm, struct.unpack_from("<f", image, 36)[0], part_number)

@@ -24,18 +24,53 @@ COMM_CODES = {
     1228739: "7",
     230400: "A",
 }
+"""Combined API, COMM: bits per second → first digit."""
+
 _USUAL_BAUDS = (FIRST_BAUD, 115200)
+"""Speeds at which trackers are found: power-up, and that of clients which never go back."""
+
 _S = 1_000_000_000
 _REPLY_S = 2.0
 _SLOW_S = {"INIT": 6.0, "PINIT": 6.0, "TSTART": 6.0, "SET": 8.0, "GET": 4.0}
+"""Seconds for a reply. A Vicra publishes (Info.Timeout) 2 for most commands, 6 for PINIT and TSTART, 8 for SET, 4 for
+INIT, whose first may take 5 by other clients. It grants 8 to GET, too; 4 is ours, as it is asked for single numbers.
+More delays word of a device that has failed, less gives up on one that is busy."""
+
+_REPLY_BYTES = 64
+"""Reply to a command whose time on the line is granted twice over, besides those seconds: 67 ms at 9600 baud. Longer
+replies use up some of the seconds."""
+
 _KNOCK_S = 0.3
+"""For INIT at a speed that may be wrong. ndicapi allows 0.2 s; more delays the search by each of nine speeds, less
+misses a device that is busy. All first connections of tests/test_ndi_connection.py succeed with it."""
+
 _LISTEN_S = 1.5
 _SEARCH_S = 8.0
+"""After a break: for INIT at 9600 baud in each round, and for all rounds. Simulated devices are back after 1 s; ndicapi
+waits 7 s for a real one to say RESET. More delays word that nobody is there, less misses a slow start."""
+
 _SWITCH_S = 0.1
+"""Between the OKAY to COMM and the first byte at the new speed; other clients wait 0.1 to 0.2 s. Less may find the
+device still at the old one, more delays each connection."""
+
 _NETWORK_KNOCK_S = 1.0
 _NETWORK_SEARCH_S = 12.0
 _RECONNECT_S = 0.25
+"""On a network: for INIT, for all of the search after RESET, and between its connections. Clients wait 8 s after RESET;
+how soon a Vega listens again is not published. More delays word that it does not come back."""
+
+_QUIET_NS, _RUN_OUT_NS = 50_000_000, 500_000_000
+"""Silence that ends a damaged or late reply, and when it is no longer waited for. Twice that of a tracking reply
+(drivers.ndi.exchange), as nothing is urgent here; 0.5 s are 480 bytes at 9600 baud."""
+
+_LEAVE_S = 0.5
+"""For each of the two last commands. A device that is gone delays the next connection by them; less may leave a
+slow one tracking."""
+
 _CONNECT_ATTEMPTS = 3
+"""Times that the start sequence is gone through. Where one in five has a damaged reply, as users report of high line
+speeds, three fail once in 125; each may take seconds, and a line that bad is to be told."""
+
 _MONITOR = "WARNING06"
 _SILENT_REMEDY = "Check that it is switched on and that the cable sits at both ends"
 
@@ -62,7 +97,7 @@ class Session:
         wait_s = timeout_s or _SLOW_S.get(name, _REPLY_S)
         request = encode_command(Command(name, arguments))
         self.link.send(request)
-        spare_ns = 2 * self.link.transfer_ns(len(request) + 64)
+        spare_ns = 2 * self.link.transfer_ns(len(request) + _REPLY_BYTES)
         reply = self.link.read_reply(self._clock.now_ns() + round(wait_s * _S) + spare_ns)
         text = refuse_reset(decode_text(reply), self.link.where)
         if text.startswith("WARNING"):
@@ -103,10 +138,10 @@ class Session:
     def stop(self) -> None:
         """Leave the device as a fresh program expects it: not tracking, at 9600 baud. Never raises."""
         with suppress(DeviceLost, ProtocolError):
-            self.command("TSTOP", timeout_s=0.5)
+            self.command("TSTOP", timeout_s=_LEAVE_S)
         with suppress(DeviceLost, ProtocolError):
             if self.link.baud not in (None, FIRST_BAUD):
-                self.command("COMM", "00000", timeout_s=0.5)
+                self.command("COMM", "00000", timeout_s=_LEAVE_S)
 
     def bumped(self) -> int:
         """The bit of a bump that happened before this session and was not cleared, as an alert mask."""
@@ -183,7 +218,7 @@ class Session:
 
     def _let_run_out(self) -> None:
         with suppress(SilentError):
-            self.link.wait_quiet(_S // 20, self._clock.now_ns() + _S // 2)
+            self.link.wait_quiet(_QUIET_NS, self._clock.now_ns() + _RUN_OUT_NS)
 
     def _switch(self, baud: int) -> None:
         """Both sides to the configured speed; the device answers at the old one, then changes."""

@@ -12,6 +12,8 @@ INFORMATION = "0025"
 
 _LENGTH = 33 + 20 + 14
 _REFERENCE_TYPE, _BUTTON_TYPE = 0x01, 0x03
+"""Combined API, PHINF: characters of its options 0001, 0004 and 0020; main types of tools."""
+
 _WISH = re.compile(r"(?P<file>[^@]*)(?:@(?P<socket>\d{1,2})(?P<half>[ab]?))?")
 _WISH_REMEDY = "Give FILE.rom for a wireless tool, @2 for the one on plug 2, @2b for its second sensor"
 

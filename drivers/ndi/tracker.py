@@ -42,15 +42,47 @@ from drivers.rigid import seen_from
 from drivers.samples import MarkerBody, Matrix4, Pose, PoseStatus, Stamp
 from drivers.tap import Tap
 
-_BACKWARD_READINGS = 3
 _FROZEN = "many poses in a row are equal to the last bit"
+
+_BACKWARD_READINGS = 3
+"""Replies in a row with a counter that runs backward which are a counter begun anew. Fewer take an old reply come late
+for one, each more costs a reply without a pose; tests/test_ndi_tracker.py shows both."""
+
 _DETAILS_S = 0.1
+"""Between two replies with marker details, which are over twice as long: ten of them in the second over which the
+marker checks take the middle (docs/trackers.md). More cost poses on a slow line, fewer leave that middle to chance."""
+
 _RETRY_NS = 1_000_000
+"""Pause before the next request where nothing new was there. Less loads the processor (tests/test_tracker_load.py),
+more delays poses."""
+
+_LEAST_RETRIES = 4
+"""Requests that fit a period at least, where that is short: at 400 Hz one in 0.6 ms. More load the processor, fewer
+delay poses by up to a period. tests/test_tracker_load.py measures the load at 400 Hz."""
+
+_EARLY_PART = 3
+"""Part of a period, as 1 to this, by which a request may come early, and which a reply may fill without making early
+requests rare. More room asks in vain more often, less leaves the bound of the device's clock wider. Not measured."""
+
 _RISKED = 0.1
+"""Share of early requests where a reply fills over a third of the period. Each may cost a pose; with none of them
+nothing bounds the device's clock from below. Not measured."""
+
 _REFERENCE_PERIODS = 3
+"""Of the probe's, by which the reference may be older: devices measure up to three kinds of tools in turn. More sets
+poses against a reference that has moved, fewer refuses mixed tools."""
+
 _REPLY_BYTES = 50
+"""First guess at the part of a reply that belongs to no tool: frame and status, and strays, 12 bytes each. Longer ones
+are noted when they come (Exchange)."""
+
 _SHARE_OF_DEADLINE = 0.5
+"""For one question about alerts, so that a tracking reply still fits before the deadline. More loses the device with
+the question, less gives slow replies up."""
+
 _UNANSWERED = 3
+"""Such questions in a row without an answer that lose the tracker: what it does not tell may be grave. Fewer lose it
+for two damaged replies (tests/test_ndi_tracker.py), each more leaves an unknown alert half a deadline longer."""
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "NdiTracker":
@@ -243,7 +275,7 @@ class NdiTracker:
 
     def _nothing_new(self, answer: Answer, probe: Reading | None) -> Pose | None:
         self._absent_ns = answer.sent_ns
-        self._next_poll_ns = answer.arrival_ns + min(_RETRY_NS, round(self._news.period_ns / 4))
+        self._next_poll_ns = answer.arrival_ns + min(_RETRY_NS, round(self._news.period_ns / _LEAST_RETRIES))
         self._news.is_new(None, answer.arrival_ns)
         reason = self._news.overdue(answer.arrival_ns)
         if not reason:
@@ -371,8 +403,8 @@ class NdiTracker:
         if self._news.learning:
             self._next_poll_ns = arrival_ns + _RETRY_NS
             return
-        early_ns = min(self._device_clock.early_ns, period_ns / 3)
-        hurried = self._exchange.reply_ns > period_ns / 3 and self._random.random() > _RISKED
+        early_ns = min(self._device_clock.early_ns, period_ns / _EARLY_PART)
+        hurried = self._exchange.reply_ns > period_ns / _EARLY_PART and self._random.random() > _RISKED
         early_ns *= 0.0 if hurried else self._random.random()
         transfer_ns = self._link.transfer_ns(len(self._dialect.request(False)))
         self._next_poll_ns = measured.t_ns + round(period_ns - early_ns) - transfer_ns

@@ -7,6 +7,7 @@ import re
 
 from drivers.errors import ProtocolError
 from drivers.ndi.replies import (
+    STRAY_STATES,
     ActiveStray,
     HandleState,
     Markers,
@@ -33,7 +34,6 @@ _WORDS = {
     b"UNOCCUPIED": HandleState.UNOCCUPIED,
 }
 _TEXT = {state: word.decode() for word, state in _WORDS.items()}
-_STRAY_STATES = (0x00, 0x01, 0x02, 0x08)
 
 
 def decode_tx(reply: bytes, options: int) -> TrackingReply:
@@ -91,7 +91,7 @@ def _information(cursor: Cursor) -> ToolInformation:
 
 def _stray(cursor: Cursor, wanted: int) -> ActiveStray:
     status = _hex(cursor, 2)
-    if status not in _STRAY_STATES:
+    if status not in STRAY_STATES:
         raise cursor.refuse(f"a single marker has the unknown state {status:02X}")
     located = status == 0x01 or (status == 0x08 and bool(wanted & Options.OUT_OF_VOLUME))
     return ActiveStray(status, _position(cursor) if located else None)

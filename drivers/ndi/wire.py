@@ -18,8 +18,14 @@ CR = b"\r"
 PLAIN_START = b"\xc4\xa5"
 EXTENDED_START = b"\xc8\xa5"
 STREAM_START = b"\xd4\xb5"
+
 MAX_TEXT_BYTES = 8192
+"""Bytes without CR that are noise and no text: TX with details of fifteen tools of twenty markers fits, and nothing
+longer is asked for. More waits longer on a line that carries noise."""
+
 MAX_EXTENDED_BYTES = 1 << 24
+"""A greater length in the long container is damage: it has no check sum, and poses with markers take some kilobytes.
+More would wait for, and keep, what never comes."""
 
 _COMMAND = re.compile(rb"([A-Z0-9]{2,8})([: ])([^\r]*)\r", re.DOTALL)
 _START_BYTES = (b"", PLAIN_START[:1], EXTENDED_START[:1])

@@ -62,12 +62,17 @@ _ERRORS = {
     0x41: "the tool does not match its definition",
     0x42: "the device is absent",
 }
+"""Combined API: the number after ERROR."""
 
 BUMPED = 0x200000
+"""Combined API, Info.Status.Alerts; all single bits below likewise."""
+
 PTP_LOST = 1 << (32 + 14)
 """The device's clock has lost its master. BX2 alone tells of it and of other bits from 32 on."""
 
 _BX2_ALERT = 1 << 32
+"""Ours: alert n of BX2 that has no bit in Info.Status.Alerts is bit 32 + n, clear of the device's 32."""
+
 _ALERTS = {
     0x1: "fatal parameter fault",
     0x2: "sensor parameter fault",
@@ -97,6 +102,8 @@ _ALERTS = {
     _BX2_ALERT << 15: "video camera fault",
     _BX2_ALERT << 17: "safe mode",
 }
+"""Combined API, Info.Status.Alerts, and above bit 31 BX2 alone."""
+
 HARMLESS_ALERTS = 0x100000 | 0x1000000 | 0x2000000 | 0x4000000 | PTP_LOST | _BX2_ALERT << 15
 """Alerts that leave a pose as good as before: batteries, a parameter warning, full memory, clock, video."""
 
@@ -112,6 +119,9 @@ _BX2_BITS = {
 }
 _FAULT, _ALERT, _EVENT = 0, 1, 2
 _MOST_FAULTS = 10
+"""BX2, alert component: code of an alert → its bit in Info.Status.Alerts, where there is one; kinds; highest fault
+code, fault n being bit n - 1."""
+
 BX2_PORT_EVENTS = frozenset((_EVENT, code) for code in range(1, 6))
 """(kind, code) of what calls for a new start: tools or units plugged in or unplugged, hardware changed."""
 

@@ -11,10 +11,11 @@ from threading import Event
 
 from drivers.hosttime import HostClock
 from drivers.tap import Direction, Entry
-from drivers.twins.ptyline import TwinLine
+from drivers.twins.ptyline import IDLE_S, TwinLine
 
-_IDLE_S = 0.05
 _FAST_BAUD = 10_000_000
+"""Chunks go out in no time of their own, at the delays of the log: a microsecond a byte."""
+
 _TRACKING = (b"BX", b"TX")
 
 
@@ -58,7 +59,7 @@ class LogTwin:
     def run(self, stop: Event) -> None:
         """Serve the line until the log has been played or stop is set."""
         while not self._over and not stop.is_set():
-            self._received += self._line.read(_IDLE_S).replace(b"\0", b"")
+            self._received += self._line.read(IDLE_S).replace(b"\0", b"")
             while (end := self._received.find(b"\r")) >= 0:
                 request = bytes(self._received[: end + 1])
                 del self._received[: end + 1]

@@ -30,10 +30,18 @@ WIRED_TOOLS = ("probe", "reference", "dual", "unprogrammed")
 """What may hang on a cable; a dual tool is two sensors of five degrees of freedom behind one plug."""
 
 _ALERTS_PENDING, _TEMPERATURE = 0x0100, 0x0200
-_ROM_SPACE = 1024
-_EPOCH_S = 1_750_000_000
-_STEP_BACK_S = 5.0
 _BX2_ALERTS = {0x100000: (1, 1), BUMPED: (1, 2), TOO_HOT: (1, 8), 0x40000000: (1, 9), PTP_LOST: (1, 14)}
+"""Combined API, written apart from the driver's numbers: bits of the system status; bit of an alert → (kind, code) of
+BX2's alert component."""
+
+_ROM_SPACE = 1024
+"""Bytes of a tool's memory: some clients write sixteen chunks of 64 where a definition has twelve."""
+
+_EPOCH_S = 1_750_000_000
+"""Unix time at world time 0 by the clock of BX2: a day in 2025, so that seconds are as large as on a real device."""
+
+_STEP_BACK_S = 5.0
+"""By which that clock is behind without its master: far more than a delay, so that it cannot pass for one."""
 _QUESTIONS = ("APIREV", "BEEP", "BX", "GET", "GETINFO", "PHINF", "PHSR", "SFLIST", "TX", "VER")
 _SETTINGS = ("COMM", "DSTART", "DSTOP", "INIT", "IRATE", "SET", "TSTART", "TSTOP", "VSEL")
 _PORT_COMMANDS = ("PDIS", "PENA", "PHF", "PHRQ", "PINIT", "PVWR")

@@ -12,6 +12,7 @@ from drivers.errors import ConfigurationError
 from drivers.twins.faults import Episode, Schedule
 
 _LOOK_EVERY_S = 0.05
+"""World seconds between two looks at the file. Less asks the file system more often, more shows a fault later."""
 
 
 class FaultControl:

@@ -33,16 +33,20 @@ PICTURE_FAULTS = ("flip-lateral", "flip-vertical", "depth", "freeze-video", "los
 """Those that the scanner shows; the tracker shows the others."""
 
 _LATEST_S = 1e9
+"""Thirty years: later is a slip, and refused. Nanoseconds of it fit 64 bits."""
 
 ZOOM = 1.10
 LATENCY_S = 0.100
+"""Past the default limits (appliance/limits.py: 5 %, 60 ms), so that they must be found, and no more than twice."""
 
 BEND_DEG = 5.0
+"""Past the default limit of 3° (appliance/limits.py) by less than its double."""
+
 BEND_AXIS = (0.95, 0.16, 0.27)
 """Axis in the sensor frame; oblique to all picture axes of the simulated probe, nearest to the elevational."""
 
 SLIDE_MM = (0.5, -7.4, 6.7)
-"""Shift of the marker body in its own frame; 10 mm long."""
+"""Shift of the marker body in its own frame; 10 mm long, past the default limit of 4 mm (appliance/limits.py)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,9 +29,17 @@ from drivers.twins.faults import pose_time_s, spoil_pose
 from drivers.twins.motion import PROBE, REFERENCE, PoseAt
 
 _RMS_MM, _DRIFTED_RMS_MM = 0.21, 1.4
+"""Fit of a rigid body, whole and with the marker moved: well below and above the limit, 0.75 mm (docs/trackers.md)."""
+
 _DRIFT_MM = (0.0, 3.0, 0.0)
+"""By which that marker is off its place."""
+
 _DITHER_MM = 3e-4
+"""Scatter of a coordinate: 2.5 steps of a single float at 1.5 m to either side, so that poses do not stay equal for
+long; real noise is a hundred times that."""
+
 _MARKERS_MM = ((0.0, 0.0, 0.0), (40.0, 0.0, 0.0), (0.0, 55.0, 0.0), (-30.0, 20.0, 10.0))
+"""A made-up body: four markers, off a plane, no two distances alike."""
 _COMPONENTS = {
     "3d": ComponentType.MARKERS,
     "6d": ComponentType.BODIES,

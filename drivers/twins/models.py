@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 _LINE_SPEEDS = {"0": 9600, "1": 14400, "2": 19200, "3": 38400, "4": 57600, "5": 115200}
+"""Combined API, COMM: digit → bits per second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,5 +90,7 @@ AURORA = Model(
     fit_mm=0.1,
     electromagnetic=True,
 )
+"""Names, versions and rates as public clients and recordings tell of such devices; serial numbers are made up. A Vega
+counts its own frames, an Aurora V3 in steps of eight with remainder 6."""
 
 MODELS = {model.name: model for model in (VICRA, SPECTRA, VEGA, AURORA)}

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from drivers.errors import RecordingError
 from drivers.regularfile import reading
 from drivers.replay import open_recording
+from drivers.rigid import UNIT_TOLERANCE
 from drivers.samples import Matrix4
 from drivers.twins.world import World
 
@@ -31,6 +32,7 @@ PoseAt = Callable[[str, float, int], Matrix4 | None]
 
 _HEADING = ["t_s", "tool", "q0", "qx", "qy", "qz", "x_mm", "y_mm", "z_mm"]
 _REFERENCE_POSE_MM = (150.0, -40.0, -1700.0)
+"""Beside the probe and some 0.2 m behind it, where a reference is clamped to the table; tracker frame."""
 
 
 class Track:
@@ -112,7 +114,7 @@ def _row(row: list[str], where: str) -> tuple[float, str, Matrix4 | None]:
         raise RecordingError("this row is no pose", where, remedy)
     if not values:
         return t_s, tool, None
-    if abs(math.hypot(*values[:4]) - 1) > 1e-3:
+    if abs(math.hypot(*values[:4]) - 1) > UNIT_TOLERANCE:
         raise RecordingError(f"the quaternion has length {math.hypot(*values[:4]):.4g}", where, remedy)
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_quat([*values[1:4], values[0]]).as_matrix()

@@ -6,12 +6,15 @@ from threading import Event
 
 from drivers.hosttime import HostClock
 from drivers.ndi.wire import encode_text
+from drivers.serialport import BITS_PER_BYTE
 from drivers.twins.combined_api import BUMPED, PTP_LOST, TOO_HOT, CombinedApi
 from drivers.twins.control import FaultControl
 from drivers.twins.measurement import TOOL_FAULTS
-from drivers.twins.ptyline import TwinLine
+from drivers.twins.ptyline import IDLE_S, TwinLine
 
 BOOT_S = 1.0
+"""Seconds for which a restart leaves it deaf. Programs allow real devices 0.5 to 7 s; more makes tests longer."""
+
 NDI_FAULTS = (
     *TOOL_FAULTS,
     "baud-mismatch",
@@ -34,11 +37,14 @@ NDI_FAULTS = (
 happen once when they come on; the others last as long as they are on. lose-tracker and no-reply are one and the same,
 and so are stale-tracker and stale-counter."""
 
-_IDLE_S = 0.05
-_BITS_PER_BYTE = 10
 _SLOW_BAUD = 200
+"""One byte in 50 ms: something always comes within the driver's deadline, and never a whole reply."""
+
 _OTHER_BAUD = 38400
+"""A speed that every model has and no program leaves behind, so that finding it needs the whole search."""
+
 _JUMP_COUNTS = 100_000
+"""28 minutes at 60 Hz: beyond all delays, and far from half of the counter's range, where forward becomes backward."""
 _JUNK = bytes.fromhex("0ac4a5ff00")
 
 Spoil = Callable[[bytes], bytes]
@@ -65,9 +71,9 @@ class NdiTwin:
             if self._reset_asked.is_set():
                 self._reset()
             if "unplug" in self._since:
-                self._clock.sleep_until(self._clock.now_ns() + round(_IDLE_S * 1e9))
+                self._clock.sleep_until(self._clock.now_ns() + round(IDLE_S * 1e9))
                 continue
-            data = self._line.read(_IDLE_S)
+            data = self._line.read(IDLE_S)
             self._boot()
             if data and self._boot_ns is None and not self._since.keys() & {"lose-tracker", "no-reply"}:
                 self._hear(data, stop)
@@ -165,7 +171,7 @@ class NdiTwin:
             return
         baud = self.device.baud
         if not self.device.model.network:
-            transfer_ns = len(line) * _BITS_PER_BYTE * 1_000_000_000 // baud
+            transfer_ns = len(line) * BITS_PER_BYTE * 1_000_000_000 // baud
             self._clock.sleep_until(self._clock.now_ns() + transfer_ns)
         start_ns = self._clock.now_ns()
         reply = self.device.answer(line, (start_ns - self._clock.origin_ns) / 1e9, self._line.monitor)
@@ -194,4 +200,4 @@ class NdiTwin:
                 return
             self._line.write(reply[i : i + 1], _SLOW_BAUD, self._clock.now_ns())
             if self.device.model.network:
-                self._clock.sleep_until(self._clock.now_ns() + _BITS_PER_BYTE * 1_000_000_000 // _SLOW_BAUD)
+                self._clock.sleep_until(self._clock.now_ns() + BITS_PER_BYTE * 1_000_000_000 // _SLOW_BAUD)

@@ -68,11 +68,24 @@ probe sits elsewhere on its body, so the fit is poor. no-data: alive, nothing ne
 one byte in 50 ms. counter-jump, reset: at their beginning. unplug: connections end and nobody listens."""
 
 _SEGMENT_BYTES, _SEGMENT_NS = 37, 1_000_000
+"""Fault "split": a prime, so that no field begins where a segment does for long; a millisecond apart, so that they
+arrive one by one and the frame still in its period."""
+
 _DRIBBLE_NS = 50_000_000
+"""Fault "dribble": between two bytes, so that something always comes within the driver's deadline and never a frame."""
+
 _JUMP_FRAMES, _JUMP_US = 100_000, 1_000_000_000
+"""At 100 Hz both are 1000 s: far beyond any delay."""
+
 _BACKLOG_BYTES = 1 << 20
+"""For a client that does not read: half a minute of full frames at 100 Hz. More lets this process grow; a client that
+comes back within it has lost nothing."""
+
 _IDLE_NS = 20_000_000
+"""Longest wait, after which faults are looked at. More shows them later, less wakes an idle twin more often."""
+
 _FIRST_ITEM = HEADER_BYTES + 4 + 24
+"""RTC3D: behind the count of components, and size, type, frame, time and item count of the first."""
 
 
 class _Client:

@@ -16,10 +16,19 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from drivers.hosttime import HostClock
+from drivers.serialport import BITS_PER_BYTE
 
-_BITS_PER_BYTE = 10
+IDLE_S = 0.05
+"""Seconds of the clock for which a twin waits on its line before it looks whether to stop, and at its faults. More
+shows a fault later, less wakes an idle twin more often."""
+
 _SLICE_S = 0.001
+"""Shortest wall time for which writing sleeps; faster bytes go out together. Linux wakes a sleeper some 0.1 ms late, so
+shorter slices would not be any truer."""
+
 _TCGETS2, _TERMIOS2_BYTES, _OSPEED_AT = 0x802C542A, 44, 40
+"""Linux, asm-generic/termbits.h: the request, sizeof(struct termios2), and c_ospeed in it. Python's termios knows no
+speeds but the usual ones."""
 
 
 class TwinLine(Protocol):
@@ -109,7 +118,7 @@ class PtyLine:
 
     def write(self, data: bytes, baud: int, start_ns: int) -> None:
         """Send byte after byte as a line of `baud` would, the first from start_ns on; returns after the last."""
-        duration_ns = len(data) * _BITS_PER_BYTE * 1_000_000_000 // baud
+        duration_ns = len(data) * BITS_PER_BYTE * 1_000_000_000 // baud
         slices = max(1, min(len(data), int(self._clock.real_s(duration_ns / 1e9) / _SLICE_S)))
         for i in range(slices):
             begin, end = len(data) * i // slices, len(data) * (i + 1) // slices

@@ -8,11 +8,8 @@ from pathlib import Path
 from threading import Event
 
 from drivers.hosttime import HostClock
-from drivers.relay import BAUD, STATUS_QUERY
-from drivers.twins.ptyline import PtyLine
-
-_IDLE_S = 0.05
-_COMMAND_BYTES = 4
+from drivers.relay import BAUD, COMMAND_BYTES, START, STATUS_QUERY
+from drivers.twins.ptyline import IDLE_S, PtyLine
 
 
 class RelayBoard:
@@ -27,7 +24,7 @@ class RelayBoard:
     def run(self, stop: Event) -> None:
         """Serve the line until stop is set."""
         while not stop.is_set():
-            self._received += self._line.read(_IDLE_S)
+            self._received += self._line.read(IDLE_S)
             while self._received:
                 if not self._take():
                     break
@@ -38,14 +35,14 @@ class RelayBoard:
             del self._received[:1]
             self._report()
             return True
-        if self._received[0] != 0xA0:
+        if self._received[0] != START:
             del self._received[:1]
             return True
-        if len(self._received) < _COMMAND_BYTES:
+        if len(self._received) < COMMAND_BYTES:
             return False
-        command = bytes(self._received[:_COMMAND_BYTES])
+        command = bytes(self._received[:COMMAND_BYTES])
         valid = sum(command[:3]) & 0xFF == command[3] and command[1] in self.contacts and command[2] <= 1
-        del self._received[: _COMMAND_BYTES if valid else 1]
+        del self._received[: COMMAND_BYTES if valid else 1]
         if valid and not self.stuck:
             self._switch(command[1], bool(command[2]))
         return True

@@ -5,7 +5,10 @@ import struct
 from drivers.ndi.rom import ROM_BYTES, rom_sum
 
 REFERENCE, PROBE = 0x01, 0x02
+"""Combined API: main types of tools."""
+
 MARKERS_MM = ((0.0, 0.0, 0.0), (46.5, 28.3, 0.0), (38.2, -33.9, 0.0), (98.0, -4.6, 0.0))
+"""A made-up body of common size; its six distances are 51 to 98 mm, and differ by 1.6 mm and more."""
 
 
 def make_rom(main_type: int = PROBE, markers: bool = True) -> bytes:

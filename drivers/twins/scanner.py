@@ -24,7 +24,11 @@ from drivers.twins.trajectory import PROGRAMS
 from drivers.twins.world import SCENES, World, WorldSettings
 
 _STAMP_ERR_NS = 1_000_000
+"""Bound that the frames state. Their times are exact; it stands for what a grabber does not know of them."""
+
 _SEND_S = 0.5
+"""For a viewer to take a frame. One that does not is dropped, or the video of the next would wait for it."""
+
 _LONGEST_COST_S = 0.2
 """Of one frame, seconds of the clock. A frame that waited long for the processor would otherwise let the scanner render
 so far ahead that it shows one picture in as many seconds, long after the processor is free again."""

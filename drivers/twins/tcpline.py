@@ -14,6 +14,7 @@ from drivers.hosttime import HostClock
 
 _ABORT = struct.pack("ii", 1, 0)
 _SEND_S = 1.0
+"""For a host to take a reply. One that does not is dropped, or the others would wait for it."""
 
 
 class TcpLine:

@@ -40,6 +40,9 @@ _POINTS = (480, 760, 11)
 _TAPS = 4
 _PAD = 12
 _ROWS = _POINTS[1] + 2 * _PAD
+"""Grid of the tissue (x, y, z): steps of two pixels across and one down, and under two σ of the beam out of plane.
+Finer ones take memory and time. Points of the spline across planes, and a margin into which interpolation may step."""
+
 PERIOD_MM = tuple(step * points for step, points in zip(_STEP_MM, _POINTS, strict=True))
 """The tissue repeats after 76.8 × 53.2 × 14.0 mm (x, y, z); its origin is in the middle, so few pictures wrap."""
 

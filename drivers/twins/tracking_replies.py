@@ -2,15 +2,18 @@
 
 import re
 
+from drivers.counter_clock import COUNTS
 from drivers.ndi import bx2
 from drivers.ndi.replies import ActiveStray, HandleState, Markers, Options, ToolReply, TrackingReply
 from drivers.twins.measurement import Measurement
 
 READY = 0x31
-_COUNTS = 1 << 32
 _PASSIVE, _MAGNETIC = 2, 7
 _PARTLY_OUTSIDE, _OUTSIDE, _INTERFERENCE, _MISSING = 3, 9, 14, 0x010D
 _OUTSIDE_3D = 5
+"""Combined API: port status occupied, initialised, enabled. BX2: types of frames, status of 6D items (missing: too few
+markers), status of a 3D marker that is outside and used."""
+
 _OPTION = re.compile(r"--(6d|3d|2d|1d|sensor)=(\w+)")
 
 Measured = dict[int, tuple[int, Measurement]]
@@ -31,7 +34,7 @@ def _tool(handle: int, port_status: int, seen: Measurement, frame: int, options:
         HandleState.MISSING if hidden else HandleState.VALID,
         None if hidden else seen.transform,
         READY | port_status | seen.status,
-        frame % _COUNTS,
+        frame % COUNTS,
         seen.information(),
         ActiveStray(0),
         seen.markers(everywhere),
@@ -62,7 +65,7 @@ def bx2_frame(
         components.append(bx2.Alerts(alerts))
     seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
     kind = _MAGNETIC if magnetic else _PASSIVE
-    return bx2.Frames((bx2.FrameItem(kind, 0, 0, frame % _COUNTS, seconds, nanoseconds, tuple(components)),))
+    return bx2.Frames((bx2.FrameItem(kind, 0, 0, frame % COUNTS, seconds, nanoseconds, tuple(components)),))
 
 
 def _tool_6d(handle: int, seen: Measurement) -> bx2.Tool6D:

@@ -42,6 +42,8 @@ _PROGRAMS: dict[str, dict[str, tuple[tuple[float, float], ...]]] = {
 PROGRAMS = tuple(sorted(_PROGRAMS))
 
 _MOVES_S, _EASES_S, _RESTS_S = 10.0, 1.0, 1.0
+"""A clinical sweep rests now and then; checks must stand it. In 26 s the hand is at rest for 1.5 to 4 s
+(tests/test_world.py). Longer rests leave less motion to verify by."""
 
 
 def _moved_s(t_s: float) -> float:

@@ -10,6 +10,7 @@ from typing import ClassVar
 from drivers.printable import printable, printable_bytes
 
 _WRITE, _READ = 1, 2
+"""Linux, asm-generic/ioctl.h: direction bits of a request number."""
 
 BUF_TYPE_VIDEO_CAPTURE = 1
 MEMORY_MMAP = 1
@@ -22,6 +23,7 @@ BUF_FLAG_TSTAMP_SRC_MASK, BUF_FLAG_TSTAMP_SRC_SOE = 0x70000, 0x10000
 EVENT_EOS, EVENT_SOURCE_CHANGE = 2, 5
 IN_CAP_DV_TIMINGS = 0x2
 IN_ST_NO_POWER, IN_ST_NO_SIGNAL, IN_ST_NO_H_LOCK, IN_ST_NO_V_LOCK, IN_ST_NO_SYNC = 0x1, 0x2, 0x100, 0x400, 0x10000
+"""Numbers of linux/videodev2.h, compared with the compiler's by tests/test_v4l2_abi.py."""
 
 
 class Capability(Structure):
@@ -211,6 +213,7 @@ G_DV_TIMINGS = _request(_READ | _WRITE, 88, DvTimings)
 QUERY_DV_TIMINGS = _request(_READ, 99, DvTimings)
 DQEVENT = _request(_READ, 89, Event)
 SUBSCRIBE_EVENT = _request(_WRITE, 90, EventSubscription)
+"""VIDIOC_… of linux/videodev2.h, compared with the compiler's by tests/test_v4l2_abi.py."""
 
 
 def text(field: "Array[c_uint8]") -> str:

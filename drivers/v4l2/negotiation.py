@@ -7,14 +7,28 @@ from ctypes import c_int
 from dataclasses import dataclass
 
 from drivers.errors import ConfigurationError, DeviceLost
+from drivers.picture import LEAST_PX
 from drivers.v4l2 import abi
 from drivers.v4l2.node import Node
 from drivers.v4l2.pixels import FORMATS
 
 _SIZE = re.compile(r"(\d{2,5})x(\d{2,5})")
-_SIDES_PX = range(16, 8193)
+_SIDES_PX = range(LEAST_PX, 8193)
+"""What size= may ask for; up to 8K screens. The device refuses what it does not have, this only finds slips."""
+
 _USUAL_HZ = 30.0
+"""Rate of a device that does not tell its own, for the bound of the stamps alone. The bound of a slower one is too
+narrow, that of a faster one too wide; `probe` says that it is assumed."""
+
+_RATE_TOLERANCE = 0.01
+"""Relative: 29.97 for 30 is what was asked for, 25 is not. More hides another rate, less remarks on that of NTSC."""
+
+_CLOCK_STEP_HZ = 100_000
+"""Pixel clocks that differ by less are one signal: receivers measure them. Less takes jitter for a new signal, more
+misses one of a slightly different rate. Not measured."""
+
 _MOST_NAMED = 8
+"""Formats in a message: what still fits a line."""
 _NO_SIGNAL = abi.IN_ST_NO_POWER | abi.IN_ST_NO_SIGNAL
 _NO_LOCK = abi.IN_ST_NO_H_LOCK | abi.IN_ST_NO_V_LOCK | abi.IN_ST_NO_SYNC
 
@@ -153,7 +167,7 @@ def _is_current(node: Node, found: abi.DvTimings) -> bool:
 
 def _timing(timings: abi.DvTimings) -> tuple[int, ...]:
     """What makes a picture another one; porches and polarities do not."""
-    return timings.width, timings.height, timings.interlaced, timings.pixelclock // 100_000
+    return timings.width, timings.height, timings.interlaced, timings.pixelclock // _CLOCK_STEP_HZ
 
 
 def _set_format(node: Node, wish: Wish) -> abi.PixFormat:
@@ -203,6 +217,6 @@ def _set_rate(node: Node, rate_hz: float | None) -> tuple[float, tuple[str, ...]
         node.must(abi.S_PARM, parameters, "does not take a rate")
     told_hz = parameters.denominator / parameters.numerator if parameters.numerator else math.nan
     told_hz = told_hz or math.nan
-    if rate_hz is not None and abs(told_hz - rate_hz) > 0.01 * rate_hz:
+    if rate_hz is not None and abs(told_hz - rate_hz) > _RATE_TOLERANCE * rate_hz:
         return told_hz, (f"{rate_hz:g} pictures per second were asked for, it gives {told_hz:g}",)
     return told_hz, ()

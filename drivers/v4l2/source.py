@@ -24,6 +24,8 @@ from drivers.v4l2.stream import Filled, Stream
 
 _OPTIONS = ("crop", "format", "input", "orientation", "rate", "size")
 _ASK_AGAIN_NS = 500_000_000
+"""Between questions for the signal: docs/devices.md promises its loss within half a second. Rarer questions
+break that; each is some calls to the driver."""
 
 
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "V4l2Video":

@@ -18,6 +18,7 @@ _ARRIVAL_NS = 20_000_000
 _OTHER_CLOCK_NS = 2_000_000_000
 """A stamp this far from the arrival was taken from another clock, whatever its flags say."""
 _HALF, _WRAP = 1 << 31, 1 << 32
+"""The kernel counts pictures in 32 bits; a step of half of that or more is one backward."""
 
 
 @dataclass
