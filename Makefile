@@ -20,7 +20,7 @@ test: lint types contracts quick ## lint, types, import contracts and the quick 
 quick: $(VENV)/dev ## the quick test suite alone
 	$(BIN)/pytest -n 2 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb"
 
-thorough: $(VENV)/dev ## heavier tests that CI runs too (MINUTES)
+thorough: $(VENV)/dev ## heavier tests that CI runs too (two minutes)
 	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
 lint: $(VENV)/dev ## ruff: style and formatting

@@ -242,6 +242,7 @@ def test_pyramid_levels_halve_and_keep_their_places() -> None:
         np.testing.assert_allclose(level[2:-2, 5] / 9, 2.0**k * (rows + 0.5) - 0.5, atol=0.1)
 
 
+@pytest.mark.thorough
 def test_a_picture_moved_by_whole_pixels_is_found_there_to_a_hundredth() -> None:
     """Bytes would be looked up in 32nds of a pixel, and every place within a few hundredths would fit as well."""
     errors_px = []
