@@ -3,9 +3,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
+# Tests start hundreds of processes, each of which would compile the same modules again.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts quick live repeat mutation pythons evidence bench paper deb test-deb test-cart soak docs lock clean invariant
+.PHONY: help demo test lint types contracts quick thorough live repeat mutation pythons evidence bench paper deb test-deb test-cart soak docs lock clean invariant
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -16,7 +18,10 @@ demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults,
 test: lint types contracts quick ## lint, types, import contracts and the quick test suite (about six minutes on two cores)
 
 quick: $(VENV)/dev ## the quick test suite alone
-	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not live and not cart and not deb"
+	$(BIN)/pytest -n 2 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb"
+
+thorough: $(VENV)/dev ## heavier tests that CI runs too (two minutes)
+	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
 lint: $(VENV)/dev ## ruff: style and formatting
 	$(BIN)/ruff check .

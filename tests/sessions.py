@@ -1,12 +1,37 @@
 """Sessions of the simulated world as a stream of samples in time order, without devices and without waiting."""
 
 from collections.abc import Iterator
+from functools import cache
 
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from drivers.samples import Frame, GreyImage, Matrix4, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.faults import Schedule, pose_time_s, spoil_pose
-from drivers.twins.world import World
+from drivers.twins.world import World, WorldSettings
 
 ORIGIN_NS = 5_000_000_000
+
+
+class KeptWorld(World):
+    """Renders each picture once, for all tests of a process: two thirds of what a session costs are its pictures.
+
+    Faults and drawings come on top of what is kept, so that sessions with different faults share it too.
+    """
+
+    def __init__(self, seed: int, program: str, settings: WorldSettings) -> None:
+        super().__init__(seed, program, settings=settings)
+        self._kept: dict[tuple[int, bytes], GreyImage] = {}
+
+    def plain_at(self, picture_pose: Matrix4, index: int) -> GreyImage:
+        key = index, picture_pose.tobytes()
+        if key not in self._kept:
+            self._kept[key] = super().plain_at(picture_pose, index)
+            self._kept[key].flags.writeable = False
+        return self._kept[key]
+
+
+@cache
+def kept(seed: int, program: str = "sweep", *, settings: WorldSettings) -> KeptWorld:
+    """The one world of this seed, program and settings in this process."""
+    return KeptWorld(seed, program, settings)
 
 
 def session(

@@ -128,6 +128,7 @@ def test_the_stated_poses_are_those_that_were_simulated(model: str) -> None:
         np.testing.assert_allclose(np.array(entry["matrix"])[:, :3], true[:3, :3], atol=2e-3)
 
 
+@pytest.mark.thorough
 def test_the_command_plays_a_log_once_and_hangs_up(tmp_path: Path) -> None:
     (tmp_path / "probe.rom").write_bytes(make_rom(PROBE))
     (tmp_path / "reference.rom").write_bytes(make_rom(REFERENCE))

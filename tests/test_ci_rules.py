@@ -1,6 +1,7 @@
 """The rules of CI, tried on small suites: which skips are failures, and what a second run may forgive."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -54,6 +55,15 @@ def test_a_skip_in_ci_is_a_failure_unless_its_reason_is_on_the_list(tmp_path: Pa
 def test_outside_ci_a_skip_is_a_skip(tmp_path: Path) -> None:
     code, text = run(suite(tmp_path, SKIPPING), "pytest", "-p", "tests.skips", "-p", "no:cacheprovider", ci="")
     assert (code, "1 passed, 4 skipped, 1 xfailed" in text) == (0, True), text
+
+
+def test_ci_runs_what_the_quick_suite_leaves_out_as_thorough() -> None:
+    targets = (ROOT / "Makefile").read_text()
+    rest = "not slow and not live and not cart and not deb"
+    for target, which in (("quick", f"not thorough and {rest}"), ("thorough", f"thorough and {rest}")):
+        assert re.search(rf'^{target}:.*\n\t\$\(BIN\)/pytest .*-m "{which}"$', targets, re.M), target
+    for part in ("make test", "make thorough"):
+        assert f"\npart {part}\n" in (ROOT / ".ci/run").read_text()
 
 
 def test_this_suite_follows_the_list(pytestconfig: pytest.Config) -> None:

@@ -136,6 +136,7 @@ def test_accuracy_and_stated_bound() -> None:
     assert np.quantile(other, 0.99) > 10 * np.quantile(error, 0.99)
 
 
+@pytest.mark.thorough
 def test_accuracy_and_stated_bound_on_a_generator_of_its_own() -> None:
     errors, bounds, compared = [], [], []
     for seed in range(6):

@@ -46,6 +46,7 @@ def test_centre_is_found_to_a_twentieth_of_a_pixel_also_when_saturated(centre_px
     np.testing.assert_allclose(found(image).centre_px, centre_px, atol=0.05)
 
 
+@pytest.mark.thorough
 def test_stated_sigma_is_the_scatter_that_noise_makes() -> None:
     centres = np.array([found(crossed((160.4, 100.8), noise_grey=6, seed=seed)).centre_px for seed in range(150)])
     stated = found(crossed((160.4, 100.8), noise_grey=6, seed=1)).sigma_px

@@ -254,6 +254,7 @@ def test_forgetting_follows_a_change_of_scale() -> None:
     np.testing.assert_allclose(scaled_rotation(sums).scale * 1.1, SCALE[:2], rtol=0.01)
 
 
+@pytest.mark.thorough
 def test_the_average_of_a_hundred_calibrations_is_ten_times_as_good_and_says_so() -> None:
     errors, sigmas = [], []
     for run in range(30):

@@ -54,6 +54,7 @@ def test_hole_3_the_contact_does_not_outlive_the_last_picture_of_tissue(pictures
     outlasting(pictures)
 
 
+@pytest.mark.thorough
 def test_hole_4_what_contradicts_the_reference_opens_the_contact_before_it_is_named() -> None:
     Cart(1, change=ELSEWHERE, fps=SLOW).run(15.0)
 
@@ -103,6 +104,7 @@ def test_liveness_after_disturbances_the_contact_closes_again() -> None:
         cart.run(1.0)
 
 
+@pytest.mark.thorough
 def test_no_sequence_lets_the_contact_outlive_its_evidence() -> None:
     """The same sequences in every run; `make invariant` tries others."""
     Room.fps, frames = SLOW, Cart.frames

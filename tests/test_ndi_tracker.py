@@ -313,6 +313,7 @@ def test_damaged_tool_definition_is_refused(tmp_path: Path, damage: Callable[[by
         open_tracker("/dev/null", {"probe": str(tmp_path / "bad.rom")}, HostClock())
 
 
+@pytest.mark.thorough
 def test_a_slow_line_gives_long_replies_their_time(tmp_path: Path) -> None:
     """Four tools at 9600 baud: with details a reply takes half a second, and the deadline is 200 ms."""
     with bench(tmp_path) as cart:
@@ -336,6 +337,7 @@ def test_disabled_and_unready_ports_carry_no_pose() -> None:
     assert judge_system(0x0200, 0)[0] is PoseStatus.FAULT
 
 
+@pytest.mark.thorough
 def test_killed_twin_is_lost_and_a_new_one_takes_the_link_over(tmp_path: Path) -> None:
     command = [*PROBEWATCH, "simulate", "ndi", "--model", "polaris-spectra", "--pty", str(tmp_path / "tracker")]
     command += ["--rom", str(tmp_path / "probe.rom"), "--origin-ns", str(time.monotonic_ns())]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from appliance.core.picture.texture import Texture, TextureReader
 from appliance.core.watchers.no_picture import NoPicture
@@ -260,7 +260,7 @@ def test_good_pictures_with_stamps_that_stand_still_bring_nothing_back() -> None
 
 def at_most(errors: int, of: int) -> float:
     """Upper end of the exact 95 % interval, one-sided."""
-    return 1.0 if errors == of else float(beta.ppf(0.95, errors + 1, of - errors))
+    return 1.0 if errors == of else float(betaincinv(errors + 1, of - errors, 0.95))
 
 
 def row(kind: str, values: list[float], wrong: Callable[[float], bool]) -> tuple[int, int]:

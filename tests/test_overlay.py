@@ -103,7 +103,13 @@ def test_text_that_appears_later_is_learnt_too() -> None:
     assert (~overlay.mask)[word > 200].mean() >= 0.8
 
 
-@pytest.mark.parametrize("headings_deg", [np.linspace(0, 180, 40), np.zeros(40)], ids=["turning", "lateral"])
+@pytest.mark.parametrize(
+    "headings_deg",
+    [
+        pytest.param(np.linspace(0, 180, 40), id="turning", marks=pytest.mark.thorough),
+        pytest.param(np.zeros(40), id="lateral"),
+    ],
+)
 def test_a_slow_sweep_with_coarse_pixels_is_not_taken_for_overlay(headings_deg: Bits) -> None:
     """0.4 px a picture, along the wide side of the speckle: nothing is drawn there, so nothing may be left out."""
     tracker = RealTimeTracker(float(sweeps.SCALE[1] / sweeps.SCALE[0]))

@@ -21,6 +21,7 @@ def test_registered_pairs_are_the_steps_of_the_sweep() -> None:
         np.testing.assert_allclose(moved_mm, [d * STEP_MM, 0], atol=0.03)
 
 
+@pytest.mark.thorough
 def test_the_keyframe_chain_shows_the_scales_of_a_planar_sweep() -> None:
     seen = sweep(4, np.linspace(0, 180, 66))
     samples = keyframe_chain(seen)

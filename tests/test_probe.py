@@ -18,6 +18,7 @@ from drivers.metaimage import write_metaimage
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.ptyline import PtyLine
 from drivers.twins.relay_board import RelayBoard
+from tests.answers import answered
 from tests.boards import running_board
 from tests.recordings import SIZE_PX, items
 from tests.simulated_optotrak import bench
@@ -30,9 +31,7 @@ MS = 1_000_000
 
 def probed(url: str, *options: str, seconds: str = "1") -> tuple[int, str, str]:
     """Exit code, standard output, standard error."""
-    ended = subprocess.run(
-        [PROBEWATCH, "probe", url, "--seconds", seconds, *options], capture_output=True, text=True, check=False
-    )
+    ended = answered("probe", url, "--seconds", seconds, *options)
     assert "Traceback" not in ended.stderr
     return ended.returncode, ended.stdout, ended.stderr
 
@@ -121,7 +120,9 @@ def test_an_output_clicks_once_and_only_when_told_to(tmp_path: Path, capsys: pyt
     with relay_board(tmp_path / "relay") as board:
         assert probed(f"relay:{tmp_path}/relay")[0] == 78
         assert capsys.readouterr().out == ""
-        code, output, _ = probed(f"relay:{tmp_path}/relay", "--click")
+        click = [PROBEWATCH, "probe", f"relay:{tmp_path}/relay", "--click"]  # a process: the board prints in this one
+        ended = subprocess.run(click, stdout=subprocess.PIPE, text=True, check=False)
+        code, output = ended.returncode, ended.stdout
         switched = [json.loads(line)["energised"] for line in capsys.readouterr().out.splitlines()]
         assert board.contacts == {1: False}
     assert code == 0

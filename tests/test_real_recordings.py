@@ -15,6 +15,7 @@ from appliance.types import Calibration, VerdictKind
 from drivers.replay import open_recording
 from tests.recordings import plus_file
 
+THOROUGH = pytest.mark.thorough
 FCAL = "fCal_Test_Validation_3NWires_fCal2.0.igs.mha"
 NWIRE = "NwirePhantomFreehand.igs.mha"
 NWIRE_IMAGE_TO_PROBE = np.array(
@@ -59,7 +60,7 @@ def run(name: str) -> Run:
     return Run(line.report(), nominal)
 
 
-@pytest.mark.parametrize(("name", "scale_percent"), [(FCAL, 8.0), (NWIRE, 5.0)])
+@pytest.mark.parametrize(("name", "scale_percent"), [(FCAL, 8.0), pytest.param(NWIRE, 5.0, marks=THOROUGH)])
 def test_the_estimate_is_near_the_published_calibration(name: str, scale_percent: float) -> None:
     found = run(name)
     assert found.report.motions >= 40
@@ -67,14 +68,14 @@ def test_the_estimate_is_near_the_published_calibration(name: str, scale_percent
     assert found.turn_deg < 9.0
 
 
-@pytest.mark.parametrize(("name", "latency_ms"), [(FCAL, 20.0), (NWIRE, 75.0)])
+@pytest.mark.parametrize(("name", "latency_ms"), [(FCAL, 20.0), pytest.param(NWIRE, 75.0, marks=THOROUGH)])
 def test_latency_is_found_before_anything_else_is_judged(name: str, latency_ms: float) -> None:
     latency = run(name).report.latency
     assert latency is not None
     assert latency.value == pytest.approx(latency_ms, abs=30.0)
 
 
-@pytest.mark.parametrize("name", [FCAL, NWIRE])
+@pytest.mark.parametrize("name", [FCAL, pytest.param(NWIRE, marks=THOROUGH)])
 def test_seven_seconds_of_mostly_elevational_motion_are_not_verified_and_say_why(name: str) -> None:
     """Their estimate is good, but its sigma of 5–11 % cannot show a limit of 5 %: neither OK nor FAULT may be said."""
     report = run(name).report

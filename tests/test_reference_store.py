@@ -190,6 +190,7 @@ for number in itertools.count():
 """
 
 
+@pytest.mark.thorough
 def test_what_was_said_to_be_on_the_disk_is_in_force_after_a_kill(tmp_path):
     """Killed at five moments of its writing; the reference is the last acknowledged one or the one being written."""
     config = configuration(tmp_path)

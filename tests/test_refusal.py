@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from appliance.service.control import ControlServer
 from appliance.service.refusal import leave, why_silent, withdraw
 from drivers.errors import ConfigurationError, ProbewatchError
+from tests.answers import answered
 from tests.polling import until
 from tests.simulated import PROBEWATCH
 from tools import ack, log, status
@@ -29,10 +30,6 @@ control.socket = "{socket}"
 NOBODY = 65534
 
 
-def asked(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*PROBEWATCH, *words], capture_output=True, text=True, timeout=30, check=False)
-
-
 def config(folder: Path, configured: str) -> Path:
     file = folder / "probewatch.toml"
     file.write_text(CONFIG.format(configured=configured, socket=folder / "control"))
@@ -44,7 +41,7 @@ def test_status_of_an_unconfigured_service_says_what_to_edit(tmp_path: Path) -> 
     with subprocess.Popen([*PROBEWATCH, "run", "--config", str(file)], stderr=subprocess.DEVNULL) as service:
         try:
             until(lambda: why_silent(socket))
-            shown = asked("status", "--socket", str(socket))
+            shown = answered("status", "--socket", socket)
         finally:
             service.terminate()
     assert shown.returncode == 78
@@ -54,10 +51,8 @@ def test_status_of_an_unconfigured_service_says_what_to_edit(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("command", [["status"], ["status", "--json"], ["ack"], ["lamp-test"]])
 def test_every_question_to_a_refused_service_is_answered_with_its_reason(tmp_path: Path, command: list[str]) -> None:
-    file = config(tmp_path, "true")
-    refused = asked("run", "--config", str(file))
-    assert refused.returncode == 78
-    shown = asked(*command, "--socket", str(tmp_path / "control"))
+    assert answered("run", "--config", config(tmp_path, "true")).returncode == 78
+    shown = answered(*command, "--socket", tmp_path / "control")
     assert shown.returncode == 78
     assert f"{tmp_path}/probe.toml: the service does not watch" in shown.stderr
     assert "cannot be read: No such file" in shown.stderr
@@ -67,8 +62,8 @@ def test_every_question_to_a_refused_service_is_answered_with_its_reason(tmp_pat
 def test_a_mistake_in_the_file_does_not_hide_where_people_ask(tmp_path: Path) -> None:
     file = config(tmp_path, "true")
     file.write_text(file.read_text() + "limits.scale_procent = 3\n")
-    assert asked("run", "--config", str(file)).returncode == 78
-    shown = asked("status", "--socket", str(tmp_path / "control"))
+    assert answered("run", "--config", file).returncode == 78
+    shown = answered("status", "--socket", tmp_path / "control")
     assert "line 8: [limits] scale_procent is not known, did you mean 'scale_percent'?" in shown.stderr
 
 
@@ -85,7 +80,7 @@ def test_the_refusal_is_for_the_group_and_goes_with_the_next_service(tmp_path: P
 @pytest.mark.parametrize("text", [b"", b"[" * 9000, b"{}", b"[1]", b"\xff"])
 def test_a_damaged_refusal_counts_as_none(tmp_path: Path, text: bytes) -> None:
     (tmp_path / "control.refusal").write_bytes(text)
-    shown = asked("status", "--socket", str(tmp_path / "control"))
+    shown = answered("status", "--socket", tmp_path / "control")
     assert shown.returncode == 69
     assert "no service answers (No such file or directory). Start it: systemctl start probewatch" in shown.stderr
 

@@ -55,6 +55,7 @@ def _error_px(
     return rms_px(found.path, true_motion(HOME, pose, FULL), FULL)
 
 
+@pytest.mark.thorough
 def test_up_to_20_px_and_3_deg_are_followed_within_a_twentieth_of_a_pixel() -> None:
     """RMS over three tissues and the range of motion; no single motion is worse than 0.12 px."""
     motions = [((20, 0), 0), ((0, 20), 1), ((14, -14), 2), ((5, 5), -2), ((14, 14), 3)]
@@ -139,6 +140,7 @@ def test_a_turn_acts_in_millimetres_not_in_pixels() -> None:
     assert rms_px((square.u_px, square.alpha_rad), truth, settings, found_aspect=1.0) > max(5 * good, 0.3)
 
 
+@pytest.mark.thorough
 def test_stated_covariance_is_of_the_right_order() -> None:
     """Errors in units of their own sigma, over forty pairs of four tissues that lost some likeness by turn."""
     errors = []
@@ -240,6 +242,7 @@ def test_pyramid_levels_halve_and_keep_their_places() -> None:
         np.testing.assert_allclose(level[2:-2, 5] / 9, 2.0**k * (rows + 0.5) - 0.5, atol=0.1)
 
 
+@pytest.mark.thorough
 def test_a_picture_moved_by_whole_pixels_is_found_there_to_a_hundredth() -> None:
     """Bytes would be looked up in 32nds of a pixel, and every place within a few hundredths would fit as well."""
     errors_px = []

@@ -470,7 +470,7 @@ def test_a_tracker_only_recording_is_not_verified(monkeypatch, capsys, calibrati
     [
         (None, {"OK", "NOT_VERIFIED"}, None),
         ("flip-lateral", {"FAULT"}, "polarity"),
-        ("flip-vertical", {"FAULT"}, "polarity"),
+        pytest.param("flip-vertical", {"FAULT"}, "polarity", marks=pytest.mark.thorough),
         ("freeze-video", {"FAULT"}, "frozen-video"),
     ],
 )

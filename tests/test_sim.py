@@ -119,6 +119,7 @@ def test_a_killed_scanner_is_lost_and_comes_back(tmp_path: Path, twin_at: Callab
     assert again.end() == 0
 
 
+@pytest.mark.thorough
 def test_scheduled_faults_show_in_the_video(tmp_path: Path, twin_at: Callable[..., Twin]) -> None:
     schedule = [
         {"fault": "freeze-video", "from_s": 16, "to_s": 19},
@@ -262,6 +263,7 @@ class Waiting(World):
         return super().frame(t_s, index, active)
 
 
+@pytest.mark.thorough
 def test_a_scanner_that_was_short_of_time_shows_pictures_again_at_once(tmp_path: Path) -> None:
     """It renders ahead by what a picture costs; what it waited for the processor is no cost."""
     clock, stop = HostClock(), Event()

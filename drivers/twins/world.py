@@ -125,12 +125,16 @@ class World:
 
     def frame_at(self, picture_pose: Matrix4, index: int = 0, active: Collection[str] = ()) -> GreyImage:
         """The picture at a given pose P → C, (4, 4), mm."""
-        grey = self._compressed(*self.echoes_at(picture_pose), index)
+        grey = self.plain_at(picture_pose, index)
         if not self.settings.overlay:
             return spoil_image(grey, active)
         grey = spoil_image(grey, {"depth"} & set(active), self._screen.top_row_px)
         grey = spoil_image(grey & self._screen.sector, {"flip-lateral", "flip-vertical"} & set(active))
         return np.asarray(cv2.max(grey, self._screen.text), np.uint8)
+
+    def plain_at(self, picture_pose: Matrix4, index: int) -> GreyImage:
+        """The echoes alone in 255 grey levels, (height, width) uint8: without faults and what the scanner draws."""
+        return self._compressed(*self.echoes_at(picture_pose), index)
 
     def echoes_at(self, picture_pose: Matrix4) -> tuple[Floats, Floats]:
         """Real and imaginary echo field, (height, width) float32, before noise, gain and compression."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 BLOCKS = 10
 """Readings near each other wander together; medians of blocks this coarse are nearly independent."""
@@ -51,5 +51,5 @@ def growth(t_s: Sequence[float], values: Sequence[float]) -> Growth:
     slope = float(off @ medians / (off @ off))
     rest = medians - medians.mean() - slope * off
     sigma = float(np.sqrt(rest @ rest / (BLOCKS - 2) / (off @ off)))
-    factor = float(student.ppf((1 + CONFIDENCE) / 2, BLOCKS - 2))
+    factor = float(stdtrit(BLOCKS - 2, (1 + CONFIDENCE) / 2))
     return Growth(t_s[-1] - t_s[0], slope, factor * sigma, float(medians[0]), float(medians[-1]))
