@@ -29,13 +29,24 @@ FAULT_CLASS: Mapping[str, str] = {
 }
 """Fault name → class under which a check must report it."""
 
-PICTURE_FAULTS = ("flip-lateral", "flip-vertical", "depth", "freeze-video", "lose-video")
-"""Those that the scanner shows; the tracker shows the others."""
+PICTURE_FAULTS = (
+    "flip-lateral",
+    "flip-vertical",
+    "depth",
+    "freeze-video",
+    "lose-video",
+    "flicker-blank",
+    "future-stamp",
+)
+"""Those that the scanner shows; the tracker shows the others. flicker-blank: every second picture is black but for faint
+noise. future-stamp: the first picture, and no other, is stamped FUTURE_S ahead."""
 
 _LATEST_S = 1e9
 
 ZOOM = 1.10
 LATENCY_S = 0.100
+FUTURE_S = 60.0
+_FAINT_GREY = 4
 
 BEND_DEG = 5.0
 BEND_AXIS = (0.95, 0.16, 0.27)
@@ -128,6 +139,11 @@ def spoil_image(image: GreyImage, active: Collection[str], top_row_px: float = 0
     if "flip-vertical" in active:
         image = image[::-1]
     return np.ascontiguousarray(image)
+
+
+def blank_image(shape: tuple[int, ...], index: int) -> GreyImage:
+    """(h, w) uint8, black but for noise of a few grey levels that index, >= 0, seeds."""
+    return np.random.default_rng((47, index)).integers(0, _FAINT_GREY, shape, np.uint8)
 
 
 def spoil_pose(matrix: Matrix4, active: Collection[str]) -> Matrix4:
