@@ -1,7 +1,7 @@
 """The contact of a whole cart in real time never outlives its evidence: a bend with a slide that no motion could show.
 
-`pytest -s -m slow tests/test_evidence_age_live.py` prints what was seen with the times of the default configuration. The
-others take a shorter max_verification_age, so that they are over sooner.
+`pytest -s -m slow tests/test_evidence_age_live.py` prints what was seen with the times of the default configuration.
+The others take a shorter max_verification_age, so that they are over sooner.
 """
 
 import time

@@ -38,8 +38,10 @@ PICTURE_FAULTS = (
     "flicker-blank",
     "future-stamp",
 )
-"""Those that the scanner shows; the tracker shows the others. flicker-blank: every second picture is black but for faint
-noise. future-stamp: the first picture, and no other, is stamped FUTURE_S ahead."""
+"""Those that the scanner shows; the tracker shows the others.
+
+flicker-blank: every second picture is black but for faint noise. future-stamp: the first picture, and no other, has a
+stamp FUTURE_S ahead."""
 
 _LATEST_S = 1e9
 

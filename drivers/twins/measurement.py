@@ -71,7 +71,7 @@ class Measurement:
 
 
 def faults_of(faults: Mapping[str, float], count: int) -> Mapping[str, float]:
-    """Those that act on the measurement of that number, one after the other; name → second since when it has been on."""
+    """Those that act on the count-th measurement of the device; name → second since when it has been on."""
     hidden = "sparse-poses" in faults and count % ONE_IN != 0
     return {**faults, "missing": faults["sparse-poses"]} if hidden else faults
 
