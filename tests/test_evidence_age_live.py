@@ -30,8 +30,9 @@ WATCHED_S = {SHIPPED_S: 75.0, SHORTER_S: 35.0}
 """max_verification_age → how long after the bend."""
 
 VERIFIED_WITHIN_S = 60.0
-FRESH_S = 5.0
-"""Older evidence would open the contact sooner."""
+FRESH = 0.5
+"""Share of max_verification_age that may have passed when the disturbance begins; older evidence opens the contact
+sooner."""
 DISTURBED_S, HIDDEN_S, BENT_S, SEEN_S = 0.0, 0.5, 0.8, 1.0
 """From the beginning of the disturbance: the body is bent while the tracker does not see it, as no leap then tells."""
 TICK_S = TICK_NS / 1e9
@@ -89,13 +90,13 @@ def verified_cart(folder: Path, seed: int, age_s: float) -> Iterator[Cart]:
     """Its contact is closed, and what it was shown is fresh."""
     with YoungerCart(folder, seed, age_s) as cart:
         cart.wait_for(State.MONITORING.value, VERIFIED_WITHIN_S)
-        until(lambda: cart.contact() and _fresh(cart), VERIFIED_WITHIN_S, otherwise=cart.status)
+        until(lambda: cart.contact() and _fresh(cart, FRESH * age_s), VERIFIED_WITHIN_S, otherwise=cart.status)
         yield cart
 
 
-def _fresh(cart: Cart) -> bool:
+def _fresh(cart: Cart, oldest_s: float) -> bool:
     age_s = cart.status().get("verification_age_s")
-    return age_s is not None and age_s <= FRESH_S
+    return age_s is not None and age_s <= oldest_s
 
 
 def bend_behind(cart: Cart, disturbance: str) -> tuple[float, float]:
