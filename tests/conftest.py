@@ -19,6 +19,7 @@ LIVE = (
     "test_alarm_path",
     "test_daemon",
     "test_demo",
+    "test_evidence_age_live",
     "test_exhaustion",
     "test_ndi_faults",
     "test_network_video",

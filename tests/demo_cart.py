@@ -75,16 +75,17 @@ class Cart(SimulatedCart):
 
     def contact(self, since_s: float = 0.0) -> bool | None:
         """What the relay board did last since then, by its own clock."""
-        switched = self._switched(since_s)
+        switched = self.switched(since_s)
         return switched[-1][1] if switched else None
 
     def open_contact(self, since_s: float, within_s: float) -> None:
         """AssertionError unless the relay board, by its own clock, opened within that time."""
         until(lambda: self.contact(since_s) is False, within_s + _LATE_S)
-        after_s = next(t_s for t_s, energised in self._switched(since_s) if not energised) - since_s
+        after_s = next(t_s for t_s, energised in self.switched(since_s) if not energised) - since_s
         assert after_s <= within_s, f"the contact opened after {after_s:.2f} s"
 
-    def _switched(self, since_s: float) -> list[tuple[float, bool]]:
+    def switched(self, since_s: float = 0.0) -> list[tuple[float, bool]]:
+        """(s, whether the contact closed) of every change since then, by the relay board's own clock."""
         events = [event for event in tuple(self.twins["relay_board"].said) if "energised" in event]
         times = [(event["t_ns"] / 1e9, bool(event["energised"])) for event in events]
         return [(t_s, energised) for t_s, energised in times if t_s >= since_s]

@@ -177,7 +177,7 @@ def name_pipe(cart: Cart, part: str) -> Undo:
     os.mkfifo(cart.config)
     with ControlClient(cart.socket) as client:
         for _ in range(20):
-            with pytest.raises(ControlRefused, match=f"{cart.config}.* it is a pipe"):
+            with pytest.raises(ControlRefused, match=f"{cart.config}: .*it is a pipe"):
                 client.reload()
 
     def answer() -> None:

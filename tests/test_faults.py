@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drivers.errors import ConfigurationError
-from drivers.twins.faults import FAULT_CLASS, Episode, Schedule, pose_time_s, spoil_image, spoil_pose
+from drivers.twins.faults import FAULT_CLASS, Episode, Schedule, blank_image, pose_time_s, spoil_image, spoil_pose
+from drivers.twins.measurement import faults_of
 from drivers.twins.metal import COMES_IN_S, DISPLACED_MM, LEAVES_AT_S, PLACE_MM, near_metal
 from drivers.twins.world import World
 
@@ -108,6 +109,20 @@ def test_pose_faults_are_of_the_promised_size_and_oblique_to_the_picture() -> No
     assert np.linalg.norm(slid[:3, 3]) == pytest.approx(10, abs=0.05)
     assert np.allclose(slid[:3, :3], np.eye(3))
     assert np.array_equal(spoil_pose(pose, {"depth"}), pose)
+
+
+def test_a_blank_picture_is_black_but_for_faint_noise_that_changes() -> None:
+    blank = blank_image(IMAGE.shape, 7)
+    assert (blank.shape, blank.dtype, blank.max()) == (IMAGE.shape, np.uint8, 3)
+    assert np.array_equal(blank, blank_image(IMAGE.shape, 7))
+    assert not np.array_equal(blank, blank_image(IMAGE.shape, 9))
+
+
+def test_sparse_poses_hide_the_tool_but_for_one_measurement_in_twelve() -> None:
+    seen = ["missing" not in faults_of({"sparse-poses": 2.0, "bend-marker": 3.0}, count) for count in range(24)]
+    assert seen == [count in (0, 12) for count in range(24)]
+    assert faults_of({"sparse-poses": 2.0}, 1)["missing"] == 2.0
+    assert faults_of({"bend-marker": 3.0}, 1) == {"bend-marker": 3.0}
 
 
 def test_latency_reports_an_older_pose() -> None:

@@ -177,6 +177,16 @@ def test_scheduled_faults_act_on_the_probe(tmp_path: Path) -> None:
         assert np.linalg.norm(pose.matrix[:3, 3] - true[:3, 3]) == pytest.approx(10.0, abs=0.05)
 
 
+@pytest.mark.parametrize(("track_hz", "step"), [(60, 1), (20, 3)])
+def test_sparse_poses_are_one_measurement_in_twelve(tmp_path: Path, track_hz: int, step: int) -> None:
+    schedule = Schedule((Episode("sparse-poses", 0.0),))
+    with bench(tmp_path, track_hz=track_hz, schedule=schedule) as cart, cart.open() as tracker:
+        found = poses(tracker, 60)
+    expected = [PoseStatus.MISSING if pose.sequence // step % 12 else PoseStatus.OK for pose in found]
+    assert [pose.status for pose in found] == expected
+    assert PoseStatus.OK in expected
+
+
 def test_latency_reports_an_old_pose_as_fresh(tmp_path: Path) -> None:
     with bench(tmp_path, schedule=Schedule((Episode("latency", 0.0),))) as cart, cart.open() as tracker:
         (pose,) = poses(tracker, 1)

@@ -22,9 +22,9 @@ from drivers.ports import VideoSource, open_video
 from drivers.samples import Frame, GreyImage
 from drivers.sim import HEADER_BYTES, FrameHeader, pack_frame
 from drivers.twins.control import FaultControl
-from drivers.twins.faults import PICTURE_FAULTS
+from drivers.twins.faults import FUTURE_S, PICTURE_FAULTS, Episode, Schedule
 from drivers.twins.scanner import Scanner, VideoPlug
-from drivers.twins.world import World
+from drivers.twins.world import World, WorldSettings
 from tests.polling import until
 
 IMAGE = np.random.default_rng(2).integers(0, 256, (24, 32), np.uint8)
@@ -251,6 +251,36 @@ def test_absent_and_impossible_sockets_are_told_apart(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(DeviceLost):
         open_video(f"sim:{tmp_path}/file", HostClock())
+
+
+class Grey(World):
+    """Its pictures cost nothing."""
+
+    def frame(self, t_s: float, index: int, active: Collection[str] = ()) -> GreyImage:
+        return np.full((24, 32), 100, np.uint8)
+
+
+def test_a_flicker_blanks_every_second_picture_and_one_stamp_is_of_the_future(tmp_path: Path) -> None:
+    faults = Schedule((Episode("flicker-blank", 1.0, 3.0), Episode("future-stamp", 2.0, 3.0)))
+    clock, stop = HostClock(4.0), Event()
+    with VideoPlug(tmp_path / "video") as plug, open_video(f"sim:{tmp_path}/video", clock) as source:
+        world = Grey(1, settings=WorldSettings(fps=10))
+        thread = Thread(target=Scanner(world, plug, clock, FaultControl(PICTURE_FAULTS, faults)).run, args=(stop,))
+        thread.start()
+        try:
+            seen = frames(source, 40)
+        finally:
+            stop.set()
+            thread.join()
+    for frame in seen:
+        flickering = 10 <= frame.sequence < 30
+        assert (frame.image.max() < 10) == (flickering and frame.sequence % 2 == 1), frame.sequence
+    ahead = {
+        frame.sequence: round((frame.stamp.t_ns - clock.origin_ns) / 1e9 - frame.sequence / 10, 3) for frame in seen
+    }
+    early = {sequence: ahead_s for sequence, ahead_s in ahead.items() if ahead_s != 0}
+    assert list(early.values()) == [FUTURE_S]
+    assert min(early) >= 20, "the first of the fault"
 
 
 class Waiting(World):

@@ -34,6 +34,10 @@ def command(file: Path | None, folder: Path | None, seed: int) -> None:
       probewatch run --config cart.toml             # in a second terminal
       probewatch status --watch --socket …          # in a third; the socket is named in cart.toml
 
+    Faults are written into two files, which the configuration names with every fault they know. Three hide what the
+    probe does and have no alarm of their own: sparse-poses, the tracker sees the probe in one measurement of twelve;
+    flicker-blank, every second picture is black; future-stamp, one picture is stamped a minute ahead.
+
     What is configured is simulated: never use it on a real cart. Without --folder everything lies in a temporary folder
     that is removed at the end, the alarm log too.
     """

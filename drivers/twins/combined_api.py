@@ -15,7 +15,7 @@ from drivers.ndi.replies import TrackingReply
 from drivers.ndi.rom import CHUNK_BYTES, ROM_BYTES, definition_of, rom_sum
 from drivers.ndi.tx import encode_tx
 from drivers.ndi.wire import Command, decode_command, encode_text
-from drivers.twins.measurement import Measurement, measure
+from drivers.twins.measurement import Measurement, faults_of, measure
 from drivers.twins.models import SPECTRA, Model
 from drivers.twins.motion import PROBE, REFERENCE, PoseAt
 from drivers.twins.rom import PROBE as PROBE_TYPE
@@ -438,12 +438,13 @@ class CombinedApi:
 
     def _measured(self, frame: int) -> Measured:
         t_s, names = self.frame_s(frame), self._names()
+        faults = faults_of(self.faults, frame // self._step)
         measured: Measured = {}
         for handle, port in self.ports.items():
             if port.enabled:
                 markers_mm = definition_of(bytes(port.rom)).markers_mm[: 0 if self.model.electromagnetic else None]
                 fit_mm = self.model.fit_mm
-                seen = measure(self._pose_at, names[handle], markers_mm, fit_mm, t_s, frame, self.faults)
+                seen = measure(self._pose_at, names[handle], markers_mm, fit_mm, t_s, frame, faults)
                 measured[handle] = (port.extra_status, seen if port.seen else Measurement(None))
         return measured
 

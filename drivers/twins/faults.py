@@ -29,8 +29,19 @@ FAULT_CLASS: Mapping[str, str] = {
 }
 """Fault name → class under which a check must report it."""
 
-PICTURE_FAULTS = ("flip-lateral", "flip-vertical", "depth", "freeze-video", "lose-video")
-"""Those that the scanner shows; the tracker shows the others."""
+PICTURE_FAULTS = (
+    "flip-lateral",
+    "flip-vertical",
+    "depth",
+    "freeze-video",
+    "lose-video",
+    "flicker-blank",
+    "future-stamp",
+)
+"""Those that the scanner shows; the tracker shows the others.
+
+flicker-blank: every second picture is black but for faint noise. future-stamp: the first picture, and no other, has a
+stamp FUTURE_S ahead."""
 
 _LATEST_S = 1e9
 """Thirty years: later is a slip, and refused. Nanoseconds of it fit 64 bits."""
@@ -38,6 +49,10 @@ _LATEST_S = 1e9
 ZOOM = 1.10
 LATENCY_S = 0.100
 """Past the default limits (appliance/limits.py: 5 %, 60 ms), so that they must be found, and no more than twice."""
+FUTURE_S = 60.0
+"""Twice as long as a verification lasts (max_verification_age), so that a stamp taken for true would outlast it."""
+_FAINT_GREY = 4
+"""Grey levels of a blank picture's noise, as a grabber without a signal shows; speckle spans ten times as many."""
 
 BEND_DEG = 5.0
 """Past the default limit of 3° (appliance/limits.py) by less than its double."""
@@ -132,6 +147,11 @@ def spoil_image(image: GreyImage, active: Collection[str], top_row_px: float = 0
     if "flip-vertical" in active:
         image = image[::-1]
     return np.ascontiguousarray(image)
+
+
+def blank_image(shape: tuple[int, ...], index: int) -> GreyImage:
+    """(h, w) uint8, black but for noise of a few grey levels that index, >= 0, seeds."""
+    return np.random.default_rng((47, index)).integers(0, _FAINT_GREY, shape, np.uint8)
 
 
 def spoil_pose(matrix: Matrix4, active: Collection[str]) -> Matrix4:

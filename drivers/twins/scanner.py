@@ -19,7 +19,7 @@ from drivers.hosttime import HostClock
 from drivers.samples import GreyImage
 from drivers.sim import pack_frame
 from drivers.twins.control import FaultControl
-from drivers.twins.faults import PICTURE_FAULTS
+from drivers.twins.faults import FUTURE_S, PICTURE_FAULTS, blank_image
 from drivers.twins.trajectory import PROGRAMS
 from drivers.twins.world import SCENES, World, WorldSettings
 
@@ -152,7 +152,11 @@ class Scanner:
         began_s = time.monotonic()
         if self._held is None or "freeze-video" not in active:
             self._held = self._world.frame(t_s, number, active)
-        frame = pack_frame(number, t_ns, _STAMP_ERR_NS, self._held)
+        image = self._held
+        if "flicker-blank" in active and number % 2:
+            image = blank_image(image.shape, number)
+        ahead_ns = round(FUTURE_S * 1e9) if "future-stamp" in active - self._active else 0
+        frame = pack_frame(number, t_ns + ahead_ns, _STAMP_ERR_NS, image)
         cost_s = min((time.monotonic() - began_s) * self._clock.rate, _LONGEST_COST_S)
         self._cost_s += 0.2 * (cost_s - self._cost_s)
         return frame
