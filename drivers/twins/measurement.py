@@ -29,6 +29,7 @@ TOOL_FAULTS = (
 """sparse-poses: `missing` but for one measurement in ONE_IN."""
 
 ONE_IN = 12
+"""Poses of sparse-poses: at 20 Hz one in .6 s, further apart than the pairing of pictures bridges (.25 s)."""
 
 _OUTSIDE, _PARTLY_OUTSIDE, _INTERFERENCE = 0x0040, 0x0080, 0x0200
 _NIBBLE_USED, _NIBBLE_USED_OUTSIDE, _NIBBLE_OUTSIDE = 3, 4, 5
