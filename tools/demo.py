@@ -32,8 +32,7 @@ _ANSWER_S = 15.0
 is too busy, or a service that hangs, comes to this; less ends demos that would have gone on. Not measured.
 """
 _ASK_AGAIN_S = 0.5
-"""Of the cart, between two acknowledgements: one in vain is written to its alarm log, and counts against the allowance.
-"""
+"""Of the cart, between two acknowledgements. Shorter asks again before the first can show; longer ends later."""
 _LESS_BUSY = "Try again when the machine is less busy"
 
 

@@ -21,7 +21,7 @@ _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red"
 _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
 _COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "latched", "digest")
 _LOOKS = 3
-"""A write of the service takes milliseconds, so damage that a fourth reading still finds is damage."""
+"""A write of the service is soon over, so damage that a fourth reading still finds is damage."""
 _FORMULA = ("=", "+", "-", "@")
 
 

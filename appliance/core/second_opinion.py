@@ -2,8 +2,8 @@
 
 The service fits near its reference. Where X is far from it (a sensor put on at right angles, another probe's file) that
 fit may settle nowhere; the closed forms find it all the same. Only the lever arm is taken from the reference. Steps of
-`_STEP_S` are long against tracker noise; each block of `_BLOCK_S` is left out
-in turn, which tells the spread (jackknife).
+`_STEP_S` are long against tracker noise; each block of `_BLOCK_S` is left out in turn, which tells the
+spread (jackknife).
 """
 
 from dataclasses import dataclass

@@ -36,8 +36,8 @@ _MOST_CLIENTS, _MOST_SILENT = 16, 16
 _LONGEST_LINE = 4096
 """Bytes of a request: a path may be as long. Each client may hold so much of our memory without asking anything."""
 _MOST_UNSENT = 1 << 18
-"""Bytes that wait for a client which does not read; then it is dropped. More lets
-each take as much memory; less drops who asks for several states and reads late."""
+"""Bytes that wait for a client which does not read; then it is dropped. More lets each take as much
+memory; less drops who reads late."""
 _BACKLOG = 4096
 """Clients that the kernel keeps in order, first come first served, until a tick has time for them. Who finds no place
 there races with the crowd for the next one."""

@@ -18,7 +18,7 @@ SD_PER_MEDIAN = 1.4826
 """Standard deviation ÷ median of the size of a normal variable with mean 0."""
 _SAME_NOISE = 0.1
 """Share by which two estimates of the noise may differ and count as the same. Less costs rounds of the solver; the
-estimates themselves scatter by more in a window of seconds.
+estimates themselves scatter by about as much in a window of seconds.
 """
 _LEAST_QUIET = 8
 """Steps without hidden way below which all steps tell the noise: the median of fewer is chance."""

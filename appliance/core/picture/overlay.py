@@ -17,8 +17,8 @@ _EARLY, _GOOD, _EVERY = 3, 9, 6
 Fewer take slow tissue for overlay; more hold registration back for longer.
 """
 _FORGET = 0.95
-"""Weight of what was learnt before, at each comparison: of 20. More keeps an overlay that the scanner has moved for
-longer; less makes the mask waver. Not measured.
+"""Weight of what was learnt before, at each comparison: about 20 are remembered. More keeps an overlay that the scanner
+has moved for longer; less makes the mask waver. Not measured.
 """
 _STATIC_SHARE = 0.4
 """Change ÷ usual change below which a pixel is still. More masks tissue that moves little; less leaves text with the
