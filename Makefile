@@ -15,12 +15,12 @@ help: ## list the targets
 demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults, alarm, timeline (under 3 minutes)
 	$(BIN)/probewatch demo
 
-test: lint types contracts quick ## lint, types, import contracts and the quick test suite (about six minutes on two cores)
+test: lint types contracts quick ## lint, types, import contracts and the quick test suite (about four minutes on two cores)
 
 quick: $(VENV)/dev ## the quick test suite alone
 	$(BIN)/pytest -n 2 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb"
 
-thorough: $(VENV)/dev ## heavier tests that CI runs too (two minutes)
+thorough: $(VENV)/dev ## heavier tests that CI runs too (about two minutes)
 	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
 lint: $(VENV)/dev ## ruff: style and formatting
