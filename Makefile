@@ -34,16 +34,16 @@ contracts: $(VENV)/dev ## who may import whom
 	$(BIN)/lint-imports
 
 live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about four minutes)
-	$(BIN)/python -m tests.retried -n 2 -m "live and not slow"
+	$(BIN)/python -m tests.rules.retried -n 2 -m "live and not slow"
 
 mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about eight minutes)
-	$(BIN)/python -m tests.mutation
+	$(BIN)/python -m tests.rules.mutation
 
 pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root)
-	$(BIN)/python -m tests.pythons
+	$(BIN)/python -m tests.rules.pythons
 
 TIMES ?= 50
-repeat: $(VENV)/dev ## one test fifty times: make repeat TEST=tests/test_daemon.py::test_status_tells_everything
+repeat: $(VENV)/dev ## one test fifty times: make repeat TEST=tests/live/test_daemon.py::test_status_tells_everything
 	@failed=0; for i in $$(seq $(TIMES)); do $(BIN)/pytest -q $(TEST) || { failed=$$((failed + 1)); echo "repeat $$i failed"; }; \
 	  done; echo "$$failed of $(TIMES) repeats failed"; [ "$$failed" -eq 0 ]
 
@@ -55,7 +55,7 @@ invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frame
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.invariant $(FRAMES)
 
 docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor
-	$(BIN)/python -m tools.manual
+	$(BIN)/python -m tools.development.manual
 
 bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of the line: tables and results/bench.json
 	$(BIN)/python -m tests.bench
@@ -67,7 +67,7 @@ deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/; SUITE
 	$(BIN)/python systemd/deb/build.py dist $(SUITES)
 
 test-deb: deb ## builds the packages, then looks at what is in them and runs what this machine's Python can
-	$(BIN)/pytest -n 0 -m deb -rs tests/test_deb.py
+	$(BIN)/pytest -n 0 -m deb -rs tests/systemd/test_deb.py
 
 test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, power cuts (root; 13 to 18 minutes)
 	$(BIN)/pytest -vv -n 2 --dist loadfile --no-loadscope-reorder -m "cart and not slow" -rsP --durations=20 tests/cart
@@ -85,9 +85,9 @@ lock: $(VENV)/dev ## resolve the lock files anew from pyproject.toml
 	  --custom-compile-command 'make lock' -c requirements-dev.lock --extra bench pyproject.toml -o requirements-bench.lock
 
 clean: ## remove what the targets made
-	rm -rf $(VENV) $(VENV)-3.* appliance/core/picture/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-3.* appliance/core/registration/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
-COMPILED := $(wildcard appliance/core/picture/*.[ch]) tools/compile_core.py
+COMPILED := $(wildcard appliance/core/registration/*.[ch]) tools/development/compile_core.py
 
 $(VENV)/runtime: requirements.lock pyproject.toml $(COMPILED) | $(VENV)/bin/python
 	$(BIN)/pip install --quiet --require-hashes -r requirements.lock

@@ -1,1 +1,1 @@
-"""What people type: the demo, replay, recalibration and the service command."""
+"""What people type. At this level only the entry point."""

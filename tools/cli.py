@@ -6,9 +6,9 @@ import sys
 import click
 
 from drivers.errors import EXHAUSTED, ProbewatchError
-from tools.lazy_group import LazyGroup
-from tools.plain_text import speak_plainly
-from tools.terminal import guard_terminal
+from tools.shared.lazy_group import LazyGroup
+from tools.shared.plain_text import speak_plainly
+from tools.shared.terminal import guard_terminal
 
 _COMMANDS = {
     "ack": "acknowledge the alarm",
@@ -35,7 +35,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 @click.group(
     cls=LazyGroup,
     names=_COMMANDS,
-    prefix="tools.",
+    prefix="tools.commands.",
     heading="Commands",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     short_help="watches whether a tracked ultrasound probe is still calibrated",

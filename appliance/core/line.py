@@ -3,22 +3,22 @@
 Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quality Control, one picture after the other.
 """
 
-from appliance.core.door import checked_pose, refused_picture
-from appliance.core.evidence import Evidence
+from appliance.core.acquisition.input_validation import checked_pose, refused_picture
+from appliance.core.acquisition.pairing import Pairing, Unpaired
+from appliance.core.acquisition.stamp_gate import Passage, StampGate
+from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.frozen_tracker import FrozenTracker
+from appliance.core.detectors.frozen_video import FrozenVideo
+from appliance.core.detectors.marker_slip import MarkerSlip
+from appliance.core.detectors.no_picture import NoPicture
+from appliance.core.detectors.picture_event import PictureEvent
 from appliance.core.geometry import Array
-from appliance.core.judgement import Judgement, judge
 from appliance.core.motion import analyse, wants_keyframe
-from appliance.core.pairing import Pairing, Unpaired
 from appliance.core.path.window import PathWindow
-from appliance.core.picture.realtime_tracker import RealTimeTracker, Tracked
-from appliance.core.report import LineReport
-from appliance.core.stamp_gate import Passage, StampGate
-from appliance.core.watchers.detector import Detector, Observation
-from appliance.core.watchers.frozen_tracker import FrozenTracker
-from appliance.core.watchers.frozen_video import FrozenVideo
-from appliance.core.watchers.marker_slip import MarkerSlip
-from appliance.core.watchers.no_picture import NoPicture
-from appliance.core.watchers.picture_event import PictureEvent
+from appliance.core.quality.evidence import Evidence
+from appliance.core.quality.judgement import Judgement, judge
+from appliance.core.quality.report import LineReport
+from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Motion, StampedPair, Verdict, VerdictKind
 from drivers.samples import Frame, Matrix4, Pose

@@ -7,7 +7,7 @@ spoiling the sorting: what the tracker alone calls out-of-plane counts for nothi
 import numpy as np
 
 from appliance.core.geometry import Array, inverse, vector_from_rotation
-from appliance.core.picture.realtime_tracker import Tracked
+from appliance.core.registration.realtime_tracker import Tracked
 from appliance.types import Calibration, Motion, MotionKind, StampedPair
 from drivers.samples import Matrix4
 
@@ -31,7 +31,7 @@ registration to the path; less comes near to what the self-check of the Real-tim
 _RENEW_OVERLAP = 0.85
 _RENEW_PX = 60.0
 """Share of the keyframe in view, and way from it, at which it is renewed, for the same reasons: a leap of 70 px is
-still found (tests/test_realtime_tracker.py).
+still found (tests/appliance/core/registration/test_realtime_tracker.py).
 """
 
 

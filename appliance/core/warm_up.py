@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 
-from appliance.core.picture.realtime_tracker import RealTimeTracker
-from appliance.core.watchers.picture_event import PictureEvent
+from appliance.core.detectors.picture_event import PictureEvent
+from appliance.core.registration.realtime_tracker import RealTimeTracker
 from drivers.samples import GreyImage
 
 _FRAME_NS = 33_000_000

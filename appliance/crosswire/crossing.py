@@ -20,7 +20,7 @@ _SMOOTH_PX = 1.5
 """Sigma, before a spot is looked for: a single hot pixel keeps 7 % of its height. More melts near wires into one."""
 _LEAST_CONTRAST_GREY = 60
 """Of the brightest spot over the background. Less takes echoes of the tank for wires: one of 12 dB over the noise is 51
-greys of 60 dB (tests/test_crossing.py); more asks for gain.
+greys of 60 dB (tests/appliance/crosswire/test_crossing.py); more asks for gain.
 """
 _DEPTH_OF_SPOT = 0.25
 """Share of that contrast, from the top, that is the spot. More joins what is beside it; less leaves few pixels for the
@@ -33,10 +33,10 @@ in which dips are looked for.
 _LEAST_AREA_PX = 12
 """Smaller spots are specks, not wires, which are smooth over `_SMOOTH_PX`. Not measured."""
 _LARGEST_SHARE = 0.02
-"""Of the picture: larger is no wire but a wall (tests/test_crossing.py)."""
+"""Of the picture: larger is no wire but a wall (tests/appliance/crosswire/test_crossing.py)."""
 _NOISE_CELL_PX = 9
 """Pixels over which noise is one grain of speckle; more widens sigma. With it the stated sigma is .7 to 1.6 times the
-scatter (tests/test_crossing.py).
+scatter (tests/appliance/crosswire/test_crossing.py).
 """
 _ROUGH_SHARE = 1.2
 """Noise ÷ what of it is rough over 1 px, for noise of the size of speckle: part of it is smooth. See `_NOISE_CELL_PX`.

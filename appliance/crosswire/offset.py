@@ -20,13 +20,13 @@ from drivers.samples import Matrix4
 
 _CUT_SIGMA = 5.0
 """Robust standard deviations beyond which a view is rejected. Less rejects good views, as the scale of few wavers; more
-lets gross errors draw the offset (tests/test_crosswire.py).
+lets gross errors draw the offset (tests/appliance/crosswire/test_offset.py).
 """
 _MEDIAN_OF_CHI3 = 1.5382
 """Of the length of a vector of three unit normal parts: distances ÷ this are standard deviations."""
 _LARGEST_OUTLIER_SHARE = 0.2
 """More is no scan with some bad views but a bad scan: 4 of 20 that agree do not win, 6 of 20 are refused
-(tests/test_crosswire.py).
+(tests/appliance/crosswire/test_offset.py).
 """
 _ROBUST_ROUNDS = 12
 """Of reweighting, each a small fit: it runs once a scan, so more would cost little. Not measured."""

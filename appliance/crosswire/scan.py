@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from appliance.core.acquisition.pairing import Pairing
 from appliance.core.geometry import interpolate
-from appliance.core.pairing import Pairing
 from appliance.crosswire.crossing import Crossing, Drawings, NoCrossing, find_crossing
 from appliance.types import StampedPair, Vector
 from drivers.samples import Frame, Matrix4, Pose

@@ -6,24 +6,14 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Self
 
-from appliance.alarm_chain import Latch
-from appliance.config import Config, load_config
-from appliance.reference import Reference
-from appliance.service.control import ControlRefused, ControlServer
-from appliance.service.device_thread import DeviceThread
-from appliance.service.errands import Errands
-from appliance.service.estimator_host import EstimatorHost
-from appliance.service.log import get_log
-from appliance.service.output_thread import OutputThread
-from appliance.service.overload_watch import OverloadWatch
-from appliance.service.rate_meter import RateMeter
-from appliance.service.recalibration import Recalibration
-from appliance.service.recorder import Recorder
-from appliance.service.references import References
-from appliance.service.reload import reloaded
-from appliance.service.requests import Hands, Requests
-from appliance.service.source_thread import CaptureThread, TrackerThread
-from appliance.service.status import (
+from appliance.configuration.config import Config, load_config
+from appliance.service.control.deadline_worker import DeadlineWorker
+from appliance.service.control.recalibration import Recalibration
+from appliance.service.control.references import References
+from appliance.service.control.reload import reloaded
+from appliance.service.control.requests import Hands, Requests
+from appliance.service.control.server import ControlRefused, ControlServer
+from appliance.service.control.status import (
     alarm_fields,
     audio_fields,
     check_lists,
@@ -33,18 +23,28 @@ from appliance.service.status import (
     output_fields,
     reference_fields,
 )
-from appliance.service.systemd_notify import Notifier
-from appliance.service.tick_meter import TickMeter
-from appliance.service.wall_clock import WallClock
+from appliance.service.devices.device_thread import DeviceThread
+from appliance.service.devices.output_thread import OutputThread
+from appliance.service.devices.rate_meter import RateMeter
+from appliance.service.devices.source_thread import CaptureThread, TrackerThread
+from appliance.service.estimator.process_host import EstimatorHost
+from appliance.service.host.log import get_log
+from appliance.service.host.overload_watch import OverloadWatch
+from appliance.service.host.recorder import Recorder
+from appliance.service.host.systemd_notify import Notifier
+from appliance.service.host.tick_meter import TickMeter
+from appliance.service.host.wall_clock import WallClock
+from appliance.storage.alarm_chain import Latch
+from appliance.storage.reference import Reference
 from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.supervisor import LATCHED, TICK_NS, Inputs, Request, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts
 from appliance.types import AlarmState, Check, State, Verdict
+from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError
-from drivers.hosttime import HostClock
-from drivers.ports import open_output, open_tracker, open_video
+from drivers.registry import open_output, open_tracker, open_video
 
 _SOONEST_NS = 10_000_000
 """Between two ticks, however often the estimator speaks. Longer keeps a verdict waiting, which is part of the delay of
@@ -76,13 +76,13 @@ class Daemon:
         self._supervisor = _supervisor(config, self._recorder.latch)
         self._annunciator = Annunciator()
         self._estimator, self._references = estimator, references
-        self._errands = Errands()
+        self._worker = DeadlineWorker()
         self._recalibration = Recalibration(
             self._supervisor,
             estimator,
             references,
             self._ask,
-            self._errands,
+            self._worker,
             limits=lambda: self._config.limits,
             took=self._note_reference,
         )
@@ -182,7 +182,7 @@ class Daemon:
             reload=self._reload,
             recalibration=self._recalibration,
             annunciator=self._annunciator,
-            errands=self._errands,
+            worker=self._worker,
             now_ns=lambda: self._now_ns,
             note=self._note,
         )
@@ -206,7 +206,7 @@ class Daemon:
 
     def _reload(self) -> None:
         """Raises ControlRefused, ConfigurationError; then nothing has changed."""
-        written = self._errands.run(str(self._config_file), lambda: load_config(self._config_file))
+        written = self._worker.run(str(self._config_file), lambda: load_config(self._config_file))
         before, self._config = self._config, reloaded(self._config, written)
         self._references.look_again()
         self._supervisor.retime(self._config.supervisor.durations())

@@ -3,10 +3,10 @@
 import threading
 from pathlib import Path
 
-from appliance.config import is_configured
-from appliance.service.log import get_log
-from appliance.service.refusal import leave
-from appliance.service.systemd_notify import Notifier
+from appliance.configuration.config import is_configured
+from appliance.service.control.refusal import leave
+from appliance.service.host.log import get_log
+from appliance.service.host.systemd_notify import Notifier
 from drivers.errors import ConfigurationError
 
 _LOOK_AGAIN_S = 1.0

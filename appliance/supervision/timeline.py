@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 
-from appliance.core.report import Change
+from appliance.core.quality.report import Change
 from appliance.limits import Limits
 from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
 from appliance.supervision.watchers.devices import watch_devices

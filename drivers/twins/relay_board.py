@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 from threading import Event
 
-from drivers.hosttime import HostClock
-from drivers.relay import BAUD, COMMAND_BYTES, START, STATUS_QUERY
-from drivers.twins.ptyline import IDLE_S, PtyLine
+from drivers.clock.host_clock import HostClock
+from drivers.outputs.relay import BAUD, COMMAND_BYTES, START, STATUS_QUERY
+from drivers.twins.pty_line import IDLE_S, PtyLine
 
 
 class RelayBoard:

@@ -15,13 +15,13 @@ from typing import Self
 
 import cv2
 
-from drivers.hosttime import HostClock
+from drivers.clock.host_clock import HostClock
 from drivers.samples import GreyImage
-from drivers.sim import pack_frame
-from drivers.twins.control import FaultControl
+from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import FUTURE_S, PICTURE_FAULTS, blank_image
-from drivers.twins.trajectory import PROGRAMS
-from drivers.twins.world import SCENES, World, WorldSettings
+from drivers.twins.scene.trajectory import PROGRAMS
+from drivers.twins.scene.world import SCENES, World, WorldSettings
+from drivers.video.sim import pack_frame
 
 _STAMP_ERR_NS = 1_000_000
 """Bound that the frames state. Their times are exact; it stands for what a grabber does not know of them."""

@@ -1,1 +1,1 @@
-"""The measuring bench: registration against its peers and its bounds, the self-check, and the cost of the line."""
+"""The measuring bench: registration against its peers and bounds, the cost of the line, the delay of the contact."""

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.picture.pyramid import pyramid
-from appliance.core.picture.registration import Keyframe
+from appliance.core.registration.keyframe import Keyframe
+from appliance.core.registration.pyramid import pyramid
 from tests.bench.peers import PEERS, Method, accurate, cold, kept
 from tests.bench.scenes import CHANGED, CLEAN, Pair, Scene, pairs
-from tests.rendered import Warp, rms_px
+from tests.support.rendered import Warp, rms_px
 
 FAILED_PX = 2.0
 COLD, KEPT, ACCURATE = "ours, cold", "ours, keyframe", "ours, accurate"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from appliance.core.geometry import Array
 from tests.bench.scenes import PLAIN
-from tests.rendered import moved, world
+from tests.support.rendered import moved, world
 
 WINDOW_PX = 64
 _TISSUES = (1, 2, 3, 4)

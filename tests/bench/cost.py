@@ -6,12 +6,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from appliance.calibration_file import calibration_from_image_to_probe
 from appliance.core.line import Line
 from appliance.limits import Limits
+from appliance.storage.calibration_file import calibration_from_image_to_probe
 from drivers.samples import Frame
-from drivers.twins.world import World, WorldSettings
-from tests.sessions import session
+from drivers.twins.scene.world import World, WorldSettings
+from tests.support.sessions import session
 
 _SECONDS, _SETTLED = 14.0, 330
 FULL_HD = (1920, 1080)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.geometry import Array
-from appliance.core.picture.pyramid import centre_px
+from appliance.core.registration.pyramid import centre_px
 from tests.bench.bounds import WINDOW_PX, coherence, spectra
 from tests.bench.scenes import Scene, pairs
-from tests.rendered import Warp, rms_px
+from tests.support.rendered import Warp, rms_px
 
 _ROUNDS = 3
 _ACROSS = 2 * np.pi * np.fft.fftfreq(WINDOW_PX)

@@ -13,11 +13,11 @@ import numpy as np
 import SimpleITK as sitk  # noqa: N813
 from pystackreg import StackReg
 
-from appliance.core.picture.pyramid import centre_px, pyramid
-from appliance.core.picture.registration import Keyframe
+from appliance.core.registration.keyframe import Keyframe
+from appliance.core.registration.pyramid import centre_px, pyramid
 from drivers.samples import GreyImage
 from tests.bench.scenes import Bits
-from tests.rendered import Warp
+from tests.support.rendered import Warp
 
 BOTH = cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT
 COARSE, FINE = (BOTH, 50, 1e-3), (BOTH, 50, 1e-6)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.samples import GreyImage
-from drivers.twins.world import WorldSettings
-from tests.rendered import Warp, learnt_mask, moved, true_motion, world
+from drivers.twins.scene.world import WorldSettings
+from tests.support.rendered import Warp, learnt_mask, moved, true_motion, world
 
 Bits = NDArray[np.bool_]
 

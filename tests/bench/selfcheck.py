@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.picture.realtime_tracker import acceptable
-from appliance.core.picture.registration import Keyframe
+from appliance.core.registration.keyframe import Keyframe
+from appliance.core.registration.realtime_tracker import acceptable
 from tests.bench.scenes import SCREEN
-from tests.rendered import aspect, learnt_mask, levels, moved, rms_px, true_motion, world
+from tests.support.rendered import aspect, learnt_mask, levels, moved, rms_px, true_motion, world
 
 _GOOD_PX = 1.0
 

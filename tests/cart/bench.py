@@ -10,12 +10,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from appliance.calibration_file import calibration_from_image_to_probe, write_calibration
-from drivers.twins.rom import make_rom
-from drivers.twins.world import World
+from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from drivers.twins.ndi.tool_definitions import make_rom
+from drivers.twins.scene.world import World
 from tests.cart.guest import Ended
-from tests.polling import until
-from tools.simulated_cart import TWINS
+from tests.support.polling import until
+from tools.simulators.whole_cart import TWINS
 
 UNIT = "probewatch.service"
 CONFIG = "/etc/probewatch/probewatch.toml"

@@ -5,7 +5,7 @@ import time
 
 from tests.cart.bench import SEED, UNIT, configure, show, wait_status
 from tests.cart.container import Container
-from tests.polling import until
+from tests.support.polling import until
 
 PLACE = "/run/cart"
 PYTHON = "/opt/probewatch/bin/python3"

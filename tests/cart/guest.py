@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from tests.cart.image import Image, alone, run
-from tests.polling import until
+from tests.support.polling import until
 
 BOOT_S, EXEC_S = 240.0, 120.0
 MEMORY_MIB = 2048

@@ -7,7 +7,7 @@ from tests.cart.bench import UNIT, Machine, configure, gpio, journal, show, wait
 from tests.cart.cart_in_container import URLS, start_twins
 from tests.cart.container import Container
 from tests.cart.guest import Guest
-from tests.polling import until
+from tests.support.polling import until
 
 OWN_S, VERDICT_S = 15.0, 60.0
 """Of the start itself at full speed, and until the line has a verdict; a quiet host takes about a third."""

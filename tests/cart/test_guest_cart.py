@@ -23,7 +23,7 @@ from tests.cart.bench import (
     wait_status,
 )
 from tests.cart.guest import PYTHON, SCRIPTS, Guest, Ports
-from tests.polling import until
+from tests.support.polling import until
 
 FASTEST, SLOWEST = 0.06, 0.02
 """Seconds of the cart in a second."""

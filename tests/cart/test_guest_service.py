@@ -28,7 +28,7 @@ from tests.cart.bench import (
 )
 from tests.cart.guest import PYTHON, SCRIPTS, Guest, Ports
 from tests.cart.image import Image
-from tests.polling import until
+from tests.support.polling import until
 
 START_S, BACK_S = 150.0, 60.0
 WATCHDOG_S = 5.0

@@ -5,7 +5,7 @@ import time
 
 from tests.cart.bench import CONFIG, UNIT, journal, show, wait_status
 from tests.cart.container import Container
-from tests.polling import until
+from tests.support.polling import until
 
 PACKAGE = "/probewatch.deb"
 

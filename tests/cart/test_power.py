@@ -7,11 +7,11 @@ import time
 import tomllib
 from pathlib import Path
 
-from appliance.alarm_chain import Reading, read_log
-from appliance.calibration_file import read_calibration
+from appliance.storage.alarm_chain import Reading, read_log
+from appliance.storage.calibration_file import read_calibration
 from tests.cart.guest import PYTHON, SCRIPTS, Guest
 from tests.cart.image import run
-from tests.polling import until
+from tests.support.polling import until
 
 CUTS, WRITING = 20, "writing"
 STATE = "/var/lib/probewatch"

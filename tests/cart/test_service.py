@@ -12,7 +12,7 @@ from tests.cart.bench import UNIT, journal, show, wait_status
 from tests.cart.cart_in_container import await_contact, contact, main_pid, start_service, start_twins
 from tests.cart.container import Container
 from tests.cart.image import Image, run
-from tests.polling import until
+from tests.support.polling import until
 
 STATE = "/var/lib/probewatch"
 WATCHDOG_S = 5.0

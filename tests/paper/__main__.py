@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from rich.progress import Progress
 
-from tests.paper import figure4, plots, solvers, table1
+from tests.paper import comparison, figure4, plots, table1
 
 RESULTS = Path("results/paper")
 PAGE = Path("docs/paper.md")
@@ -37,7 +37,7 @@ def main() -> None:
                 found.setdefault((noise, name), []).append(curve)
                 progress.advance(task)
         scores = []
-        for score in solvers.scores():
+        for score in comparison.scores():
             scores.append(score)
             progress.advance(task)
     _write_table_1(rows)
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def _steps(runs: int) -> int:
-    return 5 + runs * (2 * len(figure4.STEPS) + 1) + len(solvers.NOISES_MM) * (len(solvers.METHODS) + 1)
+    return 5 + runs * (2 * len(figure4.STEPS) + 1) + len(comparison.NOISES_MM) * (len(comparison.METHODS) + 1)
 
 
 def _write_table_1(rows: list[table1.Row]) -> None:
@@ -73,14 +73,14 @@ def _write_figure_4(found: dict[tuple[float, str], list[np.ndarray]]) -> None:
                     out.writerow([noise, name, number, frames, *np.round(scale, 5)])
 
 
-def _write_solvers(scores: list[solvers.Score]) -> None:
+def _write_solvers(scores: list[comparison.Score]) -> None:
     with (RESULTS / "solvers.csv").open("w", newline="") as stream:
         out = csv.writer(stream)
-        out.writerow([field.name for field in fields(solvers.Score)])
+        out.writerow([field.name for field in fields(comparison.Score)])
         out.writerows([score.noise_mm, score.method, *np.round(astuple(score)[2:], 4)] for score in scores)
 
 
-def _solvers(scores: list[solvers.Score]) -> str:
+def _solvers(scores: list[comparison.Score]) -> str:
     lines = ["| tracker, method | bias / σ | scales, RMS % | rotation, RMS ° |", "|---|---|---|---|"]
     for s in scores:
         bias = f"{s.bias:.2f}" if np.isfinite(s.bias) else "–"

@@ -4,8 +4,8 @@ import numpy as np
 
 from appliance.core.handeye.motions import Motions
 from appliance.core.path.samples import PathSamples
-from appliance.core.picture.pyramid import pyramid
-from appliance.core.picture.registration import Keyframe, compose
+from appliance.core.registration.keyframe import Keyframe, compose
+from appliance.core.registration.pyramid import pyramid
 from tests.paper.sweeps import FPS, SCALE, Sweep
 
 ASPECT = float(SCALE[1] / SCALE[0])

@@ -8,7 +8,7 @@ import numpy as np
 
 from appliance.core.geometry import Array, rigid, rotation_from_vector
 from drivers.samples import GreyImage
-from drivers.twins.world import World, WorldSettings
+from drivers.twins.scene.world import World, WorldSettings
 
 FPS = 33.0
 SPEED_MM_PER_S = 3.0

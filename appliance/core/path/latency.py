@@ -32,7 +32,7 @@ they disagree by goes into sigma. Not varied by themselves.
 """
 _LEAST = 12
 """Pictures, poses, and steps of one length: twice the parameters that are fitted to them. At 30 Hz, .3 s are too few
-(tests/test_latency.py).
+(tests/appliance/core/path/test_latency.py).
 """
 _LEAST_DEPTH = 5.0
 """By how much, in log likelihood, the best lag must beat the usual one. Less takes chance for a lag, more leaves it
@@ -40,7 +40,7 @@ unknown in slow sweeps. Not measured.
 """
 _MEMORY_S = 0.35
 """Steps that begin nearer to one another say the same. More widens sigma; with this it covers the error in 95 % of runs
-(tests/test_latency.py).
+(tests/appliance/core/path/test_latency.py).
 """
 _MAP_PARAMETERS = 6
 """Of the 2 × 3 map."""

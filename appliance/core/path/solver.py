@@ -25,11 +25,11 @@ _NOISE_ROUNDS = 5
 """Most rounds of noise and solution; each costs a whitening. Where they do not settle, the likeliest counts."""
 _HUBER = 2.0
 """Standard deviations from which an innovation counts less. More lets outliers draw X, less wastes good pictures; heavy
-tails break the promised false alarms without it (mathematics, section 5; tests/test_solver.py).
+tails break the promised false alarms without it (mathematics, section 5; tests/appliance/core/path/test_solver.py).
 """
 _LEAST_SPREAD = 0.7
 """The covariance shrinks to no less where innovations are smaller than the noise says: a few pictures fit by chance.
-With it the stated sigmas cover the truth (tests/test_solver.py).
+With it the stated sigmas cover the truth (tests/appliance/core/path/test_solver.py).
 """
 _HUBER_SHARE = 0.954
 """What the weights leave of the mean square of unit normal innovations: the probability of one within `_HUBER`."""

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from appliance.core.acquisition.pairing import MOST_APART_NS
 from appliance.core.geometry import Array, ComplexArray, inverse, quaternion_from_rotation, rigid
-from appliance.core.pairing import MOST_APART_NS
 from appliance.core.path.latency import Latency, estimate_latency
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.steps import predicted_path
@@ -103,8 +103,8 @@ class PoseTrack:
 class PathWindow:
     """Registered pictures of the last `span_ns` and the poses around them.
 
-    span_ns: half a minute shows the whole offset (tests/test_line.py); more costs memory, and time where all of it
-    is solved (`Evidence.final`).
+    span_ns: half a minute shows the whole offset (tests/appliance/core/test_line.py); more costs memory, and time where
+    all of it is solved (`Evidence.final`).
     """
 
     def __init__(self, reference: Calibration, span_ns: int = 30_000_000_000) -> None:

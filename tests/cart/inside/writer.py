@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.alarm_chain import Latch
-from appliance.alarm_log import AlarmLog
-from appliance.calibration_file import calibration_from_image_to_probe, write_calibration
+from appliance.storage.alarm_chain import Latch
+from appliance.storage.alarm_log import AlarmLog
+from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
 
 
 def main(folder: Path, port: str) -> None:

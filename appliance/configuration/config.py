@@ -1,0 +1,234 @@
+"""The configuration file: read once, whole, and refused by line, key, value and bound when it cannot be meant."""
+
+import hashlib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic_core import PydanticCustomError
+
+from appliance.configuration.mistakes import Mistakes
+from appliance.limits import Limits
+from appliance.supervision.annunciator import Role
+from appliance.supervision.ledger import Durations
+from appliance.supervision.watchers.facts import Patience
+from drivers.errors import ConfigurationError
+from drivers.files.markup import toml_of
+from drivers.files.regular_file import read_bounded
+from drivers.registry import checked_url, is_simulated
+
+_MOST_BYTES = 64_000
+"""The commented example has 3000."""
+
+
+_EXAMPLE = "config/probewatch.toml shows every key"
+_LONGEST_SOCKET_BYTES = 100
+"""The kernel takes 107."""
+
+
+def _refused(what: str) -> PydanticCustomError:
+    return PydanticCustomError("refused", "{what}", {"what": what})
+
+
+def _url(kind: str) -> AfterValidator:
+    """Raises what pydantic collects for a URL that can never be opened as this kind."""
+
+    def check(url: str) -> str:
+        _refuse_controls(url)
+        try:
+            return checked_url(url, kind)
+        except ConfigurationError as error:
+            raise _refused(f"{error.what}. {error.remedy}") from None
+
+    return AfterValidator(check)
+
+
+def _watched(outputs: "tuple[Output, ...]") -> "tuple[Output, ...]":
+    urls = [output.url for output in outputs]
+    doubled = next((url for url in urls if urls.count(url) > 1), None)
+    if doubled is not None:
+        raise _refused(f"two outputs share one contact, url = '{doubled}'. Give each its own channel or line")
+    if all(output.signal is not Role.CONTACT for output in outputs):
+        raise _refused("no output has signal = 'contact'. Without one nobody hears of a fault; add it")
+    return outputs
+
+
+def _bindable(socket: Path) -> Path:
+    if len(str(socket).encode(errors="surrogateescape")) > _LONGEST_SOCKET_BYTES:
+        raise _refused("the path is longer than 100 bytes. Choose a shorter path, such as in /run")
+    return socket
+
+
+_Side = Annotated[int, Field(ge=16, le=16_384)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+def _refuse_controls(value: str | Path) -> str | Path:
+    if not str(value).isprintable():
+        raise _refused("a control character is in it, such as a NUL or a line break. Type it anew")
+    return value
+
+
+_Place = Annotated[Path, Field(strict=False), AfterValidator(_refuse_controls)]
+
+
+class Video(_Section):
+    """The scanner's picture by its URL."""
+
+    url: Annotated[str, _url("video")]
+
+
+class Tracker(_Section):
+    """The tracker by its URL."""
+
+    url: Annotated[str, _url("tracker")]
+
+
+class Output(_Section):
+    """One alarm output by its URL and what it shows; see appliance.supervision.annunciator.Role."""
+
+    url: Annotated[str, _url("output")]
+    signal: Role = Field(default=Role.CONTACT, strict=False)
+
+
+class CalibrationPlace(_Section):
+    """Where the first reference lies; a relative path counts from the folder of the configuration file.
+
+    image_size_px: (width, height) of the pictures, where the file does not state it. probe: whose transform of a PLUS
+    device set it is.
+    """
+
+    file: _Place
+    image_size_px: Annotated[tuple[_Side, _Side], Field(strict=False)] | None = None
+    probe: str = Field(default="Probe", min_length=1)
+
+
+class SupervisorTimes(_Section):
+    """Durations of the supervisor's table and of the device watchers, in the unit that ends each name."""
+
+    gross_halt_after_s: float = Field(default=0.3, ge=0, le=10)
+    halt_after_s: float = Field(default=1.0, ge=0, le=10)
+    recalibrate_after_s: float = Field(default=2.0, ge=0, le=60)
+    device_lost_after_s: float = Field(default=1.0, ge=0, le=10)
+    probation_s: float = Field(default=1.0, ge=0.1, le=30)
+    max_verification_age_s: float = Field(default=30.0, ge=1, le=600)
+    self_test_s: float = Field(default=20.0, ge=1, le=120)
+    starting_s: float = Field(default=10.0, ge=1, le=120)
+    video_silence_ms: float = Field(default=500, ge=100, le=5000)
+    tracker_silence_ms: float = Field(default=500, ge=100, le=5000)
+    tracker_stale_ms: float = Field(default=500, ge=50, le=5000)
+    estimator_silence_ms: float = Field(default=1000, ge=300, le=5000)
+    output_silence_ms: float = Field(default=500, ge=200, le=5000)
+    unseen_s: float = Field(default=3.0, ge=0.5, le=60)
+
+    def durations(self) -> Durations:
+        return Durations(
+            gross_halt_after_ns=_ns(self.gross_halt_after_s),
+            halt_after_ns=_ns(self.halt_after_s),
+            recalibrate_after_ns=_ns(self.recalibrate_after_s),
+            device_lost_after_ns=_ns(self.device_lost_after_s),
+            probation_ns=_ns(self.probation_s),
+            max_verification_age_ns=_ns(self.max_verification_age_s),
+            self_test_ns=_ns(self.self_test_s),
+            starting_ns=_ns(self.starting_s),
+        )
+
+    def patience(self) -> Patience:
+        return Patience(
+            video_ns=_ns(self.video_silence_ms / 1e3),
+            tracker_ns=_ns(self.tracker_silence_ms / 1e3),
+            stale_ns=_ns(self.tracker_stale_ms / 1e3),
+            unseen_ns=_ns(self.unseen_s),
+            estimator_ns=_ns(self.estimator_silence_ms / 1e3),
+            output_ns=_ns(self.output_silence_ms / 1e3),
+        )
+
+
+class Control(_Section):
+    """The Unix socket through which tools speak to the service; its path is bounded by the kernel."""
+
+    socket: Annotated[_Place, AfterValidator(_bindable)] = Path("/run/probewatch/control")
+    group: str = ""
+
+
+class Alarm(_Section):
+    """How the operator is spoken to, and the folder of the alarm log, which must outlive a power cut."""
+
+    language: Literal["en", "de"] = "en"
+    folder: _Place = Path("/var/lib/probewatch")
+
+
+class Log(_Section):
+    """How much is logged to stderr."""
+
+    level: Literal["debug", "info", "warning", "error"] = "info"
+
+
+class Config(_Section):
+    """The whole file. configured: False until a person has adapted it. output holds one or more alarm outputs."""
+
+    configured: bool = True
+    video: Video
+    tracker: Tracker
+    output: Annotated[tuple[Output, ...], Field(min_length=1, max_length=8, strict=False), AfterValidator(_watched)]
+    calibration: CalibrationPlace
+    limits: Limits = Limits()
+    supervisor: SupervisorTimes = SupervisorTimes()
+    control: Control = Control()
+    alarm: Alarm = Alarm()
+    log: Log = Log()
+
+    _sha256: str = PrivateAttr(default="")
+
+    @property
+    def sha256(self) -> str:
+        """Of the file's content, in hexadecimal; empty where there was no file."""
+        return self._sha256
+
+    @property
+    def simulated(self) -> tuple[str, ...]:
+        """URLs of the sources that are no real device; with none of them it is a real cart."""
+        return tuple(device.url for device in (self.video, self.tracker) if is_simulated(device.url))
+
+
+def load_config(path: Path) -> Config:
+    """Raises ConfigurationError, and its kind Mistakes, naming file, line, key, value, bound and what to do."""
+    text = _text(path)
+    values = _parsed(text, path)
+    try:
+        config = Config.model_validate(values)
+    except ValidationError as error:
+        raise Mistakes.found(error, Config, text, path, f"Mend it; {_EXAMPLE}") from None
+    config._sha256 = hashlib.sha256(text.encode()).hexdigest()
+    place = config.calibration.model_copy(update={"file": path.parent / config.calibration.file})
+    alarm = config.alarm.model_copy(update={"folder": path.parent / config.alarm.folder})
+    return config.model_copy(update={"calibration": place, "alarm": alarm})
+
+
+def is_configured(path: Path) -> bool:
+    """Whether a person has adapted the file; one without the key counts as adapted. Raises ConfigurationError."""
+    return _parsed(_text(path), path).get("configured", True) is not False
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_bounded(path, _MOST_BYTES).decode()
+    except OSError as error:
+        what = f"cannot be read ({error.strerror})"
+        raise ConfigurationError(what, str(path), "Check the path and its rights") from None
+    except UnicodeDecodeError:
+        raise ConfigurationError("is not UTF-8 text", str(path), "Save it as UTF-8") from None
+
+
+def _parsed(text: str, path: Path) -> dict[str, Any]:
+    try:
+        return toml_of(text.encode(), _MOST_BYTES)
+    except ValueError as error:
+        raise ConfigurationError(f"is not valid TOML: {error}", str(path), f"Mend that line; {_EXAMPLE}") from None

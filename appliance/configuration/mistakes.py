@@ -1,0 +1,133 @@
+"""What is wrong in a TOML file, mistake by mistake: in which line, which key, its value, its bound, what was meant."""
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Self, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from appliance.configuration.toml_lines import Place, key_lines, line_of
+from drivers.errors import ConfigurationError
+
+_IN_ONE_LINE = 8
+"""Mistakes that a refusal in one line tells; `probewatch check` lists them all."""
+_LONGEST_VALUE = 80
+"""Characters of a wrong value that are told: a line of a terminal. More hides the key and the bound beside it."""
+_WORDS = {
+    "model_type": "must be a section, written {section}",
+    "dict_type": "must be a section, written {section}",
+    "tuple_type": "must be a list of sections, each written [{section}]",
+    "string_type": "must be text in quotes",
+    "path_type": "must be the name of a file in quotes",
+    "bool_type": "must be true or false",
+}
+"""Where pydantic's own words are about Python."""
+_MOST = 100
+"""Mistakes that are looked at: comparing thousands of keys with what is known would hold a start up for seconds."""
+_TOP = ", it belongs in a section of its own"
+
+
+class Mistakes(ConfigurationError):  # noqa: N818  as people call them
+    """Of one file. each: (line or None, what is wrong), in the order of the file."""
+
+    def __init__(self, path: Path, each: Sequence[tuple[int | None, str]], remedy: str) -> None:
+        self.path, self.each = path, tuple(each)
+        told = [f"line {line}: {what}" if line else what for line, what in self.each[:_IN_ONE_LINE]]
+        left = len(self.each) - len(told)
+        super().__init__("; ".join([*told, f"and {left} more"] if left else told), str(path), remedy)
+
+    @classmethod
+    def found(cls, error: ValidationError, model: type[BaseModel], text: str, path: Path, remedy: str) -> Self:
+        """One for each that a person made. model: of the whole file. text: what is in it."""
+        lines = key_lines(text)
+        items = _without_consequences(error.errors(include_url=False)[:_MOST], model)
+        each = [(line_of(item["loc"], lines), _told(item, model)) for item in items]
+        return cls(path, sorted(each, key=lambda one: one[0] or 0), remedy)
+
+    def rows(self) -> list[str]:
+        """A line for each, as compilers write them."""
+        return [f"{self.path}:{line}: {what}" if line else f"{self.path}: {what}" for line, what in self.each]
+
+
+def _without_consequences(items: list[ErrorDetails], model: type[BaseModel]) -> list[ErrorDetails]:
+    """A misspelt or misplaced key is missing where it was meant; a list without its bad entries may be too short."""
+    unknown = [item["loc"] for item in items if item["type"] == "extra_forbidden"]
+    meant = {(*place[:-1], _meant(place, model)) for place in unknown}
+    meant |= {(place[-1],) for place in unknown}
+    return [
+        item
+        for item in items
+        if not (item["type"] == "missing" and item["loc"] in meant)
+        and not (item["type"] == "too_short" and any(_lies_in(other["loc"], item["loc"]) for other in items))
+    ]
+
+
+def _lies_in(place: Place, around: Place) -> bool:
+    return len(place) > len(around) and place[: len(around)] == around
+
+
+def _told(item: ErrorDetails, model: type[BaseModel]) -> str:
+    place, kind, message = item["loc"], item["type"], item["msg"]
+    if kind == "missing":
+        return f"{_key(place)} is missing"
+    if kind == "extra_forbidden":
+        return f"{_key(place)} is not known{_advice(place, model)}"
+    if kind in _WORDS:
+        message = _WORDS[kind].format(section=_section(place))
+    value = item["input"]
+    shown = "" if not place or isinstance(value, dict | list) else f" = {_short(value)}"
+    return f"{_key(place)}{shown}: {message[0].lower()}{message[1:]}".removeprefix(": ")
+
+
+def _short(value: Any) -> str:
+    shown = repr(value).lower() if isinstance(value, bool) else repr(value)
+    return shown if len(shown) <= _LONGEST_VALUE else f"{shown[:_LONGEST_VALUE]}…"
+
+
+def _section(place: Place) -> str:
+    """As its header is written."""
+    name = ".".join(part for part in place if isinstance(part, str))
+    return f"[[{name}]]" if isinstance(place[-1], int) else f"[{name}]"
+
+
+def _key(place: Place) -> str:
+    """[section] key, as it stands in the file; entries of lists are counted from 1. Empty for the whole file."""
+    if not place:
+        return ""
+    first, *rest = place
+    in_section = any(isinstance(part, str) for part in rest)
+    names = [f"entry {part + 1}" if isinstance(part, int) else part for part in rest]
+    return " ".join([f"[{first}]" if in_section else f"'{first}'", *names])
+
+
+def _advice(place: Place, model: type[BaseModel]) -> str:
+    close = _meant(place, model)
+    if close is not None:
+        return f", did you mean '{close}'?"
+    if place[-1] in model.model_fields:
+        return ", it belongs before the first section" if _model_of(model, str(place[-1])) is None else _TOP
+    elsewhere = [name for name in model.model_fields if place[-1] in _known((name,), model)]
+    if elsewhere:
+        return f", it belongs in [{elsewhere[0]}]"
+    return f" (known: {', '.join(_known(place[:-1], model))})"
+
+
+def _meant(place: Place, model: type[BaseModel]) -> str | None:
+    return next(iter(difflib.get_close_matches(str(place[-1]), _known(place[:-1], model), n=1, cutoff=0.5)), None)
+
+
+def _known(section: Place, model: type[BaseModel]) -> list[str]:
+    """Keys of a section; empty for what is none."""
+    here: type[BaseModel] | None = model
+    for part in section:
+        if isinstance(part, str) and here is not None:
+            here = _model_of(here, part)
+    return [] if here is None else list(here.model_fields)
+
+
+def _model_of(model: type[BaseModel], name: str) -> type[BaseModel] | None:
+    kind = model.model_fields[name].annotation if name in model.model_fields else None
+    kinds = (one for one in (kind, *get_args(kind)) if isinstance(one, type) and issubclass(one, BaseModel))
+    return next(kinds, None)

@@ -1,0 +1,1 @@
+"""What enters the line: samples fit to compute with, each frame with the pose of its own time. Pure."""

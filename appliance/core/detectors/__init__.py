@@ -1,0 +1,1 @@
+"""One detector a file: what of the picture, the tracker and the calibration may be wrong. Pure."""

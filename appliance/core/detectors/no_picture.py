@@ -1,0 +1,72 @@
+"""A live picture shows tissue: speckle, or echoes in water. Black, noise, test cards, menus and desktops do not."""
+
+from itertools import cycle
+from math import exp
+
+from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.registration.texture import Texture, TextureReader
+from appliance.types import Check, VerdictKind
+from drivers.samples import GreyImage
+
+_LEAST_ROWS = 200
+"""Smaller pictures are not asked for speckle, which is 1 or 2 px wide in them: at 120 rows one tissue picture in six is
+taken for none (tests/appliance/core/detectors/test_no_picture.py). No scanner's video is that small."""
+_LIMIT_NS = 500_000_000
+"""Without steady tissue. Longer, the hazard is named later than within a second; shorter, a cough is an alarm."""
+_MEMORY_NS, _STEADY = 250_000_000, 0.75
+"""Tissue is steady while its recent share, weighted by exp(−age ÷ memory), is above this: back 0.35 s after nothing,
+gone after 0.07 s. Every second picture blank is no steady tissue, every seventh or rarer is; what lies between depends
+on the rate. A longer memory tells better, and is slower to take tissue back."""
+_SHORTEST_NS, _LONGEST_NS = 20_000_000, 250_000_000
+"""What one picture may stand for. The longest keeps a pause, which is another detector's, out of the account; the
+shortest goes to pictures without tissue whose stamps do not advance, so that such a stream fails as well."""
+_FAST_NS, _IN_TURN = 45_000_000, (2, 3)
+"""Of video faster than this every second and every third picture in turn is judged, to spare the processor; equal steps
+could see only one kind of a flicker. The judgement stands until the next."""
+
+
+class NoPicture(Detector):
+    """Counts for how long tissue has not been seen steadily.
+
+    texture: of the latest picture that was judged, None before the first.
+    """
+
+    def __init__(self) -> None:
+        self._before_ns: int | None = None
+        self._reader = TextureReader()
+        self._turns = cycle(_IN_TURN)
+        self._passed_over = 0
+        self._recent = 0.0
+        self._without_ns = 0
+        self.texture: Texture | None = None
+
+    def see(self, seen: Observation) -> bool:
+        """See Detector."""
+        if seen.image.shape[0] >= _LEAST_ROWS:
+            self.step(seen.t_ns, seen.image)
+        return False
+
+    def checks(self) -> tuple[Check, ...]:
+        """Time without steady tissue, ms; none where no picture was judged."""
+        if self.texture is None:
+            return ()
+        verdict = VerdictKind.NOT_VERIFIED if self._without_ns > _LIMIT_NS else VerdictKind.OK
+        return (Check("no-picture", "no-picture", self._without_ns / 1e6, 0.0, "ms", _LIMIT_NS / 1e6, verdict),)
+
+    def step(self, t_ns: int, image: GreyImage) -> Check:
+        """Take the next picture, (h, w) uint8, of t_ns; returns the one check."""
+        since_ns = 0 if self._before_ns is None else t_ns - self._before_ns
+        self._before_ns = t_ns
+        seen = self._judged(since_ns, image).tissue >= 1
+        # A stamp that has not advanced says nothing good.
+        for_ns = min(max(since_ns, 0 if seen else _SHORTEST_NS), _LONGEST_NS)
+        self._recent = seen + (self._recent - seen) * exp(-for_ns / _MEMORY_NS)
+        self._without_ns = 0 if self._recent > _STEADY else self._without_ns + for_ns
+        return self.checks()[0]
+
+    def _judged(self, since_ns: int, image: GreyImage) -> Texture:
+        self._passed_over -= 1
+        if self.texture is None or self._passed_over <= 0 or since_ns >= _FAST_NS:
+            self.texture = self._reader.read(image)
+            self._passed_over = next(self._turns)
+        return self.texture

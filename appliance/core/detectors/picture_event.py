@@ -1,0 +1,161 @@
+"""Sees the picture's geometry change between two frames: a flip or a new depth needs no motion to be seen.
+
+Between successive live frames the picture hardly changes. Where it suddenly does, and the frame before explains it once
+it is mirrored or zoomed, the operator (or the frame grabber) has changed the geometry that the calibration was made
+for.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import log
+
+import cv2
+import numpy as np
+
+from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.polarity import MOST_FLIPPED
+from appliance.core.registration.pyramid import Array32
+from appliance.types import Check, VerdictKind
+from drivers.samples import GreyImage
+
+_SMALL_PX = 160
+"""Columns in which pictures are compared. More asks for a zoom that is nearer and costs time for each that is tried;
+fewer leave too little speckle to tell a mirrored picture from another.
+"""
+_SHADE_PX = 5.0
+"""Sigma of what counts as shade, px of the small picture: wider than its speckle. More lets a bright half match any."""
+_LEAST_LIKENESS, _BETTER_BY = 0.55, 0.25
+"""Correlation of the changed picture, and how much more than that of the unchanged one, also where a fast hand moved
+it. Less explains a new scene as a flip or zoom; more misses those with an overlay. A mirrored picture comes to .92
+where the unchanged has .02 (mathematics, section 5).
+"""
+_SLACK_PX = 3
+"""px of the small picture that the hand may go meanwhile: 12 px of 640. More tries more places by chance."""
+_CALM_FRAMES = 5
+"""Pictures that must have been followed before. Fewer explain what comes after a scene that was lost anyway; more miss
+two events in close succession. Not measured.
+"""
+_GAP_NS = 250_000_000
+"""Pictures further apart say nothing about one another: a hand has gone elsewhere."""
+_ZOOMS = tuple(float(z) for z in np.exp(np.arange(-0.405, 0.4051, 0.015)) if abs(z - 1) > 0.02)
+"""Magnifications that are tried, 1 ÷ 1.5 … 1.5: the next depth setting. 1.5 % moves the side of 160 columns by one, so
+finer steps only cost time; up to 2 % is no new setting.
+"""
+_FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
+
+
+@dataclass(frozen=True, slots=True)
+class PictureChange:
+    """What happened to the picture: polarity (lateral, axial) ±1 and magnification, relative to the frame before."""
+
+    polarity: tuple[int, int] = (1, 1)
+    zoom: float = 1.0
+
+
+class PictureEvent(Detector):
+    """Adds up the changes since the reference was in force."""
+
+    def __init__(self, scale_limit_percent: float) -> None:
+        self._scale_limit = scale_limit_percent
+        self._before: Array32 | None = None
+        self._before_ns = 0
+        self._followed = 0
+        self._polarity = (1, 1)
+        self._log_zoom = 0.0
+
+    def see(self, seen: Observation) -> bool:
+        """See Detector."""
+        return not seen.repeated and self.step(seen.t_ns, seen.image, seen.followed) is not None
+
+    def step(self, t_ns: int, image: GreyImage, followed: bool) -> PictureChange | None:
+        """The change between the picture before, (h, w) uint8, and this one; None where there was none.
+
+        t_ns: of the picture; after a gap the two say nothing about one another. followed: the Real-time Tracker could
+        register the picture, so its geometry is what it was.
+        """
+        small = _small(image)
+        before, self._before = self._before, small
+        gap_ns, self._before_ns = t_ns - self._before_ns, t_ns
+        if gap_ns > _GAP_NS:
+            self._followed = 0
+        calm, self._followed = self._followed >= _CALM_FRAMES, self._followed + 1 if followed else 0
+        if not calm or followed or before is None or before.shape != small.shape:
+            return None
+        change = _explanation(before, small)
+        if change is not None:
+            self._polarity = (self._polarity[0] * change.polarity[0], self._polarity[1] * change.polarity[1])
+            self._log_zoom += log(change.zoom)
+        return change
+
+    def forgive(self, shows: Callable[[str], bool]) -> None:
+        """See Detector: the sum of events was wrong or has been undone elsewhere."""
+        if shows("polarity"):
+            self._polarity = (1, 1)
+        if shows("scale"):
+            self._log_zoom = 0.0
+
+    def checks(self) -> tuple[Check, ...]:
+        """Flipped axes and magnification since the reference, as facts that need no motion."""
+        flipped = float(self._polarity.count(-1))
+        zoom = 100 * (np.exp(self._log_zoom) - 1)
+        return (
+            Check("picture-flip", "polarity", flipped, 0.0, "axes", MOST_FLIPPED, _judged(flipped, MOST_FLIPPED)),
+            Check("picture-zoom", "scale", float(zoom), 0.0, "%", self._scale_limit, _judged(zoom, self._scale_limit)),
+        )
+
+
+def _judged(value: float, limit: float) -> VerdictKind:
+    return VerdictKind.FAULT if abs(value) > limit else VerdictKind.OK
+
+
+def _small(image: GreyImage) -> Array32:
+    """About 160 columns, coarse enough that a zoom need not be exact, and without broad shade and gain."""
+    share = min(1.0, _SMALL_PX / image.shape[1])
+    size = (max(round(image.shape[1] * share), 1), max(round(image.shape[0] * share), 1))
+    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    return small - np.asarray(cv2.GaussianBlur(small, (0, 0), _SHADE_PX), dtype=np.float32)
+
+
+def _explanation(before: Array32, now: Array32) -> PictureChange | None:
+    """The change that makes the two alike, None where a mere shift does nearly as well."""
+    usual = max(_likeness(before, now), _shift_likeness(before, now))
+    candidates = [
+        (_likeness(_mirrored(before, code), now), PictureChange(polarity)) for polarity, code in _FLIPS.items()
+    ]
+    candidates += [(_likeness(_zoomed(before, zoom), now), PictureChange(zoom=zoom)) for zoom in _ZOOMS]
+    likeness, change = max(candidates, key=lambda candidate: candidate[0])
+    return change if likeness > max(usual + _BETTER_BY, _LEAST_LIKENESS) else None
+
+
+def _shift_likeness(before: Array32, now: Array32) -> float:
+    """Best correlation of the middle of the picture before with any place in this one: what a fast hand explains."""
+    margin_y, margin_x = before.shape[0] // 4, before.shape[1] // 4
+    middle = before[margin_y : before.shape[0] - margin_y, margin_x : before.shape[1] - margin_x]
+    if middle.std() == 0:
+        return 1.0
+    return float(cv2.matchTemplate(now, middle, cv2.TM_CCOEFF_NORMED).max())
+
+
+def _mirrored(image: Array32, code: int) -> Array32:
+    return np.asarray(cv2.flip(image, code), dtype=np.float32)
+
+
+def _zoomed(image: Array32, zoom: float) -> Array32:
+    """Magnified about the middle of the top edge, where the probe face stays when the depth setting changes."""
+    middle = (image.shape[1] - 1) / 2
+    M = np.array([[zoom, 0, middle * (1 - zoom)], [0, zoom, 0]])
+    return np.asarray(cv2.warpAffine(image, M, (image.shape[1], image.shape[0])), dtype=np.float32)
+
+
+def _likeness(a: Array32, b: Array32) -> float:
+    """Correlation of the middle of a, where overlays are rare, with its place in b or a few pixels beside it."""
+    rows, columns = a.shape[0] // 10, a.shape[1] // 10
+    slack_rows, slack_columns = min(_SLACK_PX, rows), min(_SLACK_PX, columns)
+    middle = a[rows : a.shape[0] - rows, columns : a.shape[1] - columns]
+    around = b[
+        rows - slack_rows : b.shape[0] - rows + slack_rows,
+        columns - slack_columns : b.shape[1] - columns + slack_columns,
+    ]
+    if middle.std() == 0 or around.std() == 0:
+        return 1.0
+    return float(cv2.matchTemplate(around, middle, cv2.TM_CCOEFF_NORMED).max())

@@ -1,0 +1,101 @@
+"""The calibration from the closed forms, beside the service's own answer: no reference, no prior, no whitening.
+
+The service fits near its reference. Where X is far from it (a sensor put on at right angles, another probe's file) that
+fit may settle nowhere; the closed forms find it all the same. Only the lever arm is taken from the reference. Steps of
+`_STEP_S` are long against tracker noise; each block of `_BLOCK_S` is left out in turn, which tells the
+spread (jackknife).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from appliance.core.geometry import Array, vector_from_rotation
+from appliance.core.handeye.freehand import freehand
+from appliance.core.handeye.motions import HandEye, Motions, nearest_polarity
+from appliance.core.handeye.scaled_rotation import scaled_rotation
+from appliance.core.handeye.sums import Sums
+from appliance.core.path.samples import PathSamples
+from appliance.core.registration.keyframe import warp_matrix
+from appliance.types import Calibration
+
+_STEP_S = 0.7
+"""Long steps drown least in tracker noise, which these forms do not model (mathematics, section 3); longer ones are
+fewer, and leave the chain of keyframes more often. Not varied by itself.
+"""
+_BLOCK_S = 1.4
+"""What is left out at once: two steps, so that blocks hardly share motion. Longer leaves fewer to tell the spread."""
+_LEAST_BLOCKS, _LEAST_PAIRS = 4, 40
+"""Fewer blocks do not tell a spread. The pairs overlap: 40 at 30 Hz are only two steps of motion."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SecondOpinion:
+    """form: "freehand" or "planar", which of the two fitted the motion. sigma: (5,) of rotation rad, relative scale."""
+
+    form: str
+    rotation: Array
+    polarity: tuple[int, int]
+    scale_mm_per_px: Array
+    sigma: Array
+    pairs: int
+
+
+def second_opinion(samples: PathSamples, reference: Calibration) -> SecondOpinion | None:
+    """From the path of one session; None where it is too short or does not determine X."""
+    try:
+        lag = max(1, round(_STEP_S / samples.times.period_s))
+    except ValueError:
+        return None
+    told = np.flatnonzero(samples.times.quiet(lag))
+    if len(told) < _LEAST_PAIRS:
+        return None
+    u, v, t_s = _pairs(samples, reference, told, lag)
+    block = np.floor((t_s - t_s[0]) / _BLOCK_S)
+    parts = [Sums.of(u[block == name], v[block == name]) for name in np.unique(block)]
+    if len(parts) < _LEAST_BLOCKS:
+        return None
+    for form, solve in (("freehand", freehand), ("planar", scaled_rotation)):
+        try:
+            whole = solve(_added(parts))
+            without = [solve(_added([part for part in parts if part is not left_out])) for left_out in parts]
+        except ValueError:
+            continue
+        found, polarity = nearest_polarity(whole, reference.rotation)
+        return SecondOpinion(form, found.rotation, polarity, found.scale, _jackknife(whole, without), len(told))
+    return None
+
+
+def _pairs(
+    samples: PathSamples, reference: Calibration, first: NDArray[np.intp], lag: int
+) -> tuple[Array, Array, Array]:
+    """u (n, 2) px, v (n, 3) mm, and time s of each pair of pictures `lag` apart."""
+    kept = np.flatnonzero(samples.kept)
+    i, j = kept[first], kept[first + lag]
+    aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
+    alpha = samples.alpha_rad[j] - samples.alpha_rad[i]
+    turned = np.stack([warp_matrix(a, aspect) @ u for a, u in zip(alpha, samples.u_px[i], strict=True)])
+    motions = Motions.of_pictures(samples.u_px[j] - turned, alpha, samples.poses[i], samples.poses[j])
+    return motions.u, motions.displacements(reference.rotation.T @ reference.offset_mm), samples.t_s[i]
+
+
+def _added(parts: list[Sums]) -> Sums:
+    return Sums(
+        sum(p.weight for p in parts),
+        np.sum([p.uu for p in parts], axis=0),
+        np.sum([p.uv for p in parts], axis=0),
+        np.sum([p.vv for p in parts], axis=0),
+    )
+
+
+def _jackknife(whole: HandEye, without: list[HandEye]) -> Array:
+    """(5,) standard deviation of rotation rad and relative scale."""
+    away = np.array(
+        [
+            np.concatenate([vector_from_rotation(w.rotation @ whole.rotation.T), w.scale / whole.scale - 1])
+            for w in without
+        ]
+    )
+    n = len(without)
+    return np.asarray(np.sqrt((n - 1) / n * np.sum((away - away.mean(axis=0)) ** 2, axis=0)))

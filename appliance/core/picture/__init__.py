@@ -1,1 +1,0 @@
-"""A: how the picture moves through the tissue. Registration, and what it needs."""

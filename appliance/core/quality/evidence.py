@@ -1,0 +1,347 @@
+"""What the last seconds of motion show of the calibration: latency first, then polarity, then every parameter of X."""
+
+from dataclasses import dataclass, replace
+from math import isnan, nan, sqrt
+
+import numpy as np
+
+from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check, trusted
+from appliance.core.detectors.polarity import MOST_FLIPPED, flipped, weigh_polarity
+from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
+from appliance.core.path.latency import Latency
+from appliance.core.path.residual import TAU
+from appliance.core.path.solver import Prior, Solution, path_misfit, solve
+from appliance.core.path.window import PathWindow
+from appliance.core.quality.verification import Sign, Verification
+from appliance.limits import Limits
+from appliance.types import PARAMETERS, Calibration, Check, VerdictKind
+
+_SHORT_NS = 3_500_000_000
+"""The window that finds a change. Longer names it later: a scale is named within 4 s
+(tests/appliance/core/quality/test_evidence.py). Shorter shows too little to be sure by three sigmas.
+"""
+_LONG_NS = 10_000_000_000
+"""The window that measures. Longer measures better, and lets what has slowly changed count for longer as what was; 10 s
+of a hand's tilt show rotation, scales and offset (tests/appliance/core/path/test_solver.py; mathematics, section 3).
+"""
+_UNKNOWN_LATENCY_S = 0.05
+"""Standard deviation of a latency that the paths alone do not tell. More lets scales hide in it, less lets it hide in
+the scales; the limit is .06 s.
+"""
+_RELINEARISE_S = 0.008
+"""Change of the latency from which poses are taken anew: a quarter of a frame. The residual is linear in it only as far
+as the velocity lasts; less costs a second solution more often. Not measured.
+"""
+_LEAST_LATENCY_SIGMA_S = 0.005
+"""No latency counts as better known. Less trusts a fit that knows nothing of what all stamps have in common; more
+withholds OK and FAULT about the limit. Not measured.
+"""
+_LAGS_S = (-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
+"""Where a latency is looked for that the paths do not tell: as far apart as `_UNKNOWN_LATENCY_S` reaches. Each costs a
+misfit; a tracker that is later still is named once the paths tell it.
+"""
+_FAR_BETTER = 30.0
+"""By how much, in −2 log likelihood, a far latency must beat none: it excuses the calibration. Less excuses scale
+faults as latency; more leaves a late tracker unnamed for longer. Not measured.
+"""
+_MOSTLY = 0.7
+"""Share of pictures that saw all of the way, from which the solver's latency counts beside that of the paths: hidden
+way looks like one. Not measured.
+"""
+_LEAST_FAR_NS = 3_000_000_000
+"""A shorter window is not asked for a far latency: over so little motion chance finds one. Not measured."""
+_SAME_X = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2)
+"""rad, relative: X within this of the reference is the reference's, and the far latency is all that is wrong. Within
+the limits, or a wrong X would be excused.
+"""
+_SHARPER = 0.5
+"""Sigma of the solver's latency ÷ that of the paths, below which it takes the place of it: near to one another the two
+are equally good, and the paths' needs no X.
+"""
+_UNSEEN_TILT_RAD = 0.02
+"""A tilt that no motion shows is held near the reference: left free, noise tilts it, and its cosine shrinks the scales.
+"""
+_NEAR = Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0)
+"""Two to four times the limits: wide enough that a fault at twice its limit is not drawn back by much, near enough that
+what the window does not show stays where the model is linear. Not measured.
+"""
+_REQUIRED_FOR = {
+    "polarity": ("polarity",),
+    "scale": ("scale-lateral", "scale-axial"),
+    "rotation": ("rotation-lateral", "rotation-axial", "rotation-elevational"),
+    "offset": ("offset-lateral", "offset-axial", "offset-elevational"),
+}
+_SLOW = frozenset({"rotation-lateral", "rotation-axial", "offset-lateral", "offset-axial", "offset-elevational"})
+"""Shown only by tilt and turn, of which a few seconds hold too little to decide."""
+_OF_X = frozenset(PARAMETERS)
+_UNWEIGHED = Check("polarity", "polarity", nan, 0.0, "axes", MOST_FLIPPED, VerdictKind.NOT_VERIFIED)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finding:
+    """What one window showed."""
+
+    checks: tuple[Check, ...]
+    solution: Solution | None = None
+
+    @property
+    def failed(self) -> frozenset[str]:
+        """Names of the checks that are shown to be outside their limit."""
+        return frozenset(check.name for check in self.checks if check.verdict is VerdictKind.FAULT)
+
+    @property
+    def shown(self) -> int:
+        """Number of checks that are decided either way."""
+        return sum(check.verdict is not VerdictKind.NOT_VERIFIED for check in self.checks)
+
+
+class Evidence:
+    """Solves the window anew whenever asked; between two solutions the last one stands.
+
+    A short window sees a change soon, the long one measures well. Once the short one shows a fault, what came before it
+    is dropped, so that old and new calibration are never mixed into one estimate. A fault counts when two solutions in
+    a row show it; while the short window still holds some of the time before the change, only that fault may be named,
+    and a late tracker, which looks like any other.
+    """
+
+    def __init__(self, reference: Calibration, limits: Limits, window: PathWindow) -> None:
+        self._reference = reference
+        self._limits = limits
+        self.window = window
+        self._nothing = examine_nothing(limits)
+        self._verification = Verification(limits.confidence_sigma)
+        self._latest = self._best = self._nothing
+        self._suspects: frozenset[str] = frozenset()
+        self._culprits: frozenset[str] = frozenset()
+        self._valid_ns = self._settled_ns = 0
+        self._failing_ns: int | None = None
+
+    @property
+    def estimate(self) -> Calibration | None:
+        """The solution that showed most, None where there was none."""
+        return None if self._best.solution is None else self._best.solution.calibration
+
+    @property
+    def motions(self) -> int:
+        """Pictures that went into the estimate."""
+        return 0 if self._best.solution is None else self._best.solution.motions
+
+    def restart(self) -> None:
+        """The geometry has changed: what was measured before says nothing of what comes."""
+        self.window.restart()
+        self._verification.restart()
+        self._latest = self._nothing
+        self._suspects = frozenset()
+        self._settled_ns = 0
+        self._failing_ns = None
+
+    def forget(self, since_ns: int) -> None:
+        """Motion at or after since_ns was stamped wrongly."""
+        self.window.forget(since_ns)
+        self._verification.forget(since_ns)
+        self._latest = self._nothing
+        self._valid_ns, self._settled_ns = (min(t_ns, since_ns) for t_ns in (self._valid_ns, self._settled_ns))
+        self._failing_ns = None
+
+    def checks(self) -> tuple[Check, ...]:
+        """Checks of the latest solution."""
+        return self._latest.checks
+
+    @property
+    def contradicted(self) -> tuple[Sign, ...]:
+        """Signs against the calibration that nothing has answered yet, the worst first."""
+        return self._verification.contradicted
+
+    @property
+    def verified_ns(self) -> int | None:
+        """As in `Verdict`."""
+        return self._verification.verified_ns
+
+    def shows(self, fault: str) -> bool:
+        """True where the latest solution verified every parameter of that class."""
+        good = {check.name for check in self._latest.checks if check.verdict is VerdictKind.OK}
+        return good.issuperset(_REQUIRED_FOR[fault])
+
+    def final(self) -> tuple[Check, ...]:
+        """Checks of the solution that showed most, the one over everything remembered among them."""
+        whole = examine(self.window.since(self._valid_ns), self._reference, self._limits)
+        if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
+            self._best = whole
+        latency = latency_check(self.window.latency(), self._limits, self.window.stamps_err_s)
+        return tuple(
+            _sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks
+        )
+
+    def second_opinion(self) -> SecondOpinion | None:
+        """The closed forms on everything remembered since the last change."""
+        window = self.window.since(self._valid_ns)
+        latency = window.latency()
+        samples = window.samples(0.0 if latency is None else latency.value_s, weigh_hidden=True)
+        return second_opinion(samples, self._reference)
+
+    def _hasty(self, failed: frozenset[str], now_ns: int) -> frozenset[str]:
+        """Those that have failed for less than the short window: what spoils them shows only once the window holds
+        nothing from before it.
+        """
+        if not failed:
+            self._failing_ns = None
+        elif self._failing_ns is None:
+            self._failing_ns = now_ns
+        return failed if self._failing_ns is None or now_ns - self._failing_ns < _SHORT_NS else frozenset()
+
+    def solve(self, now_ns: int) -> None:
+        """Examine the short window for a change, drop what came before one, and examine what is left.
+
+        now_ns: time of the latest picture, which may have shown no motion.
+        """
+        recent = self.window.since(now_ns - _SHORT_NS)
+        finding = examine(recent, self._reference, self._limits)
+        short = _without(finding, _SLOW)
+        confirmed = short.failed & self._suspects
+        if confirmed and now_ns >= self._settled_ns:
+            self._valid_ns, self._settled_ns, self._culprits = now_ns - _SHORT_NS, now_ns + _SHORT_NS, confirmed
+        start_ns = max(self._valid_ns, now_ns - _LONG_NS)
+        long = self.window.since(start_ns)
+        if len(long) > len(recent):
+            finding = examine(long, self._reference, self._limits)
+        else:
+            long = recent
+        doubtful = finding.failed - self._suspects
+        if now_ns < self._settled_ns:
+            doubtful |= finding.failed - self._culprits - {"latency"}
+        early = _SLOW if _punctual(short, self._limits) else _OF_X
+        doubtful |= self._hasty(finding.failed & early, now_ns)
+        self._suspects = finding.failed | short.failed
+        self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful)
+        self._latest = self._accepted(_without(finding, doubtful), long)
+        if self._latest.shown >= self._best.shown:
+            self._best = self._latest
+
+    def _contradict(self, checks: tuple[Check, ...], named: frozenset[str]) -> None:
+        self._verification.contradict(checks, named, self.window.now_ns)
+
+    def _accepted(self, finding: Finding, window: PathWindow) -> Finding:
+        """What the finding shows, or where its window reaches back to the last sign of a fault, what motion after the
+        sign shows.
+        """
+        last_sign_ns = self._verification.last_sign_ns
+        if window.start_ns <= last_sign_ns and not finding.failed:
+            window = window.since(last_sign_ns + 1)
+            finding = examine(window, self._reference, self._limits)
+            self._contradict(finding.checks, frozenset())
+            finding = _without(finding, finding.failed)
+        return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))
+
+
+def _quick(finding: Finding) -> tuple[Check, ...]:
+    """The checks that a few seconds can decide."""
+    return tuple(check for check in finding.checks if check.name not in _SLOW)
+
+
+def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Finding:
+    """Latency from the two paths, polarity by likelihood, X by maximum likelihood on the in-plane motion.
+
+    A late tracker looks like a wrong scale: no parameter of X is at fault before the latency is known to be in order.
+    """
+    lag = window.latency()
+    lag_s = 0.0 if lag is None else lag.value_s
+    try:
+        polarity_samples = window.samples(lag_s, weigh_hidden=False)
+        polarity, polarity_check = weigh_polarity(polarity_samples, reference)
+    except ValueError:
+        return examine_nothing(limits)
+    solution, solved_lag = _solved(window, flipped(reference, polarity), lag)
+    mostly_in_plane = solution is not None and window.samples(lag_s, weigh_hidden=True).in_plane_share >= _MOSTLY
+    sharper = _sharper(lag, solved_lag if mostly_in_plane else None)
+    lateness = latency_check(sharper, limits, window.stamps_err_s, polarity_samples.moved_ns)
+    parameters = Finding(calibration_checks(solution, limits), solution)
+    if lateness.verdict is not VerdictKind.OK:
+        parameters = _without(parameters, parameters.failed)
+    return Finding((polarity_check, *parameters.checks, lateness, agreement_check(solution)), solution)
+
+
+def _punctual(finding: Finding, limits: Limits) -> bool:
+    """Whether the lag is shown within half its limit. A window that holds the onset of a larger one shows less of it
+    than there is, and what it makes of the scales is no less wrong; so the short window is to be asked.
+    """
+    lateness = next(check for check in finding.checks if check.name == "latency")
+    return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
+
+
+def _sharper_check(check: Check, whole: Check) -> Check:
+    """Of two checks on one quantity the one with the smaller sigma; NaN loses."""
+    return whole if isnan(check.sigma) or whole.sigma < check.sigma else check
+
+
+def _without(finding: Finding, names: frozenset[str]) -> Finding:
+    """The finding with the named checks left undecided."""
+    checks = (
+        replace(check, verdict=VerdictKind.NOT_VERIFIED) if check.name in names else check for check in finding.checks
+    )
+    return Finding(tuple(checks), finding.solution)
+
+
+def examine_nothing(limits: Limits) -> Finding:
+    """The finding of a window without motion."""
+    checks = (_UNWEIGHED, *calibration_checks(None, limits), latency_check(None, limits, 0.0), agreement_check(None))
+    return Finding(checks)
+
+
+def _solved(window: PathWindow, reference: Calibration, lag: Latency | None) -> tuple[Solution | None, Latency | None]:
+    """Solution and the latency it found; None for what could not be found."""
+    try:
+        if lag is not None:
+            solution, lag_s = _solved_near(window, reference, lag.value_s, max(lag.sigma_s, _LEAST_LATENCY_SIGMA_S))
+            return solution, _solved_latency(solution, lag_s)
+        return _solved_far(window, reference)
+    except ValueError:
+        return None, None
+
+
+def _solved_far(window: PathWindow, reference: Calibration) -> tuple[Solution, Latency | None]:
+    """Where the paths alone tell no latency: from zero, and from where the reference fits best if that is elsewhere."""
+    solution, _ = _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S)
+    if window.span_ns < _LEAST_FAR_NS:
+        return solution, None
+    misfits = [path_misfit(window.samples(lag, weigh_hidden=True), reference) for lag in _LAGS_S]
+    best_s = _LAGS_S[int(np.argmin(misfits))]
+    if best_s == 0.0:
+        return solution, None
+    other, other_s = _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S)
+    gain = (solution.misfit - other.misfit) * other.motions
+    if gain < _FAR_BETTER or not _unchanged(other):
+        return solution, None
+    return other, _solved_latency(other, other_s)
+
+
+def _unchanged(solution: Solution) -> bool:
+    """Whether X is the reference's: then a far latency is all that is wrong."""
+    return bool(np.all(np.abs(solution.change[:5]) < _SAME_X))
+
+
+def _solved_near(window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float) -> tuple[Solution, float]:
+    """Solution about one latency, solved anew where the first asks for it, and the latency it is linear about."""
+    prior = replace(_NEAR, latency_s=doubt_s)
+    solution = solve(window.samples(lag_s, weigh_hidden=True), reference, prior)
+    tilted = all(solution.calibration.observed[:2])
+    late = abs(float(solution.change[TAU])) > _RELINEARISE_S
+    if late or not tilted:
+        lag_s += float(solution.change[TAU]) if late else 0.0
+        prior = prior if tilted else replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
+        solution = solve(window.samples(lag_s, weigh_hidden=True), reference, prior)
+    return solution, lag_s
+
+
+def _solved_latency(solution: Solution, lag_s: float) -> Latency | None:
+    if not trusted(solution):
+        return None
+    sigma_s = max(sqrt(float(solution.covariance[TAU, TAU])), _LEAST_LATENCY_SIGMA_S)
+    return Latency(lag_s + float(solution.change[TAU]), sigma_s)
+
+
+def _sharper(paths: Latency | None, solved: Latency | None) -> Latency | None:
+    """The joint estimate where the paths alone told nothing, or where it only sharpens what they told."""
+    if solved is None or paths is None:
+        return paths or solved
+    near = abs(solved.value_s - paths.value_s) < paths.sigma_s
+    return solved if near and solved.sigma_s < _SHARPER * paths.sigma_s else paths

@@ -1,0 +1,128 @@
+"""Quality Control: from checks to one verdict, and from many verdicts to the verdict on a session."""
+
+from collections import defaultdict
+
+from appliance.core.quality.verification import REQUIRED, Sign
+from appliance.types import PARAMETERS, Check, Verdict, VerdictKind
+
+_ESTIMATED = frozenset({"polarity", "latency", *PARAMETERS})
+_NEAR = 0.8
+"""Share of its limit from which an estimate is named, even when it is one sigma less: low enough that a drift is read
+before it fails, high enough that the noise of a good calibration, a fifth of the limits or so, is not.
+"""
+_SIGHT = "no-picture"
+"""The check without which the others speak of no tissue."""
+_LASTING_NS = 1_000_000_000
+"""For which a fault must last to name a whole recording. Less lets a passing sign name it, more hides short faults. The
+alarm of a cart does not wait for it.
+"""
+_FIRST = ("frozen-video", "tracker-stale", "polarity", "latency")
+"""Faults that spoil everything measured after them, in the order in which they are named."""
+
+
+def judge(
+    t_ns: int, checks: tuple[Check, ...], verified_ns: int | None = None, contradicted: tuple[Sign, ...] = ()
+) -> Verdict:
+    """FAULT if any check failed, OK if every required one is shown and none contradicted, NOT_VERIFIED otherwise.
+
+    verified_ns, contradicted: of the `Verification`.
+    """
+    failed = [check for check in checks if check.verdict is VerdictKind.FAULT]
+    if failed:
+        worst = min(failed, key=_urgency)
+        return Verdict(t_ns, VerdictKind.FAULT, checks, worst.fault, _sentence(worst))
+    if any(check.name == _SIGHT and check.verdict is not VerdictKind.OK for check in checks):
+        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, "no ultrasound in the picture")
+    if contradicted:
+        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, _contradiction(contradicted[0]))
+    missing = [name for name in REQUIRED if name not in _shown(checks)]
+    if missing:
+        reason = _unverified(checks, "not shown yet", missing)
+        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, reason, verified_ns)
+    reason = "; ".join(["calibration verified", *_doubts(checks)])
+    return Verdict(t_ns, VerdictKind.OK, checks, None, reason, verified_ns)
+
+
+class Judgement:
+    """Remembers whether a fault lasted and whether the calibration was ever verified."""
+
+    def __init__(self) -> None:
+        self._since_ns: dict[str, int] = {}
+        self._lasted_ns: defaultdict[str, int] = defaultdict(int)
+        self._failing: dict[str, Verdict] = {}
+        self._verified_ns: int | None = None
+        self._last_ns = 0
+
+    def note(self, verdict: Verdict) -> None:
+        """Take the next verdict of the line, in time order."""
+        self._last_ns = verdict.t_ns
+        if verdict.kind is VerdictKind.OK:
+            self._verified_ns = verdict.t_ns
+        for fault in list(self._since_ns):
+            if fault != verdict.fault:
+                del self._since_ns[fault]
+        if verdict.fault is not None:
+            since_ns = self._since_ns.setdefault(verdict.fault, verdict.t_ns)
+            self._lasted_ns[verdict.fault] = max(self._lasted_ns[verdict.fault], verdict.t_ns - since_ns)
+            self._failing[verdict.fault] = verdict
+
+    def overall(self, checks: tuple[Check, ...]) -> Verdict:
+        """FAULT if one lasted a second, else OK if the calibration was verified at any time, else NOT_VERIFIED.
+
+        checks: the best that was known of each quantity; a lasting fault puts its failing checks in their place.
+        """
+        fault = max(self._lasted_ns, key=lambda name: self._lasted_ns[name], default=None)
+        if fault is not None and self._lasted_ns[fault] >= _LASTING_NS:
+            failing = self._failing[fault]
+            checks = _replaced(checks, [check for check in failing.checks if check.verdict is VerdictKind.FAULT])
+            return Verdict(self._last_ns, VerdictKind.FAULT, checks, fault, failing.reason)
+        if self._verified_ns is not None:
+            return Verdict(self._last_ns, VerdictKind.OK, checks, None, "calibration verified")
+        missing = [name for name in REQUIRED if name not in _shown(checks)]
+        reason = _unverified(checks, "too little in-plane motion to show", missing)
+        return Verdict(self._last_ns, VerdictKind.NOT_VERIFIED, checks, None, reason)
+
+
+def _replaced(checks: tuple[Check, ...], failing: list[Check]) -> tuple[Check, ...]:
+    by_name = {check.name: check for check in checks} | {check.name: check for check in failing}
+    return tuple(by_name.values())
+
+
+def _shown(checks: tuple[Check, ...]) -> set[str]:
+    return {check.name for check in checks if check.verdict is VerdictKind.OK}
+
+
+def _unverified(checks: tuple[Check, ...], lack: str, missing: list[str]) -> str:
+    """Why there is no OK: first what contradicts it, then what is missing."""
+    agreement = next((check for check in checks if check.name == "motion-agreement" and check.ratio > 1), None)
+    if agreement is not None:
+        return f"picture and tracker disagree: {agreement.name} {agreement.ratio:.3g} × its limit"
+    lacking = f"{lack}: {', '.join(missing)}" if missing else "verified only in parts"
+    return "; ".join([*_doubts(checks), lacking])
+
+
+def _doubts(checks: tuple[Check, ...]) -> list[str]:
+    """The undecided estimate that is nearest to its limit, or farthest beyond; none where all are far from theirs."""
+    undecided = (check for check in checks if check.name in _ESTIMATED and check.verdict is VerdictKind.NOT_VERIFIED)
+    near = [check for check in undecided if abs(check.value) - check.sigma >= _NEAR * check.limit]
+    if not near:
+        return []
+    worst = max(near, key=lambda check: check.ratio)
+    place = "beyond" if worst.ratio > 1 else "near"
+    value = f"{worst.value:+.3g} ± {worst.sigma:.2g} {worst.unit}"
+    return [f"{place} its limit, not certain: {worst.name} {value}, limit {worst.limit:g} {worst.unit}"]
+
+
+def _urgency(check: Check) -> tuple[int, float]:
+    rank = _FIRST.index(check.fault) if check.fault in _FIRST else len(_FIRST)
+    return rank, -check.ratio
+
+
+def _contradiction(sign: Sign) -> str:
+    check = sign.check
+    wait = "must be shown again by new motion" if sign.named else "waiting for it to be confirmed"
+    return f"{_sentence(check)}: {wait}"
+
+
+def _sentence(check: Check) -> str:
+    return f"{check.name} {check.value:+.3g} {check.unit}, limit {check.limit:g} {check.unit}"

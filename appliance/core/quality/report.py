@@ -1,0 +1,144 @@
+"""The report on one recording, and its JSON form, which docs/replay-report.md promises to others."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from appliance.core.geometry import vector_from_rotation
+from appliance.core.handeye.observability import observability
+from appliance.core.handeye.second_opinion import SecondOpinion
+from appliance.types import PARAMETERS, Calibration, Check, State, Verdict, VerdictKind
+
+VERSION = 1
+
+_ROTATION, _SCALE, _OFFSET = slice(0, 3), slice(3, 5), slice(5, 8)
+"""Of PARAMETERS."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineReport:
+    """What the line concludes from everything it was shown.
+
+    unpaired: reason → number of frames without a pose. latency: Check in ms, None where never estimated. estimate: X
+    as solved, None where nothing was observed. motions: registered pairs that went into it. second_opinion: by closed
+    forms, without the reference.
+    """
+
+    frames: int
+    poses: int
+    paired: int
+    unpaired: dict[str, int]
+    latency: Check | None
+    estimate: Calibration | None
+    motions: int
+    checks: tuple[Check, ...]
+    verdict: Verdict
+    second_opinion: SecondOpinion | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """From t_s on (seconds since the first sample of the recording) the room was in this state."""
+
+    t_s: float
+    state: State
+    fault: str | None
+    reason: str
+
+
+def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any]:
+    """The public contract, version 1; what is not known is None, there is no NaN in it."""
+    return {
+        "version": VERSION,
+        "frames": report.frames,
+        "poses": report.poses,
+        "paired": report.paired,
+        "unpaired": dict(report.unpaired),
+        "latency": _latency(report.latency),
+        "calibration": {**_calibration(report.estimate), "motions": report.motions},
+        "second_opinion": _second_opinion(report.second_opinion),
+        "checks": [_check(check, report.verdict.t_ns) for check in report.checks],
+        "verdict": report.verdict.kind.value,
+        "fault": report.verdict.fault,
+        "timeline": [{"t_s": change.t_s, "state": change.state.value, "reason": change.reason} for change in timeline],
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if isfinite(value) else None
+
+
+def _numbers(values: Sequence[float]) -> list[float | None]:
+    return [_number(value) for value in values]
+
+
+def _latency(check: Check | None) -> dict[str, Any]:
+    if check is None:
+        return {"value_ms": None, "sigma_ms": None, "verdict": VerdictKind.NOT_VERIFIED.value}
+    return {"value_ms": _number(check.value), "sigma_ms": _number(check.sigma), "verdict": check.verdict.value}
+
+
+def _check(check: Check, end_ns: int) -> dict[str, Any]:
+    return {
+        "name": check.name,
+        "value": _number(check.value),
+        "unit": check.unit,
+        "limit": _number(check.limit),
+        "ratio": _number(check.ratio),
+        "verdict": check.verdict.value,
+        "shown_age_s": None if check.shown_ns is None else (end_ns - check.shown_ns) / 1e9,
+    }
+
+
+def _calibration(estimate: Calibration | None) -> dict[str, Any]:
+    observed = (False,) * len(PARAMETERS) if estimate is None else estimate.observed
+    return {
+        "rotation_vector_rad": None if estimate is None else _numbers(list(vector_from_rotation(estimate.rotation))),
+        "polarity": None if estimate is None else list(estimate.polarity),
+        "scale_mm_per_px": None if estimate is None else _numbers(list(estimate.scale_mm_per_px)),
+        "offset_mm": None if estimate is None else _numbers(list(estimate.offset_mm)),
+        "sigma": _sigma(estimate),
+        "singular_values": _singular_values(estimate),
+        "observed": {
+            "rotation_vector_rad": [bool(seen) for seen in observed[_ROTATION]],
+            "scale_mm_per_px": [bool(seen) for seen in observed[_SCALE]],
+            "offset_mm": [bool(seen) for seen in observed[_OFFSET]],
+        },
+    }
+
+
+def _singular_values(estimate: Calibration | None) -> list[float | None] | None:
+    if estimate is None or estimate.covariance is None:
+        return None
+    return _numbers(list(observability(np.asarray(np.linalg.inv(estimate.covariance), dtype=np.float64)).singular))
+
+
+def _second_opinion(opinion: SecondOpinion | None) -> dict[str, Any] | None:
+    if opinion is None:
+        return None
+    sigma = opinion.sigma.copy()
+    sigma[3:] *= opinion.scale_mm_per_px
+    return {
+        "form": opinion.form,
+        "rotation_vector_rad": _numbers(list(vector_from_rotation(opinion.rotation))),
+        "polarity": list(opinion.polarity),
+        "scale_mm_per_px": _numbers(list(opinion.scale_mm_per_px)),
+        "sigma": {"rotation_vector_rad": _numbers(list(sigma[:3])), "scale_mm_per_px": _numbers(list(sigma[3:]))},
+        "pairs": opinion.pairs,
+    }
+
+
+def _sigma(estimate: Calibration | None) -> dict[str, list[float | None]]:
+    """Standard deviations in the unit of the value beside them; null where a parameter was not observed."""
+    sigma = np.full(len(PARAMETERS), np.nan)
+    if estimate is not None and estimate.covariance is not None:
+        sigma = np.where(estimate.observed, np.sqrt(np.diag(estimate.covariance)), np.nan)
+        sigma[_SCALE] *= estimate.scale_mm_per_px
+    return {
+        "rotation_vector_rad": _numbers(list(sigma[_ROTATION])),
+        "scale_mm_per_px": _numbers(list(sigma[_SCALE])),
+        "offset_mm": _numbers(list(sigma[_OFFSET])),
+    }

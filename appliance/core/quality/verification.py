@@ -1,0 +1,116 @@
+"""What motion has shown of each parameter, until something contradicts it.
+
+An OK is withdrawn by the first sign against it; only naming the fault waits for more. It comes back from motion that
+lies wholly after the last sign, so that what is left of the fault in the window cannot be averaged away.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from math import isfinite
+
+from appliance.types import PARAMETERS, Check, VerdictKind
+
+REQUIRED = ("polarity", "scale-lateral", "scale-axial", "rotation-elevational")
+"""What must be shown within its limit before the calibration counts as verified. The other parameters are shown only by
+tilt and turn, which an ordinary sweep may lack; a sign against one of them withdraws the OK, their absence does not."""
+
+_ROOM = 0.8
+"""Share of its limit that a contradicted parameter must be shown within. More gives an OK to a fault that lies at its
+limit and wavers about it; less never gives one back to a good calibration with the sigma of an ordinary sweep, which
+is .05 to .1 of the limit (tests/appliance/core/quality/test_verification.py)."""
+_AS_SHARP = 1.5
+"""Ratio of sigmas up to which a later measurement answers an unconfirmed sign. Windows of equal length differ by this
+much with the motion in them; a blunter one says nothing about what the sharper one saw."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sign:
+    """A measurement beyond its limit by its own sigmas. until_ns: newest motion in it. named: told as a FAULT."""
+
+    check: Check
+    until_ns: int
+    named: bool
+
+
+class Verification:
+    """Keeps, for each parameter, when motion last showed it and the last sign against it."""
+
+    def __init__(self, confidence_sigma: float) -> None:
+        self._confidence_sigma = confidence_sigma
+        self._shown_ns: dict[str, int] = {}
+        self._signs: dict[str, Sign] = {}
+
+    def restart(self) -> None:
+        """The geometry has changed: nothing is shown any more. Signs stand until new motion answers them."""
+        self._shown_ns.clear()
+
+    def forget(self, since_ns: int) -> None:
+        """Motion at or after since_ns was stamped wrongly: it shows nothing, and a sign of it is one of just before."""
+        self._shown_ns = {name: t_ns for name, t_ns in self._shown_ns.items() if t_ns < since_ns}
+        self._signs = {
+            name: replace(sign, until_ns=min(sign.until_ns, since_ns - 1)) for name, sign in self._signs.items()
+        }
+
+    @property
+    def contradicted(self) -> tuple[Sign, ...]:
+        """Signs that nothing has answered yet, the worst first."""
+        return tuple(sorted(self._signs.values(), key=lambda sign: -sign.check.ratio))
+
+    @property
+    def last_sign_ns(self) -> int:
+        """Newest motion of any sign that stands; 0 where there is none."""
+        return max((sign.until_ns for sign in self._signs.values()), default=0)
+
+    @property
+    def verified_ns(self) -> int | None:
+        """Time of the oldest motion that a required parameter was last shown by; None while one was never shown, or
+        any parameter is contradicted.
+        """
+        if self._signs or not self._shown_ns.keys() >= set(REQUIRED):
+            return None
+        return min(self._shown_ns[name] for name in REQUIRED)
+
+    def contradict(self, checks: Iterable[Check], named: frozenset[str], until_ns: int) -> None:
+        """Take the signs among the checks, which are of motion up to until_ns. named: those that are told as FAULT."""
+        for check in checks:
+            if not self._beyond(check):
+                continue
+            before = self._signs.get(check.name)
+            known = check.name in named or (before is not None and before.named)
+            self._signs[check.name] = Sign(check, until_ns, known)
+            self._shown_ns.pop(check.name, None)
+
+    def weigh(self, checks: tuple[Check, ...], since_ns: int) -> tuple[Check, ...]:
+        """Accept what the checks show, over motion from since_ns on; an OK that is not accepted is NOT_VERIFIED.
+
+        Each comes back with the time by which its parameter was last shown; None where that is not so.
+        """
+        return tuple(self._weighed(check, since_ns) for check in checks)
+
+    def _beyond(self, check: Check) -> bool:
+        """By its own sigmas, also where naming it waits for the latency to be known."""
+        room = self._confidence_sigma * check.sigma
+        return check.verdict is VerdictKind.FAULT or (
+            check.name in PARAMETERS and abs(check.value) - room > check.limit
+        )
+
+    def _weighed(self, check: Check, since_ns: int) -> Check:
+        sign = self._signs.get(check.name)
+        if sign is not None and self._answered(check, sign, since_ns):
+            del self._signs[check.name]
+            sign = None
+        good = check.verdict is VerdictKind.OK
+        if good and sign is None and check.shown_ns is not None:
+            self._shown_ns[check.name] = max(check.shown_ns, self._shown_ns.get(check.name, check.shown_ns))
+        verdict = VerdictKind.NOT_VERIFIED if good and sign is not None else check.verdict
+        return replace(check, verdict=verdict, shown_ns=self._shown_ns.get(check.name))
+
+    def _answered(self, check: Check, sign: Sign, since_ns: int) -> bool:
+        """Whether motion wholly after the sign shows the parameter with room, or, where the sign was never confirmed,
+        measures it as sharply and finds it within its limit.
+        """
+        if since_ns <= sign.until_ns or not isfinite(check.value):
+            return False
+        if check.verdict is VerdictKind.OK:
+            return abs(check.value) + self._confidence_sigma * check.sigma <= _ROOM * check.limit
+        return not sign.named and check.ratio <= 1.0 and check.sigma <= _AS_SHARP * sign.check.sigma

@@ -1,0 +1,144 @@
+"""What registration does to every point of a keyframe, `points.c` and `descent.c`, for NumPy's arrays."""
+
+import ctypes
+from ctypes import POINTER, c_double, c_float, c_int32, c_void_p, sizeof
+
+import numpy as np
+from numpy.typing import NDArray
+
+from appliance.core.geometry import Array
+from appliance.core.registration.compiled import LAYOUT, declared, unusable
+from appliance.core.registration.pyramid import Bits, Level
+
+_PARTS = 5
+"""Rows of `Picture.described`."""
+_PARAMETERS, _STRIPS, _SUMS, _LOOKS, *_SIZES = LAYOUT
+_MOST_SIDE = np.iinfo(np.int16).max
+
+
+class Picture(ctypes.Structure):
+    """(h, w) level that is looked at. Raises ValueError where h or w is less than 2 or more than 32767."""
+
+    _fields_ = (("_grey", c_void_p), ("_rows", c_int32), ("_columns", c_int32))
+
+    def __init__(self, level: Level) -> None:
+        if not 2 <= min(level.shape) <= max(level.shape) <= _MOST_SIDE:
+            raise ValueError(f"a picture of {level.shape[0]} × {level.shape[1]} px cannot be looked at")
+        self.shape = level.shape
+        self._level = np.ascontiguousarray(level, np.int16)
+        super().__init__(self._level.ctypes.data, *level.shape)
+
+    def structured(
+        self, mask: Bits | None, pitch: int, edge: int, flat_share: float, least_steep: int
+    ) -> NDArray[np.int32]:
+        """(n,) flat indices of every pitch-th pixel, edge px from the sides, mask permitting, that has structure.
+
+        That is all but flat_share of the energy of the gradient; the flat rest says nothing. Raises ValueError for a
+        pitch or edge of less than 1: the gradient of a pixel at the sides is outside the level.
+        """
+        if min(pitch, edge) < 1:
+            raise ValueError(f"a pitch of {pitch} and an edge of {edge} px choose no points")
+        pitch, edge = min(pitch, _MOST_SIDE), min(edge, _MOST_SIDE)
+        if mask is not None:
+            mask = np.ascontiguousarray(mask, np.bool_)
+            if mask.shape != self.shape:
+                raise ValueError(f"a mask of {mask.shape} px for a picture of {self.shape} px")
+        rows, columns = (max(-(-(side - 2 * edge) // pitch), 0) for side in self.shape)
+        found = np.empty(rows * columns, np.int32)
+        sees = None if mask is None else mask.ctypes.data
+        count = _structured(self, sees, pitch, edge, flat_share, least_steep, found.ctypes.data)
+        return found[:count]
+
+    def described(self, chosen: NDArray[np.int32], most: int) -> NDArray[np.int16]:
+        """(5, n) column, row, right − left, below − above, grey of at most so many of the pixels at these flat indices,
+        evenly taken. None of them is at the sides."""
+        chosen = np.ascontiguousarray(chosen, np.int32)
+        parts = np.empty((_PARTS, min(chosen.size, most)), np.int16)
+        _describe(self, chosen.ctypes.data, chosen.size, parts.shape[1], parts.ctypes.data)
+        return parts
+
+
+class Fit(ctypes.Structure):
+    """State of a descent.
+
+    u_x, u_y: px, alpha: rad, gain and bias of the greys. response: share of the keyframe's gradient across, down and
+    around that is still there, of what the gain leaves of it. lost: too little was in view.
+    """
+
+    _fields_ = (
+        *((name, c_double) for name in ("u_x", "u_y", "alpha", "gain", "bias")),
+        ("response", c_double * 3),
+        ("converged", c_int32),
+        ("lost", c_int32),
+        ("inverse_cutoff", c_float),
+        ("sums", c_float * _SUMS * _STRIPS),
+        ("curvature", c_double * _PARAMETERS * _PARAMETERS),
+    )
+
+    def __init__(self, u_x: float, u_y: float, alpha: float, gain: float = 1.0, bias: float = 0.0) -> None:
+        super().__init__(u_x, u_y, alpha, gain, bias, (1.0, 1.0, 1.0))
+
+    def covariance(self) -> Array | None:
+        """(3, 3) of u_x, u_y px, α rad, after a descent that was responding; None where it was lost, or nothing can be
+        said."""
+        found = np.empty((3, 3))
+        return found if _covariance(self, found.ctypes.data) else None
+
+
+class Template(ctypes.Structure):
+    """Points of one pyramid level, top to bottom, with what a descent needs of them.
+
+    parts: (5, n) as `Picture.described`, n > 0. factor: px of the full picture per px of the level. centre: column and
+    row, px, of the middle of the picture. aspect: λ_axial ÷ λ_lateral.
+    """
+
+    _fields_ = (
+        *((name, c_void_p) for name in ("_column", "_row", "_across", "_down", "_grey")),
+        ("count", c_int32),
+        *((name, c_double) for name in ("factor", "centre_x", "centre_y", "aspect")),
+        ("energy", c_double * 4),
+        ("solver", c_double * _PARAMETERS * _PARAMETERS),
+    )
+
+    def __init__(self, parts: NDArray[np.int16], factor: float, centre: tuple[float, float], aspect: float) -> None:
+        self._parts = np.ascontiguousarray(parts, np.int16)
+        assert self._parts.shape[0] == _PARTS
+        assert self._parts.shape[1] > 0
+        start, apart = self._parts.ctypes.data, self._parts.strides[0]
+        super().__init__(*(start + k * apart for k in range(_PARTS)), self._parts.shape[1], factor, *centre, aspect)
+        _prepare(self)
+
+    def thinned(self, most: int) -> "Template":
+        """The same with about `most` of the points."""
+        each = max(self.count // most, 1)
+        return Template(self._parts[:, ::each], self.factor, (self.centre_x, self.centre_y), self.aspect)
+
+    def descend(
+        self, picture: Picture, fit: Fit, most_steps: int, enough_px: float = 0.0, responding: bool = False
+    ) -> None:
+        """So many steps, or until one is shorter than enough_px, which is called converged, or the fit is lost.
+
+        responding: after each step see how much of the gradient is left; the next steps and the covariance need it.
+        """
+        _descend(self, picture, fit, most_steps, enough_px, responding)
+
+    def correlate(self, picture: Picture, fit: Fit, reach_px: float) -> tuple[list[float], float]:
+        """Correlation of about a thousand points with the picture where the fit puts them, and so far to the right,
+        left, below and above; 0 where there is nothing to correlate. And the share of them in view."""
+        found = (c_double * _LOOKS)()
+        share = _correlate(self, picture, fit, reach_px, found)
+        return found[:], share
+
+
+if [sizeof(structure) for structure in (Picture, Template, Fit)] != _SIZES:
+    raise unusable("it was compiled from another source")
+
+_seen = POINTER(Template), POINTER(Picture), POINTER(Fit)
+_descend = declared("descend", *_seen, c_int32, c_double, c_int32)
+_correlate = declared("correlate", *_seen, c_double, c_void_p, result=c_double)
+_prepare = declared("prepare", POINTER(Template))
+_covariance = declared("covariance", POINTER(Fit), c_void_p, result=c_int32)
+_structured = declared(
+    "structured", POINTER(Picture), c_void_p, c_int32, c_int32, c_double, c_int32, c_void_p, result=c_int32
+)
+_describe = declared("describe", POINTER(Picture), c_void_p, c_int32, c_int32, c_void_p)

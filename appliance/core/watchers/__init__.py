@@ -1,1 +1,0 @@
-"""One watcher a file: what of the picture, the tracker and the calibration may be wrong."""

@@ -1,0 +1,126 @@
+"""The asking end of the control socket, for the commands of the operator and for other software."""
+
+import json
+import socket
+import struct
+from pathlib import Path
+from typing import Self
+
+from appliance.service.control.refusal import why_silent
+from appliance.service.control.rights import join_group
+from appliance.service.control.server import VERSION, ControlRefused, Reply
+from drivers.errors import DeviceLost, ProbewatchError
+from drivers.printable import printable_value
+
+
+class ControlClient:
+    """Speaks to a running service. Raises ControlRefused when it declines; when none answers, DeviceLost, or what the
+    service could not be started with, as ConfigurationError.
+    """
+
+    def __init__(self, path: Path, timeout_s: float = 2.0) -> None:
+        self._path = path
+        self._link = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            self._connect(timeout_s)
+        except OSError as error:
+            self._link.close()
+            raise self._gone(error) from None
+        self._link.settimeout(timeout_s)
+        self._lines = self._link.makefile("rb")
+
+    def _connect(self, timeout_s: float) -> None:
+        """Blocking, so that the kernel keeps the place in the queue where a crowd waits to be accepted."""
+        seconds, fraction = divmod(timeout_s, 1)
+        limit = struct.pack("@ll", int(seconds), int(fraction * 1e6))
+        self._link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
+        self._link.connect(str(self._path))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._lines.close()
+        self._link.close()
+
+    def status(self) -> Reply:
+        """The whole status, as documented in appliance.service.control.status."""
+        status = self._ask(do="status")["status"]
+        assert isinstance(status, dict)
+        return status
+
+    def acknowledge(self) -> None:
+        """A person has seen the alarm: it falls silent, and a latched state ends once the cause is gone."""
+        self._ask(do="acknowledge")
+
+    def pause_audio(self, seconds: float) -> None:
+        """Silence for at most 120 s."""
+        self._ask(do="pause-audio", seconds=seconds)
+
+    def audio_off(self, reason: str) -> None:
+        """Silence until audio_on, but for a reminder once a minute."""
+        self._ask(do="audio-off", reason=reason)
+
+    def audio_on(self) -> None:
+        """End a pause or an audio-off."""
+        self._ask(do="audio-on")
+
+    def test_lamps(self) -> None:
+        """All lamps and the tone for five seconds; the contact stays as it is."""
+        self._ask(do="lamp-test")
+
+    def reload(self) -> None:
+        """Take the limits, times and language of the changed configuration file; an invalid one changes nothing."""
+        self._ask(do="reload")
+
+    def propose_calibration(self, wanted: Path | int) -> Reply:
+        """How a file, or an earlier reference by its number, differs from the one in force; docs/control.md."""
+        proposal = self._ask(do="propose-calibration", **_wanted(wanted))["proposal"]
+        assert isinstance(proposal, dict)
+        return proposal
+
+    def clear_bump(self) -> None:
+        """A person has checked the tracker's position sensor after a blow: its poses count again."""
+        self._ask(do="clear-bump")
+
+    def begin_recalibration(self) -> None:
+        """Stop monitoring for a scan."""
+        self._ask(do="begin-recalibration")
+
+    def end_recalibration(self, wanted: Path | int, confirm: str = "") -> None:
+        """Take a file, or an earlier reference by its number, as the reference; monitoring resumes once the line has
+        confirmed it. confirm: the difference as the proposal states it in words, where it must be confirmed.
+        """
+        self._ask(do="end-recalibration", confirm=confirm, **_wanted(wanted))
+
+    def abort_recalibration(self) -> None:
+        """Back to the reference in force before."""
+        self._ask(do="abort-recalibration")
+
+    def _ask(self, **request: str | float) -> Reply:
+        try:
+            self._link.sendall(json.dumps({"v": VERSION, **request}).encode() + b"\n")
+            line = self._lines.readline()
+        except OSError as error:
+            raise self._gone(error) from None
+        if not line:
+            raise DeviceLost("the service closed the control socket", str(self._path), "Ask again; else see its log")
+        reply = printable_value(json.loads(line))
+        assert isinstance(reply, dict)
+        if not reply["ok"]:
+            raise ControlRefused(str(reply["error"]))
+        return reply
+
+    def _gone(self, error: OSError) -> ProbewatchError:
+        if isinstance(error, PermissionError):
+            return DeviceLost("your user may not ask the service", str(self._path), join_group(self._path))
+        what = f"no service answers ({error.strerror or error})"
+        remedy = "Start it: systemctl start probewatch; if it ends again, journalctl -u probewatch says why"
+        return why_silent(self._path) or DeviceLost(what, str(self._path), remedy)
+
+
+def _wanted(wanted: Path | int) -> dict[str, str | int]:
+    return {"number": wanted} if isinstance(wanted, int) else {"file": str(wanted.absolute())}

@@ -1,0 +1,136 @@
+"""Which calibration is the reference while a person recalibrates, and what it returns to when he gives up."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from appliance.core.quality.calibration_difference import Difference, difference
+from appliance.limits import Limits
+from appliance.service.control.deadline_worker import DeadlineWorker
+from appliance.service.control.references import References
+from appliance.service.control.server import ControlRefused
+from appliance.service.estimator.process_host import EstimatorHost
+from appliance.storage.calibration_file import calibration_bytes
+from appliance.storage.reference import Candidate, Reference
+from appliance.storage.reference_store import RECALIBRATED
+from appliance.supervision.supervisor import Request, Supervisor
+from appliance.types import PARAMETERS, State
+
+Ask = Callable[[Request], None]
+"""Puts a request to the supervisor. Raises ControlRefused."""
+
+_EVERYTHING = ("polarity", *PARAMETERS)
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What a person wants as the reference: a file, or the number of an earlier one. confirm: the difference from the
+    one in force, as the proposal states it; empty where he did not say that he accepts it. who: asks.
+    """
+
+    file: Path | None = None
+    number: int | None = None
+    confirm: str = ""
+    who: str = ""
+
+    @property
+    def origin(self) -> str:
+        return RECALIBRATED if self.number is None else f"went back to {self.number}"
+
+
+class Recalibration:
+    """Carries out what the supervisor grants. took: is told of every reference that comes in force."""
+
+    def __init__(
+        self,
+        supervisor: Supervisor,
+        estimator: EstimatorHost,
+        references: References,
+        ask: Ask,
+        worker: DeadlineWorker,
+        limits: Callable[[], Limits],
+        took: Callable[[Reference], None],
+    ) -> None:
+        self._supervisor, self._estimator, self._references = supervisor, estimator, references
+        self._ask, self._worker, self._limits, self._took = ask, worker, limits, took
+        self._before: Reference | None = None
+
+    def begin(self) -> None:
+        """Raises ControlRefused."""
+        self._ask(Request.BEGIN_RECALIBRATION)
+
+    def propose(self, wanted: Wanted) -> dict[str, Any]:
+        """How it differs from the reference; nothing changes. Raises ControlRefused, ConfigurationError."""
+        candidate = self._candidate(wanted)
+        change = self._change(candidate)
+        if change is None:
+            raise ControlRefused(f"there is no reference to compare with yet: {self._references.waits}")
+        asked = self._must_confirm(wanted, change)
+        return {**change.fields(), "text": change.text, "confirm": asked, "sha256": candidate.sha256}
+
+    def end(self, wanted: Wanted) -> None:
+        """Take it as the reference. Raises ControlRefused, also for a difference that nobody has confirmed, and
+        ConfigurationError for the file.
+        """
+        refusal = self._supervisor.refusal(Request.END_RECALIBRATION)
+        if refusal:
+            raise ControlRefused(refusal)
+        candidate = self._candidate(wanted)
+        change = self._change(candidate)
+        if change is not None and self._must_confirm(wanted, change) and wanted.confirm != change.text:
+            what = f"differs from the reference in force: {change.text}"
+            raise ControlRefused(what, candidate.file, "To accept that, repeat the difference: field confirm, or --yes")
+        self._ask(Request.END_RECALIBRATION)
+        self._take(candidate, wanted.origin, wanted.who, change)
+
+    def abort(self) -> None:
+        """Back to the reference in force before. Raises ControlRefused."""
+        self._ask(Request.ABORT_RECALIBRATION)
+
+    def follow(self, before: State, after: State) -> None:
+        """A reference that monitoring confirmed stays; whatever else ends a recalibration returns to the one before."""
+        if after is State.MONITORING:
+            self._references.note_verified()
+            self._before = self._references.current
+        elif before is State.RECALIBRATING and after is not State.RECALIBRATING:
+            self._return()
+        self._take_up()
+
+    def _take_up(self) -> None:
+        """The first reference, once the disk has told it."""
+        current = self._references.current
+        if current is not None and self._estimator.reference is None:
+            self._before = current
+            self._refer(current)
+
+    def _candidate(self, wanted: Wanted) -> Candidate:
+        """Only reading waits for the disk."""
+        file, number = wanted.file, wanted.number
+        if number is not None:
+            return self._worker.run(f"reference {number}", lambda: self._references.from_history(number))
+        assert file is not None
+        content = self._worker.run(str(file), lambda: calibration_bytes(file))
+        return self._worker.run(str(file), lambda: self._references.from_content(content, str(file)))
+
+    def _change(self, candidate: Candidate) -> Difference | None:
+        current = self._references.current
+        return None if current is None else difference(current.calibration, candidate.calibration)
+
+    def _must_confirm(self, wanted: Wanted, change: Difference) -> bool:
+        return wanted.number is not None or change.beyond(self._limits())
+
+    def _take(self, candidate: Candidate, origin: str, who: str, change: Difference | None) -> None:
+        far = change is not None and change.beyond(self._limits())
+        text = "" if change is None else change.text
+        self._refer(self._references.take(candidate, origin, who, text, _EVERYTHING if far else ()))
+
+    def _refer(self, reference: Reference) -> None:
+        self._estimator.refer(reference.calibration)
+        self._took(reference)
+
+    def _return(self) -> None:
+        before = self._before
+        if before is not None and before is not self._references.current:
+            self._take(before.candidate, f"went back to {before.entry.number}", "", self._change(before.candidate))
+            self._before = self._references.current

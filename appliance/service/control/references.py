@@ -1,0 +1,297 @@
+"""Which reference is in force, across restarts and power cuts.
+
+The store is read and written in a thread of its own, so that a disk that is slow, full or does not answer delays no
+tick. What is in force but not on the disk yet cannot be verified: the contact never closes on a reference that a
+restart would not go on with.
+"""
+
+import threading
+from collections.abc import Iterable
+from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from appliance.configuration.config import Config
+from appliance.service.control.last_reference import last_reference
+from appliance.service.host.log import get_log
+from appliance.service.host.own_files import own_files
+from appliance.service.host.recorder import END_S, OPEN_S, RETRY_S
+from appliance.storage.calibration_file import calibration_bytes, is_device_set
+from appliance.storage.reference import Candidate, Reference, Size, candidate_from_content, candidate_of_entry, size_for
+from appliance.storage.reference_store import CONFIGURED, Entry, History, read_history, sha256_of, write_history
+from appliance.types import Verdict, VerdictKind
+from drivers.errors import ConfigurationError
+
+SOFTWARE = version("probewatch")
+
+_TAKE = "Take it with: probewatch calibration use"
+_UNREADABLE = ""
+
+
+class References(threading.Thread):
+    """Runs from its construction on, which reads what is in force; writes only after begin().
+
+    current: what is in force; None until the disk has answered and, for a device set without a size, a picture was
+    seen. changed: what is wrong with the configuration's calibration file, in words, while it is neither in force nor
+    the one a person last decided about. failure: an error of ours, which has ended the thread; the tick raises it.
+    Construction raises ConfigurationError where no reference can be had: the store is damaged, or the first
+    calibration cannot be used.
+    """
+
+    def __init__(self, config: Config) -> None:
+        super().__init__(name="references", daemon=True)
+        self._folder, self._place, self._simulated = config.alarm.folder, config.calibration, config.simulated
+        self._wake, self._opened = threading.Event(), threading.Event()
+        self._lock = threading.RLock()
+        self._history = self._written = History()
+        self._contents: dict[str, bytes] = {}
+        self._unsized: bytes | None = None
+        self._seen_px: Size | None = None
+        self._look, self._decided, self._begun, self._ending = True, False, False, False
+        self._error: str | None = None
+        self._missing: tuple[str, ...] = ()
+        self._log = get_log(folder=str(self._folder))
+        self.current: Reference | None = None
+        self.changed: str | None = None
+        self.failure: BaseException | None = None
+        self.start()
+        self._opened.wait(OPEN_S)
+        if isinstance(self.failure, ConfigurationError):
+            raise self.failure
+
+    def begin(self) -> None:
+        """No other service runs here: changes may be written."""
+        self._begun = True
+        self._wake.set()
+
+    def close(self) -> None:
+        """Write what is not on the disk yet, for at most two seconds."""
+        self._ending = True
+        self._wake.set()
+        self.join(END_S)
+        if not self.on_disk:
+            self._log.error("the reference in force is not on the disk", what=self.waits)
+
+    @property
+    def on_disk(self) -> bool:
+        """A restart would go on with what is in force."""
+        return len(self._written.entries) == len(self._history.entries)
+
+    @property
+    def history(self) -> History:
+        """Everything that was ever in force, the present one included."""
+        return self._history
+
+    @property
+    def waits(self) -> str | None:
+        """What must happen before there is a reference, or before the one in force may be verified; None: nothing."""
+        if not self._opened.is_set():
+            return f"{self._folder} has not answered yet"
+        if self.current is None:
+            return "no picture has come yet, whose size the device set does not state"
+        if not self.on_disk:
+            return f"it is not on the disk yet{'' if self._error is None else f' ({self._error})'}"
+        if self.current.entry.verified_utc is None and self._missing:
+            return f"it is far from the one before, and of it is not shown yet: {', '.join(self._missing)}"
+        return None
+
+    def see(self, size_px: Size | None) -> None:
+        """(width, height) of the last good picture."""
+        if size_px is not None and size_px != self._seen_px:
+            self._seen_px = size_px
+            self._wake.set()
+
+    def look_again(self) -> None:
+        """The configuration's calibration file may have changed."""
+        self._look = True
+        self._wake.set()
+
+    def from_content(self, content: bytes, file: str) -> Candidate:
+        """What might become the reference. Raises ConfigurationError, also for a simulated one on a real cart."""
+        candidate = candidate_from_content(content, file, self._size_for(content), self._place.probe)
+        return self._allowed(candidate)
+
+    def from_history(self, number: int) -> Candidate:
+        """An earlier reference; reads the disk. Raises ConfigurationError."""
+        return self._allowed(candidate_of_entry(self._folder, self._history.entry(number)))
+
+    def take(
+        self, candidate: Candidate, origin: str, who: str = "", difference: str = "", to_show: Iterable[str] = ()
+    ) -> Reference:
+        """Put it in force. to_show: checks that must be shown, all in one verdict, before its first OK."""
+        with self._lock:
+            entry = Entry(
+                number=len(self._history.entries) + 1,
+                origin=origin,
+                utc=_now(),
+                software=SOFTWARE,
+                file=candidate.file,
+                sha256=candidate.sha256,
+                image_size_px=candidate.calibration.image_size_px,
+                probe=candidate.probe,
+                simulated=candidate.calibration.simulated,
+                difference=difference,
+                who=who,
+                to_show=tuple(to_show),
+            )
+            self._unsized, self._missing = None, entry.to_show
+            self._contents[candidate.sha256] = candidate.content
+            changes: dict[str, object] = {"entries": (*self._history.entries, entry)}
+            if origin == CONFIGURED:
+                changes["configured_sha256"] = candidate.sha256
+            self._history = self._history.model_copy(update=changes)
+            self.current = Reference(entry, candidate)
+        self.look_again()
+        return self.current
+
+    def note_verified(self) -> None:
+        """Motion has shown the reference in force."""
+        if self.current is None or self.current.entry.verified_utc is not None:
+            return
+        with self._lock:
+            entry = self.current.entry.model_copy(update={"verified_utc": _now()})
+            self._history = self._history.model_copy(update={"entries": (*self._history.entries[:-1], entry)})
+            self.current = Reference(entry, self.current.candidate)
+            self._decided = True
+        self.look_again()
+
+    def judged(self, verdicts: tuple[Verdict, ...]) -> tuple[Verdict, ...]:
+        """The line's verdicts, without an OK that the reference in force has not earned yet."""
+        if verdicts and self.current is not None:
+            self._missing = self._not_shown(verdicts[-1], self.current.entry)
+        return tuple(self._judged(one) for one in verdicts)
+
+    def run(self) -> None:
+        try:
+            own_files()
+            self._open()
+            self._opened.set()
+            self._work()
+            while not self._ending or (self._unwritten and self._error is None):
+                if not self._ending:
+                    self._wake.wait(None if self._error is None else RETRY_S)
+                    self._wake.clear()
+                self._work()
+        except BaseException as error:
+            self.failure = error  # the tick raises it
+        finally:
+            self._opened.set()
+
+    @property
+    def _unwritten(self) -> bool:
+        return self._begun and self._written is not self._history
+
+    def _open(self) -> None:
+        history = read_history(self._folder)
+        if history is not None:
+            self._history = self._written = history
+        if history is not None and history.in_force is not None:
+            candidate = self._allowed(candidate_of_entry(self._folder, history.in_force))
+            self.current, self._missing = Reference(history.in_force, candidate), history.in_force.to_show
+            return
+        if history is None:
+            _refuse_lost(self._folder)
+        content = calibration_bytes(self._place.file)
+        if is_device_set(content) and self._size_for(content) is None:
+            self._unsized = content
+        else:
+            self.take(self.from_content(content, str(self._place.file)), CONFIGURED)
+
+    def _work(self) -> None:
+        self._complete()
+        if self._look and self._begun and self.current is not None:
+            self._look = False
+            self._compare_configured()
+        if self._unwritten:
+            self._write()
+
+    def _complete(self) -> None:
+        """The first picture tells the size that the first device set does not."""
+        content = self._unsized
+        if content is None or self._seen_px is None:
+            return
+        candidate = self.from_content(content, str(self._place.file))
+        with self._lock:
+            if self._unsized is content:  # and no person has taken another meanwhile
+                self.take(candidate, CONFIGURED)
+
+    def _compare_configured(self) -> None:
+        """Notice a configured file that is neither in force nor what it was when a person last decided."""
+        file = self._place.file
+        try:
+            sha256, trouble = sha256_of(calibration_bytes(file)), "was changed"
+        except ConfigurationError as error:
+            sha256, trouble = _UNREADABLE, error.what
+        changed = None if self._decided_about(sha256) else f"{file} {trouble}, and is not in force"
+        if changed is not None and changed != self.changed:
+            self._log.warning("configured calibration is not in force", what=changed, remedy=f"{_TAKE} {file}")
+        self.changed = changed
+
+    def _decided_about(self, sha256: str) -> bool:
+        with self._lock:
+            assert self.current is not None
+            entry = self.current.entry
+            in_force = sha256 == entry.sha256
+            if self._decided or (in_force and entry.verified_utc is not None):
+                self._decided = False
+                if sha256 != self._history.configured_sha256:
+                    self._history = self._history.model_copy(update={"configured_sha256": sha256})
+            return in_force or sha256 == self._history.configured_sha256
+
+    def _write(self) -> None:
+        with self._lock:
+            history, contents = self._history, dict(self._contents)
+        try:
+            write_history(self._folder, history, contents)
+        except OSError as error:
+            if self._error is None:
+                self._log.warning("the history of references cannot be written", what=error.strerror or str(error))
+            self._error = error.strerror or str(error)
+            return
+        if self._error is not None:
+            self._log.info("the history of references is written again")
+        self._error = None
+        with self._lock:
+            self._written = history
+            self._contents = {key: content for key, content in self._contents.items() if key not in contents}
+
+    def _size_for(self, content: bytes) -> Size | None:
+        known_px = None if self.current is None else self.current.calibration.image_size_px
+        return size_for(content, self._place, self._seen_px or known_px)
+
+    def _allowed(self, candidate: Candidate) -> Candidate:
+        if candidate.calibration.simulated and not self._simulated:
+            what = "was made of a simulated scan and cannot be the reference of a cart with real devices"
+            raise ConfigurationError(what, candidate.file, "Scan the cross-wire with this probe: docs/recalibration.md")
+        return candidate
+
+    def _judged(self, verdict: Verdict) -> Verdict:
+        """What is not on the disk, or far and not wholly shown, is not verified yet, whatever motion showed of it."""
+        if self.current is not None and self.on_disk and not self._not_shown(verdict, self.current.entry):
+            return verdict
+        withheld = replace(verdict, verified_ns=None)
+        if verdict.kind is not VerdictKind.OK:
+            return withheld
+        return replace(withheld, kind=VerdictKind.NOT_VERIFIED, reason=f"reference: {self.waits}")
+
+    @staticmethod
+    def _not_shown(verdict: Verdict, entry: Entry) -> tuple[str, ...]:
+        """Checks that the first OK of this reference still lacks."""
+        if entry.verified_utc is not None:
+            return ()
+        shown = {check.name for check in verdict.checks if check.verdict is VerdictKind.OK}
+        return tuple(name for name in entry.to_show if name not in shown)
+
+
+def _refuse_lost(folder: Path) -> None:
+    """No store is the first start of a cart, unless the alarm log remembers a reference."""
+    known = last_reference(folder)
+    if known is not None:
+        what = f"is gone, but the alarm log says that {known} was in force"
+        remedy = "Restore it from a copy, or begin anew with the configuration's file: probewatch calibration reset"
+        raise ConfigurationError(what, str(folder / "references"), remedy)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

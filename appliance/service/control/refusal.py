@@ -1,0 +1,57 @@
+"""Why no service answers: the service leaves it beside its control socket, for whoever may use that socket.
+
+The journal holds the same, but only administrators and the group systemd-journal may read it.
+"""
+
+import contextlib
+import json
+import os
+import tomllib
+from datetime import UTC, datetime
+from pathlib import Path
+
+from appliance.configuration.config import Control
+from drivers.errors import ConfigurationError
+from drivers.files.atomic_file import replacing
+
+_SUFFIX = ".refusal"
+_MOST_BYTES = 16_000
+"""A refusal is a few lines; what is larger was not written by the service, and is cut."""
+
+
+def leave(config_file: Path, error: ConfigurationError) -> None:
+    """Say it to whoever asks. Where that cannot be written, the log alone has it."""
+    utc = datetime.now(UTC).isoformat(timespec="seconds")
+    said = {"utc": utc, "what": error.what, "where": error.where, "remedy": error.remedy}
+    with contextlib.suppress(OSError), replacing(_place(_socket_of(config_file))) as stream:
+        os.fchmod(stream.fileno(), 0o640)
+        stream.write(json.dumps(said).encode())
+
+
+def withdraw(socket: Path) -> None:
+    """A service runs here."""
+    with contextlib.suppress(OSError):
+        _place(socket).unlink()
+
+
+def why_silent(socket: Path) -> ConfigurationError | None:
+    """What the last service that could not watch has left beside this socket, None where there is nothing."""
+    try:
+        with _place(socket).open("rb") as stream:
+            said = json.loads(stream.read(_MOST_BYTES))
+        utc, what, where, remedy = (str(said[name]) for name in ("utc", "what", "where", "remedy"))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return ConfigurationError(f"the service does not watch, since {utc}: {what}", where, remedy)
+
+
+def _socket_of(config_file: Path) -> Path:
+    """Where people will ask: [control] socket, as far as the file can be read; else the usual one."""
+    try:
+        return Path(str(tomllib.loads(config_file.read_text(encoding="utf-8"))["control"]["socket"]))
+    except (OSError, ValueError, RecursionError, KeyError, TypeError):
+        return Control().socket
+
+
+def _place(socket: Path) -> Path:
+    return socket.with_name(socket.name + _SUFFIX)

@@ -1,0 +1,139 @@
+"""What a person may ask over the control socket, and what becomes of it."""
+
+import math
+import pwd
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from appliance.service.control.allowance import BURST, EVERY_NS, Allowance
+from appliance.service.control.deadline_worker import DeadlineWorker
+from appliance.service.control.recalibration import Recalibration, Wanted
+from appliance.service.control.server import ControlRefused, Peer, Reply
+from appliance.supervision.annunciator import Annunciator
+from appliance.supervision.audio import LONGEST_PAUSE_NS
+from appliance.supervision.supervisor import Request
+from drivers.printable import printable
+
+_ALWAYS = ("acknowledge", "audio-on")
+"""Granted however much this user has asked for: both can change something only after something else has."""
+
+Body = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Hands:
+    """Everything of the service that a request may move. note: adds an entry to the alarm log."""
+
+    ask: Callable[[Request], None]
+    status: Callable[[], Reply]
+    clear_bump: Callable[[], bool]
+    reload: Callable[[], None]
+    recalibration: Recalibration
+    annunciator: Annunciator
+    worker: DeadlineWorker
+    now_ns: Callable[[], int]
+    note: Callable[..., None]
+
+
+class Requests:
+    """One method a request; each raises ControlRefused, or ConfigurationError for a file. What is granted is noted; so
+    that no client can flood the log, each user may ask only so often.
+    """
+
+    def __init__(self, hands: Hands) -> None:
+        self._hands = hands
+        self._allowance = Allowance()
+        self._names: dict[int, str] = {}
+        self._asking = ""
+        self._table: dict[str, Callable[[Body], Reply | None]] = {
+            "status": lambda _: {"status": hands.status()},
+            "acknowledge": lambda _: hands.ask(Request.ACKNOWLEDGE),
+            "pause-audio": self._pause_audio,
+            "audio-off": self._audio_off,
+            "audio-on": lambda _: hands.annunciator.audio.on(),
+            "lamp-test": lambda _: hands.annunciator.test_lamps(hands.now_ns()),
+            "clear-bump": self._clear_bump,
+            "propose-calibration": lambda body: {"proposal": hands.recalibration.propose(_wanted(body, ""))},
+            "begin-recalibration": lambda _: hands.recalibration.begin(),
+            "end-recalibration": lambda body: hands.recalibration.end(_wanted(body, self._asking)),
+            "abort-recalibration": lambda _: hands.recalibration.abort(),
+            "reload": lambda _: hands.reload(),
+        }
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Everything that can be asked."""
+        return tuple(self._table)
+
+    def answer(self, do: str, body: Body, who: Peer) -> Reply:
+        """Fields of the reply. who: the asking process, as the kernel knows it."""
+        if do not in self._table:
+            raise ControlRefused(f"'{do[:40]}' is no request of this service; it knows {', '.join(self._table)}")
+        if do == "status" or (do == "audio-on" and not self._hands.annunciator.audio.silenced):
+            return self._table[do](body) or {}
+        self._refuse_too_many(do, who)
+        self._asking = f"{self._names.get(who.uid, f'uid {who.uid}')}, process {who.pid}"
+        reply = self._table[do](body)
+        self._note(do, body, who)
+        return reply or {}
+
+    def _refuse_too_many(self, do: str, who: Peer) -> None:
+        wait_ns = self._allowance.wait_ns(who.uid, self._hands.now_ns())
+        if wait_ns and do not in _ALWAYS:
+            rate = f"{BURST} at once, then one in {EVERY_NS // 10**9} s"
+            wait_s = math.ceil(wait_ns / 1e9)
+            raise ControlRefused(f"{self._name(who.uid)} has asked too often ({rate}); wait {wait_s} s")
+
+    def _note(self, do: str, body: Body, who: Peer) -> None:
+        if do not in _ALWAYS:
+            self._allowance.take(who.uid, self._hands.now_ns())
+        said = {
+            key: printable(str(body[key])) for key in ("file", "number", "confirm", "reason", "seconds") if key in body
+        }
+        self._hands.note("request", do=do, who=f"{self._name(who.uid)}, process {who.pid}", **said)
+
+    def _name(self, uid: int) -> str:
+        """Looked up once; a list of users may be on a disk, or on the network, that does not answer."""
+        try:
+            if uid not in self._names:
+                self._names[uid] = self._hands.worker.run("the list of users", lambda: pwd.getpwuid(uid).pw_name)
+            return self._names[uid]
+        except (ControlRefused, KeyError):
+            return f"uid {uid}"
+
+    def _pause_audio(self, body: Body) -> None:
+        seconds = body.get("seconds", LONGEST_PAUSE_NS // 10**9)
+        if not isinstance(seconds, int | float) or isinstance(seconds, bool):
+            raise ControlRefused("seconds must be a number")
+        try:
+            self._hands.annunciator.audio.pause(self._hands.now_ns(), round(seconds * 1e9))
+        except (ValueError, OverflowError) as error:
+            raise ControlRefused(str(error)) from None
+
+    def _audio_off(self, body: Body) -> None:
+        try:
+            self._hands.annunciator.audio.off(printable(str(body.get("reason", ""))))
+        except ValueError as error:
+            raise ControlRefused(str(error)) from None
+
+    def _clear_bump(self, body: Body) -> None:
+        if not self._hands.clear_bump():
+            raise ControlRefused("the tracker has no bump detector, or is lost")
+
+
+def _wanted(body: Body, who: str) -> Wanted:
+    """The file, or the number, that is to become the reference. Raises ControlRefused."""
+    confirm = body.get("confirm", "")
+    if not isinstance(confirm, str):
+        raise ControlRefused("confirm must repeat the difference that is accepted")
+    if "number" in body:
+        number = body["number"]
+        if not isinstance(number, int) or isinstance(number, bool) or "file" in body:
+            raise ControlRefused("number must be that of an earlier reference, and no file beside it")
+        return Wanted(number=number, confirm=confirm, who=who)
+    file = body.get("file")
+    if not isinstance(file, str) or not file or not file.isprintable():
+        raise ControlRefused("file must name a calibration file")
+    return Wanted(file=Path(file), confirm=confirm, who=who)

@@ -1,0 +1,126 @@
+"""The status that the control socket gives: plain numbers and words, NaN as null. docs/control.md tells every field."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from appliance.configuration.config import Config
+from appliance.service.control.references import SOFTWARE, References
+from appliance.service.devices.output_thread import OutputThread
+from appliance.service.host.recorder import Recorder
+from appliance.storage.reference import Reference
+from appliance.supervision.alarms import HAZARDS, OVERLOADED, SIGNALS, operator_text
+from appliance.supervision.audio import Sound
+from appliance.supervision.languages import translated
+from appliance.types import AlarmState, Check, Verdict
+
+_SIMULATED = {"en": "SIMULATED · ", "de": "SIMULIERT · "}
+"""Before the text of every state while a source is no real device."""
+
+
+def origin_fields(config: Config, config_file: Path, references: References) -> dict[str, Any]:
+    """What the verdicts rest on: the software, its configuration, the reference in force, and which sources are real.
+
+    reference: None while there is none; reference_waits says why.
+    """
+    current = references.current
+    return {
+        "software": SOFTWARE,
+        "configuration": configuration_fields(config, config_file),
+        "reference": None if current is None else reference_fields(current),
+        "reference_waits": references.waits,
+        "calibration_changed": references.changed,
+        "simulated": [*config.simulated],
+    }
+
+
+def configuration_fields(config: Config, config_file: Path) -> dict[str, str]:
+    """The configuration in force."""
+    return {"file": str(config_file.absolute()), "sha256": config.sha256}
+
+
+def reference_fields(reference: Reference) -> dict[str, Any]:
+    """As appliance.storage.reference_store.Entry describes them."""
+    return reference.entry.model_dump(mode="json")
+
+
+def alarm_fields(now_ns: int, alarm: AlarmState, language: str, simulated: Sequence[str] = ()) -> dict[str, Any]:
+    """What the room is told, in its language. simulated: URLs of the sources that are no real device."""
+    text, remedy = operator_text(alarm.state, alarm.fault, language, OVERLOADED in alarm.notices)
+    signal = SIGNALS[alarm.state]
+    return {
+        "state": alarm.state.value,
+        "text": f"{_SIMULATED[language] if simulated else ''}{text}",
+        "remedy": remedy,
+        "fault": alarm.fault,
+        "reason": alarm.reason,
+        "priority": signal.priority.value,
+        "lamp": signal.lamp.value,
+        "energised": alarm.energised,
+        "latched": None if alarm.latched is None else alarm.latched.value,
+        "acknowledged": alarm.acknowledged,
+        "notices": [translated(HAZARDS[fault].text, language) for fault in alarm.notices],
+        "since_s": (now_ns - alarm.since_ns) / 1e9,
+        "verification_age_s": None if alarm.verified_ns is None else (now_ns - alarm.verified_ns) / 1e9,
+    }
+
+
+def check_lists(now_ns: int, verdict: Verdict | None, devices: tuple[Check, ...]) -> dict[str, Any]:
+    """What the line and the device watchers see."""
+    return {
+        "verdict": None if verdict is None else verdict.kind.value,
+        "checks": [] if verdict is None else [check_fields(now_ns, check) for check in verdict.checks],
+        "devices": [check_fields(now_ns, check) for check in devices],
+    }
+
+
+def audio_fields(now_ns: int, sound: Sound | None, testing: bool) -> dict[str, Any]:
+    """Whether the alarm may sound, and why not."""
+    if sound is None:
+        return {"mode": "on", "left_s": None, "reason": "", "lamp_test": testing}
+    left_s = None if sound.until_ns is None else (sound.until_ns - now_ns) / 1e9
+    return {"mode": sound.mode.value, "left_s": left_s, "reason": sound.off_reason, "lamp_test": testing}
+
+
+def output_fields(outputs: Sequence[OutputThread]) -> list[dict[str, Any]]:
+    """Each output, what it shows and how quickly it did."""
+    return [
+        {
+            "url": output.url,
+            "signal": output.signal.value,
+            "energised": output.energised,
+            "writes": output.writes,
+            "slowest_ms": round(output.slowest_ms, 3),
+        }
+        for output in outputs
+    ]
+
+
+def log_fields(recorder: Recorder) -> dict[str, Any]:
+    """How far the alarm log is on the disk."""
+    return {
+        "entries": recorder.written,
+        "waiting": recorder.waiting,
+        "dropped": recorder.dropped,
+        "failing": recorder.failing,
+    }
+
+
+def check_fields(now_ns: int, check: Check) -> dict[str, Any]:
+    """One check, ready for JSON; how long ago motion showed it, null where none did."""
+    return {
+        "name": check.name,
+        "fault": check.fault,
+        "value": _number(check.value),
+        "sigma": _number(check.sigma),
+        "unit": check.unit,
+        "limit": _number(check.limit),
+        "ratio": _number(check.ratio),
+        "verdict": check.verdict.value,
+        "shown_age_s": None if check.shown_ns is None else (now_ns - check.shown_ns) / 1e9,
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,87 @@
+"""A thread that keeps one device open: it blocks in the kernel so that the tick need not."""
+
+import threading
+from abc import ABC, abstractmethod
+
+from appliance.service.devices.backoff import Backoff
+from appliance.service.host.log import get_log
+from appliance.supervision.alarms import HAZARDS, OVERLOADED
+from drivers.clock.host_clock import HostClock
+from drivers.errors import EXHAUSTED, DeviceLost, ProbewatchError, ProtocolError
+
+
+class DeviceThread(threading.Thread, ABC):
+    """Opens, works, and after a loss opens again with capped backoff; logs once that it is lost, once that it is back.
+
+    failure: an error of ours, or a configuration that can never work; the tick raises it. lost: what is wrong, in
+    words, while the device is lost. losses: how often it was lost. overload_ns: since when this computer is short of
+    time; from then on the first loss is said and the others are only counted.
+    """
+
+    def __init__(self, role: str, url: str, clock: HostClock) -> None:
+        super().__init__(name=role, daemon=True)
+        self._clock = clock
+        self._stopping = threading.Event()
+        self._backoff = Backoff()
+        self._log = get_log(device=role, url=url)
+        self.role, self.url = role, url
+        self.failure: BaseException | None = None
+        self.lost: str | None = None
+        self.losses = 0
+        self.overload_ns: int | None = None
+        self._told_ns: int | None = None
+        self._said = False
+
+    def stop(self) -> None:
+        """Ask the thread to close its device and end."""
+        self._stopping.set()
+
+    def run(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                self._keep_open()
+        except BaseException as error:
+            self.failure = error  # the tick raises it
+
+    @abstractmethod
+    def work(self) -> None:
+        """Open the device and use it until stopped. Raises DeviceLost, ProtocolError."""
+
+    def _keep_open(self) -> None:
+        try:
+            self.work()
+        except (DeviceLost, ProtocolError) as error:
+            self._lose(error)
+        except OSError as error:
+            if error.errno not in EXHAUSTED:
+                raise
+            remedy = "Start the service anew; see what else runs on this computer"
+            self._lose(DeviceLost(f"this computer has no room for it ({error.strerror})", self.url, remedy))
+
+    def _lose(self, error: ProbewatchError) -> None:
+        self._note_loss(error)
+        self._stopping.wait(self._clock.real_s(self._backoff.next_s()))
+
+    def _note_loss(self, error: ProbewatchError) -> None:
+        if self.lost is None:
+            self.losses += 1
+            self._say_loss(error)
+        self.lost = str(error)
+
+    def _say_loss(self, error: ProbewatchError) -> None:
+        overload_ns = self.overload_ns
+        self._said = overload_ns is None or overload_ns != self._told_ns
+        if not self._said:
+            return
+        self._told_ns, why = overload_ns, {}
+        if overload_ns is not None:
+            why = {"overloaded": True, "remedy": HAZARDS[OVERLOADED].remedy}
+        self._log.warning("device lost", **{"what": error.what, "where": error.where, "remedy": error.remedy} | why)
+
+    def note_success(self) -> None:
+        """The device has just done its work."""
+        self._backoff.reset()
+        if self.lost is not None:
+            self.lost = None
+            if self._said:
+                self._log.info("device back")

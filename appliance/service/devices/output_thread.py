@@ -1,0 +1,90 @@
+"""One thread for each alarm output, so that one that hangs holds up neither the tick nor the others."""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from appliance.service.devices.device_thread import DeviceThread
+from appliance.supervision.annunciator import Role
+from drivers.clock.host_clock import HostClock
+from drivers.device_api import AlarmOutput
+
+_COMMAND_LIFE_S = 0.25
+"""How long a command holds an output: five ticks. Longer keeps the contact closed after a tick that hangs; shorter
+opens it for a tick that is late (docs/failures.md).
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Command:
+    """commanded_s: when the tick gave it, CLOCK_MONOTONIC."""
+
+    energised: bool
+    given_ns: int
+    commanded_s: float
+
+
+class OutputThread(DeviceThread):
+    """Writes the last command of the tick; without a fresh one, as when the tick hangs, it writes de-energised.
+
+    signal: what it shows. written_ns: time of the last completed write. writes: how many. energised: what was written
+    last, None before and after a loss. slowest_ms: longest time from what asked for a change to the completed write.
+    """
+
+    def __init__(
+        self, signal: Role, url: str, open_output: Callable[[str, HostClock], AlarmOutput], clock: HostClock
+    ) -> None:
+        super().__init__("output", url, clock)
+        self.signal = signal
+        self._open = open_output
+        self._life_s = max(_COMMAND_LIFE_S, clock.real_s(_COMMAND_LIFE_S))  # ticks of a slower clock come later
+        self._wake = threading.Event()
+        self._command: _Command | None = None
+        self.written_ns: int | None = None
+        self.writes = 0
+        self.energised: bool | None = None
+        self.slowest_ms = 0.0
+
+    def command(self, energised: bool, given_ns: int) -> None:
+        """From the tick; never blocks. given_ns: when that was found out, from which the delay is counted."""
+        self._command = _Command(energised, given_ns, time.monotonic())
+        self._wake.set()
+
+    def stop(self) -> None:
+        super().stop()
+        self._wake.set()
+
+    def work(self) -> None:
+        try:
+            with self._open(self.url, self._clock) as output:
+                while not self._stopping.is_set():
+                    self._write(output, self._next())
+        finally:
+            self.energised = False if self._stopping.is_set() else None  # what a lost output shows is not known
+
+    def _next(self) -> _Command:
+        """The command just given, or de-energised when none was given in time."""
+        given = self._wake.wait(self._life_s)
+        self._wake.clear()
+        command, now_s = self._command, time.monotonic()
+        if given and command is not None and now_s - command.commanded_s < self._life_s:
+            return command
+        return _Command(False, self._clock.now_ns(), now_s)
+
+    def _write(self, output: AlarmOutput, command: _Command) -> None:
+        if self._stopping.is_set():
+            return
+        output.write(command.energised)
+        now_ns = self._clock.now_ns()
+        if command.energised != self.energised:
+            self._note_switch(command.energised, (now_ns - command.given_ns) / 1e6)
+        self.energised, self.written_ns = command.energised, now_ns
+        self.writes += 1
+        self.note_success()
+
+    def _note_switch(self, energised: bool, delay_ms: float) -> None:
+        self.slowest_ms = max(self.slowest_ms, delay_ms)
+        loud = self.signal is Role.CONTACT and self.overload_ns is None
+        log = self._log.info if loud else self._log.debug
+        log("contact", signal=self.signal.value, energised=energised, delay_ms=round(delay_ms, 3))

@@ -1,0 +1,179 @@
+"""Capture and tracker threads: read a source, note the arrival, hand the sample on."""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable
+from statistics import median
+from typing import Any
+
+from appliance.core.acquisition.input_validation import refused_picture
+from appliance.service.devices.device_thread import DeviceThread
+from appliance.supervision.watchers.facts import Replies
+from drivers.clock.host_clock import HostClock
+from drivers.device_api import BumpDetector, Identified, TrackerSource, VideoSource, Watched
+from drivers.errors import DeviceLost
+from drivers.samples import Frame, MarkerBody, Pose, Sample
+
+_READ_S = 0.1
+"""For which a read waits. Longer lets the end and what a person asks of the tracker wait; shorter costs wake-ups."""
+_REOPEN_AFTER_NS = 3_000_000_000
+"""Silence after which an open device is opened anew. The alarm does not wait for it (`Patience`). Shorter interrupts a
+device that is about to go on; longer is part of the time to recover.
+"""
+_LOOK_NS = 200_000_000
+_LOOKS = 5
+"""The marker body is looked at so often, and the median of so many looks counts: one second, in which two bad fits are
+outvoted. More tells a bent body later.
+"""
+_LISTEN_NS = 1_000_000_000
+"""Between two looks at what a tracker remarks, such as a low battery: for a person to read."""
+
+
+class SourceThread(DeviceThread):
+    """deliver takes each sample; it never blocks, and raises ValueError for one too large to pass on.
+
+    samples: passed on. early_stamps: refused, since they were stamped later than they arrived.
+    """
+
+    def __init__(
+        self,
+        role: str,
+        url: str,
+        open_source: Callable[[str, HostClock], VideoSource | TrackerSource],
+        deliver: Callable[[Sample], None],
+        clock: HostClock,
+    ) -> None:
+        super().__init__(role, url, clock)
+        self._open, self._deliver = open_source, deliver
+        self.samples = self.early_stamps = 0
+
+    def note(self, sample: Sample, now_ns: int) -> None:
+        """Keep what the watchers need to know of this sample."""
+        raise NotImplementedError
+
+    def tend(self, source: VideoSource | TrackerSource) -> None:
+        """What is to be done with the open device between two reads; nothing unless a kind of source says otherwise."""
+
+    def work(self) -> None:
+        with self._open(self.url, self._clock) as source:
+            last_ns = self._clock.now_ns()
+            while not self._stopping.is_set():
+                self.tend(source)
+                sample = source.read(_READ_S)
+                now_ns = self._clock.now_ns()
+                if sample is not None:
+                    last_ns = now_ns
+                    self._pass_on(sample, now_ns)
+                elif now_ns - last_ns > _REOPEN_AFTER_NS:
+                    raise DeviceLost("is open but sends nothing", self.url, "Check its cable and that it is running")
+
+    def _pass_on(self, sample: Sample, now_ns: int) -> None:
+        if sample.stamp.later_than(now_ns):
+            self._refuse_early(sample, now_ns)
+            return
+        try:
+            self._deliver(sample)
+        except ValueError as error:
+            raise DeviceLost(str(error), self.url, "Lower the picture size of the source") from None
+        self.samples += 1
+        self.note(sample, now_ns)
+        self.note_success()
+
+    def _refuse_early(self, sample: Sample, now_ns: int) -> None:
+        """What claims to be of the future would look young for as long as it is ahead."""
+        if self.early_stamps == 0:
+            ahead_ms = (sample.stamp.t_ns - now_ns) / 1e6
+            self._log.warning("stamped later than it arrived, refused", ahead_ms=round(ahead_ms, 3))
+        self.early_stamps += 1
+
+
+class CaptureThread(SourceThread):
+    """frame_ns: arrival of the last frame. size_px: (width, height) of the last one that the line can use. gaps: frames
+    that the device counted and nobody saw.
+    """
+
+    frame_ns: int | None = None
+    size_px: tuple[int, int] | None = None
+    gaps = 0
+    _sequence: int | None = None
+
+    def note(self, sample: Sample, now_ns: int) -> None:
+        assert isinstance(sample, Frame)
+        if self._sequence is not None:
+            self.gaps += max(0, sample.sequence - self._sequence - 1)
+        self._sequence = sample.sequence
+        if not refused_picture(sample.image):
+            self.size_px = sample.image.shape[1], sample.image.shape[0]
+        self.frame_ns = now_ns
+
+
+class TrackerThread(SourceThread):
+    """Replies and body as appliance.supervision.watchers.facts.Facts names them.
+
+    remarks: what the tracker says besides its poses, such as a low battery; first why the last pose has no number.
+    """
+
+    replies = Replies()
+    body: MarkerBody | None = None
+    remarks: tuple[str, ...] = ()
+    _reason = ""
+    _look_ns = _listen_ns = 0
+    _told: tuple[str, ...] = ()
+    _has_bump_detector = False
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._looks = deque[MarkerBody](maxlen=_LOOKS)
+        self._bump_checked = threading.Event()
+
+    def work(self) -> None:
+        self.body, self._look_ns, self._listen_ns = None, 0, 0
+        self._looks.clear()
+        try:
+            super().work()
+        finally:
+            self._has_bump_detector, self.remarks = False, ()
+            self._bump_checked.clear()
+
+    def note(self, sample: Sample, now_ns: int) -> None:
+        assert isinstance(sample, Pose)
+        self.replies, self._reason = self.replies.noted(sample.status, now_ns), sample.reason
+
+    def tend(self, source: VideoSource | TrackerSource) -> None:
+        """Look at what it says of itself now and then, and tell it of a bump that was checked."""
+        now_ns = self._clock.now_ns()
+        if now_ns < self._look_ns:
+            return
+        self._look_ns = now_ns + _LOOK_NS
+        self._look(source)
+        if now_ns >= self._listen_ns:
+            self._listen_ns = now_ns + _LISTEN_NS
+            self._told = source.describe().remarks if isinstance(source, Identified) else ()
+        self.remarks = tuple(filter(None, (self._reason, *self._told)))
+        self._has_bump_detector = isinstance(source, BumpDetector)
+        if isinstance(source, BumpDetector) and self._bump_checked.is_set():
+            source.clear_bump()
+            self._bump_checked.clear()
+            self._log.info("bump cleared")
+
+    def clear_bump(self) -> bool:
+        """Ask the open tracker to believe its position sensor again; False where there is none that can be asked."""
+        if self._has_bump_detector:
+            self._bump_checked.set()
+        return self._has_bump_detector
+
+    def _look(self, source: VideoSource | TrackerSource) -> None:
+        if isinstance(source, Watched):
+            self._looks.append(source.body())
+            self.body = _middle(self._looks)
+
+
+def _middle(bodies: Iterable[MarkerBody]) -> MarkerBody:
+    """The median of each figure, so that one bad fit is not taken for a bad body."""
+    fits, shapes, indicators = zip(*((b.fit_mm, b.shape_mm, b.indicator) for b in bodies), strict=True)
+    return MarkerBody(*(_median(figures) for figures in (fits, shapes, indicators)))
+
+
+def _median(figures: Iterable[float | None]) -> float | None:
+    known = [figure for figure in figures if figure is not None]
+    return median(known) if known else None

@@ -1,0 +1,104 @@
+"""The loop of the process that computes: samples in from two rings, verdicts out over the link. It opens no device."""
+
+import ctypes
+import select
+import signal
+import socket
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from appliance.limits import Limits
+from appliance.service.estimator.link import LinkClosed, Order, Word, receive, send
+from appliance.service.estimator.ring import FRAMES, POSES, Ring
+from appliance.types import Calibration, Verdict
+from drivers.samples import Sample
+
+_POLL_S = 0.004
+"""How long a sample may lie in its ring: an eighth of a picture at 30 Hz, part of the delay of the contact. Shorter
+costs more than 250 wake-ups a second.
+"""
+_WORD_EVERY_S = 0.1
+"""Between two words where there is no verdict: ten must be missing before `Patience.estimator_ns` calls it silent."""
+_PR_SET_PDEATHSIG = 1
+
+
+class Stepper(Protocol):
+    """The line, as this process sees it."""
+
+    def step(self, sample: Sample) -> tuple[Verdict, ...]: ...
+
+
+MakeLine = Callable[[Calibration, Limits], Stepper]
+
+
+class Estimator:
+    """The loop around the line. It speaks at once when there is a verdict, and every 0.1 s when there is none."""
+
+    def __init__(self, link: socket.socket, frames: Ring, poses: Ring, make_line: MakeLine) -> None:
+        self._link, self._frames, self._poses, self._make_line = link, frames, poses, make_line
+        self._line: Stepper | None = None
+        self._generation = 0
+        self._counts = [0, 0]
+        self._dropped = [0, 0]
+        self._spoke_s = 0.0
+
+    def run(self) -> None:
+        """Until the peer closes the link."""
+        try:
+            while True:
+                self._obey()
+                self._compute()
+                self._speak(())
+                select.select([self._link], [], [], _POLL_S)
+        except LinkClosed:
+            return
+
+    def _obey(self) -> None:
+        while (order := receive(self._link)) is not None:
+            assert isinstance(order, Order)
+            if self._line is None:  # what waited before there was anyone to take it is old, and not counted
+                for ring in (self._frames, self._poses):
+                    ring.take()
+            self._line, self._generation = self._make_line(order.reference, order.limits), order.generation
+
+    def _compute(self) -> None:
+        line = self._line
+        if line is None:
+            return
+        for sample in self._take():
+            self._speak(line.step(sample))
+
+    def _take(self) -> list[Sample]:
+        """Both streams merged by the time at which they were true."""
+        samples: list[Sample] = []
+        for index, ring in enumerate((self._frames, self._poses)):
+            taken, dropped = ring.take()
+            samples += taken
+            self._counts[index] += len(taken)
+            self._dropped[index] += dropped
+        return sorted(samples, key=lambda sample: sample.stamp.t_ns)
+
+    def _speak(self, verdicts: tuple[Verdict, ...]) -> None:
+        now_s = time.monotonic()
+        if verdicts or now_s - self._spoke_s >= _WORD_EVERY_S:
+            self._spoke_s = now_s
+            send(self._link, Word(self._generation, time.monotonic_ns(), verdicts, *self._counts, *self._dropped))
+
+
+def _die_with_parent() -> None:
+    """The kernel kills this process with its parent; a parent that died before this call has closed the link."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def serve(arguments: list[str], make_line: MakeLine) -> None:
+    """Body of the process. arguments: the file descriptors of link, frames and poses."""
+    link_fd, frames_fd, poses_fd = (int(argument) for argument in arguments)
+    _die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with (
+        socket.socket(fileno=link_fd) as link,
+        Ring(FRAMES, frames_fd) as frames,
+        Ring(POSES, poses_fd) as poses,
+    ):
+        Estimator(link, frames, poses, make_line).run()

@@ -1,0 +1,16 @@
+"""The process that computes, started by process_host: `-m appliance.service.estimator.process LINK FRAMES POSES`."""
+
+import sys
+
+import cv2
+
+from appliance.core.line import Line
+from appliance.core.warm_up import warm_up
+from appliance.service.estimator.loop import serve
+from appliance.service.host.memory_lock import lock_memory
+
+if __name__ == "__main__":
+    cv2.setNumThreads(1)
+    lock_memory()
+    warm_up()
+    serve(sys.argv[1:], Line)

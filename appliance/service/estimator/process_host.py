@@ -1,0 +1,217 @@
+"""The hardware process's side of the estimator: starts it, hears it without waiting, restarts it when dead or hung."""
+
+import math
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+
+from appliance.limits import Limits
+from appliance.service.estimator.link import LinkClosed, Order, Word, link_pair, receive, send
+from appliance.service.estimator.ring import FRAMES, POSES, Ring
+from appliance.service.host.log import get_log
+from appliance.types import Calibration, Verdict
+from drivers.samples import Frame, Sample
+
+_COMMAND = (sys.executable, "-m", "appliance.service.estimator.process")
+_FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 5.0
+"""Before a new process is started, doubled each time one does not last. Longer leaves the contact open for longer;
+shorter spends the processor on what cannot start.
+"""
+_HUNG_S, _LOADING_S = 5.0, 60.0
+"""Silence after which it is killed: once it has spoken, and while it loads its libraries from a slow disk. The contact
+is open by then (`Patience.estimator_ns`), so these cost only recovery: shorter would kill one that is merely slow.
+"""
+_WORKING_S = 0.3
+"""Silence up to which the estimator counts as working: three of its words."""
+_BURIAL_S, _LAST_BURIAL_S = 0.05, 1.0
+"""How long a killed process is waited for: in a tick, of which it may take one; at the end of the service. One that
+does not die by then is looked for again each tick.
+"""
+_SIGNALS = {one.value: one.name for one in signal.Signals}
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+class EstimatorHost:
+    """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
+
+    reference: None until refer() gives one; without it nothing is judged. slowness: how much more patience an emulated
+    machine needs.
+
+    restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
+    before any did. last: what it said last, None before its first word. said_ns: when the first verdict of the last
+    poll was said.
+    """
+
+    def __init__(
+        self, reference: Calibration | None, limits: Limits, command: Sequence[str] = _COMMAND, slowness: float = 1.0
+    ) -> None:
+        self._command, self._limits, self._slowness = tuple(command), limits, slowness
+        self._order = None if reference is None else Order(1, reference, limits)
+        self._frames, self._poses = Ring(FRAMES), Ring(POSES)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._dying: list[subprocess.Popen[bytes]] = []
+        self._link: socket.socket | None = None
+        self._started_s = self._heard_s = self._start_at_s = 0.0
+        self._spoken = False
+        self._wait_s = _FIRST_WAIT_S
+        self._log = get_log()
+        self.restarts = -1
+        self.ended: str | None = None
+        self.last: Word | None = None
+        self.said_ns = 0
+
+    @property
+    def pid(self) -> int | None:
+        """Of the running process, None between two of them."""
+        return None if self._process is None else self._process.pid
+
+    @property
+    def speaking(self) -> bool:
+        """The present process has spoken; False from the death of one to the first word of the next."""
+        return self._spoken
+
+    @property
+    def waiting_frames(self) -> int:
+        """Pictures that it has not taken yet; 0 while it does not work, as then nobody is behind."""
+        working = self._spoken and time.monotonic() - self._heard_s < _WORKING_S
+        return self._frames.backlog if working else 0
+
+    @property
+    def reference(self) -> Calibration | None:
+        """The calibration that verdicts speak of."""
+        return None if self._order is None else self._order.reference
+
+    def put(self, sample: Sample) -> None:
+        """Hand a sample on; never blocks. One thread for frames, one for poses. Raises ValueError when too large."""
+        (self._frames if isinstance(sample, Frame) else self._poses).put(sample)
+
+    def refer(self, reference: Calibration) -> None:
+        """Verify against another reference from now on; what is said of the old one is no longer passed on."""
+        self._order = Order(1 + (0 if self._order is None else self._order.generation), reference, self._limits)
+        self._send_order()
+
+    def limit(self, limits: Limits) -> None:
+        """Verify within other limits from now on."""
+        self._limits = limits
+        if self._order is not None:
+            self.refer(self._order.reference)
+
+    def wait(self, real_s: float) -> None:
+        """Until it says something, or for real_s at most."""
+        if self._link is None:
+            time.sleep(real_s)
+        else:
+            waiting = select.poll()  # select() refuses descriptors from 1024 on
+            waiting.register(self._link, select.POLLIN)
+            waiting.poll(math.ceil(real_s * 1e3))
+
+    def poll(self) -> tuple[bool, tuple[Verdict, ...]]:
+        """(heard anything, verdicts on the present reference). Never blocks; call it every tick."""
+        words = self._hear()
+        now_s = time.monotonic()
+        if words:
+            self._heard_s, self._spoken, self.last = now_s, True, words[-1]
+        self._look_after(now_s)
+        generation = None if self._order is None else self._order.generation
+        present = [word for word in words if word.generation == generation and word.verdicts]
+        self.said_ns = present[0].said_ns if present else time.monotonic_ns()
+        return bool(words), tuple(verdict for word in present for verdict in word.verdicts)
+
+    def close(self) -> None:
+        """Stop the process and free the rings."""
+        self._stop(_LAST_BURIAL_S)
+        self._frames.close()
+        self._poses.close()
+
+    def _hear(self) -> list[Word]:
+        words: list[Word] = []
+        try:
+            while self._link is not None and (word := receive(self._link)) is not None:
+                assert isinstance(word, Word)
+                words.append(word)
+        except LinkClosed:
+            self._drop_link()
+        return words
+
+    def _look_after(self, now_s: float) -> None:
+        self._bury()
+        if self._process is None:
+            if now_s >= self._start_at_s:
+                self._start(now_s)
+        elif how := self._ending(self._process, now_s):
+            self._note_end(how, now_s)
+            self._stop()
+
+    def _ending(self, process: subprocess.Popen[bytes], now_s: float) -> str:
+        """How it has ended, or must be, in words; empty while it is well."""
+        code = process.poll()
+        if code is None:
+            return f"hung, silent for {now_s - self._heard_s:.1f} s" if self._hung(now_s) else ""
+        return f"killed by {_SIGNALS.get(-code, -code)}" if code < 0 else f"ended with exit code {code}"
+
+    def _hung(self, now_s: float) -> bool:
+        return now_s - self._heard_s > (_HUNG_S if self._spoken else _LOADING_S) * self._slowness
+
+    def _start(self, now_s: float) -> None:
+        try:
+            self._process = self._launched()
+        except OSError as error:
+            self._drop_link()
+            self._note_end(f"cannot be started ({error.strerror})", now_s)
+            return
+        self._started_s = self._heard_s = now_s
+        self._spoken = False
+        self.restarts += 1
+        self._send_order()
+
+    def _launched(self) -> subprocess.Popen[bytes]:
+        """Raises OSError where this process may open no more files, or the machine has no room for another one."""
+        self._link, theirs = link_pair()
+        self._link.setblocking(False)
+        fds = (theirs.fileno(), self._frames.fd, self._poses.fd)
+        with theirs:
+            command = [*self._command, *(str(fd) for fd in fds)]
+            return subprocess.Popen(command, pass_fds=fds, env=os.environ | _ONE_THREAD)
+
+    def _note_end(self, how: str, now_s: float) -> None:
+        """Say it once, however often the same is tried in vain, and try again later each time."""
+        lived_s, told = now_s - self._started_s, f"{how}, restart {self.restarts + 1}"
+        self._wait_s = _FIRST_WAIT_S if self._spoken and lived_s > 10 else min(2 * self._wait_s, _LONGEST_WAIT_S)
+        self._start_at_s = now_s + self._wait_s
+        if told != self.ended:
+            self._log.error("estimator ended", how=how, lived_s=round(lived_s, 1), restart=self.restarts + 1)
+        self.ended = told
+
+    def _send_order(self) -> None:
+        if self._link is not None and self._order is not None:
+            try:
+                send(self._link, self._order)
+            except (LinkClosed, BlockingIOError):
+                self._drop_link()
+
+    def _drop_link(self) -> None:
+        """Without a link the process ends by itself, or is found dead at the next tick."""
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def _stop(self, patience_s: float = _BURIAL_S) -> None:
+        self._drop_link()
+        if self._process is not None:
+            self._process.send_signal(signal.SIGKILL)
+            self._dying.append(self._process)
+            self._process, self._spoken = None, False
+            self._bury(patience_s)
+
+    def _bury(self, patience_s: float = 0.0) -> None:
+        """Collect the processes that are dead by now; one that waits in the kernel for a disk cannot die before it."""
+        for process in tuple(self._dying):
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(patience_s)
+                self._dying.remove(process)

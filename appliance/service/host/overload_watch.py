@@ -1,0 +1,65 @@
+"""Follows how short of time this computer is, and says it: once when an overload begins, once when it has ended."""
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+from appliance.service.host.log import get_log
+from appliance.service.host.pressure import Pressure
+from appliance.supervision.alarms import HAZARDS, OVERLOADED
+from appliance.supervision.overload import Load, Overload
+from appliance.supervision.overload_notes import OverloadNotes
+from appliance.types import AlarmState, Check
+
+
+class OverloadWatch:
+    """One step a tick. period_ns: how often the tick is due. note: writes an entry of the alarm log."""
+
+    def __init__(self, period_ns: int, note: Callable[..., None]) -> None:
+        self._pressure, self._overload, self._notes = Pressure(), Overload(period_ns), OverloadNotes()
+        self._load = Load()
+        self._note = note
+        self._log = get_log()
+
+    @property
+    def since_ns(self) -> int | None:
+        """When the present overload began, None while there is none."""
+        return self._overload.since_ns
+
+    def step(self, now_ns: int, waiting_frames: int, losses: int) -> Check:
+        """The check to add to those of the device watchers. losses: of devices, since the start."""
+        self._load = Load(self._pressure.share(time.monotonic_ns()), waiting_frames)
+        check = self._overload.step(now_ns, self._load)
+        if self.since_ns is None:
+            self._end(now_ns, losses)
+        elif self._notes.begin(now_ns, losses):
+            said, hazard = self.fields(now_ns), HAZARDS[OVERLOADED]
+            self._log.warning("overloaded", what=hazard.text, remedy=hazard.remedy, **said)
+            self._note("overloaded", **said)
+        return check
+
+    def worth_an_entry(self, before: AlarmState | None, alarm: AlarmState) -> bool:
+        """Whether this change of state is written by itself, see OverloadNotes."""
+        return self._notes.worth_an_entry(before, alarm)
+
+    def fields(self, now_ns: int) -> dict[str, float | None]:
+        """For status and log. Shares are of the last second."""
+        pressure, since_ns = self._overload.pressure, self.since_ns
+        return {
+            "pressure": None if math.isnan(pressure) else round(pressure, 3),
+            "late": round(self._overload.late, 3),
+            "waiting_frames": self._load.waiting,
+            "overloaded_s": None if since_ns is None else (now_ns - since_ns) / 1e9,
+        }
+
+    def close(self, now_ns: int, losses: int) -> None:
+        """The service ends: what was counted is said."""
+        self._end(now_ns, losses)
+        self._pressure.close()
+
+    def _end(self, now_ns: int, losses: int) -> None:
+        told: dict[str, Any] | None = self._notes.end(now_ns, losses)
+        if told is not None:
+            self._log.info("overload ended", **told)
+            self._note("overload-ended", **told)

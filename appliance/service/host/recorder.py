@@ -1,0 +1,236 @@
+"""Writes the alarm log in a thread of its own: a disk that is slow, full or does not answer at all delays no tick, and
+what waits is kept.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from appliance.service.host.log import get_log
+from appliance.service.host.own_files import own_files
+from appliance.storage.alarm_chain import Latch
+from appliance.storage.alarm_log import AlarmLog
+from appliance.supervision.alarms import HAZARDS, Kind
+from drivers.clock.host_clock import HostClock
+from drivers.printable import printable_value
+
+_MOST_WAITING = 10_000
+"""Entries, while the disk does not take them. More takes memory, fewer lose entries sooner (docs/failures.md)."""
+RETRY_S = 1.0
+"""Between two tries to write: how long room on a full disk may go unnoticed, against work for nothing."""
+OPEN_S, END_S = 2.0, 2.0
+"""How long start and end wait for the disk. Longer holds the alarm up; shorter starts in alarm, *alarm memory is
+damaged*, on a slow disk, and loses its last entries (docs/failures.md).
+"""
+_SILENT_NS = 2_000_000_000
+"""For which the disk may not answer before that is told: no alarm, so a disk that spins up is not worth a word. Told
+within 3 s (docs/failures.md).
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Note:
+    utc: datetime
+    t_ns: int
+    event: str
+    data: dict[str, Any]
+    latch: Latch | None
+
+
+class Recorder(threading.Thread):
+    """Runs from its construction on, which opens the log, so that what was latched is known before the first tick.
+    Where that takes more than two seconds it is not known, which is damage.
+
+    latch, damage: of the last run, see appliance.storage.alarm_log.AlarmLog. written: number of the last entry on the
+    disk. dropped: notes that did not fit into memory either. failure: an error of ours, which has ended the thread; the
+    tick raises it.
+    """
+
+    def __init__(self, folder: Path, clock: HostClock) -> None:
+        super().__init__(name="recorder", daemon=True)
+        self._folder, self._clock = folder, clock
+        self._waiting = deque[_Note]()
+        self._wake, self._opened = threading.Event(), threading.Event()
+        self._ending = False
+        self._log = get_log(folder=str(folder))
+        self._alarm_log: AlarmLog | None = None
+        self._error: str | None = None
+        self._asked_ns: int | None = None
+        self._said_silent = False
+        self._told_dropped = 0
+        self._damage_lock = threading.Lock()
+        self.failure: BaseException | None = None
+        self.latch: Latch | None = None
+        self.damage: tuple[str, ...] = ()
+        self.written = self.dropped = 0
+        self.start()
+        self._opened.wait(OPEN_S)
+        with self._damage_lock:
+            if self._alarm_log is None:
+                self.damage = ("memory-damaged",)  # what was latched is not known
+
+    def note(self, event: str, latch: Latch | None, **data: Any) -> None:
+        """Add an entry; never blocks. When too many wait the newest takes the place of the one before it, counted."""
+        note = _Note(datetime.now(UTC), self._clock.now_ns(), event, printable_value(data), latch)
+        if len(self._waiting) >= _MOST_WAITING:
+            self.dropped += 1
+            self._waiting[-1] = note
+        else:
+            self._waiting.append(note)
+        self._wake.set()
+
+    def accept_damage(self, fault: str | None) -> None:
+        """A person has acknowledged this class; the next entry makes that last."""
+        with self._damage_lock:
+            self.damage = tuple(one for one in self.damage if one != fault)
+
+    @property
+    def failing(self) -> str | None:
+        """Why nothing can be written now; None when it can."""
+        return self._silence() or self._error
+
+    def watch(self, overloaded: bool = False) -> None:
+        """Say once in the log when the disk does not answer, and once when it does again; the thread itself hangs.
+
+        overloaded: this computer is short of time, which is no fault of the disk.
+        """
+        if overloaded:
+            return
+        silence = self._silence()
+        if silence is not None and not self._said_silent:
+            self._log.warning("alarm log cannot be written", what=silence)
+        elif silence is None and self._said_silent:
+            self._log.info("the disk of the alarm log answers again")
+        self._said_silent = silence is not None
+
+    @property
+    def waiting(self) -> int:
+        """Entries that are not on the disk yet."""
+        return len(self._waiting)
+
+    def waited_ns(self, now_ns: int) -> int:
+        """Age of the oldest entry that is not on the disk yet."""
+        try:
+            return now_ns - self._waiting[0].t_ns
+        except IndexError:
+            return 0
+
+    def close(self) -> None:
+        """Write what waits, for at most two seconds."""
+        self._ending = True
+        self._wake.set()
+        self.join(END_S)
+        if self._waiting:
+            self._log.error("alarm log ends without its last entries", entries=self.waiting, what=self.failing)
+
+    def run(self) -> None:
+        try:
+            own_files()
+            self._open()
+            self._opened.set()
+            self._keep_writing()
+        except BaseException as error:
+            self.failure = error
+        finally:
+            self._opened.set()
+
+    def _silence(self) -> str | None:
+        """Which file has not answered for how long; None while the disk takes no longer than it may."""
+        asked_ns = self._asked_ns
+        age_ns = 0 if asked_ns is None else self._clock.now_ns() - asked_ns
+        if age_ns < _SILENT_NS:
+            return None
+        file = self._folder if self._alarm_log is None else self._alarm_log.file
+        return f"{file} has not answered for {age_ns / 1e9:.0f} s"
+
+    def _keep_writing(self) -> None:
+        while not (self._ending and (self._error is not None or not self._waiting)):
+            if self._error is not None:
+                self._wake.wait(RETRY_S)
+                self._wake.clear()
+            elif not self._waiting:
+                self._wake.wait()
+                self._wake.clear()
+            self._write_waiting()
+
+    def _write_waiting(self) -> None:
+        try:
+            if self._alarm_log is None:
+                self._open()
+            while self._waiting and self._alarm_log is not None:
+                self._append(self._alarm_log, self._waiting[0])
+                self._waiting.popleft()
+            self._tell_dropped()
+        except OSError as error:
+            self._note_failure(error)
+            if isinstance(error, FileNotFoundError):
+                self._begin_again()
+        else:
+            self._note_success()
+
+    def _tell_dropped(self) -> None:
+        """What did not fit while nothing could be written is missed before the last entry."""
+        dropped = self.dropped - self._told_dropped
+        if dropped and self._alarm_log is not None:
+            utc, t_ns = datetime.now(UTC), self._clock.now_ns()
+            note = _Note(utc, t_ns, "dropped", {"entries": dropped}, self._alarm_log.latch)
+            self._append(self._alarm_log, note)
+            self._told_dropped += dropped
+
+    def _append(self, alarm_log: AlarmLog, note: _Note) -> None:
+        alarm_log.damage = self.damage
+        with self._asking():
+            alarm_log.append(note.utc, note.t_ns, note.event, note.data, note.latch)
+        self.written = alarm_log.number
+        self._log.info("alarm log", number=self.written, digest=alarm_log.digest, entry=note.event)
+
+    def _open(self) -> None:
+        try:
+            with self._asking():
+                opened = AlarmLog(self._folder)
+        except OSError as error:
+            self._note_failure(error)
+            return
+        with self._damage_lock:
+            self._alarm_log = opened
+            self.latch, self.written = opened.latch, opened.number
+            self.damage = tuple(dict.fromkeys((*self.damage, *map(_integrity_class, opened.damage))))
+        for damage in opened.opened.damages:
+            self._log.warning("alarm log", damage=str(damage))
+
+    @contextmanager
+    def _asking(self) -> Iterator[None]:
+        """The disk is asked for something and may not answer."""
+        self._asked_ns = self._clock.now_ns()
+        try:
+            yield
+        finally:
+            self._asked_ns = None
+
+    def _begin_again(self) -> None:
+        """The folder was taken away: the next attempt makes it anew, and what it held is missed."""
+        if self._alarm_log is not None:
+            with self._damage_lock:
+                self._alarm_log = None
+                self.damage = tuple(dict.fromkeys((*self.damage, "log-damaged")))
+
+    def _note_failure(self, error: OSError) -> None:
+        if self._error is None:
+            self._log.warning("alarm log cannot be written", what=error.strerror or str(error))
+        self._error = error.strerror or str(error)
+
+    def _note_success(self) -> None:
+        if self._alarm_log is not None and self._error is not None:
+            self._error = None
+            self._log.info("alarm log is written again")
+
+
+def _integrity_class(fault: str) -> str:
+    """Another version may have known classes that this one cannot show."""
+    known = fault in HAZARDS and HAZARDS[fault].kind is Kind.INTEGRITY
+    return fault if known else "memory-damaged"

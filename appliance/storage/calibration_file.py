@@ -1,0 +1,271 @@
+"""Calibrations on the disk: our own TOML, and the device-set XML of the PLUS toolkit (read only).
+
+PLUS names a calibration ImageToProbe: pixel (column, row, 0, 1) → mm in the frame of the probe's marker body, which is
+X⁻¹ · diag(s_x λ_x, s_y λ_y, 1) · (shift of the origin from the picture's corner to its centre), s the polarity.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+
+from appliance.configuration.mistakes import Mistakes
+from appliance.core.acquisition.input_validation import ORTHOGONAL_WITHIN
+from appliance.core.geometry import nearest_rotation
+from appliance.types import PARAMETERS, Calibration, Vector
+from drivers.errors import ConfigurationError
+from drivers.files.atomic_file import writing
+from drivers.files.markup import toml_of, xml_of
+from drivers.files.regular_file import read_bounded
+from drivers.samples import Matrix4
+
+FORMAT = "probewatch-calibration"
+VERSION = 1
+
+_MAX_XML_BYTES = 1_000_000
+"""A device set of PLUS has 10 kB or so."""
+
+_MAX_TOML_BYTES = 16_000
+"""Ours have 2000 or so, and the service, which reads one between two ticks, needs 30 ms for this many."""
+
+_GIVE = "Give a .toml or a PLUS .xml file"
+
+_MAX_SKEW = 0.05
+"""Largest cosine between picture axes: freehand PLUS calibrations come to about 0.02."""
+
+_SCALE_RANGE_MM = (1e-3, 10.0)
+"""mm per px. Pictures of 1 to 30 cm in 200 to 2000 px have .005 to 1.5; metres and micrometres for mm lie outside."""
+
+_Row3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_Row4 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+_Scale = Annotated[float, Field(ge=_SCALE_RANGE_MM[0], le=_SCALE_RANGE_MM[1])]
+_Side = Annotated[int, Field(ge=16, le=16_384)]
+_Sign = Literal[-1, 1]
+_Sigma = Annotated[float, Field(ge=0)]
+
+
+class _File(BaseModel):
+    """The keys of the TOML file; either image_to_probe or the three parts of X and Λ."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    format: Literal["probewatch-calibration"]
+    version: Literal[1]
+    image_size_px: tuple[_Side, _Side]
+    polarity: tuple[_Sign, _Sign] = (1, 1)
+    image_to_probe: tuple[_Row4, _Row4, _Row4, _Row4] | None = None
+    rotation: tuple[_Row3, _Row3, _Row3] | None = None
+    scale_mm_per_px: tuple[_Scale, _Scale] | None = None
+    offset_mm: _Row3 | None = None
+    not_observed: tuple[str, ...] = ()
+    sigma: dict[str, _Sigma] | None = None
+    simulated: bool = False
+    provenance: dict[str, str] = {}
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        parts = [part is not None for part in (self.rotation, self.scale_mm_per_px, self.offset_mm)]
+        if any(parts) == (self.image_to_probe is not None) or (any(parts) and not all(parts)):
+            raise ValueError("give rotation, scale_mm_per_px and offset_mm together, or image_to_probe alone")
+        if self.sigma is not None and set(self.sigma) != set(PARAMETERS):
+            raise ValueError(f"the keys of [sigma] are {', '.join(PARAMETERS)}")
+        if not set(self.not_observed) <= set(PARAMETERS):
+            raise ValueError(f"not_observed may name {', '.join(PARAMETERS)}")
+        return self
+
+
+def read_calibration(path: Path, image_size_px: tuple[int, int] | None = None, probe: str = "Probe") -> Calibration:
+    """Read our TOML, or the Image → `probe` transform of a PLUS device-set XML.
+
+    image_size_px: (width, height) of the pictures to watch; XML needs it, TOML must agree with it.
+    Raises ConfigurationError naming file, key, fault and remedy; nothing that is not scale · rotation passes.
+    """
+    return parse_calibration(calibration_bytes(path), path, image_size_px, probe)
+
+
+def parse_calibration(
+    data: bytes, path: Path, image_size_px: tuple[int, int] | None = None, probe: str = "Probe"
+) -> Calibration:
+    """The same of a file's content. path: where it lay, for what is refused."""
+    if is_device_set(data):
+        return _from_xml(data, path, image_size_px, probe)
+    calibration = _from_toml(data, path)
+    if image_size_px not in (None, calibration.image_size_px):
+        what = f"image_size_px is {calibration.image_size_px}, the pictures are {image_size_px}"
+        raise ConfigurationError(what, str(path), "Give the calibration that belongs to this scanner setting")
+    return calibration
+
+
+def is_device_set(data: bytes) -> bool:
+    """Whether the content is XML, which does not state the size of the pictures, and not our TOML."""
+    return data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
+
+
+def calibration_bytes(path: Path) -> bytes:
+    """Content of a calibration file. Never waits for a writer, and opens no device. Raises ConfigurationError."""
+    try:
+        return read_bounded(path, _MAX_XML_BYTES)
+    except OSError as error:
+        what = f"cannot be read: {error.strerror}"
+        raise ConfigurationError(what, str(path), f"Check name and permissions. {_GIVE}") from error
+
+
+def write_calibration(path: Path, calibration: Calibration, provenance: Mapping[str, str]) -> None:
+    """Write our TOML; the old file stays until the new one is whole and on the disk.
+
+    Of the covariance the standard deviations are kept. provenance: who, when, how, from what; free keys.
+    Raises ConfigurationError where the place cannot be written.
+    """
+    with writing(path) as stream:
+        stream.write(_toml(calibration, provenance).encode())
+
+
+def image_to_probe(calibration: Calibration) -> Matrix4:
+    """(4, 4) pixel → mm in the marker body's frame; exact inverse of calibration_from_image_to_probe."""
+    R = calibration.rotation
+    to_mm = np.diag([*(np.array(calibration.polarity) * calibration.scale_mm_per_px), 1.0])
+    matrix = np.eye(4)
+    matrix[:3, :3] = R.T @ to_mm
+    matrix[:3, 3] = -R.T @ calibration.offset_mm - matrix[:3, :3] @ _centre_px(calibration.image_size_px)
+    return matrix
+
+
+def calibration_from_image_to_probe(
+    matrix: Matrix4, image_size_px: tuple[int, int], polarity: tuple[int, int] = (1, 1), where: str = ""
+) -> Calibration:
+    """Split a PLUS ImageToProbe (4, 4), px → mm, into X, Λ and polarity.
+
+    The rows r₁, r₂ of R_x are the unit columns 1 and 2, made orthogonal symmetrically; r₃ = r₁ × r₂. Column 3 serves
+    only to notice a mirrored matrix. Raises ConfigurationError for one that is not scale · rotation.
+    """
+    matrix = np.asarray(matrix, dtype=np.float64)
+    if not np.isfinite(matrix).all() or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-6:
+        raise _no_calibration("has a number that is not finite, or a last row other than 0 0 0 1", where)
+    scale = np.linalg.norm(matrix[:3, :2], axis=0)
+    if not (_SCALE_RANGE_MM[0] <= scale.min() and scale.max() <= _SCALE_RANGE_MM[1]):
+        raise _no_calibration(f"has scales {scale[0]:.4g} and {scale[1]:.4g} mm/px, not within 0.001 to 10", where)
+    axes = matrix[:3, :2] / (scale * polarity)
+    if abs(axes[:, 0] @ axes[:, 1]) > _MAX_SKEW:
+        raise _no_calibration(f"is sheared: the cosine of its picture axes is {axes[:, 0] @ axes[:, 1]:.3f}", where)
+    u, _, vt = np.linalg.svd(axes, full_matrices=False)
+    r1, r2 = (u @ vt).T
+    R = np.stack([r1, r2, np.cross(r1, r2)])
+    _check_third_column(matrix[:3, 2], R[2], where)
+    offset_mm = -R @ (matrix[:3, :3] @ _centre_px(image_size_px) + matrix[:3, 3])
+    return Calibration(R, polarity, scale, offset_mm, image_size_px)
+
+
+def _check_third_column(column: Vector, normal: Vector, where: str) -> None:
+    """A missing column is allowed; one that points against the normal, or far from it, is not."""
+    length = np.linalg.norm(column)
+    if length < 1e-9:
+        return
+    cosine = float(column @ normal / length)
+    if cosine < 0:
+        raise _no_calibration("is mirrored: its third axis points against the picture's normal", where)
+    if cosine < np.sqrt(1 - 2 * _MAX_SKEW**2):
+        raise _no_calibration(f"is sheared: its third axis is {np.degrees(np.arccos(cosine)):.0f}° off", where)
+
+
+def _no_calibration(what: str, where: str) -> ConfigurationError:
+    return ConfigurationError(f"ImageToProbe {what}", where, "Calibrate the probe again, or restore the file")
+
+
+def _centre_px(image_size_px: tuple[int, int]) -> Vector:
+    return np.array([(image_size_px[0] - 1) / 2, (image_size_px[1] - 1) / 2, 0.0])
+
+
+def _from_toml(data: bytes, path: Path) -> Calibration:
+    try:
+        text = data.decode()
+        file = _File.model_validate(toml_of(data, _MAX_TOML_BYTES))
+    except ValidationError as error:
+        raise Mistakes.found(error, _File, text, path, "Mend it, or restore the file") from None
+    except ValueError as error:
+        raise ConfigurationError(f"is neither TOML nor XML: {error}", str(path), _GIVE) from error
+    base = _from_parts(file, path)
+    covariance = None if file.sigma is None else np.diag([file.sigma[name] ** 2 for name in PARAMETERS])
+    observed = tuple(name not in file.not_observed for name in PARAMETERS)
+    parts = (base.rotation, base.polarity, base.scale_mm_per_px, base.offset_mm, base.image_size_px)
+    return Calibration(*parts, covariance=covariance, observed=observed, simulated=file.simulated)
+
+
+def _from_parts(file: _File, path: Path) -> Calibration:
+    if file.image_to_probe is not None:
+        matrix = np.array(file.image_to_probe)
+        return calibration_from_image_to_probe(matrix, file.image_size_px, file.polarity, str(path))
+    R = np.array(file.rotation)
+    if np.abs(R @ R.T - np.eye(3)).max() > ORTHOGONAL_WITHIN or np.linalg.det(R) < 0:
+        remedy = "Its rows must be a right-handed orthonormal frame; restore the file or calibrate again"
+        raise ConfigurationError("rotation is not a rotation matrix", str(path), remedy)
+    scale, offset = np.array(file.scale_mm_per_px), np.array(file.offset_mm)
+    return Calibration(nearest_rotation(R), file.polarity, scale, offset, file.image_size_px)
+
+
+def _from_xml(data: bytes, path: Path, image_size_px: tuple[int, int] | None, probe: str) -> Calibration:
+    if image_size_px is None:
+        what = "a PLUS calibration does not state the size of the pictures"
+        raise ConfigurationError(what, str(path), "Give it with pictures, or a .toml calibration")
+    transforms = _xml_transforms(data, path)
+    matrices = [matrix for start, end, matrix in transforms if (start, end) == ("Image", probe)]
+    if len(matrices) != 1:
+        names = ", ".join(f"{start} to {end}" for start, end, _ in transforms) or "none"
+        what = f"has {len(matrices)} transforms Image to {probe} in CoordinateDefinitions; it has {names}"
+        raise ConfigurationError(what, str(path), "Give a device set with one probe calibration, or name the --probe")
+    where = f"{path}: Transform From Image To {probe}"
+    try:
+        matrix = np.array([float(word) for word in matrices[0].split()]).reshape(4, 4)
+    except ValueError:
+        raise ConfigurationError("Matrix is not sixteen numbers", where, "Restore the file") from None
+    return calibration_from_image_to_probe(matrix, image_size_px, where=where)
+
+
+def _xml_transforms(data: bytes, path: Path) -> list[tuple[str, str, str]]:
+    """(From, To, Matrix) of every Transform."""
+    try:
+        root = xml_of(data)
+    except ValueError as error:
+        raise ConfigurationError(f"is no XML that PLUS writes: {error}", str(path), "Restore the file") from error
+    nodes = root.iterfind(".//CoordinateDefinitions//Transform")
+    return [(node.get("From", ""), node.get("To", ""), node.get("Matrix", "")) for node in nodes]
+
+
+def _toml(calibration: Calibration, provenance: Mapping[str, str]) -> str:
+    plus = "\n".join(f"#   {_row(row)}" for row in image_to_probe(calibration))
+    hidden = [name for name, seen in zip(PARAMETERS, calibration.observed, strict=True) if not seen]
+    lines = [
+        "# Spatial calibration of a tracked ultrasound probe. X maps the marker body's frame to the picture's frame:",
+        "# origin at the picture's centre, x along columns, y along rows (down), z = x × y; mm.",
+        "# The same as PLUS's ImageToProbe, corner pixel → mm, for reading only:",
+        plus,
+        f'format = "{FORMAT}"',
+        f"version = {VERSION}",
+        f"image_size_px = {list(calibration.image_size_px)}    # width, height",
+        f"polarity = {list(calibration.polarity)}    # lateral, axial; -1 where the picture is mirrored",
+        "rotation = [    # of X, sensor → picture",
+        *(f"  {_row(row)}," for row in calibration.rotation),
+        "]",
+        f"scale_mm_per_px = {_row(calibration.scale_mm_per_px)}    # lateral, axial",
+        f"offset_mm = {_row(calibration.offset_mm)}    # translation of X",
+        f"not_observed = {json.dumps(hidden)}",
+    ]
+    if calibration.simulated:
+        lines += ["simulated = true    # made of a simulated scan: no cart with real devices takes it"]
+    if calibration.covariance is not None:
+        sigmas = np.sqrt(np.diag(calibration.covariance))
+        lines += ["", "[sigma]    # standard deviations: rad, relative, mm"]
+        lines += [f"{name} = {float(sigma)!r}" for name, sigma in zip(PARAMETERS, sigmas, strict=True)]
+    lines += ["", "[provenance]"]
+    lines += [f"{_quoted(key)} = {_quoted(text)}" for key, text in provenance.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _row(values: Vector) -> str:
+    return f"[{', '.join(repr(float(value)) for value in values)}]"
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,75 @@
+"""A calibration with the file it came from: what may become the reference, and what is in force."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from appliance.configuration.config import CalibrationPlace, Config
+from appliance.storage.calibration_file import calibration_bytes, is_device_set, parse_calibration
+from appliance.storage.reference_store import Entry, content_of, read_history, sha256_of
+from appliance.types import Calibration
+
+Size = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A calibration that may become the reference.
+
+    content: of its file, sha256: of the content. file: where it lay. probe: whose transform of a device set it is.
+    """
+
+    calibration: Calibration
+    content: bytes
+    sha256: str
+    file: str
+    probe: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """The candidate that is in force, and what the history says of it."""
+
+    entry: Entry
+    candidate: Candidate
+
+    @property
+    def calibration(self) -> Calibration:
+        return self.candidate.calibration
+
+
+def candidate_from_file(path: Path, size_px: Size | None, probe: str) -> Candidate:
+    """size_px: (width, height) of the pictures, which a device set needs and our TOML must agree with where the
+    configuration states it. Raises ConfigurationError.
+    """
+    return candidate_from_content(calibration_bytes(path), str(path), size_px, probe)
+
+
+def candidate_from_content(content: bytes, file: str, size_px: Size | None, probe: str) -> Candidate:
+    """The same of content that was read before."""
+    calibration = parse_calibration(content, Path(file), size_px, probe)
+    return Candidate(calibration, content, sha256_of(content), file, probe)
+
+
+def candidate_of_entry(folder: Path, entry: Entry) -> Candidate:
+    """An earlier reference again, as it was. folder: of the alarm log. Raises ConfigurationError."""
+    return candidate_from_content(content_of(folder, entry), entry.file, entry.image_size_px, entry.probe)
+
+
+def size_for(content: bytes, place: CalibrationPlace, seen_px: Size | None) -> Size | None:
+    """(width, height) for reading the content: the configuration's, else, for a device set, that of the pictures seen.
+
+    Our TOML states its own; pictures of another size are then a fault of the picture, not of the file.
+    """
+    return place.image_size_px or (seen_px if is_device_set(content) else None)
+
+
+def in_force(config: Config, seen_px: Size | None = None) -> Candidate:
+    """The reference that the service of this configuration goes on with, as its disk tells. seen_px: size of the
+    pictures, where they are at hand. Raises ConfigurationError.
+    """
+    history = read_history(config.alarm.folder)
+    if history is not None and history.in_force is not None:
+        return candidate_of_entry(config.alarm.folder, history.in_force)
+    place = config.calibration
+    content = calibration_bytes(place.file)
+    return candidate_from_content(content, str(place.file), size_for(content, place, seen_px), place.probe)

@@ -1,0 +1,74 @@
+"""Files that are either the old one or the whole new one, also after a power cut."""
+
+import errno
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from drivers.errors import ConfigurationError
+from drivers.files.regular_file import refuse_irregular
+
+
+def sync_directory(directory: Path) -> None:
+    """Make renames inside directory durable."""
+    handle = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """Binary stream of a temporary neighbour that takes path's name when the block ends well, else vanishes.
+
+    The data are on the disk before the rename, the rename before the return. Raises OSError.
+
+    It replaces whatever has the name, so it is for files of our own; `writing` is for those that people name.
+    """
+    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            os.fchmod(handle, 0o644)
+            yield stream
+            stream.flush()
+            os.fsync(handle)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    sync_directory(path.parent)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[BinaryIO]:
+    """As replacing, for a file that a person named: a device, a pipe or a folder of that name is refused and stays.
+
+    Raises ConfigurationError, also for an OSError of the block.
+    """
+    try:
+        refuse_irregular(path)
+        with replacing(path) as stream:
+            yield stream
+    except OSError as error:
+        raise _not_written(path, error) from error
+
+
+def check_writable(path: Path | None) -> None:
+    """Whether `writing` can, asked before the work that it is for; None is no file. Raises ConfigurationError."""
+    if path is None:
+        return
+    try:
+        refuse_irregular(path)
+        if not os.access(path.absolute().parent, os.W_OK | os.X_OK):
+            raise OSError(errno.EACCES, "its folder does not exist, or may not be written to")
+    except OSError as error:
+        raise _not_written(path, error) from error
+
+
+def _not_written(path: Path, error: OSError) -> ConfigurationError:
+    remedy = "Name a file in a folder that exists and may be written to"
+    return ConfigurationError(f"cannot be written: {error.strerror}", str(path), remedy)

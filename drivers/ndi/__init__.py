@@ -1,1 +1,0 @@
-"""Northern Digital's Combined API: Polaris and Aurora over a serial line."""

@@ -1,0 +1,22 @@
+"""Waits until a contact that is wired back shows what it was told."""
+
+from collections.abc import Callable
+
+from drivers.clock.host_clock import HostClock
+
+_FOLLOWS_S = 0.1
+"""What a contact may take. Mechanical relays switch within some 15 ms; more delays word of a welded one, less loses a
+slow one. Not measured on relays."""
+
+_LOOK_AGAIN_NS = 2_000_000
+"""Between two looks. Less loads the processor, more adds to the time of each write."""
+
+
+def follows(read_back: Callable[[], bool | None], level: bool, clock: HostClock) -> bool:
+    """Whether read_back() gives level within 0.1 s of the clock."""
+    deadline_ns = clock.now_ns() + round(_FOLLOWS_S * 1e9)
+    while read_back() is not level:
+        if clock.now_ns() >= deadline_ns:
+            return False
+        clock.sleep_until(clock.now_ns() + _LOOK_AGAIN_NS)
+    return True

@@ -1,0 +1,156 @@
+"""`gpio:/dev/gpiochip0?line=17&active=low`: one line of a GPIO chip that drives a relay. Energised means safe.
+
+Options: line=NUMBER or NAME; active=high | low, the level that energises; heartbeat=HZ for an external watchdog relay;
+sense=NUMBER or NAME of an input that is active while the contact is closed, with sense_active=high | low.
+
+Release: on every orderly end the line is driven to its inactive level first. When the process dies, the kernel takes
+the line back, and the chip's driver decides: some return it to its pull, others hold the last level, which would be
+"safe". `probewatch release` (the unit's ExecStopPost) then drives it inactive; where that is too slow, use heartbeat=.
+"""
+
+import errno
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import gpiod
+from gpiod.line import Direction, Value
+
+from drivers.clock.host_clock import HostClock
+from drivers.device_api import Description
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.outputs.contact_feedback import follows
+from drivers.outputs.heartbeat import Heartbeat, heartbeat_from
+from drivers.printable import printable
+from drivers.registry import refuse_unknown
+
+_OPTIONS = ("active", "heartbeat", "line", "sense", "sense_active")
+_CONSUMER = "probewatch"
+
+Line = int | str
+Settings = dict[Iterable[Line] | Line, gpiod.LineSettings | None]
+
+
+def open_output(target: str, options: dict[str, str], clock: HostClock) -> "GpioOutput":
+    """See drivers.registry for what is raised. The line is inactive from the moment it is taken."""
+    return GpioOutput(target, *checked(target, options), clock)
+
+
+def checked(target: str, options: dict[str, str]) -> "tuple[Line, Line | None, Settings, Heartbeat]":
+    """(line, sense, settings, heartbeat). Raises ConfigurationError naming the option."""
+    where = f"gpio:{target}"
+    refuse_unknown(options, _OPTIONS, where)
+    line = _line(options.get("line", ""), where)
+    sense = _line(options["sense"], where) if "sense" in options else None
+    if sense == line:
+        raise ConfigurationError("line= and sense= are the same line", where, "Read the contact back on another line")
+    settings: Settings = {line: _settings(Direction.OUTPUT, _is_low(options, "active", where))}
+    if sense is not None:
+        settings[sense] = _settings(Direction.INPUT, _is_low(options, "sense_active", where))
+    return line, sense, settings, heartbeat_from(options, where)
+
+
+def _line(text: str, where: str) -> Line:
+    if not text:
+        raise ConfigurationError("names no line", where, "Add ?line= and a number or a name, see `gpioinfo`")
+    return int(text) if text.isdecimal() else text
+
+
+def _is_low(options: dict[str, str], key: str, where: str) -> bool:
+    level = options.get(key, "high")
+    if level not in ("high", "low"):
+        raise ConfigurationError(f"{key}={level} is not known", where, "Use high or low")
+    return level == "low"
+
+
+def _settings(direction: Direction, low: bool) -> gpiod.LineSettings:
+    return gpiod.LineSettings(direction=direction, active_low=low, output_value=Value.INACTIVE)
+
+
+class GpioOutput:
+    """line drives; sense, where there is one, tells whether the contact followed."""
+
+    def __init__(
+        self,
+        path: str,
+        line: Line,
+        sense: Line | None,
+        settings: Settings,
+        heartbeat: Heartbeat,
+        clock: HostClock,
+    ) -> None:
+        self._path, self._line, self._sense = path, line, sense
+        self._heartbeat, self._clock = heartbeat, clock
+        self.where = f"gpio:{path} line {line}"
+        try:
+            self._label = _label(path)
+            self._request = gpiod.request_lines(path, consumer=_CONSUMER, config=settings)
+        except (OSError, ValueError) as error:
+            raise self._refusal(error) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        try:
+            self._request.set_value(self._line, Value.INACTIVE)
+        except OSError:
+            return
+        finally:
+            self._request.release()
+
+    def describe(self) -> Description:
+        """See drivers.device_api.Identified."""
+        beat = "a square wave for a watchdog relay" if self._heartbeat.half_period_ns else "a steady level"
+        back = "the line's own level is read back" if self._sense is None else f"the contact is read on {self._sense}"
+        return Description(f"{self._label}, line {self._line}", remarks=(beat, back))
+
+    def write(self, energised: bool) -> None:
+        """Drive the line. Returns after it, or the contact where that is wired back, has followed.
+
+        Raises DeviceLost when the chip is gone or does not follow within 0.1 s.
+        """
+        level = self._heartbeat.level(energised, self._clock.now_ns())
+        try:
+            self._request.set_value(self._line, Value(int(level)))
+            followed = follows(self._is_active, level, self._clock)
+        except OSError as error:
+            raise self._refusal(error) from error
+        if not followed:
+            what = "the contact" if self._sense is not None else "the line"
+            raise DeviceLost(f"{what} did not follow, it stays {_other(level)}", self.where, "Check relay and wiring")
+
+    def read_back(self) -> bool | None:
+        """See drivers.device_api.AlarmOutput."""
+        try:
+            return self._is_active()
+        except OSError as error:
+            raise self._refusal(error) from error
+
+    def _is_active(self) -> bool:
+        looked_at = self._line if self._sense is None else self._sense
+        return bool(self._request.get_value(looked_at) is Value.ACTIVE)
+
+    def _refusal(self, error: OSError | ValueError) -> DeviceLost:
+        if isinstance(error, ValueError) or (error.errno == errno.ENOENT and Path(self._path).exists()):
+            return DeviceLost("no such line", self.where, "See `gpioinfo` for the lines of this chip")
+        if error.errno == errno.EBUSY:
+            return DeviceLost("the line is in use by another program", self.where, "See `gpioinfo` for its user")
+        if error.errno in (errno.EACCES, errno.EPERM):
+            return DeviceLost("no permission to use the chip", self.where, "Add this user to the group 'gpio'")
+        if error.errno == errno.ENOENT:
+            return DeviceLost("no such GPIO chip", self.where, "`probewatch devices` lists what is there")
+        return DeviceLost(f"the GPIO chip failed ({error.strerror})", self.where, "Check its cable or driver")
+
+
+def _label(path: str) -> str:
+    with gpiod.Chip(path) as chip:
+        info = chip.get_info()
+    return f"{printable(info.label)} ({info.num_lines} lines)"
+
+
+def _other(wanted: bool) -> str:
+    return "inactive" if wanted else "active"

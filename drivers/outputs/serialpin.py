@@ -1,0 +1,116 @@
+"""`serialpin:/dev/ttyUSB1?pin=rts`: a control line of a serial port that drives a relay. Energised means safe.
+
+Options: pin=rts | dtr; heartbeat=HZ for an external watchdog relay; sense=cts | dsr | dcd, an input that is raised
+while the contact is closed.
+
+Release: the kernel drops both lines when the last user closes the port (HUPCL is set for that), so a process that dies
+opens the contact at once, and so does a pulled plug. The kernel also RAISES both lines when the port is opened; they
+are dropped right after that, so each opening gives a pulse of some milliseconds, which a lamp may show. It cannot be
+avoided from user space; use heartbeat= where it must not energise anything.
+"""
+
+import termios
+from contextlib import suppress
+from types import TracebackType
+from typing import Self
+
+import serial
+
+from drivers.clock.host_clock import HostClock
+from drivers.device_api import Description
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.io.serial_port import open_serial
+from drivers.outputs.contact_feedback import follows
+from drivers.outputs.heartbeat import Heartbeat, heartbeat_from
+from drivers.registry import refuse_unknown
+
+_OPTIONS = ("heartbeat", "pin", "sense")
+_PINS, _SENSES = ("rts", "dtr"), {"cts": "cts", "dsr": "dsr", "dcd": "cd"}
+_BAUD, _CFLAG = 9600, 2
+"""Nothing is sent, so the speed is only one that every port has; index of the control flags in termios.tcgetattr."""
+
+
+def open_output(target: str, options: dict[str, str], clock: HostClock) -> "SerialPinOutput":
+    """See drivers.registry for what is raised."""
+    return SerialPinOutput(target, *checked(target, options), clock)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[str, str | None, Heartbeat]:
+    """(pin, sense, heartbeat). Raises ConfigurationError naming the option."""
+    where = f"serialpin:{target}"
+    refuse_unknown(options, _OPTIONS, where)
+    pin, sense = options.get("pin", ""), options.get("sense")
+    if pin not in _PINS:
+        raise ConfigurationError(f"pin={pin} is no line that can be driven", where, f"Use {', '.join(_PINS)}")
+    if sense is not None and sense not in _SENSES:
+        raise ConfigurationError(f"sense={sense} is no line that can be read", where, f"Use {', '.join(_SENSES)}")
+    return pin, sense, heartbeat_from(options, where)
+
+
+class SerialPinOutput:
+    """pin drives; sense, where there is one, tells whether the contact followed."""
+
+    def __init__(self, path: str, pin: str, sense: str | None, heartbeat: Heartbeat, clock: HostClock) -> None:
+        self._pin, self._sense, self._heartbeat, self._clock = pin, sense, heartbeat, clock
+        self.where = f"serialpin:{path} {pin}"
+        self._port: serial.Serial = open_serial(path, _BAUD, raise_lines=False)
+        try:
+            self._drop_when_closed()
+            self._drive(False)
+        except BaseException:
+            self._port.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        with suppress(DeviceLost):
+            self._drive(False)
+        with suppress(OSError, termios.error):
+            self._port.close()
+
+    def describe(self) -> Description:
+        """See drivers.device_api.Identified."""
+        beat = "a square wave for a watchdog relay" if self._heartbeat.half_period_ns else "a steady level"
+        back = "the contact is not read back" if self._sense is None else f"the contact is read on {self._sense}"
+        return Description(f"control line {self._pin} of a serial port", remarks=(beat, back))
+
+    def write(self, energised: bool) -> None:
+        """Drive the line. Returns after the port took it, and the contact followed where that is wired back.
+
+        Raises DeviceLost when the port fails or the contact does not follow within 0.1 s.
+        """
+        level = self._heartbeat.level(energised, self._clock.now_ns())
+        self._drive(level)
+        if self._sense is not None and not follows(self.read_back, level, self._clock):
+            stays = "open" if level else "closed"
+            raise DeviceLost(f"the contact did not follow, it stays {stays}", self.where, "Check relay and wiring")
+
+    def read_back(self) -> bool | None:
+        """See drivers.device_api.AlarmOutput."""
+        if self._sense is None:
+            return None
+        try:
+            return bool(getattr(self._port, _SENSES[self._sense]))
+        except (OSError, termios.error) as error:
+            raise self._lost(error) from error
+
+    def _drive(self, level: bool) -> None:
+        try:
+            setattr(self._port, self._pin, level)
+        except (OSError, termios.error) as error:
+            raise self._lost(error) from error
+
+    def _drop_when_closed(self) -> None:
+        try:
+            settings = termios.tcgetattr(self._port.fileno())
+            settings[_CFLAG] |= termios.HUPCL
+            termios.tcsetattr(self._port.fileno(), termios.TCSANOW, settings)
+        except (OSError, termios.error) as error:
+            raise self._lost(error) from error
+
+    def _lost(self, error: Exception) -> DeviceLost:
+        return DeviceLost(f"the port's control line failed ({error})", self.where, "Check the adapter and its plug")

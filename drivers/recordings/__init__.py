@@ -1,0 +1,1 @@
+"""Recorded sessions: their files, and a recording in place of devices."""

@@ -1,0 +1,451 @@
+"""Tracked-ultrasound sequences as PLUS stores them: MetaImage `.mha` and `.mhd`, one header entry per frame and field.
+
+Format: a text header of `key = value` lines, closed by ElementDataFile, then 8-bit pictures frame after frame, raw or
+as one zlib stream, in the same file (LOCAL) or in another. Per frame `Seq_FrameNNNN_` Timestamp (s), FrameNumber,
+<A>To<B>Transform (4×4, row-major, mm), its Status, ImageStatus.
+"""
+
+import re
+import shutil
+import tempfile
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from drivers.errors import RecordingError
+from drivers.files.atomic_file import replacing
+from drivers.files.regular_file import reading, refuse_irregular
+from drivers.printable import printable
+from drivers.recordings.foreign import HEAD_BYTES, refuse_foreign
+from drivers.samples import GreyImage, Matrix4, PoseStatus
+from drivers.video.crop import FLIPS
+
+_MAX_LINE_BYTES = 65_536
+"""Of the header; lines of PLUS take some hundred. More reads on in a file that has no lines, and is no header."""
+
+_MAX_SIDE_PX, _MAX_PIXELS = 16_384, 1 << 24
+"""Of one picture, which is in memory two or three times: the largest screen that scanners have, twice."""
+
+_MAX_HEADER_LINES, _MAX_HEADER_BYTES = 2_000_000, 256_000_000
+"""All of it is kept, 500 bytes a line or so; PLUS writes about ten lines and 1 kB a frame: an hour and more."""
+
+_MAX_STAMP_S = 9_000_000_000
+"""Seconds whose nanoseconds still fit 64 bits; Unix time gets there in the year 2255."""
+
+_BLOCK_BYTES = 262_144
+"""Copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls. Not
+measured."""
+
+_ROTATION_TOLERANCE = 2e-3
+"""Largest error of RᵀR and of the last row that is rounding: PLUS prints six digits, and three would err by 1.7e-3.
+More takes a scaled matrix for a pose; an axis 2 % too long is refused (tests/drivers/recordings/test_metaimage.py).
+"""
+
+_FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
+
+_STATUSES = {  # PLUS says MISSING of a tool or port that is not there, OUT_OF_VIEW of one that is not seen
+    "INVALID": PoseStatus.MISSING,
+    "MISSING": PoseStatus.DISABLED,
+    "OUT_OF_VIEW": PoseStatus.MISSING,
+    "OUT_OF_VOLUME": PoseStatus.OUT_OF_VOLUME,
+    "DISABLED": PoseStatus.DISABLED,
+    "REQ_TIMEOUT": PoseStatus.STALE,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TransformReading:
+    """matrix: (4, 4) rigid, mm, its rotation made exactly orthonormal; None unless OK, and then reason says why."""
+
+    matrix: Matrix4 | None
+    status: PoseStatus
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SequenceItem:
+    """One entry to write. image: MF-oriented or None. transforms: `<A>To<B>` → (4, 4), None for INVALID."""
+
+    t_ns: int
+    image: GreyImage | None = None
+    transforms: Mapping[str, Matrix4 | None] = field(default_factory=dict)
+    sequence: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MetaImage:
+    """The checked header of one sequence; pictures are read only when asked for.
+
+    size_px: (width, height), None where the sequence holds no pictures. frames: the fields of each entry, in order.
+    """
+
+    path: Path
+    size_px: tuple[int, int] | None
+    frames: tuple[Mapping[str, str], ...]
+    _orientation: str
+    _data_path: Path
+    _data_offset: int
+    _compressed: bool
+
+    def transform_names(self) -> list[str]:
+        """Sorted `<A>To<B>` of every transform that occurs in the sequence."""
+        keys = {key for fields in self.frames for key in fields if key.endswith("Transform")}
+        return sorted(key.removesuffix("Transform") for key in keys)
+
+    def stamp_ns(self, index: int) -> int:
+        """Timestamp, ns of the recording's own clock. Raises RecordingError where it is missing or not a time."""
+        key, text = self._entry(index, "Timestamp")
+        try:
+            seconds = Decimal(text)
+        except InvalidOperation:
+            seconds = Decimal("NaN")
+        if not seconds.is_finite() or not -_MAX_STAMP_S <= seconds <= _MAX_STAMP_S:
+            raise _refusal(self.path, key, f"{text!r} is no time in seconds", "Record again, or mend this line")
+        return round(seconds * 1_000_000_000)
+
+    def sequence(self, index: int) -> int:
+        """The device's FrameNumber, or the index where the file has none. Raises RecordingError."""
+        if "FrameNumber" not in self.frames[index]:
+            return index
+        key, text = self._entry(index, "FrameNumber")
+        return _integer(self.path, key, text)
+
+    def image_ok(self, index: int) -> bool:
+        """False where the recorder marked the picture as invalid."""
+        return self.frames[index].get("ImageStatus", "OK").upper() == "OK"
+
+    def transform(self, index: int, name: str) -> TransformReading:
+        """The transform `name` of one entry. Raises RecordingError for text that is not sixteen numbers."""
+        status = self.frames[index].get(f"{name}TransformStatus", "OK").upper()
+        if status != "OK":
+            return TransformReading(None, _STATUSES.get(status, PoseStatus.FAULT), f"{name} is {printable(status)}")
+        if f"{name}Transform" not in self.frames[index]:
+            return TransformReading(None, PoseStatus.MISSING, f"{name} is missing")
+        key, text = self._entry(index, f"{name}Transform")
+        return _rigid(_sixteen_numbers(self.path, key, text), name)
+
+    def pictures(self) -> Iterator[GreyImage]:
+        """Each picture in turn, (height, width), MF-oriented; one frame in memory. Raises RecordingError."""
+        if self.size_px is None:
+            return
+        width, height = self.size_px
+        flip_rows, flip_columns = FLIPS[self._orientation]
+        rows, columns = slice(None, None, -1 if flip_rows else 1), slice(None, None, -1 if flip_columns else 1)
+        for block in self._blocks(width * height):
+            stored = np.frombuffer(block, np.uint8).reshape(height, width)
+            yield np.ascontiguousarray(stored[rows, columns])
+
+    def _entry(self, index: int, name: str) -> tuple[str, str]:
+        key = f"Seq_Frame{index:04d}_{name}"
+        if name not in self.frames[index]:
+            raise _refusal(self.path, key, "is missing", "Record again; every frame needs it")
+        return key, self.frames[index][name]
+
+    def _blocks(self, frame_bytes: int) -> Iterator[bytes]:
+        try:
+            with reading(self._data_path) as stream:
+                stream.seek(self._data_offset)
+                read = _inflated if self._compressed else _raw
+                yield from read(stream, self._data_path, len(self.frames), frame_bytes)
+        except OSError as error:
+            raise _unreadable(self._data_path, error) from error
+
+
+def read_metaimage(path: Path, orientation: str | None = None) -> MetaImage:
+    """Read and check the header of a sequence; the pictures stay on the disk.
+
+    orientation: two or three letters that replace UltrasoundImageOrientation where the file says none or wrong.
+    Raises RecordingError naming file, key, value and remedy for every header this cannot vouch for.
+    """
+    try:
+        with reading(path) as stream:
+            refuse_foreign(stream.read(HEAD_BYTES), path)
+            stream.seek(0)
+            general, frames = _read_header(stream, path)
+            offset = stream.tell()
+        return _checked(path, general, frames, offset, orientation)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+
+
+def write_metaimage(
+    path: Path,
+    items: Iterable[SequenceItem],
+    size_px: tuple[int, int] | None,
+    *,
+    compressed: bool = True,
+    detached: bool = False,
+    orientation: str = "MFA",
+) -> None:
+    """Write a sequence; path shows the whole of it or does not appear. Images pass through one at a time.
+
+    size_px: (width, height), None for a sequence of poses only. Entries without a picture are marked INVALID.
+    Raises OSError, and ValueError for an image of another size.
+    """
+    data_path = path.with_suffix(".zraw" if compressed else ".raw")
+    for place in (path, data_path) if detached else (path,):
+        refuse_irregular(place)
+    with tempfile.TemporaryFile(dir=path.parent) as data:
+        lines = _spool(data, items, size_px, compressed, FLIPS[orientation[:2]])
+        head = _general_lines(size_px, lines.count, data.tell() if compressed else None, orientation)
+        target = data_path.name if detached else "LOCAL"
+        header = "\n".join([*head, *lines.text, f"ElementDataFile = {target}\n"]).encode()
+        data.seek(0)
+        if detached:
+            with replacing(data_path) as stream:
+                shutil.copyfileobj(data, stream, _BLOCK_BYTES)
+        with replacing(path) as stream:
+            stream.write(header)
+            shutil.copyfileobj(data, stream, _BLOCK_BYTES)
+
+
+def _refusal(path: Path, key: str, what: str, remedy: str) -> RecordingError:
+    return RecordingError(f"{key} {what}", str(path), remedy)
+
+
+def _unreadable(path: Path, error: OSError) -> RecordingError:
+    where = str(error.filename or path)
+    return RecordingError(f"cannot be read: {error.strerror}", where, "Check the name and the permissions")
+
+
+def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int, dict[str, str]]]:
+    general: dict[str, str] = {}
+    frames: dict[int, dict[str, str]] = {}
+    lines = 0
+    while "ElementDataFile" not in general:
+        lines += 1
+        if lines > _MAX_HEADER_LINES or (lines % 1000 == 0 and stream.tell() > _MAX_HEADER_BYTES):
+            raise RecordingError("the header is longer than any of PLUS", str(path), "Record in shorter parts")
+        key, value = _header_line(stream, path)
+        match = _FRAME_KEY.fullmatch(key)
+        if match:
+            frames.setdefault(int(match[1]), {})[match[2]] = value
+        elif key:
+            general[key] = value
+    return general, frames
+
+
+def _header_line(stream: BinaryIO, path: Path) -> tuple[str, str]:
+    """Next (key, value); both empty for a blank line."""
+    line = stream.readline(_MAX_LINE_BYTES)
+    text = line.decode("utf-8", errors="replace").strip()
+    key, equals, value = text.partition("=")
+    if len(line) == _MAX_LINE_BYTES or (line.endswith(b"\n") and text and not equals):
+        what = f"header line {text[:40]!r} is not 'key = value'"
+        raise RecordingError(what, str(path), "Give a PLUS sequence (.igs.mha or .mhd)")
+    if not line.endswith(b"\n") and not equals:
+        raise RecordingError("the header ends before ElementDataFile", str(path), "It is cut short; copy it again")
+    return printable(key.strip()), value.strip()
+
+
+def _checked(
+    path: Path, general: dict[str, str], frames: dict[int, dict[str, str]], offset: int, orientation: str | None
+) -> MetaImage:
+    width, height, count = _dimensions(path, general)
+    if len(frames) != count or max(frames, default=-1) != count - 1:
+        what = f"says {count} frames, the header has fields of {len(frames)}"
+        raise _refusal(path, "DimSize", what, "The header is cut or was edited; copy the file again")
+    local = general["ElementDataFile"].upper() == "LOCAL"
+    data_path = path if local else path.parent / general["ElementDataFile"]
+    compressed = general.get("CompressedData", "False").upper() == "TRUE"
+    sequence = MetaImage(
+        path=path,
+        size_px=(width, height) if width * height > 1 else None,
+        frames=tuple(frames[index] for index in range(count)),
+        _orientation=(orientation or general.get("UltrasoundImageOrientation", "")).upper()[:2],
+        _data_path=data_path,
+        _data_offset=offset if local else 0,
+        _compressed=compressed,
+    )
+    if sequence.size_px is not None:
+        _check_pictures(sequence, general, orientation)
+        _check_length(sequence, general)
+    return sequence
+
+
+def _dimensions(path: Path, general: dict[str, str]) -> tuple[int, int, int]:
+    """(width, height, frames); a third spatial axis is accepted where it has one plane."""
+    text = general.get("DimSize", "")
+    sizes = [_integer(path, "DimSize", word) for word in text.split()]
+    if len(sizes) == 4 and sizes[2] == 1:
+        del sizes[2]
+    if len(sizes) != 3 or min(sizes) < 0 or max(sizes[:2]) > _MAX_SIDE_PX:
+        what = f"{text!r} is not width, height and number of frames"
+        raise _refusal(path, "DimSize", what, "Give a sequence of two-dimensional pictures")
+    if sizes[0] * sizes[1] > _MAX_PIXELS:
+        what = f"says {sizes[0]} × {sizes[1]} pixels; more than {_MAX_PIXELS} are no picture of a scanner"
+        raise _refusal(path, "DimSize", what, "Record again, or cut the pictures")
+    return sizes[0], sizes[1], sizes[2]
+
+
+def _check_pictures(sequence: MetaImage, general: dict[str, str], orientation: str | None) -> None:
+    grey = "Record 8-bit grey B-mode pictures (MET_UCHAR, one channel)"
+    for key, allowed, remedy in (
+        ("ElementType", "MET_UCHAR", grey),
+        ("ElementNumberOfChannels", "1", grey),
+        ("BinaryData", "True", "Store the pictures as binary data"),
+    ):
+        value = general.get(key, "" if key == "ElementType" else allowed)
+        if value.upper() != allowed.upper():
+            raise _refusal(sequence.path, key, f"is {value!r}, not {allowed}", remedy)
+    named = orientation or general.get("UltrasoundImageOrientation", "")
+    if named.upper() not in {two + three for two in FLIPS for three in ("", "A", "D")}:
+        what = f"{named!r} is not M or U, then F or N"
+        remedy = "State how the pictures are stored, for example MF, in the header or with --orientation"
+        raise _refusal(sequence.path, "UltrasoundImageOrientation", what, remedy)
+
+
+def _check_length(sequence: MetaImage, general: dict[str, str]) -> None:
+    """Find a file that was cut before any picture is read."""
+    assert sequence.size_px is not None
+    width, height = sequence.size_px
+    refuse_irregular(sequence._data_path)
+    there = sequence._data_path.stat().st_size - sequence._data_offset
+    needed = width * height * len(sequence.frames)
+    key = "DimSize"
+    if sequence._compressed:
+        key = "CompressedDataSize"
+        needed = _integer(sequence.path, key, general.get(key, str(there)))
+    wrong = there < needed if sequence._compressed else there != needed
+    if wrong or needed < 0:
+        what = f"promises {needed} bytes of pictures, {sequence._data_path.name} has {there}"
+        raise _refusal(sequence.path, key, what, "The file is cut short or was edited; copy it again")
+
+
+def _integer(path: Path, key: str, text: str) -> int:
+    if not re.fullmatch(r"[+-]?[0-9]{1,18}", text):
+        raise _refusal(path, key, f"{text[:60]!r} is not a whole number", "Record again, or mend this line")
+    return int(text)
+
+
+def _sixteen_numbers(path: Path, key: str, text: str) -> Matrix4:
+    try:
+        return np.array([float(word) for word in text.split()]).reshape(4, 4)
+    except ValueError:
+        raise _refusal(path, key, f"{text[:60]!r} is not sixteen numbers", "Record again, or mend this line") from None
+
+
+def _rigid(matrix: Matrix4, name: str) -> TransformReading:
+    """Refuse what is not rigid, by a marked reading; take the rounding of the printed digits out of what is."""
+    if not np.isfinite(matrix).all():
+        return TransformReading(None, PoseStatus.FAULT, f"{name} is not finite")
+    R = matrix[:3, :3]
+    skewed = np.abs(R.T @ R - np.eye(3)).max() > _ROTATION_TOLERANCE
+    if skewed or np.linalg.det(R) < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _ROTATION_TOLERANCE:
+        return TransformReading(None, PoseStatus.FAULT, f"{name} is not a rotation and a translation")
+    u, _, vt = np.linalg.svd(R)
+    rigid = np.eye(4)
+    rigid[:3, :3], rigid[:3, 3] = u @ vt, matrix[:3, 3]
+    return TransformReading(rigid, PoseStatus.OK)
+
+
+def _raw(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[bytes]:
+    for index in range(count):
+        block = stream.read(frame_bytes)
+        if len(block) < frame_bytes:
+            raise RecordingError(f"picture {index} of {count} is cut short", str(path), "Copy the file again")
+        yield block
+
+
+def _inflated(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[bytes]:
+    """Frames out of one zlib stream; the last read goes past the pictures, so that zlib verifies its checksum."""
+    inflator = zlib.decompressobj()
+    for index in range(count):
+        block = _inflate(inflator, stream, path, frame_bytes)
+        if len(block) < frame_bytes:
+            raise RecordingError(f"picture {index} of {count} is cut short", str(path), "Copy the file again")
+        yield block
+    if _inflate(inflator, stream, path, 1) or not inflator.eof:
+        what = f"holds more or less picture data than the {count} frames of its header"
+        raise RecordingError(what, str(path), "Copy the file again")
+
+
+def _inflate(inflator: "zlib._Decompress", stream: BinaryIO, path: Path, wanted: int) -> bytes:
+    """Up to `wanted` bytes; fewer only at the end of the stream or of the file."""
+    parts, missing = [], wanted
+    try:
+        while missing and not inflator.eof:
+            source = inflator.unconsumed_tail or stream.read(_BLOCK_BYTES)
+            part = inflator.decompress(source, missing)
+            parts.append(part)
+            missing -= len(part)
+            if not source and not part:
+                break
+    except zlib.error:
+        raise RecordingError("the compressed pictures are damaged", str(path), "Copy the file again") from None
+    return b"".join(parts)
+
+
+@dataclass(slots=True)
+class _Lines:
+    text: list[str] = field(default_factory=list)
+    count: int = 0
+
+
+def _spool(
+    data: BinaryIO,
+    items: Iterable[SequenceItem],
+    size_px: tuple[int, int] | None,
+    compressed: bool,
+    flips: tuple[bool, bool],
+) -> _Lines:
+    """Write the pictures to data; return the header lines of the entries."""
+    lines = _Lines()
+    deflator = zlib.compressobj(6) if compressed else None
+    for item in items:
+        lines.text += _item_lines(lines.count, item)
+        lines.count += 1
+        block = b"" if size_px is None else _stored(item.image, size_px, flips)
+        data.write(deflator.compress(block) if deflator else block)
+    if deflator:
+        data.write(deflator.flush())
+    return lines
+
+
+def _stored(image: GreyImage | None, size_px: tuple[int, int], flips: tuple[bool, bool]) -> bytes:
+    width, height = size_px
+    if image is None:
+        return bytes(width * height)
+    if image.shape != (height, width) or image.dtype != np.uint8:
+        raise ValueError(f"image is {image.shape} {image.dtype}, the sequence {(height, width)} uint8")
+    rows, columns = (slice(None, None, -1 if flip else 1) for flip in flips)
+    return image[rows, columns].tobytes()
+
+
+def _item_lines(index: int, item: SequenceItem) -> list[str]:
+    prefix = f"Seq_Frame{index:04d}_"
+    lines = [] if item.sequence is None else [f"{prefix}FrameNumber = {item.sequence}"]
+    for name, matrix in item.transforms.items():
+        numbers = " ".join(f"{value:.17g}" for value in (np.eye(4) if matrix is None else matrix).ravel())
+        lines.append(f"{prefix}{name}Transform = {numbers}")
+        lines.append(f"{prefix}{name}TransformStatus = {'INVALID' if matrix is None else 'OK'}")
+    lines.append(f"{prefix}Timestamp = {Decimal(item.t_ns).scaleb(-9):f}")
+    lines.append(f"{prefix}ImageStatus = {'INVALID' if item.image is None else 'OK'}")
+    return lines
+
+
+def _general_lines(
+    size_px: tuple[int, int] | None, count: int, compressed_bytes: int | None, orientation: str
+) -> list[str]:
+    width, height = size_px or (0, 0)
+    compression = [f"CompressedData = {compressed_bytes is not None}"]
+    if compressed_bytes is not None:
+        compression.append(f"CompressedDataSize = {compressed_bytes}")
+    return [
+        "ObjectType = Image",
+        "NDims = 3",
+        "BinaryData = True",
+        "BinaryDataByteOrderMSB = False",
+        *compression,
+        f"DimSize = {width} {height} {count}",
+        "Kinds = domain domain list",
+        "ElementSpacing = 1 1 1",
+        f"ElementType = {'MET_OTHER' if size_px is None else 'MET_UCHAR'}",
+        f"UltrasoundImageOrientation = {orientation if size_px else 'XX'}",
+        "UltrasoundImageType = BRIGHTNESS",
+    ]

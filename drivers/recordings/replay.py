@@ -1,0 +1,260 @@
+"""`replay:` recordings as devices: frames and poses of a PLUS sequence, all at once in time order or at their own pace.
+
+Where each frame carries its own transform, pose and frame get the same stamp, the pose first. Entries whose time does
+not increase, and pictures the recorder marked invalid, are left out and counted.
+"""
+
+import heapq
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Generic, Self, TypeVar
+
+import numpy as np
+
+from drivers.clock.host_clock import HostClock
+from drivers.errors import ConfigurationError, DeviceLost, RecordingError
+from drivers.recordings.metaimage import MetaImage, TransformReading, read_metaimage
+from drivers.registry import refuse_unknown
+from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
+
+_STAMP_ERR_NS = 500
+"""Half of the last digit PLUS prints; a recording says nothing more about the error of its stamps."""
+
+_MAX_DISORDER = 0.1
+"""Share of entries out of time order above which the recording's clock is not believed at all."""
+
+_OPTIONS = ("orientation", "poses", "probe", "reference", "start_s")
+
+_S = TypeVar("_S", Frame, Pose)
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Pictures and poses of one session, from one file or from two that share a clock.
+
+    tool, reference: names of the transforms that make a pose, reference None where the first is used alone; tool None
+    where the session has no poses. left_out: reason → number of frames not passed on.
+    """
+
+    pictures: MetaImage
+    poses: MetaImage
+    tool: str | None
+    reference: str | None
+    frame_order: tuple[tuple[int, int], ...]
+    pose_order: tuple[tuple[int, int], ...]
+    left_out: dict[str, int]
+
+    @property
+    def size_px(self) -> tuple[int, int] | None:
+        """(width, height) of the pictures, None where there are none."""
+        return self.pictures.size_px
+
+    @property
+    def start_ns(self) -> int:
+        """Earliest stamp of the session, ns of the recording's clock."""
+        return min((order[0][0] for order in (self.frame_order, self.pose_order) if order), default=0)
+
+    @property
+    def overlap_ns(self) -> tuple[int, int]:
+        """(first, last) stamp between which both devices were recorded; just before start_ns twice where never."""
+        if not self.frame_order or not self.pose_order:
+            return self.start_ns, self.start_ns - 1
+        first_ns = max(self.frame_order[0][0], self.pose_order[0][0])
+        return first_ns, min(self.frame_order[-1][0], self.pose_order[-1][0])
+
+    def __len__(self) -> int:
+        return len(self.frame_order) + len(self.pose_order)
+
+    def samples(self) -> Iterator[Sample]:
+        """Everything in time order, stamps in ns of the recording's clock. Raises RecordingError for damaged data."""
+        streams: tuple[Iterator[Sample], ...] = (self.pose_samples(), self.frame_samples())
+        yield from heapq.merge(*streams, key=lambda sample: sample.stamp.t_ns)
+
+    def frame_samples(self) -> Iterator[Frame]:
+        """The pictures alone. Raises RecordingError for damaged data."""
+        order = {index: t_ns for t_ns, index in self.frame_order}
+        for index, image in enumerate(self.pictures.pictures()):
+            if index in order:
+                yield Frame(Stamp(order[index], _STAMP_ERR_NS), self.pictures.sequence(index), image)
+
+    def pose_samples(self) -> Iterator[Pose]:
+        """The poses alone; what the tracker did not measure is passed on as such. Raises RecordingError."""
+        for t_ns, index in self.pose_order:
+            reading = self._reading(index)
+            stamp, sequence = Stamp(t_ns, _STAMP_ERR_NS), self.poses.sequence(index)
+            yield Pose(stamp, sequence, reading.matrix, np.nan, reading.status, reading.reason)
+
+    def _reading(self, index: int) -> TransformReading:
+        """Probe → reference tool: inv(ReferenceToTracker) · ProbeToTracker where two transforms make the pose."""
+        assert self.tool is not None
+        tool = self.poses.transform(index, self.tool)
+        if self.reference is None or tool.matrix is None:
+            return tool
+        reference = self.poses.transform(index, self.reference)
+        if reference.matrix is None:
+            return reference
+        return TransformReading(_inverse(reference.matrix) @ tool.matrix, PoseStatus.OK)
+
+
+def open_recording(
+    path: Path,
+    *,
+    poses: Path | None = None,
+    probe: str | None = None,
+    reference: str | None = None,
+    orientation: str | None = None,
+    need_poses: bool = True,
+) -> Recording:
+    """Open a session and check its headers. poses: a second sequence whose transforms are used instead.
+
+    The pose is <probe>To<reference> where recorded, else composed over the tracker, else <probe>ToTracker; probe is
+    "Probe" and reference "Reference" unless named; the name "Tracker" asks for poses without a reference tool.
+    Raises RecordingError, also where need_poses and the transforms are not there.
+    """
+    pictures = read_metaimage(path, orientation)
+    pose_source = pictures if poses is None else read_metaimage(poses)
+    tool, fixed = _transform_names(pose_source, probe or "Probe", reference, need_poses)
+    frame_order, disordered = _in_time_order(pictures) if pictures.size_px else ((), 0)
+    shown = tuple(entry for entry in frame_order if pictures.image_ok(entry[1]))
+    left_out = {"picture time does not increase": disordered, "picture marked invalid": len(frame_order) - len(shown)}
+    return Recording(
+        pictures=pictures,
+        poses=pose_source,
+        tool=tool,
+        reference=fixed,
+        frame_order=shown,
+        pose_order=_in_time_order(pose_source)[0] if tool else (),
+        left_out={reason: number for reason, number in left_out.items() if number},
+    )
+
+
+def open_video(target: str, options: dict[str, str], clock: HostClock) -> "Player[Frame]":
+    """`replay:FILE`; see Player for the pace. Raises ConfigurationError for options, RecordingError for the file."""
+    recording, start_s = _from_url(target, options, need_poses=False)
+    if recording.size_px is None:
+        raise RecordingError("holds no pictures", target, "Give a recording with pictures as the video device")
+    return Player(recording.frame_samples, recording.start_ns, start_s, clock, target)
+
+
+def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "Player[Pose]":
+    """`replay:FILE`; see Player for the pace. Raises ConfigurationError for options, RecordingError for the file."""
+    recording, start_s = _from_url(target, options, need_poses=True)
+    return Player(recording.pose_samples, recording.start_ns, start_s, clock, target)
+
+
+class Player(Generic[_S]):
+    """Hands out samples when their time comes on the host clock, restamped to it.
+
+    The session starts start_s after the clock's origin, for the video and the tracker alike, so two devices opened from
+    one URL stay in step. What fell due before the device was opened is skipped, as a camera would.
+    """
+
+    def __init__(
+        self, samples: Callable[[], Iterator[_S]], start_ns: int, start_s: float, clock: HostClock, where: str
+    ) -> None:
+        self._shift_ns = clock.origin_ns + round(start_s * 1e9) - start_ns
+        self._clock, self._where = clock, where
+        opened_ns = clock.now_ns() - self._shift_ns
+        self._samples: Generator[_S, None, None] = (sample for sample in samples() if sample.stamp.t_ns >= opened_ns)
+        self._waiting: _S | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self._samples.close()
+
+    def read(self, timeout_s: float) -> _S | None:
+        """Next sample, or None when none fell due within timeout_s. Raises DeviceLost at the end or at damage."""
+        sample = self._waiting or self._next()
+        self._waiting = sample
+        deadline_ns = self._clock.now_ns() + round(timeout_s * 1e9)
+        due_ns = sample.stamp.t_ns + self._shift_ns
+        self._clock.sleep_until(min(due_ns, deadline_ns))
+        if due_ns > deadline_ns:
+            return None
+        self._waiting = None
+        return replace(sample, stamp=Stamp(due_ns, sample.stamp.err_ns))
+
+    def _next(self) -> _S:
+        try:
+            return next(self._samples)
+        except StopIteration:
+            raise DeviceLost("the recording has ended", self._where, "Start the service again to replay it") from None
+        except RecordingError as error:
+            raise DeviceLost(error.what, error.where, error.remedy) from error
+
+
+def checked(target: str, options: dict[str, str]) -> float:
+    """Where to start, s. Raises ConfigurationError naming the option."""
+    refuse_unknown(options, _OPTIONS, f"replay:{target}")
+    return _start_s(options.get("start_s", "1"), target)
+
+
+def _from_url(target: str, options: dict[str, str], need_poses: bool) -> tuple[Recording, float]:
+    start_s = checked(target, options)
+    recording = open_recording(
+        Path(target),
+        poses=Path(options["poses"]) if "poses" in options else None,
+        probe=options.get("probe"),
+        reference=options.get("reference"),
+        orientation=options.get("orientation"),
+        need_poses=need_poses,
+    )
+    return recording, start_s
+
+
+def _start_s(text: str, target: str) -> float:
+    try:
+        start_s = float(text)
+    except ValueError:
+        start_s = -1.0
+    if not 0 <= start_s <= 3600:
+        raise ConfigurationError(f"start_s '{text}' is not 0 to 3600 s", f"replay:{target}", "Give seconds")
+    return start_s
+
+
+def _transform_names(
+    poses: MetaImage, probe: str, reference: str | None, required: bool
+) -> tuple[str | None, str | None]:
+    """(transform of the tool, transform of the reference or None) for open_recording's rule."""
+    there = poses.transform_names()
+    target = reference or "Reference"
+    direct, tool, fixed = f"{probe}To{target}", f"{probe}ToTracker", f"{target}ToTracker"
+    if direct in there:
+        return direct, None
+    if tool in there and (fixed in there or reference is None):
+        return tool, fixed if fixed in there else None
+    if not required:
+        return None, None
+    names = ", ".join(there) if there else "none"
+    raise RecordingError(
+        f"has neither {direct} nor {tool}{f' with {fixed}' if reference else ''}; its transforms: {names}",
+        str(poses.path),
+        "Name the tool with --probe and --reference, or give the poses' recording with --poses",
+    )
+
+
+def _in_time_order(sequence: MetaImage) -> tuple[tuple[tuple[int, int], ...], int]:
+    """((t_ns, index), …) of the entries that are later than all before them, and the number of the others."""
+    kept: list[tuple[int, int]] = []
+    for index in range(len(sequence.frames)):
+        t_ns = sequence.stamp_ns(index)
+        if not kept or t_ns > kept[-1][0]:
+            kept.append((t_ns, index))
+    dropped = len(sequence.frames) - len(kept)
+    if dropped > _MAX_DISORDER * len(sequence.frames):
+        what = f"the Timestamp of {dropped} of {len(sequence.frames)} frames is not later than the one before"
+        raise RecordingError(what, str(sequence.path), "Record again; without true times nothing can be verified")
+    return tuple(kept), dropped
+
+
+def _inverse(matrix: Matrix4) -> Matrix4:
+    inverse = np.eye(4)
+    inverse[:3, :3] = matrix[:3, :3].T
+    inverse[:3, 3] = -matrix[:3, :3].T @ matrix[:3, 3]
+    return inverse

@@ -1,0 +1,1 @@
+"""Sources of poses, one folder a protocol. At this level the geometry that all trackers share."""

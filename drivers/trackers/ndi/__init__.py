@@ -1,0 +1,1 @@
+"""Northern Digital's Combined API: Polaris, Vega and Aurora over a serial line or TCP."""

@@ -1,0 +1,52 @@
+"""How fast the frame counter of a tracker runs: by its kind, by what it publishes, or measured."""
+
+import math
+from collections.abc import Callable
+
+from drivers.clock.counter_clock import counter_rate_hz
+from drivers.clock.host_clock import HostClock
+from drivers.errors import DeviceLost
+from drivers.trackers.ndi.exchange import Answer
+from drivers.trackers.ndi.session import Session
+
+_POLARIS_HZ = 60.0
+"""Combined API: a Polaris counts at 60 Hz, whatever rate it measures at; a recorded 20 Hz unit steps by three."""
+
+_AURORAS_HZ = (40.0, 320.0)
+"""One count for a measurement of 25 ms, or eight. Recorded frame numbers of an Aurora V3 step by eight; that this makes
+320 Hz is inferred from their pace, that older units count single measurements is not documented."""
+
+_LEARN_NS = 400_000_000
+"""How long the counter is watched: 16 measurements, to tell rates apart that differ eightfold. More delays every
+connection to an Aurora, less leaves little to a late reply."""
+
+_LEARN_STEP_NS = 20_000_000
+"""Pause between the requests meanwhile: below the 25 ms of a measurement. Shorter asks more and learns no more."""
+
+
+def frame_counter_hz(session: Session, ask: Callable[[], Answer], handle: int, clock: HostClock) -> float:
+    """Counts per second. ask: for one tracking reply, in which the tool of that handle is looked at.
+
+    Raises DeviceLost where an Aurora's counter, of which there are two kinds, stands still.
+    """
+    if session.identity.electromagnetic:
+        measured_hz = _measured_hz(session.link.where, ask, handle, clock)
+        return min(_AURORAS_HZ, key=lambda hz: abs(math.log(hz / measured_hz)))
+    published_hz = session.parameter("Param.Tracking.Frame Frequency") if session.identity.has_bx2 else None
+    return float(published_hz or _POLARIS_HZ)
+
+
+def _measured_hz(where: str, ask: Callable[[], Answer], handle: int, clock: HostClock) -> float:
+    begin_ns = clock.now_ns()
+    counts: list[int] = []
+    arrivals_ns: list[int] = []
+    while clock.now_ns() < begin_ns + _LEARN_NS:
+        answer = ask()
+        reading = answer.snapshot.tools.get(handle)
+        if reading is not None and reading.tick is not None:
+            counts.append(reading.tick)
+            arrivals_ns.append(answer.arrival_ns)
+        clock.sleep_until(clock.now_ns() + _LEARN_STEP_NS)
+    if not counts or counts[-1] <= counts[0]:
+        raise DeviceLost("the tracker's frame counter stands still", where, "Switch the tracker off and on")
+    return counter_rate_hz(counts, arrivals_ns)

@@ -1,0 +1,120 @@
+"""One good tracking reply at a time: asked again when damaged or late, refused when old, given up at the deadline."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.clock.host_clock import HostClock
+from drivers.errors import ProtocolError
+from drivers.trackers.ndi.link import Link, SilentError, refuse_reset
+from drivers.trackers.ndi.readings import Dialect, Snapshot
+from drivers.trackers.ndi.wire import EXTENDED_START, RefusedError, decode_text
+
+_GAP_NS = 25_000_000
+"""Silence after which a broken reply has run out. USB adapters hold bytes back for up to 16 ms (the latency timer's
+default), so less takes its rest for the next reply; more delays the next try. A fact of the adapters, not measured."""
+
+_LEAST_TRY_NS = 50_000_000
+"""What a request gets at least, besides its time on the line, when this host comes to it after the deadline. More
+reports a loss later (250 ms in all, tests/live/test_tracker_loss.py), less takes a busy host for a silent device."""
+
+_TRY_SHARE, _SPARE_SHARE = 0.4, 0.5
+"""Of the deadline. One request waits for _TRY_SHARE, so that two find room: more leaves no second one, less gives slow
+replies up. Where two replies take more than the rest, a silence of _SPARE_SHARE comes on top of them: 9600 baud with
+four tools (tests/drivers/trackers/ndi/test_tracker.py)."""
+
+_UNSURE_ANSWERS = 3
+"""Answers after an unanswered request whose sending time bounds nothing, as the late reply may have come in place of
+the right one. More leaves poses with the wider bound, fewer risks a false one. Not measured."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """sent_ns: when the request had reached the device, at the earliest; None while a late reply may have come in place
+    of the right one.
+
+    detailed: as asked.
+
+    arrival_ns: after the last byte of the reply, less the time it takes on the line: when the device began to speak.
+    """
+
+    snapshot: Snapshot
+    sent_ns: int | None
+    arrival_ns: int
+    detailed: bool
+
+
+class Exchange:
+    """refused: replies dropped because they were damaged. deadline_ns: silence after which the tracker is lost.
+
+    longest: bytes of the longest reply that is expected; a longer one is noted.
+    accept: looks at a good reply and raises ProtocolError to have it refused all the same.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        dialect: Dialect,
+        deadline_ns: int,
+        longest: int,
+        clock: HostClock,
+        accept: Callable[[Snapshot], None],
+    ) -> None:
+        self.refused = 0
+        self._link, self._dialect, self._deadline_ns, self._clock = link, dialect, deadline_ns, clock
+        self._accept = accept
+        self._good_ns = clock.now_ns()
+        self._longest = longest
+        self._unsure = 0
+
+    def ask(self, detailed: bool) -> Answer:
+        """Raises DeviceLost when no good reply has come for the deadline, RefusedError when the device refuses.
+
+        The deadline runs from the last good reply, so that a silence between two requests counts as well. Only a line
+        on which a reply takes more than a quarter of it is given longer.
+        """
+        least_ns = 2 * self.reply_ns
+        patience_ns = max(self._deadline_ns, round(_SPARE_SHARE * self._deadline_ns) + least_ns)
+        deadline_ns = max(self._good_ns + patience_ns, self._clock.now_ns() + _LEAST_TRY_NS + least_ns)
+        while True:
+            try_ns = min(deadline_ns, self._clock.now_ns() + max(round(_TRY_SHARE * self._deadline_ns), least_ns))
+            try:
+                return self._ask_once(detailed, try_ns)
+            except RefusedError:
+                raise
+            except SilentError:
+                if self._clock.now_ns() >= deadline_ns:
+                    raise
+                self._unsure = _UNSURE_ANSWERS
+            except ProtocolError:
+                pass
+            self.refused += 1
+            self._link.wait_quiet(_GAP_NS, deadline_ns)
+
+    @property
+    def reply_ns(self) -> int:
+        """Time on the line of the longest reply."""
+        return self._link.transfer_ns(self._longest)
+
+    def rest(self) -> None:
+        """The device was busy with another command until now; its silence did not count."""
+        self._good_ns = self._clock.now_ns()
+
+    def _ask_once(self, detailed: bool, deadline_ns: int) -> Answer:
+        request = self._dialect.request(detailed)
+        sent_ns = self._link.send(request) + self._link.transfer_ns(len(request))
+        data = self._link.read_reply(deadline_ns)
+        read_ns = self._clock.now_ns()
+        snapshot = self._decode(data, detailed)
+        self._accept(snapshot)
+        self._good_ns, self._longest = read_ns, max(self._longest, len(data))
+        self._unsure = max(self._unsure - 1, 0)
+        sure_ns = None if self._unsure else sent_ns
+        return Answer(snapshot, sure_ns, read_ns - self._link.transfer_ns(len(data)), detailed)
+
+    def _decode(self, data: bytes, detailed: bool) -> Snapshot:
+        """The long form of a binary reply has no check sum, so over a serial line nothing in it is believed."""
+        if data.startswith(EXTENDED_START) and self._link.baud is not None:
+            raise ProtocolError("a reply without check sum over a serial line", self._link.where)
+        if data.endswith(b"\r") and len(data) < 16:
+            refuse_reset(decode_text(data), self._link.where)
+        return self._dialect.decode(data, detailed)

@@ -1,0 +1,121 @@
+"""The device as a whole: system status and alerts as typed values, what passes by itself and what only a person
+ends.
+"""
+
+from dataclasses import dataclass, replace
+
+from drivers.trackers.ndi.pose_status import SYSTEM_ALERTS_PENDING, SYSTEM_TEMPERATURE, StatusReason, status_of_system
+from drivers.trackers.ndi.readings import Snapshot
+from drivers.trackers.ndi.status_text import BUMPED, HARMLESS_ALERTS, PTP_LOST, alert_text
+
+_BATTERIES = 0x100000 | 0x4000000
+_TOO_HOT, _TOO_COLD = 0x20000000, 0x40000000
+"""Combined API, Info.Status.Alerts: battery and laser battery; too hot, too cold."""
+
+_LATCHED = BUMPED
+_FORGET_NS = 3_000_000_000
+"""Age at which an alert that Info.Status.Alerts does not list is over: three looks. Less ends one that BX2 alone tells
+between two of its reports; more keeps the contact open that long after the cause has gone. Not measured."""
+
+_LOOK_AGAIN_NS = 1_000_000_000
+"""Between two looks at alerts that stand. Each takes the place of a tracking reply; rarer ones delay the all-clear."""
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """alerts: bits that stand, of Info.Status.Alerts; a bump stands until a person clears it, whatever the device says.
+
+    system_status: of the last TX or BX reply. strays: markers that belong to no tool in the last detailed reply.
+    """
+
+    alerts: int = 0
+    system_status: int = 0
+    strays: int = 0
+
+    @property
+    def bumped(self) -> bool:
+        return bool(self.alerts & BUMPED)
+
+    @property
+    def too_hot(self) -> bool:
+        return bool(self.alerts & _TOO_HOT)
+
+    @property
+    def too_cold(self) -> bool:
+        return bool(self.alerts & _TOO_COLD)
+
+    @property
+    def temperature_wrong(self) -> bool:
+        """Outside the range in which the device is accurate."""
+        return self.too_hot or self.too_cold or bool(self.system_status & SYSTEM_TEMPERATURE)
+
+    @property
+    def battery_low(self) -> bool:
+        return bool(self.alerts & _BATTERIES)
+
+    @property
+    def clock_unsynchronised(self) -> bool:
+        """The device's clock has lost its master; times are bound to the host's clock alone."""
+        return bool(self.alerts & PTP_LOST)
+
+    @property
+    def status_reason(self) -> StatusReason:
+        """Whether any pose of this device may be believed."""
+        return status_of_system(self.system_status, self.alerts)
+
+    @property
+    def warnings(self) -> str:
+        """What does not spoil the poses but should be known; empty in health."""
+        return alert_text(self.alerts & HARMLESS_ALERTS)
+
+
+class HealthWatch:
+    """health: as of now. Tells when to ask the device for its alerts."""
+
+    def __init__(self, alerts: int, now_ns: int) -> None:
+        self.health = Health(alerts)
+        self._seen_ns = dict.fromkeys(_bits(alerts), now_ns)
+        self._look_ns = now_ns + _LOOK_AGAIN_NS
+
+    def note(self, snapshot: Snapshot, detailed: bool, now_ns: int) -> None:
+        """What a reply tells by itself."""
+        strays = snapshot.strays if detailed else self.health.strays
+        if (snapshot.system_status, strays) != (self.health.system_status, self.health.strays):
+            self.health = replace(self.health, system_status=snapshot.system_status, strays=strays)
+        self.note_new(snapshot.alerts, now_ns)
+
+    def note_new(self, alerts: int, now_ns: int) -> None:
+        """Alerts that came up."""
+        if alerts:
+            self._seen_ns |= dict.fromkeys(_bits(alerts), now_ns)
+        if alerts & ~self.health.alerts:
+            self.health = replace(self.health, alerts=self.health.alerts | alerts)
+
+    def note_standing(self, alerts: int | None, now_ns: int) -> None:
+        """What Info.Status.Alerts says: what is no longer in it is over, and what BX2 alone tells after three seconds.
+
+        None: the device does not say; then everything stands.
+        """
+        self._look_ns = now_ns + _LOOK_AGAIN_NS
+        if alerts is None:
+            return
+        self.note_new(alerts, now_ns)
+        old = {bit for bit, seen_ns in self._seen_ns.items() if now_ns - seen_ns > _FORGET_NS}
+        over = {bit for bit in _bits(self.health.alerts) if bit in old and not bit & alerts and not bit & _LATCHED}
+        self.health = replace(self.health, alerts=self.health.alerts & ~sum(over))
+
+    def asks_for_new(self) -> bool:
+        """The system status says that there are new alerts."""
+        return bool(self.health.system_status & SYSTEM_ALERTS_PENDING)
+
+    def asks_for_standing(self, now_ns: int) -> bool:
+        """Something stands that may be over by now."""
+        return bool(self.health.alerts & ~_LATCHED) and now_ns >= self._look_ns
+
+    def clear_bump(self) -> None:
+        """A person has checked the position sensor."""
+        self.health = replace(self.health, alerts=self.health.alerts & ~_LATCHED)
+
+
+def _bits(mask: int) -> list[int]:
+    return [1 << i for i in range(mask.bit_length()) if mask >> i & 1]

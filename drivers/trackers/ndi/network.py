@@ -1,0 +1,25 @@
+"""`ndi+tcp://host:8765?probe=FILE.rom`: a Vega on the network; options as for `ndi:`, but without baud."""
+
+from drivers.clock.host_clock import HostClock
+from drivers.errors import ConfigurationError
+from drivers.io.tcp_line import parse_address
+from drivers.trackers.ndi.options import TrackerOptions, parse_options
+from drivers.trackers.ndi.tracker import NdiTracker, connect
+from drivers.trackers.ndi.transport import NetworkLine
+
+DEFAULT_PORT = 8765
+"""TCP port at which a Vega speaks the Combined API."""
+
+
+def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> NdiTracker:
+    """Connect, load the tools and start tracking; see drivers.registry for what is raised."""
+    wanted, (host, port) = checked(target, options)
+    return connect(NetworkLine(host, port, clock), f"ndi+tcp://{target}", wanted, clock)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[TrackerOptions, tuple[str, int]]:
+    """The options and (host, port). Raises ConfigurationError naming what cannot be."""
+    url = f"ndi+tcp://{target}"
+    if "baud" in options:
+        raise ConfigurationError("a network has no line speed", url, "Leave baud= out")
+    return parse_options(options, url), parse_address(target, DEFAULT_PORT, url)

@@ -1,0 +1,157 @@
+"""Port handles: free what a former program left, load definitions, initialise, enable, and find the tools asked for."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+
+from drivers.errors import DeviceLost, ProtocolError
+from drivers.trackers.ndi.rom import ToolDefinition, rom_chunks
+from drivers.trackers.ndi.tools import INFORMATION, Tool, ToolInformation, ToolWish, parse_information
+from drivers.trackers.ndi.wire import RefusedError
+
+Ask = Callable[[str, str], str]
+"""(command, arguments) → text of the reply; raises RefusedError."""
+
+_ANY_WIRELESS = "*********1****"
+_ROUNDS = 8
+"""Of asking what is to be initialised. A dual tool needs two; a device that never says "none" must come to an end, and
+each round may take 6 s for every tool."""
+
+_SROM_ERRORS = (0x13, 0x1E)
+_CONTEXT_ERRORS = (0x01, 0x0C, 0x32)
+"""Combined API, ERRORxx. To PINIT: the tool's memory has failed, or cannot be read. To PHINF: invalid command, in this
+mode, for this device."""
+
+
+class PortHandles:
+    """warnings: takes what is no reason to give up."""
+
+    def __init__(self, ask: Ask, where: str, warnings: list[str]) -> None:
+        self._ask, self._where, self._warnings = ask, where, warnings
+        self._loaded: dict[int, ToolDefinition] = {}
+
+    def start(self, wishes: tuple[ToolWish, ...]) -> tuple[Tool, ...]:
+        """Enable everything; the tools of the wishes in their order, then all others.
+
+        Raises DeviceLost where a tool is not there, ProtocolError for replies that make no sense.
+        """
+        self._free_handles(any(wish.wireless for wish in wishes))
+        wireless = [self._load(wish) for wish in wishes if wish.wireless]
+        self._initialise(wishes)
+        tools = self._enable()
+        if not tools:
+            remedy = "Plug the tool in, or name its definition file with probe=FILE.rom"
+            raise DeviceLost("no tool is connected to the tracker", self._where, remedy)
+        waiting = iter(wireless)
+        chosen = [self._by_handle(tools, next(waiting)) if w.wireless else self._by_plug(tools, w) for w in wishes]
+        return (*chosen, *(tool for tool in tools if tool not in chosen))
+
+    def _free_handles(self, unknown: bool) -> None:
+        """Those the device wants freed, and wireless tools that a former program loaded; plugs stay as they are.
+
+        unknown: whether to free those as well of which the device does not say what they are.
+        """
+        for handle in self._handles("01"):
+            self._ask("PHF", f"{handle:02X}")
+        for handle in self._handles("00"):
+            information = self._information(handle)
+            if unknown if information is None else information.wireless:
+                self._ask("PHF", f"{handle:02X}")
+
+    def _load(self, wish: ToolWish) -> int:
+        text = self._ask("PHRQ", _ANY_WIRELESS)
+        try:
+            handle = int(text, 16)
+        except ValueError:
+            raise ProtocolError(f"PHRQ answered {text[:40]!r}") from None
+        assert wish.definition is not None
+        self._write(handle, wish.definition)
+        return handle
+
+    def _write(self, handle: int, definition: ToolDefinition) -> None:
+        for address, chunk in rom_chunks(definition.image):
+            self._ask("PVWR", f"{handle:02X}{address:04X}{chunk.hex().upper()}")
+        self._loaded[handle] = definition
+
+    def _initialise(self, wishes: tuple[ToolWish, ...]) -> None:
+        """Again until none is left: initialising one half of a dual tool brings the other to light."""
+        given_up: set[int] = set()
+        for _ in range(_ROUNDS):
+            waiting = [handle for handle in self._handles("02") if handle not in given_up]
+            if not waiting:
+                return
+            given_up |= {handle for handle in waiting if not self._initialised(handle, wishes)}
+        raise DeviceLost("tools do not become initialised", self._where, "Unplug the tools and plug them in again")
+
+    def _initialised(self, handle: int, wishes: tuple[ToolWish, ...]) -> bool:
+        """A wired tool whose memory cannot be read is left out, unless a definition was named for it."""
+        information = None if handle in self._loaded else self._information(handle)
+        if information is not None:
+            for wish in wishes:
+                if wish.definition is not None and information.fits(wish):
+                    self._write(handle, wish.definition)
+        try:
+            self._ask("PINIT", f"{handle:02X}")
+        except RefusedError as refusal:
+            if handle in self._loaded or refusal.code not in _SROM_ERRORS:
+                raise
+            plug = f"plug {information.socket}" if information is not None else f"port {handle:02X}"
+            self._warnings.append(f"the tool on {plug} does not say what it is; name its definition with FILE.rom@PLUG")
+            return False
+        return True
+
+    def _enable(self) -> tuple[Tool, ...]:
+        """Plugs that a former program left enabled stay so; the device does not offer them for enabling again."""
+        found = [(handle, self._information(handle)) for handle in self._handles("04")]
+        for handle in self._handles("03"):
+            information = self._information(handle)
+            self._ask("PENA", f"{handle:02X}{information.priority if information is not None else 'D'}")
+            found.append((handle, information))
+        sensors = Counter(information.socket for _, information in found if information and not information.wireless)
+        return tuple(self._tool(handle, information, sensors) for handle, information in found)
+
+    def _tool(self, handle: int, information: ToolInformation | None, sensors: Counter[int]) -> Tool:
+        """Two sensors behind one plug are five degrees of freedom each."""
+        wired = information is not None and not information.wireless
+        five_dof = wired and information is not None and sensors[information.socket] > 1
+        return Tool(handle, information, self._loaded.get(handle), five_dof)
+
+    def _by_handle(self, tools: tuple[Tool, ...], handle: int) -> Tool:
+        tool = next((tool for tool in tools if tool.handle == handle), None)
+        if tool is None:
+            raise DeviceLost("a loaded tool was not enabled", self._where, "Check its definition file")
+        return tool
+
+    def _by_plug(self, tools: tuple[Tool, ...], wish: ToolWish) -> Tool:
+        plugged = (tool for tool in tools if tool.information is not None and tool.information.fits(wish))
+        tool = next(plugged, None)
+        if tool is None:
+            half = f", sensor {'ab'[wish.channel]}," if wish.channel else ""
+            raise DeviceLost(
+                f"no tool on plug {wish.socket}{half} is ready", self._where, "Plug it in, or correct the number"
+            )
+        return tool
+
+    def _information(self, handle: int) -> ToolInformation | None:
+        """None where the device has none to give, or none that can be read."""
+        try:
+            text = self._ask("PHINF", f"{handle:02X}{INFORMATION}")
+        except RefusedError as refusal:
+            if refusal.code in _CONTEXT_ERRORS:
+                return None
+            raise
+        try:
+            return parse_information(text)
+        except ProtocolError as error:
+            self._warnings.append(error.what)
+            return None
+
+    def _handles(self, group: str) -> Iterator[int]:
+        """Port handles of one group of PHSR: 00 all, 01 to free, 02 to initialise, 03 to enable."""
+        text = self._ask("PHSR", group)
+        try:
+            count = int(text[:2], 16)
+            if len(text) != 2 + 5 * count:
+                raise ValueError
+            return iter([int(text[at : at + 2], 16) for at in range(2, len(text), 5)])
+        except ValueError:
+            raise ProtocolError(f"PHSR {group} answered {text[:40]!r}") from None

@@ -1,0 +1,114 @@
+"""What is known of an NDI tracker besides the poses of the probe, typed, for checks and for a technician."""
+
+from dataclasses import dataclass
+
+from drivers.device_api import Description
+from drivers.samples import Matrix4, PoseStatus
+from drivers.trackers.marker_geometry import MarkerGeometry, Points, in_order, marker_geometry
+from drivers.trackers.ndi.health import Health
+from drivers.trackers.ndi.identity import Identity, ReplyKind
+from drivers.trackers.ndi.readings import MarkerReading, Reading
+from drivers.trackers.ndi.tools import Tool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolTelemetry:
+    """The last that was heard of one tool.
+
+    matrix: (4, 4) tool → tracker, mm, None unless status is OK. error: marker fit RMS, mm, or indicator value; None
+    without a pose. geometry: markers against the definition, None where either is not known.
+    """
+
+    tool: Tool
+    frame: int | None = None
+    status: PoseStatus = PoseStatus.MISSING
+    reason: str = "nothing heard of it yet"
+    matrix: Matrix4 | None = None
+    error: float | None = None
+    geometry: MarkerGeometry | None = None
+    markers_outside: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NdiTelemetry:
+    """tools: the probe first, then the reference if there is one, then all others of the device.
+
+    refused: replies dropped as damaged or old. doubted: poses that had to be confirmed. warnings: said while starting.
+    """
+
+    identity: Identity
+    reply: ReplyKind
+    health: Health
+    tools: tuple[ToolTelemetry, ...]
+    period_ms: float
+    refused: int
+    doubted: int
+    clock_restarts: int
+    warnings: tuple[str, ...]
+
+
+def describe(telemetry: NdiTelemetry) -> Description:
+    """In words; see drivers.device_api.Identified."""
+    identity = telemetry.identity
+    counted = ((telemetry.refused, "damaged replies refused"), (telemetry.doubted, "poses that had to be confirmed"))
+    return Description(
+        model=identity.title or "NDI tracker",
+        firmware=f"{identity.freeze_tag or 'unknown'}, answers {telemetry.reply.name}",
+        serial_number=identity.serial_number,
+        tools=tuple(_tool_words(tool) for tool in telemetry.tools),
+        rate_hz=1e3 / telemetry.period_ms,
+        remarks=(
+            *telemetry.warnings,
+            *filter(None, [telemetry.health.warnings]),
+            *(f"{words}: {number}" for number, words in counted if number),
+        ),
+    )
+
+
+def _tool_words(telemetry: ToolTelemetry) -> str:
+    """Name and state, and how far the markers are from their definition."""
+    state = f"{telemetry.status.value}{f' ({telemetry.reason})' if telemetry.reason else ''}"
+    if telemetry.geometry is None:
+        return f"{telemetry.tool.name}: {state}"
+    wrong = ", BENT" if telemetry.geometry.bent else ""
+    if telemetry.geometry.loose is not None:
+        wrong = f", marker {chr(ord('A') + telemetry.geometry.loose)} LOOSE by {telemetry.geometry.loose_mm:.2f} mm"
+    return (
+        f"{telemetry.tool.name}: {state}, markers within {telemetry.geometry.worst_mm:.2f} mm of the definition{wrong}"
+    )
+
+
+def tool_telemetry(tool: Tool, reading: Reading | None, detailed: Reading | None) -> ToolTelemetry:
+    """reading: the last one. detailed: the last one with markers."""
+    if reading is None:
+        return ToolTelemetry(tool)
+    status, reason = reading.status_reason
+    transform = reading.transform
+    markers = None if detailed is None else detailed.markers
+    return ToolTelemetry(
+        tool=tool,
+        frame=reading.frame,
+        status=status,
+        reason=reason,
+        matrix=transform.matrix() if transform is not None and status is PoseStatus.OK else None,
+        error=None if transform is None else transform.error,
+        geometry=None if detailed is None or markers is None else _geometry(tool, detailed, markers),
+        markers_outside=0 if markers is None else markers.outside,
+    )
+
+
+def _geometry(tool: Tool, reading: Reading, markers: MarkerReading) -> MarkerGeometry | None:
+    if tool.definition is None or len(tool.definition.markers_mm) == 0:
+        return None
+    definition = tool.definition.markers_mm
+    measured = _numbered(markers, definition, reading)
+    return None if measured is None else marker_geometry(measured, definition)
+
+
+def _numbered(markers: MarkerReading, definition: Points, reading: Reading) -> Points | None:
+    """Positions in the order of the definition, as the tracker numbers them or else by their places."""
+    if markers.ordered:
+        return markers.positions_mm[: len(definition)]
+    if reading.transform is None or len(markers.positions_mm) == 0:
+        return None
+    return in_order(markers.positions_mm, definition, reading.transform.matrix())

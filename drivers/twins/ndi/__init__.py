@@ -1,0 +1,1 @@
+"""A Polaris, Vega or Aurora below the parser."""

@@ -1,0 +1,1 @@
+"""An Optotrak and its First Principles server below the parser."""

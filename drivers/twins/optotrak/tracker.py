@@ -1,0 +1,370 @@
+"""`python -m drivers.twins.optotrak.tracker --tcp PORT`: an Optotrak behind a First Principles server (RTC3D)."""
+
+import argparse
+import json
+import random
+import selectors
+import signal
+import socket
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from math import floor
+from threading import Event
+from types import TracebackType
+from typing import Self
+
+from drivers.clock.host_clock import HostClock
+from drivers.errors import ConfigurationError, ProtocolError
+from drivers.trackers.optotrak.rtc3d import (
+    HEADER_BYTES,
+    ByteOrder,
+    Component,
+    ComponentType,
+    DataFrame,
+    NoData,
+    Packet,
+    PacketType,
+    Text,
+    decode_packet,
+    encode_packet,
+    packet_length,
+)
+from drivers.twins.fault_control import FaultControl
+from drivers.twins.faults import Schedule
+from drivers.twins.optotrak.first_principles import Device, Session
+from drivers.twins.scene.world import World
+from drivers.twins.tool_motion import world_motion
+
+FAULTS = (
+    "bend-marker",
+    "slide-marker",
+    "latency",
+    "lose-tracker",
+    "stale-tracker",
+    "stale-number",
+    "stale-time",
+    "missing",
+    "reference-missing",
+    "marker-drift",
+    "frozen-pose",
+    "no-data",
+    "error",
+    "events",
+    "split",
+    "dribble",
+    "counter-jump",
+    "wrong-size",
+    "wrong-order",
+    "bad-quaternion",
+    "garbage",
+    "reset",
+    "unplug",
+)
+"""lose-tracker: silence on an open connection. stale-tracker: the same frame again and again; stale-number, stale-time:
+only its number, or only its time, stands still. frozen-pose: the same pose in new frames. marker-drift: a marker of the
+probe sits elsewhere on its body, so the fit is poor. no-data: alive, nothing new. split: segments of 37 bytes. dribble:
+one byte in 50 ms. counter-jump, reset: at their beginning. unplug: connections end and nobody listens."""
+
+_SEGMENT_BYTES, _SEGMENT_NS = 37, 1_000_000
+"""Fault "split": a prime, so that no field begins where a segment does for long; a millisecond apart, so that they
+arrive one by one and the frame still in its period."""
+
+_DRIBBLE_NS = 50_000_000
+"""Fault "dribble": between two bytes, so that something always comes within the driver's deadline and never a frame."""
+
+_JUMP_FRAMES, _JUMP_US = 100_000, 1_000_000_000
+"""At 100 Hz both are 1000 s: far beyond any delay."""
+
+_BACKLOG_BYTES = 1 << 20
+"""For a client that does not read: half a minute of full frames at 100 Hz. More lets this process grow; a client that
+comes back within it has lost nothing."""
+
+_IDLE_NS = 20_000_000
+"""Longest wait, after which faults are looked at. More shows them later, less wakes an idle twin more often."""
+
+_FIRST_ITEM = HEADER_BYTES + 4 + 24
+"""RTC3D: behind the count of components, and size, type, frame, time and item count of the first."""
+
+
+class _Client:
+    """One connection. session: what it has asked for."""
+
+    def __init__(self, line: socket.socket, session: Session) -> None:
+        self.line, self.session = line, session
+        self._received, self._waiting = bytearray(), bytearray()
+        self._next_ns = 0
+
+    def commands(self) -> list[Text]:
+        """Whole commands that have arrived. Raises ProtocolError, and OSError when the peer is gone."""
+        data = self.line.recv(4096)
+        if not data:
+            raise ConnectionResetError
+        self._received += data
+        found: list[Text] = []
+        while (length := packet_length(bytes(self._received[:HEADER_BYTES]))) and len(self._received) >= length:
+            packet = decode_packet(bytes(self._received[:length]), self.session.order)
+            del self._received[:length]
+            if isinstance(packet, Text):
+                found.append(packet)
+        return found
+
+    def put(self, data: bytes) -> None:
+        """Queue. Raises OSError when the peer has not taken a megabyte."""
+        self._waiting += data
+        if len(self._waiting) > _BACKLOG_BYTES:
+            raise ConnectionAbortedError
+
+    def flush(self, now_ns: int, segment_bytes: int, pause_ns: int) -> int:
+        """Send a segment when its time has come. Returns when to come again, ns. Raises OSError."""
+        if self.session.ended and not self._waiting:
+            raise ConnectionAbortedError
+        if self._waiting and now_ns >= self._next_ns:
+            with suppress(BlockingIOError):
+                del self._waiting[: self.line.send(self._waiting[:segment_bytes])]
+            self._next_ns = now_ns + pause_ns
+        return max(self._next_ns, now_ns + _SEGMENT_NS) if self._waiting else now_ns + _IDLE_NS
+
+
+class OptotrakTwin:
+    """Listens from construction until the context is left. address: (host, port), the port chosen if 0 was given.
+
+    faults: of FAULTS, and when.
+    """
+
+    def __init__(self, address: tuple[str, int], clock: HostClock, device: Device, faults: FaultControl) -> None:
+        self.address, self.device, self.faults = address, device, faults
+        self._clock = clock
+        self._clients: list[_Client] = []
+        self._random = random.Random(0)
+        self._active: frozenset[str] = frozenset()
+        self._sent = -1
+        self._held: int | None = None
+        self._ready: tuple[int, frozenset[str], DataFrame] | None = None
+        self._shift_frames, self._shift_us, self._begin_number = 0, 0, 0
+        self._door: socket.socket | None = None
+        self._listen()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self._unplug()
+
+    def run(self, stop: Event) -> None:
+        """Serve until stop is set."""
+        while not stop.is_set():
+            self._take_faults()
+            self._measured(self._sent + 1)
+            self._serve(min(self._next_frame_ns(), self._flush()))
+            if self._number() > self._sent:
+                self._stream(self._number())
+                self._flush()
+
+    def _number(self) -> int:
+        return floor((self._clock.now_ns() - self._clock.origin_ns) / 1e9 * self.device.frame_hz)
+
+    def _next_frame_ns(self) -> int:
+        """A microsecond late, so that rounding does not wake us just before it."""
+        return self._clock.origin_ns + round((self._sent + 1) / self.device.frame_hz * 1e9) + 1000
+
+    def _listen(self) -> None:
+        if self._door is not None:
+            return
+        try:
+            self._door = socket.create_server(self.address)
+        except OSError as error:
+            what = f"cannot listen ({(error.strerror or str(error)).lower()})"
+            where = f"{self.address[0]}:{self.address[1]}"
+            raise ConfigurationError(what, where, "Choose another port, or 0 for any") from None
+        self._door.setblocking(False)
+        self.address = self._door.getsockname()[:2]
+
+    def _unplug(self) -> None:
+        if self._door is not None:
+            self._door.close()
+        self._door = None
+        for client in tuple(self._clients):
+            self._drop(client)
+
+    def _reset(self) -> None:
+        """Connections end with RST, numbers and times begin anew."""
+        self._begin_number = self._number()
+        self._shift_frames = self._shift_us = 0
+        for client in tuple(self._clients):
+            client.line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            self._drop(client)
+
+    def _drop(self, client: _Client) -> None:
+        client.line.close()
+        self._clients.remove(client)
+        self._note("clients", len(self._clients))
+
+    def _take_faults(self) -> None:
+        """What faults do at their beginning and their end."""
+        active = self.faults.active((self._clock.now_ns() - self._clock.origin_ns) / 1e9)
+        begun, changed = active - self._active, active != self._active
+        self._active = active
+        if "counter-jump" in begun:
+            self._shift_frames += _JUMP_FRAMES
+            self._shift_us += _JUMP_US
+        if "reset" in begun:
+            self._reset()
+        if "unplug" in active:
+            self._unplug()
+        else:
+            self._listen()
+        if changed:
+            self._note("faults", sorted(active))
+
+    def _serve(self, wake_ns: int) -> None:
+        """Wait for connections and commands until wake_ns. Only select() does not round that to milliseconds."""
+        with selectors.SelectSelector() as ready:
+            if self._door is not None:
+                ready.register(self._door, selectors.EVENT_READ)
+            for client in () if "lose-tracker" in self._active else self._clients:
+                ready.register(client.line, selectors.EVENT_READ, client)
+            wait_s = self._clock.real_s(max(wake_ns - self._clock.now_ns(), 0) / 1e9)
+            found = ready.select(wait_s)
+        for key, _ in found:
+            if key.data is None:
+                self._accept()
+            else:
+                self._for_client(key.data, self._hear)
+
+    def _accept(self) -> None:
+        assert self._door is not None
+        with suppress(OSError):
+            line, _ = self._door.accept()
+            line.setblocking(False)
+            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._clients.append(_Client(line, Session(self.device)))
+            self._note("clients", len(self._clients))
+
+    def _for_client(self, client: _Client, act: Callable[[_Client], object]) -> None:
+        try:
+            act(client)
+        except BlockingIOError:
+            return
+        except (OSError, ProtocolError):
+            self._drop(client)
+
+    def _hear(self, client: _Client) -> None:
+        for request in client.commands():
+            for packet in client.session.answer(request, lambda wanted: self._frame(wanted, self._number())):
+                client.put(self._bytes(client, packet))
+
+    def _stream(self, number: int) -> None:
+        """The latest frame to everyone whose turn it is; frames that this process was too late for are left out."""
+        previous, self._sent = self._sent, number
+
+        def put(client: _Client) -> None:
+            turn = number - number % client.session.divisor
+            if turn > previous:
+                client.put(self._bytes(client, self._frame(client.session.wanted, turn)))
+
+        for client in tuple(self._clients):
+            if client.session.divisor:
+                self._for_client(client, put)
+
+    def _frame(self, wanted: frozenset[ComponentType], number: int) -> Packet:
+        active = self._active
+        if "error" in active:
+            return Text(PacketType.ERROR, "Error-System is not collecting")
+        if "no-data" in active:
+            return NoData()
+        self._held = (number if self._held is None else self._held) if "stale-tracker" in active else None
+        frame = self._measured(number if self._held is None else self._held)
+        return DataFrame(tuple(self._renumbered(part) for part in frame.components if part.kind in wanted))
+
+    def _measured(self, number: int) -> DataFrame:
+        """Kept, so that a frame is computed before its time and sent at its time."""
+        if self._ready is None or self._ready[:2] != (number, self._active):
+            self._ready = (number, self._active, self.device.frame(number, self._active))
+        return self._ready[2]
+
+    def _renumbered(self, component: Component) -> Component:
+        """Numbers count from the last reset; a jump adds to them; one of the two may stand still."""
+        begin_us = round(self._begin_number / self.device.frame_hz * 1e6)
+        number = 0 if "stale-number" in self._active else component.frame - self._begin_number
+        time_us = 0 if "stale-time" in self._active else component.time_us - begin_us
+        return replace(
+            component,
+            frame=max(number + self._shift_frames, 0) % (1 << 32),
+            time_us=max(time_us + self._shift_us, 0),
+        )
+
+    def _bytes(self, client: _Client, packet: Packet) -> bytes:
+        """The packet as the faults leave it; only frames are spoiled."""
+        order, active = client.session.order, self._active
+        if not isinstance(packet, DataFrame):
+            return encode_packet(packet, order)
+        if "wrong-order" in active:
+            order = next(other for other in ByteOrder if other is not order)
+        data = bytearray(encode_packet(packet, order))
+        if "wrong-size" in active:
+            data[HEADER_BYTES + 7] ^= 0x04
+        if "bad-quaternion" in active:
+            data[_FIRST_ITEM : _FIRST_ITEM + 4] = struct.pack(f"{order.value}f", 2.0)
+        if "garbage" in active:
+            data += self._random.randbytes(64)
+        return bytes(data)
+
+    def _flush(self) -> int:
+        """Send what waits. Returns when to come again, ns."""
+        now_ns = self._clock.now_ns()
+        if "lose-tracker" in self._active:
+            return now_ns + _IDLE_NS
+        size, pause_ns = (1 << 16, 0)
+        if "split" in self._active:
+            size, pause_ns = _SEGMENT_BYTES, _SEGMENT_NS
+        if "dribble" in self._active:
+            size, pause_ns = 1, _DRIBBLE_NS
+        times_ns = [now_ns + _IDLE_NS]
+        for client in tuple(self._clients):
+            self._for_client(client, lambda client: times_ns.append(client.flush(now_ns, size, pause_ns)))
+        return min(times_ns)
+
+    def _note(self, what: str, value: object) -> None:
+        print(json.dumps({"t_ns": self._clock.now_ns(), what: value}), flush=True)
+
+
+def serve(address: tuple[str, int], clock: HostClock, device: Device, faults: FaultControl) -> None:
+    """Say when it is ready, then serve until SIGTERM or SIGINT. Raises ConfigurationError for a port in use."""
+    stop = Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    # A parent that no longer reads the events shall not be answered with a traceback.
+    with suppress(BrokenPipeError), OptotrakTwin(address, clock, device, faults) as twin:
+        host, port = twin.address
+        print(json.dumps({"ready": True, "url": f"optotrak://{host}:{port}?body=1"}), flush=True)
+        twin.run(stop)
+
+
+def _schedule(text: str) -> Schedule:
+    try:
+        return Schedule.parse(text)
+    except ConfigurationError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def main() -> None:
+    """Serve the shared world until SIGTERM or SIGINT."""
+    parser = argparse.ArgumentParser(prog="optotrak twin", description=__doc__)
+    parser.add_argument("--tcp", type=int, required=True, metavar="PORT", help="0 for any free port")
+    parser.add_argument("--origin-ns", type=int, required=True, help="CLOCK_MONOTONIC of world time 0")
+    parser.add_argument("--rate", type=float, default=1.0, help="world seconds per second")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--program", default="sweep", help="how the hand moves")
+    parser.add_argument("--schedule", type=_schedule, default=Schedule(), help="JSON list of faults")
+    arguments = parser.parse_args()
+    device = Device(world_motion(World(arguments.seed, arguments.program)))
+    clock = HostClock(arguments.rate, arguments.origin_ns)
+    serve(("127.0.0.1", arguments.tcp), clock, device, FaultControl(FAULTS, arguments.schedule))
+
+
+if __name__ == "__main__":
+    main()

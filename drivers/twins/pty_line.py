@@ -1,0 +1,126 @@
+"""A serial line of which one end is a pseudo-terminal that the real driver opens by a fixed name.
+
+What a pseudo-terminal does not model: a break is invisible here (drivers send a NUL at a slow rate as well), control
+lines are absent, and bytes sent at the wrong speed arrive unharmed unless the twin spoils them.
+"""
+
+import fcntl
+import os
+import select
+import struct
+import termios
+import tty
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from drivers.clock.host_clock import HostClock
+from drivers.io.serial_port import BITS_PER_BYTE
+
+IDLE_S = 0.05
+"""Seconds of the clock for which a twin waits on its line before it looks whether to stop, and at its faults. More
+shows a fault later, less wakes an idle twin more often."""
+
+_SLICE_S = 0.001
+"""Shortest wall time for which writing sleeps; faster bytes go out together. Linux wakes a sleeper some 0.1 ms late, so
+shorter slices would not be any truer."""
+
+_TCGETS2, _TERMIOS2_BYTES, _OSPEED_AT = 0x802C542A, 44, 40
+"""Linux, asm-generic/termbits.h: the request, sizeof(struct termios2), and c_ospeed in it. Python's termios knows no
+speeds but the usual ones."""
+
+
+class TwinLine(Protocol):
+    """The device's end of a line, whatever it is made of.
+
+    source: tells apart who sent what read() returned. monitor: that one came later than another who is still there.
+    """
+
+    @property
+    def source(self) -> int: ...
+    @property
+    def monitor(self) -> bool: ...
+
+    def __enter__(self) -> Self: ...
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None: ...
+
+    def plug(self) -> None:
+        """The host can open the device."""
+
+    def unplug(self) -> None:
+        """The host's reads end in an error from now on, as when the cable is pulled."""
+
+    def hears(self, baud: int) -> bool:
+        """Whether the host speaks at this line speed."""
+
+    def read(self, timeout_s: float) -> bytes:
+        """What the host has sent; empty when nothing came within timeout_s of the clock."""
+
+    def write(self, data: bytes, baud: int, start_ns: int) -> None:
+        """Send to whom read() heard last, the first byte from start_ns on; returns after the last byte."""
+
+
+class PtyLine:
+    """The device's end. link: path of the symbolic link to the host's end; an older link is taken over."""
+
+    source, monitor = 0, False
+
+    def __init__(self, link: Path, clock: HostClock) -> None:
+        self._link, self._clock = link, clock
+        self.plug()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self.unplug()
+
+    def plug(self) -> None:
+        """Make a pseudo-terminal and let the link point to it."""
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave, termios.TCSANOW)
+        self._name = os.ttyname(self._slave)
+        fresh = self._link.with_name(f".{self._link.name}.{os.getpid()}")
+        fresh.unlink(missing_ok=True)
+        fresh.symlink_to(self._name)
+        fresh.replace(self._link)
+
+    def unplug(self) -> None:
+        """The host's reads end in an error from now on, and the link is gone, as when the adapter is pulled."""
+        for end in (self._master, self._slave):
+            with suppress(OSError):
+                os.close(end)
+        self._master = self._slave = -1
+        with suppress(OSError):
+            if str(self._link.readlink()) == self._name:
+                self._link.unlink()
+
+    @property
+    def host_baud(self) -> int:
+        """Bits per second that the host has set."""
+        settings = fcntl.ioctl(self._slave, _TCGETS2, bytes(_TERMIOS2_BYTES))
+        return int(struct.unpack_from("=I", settings, _OSPEED_AT)[0])
+
+    def hears(self, baud: int) -> bool:
+        """Whether the host has set this line speed."""
+        return self.host_baud == baud
+
+    def read(self, timeout_s: float) -> bytes:
+        """What the host has sent; empty when nothing came within timeout_s of the clock."""
+        if not select.select([self._master], [], [], self._clock.real_s(timeout_s))[0]:
+            return b""
+        return os.read(self._master, 4096)
+
+    def write(self, data: bytes, baud: int, start_ns: int) -> None:
+        """Send byte after byte as a line of `baud` would, the first from start_ns on; returns after the last."""
+        duration_ns = len(data) * BITS_PER_BYTE * 1_000_000_000 // baud
+        slices = max(1, min(len(data), int(self._clock.real_s(duration_ns / 1e9) / _SLICE_S)))
+        for i in range(slices):
+            begin, end = len(data) * i // slices, len(data) * (i + 1) // slices
+            self._clock.sleep_until(start_ns + duration_ns * end // max(len(data), 1))
+            os.write(self._master, data[begin:end])

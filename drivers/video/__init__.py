@@ -1,0 +1,1 @@
+"""Sources of pictures, one file or folder a scheme, and how a picture is cut out and turned."""

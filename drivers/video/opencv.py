@@ -1,0 +1,197 @@
+"""`opencv:FILE`, `opencv:rtsp://host/stream`, `opencv:0`: whatever OpenCV can read, for what no other scheme serves.
+
+Options: crop=, orientation= as for v4l2:; delay_ms= (0) that is known to pass between picture and arrival;
+error_ms= (100) by which that may be wrong. A device or stream is stamped at its arrival less delay_ms, as OpenCV tells
+no times that can be relied on. A file plays at its own rate from the moment it is opened and is lost at its end. The
+counter counts what was read, so losses before OpenCV do not show: prefer v4l2: where it works.
+In the address of a stream write %3F for a question mark.
+"""
+
+import math
+import os
+import threading
+from collections import deque
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+from urllib.parse import unquote
+
+import cv2
+import numpy as np
+
+from drivers.clock.host_clock import HostClock
+from drivers.device_api import Description
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.registry import refuse_unknown
+from drivers.samples import Frame, GreyImage, Stamp
+from drivers.video.crop import Cut, cut_from
+
+_OPTIONS = ("crop", "delay_ms", "error_ms", "orientation")
+_OPEN_MS, _READ_MS = 5000, 2000
+"""Given to FFmpeg for a stream. A camera that does not answer holds the thread that long before the next attempt; less
+gives up one that is slow to start. tests/live/test_network_video.py allows 8 s until it is lost, and 40 until it is
+back.
+"""
+
+_WAITING = 4
+"""Pictures that wait for their reader, 0.13 s at 30 Hz; then the oldest gives way. More hands on older pictures after a
+hiccup, fewer loses some of them."""
+
+_LEAVE_S = 0.5
+"""For the thread to leave its read at the end. More holds up the end of the service, less leaves threads behind."""
+
+_RATES_HZ = (0.1, 1000.0)
+"""Picture rates that a file may tell; others are a damaged header or a film without one."""
+
+_MOST_MS = 5000.0
+"""Longest delay_ms= and error_ms=. More is a slip of the decimal point: a picture 5 s late serves no check."""
+
+_CHECK = "Check the address, and that the device sends"
+
+
+def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenCvVideo":
+    """See drivers.registry for what is raised."""
+    where = f"opencv:{target}"
+    delay_ms, error_ms, cut = checked(target, options)
+    is_stream = "://" in target
+    source: str | int = int(target) if target.isdecimal() else unquote(target) if is_stream else target
+    is_file = not is_stream and not target.isdecimal() and not Path(target).is_char_device()
+    if is_file and not Path(target).is_file():
+        raise DeviceLost("no such file", where, "Correct the path")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    # OpenCV writes its guesses about a source that it cannot read to stderr, between the lines of the log.
+    cv2.utils.logging.setLogLevel(0)
+    capture = _open(source, is_stream)
+    if not capture.isOpened():
+        raise DeviceLost("OpenCV cannot read it", where, _CHECK)
+    rate_hz = float(capture.get(cv2.CAP_PROP_FPS)) or math.nan
+    if is_file and not _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]:
+        capture.release()
+        raise DeviceLost("the file does not tell its picture rate", where, "Convert it, or record anew")
+    return OpenCvVideo(capture, where, _Times(clock, is_file, rate_hz, delay_ms, error_ms), cut)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[float, float, Cut]:
+    """(delay, ms; its error, ms; what to cut out). Raises ConfigurationError naming the option."""
+    where = f"opencv:{target}"
+    refuse_unknown(options, _OPTIONS, where, "; write %3F for a question mark in the address")
+    delay_ms, error_ms = (_ms(options, key, usual, where) for key, usual in (("delay_ms", 0.0), ("error_ms", 100.0)))
+    return delay_ms, error_ms, cut_from(options, where)
+
+
+def _ms(options: dict[str, str], key: str, usual: float, where: str) -> float:
+    try:
+        value = float(options.get(key, usual))
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= _MOST_MS:
+        raise ConfigurationError(f"{key}={options[key]} is no time", where, f"Give 0 to {_MOST_MS:g} ms")
+    return value
+
+
+def _open(source: str | int, is_stream: bool) -> Any:
+    """The time-outs are known to the backend for streams alone."""
+    if not is_stream:
+        return cv2.VideoCapture(source)
+    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _READ_MS]
+    return cv2.VideoCapture(source, cv2.CAP_FFMPEG, limits)
+
+
+class _Times:
+    """paced: a file, whose pictures fall due one period after the other."""
+
+    def __init__(self, clock: HostClock, paced: bool, rate_hz: float, delay_ms: float, error_ms: float) -> None:
+        self.clock, self.paced, self.rate_hz, self.error_ms = clock, paced, rate_hz, error_ms
+        self._delay_ns, self._error_ns = round(delay_ms * 1e6), round(error_ms * 1e6)
+        self._first_ns = clock.now_ns()
+
+    def due_ns(self, number: int) -> int:
+        """When picture `number`, from 0, of a file falls due."""
+        return self._first_ns + round(number * 1e9 / self.rate_hz)
+
+    def stamp(self, number: int) -> Stamp:
+        """Of the picture that has just been read; that of a file is exact by definition."""
+        if self.paced:
+            return Stamp(self.due_ns(number), round(0.5e9 / self.rate_hz))
+        return Stamp(self.clock.now_ns() - self._delay_ns, self._error_ns)
+
+
+class OpenCvVideo:
+    """A thread reads, as OpenCV blocks as long as it likes; the oldest waiting picture gives way to a new one."""
+
+    def __init__(self, capture: Any, where: str, times: _Times, cut: Cut) -> None:
+        self._capture, self._where, self._times, self._cut = capture, where, times, cut
+        self._frames: deque[Frame] = deque(maxlen=_WAITING)
+        self._news, self._closing = threading.Condition(), threading.Event()
+        self._end: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, name="opencv", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        """A read that hangs is left behind after its time-out; its thread releases the device when it returns."""
+        self._closing.set()
+        self._thread.join(_LEAVE_S)
+
+    def describe(self) -> Description:
+        """See drivers.device_api.Identified."""
+        if self._times.paced:
+            remark = "a file: it plays at its own rate"
+        else:
+            remark = f"stamped at arrival, to ± {self._times.error_ms:g} ms by error_ms="
+        return Description(f"OpenCV {self._where.partition(':')[2]}", rate_hz=self._times.rate_hz, remarks=(remark,))
+
+    def read(self, timeout_s: float) -> Frame | None:
+        """Next picture, or None when none came within timeout_s of the clock. Raises DeviceLost."""
+        with self._news:
+            self._news.wait_for(lambda: self._frames or self._end, self._times.clock.real_s(timeout_s))
+            if self._frames:
+                return self._frames.popleft()
+            if self._end is not None:
+                raise self._end
+            return None
+
+    def _run(self) -> None:
+        try:
+            self._pump()
+        except BaseException as error:
+            self._finish(error)
+        finally:
+            with suppress(cv2.error):
+                self._capture.release()
+
+    def _pump(self) -> None:
+        number = 0
+        while not self._closing.is_set():
+            there, image = self._capture.read()
+            if not there:
+                what = "the film has ended" if self._times.paced else "sends no more pictures"
+                raise DeviceLost(what, self._where, _CHECK)
+            if self._times.paced and not self._wait_until(self._times.due_ns(number)):
+                return
+            frame = Frame(self._times.stamp(number), number, self._cut.apply(_grey(image), self._where))
+            with self._news:
+                self._frames.append(frame)
+                self._news.notify()
+            number += 1
+
+    def _wait_until(self, due_ns: int) -> bool:
+        """False when it is closed meanwhile."""
+        clock = self._times.clock
+        return not self._closing.wait(max(0.0, clock.real_s((due_ns - clock.now_ns()) / 1e9)))
+
+    def _finish(self, error: BaseException) -> None:
+        with self._news:
+            self._end = error
+            self._news.notify()
+
+
+def _grey(image: np.ndarray) -> GreyImage:
+    if image.ndim == 3:
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    return np.asarray(image, np.uint8)

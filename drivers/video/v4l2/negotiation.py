@@ -1,0 +1,222 @@
+"""What is agreed with a capture device before it streams: input, signal, pixel format, size and rate."""
+
+import errno
+import math
+import re
+from ctypes import c_int
+from dataclasses import dataclass
+
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.video.crop import LEAST_PX
+from drivers.video.v4l2 import abi
+from drivers.video.v4l2.node import Node
+from drivers.video.v4l2.pixels import FORMATS
+
+_SIZE = re.compile(r"(\d{2,5})x(\d{2,5})")
+_SIDES_PX = range(LEAST_PX, 8193)
+"""What size= may ask for; up to 8K screens. The device refuses what it does not have, this only finds slips."""
+
+_USUAL_HZ = 30.0
+"""Rate of a device that does not tell its own, for the bound of the stamps alone. The bound of a slower one is too
+narrow, that of a faster one too wide; `probe` says that it is assumed."""
+
+_RATE_TOLERANCE = 0.01
+"""Relative: 29.97 for 30 is what was asked for, 25 is not. More hides another rate, less remarks on that of NTSC."""
+
+_CLOCK_STEP_HZ = 100_000
+"""Pixel clocks that differ by less are one signal: receivers measure them. Less takes jitter for a new signal, more
+misses one of a slightly different rate. Not measured."""
+
+_MOST_NAMED = 8
+"""Formats in a message: what still fits a line."""
+_NO_SIGNAL = abi.IN_ST_NO_POWER | abi.IN_ST_NO_SIGNAL
+_NO_LOCK = abi.IN_ST_NO_H_LOCK | abi.IN_ST_NO_V_LOCK | abi.IN_ST_NO_SYNC
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What the URL asks for; None where the device may choose."""
+
+    size_px: tuple[int, int] | None = None
+    rate_hz: float | None = None
+    code: str | None = None
+    input_number: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Agreed:
+    """What the device will send. rate_hz: by its own word, NaN where it says nothing."""
+
+    card: str
+    bus: str
+    code: str
+    width: int
+    height: int
+    bytes_per_line: int
+    rate_hz: float
+    remarks: tuple[str, ...]
+
+    @property
+    def period_ns(self) -> int:
+        """Of a picture; that of a usual device where this one does not say."""
+        return round(1e9 / (_USUAL_HZ if math.isnan(self.rate_hz) else self.rate_hz))
+
+
+def wish_from(options: dict[str, str], where: str) -> Wish:
+    """Options size=WIDTHxHEIGHT, rate=HZ, format=CODE, input=NUMBER. Raises ConfigurationError."""
+    code = options.get("format", "").upper() or None
+    if code is not None and code not in FORMATS:
+        raise ConfigurationError(f"format={code} is not understood", where, f"Use {', '.join(FORMATS)}")
+    number = options.get("input")
+    if number is not None and not (number.isdecimal() and int(number) < 64):
+        raise ConfigurationError(f"input={number} is no number of an input", where, "Use 0, 1, …")
+    rate_hz = _rate(options["rate"], where) if "rate" in options else None
+    size_px = _size(options["size"], where) if "size" in options else None
+    return Wish(size_px, rate_hz, code, None if number is None else int(number))
+
+
+def _size(text: str, where: str) -> tuple[int, int]:
+    found = _SIZE.fullmatch(text)
+    if found is None or int(found[1]) not in _SIDES_PX or int(found[2]) not in _SIDES_PX:
+        raise ConfigurationError(f"size={text} is no picture size", where, "Write size=WIDTHxHEIGHT in pixels")
+    return int(found[1]), int(found[2])
+
+
+def _rate(text: str, where: str) -> float:
+    try:
+        rate_hz = float(text)
+    except ValueError:
+        rate_hz = math.nan
+    if not 1 <= rate_hz <= 1000:
+        raise ConfigurationError(f"rate={text} is no picture rate", where, "Give 1 to 1000 pictures per second")
+    return rate_hz
+
+
+def negotiate(node: Node, wish: Wish) -> Agreed:
+    """Raises DeviceLost where the device cannot do what was asked, or has no signal now."""
+    card, bus = _capture_device(node)
+    if wish.input_number is not None:
+        node.must(abi.S_INPUT, c_int(wish.input_number), f"has no input {wish.input_number}")
+    timings_hz = _follow_signal(node)
+    pix = _set_format(node, wish)
+    rate_hz, remarks = _set_rate(node, wish.rate_hz)
+    rate_hz = timings_hz if math.isnan(rate_hz) else rate_hz
+    if math.isnan(rate_hz):
+        remarks = (*remarks, f"it does not tell its rate, {_USUAL_HZ:.0f} per second is taken for the time bound")
+    code = abi.fourcc_text(pix.pixelformat)
+    return Agreed(card, bus, code, pix.width, pix.height, pix.bytesperline, rate_hz, remarks)
+
+
+def _capture_device(node: Node) -> tuple[str, str]:
+    capability = abi.Capability()
+    node.must(abi.QUERYCAP, capability, "is no video device")
+    can = capability.device_caps or capability.capabilities
+    if not can & abi.CAP_VIDEO_CAPTURE:
+        planar = can & abi.CAP_VIDEO_CAPTURE_MPLANE
+        what = "hands its pictures on in several planes" if planar else "is no video capture device"
+        remedy = "Try opencv: with its number" if planar else "`probewatch devices` lists the others"
+        raise DeviceLost(what, node.where, remedy)
+    if not can & abi.CAP_STREAMING:
+        raise DeviceLost("cannot stream into memory", node.where, "Try opencv: with its number")
+    return abi.text(capability.card), abi.text(capability.bus_info)
+
+
+def current_input(node: Node) -> int:
+    """The number of the input in use, 0 where the driver knows no inputs."""
+    number = c_int()
+    node.allows(abi.G_INPUT, number)
+    return number.value
+
+
+def require_signal(node: Node) -> None:
+    """Raises DeviceLost where there is no signal, or another one than was taken over."""
+    found = _signal(node)
+    if found is not None and not _is_current(node, found):
+        remedy = "If that was not meant, correct the output of the scanner"
+        raise DeviceLost("the size or rate of the video signal changed", node.where, remedy)
+
+
+def _signal(node: Node) -> abi.DvTimings | None:
+    """The timings of a digital signal; None for other inputs. Raises DeviceLost without a signal."""
+    current, found = abi.Input(index=current_input(node)), abi.DvTimings()
+    known = node.allows(abi.ENUMINPUT, current)
+    is_digital = known and current.capabilities & abi.IN_CAP_DV_TIMINGS
+    if is_digital:
+        node.must(abi.QUERY_DV_TIMINGS, found, "does not tell the timings of its signal")
+    if current.status & _NO_SIGNAL:
+        raise node.lost(OSError(errno.ENOLINK, ""), "")
+    if current.status & _NO_LOCK:
+        raise node.lost(OSError(errno.ENOLCK, ""), "")
+    return found if is_digital else None
+
+
+def _follow_signal(node: Node) -> float:
+    """Take over the timings of a digital signal; its rate in Hz, NaN for other inputs. Raises DeviceLost."""
+    found = _signal(node)
+    if found is None:
+        return math.nan
+    if not _is_current(node, found):
+        node.must(abi.S_DV_TIMINGS, found, "does not take over the timings of its signal")
+    return found.rate_hz or math.nan
+
+
+def _is_current(node: Node, found: abi.DvTimings) -> bool:
+    current = abi.DvTimings()
+    return node.allows(abi.G_DV_TIMINGS, current) and _timing(found) == _timing(current)
+
+
+def _timing(timings: abi.DvTimings) -> tuple[int, ...]:
+    """What makes a picture another one; porches and polarities do not."""
+    return timings.width, timings.height, timings.interlaced, timings.pixelclock // _CLOCK_STEP_HZ
+
+
+def _set_format(node: Node, wish: Wish) -> abi.PixFormat:
+    offered = _offered(node)
+    code = wish.code or next((code for code in FORMATS if code in offered), None)
+    if code is None:
+        what = f"offers none of the formats {', '.join(FORMATS)}, only {', '.join(offered[:_MOST_NAMED]) or 'nothing'}"
+        raise DeviceLost(what, node.where, "Try opencv: with its number")
+    format_ = abi.Format(type=abi.BUF_TYPE_VIDEO_CAPTURE)
+    node.must(abi.G_FMT, format_, "does not tell its picture format")
+    format_.pix.pixelformat, format_.pix.field, format_.pix.bytesperline = abi.fourcc(code), abi.FIELD_NONE, 0
+    if wish.size_px is not None:
+        format_.pix.width, format_.pix.height = wish.size_px
+    node.must(abi.S_FMT, format_, "does not take a picture format")
+    _require_format(node, format_.pix, wish, code)
+    return abi.PixFormat.from_buffer_copy(format_.pix)
+
+
+def _require_format(node: Node, pix: abi.PixFormat, wish: Wish, code: str) -> None:
+    """A device answers a wish that it cannot fulfil with what it would do instead."""
+    size_px = (pix.width, pix.height)
+    if pix.pixelformat != abi.fourcc(code):
+        what = f"does not give {code}, only {', '.join(_offered(node)[:_MOST_NAMED])}"
+        raise DeviceLost(what, node.where, "Leave format= out, or choose one of these")
+    if wish.size_px not in (None, size_px):
+        what = f"gives {size_px[0]}x{size_px[1]} instead of {wish.size_px[0]}x{wish.size_px[1]} pixels"
+        raise DeviceLost(what, node.where, "Correct size=, or the output of the scanner")
+
+
+def _offered(node: Node) -> list[str]:
+    found = []
+    for index in range(256):
+        one = abi.FmtDesc(index=index, type=abi.BUF_TYPE_VIDEO_CAPTURE)
+        if not node.allows(abi.ENUM_FMT, one):
+            break
+        found.append(abi.fourcc_text(one.pixelformat))
+    return found
+
+
+def _set_rate(node: Node, rate_hz: float | None) -> tuple[float, tuple[str, ...]]:
+    """(rate by the driver's word, remarks). A rate that the device rounds or cannot choose is said, not refused."""
+    parameters = abi.StreamParm(type=abi.BUF_TYPE_VIDEO_CAPTURE)
+    if not node.allows(abi.G_PARM, parameters):
+        return math.nan, ("its rate cannot be chosen",) if rate_hz is not None else ()
+    if rate_hz is not None and parameters.capability & abi.CAP_TIMEPERFRAME:
+        parameters.numerator, parameters.denominator = 1000, round(rate_hz * 1000)
+        node.must(abi.S_PARM, parameters, "does not take a rate")
+    told_hz = parameters.denominator / parameters.numerator if parameters.numerator else math.nan
+    told_hz = told_hz or math.nan
+    if rate_hz is not None and abs(told_hz - rate_hz) > _RATE_TOLERANCE * rate_hz:
+        return told_hz, (f"{rate_hz:g} pictures per second were asked for, it gives {told_hz:g}",)
+    return told_hz, ()

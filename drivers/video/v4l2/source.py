@@ -1,0 +1,115 @@
+"""`v4l2:/dev/video0` or `v4l2:/dev/v4l/by-id/…`: a frame grabber or camera through the kernel's capture interface.
+
+Options: size=WIDTHxHEIGHT, rate=HZ, format=GREY | NV12 | YUYV | RGB3 | MJPG, input=NUMBER,
+crop=LEFT,TOP,WIDTH,HEIGHT (of the B-mode picture), orientation=MF | MN | UF | UN (how the scanner shows it).
+Pictures that the driver marks as damaged are dropped and counted. Whether there is a signal is asked again twice a
+second, as drivers go on sending pictures without one.
+"""
+
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+from drivers.clock.host_clock import HostClock
+from drivers.device_api import Description
+from drivers.errors import ConfigurationError
+from drivers.registry import refuse_unknown
+from drivers.samples import Frame, Stamp
+from drivers.video.crop import Cut, cut_from
+from drivers.video.v4l2 import abi
+from drivers.video.v4l2.negotiation import Wish, negotiate, require_signal, wish_from
+from drivers.video.v4l2.node import Node
+from drivers.video.v4l2.pixels import BrokenPicture, grey
+from drivers.video.v4l2.stamps import Counter, FrameTimes
+from drivers.video.v4l2.stream import Filled, Stream
+
+_OPTIONS = ("crop", "format", "input", "orientation", "rate", "size")
+_ASK_AGAIN_NS = 500_000_000
+"""Between questions for the signal: docs/devices.md promises its loss within half a second. Rarer questions
+break that; each is some calls to the driver."""
+
+
+def open_video(target: str, options: dict[str, str], clock: HostClock) -> "V4l2Video":
+    """target: path of the node. See drivers.registry for what is raised."""
+    return V4l2Video(target, *checked(target, options), clock)
+
+
+def checked(target: str, options: dict[str, str]) -> tuple[Wish, Cut]:
+    """What to ask of the device, and what to cut out. Raises ConfigurationError naming the option."""
+    where = f"v4l2:{target}"
+    refuse_unknown(options, _OPTIONS, where)
+    if not target.startswith("/"):
+        raise ConfigurationError("is no path of a device", where, "Write v4l2:/dev/video0 or v4l2:/dev/v4l/by-id/…")
+    return wish_from(options, where), cut_from(options, where)
+
+
+class V4l2Video:
+    """One running capture. damaged: pictures dropped because the driver or their bytes say that they are broken."""
+
+    def __init__(self, path: str, wish: Wish, cut: Cut, clock: HostClock) -> None:
+        self._cut, self._clock = cut, clock
+        with ExitStack() as opened:
+            self._node = Node(path)
+            opened.callback(self._node.close)
+            self.agreed = negotiate(self._node, wish)
+            self._stream = Stream(self._node)
+            opened.callback(self._stream.close)
+            self._closing = opened.pop_all()
+        self._times, self._counter = FrameTimes(self.agreed.period_ns), Counter()
+        self._asked_ns = clock.now_ns()
+        self.damaged = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self._closing.close()
+
+    def describe(self) -> Description:
+        """See drivers.device_api.Identified."""
+        agreed, times = self.agreed, self._times
+        remarks = [f"sends {agreed.width}x{agreed.height} pixels as {agreed.code}", *agreed.remarks]
+        if self._counter.lost:
+            remarks.append(f"{self._counter.lost} pictures were lost before they reached this host's memory")
+        if self.damaged:
+            remarks.append(f"{self.damaged} damaged pictures were dropped")
+        if times.foreign:
+            remarks.append(f"{times.foreign} pictures without a time of this host, stamped at their arrival")
+        if times.ahead:
+            remarks.append(f"{times.ahead} pictures stamped later than they arrived")
+        model = ", ".join(word for word in (agreed.card, agreed.bus) if word)
+        return Description(model, rate_hz=agreed.rate_hz, remarks=tuple(remarks))
+
+    def read(self, timeout_s: float) -> Frame | None:
+        """Next whole picture, or None when none came within timeout_s of the clock. Raises DeviceLost."""
+        end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
+        while True:
+            self._watch_signal()
+            filled = self._stream.take(self._clock.real_s(max(0, end_ns - self._clock.now_ns()) / 1e9))
+            if filled is None:
+                return None
+            frame = self._frame(filled)
+            if frame is not None or self._clock.now_ns() >= end_ns:
+                return frame
+
+    def _watch_signal(self) -> None:
+        now_ns = self._clock.now_ns()
+        if now_ns - self._asked_ns >= _ASK_AGAIN_NS:
+            self._asked_ns = now_ns
+            require_signal(self._node)
+
+    def _frame(self, filled: Filled) -> Frame | None:
+        """None where it is damaged."""
+        agreed, sequence = self.agreed, self._counter.count(filled.sequence)
+        try:
+            if filled.flags & abi.BUF_FLAG_ERROR:
+                raise BrokenPicture("the driver says that it is damaged")
+            image = grey(agreed.code, filled.data, agreed.width, agreed.height, agreed.bytes_per_line)
+        except BrokenPicture:
+            self.damaged += 1
+            return None
+        real = self._times.stamp(filled.flags, filled.t_ns, filled.arrival_ns)
+        stamp = Stamp(self._clock.at(real.t_ns), round(real.err_ns * self._clock.rate))
+        return Frame(stamp, sequence, self._cut.apply(image, self._node.where))

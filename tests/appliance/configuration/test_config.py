@@ -1,0 +1,248 @@
+"""Every refusal of the configuration names file, key, value and bound, in one line."""
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+from appliance.configuration.config import SupervisorTimes, load_config
+from appliance.configuration.mistakes import Mistakes
+from appliance.configuration.toml_lines import key_lines, line_of
+from appliance.limits import Limits
+from appliance.supervision.ledger import Durations
+from appliance.supervision.watchers.facts import Patience
+from drivers.errors import ConfigurationError
+from drivers.registry import _DRIVERS, device_kinds
+
+EXAMPLE = Path(__file__).parents[3] / "config" / "probewatch.toml"
+GOOD = """
+[video]
+url = "sim:/tmp/x/scanner"
+[tracker]
+url = "ndi:/dev/ttyUSB0"
+[[output]]
+url = "relay:/dev/ttyUSB1"
+[calibration]
+file = "probe.toml"
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "probewatch.toml"
+    path.write_text(text)
+    return path
+
+
+def refusal(folder: Path, text: str) -> str:
+    with pytest.raises(ConfigurationError) as caught:
+        load_config(written(folder, text))
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(folder / "probewatch.toml") in message
+    assert caught.value.exit_code == 78
+    return message
+
+
+def test_a_short_file_gets_every_default(tmp_path: Path) -> None:
+    config = load_config(written(tmp_path, GOOD))
+    assert (config.video.url, config.tracker.url) == ("sim:/tmp/x/scanner", "ndi:/dev/ttyUSB0")
+    assert [output.url for output in config.output] == ["relay:/dev/ttyUSB1"]
+    assert config.calibration.file == tmp_path / "probe.toml"
+    assert config.limits == Limits()
+    assert config.supervisor.durations() == Durations()
+    assert config.supervisor.patience() == Patience()
+
+
+def test_units_become_nanoseconds(tmp_path: Path) -> None:
+    text = GOOD + "[supervisor]\nhalt_after_s = 0.25\nvideo_silence_ms = 120\nunseen_s = 5\n"
+    times = load_config(written(tmp_path, text)).supervisor
+    assert times.durations().halt_after_ns == 250_000_000
+    assert times.patience().video_ns == 120_000_000
+    assert times.patience().unseen_ns == 5_000_000_000
+
+
+def test_the_commented_example_is_valid_and_names_every_key_with_its_default() -> None:
+    config = load_config(EXAMPLE)
+    assert config.limits == Limits()
+    text = EXAMPLE.read_text()
+    for model in (Limits(), SupervisorTimes()):
+        for name, value in model:
+            line = next(line for line in text.splitlines() if line.startswith(f"# {name} = "))
+            assert float(line.split("=")[1].split("#")[0]) == value
+            bounds = {type(bound).__name__: bound for bound in type(model).model_fields[name].metadata}
+            low, high = (float(part) for part in line.split("#")[-1].split("…"))
+            assert (low, high) == (bounds["Ge"].ge, bounds["Le"].le)
+
+
+def test_two_outputs(tmp_path: Path) -> None:
+    config = load_config(written(tmp_path, GOOD + '[[output]]\nurl = "relay:/dev/ttyUSB2"\n'))
+    assert len(config.output) == 2
+
+
+@pytest.mark.parametrize(
+    ("addition", "parts"),
+    [
+        ("[limits]\nrotation_deg = 50\n", ["[limits] rotation_deg = 50", "less than or equal to 30"]),
+        ("[limits]\nrotation_dge = 3\n", ["[limits] rotation_dge", "did you mean 'rotation_deg'?"]),
+        ("[limts]\n", ["'limts'", "did you mean 'limits'?"]),
+        ("[supervisor]\nhalt_after_ms = 1\n", ["halt_after_ms", "did you mean 'halt_after_s'?"]),
+        ("[supervisor]\nhalt_after_s = '1'\n", ["halt_after_s = '1'", "valid number"]),
+        ("[supervisor]\nhalt_after_s = nan\n", ["halt_after_s = nan", "finite"]),
+        ("[supervisor]\nprobation_s = 0\n", ["probation_s = 0", "greater than or equal to 0.1"]),
+        ("[log]\nlevel = 'loud'\n", ["[log] level = 'loud'", "'debug'"]),
+        ("[control]\nxyzzy = 1\n", ["[control] xyzzy", "known: socket"]),
+        (
+            "[[output]]\nurl = 'relais:/dev/x'\n",
+            ["[output] entry 2 url = 'relais:/dev/x'", "Did you mean relay:/dev/x?"],
+        ),
+        ("[[output]]\nport = 1\n", ["[output] entry 2 url is missing", "[output] entry 2 port is not known"]),
+        (f"[control]\nsocket = '/run/{'x' * 100}'\n", ["[control] socket", "100 bytes"]),
+    ],
+)
+def test_refusals(tmp_path: Path, addition: str, parts: list[str]) -> None:
+    message = refusal(tmp_path, GOOD + addition)
+    for part in parts:
+        assert part in message
+
+
+def test_missing_sections_are_all_named(tmp_path: Path) -> None:
+    message = refusal(tmp_path, "")
+    for section in ("video", "tracker", "output", "calibration"):
+        assert f"'{section}' is missing" in message
+
+
+def test_no_output_at_all_is_refused(tmp_path: Path) -> None:
+    without = GOOD.replace('[[output]]\nurl = "relay:/dev/ttyUSB1"\n', "")
+    assert "at least 1" in refusal(tmp_path, "output = []\n" + without)
+
+
+def test_syntax_errors_give_line_and_column(tmp_path: Path) -> None:
+    assert "line 2, column 8" in refusal(tmp_path, "[video]\nurl = [\x01\n")
+
+
+@pytest.mark.parametrize("value", [5000 * "1", 5000 * "["])
+def test_numbers_and_nestings_beyond_reason_are_refused(tmp_path: Path, value: str) -> None:
+    assert "not valid TOML" in refusal(tmp_path, f"x = {value}")
+
+
+def test_text_that_is_not_utf8(tmp_path: Path) -> None:
+    path = tmp_path / "probewatch.toml"
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(ConfigurationError, match="UTF-8"):
+        load_config(path)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="No such file"):
+        load_config(tmp_path / "nothing.toml")
+
+
+def test_lamps_alone_are_refused(tmp_path: Path) -> None:
+    message = refusal(tmp_path, GOOD.replace('"relay:/dev/ttyUSB1"', '"relay:/dev/ttyUSB1"\nsignal = "red"'))
+    assert "no output has signal = 'contact'" in message
+
+
+def test_an_unknown_signal_names_those_that_exist(tmp_path: Path) -> None:
+    message = refusal(tmp_path, GOOD.replace('"relay:/dev/ttyUSB1"', '"relay:/dev/ttyUSB1"\nsignal = "blue"'))
+    assert "'contact', 'green', 'cyan', 'yellow', 'red' or 'tone'" in message
+
+
+def test_two_outputs_on_one_contact_are_refused(tmp_path: Path) -> None:
+    assert "two outputs share one contact" in refusal(tmp_path, GOOD + '[[output]]\nurl = "relay:/dev/ttyUSB1"\n')
+
+
+def test_the_template_names_no_simulated_device() -> None:
+    written = EXAMPLE.read_text(encoding="utf-8")
+    assert not re.findall(r'^[^#\n]*"(?:sim|replay):.*$', written, re.M), "a cart must not be watched by a simulation"
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "said"),
+    [
+        ("[video]", "[vidoe]", "line 2: 'vidoe' is not known, did you mean 'video'?"),
+        ('url = "sim', 'ulr = "sim', "line 3: [video] ulr is not known, did you mean 'url'?"),
+        ("[[output]]", "[output]", "line 6: 'output': must be a list of sections, each written [[output]]"),
+        ('[[output]]\nurl = "relay:/dev/ttyUSB1"', "output = 'relay:/x'", "line 6: [tracker] output is not known"),
+        ('"ndi:/dev/ttyUSB0"', "5", "line 5: [tracker] url = 5: must be text in quotes"),
+        (
+            '"ndi:/dev/ttyUSB0"',
+            '"relay:/dev/x"',
+            "'relay:' is an alarm output, not a tracker. Use one of ndi:, ndi+tcp:",
+        ),
+        ('"ndi:/dev/ttyUSB0"', '"/dev/ttyUSB0"', "Did you mean ndi:/dev/ttyUSB0?"),
+        (
+            '"relay:/dev/ttyUSB1"',
+            '"/dev/ttyUSB1"',
+            "Did you mean relay:/dev/ttyUSB1 or serialpin:/dev/ttyUSB1?pin=rts?",
+        ),
+        ('"sim:/tmp/x/scanner"', '"/dev/video0"', "Did you mean v4l2:/dev/video0?"),
+        ('"probe.toml"', '"probe.toml"\nlanguage = "de"', "[calibration] language is not known, it belongs in [alarm]"),
+        (
+            '"probe.toml"',
+            '"probe.toml"\n[limits]\noffset_mm = true',
+            "line 11: [limits] offset_mm = true: input should be",
+        ),
+        (
+            '"probe.toml"',
+            '"probe.toml"\n[limits]\noffset_mm = "4"',
+            "line 11: [limits] offset_mm = '4': input should be",
+        ),
+    ],
+)
+def test_one_mistake_is_one_complaint(tmp_path: Path, good: str, bad: str, said: str) -> None:
+    assert good in GOOD
+    with pytest.raises(Mistakes) as caught:
+        load_config(written(tmp_path, GOOD.replace(good, bad)))
+    (mistake,) = caught.value.rows()
+    assert said in f"line {mistake.removeprefix(f'{tmp_path}/probewatch.toml:').replace(': ', ': ', 1)}"
+
+
+def test_every_mistake_is_told_in_the_order_of_the_file(tmp_path: Path) -> None:
+    text = GOOD.replace("sim:", "simm:") + "[limits]\nrotation_deg = 50\nscale_procent = 3\n[log]\nlevel = 'loud'\n"
+    with pytest.raises(Mistakes) as caught:
+        load_config(written(tmp_path, text))
+    assert [line for line, _ in caught.value.each] == [3, 11, 12, 14]
+    assert all(row.startswith(f"{tmp_path}/probewatch.toml:") for row in caught.value.rows())
+
+
+def test_lines_of_keys() -> None:
+    text = """a = 1
+# comment
+[b]
+c = [
+  1,
+]
+d.e = \'\'\'
+x = 1
+\'\'\'
+
+[[f]]
+g = { h = 2 }
+[f.i]
+j = 1
+[[f]]
+g = 3
+"""
+    lines = key_lines(text)
+    assert {
+        place: lines[place] for place in [("a",), ("b",), ("b", "c"), ("b", "d", "e"), ("f", 0), ("f", 0, "g", "h")]
+    } == {
+        ("a",): 1,
+        ("b",): 3,
+        ("b", "c"): 4,
+        ("b", "d", "e"): 7,
+        ("f", 0): 11,
+        ("f", 0, "g", "h"): 12,
+    }
+    assert (lines["f", 0, "i", "j"], lines["f", 1], lines["f", 1, "g"]) == (14, 15, 16)
+    assert line_of(("f", 1, "missing"), lines) == 15
+    assert line_of(("missing",), lines) is None
+
+
+@pytest.mark.parametrize("kind", ["output", "tracker", "video"])
+def test_the_table_of_kinds_is_what_the_drivers_can(kind: str) -> None:
+    for scheme, driver in _DRIVERS.items():
+        module = importlib.import_module(driver.module)
+        assert (kind in device_kinds(f"{scheme}:x")) == hasattr(module, f"open_{kind}")
+        assert callable(module.checked)

@@ -1,0 +1,257 @@
+"""The detectors of the line: marker body, frozen picture, frozen tracker, and each parameter against its limit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check
+from appliance.core.detectors.detector import Observation
+from appliance.core.detectors.frozen_tracker import FrozenTracker
+from appliance.core.detectors.frozen_video import FrozenVideo
+from appliance.core.detectors.marker_slip import MarkerSlip
+from appliance.core.detectors.polarity import weigh_polarity
+from appliance.core.geometry import rigid, rotation_from_vector
+from appliance.core.path.latency import Latency
+from appliance.core.path.solver import Prior, Solution, solve
+from appliance.limits import Limits
+from appliance.types import PARAMETERS, VerdictKind
+from drivers.samples import Pose, PoseStatus, Stamp
+from tests.support.motions import TRUTH, Noise, planar_path, samples
+
+OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
+LIMITS = Limits()
+MS = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    return solve(samples(planar_path, 120, 1, Noise()), TRUTH, Prior(planar=True, offset_mm=5.0, latency_s=0.001))
+
+
+@pytest.mark.parametrize(
+    ("value_percent", "sigma_percent", "verdict"),
+    [
+        (0, 1, OK),
+        (4, 0.3, OK),
+        (4, 0.4, NOT_VERIFIED),
+        (6, 0.4, NOT_VERIFIED),
+        (6, 0.3, FAULT),
+        (-6, 0.3, FAULT),
+        (0, 2, NOT_VERIFIED),
+    ],
+)
+def test_three_sigma_of_room_on_either_side_of_the_limit(solution, value_percent, sigma_percent, verdict) -> None:
+    change, covariance = solution.change.copy(), solution.covariance.copy()
+    change[3], covariance[3, 3] = value_percent / 100, (sigma_percent / 100) ** 2
+    (check,) = [
+        c
+        for c in calibration_checks(replace(solution, change=change, covariance=covariance), LIMITS)
+        if c.name == "scale-lateral"
+    ]
+    assert (check.verdict, check.value) == (verdict, pytest.approx(value_percent))
+    assert check.ratio == pytest.approx(abs(value_percent) / 5)
+
+
+def test_what_was_not_observed_has_no_value(solution) -> None:
+    checks = {c.name: c for c in calibration_checks(solution, LIMITS)}
+    assert np.isnan(checks["offset-elevational"].value)
+    assert checks["offset-elevational"].verdict is NOT_VERIFIED
+    assert set(checks) == set(PARAMETERS)
+
+
+@pytest.mark.parametrize("correlation", [0.89, float("nan")])
+def test_where_picture_and_tracker_disagree_nothing_is_concluded(solution, correlation) -> None:
+    doubtful = replace(solution, correlation=correlation)
+    assert {c.verdict for c in calibration_checks(doubtful, LIMITS)} == {NOT_VERIFIED}
+    assert agreement_check(doubtful).verdict is NOT_VERIFIED
+    assert agreement_check(solution).verdict is OK
+
+
+@pytest.mark.parametrize(
+    ("ms", "sigma_ms", "err_ms", "verdict"),
+    [
+        (20, 5, 0, OK),
+        (20, 5, 24, OK),
+        (20, 5, 26, NOT_VERIFIED),
+        (100, 10, 0, FAULT),
+        (-100, 10, 9, FAULT),
+        (100, 10, 11, NOT_VERIFIED),
+        (50, 20, 0, NOT_VERIFIED),
+    ],
+)
+def test_latency_against_its_limit(ms, sigma_ms, err_ms, verdict) -> None:
+    """Limit 60 ms, three sigma, and what the stamps may be wrong by together."""
+    check = latency_check(Latency(ms / 1e3, sigma_ms / 1e3), LIMITS, err_ms / 1e3)
+    assert (check.verdict, check.value) == (verdict, pytest.approx(ms))
+    assert latency_check(None, LIMITS, 0.0).verdict is NOT_VERIFIED
+
+
+def line(t_s: np.ndarray) -> np.ndarray:
+    return rigid(np.tile(np.eye(3), (len(t_s), 1, 1)), np.stack([6 * np.sin(2.3 * t_s), 0 * t_s, 0 * t_s], axis=1))
+
+
+def test_motion_along_one_axis_does_not_show_the_polarity() -> None:
+    _, check = weigh_polarity(samples(line, 120, 1, Noise()), TRUTH)
+    assert check.verdict is NOT_VERIFIED
+    best, check = weigh_polarity(samples(planar_path, 120, 1, Noise()), TRUTH)
+    assert (best, check.verdict) == ((1, 1), OK)
+
+
+def reading(t_ns: int, matrix: np.ndarray) -> Pose:
+    return Pose(Stamp(t_ns, 0), 0, matrix, 0.1, PoseStatus.OK)
+
+
+def sweep(
+    slip: MarkerSlip, body: np.ndarray, frames: range, seen_mm: float = 0.3, hz: float = 30.0, mm_per_s: float = 9.0
+) -> list[bool]:
+    """Poses of a probe in steady motion; body: (4, 4) how the marker sits on it now."""
+    confirmed = []
+    for k in frames:
+        t_ns = round(k / hz * 1e9)
+        slip.pose(reading(t_ns, rigid(np.eye(3), np.array([mm_per_s * k / hz, 0, 0])) @ body))
+        confirmed.append(slip.step(t_ns, seen_mm))
+    return confirmed
+
+
+BENT = rigid(rotation_from_vector(np.deg2rad([0.0, 5, 0])), np.zeros(3))
+SLID = rigid(np.eye(3), np.array([0.0, -7, 7]))
+
+
+@pytest.mark.parametrize(("body", "fault"), [(BENT, "rotation"), (SLID, "offset")])
+def test_a_leap_of_the_marker_is_confirmed_in_a_tenth_of_a_second_and_named(body, fault) -> None:
+    slip = MarkerSlip(LIMITS)
+    assert not any(sweep(slip, np.eye(4), range(20)))
+    assert sweep(slip, body, range(20, 26)).index(True) == 3
+    failed = [check for check in slip.checks() if check.verdict is FAULT]
+    assert [check.fault for check in failed] == [fault]
+    assert failed[0].value == pytest.approx(5.0 if fault == "rotation" else 9.9, abs=0.3)
+
+
+def test_an_outlier_that_leaps_back_is_no_slip() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    sweep(slip, SLID, range(20, 21))
+    assert not any(sweep(slip, np.eye(4), range(21, 40)))
+    assert all(check.verdict is OK for check in slip.checks())
+
+
+@pytest.mark.parametrize("mm_per_s", [0.0, 30.0, 60.0])
+@pytest.mark.parametrize("hz", [20.0, 60.0])
+def test_how_fast_the_hand_goes_is_no_part_of_a_leap(mm_per_s: float, hz: float) -> None:
+    """One wrong pose leaves nothing; a leap and its undoing are measured to a millimetre."""
+    slip, number = MarkerSlip(LIMITS), round(hz)
+
+    def go(body: np.ndarray, frames: range) -> float:
+        sweep(slip, body, frames, seen_mm=0.0, hz=hz, mm_per_s=mm_per_s)
+        return slip.checks()[1].value
+
+    go(np.eye(4), range(number))
+    go(SLID, range(number, number + 1))
+    assert go(np.eye(4), range(number + 1, 2 * number)) == 0.0
+    assert go(SLID, range(2 * number, 3 * number)) == pytest.approx(9.9, abs=1.0)
+    assert go(np.eye(4), range(3 * number, 4 * number)) < 1.0
+
+
+def test_a_leap_undone_is_forgiven() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    assert any(sweep(slip, SLID, range(20, 40)))
+    assert any(sweep(slip, np.eye(4), range(40, 60)))
+    assert all(check.verdict is OK for check in slip.checks())
+
+
+def test_a_leap_that_the_picture_shares_is_a_motion_of_the_probe() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    assert not any(sweep(slip, SLID, range(20, 30), seen_mm=9.0))
+
+
+def test_nothing_is_concluded_across_a_pause() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    slip.pause(round(19 / 30 * 1e9))
+    assert not any(sweep(slip, SLID, range(20, 40)))
+
+
+def test_poses_under_pictures_that_were_not_followed_are_forgotten() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    slip.pose(reading(round(20 / 30 * 1e9), rigid(np.eye(3), np.array([6.0, 0, 0])) @ SLID))
+    slip.pause(round(20 / 30 * 1e9))
+    assert not any(sweep(slip, SLID, range(21, 40)))
+
+
+def test_a_leap_is_not_lost_between_the_pictures_of_a_slow_tracker() -> None:
+    """20 poses a second under 30 pictures: interpolated to the pictures, the leap would be two halves of one."""
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20), hz=20.0)
+    assert any(sweep(slip, SLID, range(20, 40), hz=20.0))
+    assert slip.checks()[1].verdict is FAULT
+
+
+def test_a_shift_is_forgiven_once_motion_has_shown_the_offset_and_a_turn_is_not() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    sweep(slip, SLID @ BENT, range(20, 40))
+    slip.forgive(lambda fault: fault == "offset")
+    turn, shift = slip.checks()
+    assert (turn.verdict, shift.verdict) == (FAULT, OK)
+
+
+PICTURE = np.zeros((4, 4), np.uint8)
+
+
+def test_a_picture_that_is_shown_again_neither_testifies_nor_takes_anything_away() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    assert not slip.see(Observation(round(19.5 / 30 * 1e9), PICTURE, repeated=True))
+    assert any(sweep(slip, SLID, range(20, 40)))
+
+
+def test_a_picture_that_was_badly_followed_cannot_testify() -> None:
+    slip = MarkerSlip(LIMITS)
+    sweep(slip, np.eye(4), range(20))
+    slip.see(Observation(round(19.5 / 30 * 1e9), PICTURE, repeated=False, followed=True))
+    assert not any(sweep(slip, SLID, range(20, 40)))
+
+
+def test_a_frozen_picture_fails_past_its_limit_even_with_a_ticking_clock() -> None:
+    picture = np.random.default_rng(0).integers(0, 256, (480, 640), dtype=np.uint8)
+    detector = FrozenVideo(500 * MS)
+    for k in range(60):
+        shown = picture.copy()
+        shown[:10, :20] = (7 * k) % 256
+        detector.compare(10 * k * MS, shown)
+        (check,) = detector.checks()
+        assert (check.verdict is FAULT) == (10 * k > 500)
+    assert detector.repeats
+    detector.compare(600 * MS, 255 - picture)
+    assert detector.checks()[0].verdict is OK
+
+
+def test_a_live_picture_of_a_resting_probe_is_not_frozen() -> None:
+    random = np.random.default_rng(0)
+    still = random.integers(20, 200, (480, 640)).astype(np.int16)
+    detector = FrozenVideo(500 * MS)
+    for k in range(80):
+        noisy = (still + random.integers(-4, 5, still.shape)).astype(np.uint8)
+        detector.compare(20 * k * MS, noisy)
+        assert detector.checks()[0].verdict is OK
+
+
+def pose(t_ms: int, x_mm: float) -> Pose:
+    return Pose(Stamp(t_ms * MS, 0), t_ms, rigid(np.eye(3), np.array([x_mm, 0, 0])), 0.1, PoseStatus.OK)
+
+
+@pytest.mark.parametrize(("moves_mm", "verdict"), [(0.1, FAULT), (0.0, OK)])
+def test_equal_poses_are_stale_only_while_the_picture_moves(moves_mm, verdict) -> None:
+    detector = FrozenTracker(500 * MS)
+    for k in range(40):
+        detector.pose(pose(20 * k, 1.0))
+        detector.see(
+            Observation(20 * k * MS, PICTURE, repeated=False, followed=True, step_mm=np.array([moves_mm, 0.0]))
+        )
+    assert detector.checks()[0].verdict is verdict
+    detector.pose(pose(800, 1.5))
+    assert detector.checks()[0].verdict is OK

@@ -1,0 +1,134 @@
+"""The window of the two paths: interpolation, what is forgotten, what is hidden, what the calibration predicts."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from appliance.core.geometry import rigid, rotation_from_vector
+from appliance.core.path.steps import SensorSteps, picture_steps, predicted_path, products_and_slopes
+from appliance.core.path.window import PathWindow, PoseTrack, sensor_jump
+from tests.support.motions import TRUTH, planar_path, tilting_path
+from tests.support.windows import ORIGIN_NS, elevational_path, filled, motion
+
+X = rigid(TRUTH.rotation, TRUTH.offset_mm)
+
+
+def track(times_s, poses) -> PoseTrack:
+    found = PoseTrack(10_000_000_000)
+    for t, pose in zip(times_s, poses, strict=True):
+        found.add(ORIGIN_NS + round(t * 1e9), pose)
+    return found
+
+
+def test_poses_between_two_readings_lie_on_the_shortest_arc() -> None:
+    times = np.arange(0, 1, 1 / 30)
+    poses = tilting_path(times) @ X
+    asked = np.array([0.1, 0.3141, 0.777])
+    found, known = track(times, poses).at(asked, ORIGIN_NS)
+    assert known.all()
+    slerp = Slerp(times, Rotation.from_matrix(poses[:, :3, :3]))(asked).as_matrix()
+    np.testing.assert_allclose(found[:, :3, :3], slerp, atol=1e-7)
+    for axis in range(3):
+        np.testing.assert_allclose(found[:, axis, 3], np.interp(asked, times, poses[:, axis, 3]), atol=1e-12)
+
+
+def test_times_that_no_two_readings_bracket_are_said_so() -> None:
+    times = np.array([0.0, 0.1, 0.2, 0.9, 1.0])
+    found = track(times, planar_path(times))
+    _, known = found.at(np.array([-0.01, 0.15, 0.5, 0.95, 1.01]), ORIGIN_NS)
+    assert known.tolist() == [False, True, False, True, False], "0.5 s lies in a gap of 0.7 s"
+    _, known = track([0.0], planar_path(np.zeros(1))).at(np.array([0.0]), ORIGIN_NS)
+    assert known.tolist() == [False]
+
+
+def test_old_readings_are_forgotten_and_those_of_the_future_can_be() -> None:
+    poses = PoseTrack(1_000_000_000)
+    for t_ns in (90, 100, 2_000_000_000):
+        poses.add(t_ns, np.eye(4))
+    assert len(poses.arrays(0)[0]) == 1
+    poses.add(2_000_000_100, np.eye(4))
+    poses.forget(2_000_000_050)
+    np.testing.assert_allclose(poses.arrays(0)[0], [2.0])
+    poses.clear()
+    assert len(poses.arrays(0)[0]) == 0
+
+
+def test_quaternions_keep_their_sign_through_half_a_turn() -> None:
+    angles = np.linspace(2.9, 3.4, 20)
+    poses = rigid(rotation_from_vector(angles[:, None] * [0, 0, 1.0]), np.zeros((20, 3)))
+    turns = track(np.arange(20) / 30, poses).arrays(ORIGIN_NS)[2]
+    assert np.all(np.einsum("ni,ni->n", turns[1:], turns[:-1]) > 0.99)
+
+
+def test_the_window_forgets_by_time_and_a_part_of_it_shares_the_poses() -> None:
+    window = PathWindow(TRUTH, span_ns=1_000_000_000)
+    for index in range(90):
+        window.add(motion(index / 30, index, np.zeros(2), 0.0))
+    assert len(window) == 31
+    assert window.span_ns == pytest.approx(1e9, abs=10)
+    part = window.since(window.now_ns - 500_000_000)
+    assert len(part) == 16
+    assert part.poses is window.poses
+    window.restart()
+    assert (len(window), window.now_ns, window.span_ns) == (0, 0, 0)
+    assert window.latency() is None
+    assert window.samples(0.0, weigh_hidden=True).t_s.size == 0
+
+
+def test_samples_follow_the_window_and_not_an_earlier_question() -> None:
+    window = filled(planar_path, 2.0)
+    before = window.samples(0.0, weigh_hidden=False)
+    assert window.samples(0.0, weigh_hidden=False) is before
+    window.add(motion(2.0, 60, np.ones(2), 0.0))
+    assert window.samples(0.0, weigh_hidden=False).t_s.size == before.t_s.size + 1
+
+
+def test_hidden_way_is_counted_where_the_picture_shows_little_of_it() -> None:
+    hidden = filled(elevational_path, 4.0, position_mm=0.02).samples(0.0, weigh_hidden=True)
+    way = np.abs(np.diff(4 * np.sin(1.5 * hidden.t_s))).sum()
+    assert 0.6 * way < hidden.hidden_mm.sum() < way
+    assert hidden.in_plane_share < 0.3
+    seen = filled(planar_path, 4.0).samples(0.0, weigh_hidden=True)
+    assert seen.in_plane_share > 0.98
+    turned = replace(TRUTH, rotation=rotation_from_vector(np.array([1.0, 0, 0])) @ TRUTH.rotation)
+    window = filled(planar_path, 4.0, reference=turned)
+    assert window.samples(0.0, weigh_hidden=True).in_plane_share > 0.9, "a wrong X must not hide the motion"
+
+
+def test_the_predicted_path_is_that_of_the_picture() -> None:
+    """Against the centre's place in the tissue, for motion that stays in the plane."""
+    pictures = planar_path(np.arange(0, 2, 1 / 30))
+    path = predicted_path(pictures @ X, TRUTH)
+    home = np.linalg.inv(pictures[0])
+    centres = (home @ pictures)[:, :3, 3]
+    np.testing.assert_allclose(path.T, centres, atol=1e-5)
+
+
+def test_steps_are_those_of_x_b_x_inverse() -> None:
+    poses = tilting_path(np.arange(0, 1, 0.2)) @ X
+    moved, turned = picture_steps(TRUTH.rotation, TRUTH.offset_mm, SensorSteps.between(poses))
+    for j in range(1, 5):
+        A = X @ np.linalg.inv(poses[j]) @ poses[j - 1] @ np.linalg.inv(X)
+        np.testing.assert_allclose(moved[:, j], A[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(turned[:, j], Rotation.from_matrix(A[:3, :3]).as_rotvec(), atol=1e-5)
+
+
+def test_slopes_are_the_derivative_of_the_steps() -> None:
+    steps = SensorSteps.between(tilting_path(np.arange(0, 1, 0.2)) @ X)
+    slopes = products_and_slopes(TRUTH.rotation, TRUTH.offset_mm)
+    for index, change in enumerate(np.eye(6) * 1e-6):
+        before, after = (
+            picture_steps(
+                rotation_from_vector(s * change[:3]) @ TRUTH.rotation, TRUTH.offset_mm + s * change[3:], steps
+            )
+            for s in (-1, 1)
+        )
+        np.testing.assert_allclose(slopes[0][index] @ steps.moved, (after[0] - before[0]) / 2e-6, atol=1e-6)
+        np.testing.assert_allclose(slopes[1][index] @ steps.turn, (after[1] - before[1]) / 2e-6, atol=1e-6)
+
+
+def test_a_jump_of_the_sensor_is_told_in_its_own_axes() -> None:
+    jump = rigid(rotation_from_vector(np.array([0.1, 0, 0])), np.array([1.0, 2, 3]))
+    np.testing.assert_allclose(sensor_jump(X, X @ jump), jump, atol=1e-12)

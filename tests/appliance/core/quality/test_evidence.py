@@ -1,0 +1,147 @@
+"""What seconds of motion show of the calibration: faults by name, nothing without motion, old and new never mixed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from appliance.core.geometry import rotation_from_vector
+from appliance.core.path.window import PathWindow
+from appliance.core.quality.evidence import Evidence, examine, examine_nothing
+from appliance.limits import Limits
+from appliance.types import PARAMETERS, Calibration, Check, VerdictKind
+from tests.support.motions import TRUTH, planar_path, tilting_path
+from tests.support.windows import elevational_path, filled, motion
+
+LIMITS = Limits()
+OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
+
+
+def by_name(checks: tuple[Check, ...]) -> dict[str, Check]:
+    return {check.name: check for check in checks}
+
+
+def turned(axis: int, angle_deg: float) -> Calibration:
+    return replace(TRUTH, rotation=rotation_from_vector(np.deg2rad(angle_deg) * np.eye(3)[axis]) @ TRUTH.rotation)
+
+
+def scaled(lateral: float, axial: float) -> Calibration:
+    return replace(TRUTH, scale_mm_per_px=TRUTH.scale_mm_per_px * [lateral, axial])
+
+
+def test_the_right_calibration_is_shown_within_its_limits() -> None:
+    found = examine(filled(tilting_path, 8.0, 1), TRUTH, LIMITS)
+    checks = by_name(found.checks)
+    for name in ("polarity", "scale-lateral", "scale-axial", "rotation-elevational", "latency", "motion-agreement"):
+        assert checks[name].verdict is OK, checks[name]
+    assert found.failed == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("reference", "name", "value"),
+    [
+        (scaled(1 / 1.1, 1), "scale-lateral", 10),
+        (scaled(1, 1 / 0.9), "scale-axial", -10),
+        (turned(2, -6), "rotation-elevational", 6),
+        (turned(0, -8), "rotation-lateral", 8),
+        (turned(1, 8), "rotation-axial", -8),
+    ],
+)
+def test_a_wrong_parameter_fails_by_name_and_amount(reference: Calibration, name: str, value: float) -> None:
+    found = examine(filled(tilting_path, 8.0, 2, reference=reference), reference, LIMITS)
+    assert name in found.failed
+    assert by_name(found.checks)[name].value == pytest.approx(value, abs=1.5)
+
+
+@pytest.mark.parametrize("polarity", [(-1, 1), (1, -1), (-1, -1)])
+def test_a_mirrored_picture_is_a_fault_of_polarity_and_of_nothing_else(polarity: tuple[int, int]) -> None:
+    truth = replace(TRUTH, polarity=polarity)
+    found = examine(filled(planar_path, 5.0, 3, truth=truth), TRUTH, LIMITS)
+    assert found.failed == {"polarity"}
+    assert by_name(found.checks)["polarity"].value == polarity.count(-1)
+
+
+def test_a_late_tracker_is_a_fault_of_latency_and_of_nothing_else() -> None:
+    found = examine(filled(planar_path, 6.0, 4, late_s=0.1), TRUTH, LIMITS)
+    assert found.failed == {"latency"}
+    assert by_name(found.checks)["latency"].value == pytest.approx(100, abs=10)
+
+
+@pytest.mark.parametrize("path", [elevational_path, lambda t: planar_path(0 * t)])
+def test_without_in_plane_motion_nothing_is_claimed(path) -> None:  # type: ignore[no-untyped-def]
+    checks = by_name(examine(filled(path, 6.0, 5), TRUTH, LIMITS).checks)
+    assert {checks[name].verdict for name in ("polarity", *PARAMETERS, "latency")} == {NOT_VERIFIED}
+
+
+def test_an_empty_window_has_every_check_undecided() -> None:
+    names = {check.name for check in examine(filled(planar_path, 5.0, 1), TRUTH, LIMITS).checks}
+    for nothing in (examine(PathWindow(TRUTH), TRUTH, LIMITS), examine_nothing(LIMITS)):
+        assert {check.name for check in nothing.checks} == names
+        assert nothing.shown == 0
+
+
+def fed(
+    evidence: Evidence, whole: PathWindow, start_s: float, stop_s: float, scale: float = 1.0
+) -> list[frozenset[str]]:
+    """Pictures of `whole` between two times, mirrored into `evidence` with a solution each third of a second."""
+    shown = []
+    for index, seen in enumerate(whole._seen):
+        t_s = (seen.stamp.t_ns - whole._seen[0].stamp.t_ns) / 1e9
+        if not start_s <= t_s < stop_s:
+            continue
+        evidence.window.add(motion(t_s, index, seen.path_px / scale, seen.path_rad, chain=1 if scale == 1.0 else 2))
+        if index % 10 == 9:
+            evidence.solve(evidence.window.now_ns)
+            shown.append(frozenset(c.name for c in evidence.checks() if c.verdict is FAULT))
+    return shown
+
+
+def watched() -> tuple[Evidence, PathWindow]:
+    whole = filled(tilting_path, 16.0, 6)
+    window = PathWindow(TRUTH)
+    window.poses = whole.poses
+    return Evidence(TRUTH, LIMITS, window), whole
+
+
+def test_a_change_of_scale_is_named_within_four_seconds_and_only_by_its_name() -> None:
+    evidence, whole = watched()
+    assert set().union(*fed(evidence, whole, 0, 8)) == set()
+    assert evidence.shows("scale")
+    after = fed(evidence, whole, 8, 15, scale=1.15)
+    named = [index for index, names in enumerate(after) if names]
+    assert named
+    assert named[0] <= 11, "a solution comes each third of a second"
+    assert set().union(*after) <= {"scale-lateral", "scale-axial"}
+    assert after[-1] >= {"scale-lateral", "scale-axial"}
+    value = by_name(evidence.checks())["scale-axial"].value
+    assert value == pytest.approx(15, abs=4), "what came before the change is not mixed in"
+
+
+def test_one_solution_alone_accuses_nobody() -> None:
+    evidence, whole = watched()
+    for seen in list(whole._seen)[:150]:
+        t_s = (seen.stamp.t_ns - whole._seen[0].stamp.t_ns) / 1e9
+        evidence.window.add(motion(t_s, 0, seen.path_px / 1.15, seen.path_rad))
+    evidence.solve(evidence.window.now_ns)
+    assert all(check.verdict is not FAULT for check in evidence.checks())
+    evidence.solve(evidence.window.now_ns)
+    assert any(check.verdict is FAULT for check in evidence.checks())
+
+
+def test_after_a_restart_nothing_stands() -> None:
+    evidence, whole = watched()
+    fed(evidence, whole, 0, 6)
+    assert evidence.shows("polarity")
+    evidence.restart()
+    assert not evidence.shows("polarity")
+    assert all(check.verdict is NOT_VERIFIED for check in evidence.checks())
+
+
+def test_the_final_answer_keeps_the_best_that_was_known() -> None:
+    evidence, whole = watched()
+    fed(evidence, whole, 0, 10)
+    final = by_name(evidence.final())
+    assert final["scale-axial"].verdict is OK
+    assert evidence.estimate is not None
+    assert evidence.motions > 100
+    np.testing.assert_allclose(evidence.estimate.scale_mm_per_px, TRUTH.scale_mm_per_px, rtol=0.02)

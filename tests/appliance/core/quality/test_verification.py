@@ -1,0 +1,163 @@
+"""What was shown stays shown until something contradicts it, and comes back only from motion after that."""
+
+from dataclasses import replace
+from math import nan
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from appliance.core.quality.verification import REQUIRED, Verification
+from appliance.types import PARAMETERS, Check, VerdictKind
+
+S = 1_000_000_000
+OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
+LIMIT = 4.0
+
+
+def check(name: str, value: float = 0.2, sigma: float = 0.1, shown_s: float | None = 5.0) -> Check:
+    """Judged at three sigmas."""
+    room = 3 * sigma
+    verdict = OK if abs(value) + room <= LIMIT else FAULT if abs(value) - room > LIMIT else NOT_VERIFIED
+    return Check(
+        name, name.split("-", maxsplit=1)[0], value, sigma, "mm", LIMIT, verdict, shown_s and round(shown_s * S)
+    )
+
+
+def weigh(verification: Verification, *checks: Check, since_s: float = 0.0) -> tuple[Check, ...]:
+    return verification.weigh(checks, round(since_s * S))
+
+
+def all_shown(at_s: float = 5.0) -> Verification:
+    verification = Verification(3.0)
+    weigh(verification, *(check(name, shown_s=at_s) for name in REQUIRED))
+    return verification
+
+
+def test_it_is_verified_once_every_required_parameter_was_shown_and_as_old_as_the_oldest() -> None:
+    verification = Verification(3.0)
+    for at_s, name in enumerate(REQUIRED, start=2):
+        assert verification.verified_ns is None
+        weigh(verification, check(name, shown_s=at_s))
+    assert verification.verified_ns == 2 * S
+
+
+def test_what_is_not_shown_again_keeps_its_age_and_nothing_makes_it_younger_but_motion() -> None:
+    verification = all_shown(5.0)
+    for _ in range(3):
+        (seen,) = weigh(verification, check("polarity", value=nan, sigma=nan, shown_s=None))
+        assert (seen.verdict, seen.shown_ns) == (NOT_VERIFIED, 5 * S)
+        weigh(verification, *(check(name, shown_s=4.0) for name in REQUIRED))
+    assert verification.verified_ns == 5 * S
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_one_measurement_beyond_its_limit_withdraws_the_ok_at_once_whether_or_not_it_is_named(name: str) -> None:
+    verification = all_shown()
+    unnamed = replace(check(name, value=-28.4, sigma=1.5), verdict=NOT_VERIFIED)
+    verification.contradict([unnamed], frozenset(), 6 * S)
+    assert verification.verified_ns is None
+    assert [sign.check.name for sign in verification.contradicted] == [name]
+
+
+def test_what_is_beyond_its_limit_but_not_by_its_sigmas_contradicts_nothing() -> None:
+    verification = all_shown()
+    verification.contradict([check("offset-lateral", value=5.0, sigma=0.5)], frozenset(), 6 * S)
+    assert verification.verified_ns == 5 * S
+
+
+def test_what_names_no_parameter_contradicts_nothing() -> None:
+    verification = all_shown()
+    agreement = Check("motion-agreement", "agreement", 1.7, 0.0, "1 − r", 0.1, NOT_VERIFIED)
+    verification.contradict([agreement], frozenset(), 6 * S)
+    assert verification.verified_ns == 5 * S
+
+
+@pytest.mark.parametrize("since_s", [0.0, 6.0])
+def test_motion_from_before_the_sign_or_with_it_does_not_answer_it(since_s: float) -> None:
+    verification = all_shown()
+    verification.contradict([check("scale-axial", value=9.0)], frozenset({"scale-axial"}), 6 * S)
+    (seen,) = weigh(verification, check("scale-axial", shown_s=8.0), since_s=since_s)
+    assert seen.verdict is NOT_VERIFIED
+    assert verification.verified_ns is None
+
+
+@pytest.mark.parametrize(("value", "answered"), [(2.8, True), (3.0, False)])
+def test_an_ok_after_a_fault_needs_room(value: float, answered: bool) -> None:
+    """|value| + 3σ within .8 of the limit, 3.2."""
+    verification = all_shown()
+    verification.contradict([check("scale-axial", value=9.0)], frozenset({"scale-axial"}), 6 * S)
+    again = check("scale-axial", value=value, sigma=0.1, shown_s=8.0)
+    assert again.verdict is OK
+    (seen,) = weigh(verification, again, since_s=6.1)
+    assert (seen.verdict is OK) == answered
+    assert (verification.verified_ns is not None) == answered
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "named", "answered"),
+    [(2.0, 1.4, False, True), (2.0, 1.6, False, False), (4.1, 1.0, False, False), (2.0, 1.0, True, False)],
+)
+def test_a_sign_that_was_never_named_is_answered_by_as_sharp_a_measurement_within_the_limit(
+    value: float, sigma: float, named: bool, answered: bool
+) -> None:
+    verification = all_shown()
+    sign = check("offset-axial", value=9.0, sigma=1.0)
+    verification.contradict([sign], frozenset({"offset-axial"} if named else ()), 6 * S)
+    weigh(verification, check("offset-axial", value=value, sigma=sigma, shown_s=8.0), since_s=6.1)
+    assert (verification.contradicted == ()) == answered
+
+
+def test_a_sign_that_was_named_once_stays_named() -> None:
+    verification = all_shown()
+    for named in (frozenset({"offset-axial"}), frozenset()):
+        verification.contradict([check("offset-axial", value=9.0, sigma=1.0)], named, 6 * S)
+    assert verification.contradicted[0].named
+
+
+def test_a_change_of_geometry_forgets_what_was_shown_and_keeps_the_signs() -> None:
+    verification = all_shown()
+    verification.contradict([check("scale-axial", value=9.0)], frozenset(), 6 * S)
+    verification.restart()
+    assert verification.contradicted != ()
+    weigh(verification, *(check(name, shown_s=8.0) for name in REQUIRED), since_s=7.0)
+    assert verification.verified_ns == 8 * S
+
+
+def test_motion_of_the_future_shows_nothing_and_holds_nothing_up() -> None:
+    verification = all_shown(500.0)
+    verification.contradict([check("offset-axial", value=9.0)], frozenset(), 500 * S)
+    verification.forget(6 * S)
+    assert verification.verified_ns is None
+    assert verification.last_sign_ns == 6 * S - 1
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from((*REQUIRED, "offset-axial")),
+            st.floats(-12, 12),
+            st.floats(0.01, 3),
+            st.integers(0, 20),
+            st.booleans(),
+        ),
+        max_size=40,
+    )
+)
+def test_verified_means_shown_and_not_contradicted_since(
+    events: list[tuple[str, float, float, int, bool]],
+) -> None:
+    verification = Verification(3.0)
+    shown: dict[str, int] = {}
+    for now_s, (name, value, sigma, back_s, sign) in enumerate(events, start=30):
+        seen = check(name, value, sigma, shown_s=now_s)
+        if sign:
+            verification.contradict([seen], frozenset(), now_s * S)
+        accepted = weigh(verification, seen, since_s=now_s - back_s)[0]
+        if abs(value) - 3 * sigma > LIMIT and sign:
+            shown.pop(name, None)
+        elif accepted.verdict is OK:
+            assert abs(value) + 3 * sigma <= LIMIT
+            shown[name] = now_s
+        if verification.verified_ns is not None:
+            assert verification.verified_ns <= min(shown[one] for one in REQUIRED) * S

@@ -1,0 +1,202 @@
+"""The whole line on the simulated world: the healthy stays quiet, the wrong is named, the unseen is not claimed."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from appliance.core.geometry import vector_from_rotation
+from appliance.core.line import Line
+from appliance.limits import Limits
+from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.types import Calibration, Verdict, VerdictKind
+from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from drivers.twins.faults import FAULT_CLASS, Schedule
+from drivers.twins.scene.world import World, WorldSettings
+from tests.support.sessions import ORIGIN_NS, kept, session
+
+SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
+
+
+def truth(world: World) -> Calibration:
+    settings = world.settings
+    return calibration_from_image_to_probe(world.image_to_probe, (settings.width_px, settings.height_px))
+
+
+def watched(world: World, duration_s: float, fault: str | None = None, at_s: float = 0.0) -> tuple[Line, list[Verdict]]:
+    plan = [{"fault": fault, "from_s": at_s, "to_s": None}] if fault else []
+    line = Line(truth(world), Limits())
+    samples = session(world, duration_s, Schedule.parse(json.dumps(plan)))
+    return line, [verdict for sample in samples for verdict in line.step(sample)]
+
+
+def first_fault(verdicts: list[Verdict]) -> tuple[float, str] | None:
+    return (
+        next(((v.t_ns - ORIGIN_NS) / 1e9, v.fault) for v in verdicts if v.fault)
+        if any(v.fault for v in verdicts)
+        else None
+    )
+
+
+THOROUGH, SLOW = pytest.mark.thorough, pytest.mark.slow
+
+
+@pytest.mark.parametrize("seed", [3, pytest.param(1, marks=THOROUGH), pytest.param(2, marks=SLOW)])
+def test_a_healthy_sweep_is_verified_within_ten_seconds_and_never_faulted(seed: int) -> None:
+    line, verdicts = watched(kept(seed, settings=SMALL), 12.0)
+    assert first_fault(verdicts) is None
+    assert any(v.kind is VerdictKind.OK for v in verdicts if v.t_ns - ORIGIN_NS < 10e9)
+    assert line.report().verdict.kind is VerdictKind.OK
+
+
+@pytest.mark.parametrize(
+    ("fault", "within_s"),
+    [
+        ("flip-lateral", 0.1),
+        ("flip-vertical", 0.1),
+        ("depth", 0.1),
+        ("bend-marker", 0.3),
+        ("slide-marker", 0.3),
+        ("freeze-video", 0.7),
+    ],
+)
+def test_a_sudden_fault_is_named_at_once(fault: str, within_s: float) -> None:
+    _, verdicts = watched(kept(3, settings=SMALL), 4.5, fault, at_s=3.0)
+    found = first_fault(verdicts)
+    assert found is not None
+    assert found[1] == FAULT_CLASS[fault]
+    assert 3.0 <= found[0] <= 3.0 + within_s
+
+
+@pytest.mark.parametrize(
+    ("fault", "within_s"),
+    [("flip-lateral", 3.0), ("flip-vertical", 3.0), ("depth", 10.0)],
+)
+def test_a_fault_that_was_there_before_the_start_is_found_by_motion(fault: str, within_s: float) -> None:
+    line, verdicts = watched(kept(3, settings=SMALL), within_s + 1.5, fault)
+    found = first_fault(verdicts)
+    assert found is not None
+    assert found[1] == FAULT_CLASS[fault]
+    assert found[0] <= within_s
+    assert line.report().verdict.fault == FAULT_CLASS[fault]
+
+
+def test_a_grabber_faster_than_the_scanner_is_verified_and_its_mirrored_picture_found() -> None:
+    """Every picture comes twice, as from a 60 Hz grabber: the second shows nothing new, and takes nothing away."""
+    world = kept(3, settings=SMALL)
+    line, verdicts = Line(truth(world), Limits()), list[Verdict]()
+    for sample in session(world, 7.0, Schedule.parse('[{"fault": "flip-lateral", "from_s": 6.5, "to_s": null}]')):
+        if isinstance(sample, Frame):
+            again = Stamp(sample.stamp.t_ns + 16_000_000, sample.stamp.err_ns)
+            twice = (replace(sample, sequence=2 * sample.sequence), Frame(again, 2 * sample.sequence + 1, sample.image))
+            verdicts += [verdict for one in twice for verdict in line.step(one)]
+        else:
+            verdicts += line.step(sample)
+    assert any(v.kind is VerdictKind.OK for v in verdicts)
+    found = first_fault(verdicts)
+    assert found is not None
+    assert found[1] == "polarity"
+    assert 6.5 <= found[0] < 6.6
+
+
+@pytest.mark.parametrize("seed", [3, pytest.param(2, marks=THOROUGH)])
+def test_a_late_tracker_is_named_latency(seed: int) -> None:
+    _, verdicts = watched(kept(seed, settings=SMALL), 14.0, "latency", at_s=7.0)
+    found = first_fault(verdicts)
+    assert found is not None
+    assert found[1] == "latency"
+    assert found[0] <= 13.0
+
+
+@pytest.mark.parametrize("program", ["elevational", "still"])
+def test_motion_that_shows_nothing_is_not_verified(program: str) -> None:
+    line, verdicts = watched(kept(6, program, settings=SMALL), 6.0)
+    assert {v.kind for v in verdicts} == {VerdictKind.NOT_VERIFIED}
+    assert line.report().verdict.kind is VerdictKind.NOT_VERIFIED
+
+
+def test_an_undone_slide_is_forgiven_by_the_marker_check() -> None:
+    world = kept(3, settings=SMALL)
+    line = Line(truth(world), Limits())
+    plan = Schedule.parse(json.dumps([{"fault": "slide-marker", "from_s": 2.0, "to_s": 3.0}]))
+    verdicts = [v for sample in session(world, 4.0, plan) for v in line.step(sample)]
+    shift = {round((v.t_ns - ORIGIN_NS) / 1e9, 1): c for v in verdicts for c in v.checks if c.name == "marker-shift"}
+    assert shift[2.5].verdict is VerdictKind.FAULT
+    assert shift[2.5].value == pytest.approx(10.0, abs=1.0)
+    assert shift[3.8].verdict is VerdictKind.OK
+
+
+def pose(t_s: float, matrix: np.ndarray | None, index: int, status: PoseStatus = PoseStatus.OK) -> Pose:
+    return Pose(Stamp(round(t_s * 1e9), 0), index, matrix, 0.1, status)
+
+
+PICTURES = {
+    "black": np.zeros((300, 400), np.uint8),
+    "saturated": np.full((300, 400), 255, np.uint8),
+    "constant": np.full((300, 400), 90, np.uint8),
+    "one bright pixel": np.eye(1, 120_000, 7, dtype=np.uint8).reshape(300, 400) * 255,
+}
+
+
+@pytest.mark.parametrize("picture", PICTURES.values(), ids=PICTURES)
+@pytest.mark.parametrize("alive", [False, True])
+def test_pictures_without_structure_give_a_reason_and_no_exception(picture: np.ndarray, alive: bool) -> None:
+    world = kept(3, settings=SMALL)
+    line = Line(truth(world), Limits())
+    noise = np.random.default_rng(0).integers(0, 4, (20, 300, 400)).astype(np.uint8) * alive
+    verdicts = []
+    for k in range(20):
+        line.step(pose(1 + k / 30, world.probe_pose(k / 30), k))
+        verdicts += line.step(Frame(Stamp(round((1 + k / 30 - 0.01) * 1e9), 0), k, np.maximum(picture, noise[k])))
+    assert all(v.reason for v in verdicts)
+    assert not any(v.kind is VerdictKind.OK for v in verdicts)
+
+
+def test_a_picture_of_another_size_is_a_scale_fault() -> None:
+    world = kept(3, settings=SMALL)
+    line = Line(truth(world), Limits())
+    line.step(pose(1.0, np.eye(4), 0))
+    line.step(Frame(Stamp(1_010_000_000, 0), 0, np.zeros((480, 640), np.uint8)))
+    (verdict,) = line.step(pose(1.02, np.eye(4), 1))
+    assert (verdict.kind, verdict.fault) == (VerdictKind.FAULT, "scale")
+    assert verdict.checks[0].name == "picture-size"
+
+
+def test_poses_that_are_not_ok_leave_frames_unpaired_with_the_reason() -> None:
+    world = kept(3, settings=SMALL)
+    line = Line(truth(world), Limits())
+    line.step(pose(1.0, None, 0, PoseStatus.MISSING))
+    line.step(Frame(Stamp(1_010_000_000, 0), 0, world.frame(0.0, 0)))
+    line.step(pose(1.02, np.eye(4), 1))
+    assert line.report().unpaired == {"pose not usable: missing": 1}
+
+
+def test_a_wrong_rotation_from_the_start_is_named_rotation() -> None:
+    world = kept(3, settings=SMALL)
+    turned = truth(world)
+    c, s = np.cos(np.deg2rad(10)), np.sin(np.deg2rad(10))
+    turned = replace(turned, rotation=np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ turned.rotation)
+    line = Line(turned, Limits())
+    verdicts = [v for sample in session(world, 10.0) for v in line.step(sample)]
+    found = first_fault(verdicts)
+    assert found is not None
+    assert found[1] == "rotation"
+
+
+@pytest.mark.slow
+def test_half_a_minute_of_sweeping_gives_the_whole_offset_without_a_phantom() -> None:
+    """±1.3° of tilt on rendered pictures, RMS over three hands: t_z 1 mm, rotation 0.5°, scales 1 %."""
+    found = []
+    for seed in (1, 2, 3):
+        world = kept(seed, settings=SMALL)
+        line, _ = watched(world, 30.0)
+        estimate, right = line.report().estimate, truth(world)
+        assert estimate is not None
+        turn = vector_from_rotation(estimate.rotation @ right.rotation.T)
+        scales = estimate.scale_mm_per_px / right.scale_mm_per_px - 1
+        found.append([estimate.offset_mm[2] - right.offset_mm[2], np.degrees(np.linalg.norm(turn)), *scales])
+    t_z_mm, turn_deg, *scales = np.sqrt(np.mean(np.square(found), axis=0))
+    assert t_z_mm < 1.0
+    assert turn_deg < 0.5
+    assert max(scales) < 0.01

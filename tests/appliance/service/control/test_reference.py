@@ -1,0 +1,205 @@
+"""Which calibration verdicts speak of while a person recalibrates, whatever ends it."""
+
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+
+from appliance.limits import Limits
+from appliance.service.control.deadline_worker import DeadlineWorker
+from appliance.service.control.recalibration import Recalibration, Wanted
+from appliance.service.control.server import ControlRefused
+from appliance.service.estimator.process_host import EstimatorHost
+from appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
+from appliance.types import PARAMETERS, Calibration, Check, State, Verdict, VerdictKind
+from drivers.errors import ConfigurationError
+from tests.support.polling import until
+from tests.support.stores import configuration, kept, log, settled, started, written
+
+pytestmark = pytest.mark.usefixtures("log")
+__all__ = ["log"]
+
+
+class Estimator(SimpleNamespace):
+    """Knows only which reference it was given last."""
+
+    reference: Calibration | None = None
+
+    def refer(self, reference: Calibration) -> None:
+        self.reference = reference
+
+
+class Cart:
+    """A supervisor that ticks, and the recalibration beside it, wired as the service wires them."""
+
+    def __init__(self, config, latched: State | None = None) -> None:
+        self.estimator = Estimator()
+        self.supervisor = Supervisor(Durations(), latched, None if latched is None else "scale")
+        self.references = started(config)
+        self.took = []
+        self.recalibration = Recalibration(
+            self.supervisor,
+            cast(EstimatorHost, self.estimator),
+            self.references,
+            self.ask,
+            DeadlineWorker(),
+            limits=Limits,
+            took=self.took.append,
+        )
+        self.now_ns = 0
+        self.state = self.supervisor.state
+        self.step(Inputs())
+        self.old = self.estimator.reference
+        assert self.old is not None
+
+    def ask(self, request: Request) -> None:
+        self.step(Inputs(request=request))
+        assert self.supervisor.refused == ""
+
+    def step(self, inputs: Inputs) -> None:
+        self.now_ns += 50_000_000
+        inputs = Inputs(self.references.judged(inputs.verdicts), inputs.devices, inputs.request)
+        before, self.state = self.state, self.supervisor.step(self.now_ns, inputs).state
+        self.recalibration.follow(before, self.state)
+
+    def fail(self, fault: str) -> None:
+        for _ in range(30):
+            self.step(Inputs(devices=(Check(fault, fault, 2, 0, "", 1, VerdictKind.FAULT),)))
+
+    def verify(self, *names: str) -> None:
+        """OK three times, with these checks shown; not before the disk has what is in force."""
+        until(lambda: self.references.on_disk)
+        checks = tuple(Check(name, "scale", 0, 0, "", 1, VerdictKind.OK) for name in names)
+        for _ in range(3):
+            t_ns = self.now_ns + 50_000_000
+            self.step(Inputs((Verdict(t_ns, VerdictKind.OK, checks, verified_ns=t_ns),)))
+
+    def offset_mm(self) -> float:
+        """ζ of the calibration that verdicts speak of."""
+        return float(self.estimator.reference.offset_mm[2])
+
+
+@pytest.fixture
+def config(tmp_path):
+    return configuration(tmp_path)
+
+
+@pytest.fixture
+def new(tmp_path):
+    return Wanted(file=written(tmp_path / "new.toml", 0, 0, 1))
+
+
+@pytest.mark.parametrize("latched", [None, State.HALT, State.RECALIBRATION_REQUESTED])
+@pytest.mark.parametrize("fault", ["video-lost", "estimator-silent"])
+def test_what_fails_before_the_new_reference_is_confirmed_returns_to_the_old_one(config, new, latched, fault):
+    cart = Cart(config, latched)
+    while cart.state is not (latched or State.NOT_VERIFIED):
+        cart.step(Inputs())
+    cart.recalibration.begin()
+    cart.recalibration.end(new)
+    assert cart.offset_mm() == 4.0
+    cart.fail(fault)
+    assert cart.state is not State.RECALIBRATING
+    assert cart.estimator.reference is cart.old
+    settled(cart.references)
+    origins = [entry.origin for entry in kept(config).entries]
+    assert origins == ["configuration", "recalibration", "went back to 1"]
+    assert settled(started(config)).current.calibration.offset_mm[2] == 3.0
+
+
+def test_a_recalibration_given_up_returns_to_the_old_reference(config, new):
+    cart = Cart(config, State.HALT)
+    cart.recalibration.begin()
+    cart.recalibration.end(new)
+    cart.recalibration.abort()
+    assert (cart.state, cart.estimator.reference) == (State.HALT, cart.old)
+    settled(cart.references)
+
+
+def test_a_scan_given_up_before_its_end_changes_nothing(config):
+    cart = Cart(config, State.HALT)
+    cart.recalibration.begin()
+    cart.recalibration.abort()
+    settled(cart.references)
+    assert len(kept(config).entries) == len(cart.took) == 1
+
+
+def test_a_confirmed_reference_stays_also_after_a_restart(config, new):
+    cart = Cart(config, State.HALT)
+    cart.recalibration.begin()
+    cart.recalibration.end(new)
+    cart.verify()
+    assert cart.state is State.MONITORING
+    cart.fail("video-lost")
+    assert cart.offset_mm() == 4.0
+    settled(cart.references)
+    assert Cart(config).offset_mm() == 4.0
+    entry = kept(config).in_force
+    assert (entry.number, entry.origin, entry.verified_utc is not None) == (2, "recalibration", True)
+    assert "moved by 1.00 mm (lateral +0.00, axial +0.00, elevational +1.00)" in entry.difference
+
+
+@pytest.mark.parametrize(
+    ("shift_mm", "said"), [((0, 0, -30), "moved by 30.00 mm"), ((4.1, 0, 0), "moved by 4.10 mm (lateral +4.10")]
+)
+def test_a_far_reference_needs_its_difference_confirmed_and_everything_shown(config, tmp_path, shift_mm, said):
+    far = written(tmp_path / "far.toml", *shift_mm)
+    cart = Cart(config, State.HALT)
+    cart.recalibration.begin()
+    for confirm in ("", "yes", "moved by 29.00 mm"):
+        with pytest.raises(ControlRefused, match="differs from the reference in force: turned by") as refusal:
+            cart.recalibration.end(Wanted(file=far, confirm=confirm))
+        assert said in str(refusal.value)
+    assert cart.estimator.reference is cart.old
+    proposal = cart.recalibration.propose(Wanted(file=far))
+    assert proposal["confirm"]
+    cart.recalibration.end(Wanted(file=far, confirm=proposal["text"]))
+    cart.verify("polarity", "scale-lateral", "scale-axial", "rotation-elevational")
+    assert cart.state is State.RECALIBRATING, "what is enough for a reference that is near is not enough"
+    cart.verify("polarity", *(name for name in PARAMETERS if name != "offset-elevational"))
+    assert cart.state is State.RECALIBRATING, "ζ included"
+    cart.verify("polarity", *PARAMETERS)
+    assert cart.state is State.MONITORING
+    settled(cart.references)
+
+
+def test_a_near_reference_needs_no_confirmation(config, new):
+    cart = Cart(config, State.HALT)
+    assert not cart.recalibration.propose(new)["confirm"]
+    settled(cart.references)
+
+
+def test_going_back_states_its_difference_and_is_confirmed_and_logged(config, new):
+    cart = Cart(config, State.HALT)
+    cart.recalibration.begin()
+    cart.recalibration.end(new)
+    cart.verify()
+    cart.recalibration.begin()
+    with pytest.raises(ControlRefused, match=r"moved by 1\.00 mm"):
+        cart.recalibration.end(Wanted(number=1))
+    text = cart.recalibration.propose(Wanted(number=1))["text"]
+    cart.recalibration.end(Wanted(number=1, confirm=text, who="anna"))
+    assert cart.state is State.RECALIBRATING
+    assert cart.offset_mm() == 3.0
+    cart.verify()
+    assert cart.state is State.MONITORING
+    assert [reference.entry.number for reference in cart.took] == [1, 2, 3]
+    settled(cart.references)
+    entry = kept(config).in_force
+    assert (entry.origin, entry.who, entry.sha256) == ("went back to 1", "anna", kept(config).entries[0].sha256)
+
+
+def test_a_number_that_there_is_not_is_refused(config):
+    cart = Cart(config, State.HALT)
+    with pytest.raises(ConfigurationError, match="reference 7: is no reference of this service, there are 1 to 1"):
+        cart.recalibration.propose(Wanted(number=7))
+    settled(cart.references)
+
+
+def test_a_simulated_scan_is_refused_by_a_cart_with_real_devices(config, tmp_path):
+    cart = Cart(config, State.HALT)
+    cart.recalibration.begin()
+    with pytest.raises(ConfigurationError, match="made of a simulated scan"):
+        cart.recalibration.end(Wanted(file=written(tmp_path / "sim.toml", 0, 0, 1, simulated=True)))
+    assert cart.estimator.reference is cart.old
+    settled(cart.references)

@@ -1,0 +1,207 @@
+"""The two sides of the estimator, with a real second process."""
+
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from appliance.limits import Limits
+from appliance.service.estimator.process_host import EstimatorHost
+from appliance.service.host.log import configure
+from appliance.types import Calibration, Verdict, VerdictKind
+from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from tests.support import stand_in_estimator as stand_in
+from tests.support.polling import until
+
+COMMAND = (sys.executable, "-m", "tests.support.stand_in_estimator")
+HEARTBEAT_S = 0.5
+
+
+def reference(scale: float = 0.25) -> Calibration:
+    return Calibration(np.eye(3), (1, 1), np.array([scale, scale]), np.zeros(3), (64, 48))
+
+
+def frame(order: int, t_ns: int = 1) -> Frame:
+    return Frame(Stamp(t_ns, 0), 1, np.full((48, 64), order, np.uint8))
+
+
+@pytest.fixture
+def host() -> Iterator[EstimatorHost]:
+    host = EstimatorHost(reference(), Limits(), COMMAND)
+    until(lambda: host.poll()[0])
+    yield host
+    host.close()
+
+
+def verdicts(host: EstimatorHost) -> tuple[Verdict, ...]:
+    return until(lambda: host.poll()[1])
+
+
+def test_it_speaks_without_having_anything_to_say(host: EstimatorHost) -> None:
+    for _ in range(5):
+        until(lambda: host.poll()[0], HEARTBEAT_S)
+    assert host.last is not None
+    assert (host.last.verdicts, host.last.frames) == ((), 0)
+
+
+def test_samples_go_in_and_verdicts_come_out(host: EstimatorHost) -> None:
+    host.put(Pose(Stamp(1, 0), 1, None, float("nan"), PoseStatus.MISSING))
+    host.put(frame(stand_in.OK, t_ns=77))
+    (verdict,) = verdicts(host)
+    assert (verdict.t_ns, verdict.kind) == (77, VerdictKind.OK)
+    assert host.last is not None
+    assert (host.last.frames, host.last.poses, host.last.dropped_frames) == (1, 1, 0)
+
+
+def test_both_streams_reach_the_line_in_the_order_of_their_stamps(host: EstimatorHost) -> None:
+    for t_ns in (30, 10, 20):
+        host.put(frame(stand_in.OK, t_ns))
+    seen: list[int] = []
+    until(lambda: seen.extend(verdict.t_ns for verdict in host.poll()[1]) or len(seen) == 3)
+    assert seen in ([10, 20, 30], [30, 10, 20]), "sorted when they wait together, as they come otherwise"
+
+
+def test_what_it_could_not_keep_up_with_is_counted(host: EstimatorHost) -> None:
+    assert host.pid is not None
+    os.kill(host.pid, signal.SIGSTOP)
+    for t_ns in range(40):
+        host.put(frame(stand_in.SILENT, t_ns))
+    os.kill(host.pid, signal.SIGCONT)
+    until(lambda: host.poll() and host.last is not None and host.last.dropped_frames == 24)
+    assert host.last is not None
+    assert host.last.frames == 16
+
+
+def test_a_new_reference_silences_what_is_said_of_the_old(host: EstimatorHost) -> None:
+    host.put(frame(stand_in.OK, t_ns=1))
+    time.sleep(0.2)
+    host.refer(reference(0.5))
+    host.put(frame(stand_in.OK, t_ns=2))
+    (verdict,) = verdicts(host)
+    assert (verdict.t_ns, verdict.checks[0].value) == (2, 0.5)
+    assert host.restarts == 0
+
+
+@pytest.mark.parametrize(("kill", "how"), [("SIGKILL", "killed by SIGKILL"), ("crash", "ended with exit code 1")])
+def test_it_is_started_again_after_its_death_with_the_same_reference(host: EstimatorHost, kill: str, how: str) -> None:
+    host.refer(reference(0.5))
+    first = host.pid
+    assert first is not None
+    if kill == "SIGKILL":
+        os.kill(first, signal.SIGKILL)
+    else:
+        host.put(frame(stand_in.CRASH))
+    until(lambda: host.poll() and host.pid not in {None, first})
+    until(lambda: host.poll()[0])
+    host.put(frame(stand_in.FAULT))
+    (verdict,) = verdicts(host)
+    assert (verdict.fault, verdict.checks[0].value) == ("polarity", 0.5)
+    assert (host.restarts, host.ended) == (1, f"{how}, restart 1")
+
+
+def test_one_that_goes_on_dying_is_named_and_counted_each_time() -> None:
+    """By whatever signal: those for real time have no name."""
+    command, stream = (sys.executable, "-c", "import os; os.kill(os.getpid(), 40)"), io.StringIO()
+    with configure("info", stream):
+        host = EstimatorHost(reference(), Limits(), command)
+        until(lambda: host.poll() and host.restarts == 3)
+        host.close()
+    assert host.ended == "killed by 40, restart 3"
+    said = [json.loads(line) for line in stream.getvalue().splitlines()]
+    assert [(one["event"], one["how"], one["restart"]) for one in said] == [
+        ("estimator ended", "killed by 40", number) for number in (1, 2, 3)
+    ]
+
+
+@pytest.fixture
+def impatient() -> Iterator[EstimatorHost]:
+    """A host whose patience is 0.4 of the usual: 2 s instead of 5 s of silence."""
+    host = EstimatorHost(reference(), Limits(), COMMAND, slowness=0.4)
+    until(lambda: host.poll()[0])
+    yield host
+    host.close()
+
+
+def test_a_hung_one_is_named(impatient: EstimatorHost) -> None:
+    host = impatient
+    assert host.pid is not None
+    assert host.ended is None
+    os.kill(host.pid, signal.SIGSTOP)
+    until(lambda: host.poll() and host.ended is not None, 8)
+    assert re.fullmatch(r"hung, silent for 2\.\d s, restart 1", str(host.ended))
+
+
+def test_polling_a_hung_estimator_never_waits(host: EstimatorHost) -> None:
+    host.put(frame(stand_in.HANG))
+    longest_s = 0.0
+    for t_ns in range(200):
+        host.put(frame(stand_in.OK, t_ns))
+        start_s = time.perf_counter()
+        host.poll()
+        longest_s = max(longest_s, time.perf_counter() - start_s)
+    assert longest_s < 0.05
+
+
+def test_one_that_no_signal_reaches_holds_up_no_poll_and_is_buried_later(
+    impatient: EstimatorHost, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that waits in the kernel for a disk dies when the disk has answered, not when it is killed."""
+    host = impatient
+    first = host._process
+    assert first is not None
+    monkeypatch.setattr(first, "send_signal", lambda _: None)
+    os.kill(first.pid, signal.SIGSTOP)
+    longest_s, end_s = 0.0, time.monotonic() + 8
+    while host.pid in {None, first.pid} and time.monotonic() < end_s:
+        start_s = time.monotonic()
+        host.poll()
+        longest_s = max(longest_s, time.monotonic() - start_s)
+        time.sleep(0.01)
+    assert longest_s < 0.2
+    until(lambda: host.poll()[0])
+    os.kill(first.pid, signal.SIGKILL)
+    until(lambda: host.poll() and first.returncode is not None)
+    assert host.restarts == 1
+
+
+def test_it_dies_with_its_parent(tmp_path: Path) -> None:
+    program = """
+        import sys, time
+        from appliance.limits import Limits
+        from appliance.service.estimator.process_host import EstimatorHost
+        from tests.appliance.service.estimator.test_process_host import COMMAND, reference
+        host = EstimatorHost(reference(), Limits(), COMMAND)
+        while not host.poll()[0]:
+            time.sleep(0.01)
+        print(host.pid, flush=True)
+        time.sleep(60)
+    """
+    parent = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[4],
+    )
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    assert Path(f"/proc/{child}").exists()
+    parent.kill()
+    parent.communicate()
+    until(lambda: not _alive(child), 2)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False

@@ -1,0 +1,261 @@
+"""Calibration files: conversion, round trips and refusals."""
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from appliance.core.geometry import rotation_from_vector, vector_from_rotation
+from appliance.storage.calibration_file import (
+    calibration_from_image_to_probe,
+    image_to_probe,
+    read_calibration,
+    write_calibration,
+)
+from appliance.types import PARAMETERS, Calibration
+from drivers.errors import ConfigurationError
+from tests.support.recordings import plus_file
+
+SIZE_PX = (640, 480)
+
+
+def calibration(rotvec=(0.1, -0.2, 1.4), polarity=(1, 1), covariance=None, observed=(True,) * 8):
+    rotation = rotation_from_vector(np.array(rotvec, dtype=float))
+    scale, offset = np.array([0.22, 0.26]), np.array([12.0, -40.0, 3.5])
+    return Calibration(rotation, polarity, scale, offset, SIZE_PX, covariance, observed)
+
+
+def same(first, second, atol=1e-9):
+    np.testing.assert_allclose(first.rotation, second.rotation, atol=atol)
+    np.testing.assert_allclose(first.scale_mm_per_px, second.scale_mm_per_px, atol=atol)
+    np.testing.assert_allclose(first.offset_mm, second.offset_mm, atol=atol)
+    assert (first.polarity, first.image_size_px) == (second.polarity, second.image_size_px)
+    return True
+
+
+def test_image_to_probe_takes_the_picture_centre_to_the_offset():
+    """With R_x = 1 the centre lies at −t_x, and one pixel right of it λx mm further along x."""
+    plain = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.3]), np.array([5.0, 6.0, 7.0]), (101, 51))
+    matrix = image_to_probe(plain)
+    np.testing.assert_allclose(matrix @ [50, 25, 0, 1], [-5, -6, -7, 1])
+    np.testing.assert_allclose(matrix @ [51, 25, 0, 1], [-4.8, -6, -7, 1])
+    np.testing.assert_allclose(matrix @ [50, 26, 0, 1], [-5, -5.7, -7, 1])
+
+
+def test_rotation_is_sensor_to_picture():
+    """A sensor turned so that its y runs along the picture's x: R_x takes sensor y to picture x."""
+    turned = calibration((0, 0, -np.pi / 2))
+    np.testing.assert_allclose(turned.rotation @ [0, 1, 0], [1, 0, 0], atol=1e-12)
+    direction = image_to_probe(turned) @ [1, 0, 0, 0]
+    np.testing.assert_allclose(direction, [0, 0.22, 0, 0], atol=1e-12)
+
+
+@given(
+    rotvec=st.tuples(*[st.floats(-1.7, 1.7)] * 3),
+    polarity=st.tuples(st.sampled_from([-1, 1]), st.sampled_from([-1, 1])),
+)
+@settings(max_examples=60, deadline=None)
+def test_matrix_and_calibration_are_inverse(rotvec, polarity):
+    given_one = calibration(rotvec, polarity)
+    assert same(calibration_from_image_to_probe(image_to_probe(given_one), SIZE_PX, polarity), given_one)
+
+
+def test_a_mirrored_matrix_is_refused_unless_polarity_explains_it():
+    matrix = image_to_probe(calibration(polarity=(-1, 1)))
+    with pytest.raises(ConfigurationError, match="mirrored"):
+        calibration_from_image_to_probe(matrix, SIZE_PX)
+    assert same(calibration_from_image_to_probe(matrix, SIZE_PX, (-1, 1)), calibration(polarity=(-1, 1)))
+
+
+def test_a_missing_third_column_does_not_matter():
+    matrix = image_to_probe(calibration())
+    matrix[:3, 2] = 0
+    assert same(calibration_from_image_to_probe(matrix, SIZE_PX), calibration())
+
+
+def test_small_skew_is_shared_between_the_axes():
+    matrix = image_to_probe(calibration((0, 0, 0)))
+    matrix[:3, 1] = 0.26 * np.array([np.sin(0.02), np.cos(0.02), 0])
+    vector = vector_from_rotation(calibration_from_image_to_probe(matrix, SIZE_PX).rotation)
+    np.testing.assert_allclose(vector, [0, 0, 0.01], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value", "complaint"),
+    [
+        (0, 0, np.nan, "not finite"),
+        (3, 3, 2.0, "last row"),
+        (0, 1, 0.03, "sheared"),
+        (0, 2, 2.0, "sheared: its third axis"),
+        (2, 2, -1.0, "mirrored"),
+        (0, 0, 0.0, "scales 0 and"),
+        (1, 1, 260.0, "scales 0.22 and 260"),
+    ],
+)
+def test_what_is_not_scale_times_rotation_is_refused(row, column, value, complaint):
+    matrix = image_to_probe(calibration((0, 0, 0)))
+    matrix[row, column] = value
+    with pytest.raises(ConfigurationError, match=complaint):
+        calibration_from_image_to_probe(matrix, SIZE_PX, where="here")
+
+
+def test_written_calibration_is_read_again(tmp_path):
+    path = tmp_path / "probe.toml"
+    sigma = np.array([0.01, 0.02, 0.03, 0.004, 0.005, 0.6, 0.7, np.inf])
+    given_one = calibration(polarity=(-1, 1), covariance=np.diag(sigma**2), observed=(True,) * 7 + (False,))
+    write_calibration(path, given_one, {"operator": 'A. "Boss" Müller\n', "made at": "2024-05-01T10:00:00Z"})
+    read = read_calibration(path, SIZE_PX)
+    assert same(read, given_one, 0)
+    np.testing.assert_allclose(np.sqrt(np.diag(read.covariance)), sigma)
+    assert read.observed == given_one.observed
+    assert [entry.name for entry in tmp_path.iterdir()] == ["probe.toml"]
+
+
+def test_toml_may_give_image_to_probe_instead(tmp_path):
+    path = tmp_path / "probe.toml"
+    rows = [[float(value) for value in row] for row in image_to_probe(calibration())]
+    head = 'format = "probewatch-calibration"\nversion = 1\nimage_size_px = [640, 480]\n'
+    path.write_text(f"{head}image_to_probe = {rows}\n")
+    assert same(read_calibration(path), calibration())
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(ConfigurationError, match="cannot be written"):
+        write_calibration(tmp_path / "none" / "probe.toml", calibration(), {})
+
+
+@pytest.fixture
+def toml(tmp_path):
+    path = tmp_path / "probe.toml"
+    write_calibration(path, calibration((0, 0, 0), covariance=np.eye(8)), {"by": "test"})
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("version = 1", "version = 2", "version"),
+        ("polarity = [1, 1]", "polarity = [1, 0]", "polarity"),
+        ("polarity = [1, 1]", "polarty = [1, 1]", "polarty"),
+        ("[1.0, 0.0, 0.0]", "[0.9, 0.0, 0.0]", "rotation is not a rotation matrix"),
+        ("[1.0, 0.0, 0.0]", "[-1.0, 0.0, 0.0]", "rotation is not a rotation matrix"),
+        ("[1.0, 0.0, 0.0]", "[nan, 0.0, 0.0]", "line 12: .rotation. entry 1 entry 1 = nan"),
+        ("[1.0, 0.0, 0.0]", "[1.0, 0.0]", "line 12: .rotation. entry 1 entry 3 is missing"),
+        ("scale_mm_per_px = [0.22", "scale_mm_per_px = [0.0", "line 17: .scale_mm_per_px. entry 1 = -?0"),
+        ("scale_mm_per_px = [0.22", "scale_mm_per_px = [-0.22", "line 17: .scale_mm_per_px. entry 1 = -?0"),
+        ("scale_mm_per_px = [0.22, 0.26]", "", "together"),
+        ("offset_mm = [12.0", "offset_mm = [inf", "line 18: .offset_mm. entry 1 = inf"),
+        ("image_size_px = [640", "image_size_px = [0", "line 10: .image_size_px. entry 1 = 0: input"),
+        ("rotation-lateral = 1.0", "rotation-lateral = -1.0", ".sigma. rotation-lateral = -1.0"),
+        ("rotation-lateral = 1.0", "", "keys of .sigma."),
+        ("not_observed = []", 'not_observed = ["all"]', "not_observed"),
+        ("version = 1", "version 1", "neither TOML nor XML"),
+        ("version = 1", "version = " + 5000 * "1", "neither TOML nor XML"),
+        ("version = 1", "version = " + 5000 * "[", "neither TOML nor XML"),
+    ],
+)
+def test_bad_toml_is_refused_with_its_key(toml, old, new, complaint):
+    text = toml.read_text()
+    assert old in text
+    toml.write_text(text.replace(old, new, 1))
+    with pytest.raises(ConfigurationError, match=complaint) as refusal:
+        read_calibration(toml)
+    assert str(toml) in str(refusal.value)
+    assert refusal.value.remedy
+
+
+def test_pictures_of_another_size_are_refused(toml):
+    with pytest.raises(ConfigurationError, match=r"\(640, 480\), the pictures are \(800, 600\)"):
+        read_calibration(toml, (800, 600))
+
+
+def test_sigma_names_are_the_parameters(toml):
+    text = toml.read_text()
+    assert all(f"{name} = 1.0" in text for name in PARAMETERS)
+
+
+@given(at=st.floats(0, 1, exclude_max=True), length=st.integers(0, 30), patch=st.binary(max_size=12))
+@settings(max_examples=100, deadline=None)
+def test_no_mutation_escapes_as_another_error(tmp_path_factory, at, length, patch):
+    path = tmp_path_factory.mktemp("m", numbered=True) / "probe.toml"
+    write_calibration(path, calibration((0, 0, 0), covariance=np.eye(8)), {"by": "test"})
+    data = path.read_bytes()
+    cut = int(at * len(data))
+    path.write_bytes(data[:cut] + patch + data[cut + length :])
+    with suppress(ConfigurationError):
+        read = read_calibration(path)
+        assert np.abs(read.rotation @ read.rotation.T - np.eye(3)).max() < 1e-9
+
+
+XML = """<PlusConfiguration><CoordinateDefinitions>
+<Transform From="Image" To="Probe" Matrix="0 0.07 0 11  -0.08 0 0 48  0 0 0.075 0  0 0 0 1"/>
+<Transform From="Image" To="TransducerOriginPixel" Matrix="1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"/>
+</CoordinateDefinitions></PlusConfiguration>"""
+
+
+def test_plus_device_set(tmp_path):
+    path = tmp_path / "set.xml"
+    path.write_text(XML)
+    read = read_calibration(path, SIZE_PX)
+    np.testing.assert_allclose(read.scale_mm_per_px, [0.08, 0.07])
+    np.testing.assert_allclose(read.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(image_to_probe(read)[:3, 3], [11, 48, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('To="Probe"', 'To="Needle"', "0 transforms Image to Probe .* it has Image to Needle"),
+        ("CoordinateDefinitions", "Elsewhere", "it has none"),
+        ('To="TransducerOriginPixel"', 'To="Probe"', "2 transforms Image to Probe"),
+        ("0 0.07 0 11", "0 0.07 0", "sixteen numbers"),
+        ("0 0.07 0 11", "0 x 0 11", "sixteen numbers"),
+        ("0 0.07 0 11", "0 nan 0 11", "not finite"),
+        ("0 0.07 0 11", "0 0 0 11", "scales"),
+        ("0 0.07 0 11", "0.08 0.07 0 11", "sheared"),
+        ("0 0.07 0 11", "0 -0.07 0 11", "mirrored"),
+        ("</PlusConfiguration>", "", "not well-formed"),
+        ("<PlusConfiguration>", "<!DOCTYPE a [<!ENTITY b SYSTEM 'file:///etc/passwd'>]><PlusConfiguration>", "DOCTYPE"),
+    ],
+)
+def test_bad_device_sets_are_refused(tmp_path, old, new, complaint):
+    path = tmp_path / "set.xml"
+    assert old in XML
+    path.write_text(XML.replace(old, new))
+    with pytest.raises(ConfigurationError, match=complaint) as refusal:
+        read_calibration(path, SIZE_PX)
+    assert str(path) in str(refusal.value)
+
+
+def test_a_device_set_needs_the_size_of_the_pictures(tmp_path):
+    path = tmp_path / "set.xml"
+    path.write_text(XML)
+    with pytest.raises(ConfigurationError, match="size of the pictures"):
+        read_calibration(path)
+
+
+def test_absent_directory_and_oversized_files_are_refused(tmp_path):
+    big = tmp_path / "big.xml"
+    big.write_bytes(b"<" + 5_000_000 * b" ")
+    long = tmp_path / "long.toml"
+    long.write_text("x = [" + 10_000 * "1," + "]")
+    pipe = tmp_path / "pipe.toml"
+    os.mkfifo(pipe)
+    refused = [(tmp_path, "not a file"), (tmp_path / "none", "cannot be read"), (big, "too large")]
+    refused += [(long, "too large"), (pipe, "not a file"), (Path("/dev/zero"), "it is a device")]
+    for path, complaint in refused:
+        with pytest.raises(ConfigurationError, match=complaint):
+            read_calibration(path, SIZE_PX)
+
+
+def test_the_real_device_set():
+    path = plus_file("PlusDeviceSet_fCal_Sim_VolumeReconstruction.xml")
+    read = read_calibration(path, (820, 616))
+    np.testing.assert_allclose(read.scale_mm_per_px, [0.0803, 0.0745], atol=1e-4)
+    np.testing.assert_allclose(vector_from_rotation(read.rotation), [0.026, 0.007, 1.575], atol=1e-3)
+    np.testing.assert_allclose(image_to_probe(read)[:3, 3], [11.2, 48.4, -0.3], atol=0.15)
+    assert read.polarity == (1, 1)

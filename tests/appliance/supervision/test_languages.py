@@ -1,0 +1,101 @@
+"""German is complete: every state, check and reason of the service; what is unknown stays English as a whole."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from appliance.core.line import Line
+from appliance.core.quality.judgement import REQUIRED, Judgement, judge
+from appliance.limits import Limits
+from appliance.supervision.alarms import DISTURBED, HAZARDS, OUTDATED, SIGNALS
+from appliance.supervision.languages import GERMAN, told
+from appliance.supervision.watchers.devices import watch_devices
+from appliance.supervision.watchers.facts import Facts, Patience
+from appliance.types import PARAMETERS, Check, State, VerdictKind
+from drivers.samples import Frame, Stamp
+from tests.appliance.core.acquisition.test_input_validation import HEALTHY, noisy, verdicts
+from tests.appliance.core.test_line import truth
+from tools.shared.status_view import WORDS
+
+NOT_VERIFIED = VerdictKind.NOT_VERIFIED
+LONGEST_NAME = 20
+"""Two columns of checks fit 80 columns."""
+
+
+def check_names() -> set[str]:
+    """Of every check that line and watchers make."""
+    _, found = verdicts(noisy((48, 64), np.uint8))
+    line = Line(truth(HEALTHY), Limits())
+    found += line.step(Frame(Stamp(0, 0), 0, np.zeros((10, 10), np.uint8)))
+    found += [line.report().verdict]
+    devices = watch_devices(0, Facts(started_ns=0), Patience())
+    return {check.name for verdict in found for check in verdict.checks} | {check.name for check in devices}
+
+
+def test_every_check_is_translated_and_its_name_is_short() -> None:
+    names = check_names()
+    assert names >= {*PARAMETERS, "polarity", "latency", "frozen-tracker", "line of sight"}
+    assert names - {"picture-size"} <= set(GERMAN)
+    assert max(len(GERMAN[name]) for name in names) <= LONGEST_NAME
+    assert len({GERMAN[name] for name in names}) == len(names)
+
+
+def test_nothing_is_translated_that_nobody_says() -> None:
+    tables = {text for row in (*SIGNALS.values(), *HAZARDS.values()) for text in (row.text, row.remedy)}
+    words = {*WORDS.values(), *(state.value for state in State), OUTDATED, DISTURBED}
+    reasons = {text for text in GERMAN if "{" in text and text not in words}
+    units = {"deg", "axes"}
+    said = {"calibration verified", "verified only in parts", "no ultrasound in the picture"}
+    assert set(GERMAN) == tables | words | reasons | units | said | check_names() | {"picture-size", "no-picture"}
+    assert len(reasons) == 8
+
+
+def test_every_word_of_the_status_is_translated_with_the_same_fields() -> None:
+    assert set(WORDS.values()) <= set(GERMAN)
+    for english, german in GERMAN.items():
+        assert sorted(re.findall(r"{[^}]*}", english)) == sorted(re.findall(r"{[^}]*}", german)), english
+
+
+def checks(**values: tuple[float, float, VerdictKind]) -> tuple[Check, ...]:
+    good = {name: Check(name, name.split("-")[0], 0.1, 0.1, "%", 5.0, VerdictKind.OK) for name in REQUIRED}
+    for name, (value, sigma, verdict) in values.items():
+        good[name.replace("_", "-")] = Check(name.replace("_", "-"), "scale", value, sigma, "%", 5.0, verdict)
+    return tuple(good.values())
+
+
+@pytest.mark.parametrize(
+    "reason",
+    [
+        judge(0, ()).reason,
+        judge(0, checks()).reason,
+        judge(0, checks(scale_lateral=(4.6, 0.1, NOT_VERIFIED))).reason,
+        judge(0, checks(scale_lateral=(-7.3, 0.1, NOT_VERIFIED))).reason,
+        judge(0, checks(offset_axial=(-7.3, 0.1, NOT_VERIFIED))).reason,
+        judge(0, checks(scale_axial=(7.3, 0.1, VerdictKind.FAULT))).reason,
+        judge(0, checks(motion_agreement=(1.7, 0.0, NOT_VERIFIED), polarity=(0.0, 0.0, NOT_VERIFIED))).reason,
+        Judgement().overall(()).reason,
+        Judgement().overall(checks()).reason,
+        replace(judge(0, ()), reason=OUTDATED).reason,
+    ],
+)
+def test_every_reason_is_told_in_german(reason: str) -> None:
+    german = told(reason, "de")
+    assert german != reason
+    assert not re.search(r"\b(limit|not|its|shown|verified|scale|picture|probe)\b", german), german
+    assert re.findall(r"[-+]?\d[\d.]*", german) == re.findall(r"[-+]?\d[\d.]*", reason)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "the picture has shape (2, 3, 4), not (height, width): convert colour to grey in the driver",
+        "calibration verified; something new",
+        "not shown yet: polarity, something-new",
+        "as the test wishes",
+    ],
+)
+def test_what_is_unknown_stays_english_as_a_whole(text: str) -> None:
+    assert told(text, "de") == text
+    assert told(text, "en") == text

@@ -1,0 +1,77 @@
+"""The alarm's sound: its spectrum, and what the real player hands to ALSA."""
+
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.clock.host_clock import HostClock
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.outputs.tone import RATE_HZ, tone
+from drivers.registry import open_output
+
+PLAYER = pytest.mark.skipif(shutil.which("aplay") is None, reason="aplay (alsa-utils) is not installed")
+
+
+@pytest.mark.parametrize("pitch_hz", [150, 440, 1000])
+def test_the_tone_has_a_fundamental_and_four_harmonics_within_15_db(pitch_hz: int) -> None:
+    samples = tone(pitch_hz, 0, RATE_HZ)
+    spectrum = np.abs(np.fft.rfft(samples))
+    partials = [spectrum[pitch_hz * order] for order in range(1, 6)]
+    assert min(partials) > max(partials) * 10 ** (-15 / 20)
+    assert sum(value**2 for value in partials) / np.sum(spectrum**2) > 0.999
+    assert np.abs(samples).max() <= 1
+
+
+def test_blocks_join_without_a_step() -> None:
+    joined = np.concatenate([tone(440, first, 100) for first in range(0, 1600, 100)])
+    np.testing.assert_allclose(joined, tone(440, 0, 1600), atol=1e-12)
+
+
+@PLAYER
+def test_what_the_player_hands_to_alsa_sounds_only_while_de_energised(tmp_path: Path) -> None:
+    recording = tmp_path / "heard.raw"
+    clock = HostClock()
+    with open_output(f"tone:file:FILE={recording},FORMAT=raw", clock) as output:
+        for energised in [True] * 6 + [False] * 8 + [True] * 6:
+            output.write(energised)
+            clock.sleep_until(clock.now_ns() + 50_000_000)
+        time.sleep(0.3)
+    heard = np.frombuffer(recording.read_bytes(), "<i2").astype(float)
+    loud = np.flatnonzero(np.abs(heard) > 1000)
+    assert 0.3 <= (loud[-1] - loud[0]) / RATE_HZ <= 0.6
+    assert 0.2 <= loud[0] / RATE_HZ <= 0.6
+    assert not heard[: loud[0] - RATE_HZ // 50].any()
+
+
+@PLAYER
+def test_a_player_that_cannot_open_the_card_is_a_lost_device() -> None:
+    with open_output("tone:no-such-card", HostClock()) as output:
+        time.sleep(0.3)
+        with pytest.raises(DeviceLost, match="aplay -L"):
+            output.write(False)
+
+
+@PLAYER
+@pytest.mark.parametrize(("url", "part"), [("tone:x?pitch=90", "150 to 1000"), ("tone:x?volume=9", "volume")])
+def test_what_can_never_work_is_refused(url: str, part: str) -> None:
+    with pytest.raises(ConfigurationError, match=part):
+        open_output(url, HostClock())
+
+
+def test_a_missing_player_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(ConfigurationError, match="alsa-utils"):
+        open_output("tone:default", HostClock())
+
+
+def test_a_player_that_cannot_be_started_is_a_lost_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as after an upgrade gone wrong: it must not take the other outputs with it."""
+    player = tmp_path / "aplay"
+    player.write_bytes(b"\x7fELF")
+    player.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(DeviceLost, match=r"cannot be started \(Exec format error\)"):
+        open_output("tone:default", HostClock())

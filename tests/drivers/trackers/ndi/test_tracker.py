@@ -1,0 +1,381 @@
+"""The NDI driver against a simulated Polaris on a real pseudo-terminal: states it may find, faults it must tell."""
+
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+import pytest
+
+from drivers.clock.host_clock import HostClock
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.samples import PoseStatus
+from drivers.trackers.ndi.pose_status import status_of_system, status_of_tool
+from drivers.trackers.ndi.replies import HandleState, ToolReply
+from drivers.trackers.ndi.tracker import open_tracker
+from drivers.twins.faults import Episode, Schedule
+from drivers.twins.ndi.combined_api import Mode
+from drivers.twins.ndi.tool_definitions import REFERENCE, make_rom
+from tests.support.simulated import PROBEWATCH
+from tests.support.simulated_ndi import bench, moving, poses, until
+
+
+def test_poses_and_times_are_those_of_the_device(tmp_path: Path) -> None:
+    with bench(tmp_path, rate=1.0) as cart, cart.open() as tracker:
+        found = poses(tracker, 90)
+        for pose in found:
+            assert pose.status is PoseStatus.OK
+            assert pose.matrix is not None
+            t_s = cart.twin.device.frame_s(pose.sequence)
+            np.testing.assert_allclose(pose.matrix, moving("probe", t_s, 0), atol=1e-3)
+            assert pose.rms_mm == pytest.approx(0.2, abs=1e-6)
+        assert [b.sequence - a.sequence for a, b in pairwise(found)].count(1) >= 60
+        errors_ns = np.array(
+            [abs(p.stamp.t_ns - cart.clock.origin_ns - cart.twin.device.frame_s(p.sequence) * 1e9) for p in found]
+        )
+        assert np.median(errors_ns[60:]) < 2e6
+        assert np.mean(errors_ns <= [pose.stamp.err_ns for pose in found]) >= 0.95
+
+
+def test_poses_relative_to_the_reference_tool(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open(reference=str(tmp_path / "reference.rom")) as tracker:
+        (pose,) = poses(tracker, 1)
+        t_s = cart.twin.device.frame_s(pose.sequence)
+        expected = np.linalg.inv(moving("reference", t_s, 0)) @ moving("probe", t_s, 0)
+        assert pose.matrix is not None
+        np.testing.assert_allclose(pose.matrix, expected, atol=1e-3)
+        cart.twin.device.ports[cart.handle(REFERENCE)].seen = False
+        assert until(tracker, PoseStatus.MISSING).reason == "reference tool: the tracker does not see the tool"
+
+
+def test_closing_leaves_the_device_as_a_fresh_program_expects_it(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart:
+        with cart.open() as tracker:
+            poses(tracker, 1)
+        assert (cart.twin.device.mode, cart.twin.device.baud) == (Mode.INITIALISED, 9600)
+
+
+def test_the_first_wired_tool_needs_no_definition(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart:
+        cart.twin.device._wired = ("probe",)
+        with open_tracker(str(tmp_path / "tracker"), {"deadline_ms": "2000"}, cart.clock) as tracker:
+            assert until(tracker, PoseStatus.OK).matrix is not None
+
+
+def test_no_tool_at_all_says_so(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, pytest.raises(DeviceLost, match="no tool is connected"):
+        open_tracker(str(tmp_path / "tracker"), {}, cart.clock)
+
+
+@pytest.mark.parametrize(
+    ("bits", "status", "word"),
+    [
+        (0x40, PoseStatus.OUT_OF_VOLUME, "outside"),
+        (0x80, PoseStatus.PARTIAL, "partly outside"),
+        (0x200, PoseStatus.FAULT, "interference"),
+        (0x1000, PoseStatus.FAULT, "exception"),
+    ],
+)
+def test_port_status_takes_the_number_away(tmp_path: Path, bits: int, status: PoseStatus, word: str) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 1)
+        cart.twin.device.ports[cart.handle()].extra_status = bits
+        pose = until(tracker, status)
+        assert word in pose.reason
+        cart.twin.device.ports[cart.handle()].extra_status = 0
+        assert until(tracker, PoseStatus.OK).matrix is not None
+
+
+def test_missing_tool_is_a_fresh_fact(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 1)
+        cart.twin.device.ports[cart.handle()].seen = False
+        first = until(tracker, PoseStatus.MISSING)
+        second = until(tracker, PoseStatus.MISSING)
+        assert second.sequence > first.sequence
+        assert second.stamp.t_ns > first.stamp.t_ns
+        cart.twin.device.ports[cart.handle()].seen = True
+        assert until(tracker, PoseStatus.OK).matrix is not None
+
+
+def test_bump_is_latched_and_names_itself(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 1)
+        cart.twin.device.raise_alert(0x200000)
+        assert until(tracker, PoseStatus.FAULT).reason == "the position sensor was bumped"
+        assert cart.twin.device.new_alerts == 0, "the alert was read"
+        assert {pose.status for pose in poses(tracker, 5)} == {PoseStatus.FAULT}
+
+
+@pytest.mark.parametrize(("unanswered", "lost"), [(2, False), (100, True)])
+def test_an_alert_that_is_asked_for_in_vain_loses_the_tracker_only_when_it_insists(
+    unanswered: int, lost: bool, tmp_path: Path
+) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 1)
+        answer, left = cart.twin.device.answer, [b""] * unanswered
+
+        def deaf_to_get(line: bytes, t_s: float, monitor: bool = False) -> bytes:
+            return left.pop() if line.startswith(b"GET") and left else answer(line, t_s, monitor)
+
+        cart.twin.device.answer = deaf_to_get  # type: ignore[method-assign]
+        cart.twin.device.raise_alert(0x200000)
+        if lost:
+            with pytest.raises(DeviceLost, match="does not tell its alerts"):
+                poses(tracker, 20)
+        else:
+            assert until(tracker, PoseStatus.FAULT).reason == "the position sensor was bumped"
+
+
+def test_low_battery_does_not_stop_the_watch(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        cart.twin.device.raise_alert(0x100000)
+        assert {pose.status for pose in poses(tracker, 5)} == {PoseStatus.OK}
+
+
+def test_standing_counter_is_stale_and_recovers(tmp_path: Path) -> None:
+    with bench(tmp_path, rate=1.0) as cart, cart.open() as tracker:
+        poses(tracker, 30)
+        cart.faults("stale-tracker")
+        began_ns = cart.clock.now_ns()
+        stale = until(tracker, PoseStatus.STALE)
+        assert "stood still" in stale.reason
+        assert cart.clock.now_ns() - began_ns < 150e6
+        assert tracker.read(0.2) is not None, "word that it is still stale"
+        cart.faults()
+        assert until(tracker, PoseStatus.OK).matrix is not None
+
+
+def test_repeated_pose_under_a_running_counter_is_stale(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 3)
+        cart.twin.device._pose_at = lambda tool, t_s, number: np.eye(4)
+        assert "equal to the last bit" in until(tracker, PoseStatus.STALE).reason
+
+
+def test_a_20_hz_unit_is_not_stale(tmp_path: Path) -> None:
+    with bench(tmp_path, rate=1.0, track_hz=20) as cart, cart.open() as tracker:
+        found = poses(tracker, 25)
+        assert {pose.status for pose in found} == {PoseStatus.OK}
+        steps = [b.sequence - a.sequence for a, b in pairwise(found)]
+        assert median(steps) == 3
+        assert all(step % 3 == 0 for step in steps), "one lost on a busy host makes two"
+
+
+def test_scheduled_faults_act_on_the_probe(tmp_path: Path) -> None:
+    schedule = Schedule((Episode("slide-marker", 0.0),))
+    with bench(tmp_path, schedule=schedule) as cart, cart.open() as tracker:
+        (pose,) = poses(tracker, 1)
+        assert pose.matrix is not None
+        true = moving("probe", cart.twin.device.frame_s(pose.sequence), 0)
+        assert np.linalg.norm(pose.matrix[:3, 3] - true[:3, 3]) == pytest.approx(10.0, abs=0.05)
+
+
+@pytest.mark.parametrize(("track_hz", "step"), [(60, 1), (20, 3)])
+def test_sparse_poses_are_one_measurement_in_twelve(tmp_path: Path, track_hz: int, step: int) -> None:
+    schedule = Schedule((Episode("sparse-poses", 0.0),))
+    with bench(tmp_path, track_hz=track_hz, schedule=schedule) as cart, cart.open() as tracker:
+        found = poses(tracker, 60)
+    expected = [PoseStatus.MISSING if pose.sequence // step % 12 else PoseStatus.OK for pose in found]
+    assert [pose.status for pose in found] == expected
+    assert PoseStatus.OK in expected
+
+
+def test_latency_reports_an_old_pose_as_fresh(tmp_path: Path) -> None:
+    with bench(tmp_path, schedule=Schedule((Episode("latency", 0.0),))) as cart, cart.open() as tracker:
+        (pose,) = poses(tracker, 1)
+        assert pose.matrix is not None
+        assert pose.matrix[0, 3] == pytest.approx(10 * (cart.twin.device.frame_s(pose.sequence) - 0.1), abs=1e-3)
+
+
+def test_a_device_that_stays_silent_is_given_up_in_plain_words(tmp_path: Path) -> None:
+    with bench(tmp_path, rate=20.0, schedule=Schedule((Episode("lose-tracker", 0.0),))) as cart:
+        with pytest.raises(DeviceLost, match="does not answer at any line speed") as refusal:
+            cart.open()
+        assert "switched on" in str(refusal.value)
+
+
+def flip_a_bit(reply: bytes) -> bytes:
+    return reply[:20] + bytes([reply[20] ^ 1]) + reply[21:]
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [flip_a_bit, lambda reply: b"\n\xc4" + reply, lambda reply: b"OKAYA896\r", lambda reply: reply[:4] + b"\0\0\0\0"],
+    ids=["bit", "junk before", "OKAY in place of data", "header CRC"],
+)
+def test_damaged_replies_are_refused_and_asked_for_again(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
+    with bench(tmp_path, rate=1.0) as cart, cart.open(deadline_ms="1000") as tracker:
+        spoilt = iter((True, True))
+        cart.twin.spoil = lambda reply: spoil(reply) if next(spoilt, False) else reply
+        found = poses(tracker, 10)
+        assert tracker.telemetry.refused == 2
+        for pose in found:
+            assert pose.matrix is not None
+            expected = moving("probe", cart.twin.device.frame_s(pose.sequence), 0)
+            np.testing.assert_allclose(pose.matrix, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda reply: b"", lambda reply: reply[:30], lambda reply: b"\xc4\xa5", flip_a_bit],
+    ids=["nothing", "half", "start word", "always damaged"],
+)
+def test_no_good_reply_within_the_deadline_is_a_lost_device(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
+    with bench(tmp_path, rate=0.5) as cart, cart.open(deadline_ms="120") as tracker:
+        poses(tracker, 2)
+        cart.twin.spoil = spoil
+        began_ns = cart.clock.now_ns()
+        with pytest.raises(DeviceLost):
+            poses(tracker, 10)
+        assert cart.clock.now_ns() - began_ns < 300e6
+
+
+def test_a_late_reply_never_becomes_the_next(tmp_path: Path) -> None:
+    """The same old reply arrives again before each new one: only frames in order, none twice."""
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        first: list[bytes] = []
+        cart.twin.spoil = lambda reply: (first.append(reply), reply + first[0])[1]
+        sequences = [pose.sequence for pose in poses(tracker, 20)]
+        assert sequences == sorted(set(sequences))
+
+
+def test_a_counter_that_starts_anew_is_believed_after_a_few_replies(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        before = poses(tracker, 3)[-1]
+        cart.twin.device._counter_zero = before.sequence + 2
+        after = until(tracker, PoseStatus.OK)
+        assert after.sequence < before.sequence
+        assert after.stamp.t_ns > before.stamp.t_ns
+
+
+def test_reset_in_mid_stream_is_a_lost_device_and_heals(tmp_path: Path) -> None:
+    with bench(tmp_path, rate=8.0) as cart:
+        with cart.open() as tracker:
+            poses(tracker, 2)
+            cart.twin.spoil = lambda reply: b"RESETBE6F\r"
+            with pytest.raises(DeviceLost, match="restarted by itself"):
+                poses(tracker, 10)
+            cart.twin.spoil = bytes
+            cart.twin.device.reset()
+        with cart.open() as tracker:
+            assert until(tracker, PoseStatus.OK).matrix is not None
+
+
+def test_device_out_of_tracking_mode_is_lost(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 2)
+        cart.twin.device.mode = Mode.INITIALISED
+        with pytest.raises(DeviceLost, match="ERROR0C"):
+            poses(tracker, 3)
+
+
+def test_unplugged_cable_is_lost_at_once(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 2)
+        cart.line.unplug()
+        with pytest.raises(DeviceLost, match="serial port failed"):
+            poses(tracker, 3)
+
+
+def test_tool_unplugged_or_plugged_starts_the_connection_anew(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        poses(tracker, 2)
+        cart.twin.device.system_status = 0x80
+        with pytest.raises(DeviceLost, match="plugged"):
+            poses(tracker, 3)
+
+
+def test_port_in_use_and_absent_port(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open():
+        with pytest.raises(DeviceLost, match="in use by another program"):
+            cart.open()
+        with pytest.raises(DeviceLost, match="no such serial port"):
+            open_tracker(str(tmp_path / "nothing"), {}, cart.clock)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"baud": "12345"}, "baud=12345"),
+        ({"probee": "x"}, "unknown option 'probee'"),
+        ({"probe": "/nowhere/p.rom"}, "cannot be read"),
+        ({"reference": "r.rom"}, "need a probe"),
+        ({"deadline_ms": "0"}, "deadline_ms=0"),
+        ({"counter_hz": "fast"}, "counter_hz=fast"),
+    ],
+)
+def test_bad_options_are_refused_before_the_port_is_opened(options: dict[str, str], words: str) -> None:
+    with pytest.raises(ConfigurationError, match=words):
+        open_tracker("/dev/null", options, HostClock())
+
+
+@pytest.mark.parametrize("damage", [lambda rom: rom[:-1] + b"\x01", lambda rom: rom[:100], lambda rom: b"PK" + rom])
+def test_damaged_tool_definition_is_refused(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    (tmp_path / "bad.rom").write_bytes(damage(make_rom()))
+    with pytest.raises(ConfigurationError, match="tool definition"):
+        open_tracker("/dev/null", {"probe": str(tmp_path / "bad.rom")}, HostClock())
+
+
+@pytest.mark.thorough
+def test_a_slow_line_gives_long_replies_their_time(tmp_path: Path) -> None:
+    """Four tools at 9600 baud: with details a reply takes half a second, and the deadline is 200 ms."""
+    with bench(tmp_path) as cart:
+        probe, reference = cart.rom("probe"), cart.rom("reference")
+        options = {"baud": "9600", "reference": reference, "tools": f"{probe},{probe}", "deadline_ms": "200"}
+        with cart.open(**options) as tracker:
+            assert {pose.status for pose in poses(tracker, 6)} == {PoseStatus.OK}
+            assert len(tracker.telemetry.tools) == 4
+
+
+def test_a_speed_the_device_lacks_is_a_configuration_error(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, pytest.raises(ConfigurationError, match="does not have 1228739 baud"):
+        cart.open(baud="1228739")
+
+
+def test_disabled_and_unready_ports_carry_no_pose() -> None:
+    assert status_of_tool(ToolReply(1, HandleState.DISABLED))[0] is PoseStatus.DISABLED
+    assert status_of_tool(ToolReply(1, HandleState.VALID, None, 0x30, 1))[0] is PoseStatus.DISABLED
+    assert status_of_tool(ToolReply(1, HandleState.VALID, None, 0x11, 1))[0] is PoseStatus.DISABLED
+    assert status_of_tool(ToolReply(1, HandleState.VALID, None, 0x31, 1)) == (PoseStatus.OK, "")
+    assert status_of_system(0x0200, 0)[0] is PoseStatus.FAULT
+
+
+@pytest.mark.thorough
+def test_killed_twin_is_lost_and_a_new_one_takes_the_link_over(tmp_path: Path) -> None:
+    command = [*PROBEWATCH, "simulate", "ndi", "--model", "polaris-spectra", "--pty", str(tmp_path / "tracker")]
+    command += ["--rom", str(tmp_path / "probe.rom"), "--origin-ns", str(time.monotonic_ns())]
+    clock = HostClock()
+    with _process(command) as (first, url), open_tracker(*_split(url), clock) as tracker:
+        assert until(tracker, PoseStatus.OK).matrix is not None
+        first.send_signal(signal.SIGKILL)
+        first.wait()
+        with pytest.raises(DeviceLost):
+            poses(tracker, 3)
+    with _process(command) as (second, url):
+        with open_tracker(*_split(url), clock) as tracker:
+            assert until(tracker, PoseStatus.OK).matrix is not None
+        second.terminate()
+        assert second.wait(5) == 0
+    assert not (tmp_path / "tracker").is_symlink(), "a stopped twin removes what it made"
+
+
+def _split(url: str) -> tuple[str, dict[str, str]]:
+    target, _, rom = url.removeprefix("ndi:").partition("?probe=")
+    return target, {"probe": rom}
+
+
+@contextmanager
+def _process(command: list[str]) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process, json.loads(process.stdout.readline())["url"]
+        finally:
+            process.kill()

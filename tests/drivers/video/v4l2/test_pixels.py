@@ -1,0 +1,83 @@
+"""Captured bytes → grey, against OpenCV's own conversions, with lines longer than the picture is wide."""
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.video.v4l2.pixels import FORMATS, BrokenPicture, grey
+
+W, H, PAD = 64, 48, 32
+
+
+def scene() -> np.ndarray:
+    """(H, W, 3) uint8 BGR: noise, smoothed."""
+    return cv2.GaussianBlur(np.random.default_rng(5).integers(0, 256, (H, W, 3), np.uint8), (5, 5), 0)
+
+
+def padded(rows: np.ndarray) -> tuple[np.ndarray, int]:
+    """(flat bytes with PAD bytes of rubbish after each line, bytes per line)."""
+    wide = np.full((rows.shape[0], rows.shape[1] + PAD), 0xA5, np.uint8)
+    wide[:, : rows.shape[1]] = rows
+    return wide.ravel(), wide.shape[1]
+
+
+def yuyv_of(y: np.ndarray) -> np.ndarray:
+    """(H, W) luminance → (H, 2 W) bytes Y U Y V with chroma that is not neutral."""
+    rows = np.empty((H, 2 * W), np.uint8)
+    rows[:, ::2], rows[:, 1::4], rows[:, 3::4] = y, 90, 200
+    return rows
+
+
+def test_grey_is_passed_on() -> None:
+    image = scene()[..., 1]
+    data, stride = padded(image)
+    np.testing.assert_array_equal(grey("GREY", data, W, H, stride), image)
+    np.testing.assert_array_equal(grey("GREY", image.ravel(), W, H, 0), image)
+
+
+def test_yuyv_is_what_opencv_takes_for_its_luminance() -> None:
+    rows = yuyv_of(scene()[..., 0])
+    data, stride = padded(rows)
+    expected = cv2.cvtColor(rows.reshape(H, W, 2), cv2.COLOR_YUV2GRAY_YUYV)
+    np.testing.assert_array_equal(grey("YUYV", data, W, H, stride), expected)
+
+
+def test_nv12_is_what_opencv_takes_for_its_luminance() -> None:
+    planes = np.random.default_rng(6).integers(0, 256, (H * 3 // 2, W), np.uint8)
+    data, stride = padded(planes)
+    expected = cv2.cvtColor(planes, cv2.COLOR_YUV2GRAY_NV12)
+    np.testing.assert_array_equal(grey("NV12", data, W, H, stride), expected)
+
+
+def test_rgb_is_what_opencv_makes_grey() -> None:
+    bgr = scene()
+    data, stride = padded(bgr[..., ::-1].reshape(H, 3 * W))
+    expected = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
+    np.testing.assert_array_equal(grey("RGB3", data, W, H, stride), expected)
+    red = np.zeros((H, 3 * W), np.uint8)
+    red[:, ::3] = 255
+    assert grey("RGB3", red.ravel(), W, H, 0)[0, 0] == 76, "the first byte is red: 0.299 · 255"
+
+
+def test_mjpeg_with_filling_bytes() -> None:
+    image = scene()[..., 2]
+    whole, jpeg = cv2.imencode(".jpg", image)
+    assert whole
+    data = np.concatenate([jpeg.ravel(), np.zeros(200, np.uint8)])
+    shown = grey("MJPG", data, W, H, 0)
+    np.testing.assert_array_equal(shown, cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE))
+    assert np.abs(shown.astype(int) - image).mean() < 8
+
+
+@pytest.mark.parametrize("code", FORMATS)
+def test_too_few_bytes_are_refused(code: str) -> None:
+    with pytest.raises(BrokenPicture):
+        grey(code, np.zeros(W * H - 1, np.uint8), W, H, 0)
+
+
+def test_a_cut_or_strange_jpeg_is_refused() -> None:
+    _, jpeg = cv2.imencode(".jpg", scene())
+    with pytest.raises(BrokenPicture, match="no whole"):
+        grey("MJPG", jpeg.ravel()[:-40], W, H, 0)
+    with pytest.raises(BrokenPicture, match=f"{W}x{H}, not 32x32"):
+        grey("MJPG", jpeg.ravel(), 32, 32, 0)

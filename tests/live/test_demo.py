@@ -1,0 +1,152 @@
+"""`probewatch demo` as a process: a real run that leaves nothing behind, and what it refuses."""
+
+import json
+import os
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.twins.faults import FAULT_CLASS
+from tests.support.demo_cart import PROBEWATCH
+from tests.support.polling import until
+
+
+class Demo:
+    """A demo of its own process; every process under it carries a mark in its environment."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.folder, self.mark = folder, f"PROBEWATCH_TEST={folder.name}-{os.getpid()}"
+        name, _, value = self.mark.partition("=")
+        environment = os.environ | {"TMPDIR": str(folder), name: value}
+        self.process = subprocess.Popen(
+            [str(PROBEWATCH), "demo", *arguments],
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=environment,
+        )
+
+    def processes(self) -> dict[int, str]:
+        """Command line of every living process with the mark, the demo's own excepted."""
+        found = {}
+        for place in Path("/proc").glob("[0-9]*"):
+            try:
+                if self.mark in (place / "environ").read_text() and int(place.name) != self.process.pid:
+                    found[int(place.name)] = (place / "cmdline").read_text()
+            except OSError:
+                continue
+        return found
+
+    def pid_of(self, part: str) -> int:
+        return until(lambda: next((pid for pid, line in self.processes().items() if part in line), 0), 20)
+
+    def finish(self, deadline_s: float = 40.0) -> tuple[int, str, str]:
+        out, err = self.process.communicate(timeout=deadline_s)
+        return self.process.returncode, out, err
+
+    def left_nothing(self) -> bool:
+        return not self.processes() and not list(self.folder.iterdir())
+
+
+@pytest.fixture
+def demos() -> Iterator[list[Demo]]:
+    started: list[Demo] = []
+    yield started
+    for demo in started:
+        if demo.process.poll() is None:
+            demo.process.kill()
+            demo.process.communicate()
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    """For the demo's temporary files; near the root, as the path of a Unix socket is bounded."""
+    with tempfile.TemporaryDirectory(prefix="pw-") as place:
+        yield Path(place)
+
+
+def test_a_mirrored_picture_from_bytes_to_halt_and_back(tmp_path: Path, folder: Path, demos: list[Demo]) -> None:
+    report = tmp_path / "demo.json"
+    demo = Demo(folder, "--fault", "flip-lateral@19", "--json", str(report))
+    demos.append(demo)
+    code, out, err = demo.finish(90)
+    assert (code, err) == (0, ""), out
+    assert not [character for character in out if ord(character) < 32 and character != "\n"]
+    assert demo.left_nothing()
+    fields = json.loads(report.read_text())
+    (fault,) = fields["faults"]
+    times_s = [fault[f"{name}_after_s"] for name in ("warning", "halt", "recalibration_request", "acknowledged")]
+    assert (fields["passed"], fault["named"], times_s) == (True, "polarity", sorted(times_s))
+    assert [switch["energised"] for switch in fields["contact"]] == [True, False, True]
+    assert "PASSED" in out.splitlines()[-1]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_ends_everything(folder: Path, demos: list[Demo], number: signal.Signals) -> None:
+    demo = Demo(folder)
+    demos.append(demo)
+    demo.pid_of("estimator_process")
+    demo.process.send_signal(number)
+    demo.process.send_signal(number)
+    code, _, err = demo.finish()
+    assert (code, err) == (130, "probewatch: stopped\n")
+    assert demo.left_nothing()
+
+
+def test_a_stop_while_starting_ends_everything(folder: Path, demos: list[Demo]) -> None:
+    demo = Demo(folder)
+    demos.append(demo)
+    demo.pid_of("scanner")
+    demo.process.send_signal(signal.SIGINT)
+    assert demo.finish()[0] == 130
+    assert demo.left_nothing()
+
+
+@pytest.mark.parametrize(("part", "name"), [("ndi", "polaris"), ("run", "service")])
+def test_a_part_that_dies_is_named(folder: Path, demos: list[Demo], part: str, name: str) -> None:
+    demo = Demo(folder)
+    demos.append(demo)
+    demo.pid_of("estimator_process")
+    os.kill(demo.pid_of(f"\0{part}\0"), signal.SIGKILL)
+    code, _, err = demo.finish()
+    assert code == 69
+    assert f"{name} was killed by signal 9; its last lines:" in err
+    assert "Traceback" not in err
+    assert demo.left_nothing()
+
+
+def test_a_killed_demo_takes_its_processes_with_it(folder: Path, demos: list[Demo]) -> None:
+    demo = Demo(folder)
+    demos.append(demo)
+    demo.pid_of("estimator_process")
+    demo.process.kill()
+    demo.process.communicate()
+    until(lambda: not demo.processes(), 40)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["--fault", "flip@20"], 2, "'flip' is none of flip-lateral"),
+        (["--fault", "depth"], 2, "such as depth@25"),
+        (["--fault", "depth@nan"], 2, "needs a time in seconds"),
+        (["--fault", "depth@20", "--duration", "30"], 78, "the last fault may need until 58 s"),
+        (["--json", "/nowhere/at/all.json"], 78, "cannot be written"),
+    ],
+)
+def test_a_bad_command_line_is_refused_before_anything_starts(arguments: list[str], code: int, said: str) -> None:
+    began_s = time.monotonic()
+    refused = subprocess.run([str(PROBEWATCH), "demo", *arguments], capture_output=True, text=True, check=False)
+    assert (refused.returncode, refused.stdout) == (code, "")
+    assert said in refused.stderr
+    assert time.monotonic() - began_s < 30
+
+
+def test_the_help_names_every_fault() -> None:
+    text = subprocess.run([str(PROBEWATCH), "demo", "--help"], capture_output=True, text=True, check=True).stdout
+    assert all(fault in text and fault_class in text for fault, fault_class in FAULT_CLASS.items())

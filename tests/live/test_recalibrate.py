@@ -1,0 +1,366 @@
+"""`probewatch recalibrate`: refusals in one line, the file it writes, and the service through a whole recalibration."""
+
+import hashlib
+import io
+import signal
+import subprocess
+import sys
+import threading
+import time
+import tomllib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import pytest
+
+from appliance.service.control.server import ControlRefused, ControlServer
+from appliance.storage.calibration_file import (
+    calibration_from_image_to_probe,
+    image_to_probe,
+    read_calibration,
+    write_calibration,
+)
+from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.twins.scene.world import World, WorldSettings
+from tests.support import stores
+from tests.support.demo_cart import PROBEWATCH, Cart
+from tests.support.polling import until
+from tests.support.stores import configuration, log, settled
+from tools.cli import main
+
+pytestmark = pytest.mark.usefixtures("log")
+__all__ = ["log"]
+
+SIZE_PX = (320, 240)
+START_NS = 7_000_000_000
+PROPOSAL = {"text": "hardly", "confirm": False}
+PERIOD_NS = 1_000_000_000 // 30
+TRUE_OFFSET_MM = np.array([11.0, 62.0, 14.0])
+
+
+def world(seed: int, program: str = "freehand") -> World:
+    return World(seed, program, "cross-wire", WorldSettings(*SIZE_PX))
+
+
+def record(path: Path, seen: World, pictures: int) -> Path:
+    """A PLUS sequence in which each picture carries its own pose."""
+    items = []
+    for index in range(pictures):
+        t_s = index / 30
+        pose = seen.measured_pose(t_s, index)
+        items.append(SequenceItem(START_NS + index * PERIOD_NS, seen.frame(t_s, index), {"ProbeToTracker": pose}))
+    write_metaimage(path, items, SIZE_PX)
+    return path
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("scan") / "scan.igs.mha", world(3), 330)
+
+
+def calibration_file(folder: Path, *shift_mm: float, size_px: tuple[int, int] = SIZE_PX) -> Path:
+    true = calibration_from_image_to_probe(world(1).image_to_probe, SIZE_PX)
+    moved = replace(true, offset_mm=true.offset_mm + np.array(shift_mm), image_size_px=size_px)
+    file = folder / "probe.toml"
+    write_calibration(file, moved, {"who": "a test"})
+    return file
+
+
+def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["probewatch", "recalibrate", *(str(argument) for argument in arguments)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return end.value.code if isinstance(end.value.code, int) else 0
+
+
+def test_a_recorded_scan_becomes_a_calibration_with_provenance(monkeypatch, tmp_path, scan, capsys) -> None:
+    old = calibration_file(tmp_path, 0, 0, -6)
+    new = tmp_path / "new.toml"
+    assert run(monkeypatch, "--recording", scan, "--calibration", old, "--output", new) == 0
+    shown = capsys.readouterr().out
+    assert "330 pictures" in shown
+    assert "tilt spread: 1" in shown
+    file = tomllib.loads(new.read_text())
+    said = file["provenance"]
+    assert said["previous_sha256"] == hashlib.sha256(old.read_bytes()).hexdigest()
+    assert (said["previous_file"], said["input"]) == (str(old), str(scan))
+    assert said["views"].endswith("used, 0 rejected")
+    value, sigma, before = (float(said["solved"].split()[index].rstrip(",")) for index in (2, 4, 7))
+    assert before == pytest.approx(8.0)
+    assert abs(value - 14) < 2.5 * sigma < 0.5
+    offset_mm = read_calibration(new).offset_mm
+    np.testing.assert_allclose(offset_mm[:2], TRUE_OFFSET_MM[:2], atol=1e-9)
+    assert offset_mm[2] == pytest.approx(value, abs=1e-4)
+
+
+def test_a_slid_marker_is_noticed_and_then_solved(monkeypatch, tmp_path, scan, capsys) -> None:
+    old = calibration_file(tmp_path, 5, -6, 4)
+    new = tmp_path / "new.toml"
+    arguments = ("--recording", scan, "--calibration", old, "--output", new)
+    assert run(monkeypatch, *arguments) == 65
+    assert "--solve offset" in capsys.readouterr().err
+    assert not new.exists()
+    assert run(monkeypatch, *arguments, "--solve", "offset") == 0
+    np.testing.assert_allclose(read_calibration(new).offset_mm, TRUE_OFFSET_MM, atol=0.5)
+
+
+def test_the_new_name_is_dated_and_an_existing_file_is_spared(monkeypatch, tmp_path, scan, capsys) -> None:
+    old = calibration_file(tmp_path, 0, 0, -6)
+    before = old.read_bytes()
+    arguments = ("--recording", scan, "--calibration", old)
+    assert run(monkeypatch, *arguments, "--output", old) == 78
+    assert "probe.toml: exists already. Give --output another name" in capsys.readouterr().err
+    assert old.read_bytes() == before
+    assert run(monkeypatch, *arguments) == 0
+    (dated,) = tmp_path.glob("probe-20*Z.toml")
+    assert run(monkeypatch, *arguments, "--output", old, "--force") == 0
+    np.testing.assert_array_equal(read_calibration(old).offset_mm, read_calibration(dated).offset_mm)
+
+
+def refusal(monkeypatch, capsys, code: int, *arguments: object) -> str:
+    assert run(monkeypatch, *arguments) == code
+    error = capsys.readouterr().err
+    assert "Traceback" not in error
+    return error
+
+
+@pytest.mark.parametrize(
+    ("program", "pictures", "says"),
+    [
+        ("still", 30, "no passage through the crossing was found"),
+        ("freehand", 120, "usable views of the crossing, 8 are needed"),
+    ],
+)
+def test_a_scan_without_enough_passages_is_refused(monkeypatch, tmp_path, capsys, program, pictures, says) -> None:
+    recording = record(tmp_path / "scan.igs.mha", world(1, program), pictures)
+    old = calibration_file(tmp_path, 0, 0, 0)
+    error = refusal(monkeypatch, capsys, 65, "--recording", recording, "--calibration", old)
+    assert error.count("\n") == 1
+    assert says in error
+    assert list(tmp_path.glob("probe-*")) == []
+
+
+def test_a_sigma_that_the_scan_does_not_reach_is_refused(monkeypatch, tmp_path, scan, capsys) -> None:
+    old = calibration_file(tmp_path, 0, 0, 0)
+    error = refusal(monkeypatch, capsys, 65, "--recording", scan, "--calibration", old, "--sigma-mm", 0.01)
+    assert "± 0.01 mm is asked (ζ needs" in error
+    assert list(tmp_path.glob("probe-*")) == []
+
+
+def test_what_cannot_be_meant_is_refused(monkeypatch, tmp_path, scan, capsys) -> None:
+    old = calibration_file(tmp_path, 0, 0, 0)
+    other = calibration_file(tmp_path / "..", 0, 0, 0, size_px=(640, 480))
+    cases = [
+        (2, "either --recording FILE or --simulated", ()),
+        (2, "either --recording FILE or --simulated", ("--simulated", "--recording", scan)),
+        (2, "give the calibration in force", ("--recording", scan)),
+        (65, "nothere.mha", ("--recording", "nothere.mha", "--calibration", old)),
+        (78, "none.toml", ("--recording", scan, "--calibration", tmp_path / "none.toml")),
+        (78, "(320, 240)", ("--recording", scan, "--calibration", other)),
+        (78, "folder that exists", ("--recording", scan, "--calibration", old, "--output", tmp_path / "no" / "x.toml")),
+        (78, "none.toml", ("--simulated", "--config", tmp_path / "none.toml")),
+        (69, "no service answers", ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control")),
+    ]
+    for code, says, arguments in cases:
+        assert says in refusal(monkeypatch, capsys, code, *arguments), arguments
+
+
+def test_a_device_set_is_recalibrated_too(monkeypatch, tmp_path, scan) -> None:
+    """It does not state the size of its pictures; the scan does."""
+    before = read_calibration(calibration_file(tmp_path, 0, 0, -6))
+    matrix = " ".join(repr(float(number)) for number in image_to_probe(before).ravel())
+    transform = f'<Transform From="Image" To="Probe" Matrix="{matrix}"/>'
+    device_set = tmp_path / "set.xml"
+    device_set.write_text(f"<P><CoordinateDefinitions>{transform}</CoordinateDefinitions></P>")
+    assert run(monkeypatch, "--recording", scan, "--calibration", device_set) == 0
+    (dated,) = tmp_path.glob("set-20*Z.toml")
+    after = read_calibration(dated)
+    assert after.image_size_px == SIZE_PX
+    np.testing.assert_allclose(after.offset_mm, TRUE_OFFSET_MM, atol=0.5)
+
+
+def test_a_simulated_scan_marks_its_calibration(monkeypatch, tmp_path) -> None:
+    new = tmp_path / "new.toml"
+    assert run(monkeypatch, "--simulated", "--duration", 11, "--output", new) == 0
+    assert read_calibration(new).simulated
+
+
+class Scripted:
+    """A control socket that grants everything but `declined`, and after the end of the scan is in `state`."""
+
+    def __init__(self, path: Path, state: str, declined: str = "", simulated: tuple[str, ...] = ()) -> None:
+        self.asked: list[str] = []
+        self._state, self._declined, self._simulated = state, declined, simulated
+        self._end = threading.Event()
+        self._server = ControlServer(path)
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+        self._server.__exit__()
+
+    def _run(self) -> None:
+        while not self._end.wait(0.005):
+            self._server.poll(self._answer)
+
+    def _answer(self, do: str, request: dict[str, object], who: str) -> dict[str, object]:
+        self.asked.append(do)
+        if do == self._declined:
+            raise ControlRefused("not possible while halt")
+        status = {"state": self._state, "reason": "scripted", "simulated": [*self._simulated]}
+        return {"status": status, "proposal": PROPOSAL}
+
+
+@pytest.mark.parametrize(
+    ("state", "code", "says"),
+    [
+        ("recalibrating", 75, "not verified within 1 s: scripted. The contact stays open"),
+        ("device lost", 69, "a device was lost before the new calibration was verified: scripted. The old one is"),
+        ("warning", 75, "not verified, the service is in state warning: scripted"),
+        ("monitoring", 0, ""),
+    ],
+)
+def test_the_end_is_what_the_service_says(monkeypatch, tmp_path, scan, capsys, state, code, says) -> None:
+    old = calibration_file(tmp_path, 0, 0, 1)
+    arguments = ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control", "--wait", 1)
+    with Scripted(tmp_path / "control", state) as service:
+        assert says in refusal(monkeypatch, capsys, code, *arguments)
+    assert service.asked[:3] == ["begin-recalibration", "propose-calibration", "end-recalibration"]
+    assert "abort-recalibration" not in service.asked
+
+
+@pytest.mark.parametrize(
+    ("declined", "asked"),
+    [
+        ("begin-recalibration", ["begin-recalibration", "abort-recalibration"]),
+        (
+            "end-recalibration",
+            ["begin-recalibration", "propose-calibration", "end-recalibration", "abort-recalibration"],
+        ),
+    ],
+)
+def test_a_service_that_declines_is_left_as_it_was(monkeypatch, tmp_path, scan, capsys, declined, asked) -> None:
+    old = calibration_file(tmp_path, 0, 0, 1)
+    arguments = ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control")
+    with Scripted(tmp_path / "control", "halt", declined) as service:
+        assert "not possible while halt" in refusal(monkeypatch, capsys, 75, *arguments)
+    assert service.asked == asked
+
+
+def test_a_scan_begins_with_what_is_in_force_not_with_the_configured_file(monkeypatch, tmp_path, scan) -> None:
+    (tmp_path / "of").mkdir()
+    calibration_file(tmp_path, 0, 0, -6)
+    now = calibration_file(tmp_path / "of", 0, 0, -2)
+    config = configuration(tmp_path, more=f'control.socket = "{tmp_path}/control"\n')
+    references = stores.started(config)
+    references.take(references.from_content(now.read_bytes(), str(now)), "recalibration")
+    settled(references)
+    new = tmp_path / "new.toml"
+    with Scripted(tmp_path / "control", "monitoring"):
+        named = ("--config", tmp_path / "probewatch.toml", "--output", new)
+        assert run(monkeypatch, "--recording", scan, *named) == 0
+    assert tomllib.loads(new.read_text())["provenance"]["previous_file"] == str(now)
+
+
+def test_a_simulated_scan_is_not_even_begun_on_real_devices(monkeypatch, tmp_path, capsys) -> None:
+    arguments = ("--simulated", "--duration", 600, "--output", tmp_path / "new.toml", "--socket", tmp_path / "control")
+    with Scripted(tmp_path / "control", "monitoring") as service:
+        assert "watches real devices" in refusal(monkeypatch, capsys, 78, *arguments)
+    assert service.asked == ["status"]
+
+
+def test_a_far_calibration_is_written_stated_and_not_taken_without_a_person(
+    monkeypatch, tmp_path, scan, capsys
+) -> None:
+    old, new = calibration_file(tmp_path, 0, 0, 1), tmp_path / "new.toml"
+    arguments = ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control", "--output", new)
+    monkeypatch.setitem(PROPOSAL, "confirm", True)
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    with Scripted(tmp_path / "control", "monitoring") as service:
+        assert run(monkeypatch, *arguments) == 75
+        out, err = capsys.readouterr()
+        assert "against the reference in force: hardly" in out
+        assert f"Give --yes if it is meant; later: probewatch calibration use {new}" in err
+        assert service.asked == ["begin-recalibration", "propose-calibration", "abort-recalibration"]
+        assert new.exists(), "a scan is not lost"
+        assert run(monkeypatch, *arguments, "--force", "--yes") == 0
+    assert "end-recalibration" in service.asked
+
+
+@pytest.fixture(scope="module")
+def cart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cart]:
+    with Cart(tmp_path_factory.mktemp("cart"), trusting=True) as cart:
+        yield cart
+
+
+@pytest.fixture
+def monitoring(cart: Cart) -> Cart:
+    cart.wait_for("monitoring")
+    until(cart.contact)
+    return cart
+
+
+def started(*arguments: object) -> "subprocess.Popen[str]":
+    command = [str(PROBEWATCH), "recalibrate", *(str(argument) for argument in arguments)]
+    return subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+def whole_recalibration(cart: Cart, *arguments: object) -> None:
+    """Contact open while it scans; file; verified; contact closed."""
+    until(lambda: cart.daemon.find(event="state", state="monitoring"))
+    began_s = time.monotonic()
+    process = started("--config", cart.config, "--simulated", *arguments)
+    until(lambda: cart.daemon.find(began_s, event="state", state="recalibrating"), 20)
+    cart.open_contact(began_s, 2)
+    out, err = process.communicate(timeout=150)
+    assert process.returncode == 0, err
+    assert "the service has verified the new calibration and monitors again" in out
+    (new,) = cart.config.parent.glob("probe-20*Z.toml")
+    assert "it is in force, also after a restart" in out
+    assert cart.status()["reference"]["file"] == str(new)
+    new.unlink()
+    events = [event for event in cart.daemon.said if event["heard_s"] > began_s]
+    states = [event["state"] for event in events if event["event"] == "state"]
+    assert states == ["recalibrating", "monitoring"]
+    requests = [event["request"] for event in events if event["event"] == "request granted"]
+    assert requests == ["begin_recalibration", "end_recalibration"]
+    until(lambda: cart.contact(began_s))
+
+
+def test_the_service_recalibrates_and_monitors_again(monitoring: Cart) -> None:
+    whole_recalibration(monitoring, "--duration", 11)
+
+
+def test_a_refused_scan_leaves_the_old_calibration_in_force(monitoring: Cart) -> None:
+    process = started("--config", monitoring.config, "--simulated", "--duration", 1)
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err.count("\n")) == (65, 1), err
+    assert monitoring.daemon.find(event="request granted", request="abort_recalibration")
+    monitoring.wait_for("monitoring")
+    assert list(monitoring.config.parent.glob("probe-*")) == []
+
+
+def test_an_interrupted_scan_leaves_the_old_calibration_in_force(monitoring: Cart) -> None:
+    began_s = time.monotonic()
+    process = started("--config", monitoring.config, "--simulated", "--duration", 600)
+    monitoring.wait_for("recalibrating")
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert (process.returncode, err.strip()) == (130, "probewatch: stopped")
+    assert monitoring.daemon.find(began_s, event="request granted", request="abort_recalibration")
+    monitoring.wait_for("monitoring")
+
+
+@pytest.mark.slow
+def test_the_real_line_verifies_the_new_calibration(tmp_path: Path) -> None:
+    with Cart(tmp_path) as cart:
+        cart.wait_for("monitoring", 60)
+        whole_recalibration(cart, "--duration", 20)

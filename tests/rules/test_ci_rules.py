@@ -1,0 +1,127 @@
+"""The rules of CI, tried on small suites: which skips are failures, and what a second run may forgive."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.rules import pythons, retried, skips
+
+ROOT = Path(__file__).parents[2]
+FIRST = next(iter(skips.allowed()))
+
+
+def run(folder: Path, *command: str, ci: str = "true") -> tuple[int, str]:
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "CI": ci, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    whole = [sys.executable, "-m", *command]
+    done = subprocess.run(whole, cwd=folder, capture_output=True, text=True, check=False, env=environment)
+    return done.returncode, done.stdout + done.stderr
+
+
+def suite(folder: Path, *lines: str) -> Path:
+    (folder / "test_it.py").write_text("\n".join(("import pytest", "from pathlib import Path", *lines)) + "\n")
+    return folder
+
+
+SKIPPING = f"""
+def test_asks(): pytest.skip("needs a screen")
+@pytest.mark.skipif(True, reason="needs a screen")
+def test_is_marked(): pass
+@pytest.fixture
+def screen(): pytest.skip("needs a screen")
+def test_needs(screen): pass
+def test_is_on_the_list(): pytest.skip("{FIRST} of another day")
+@pytest.mark.xfail(strict=True)
+def test_is_known_to_fail(): assert False
+def test_passes(): pass
+"""
+
+
+def test_a_skip_in_ci_is_a_failure_unless_its_reason_is_on_the_list(tmp_path: Path) -> None:
+    (tmp_path / "test_whole_file.py").write_text("import pytest\npytest.importorskip('no_such_module')\n")
+    command = ("pytest", "-p", "tests.rules.skips", "-p", "no:cacheprovider", "--continue-on-collection-errors", "-rA")
+    code, text = run(suite(tmp_path, SKIPPING), *command)
+    assert code == 1, text
+    assert "1 failed, 1 passed, 1 skipped, 1 xfailed, 3 errors" in text
+    assert "FAILED test_it.py::test_asks" in text
+    assert all(f"ERROR {name}" in text for name in ("test_it.py::test_is_marked", "test_it.py::test_needs")), text
+    assert "ERROR test_whole_file.py" in text
+    assert "skipped in CI: needs a screen" in text
+
+
+def test_outside_ci_a_skip_is_a_skip(tmp_path: Path) -> None:
+    code, text = run(suite(tmp_path, SKIPPING), "pytest", "-p", "tests.rules.skips", "-p", "no:cacheprovider", ci="")
+    assert (code, "1 passed, 4 skipped, 1 xfailed" in text) == (0, True), text
+
+
+def test_ci_runs_what_the_quick_suite_leaves_out_as_thorough() -> None:
+    targets = (ROOT / "Makefile").read_text()
+    rest = "not slow and not live and not cart and not deb"
+    for target, which in (("quick", f"not thorough and {rest}"), ("thorough", f"thorough and {rest}")):
+        assert re.search(rf'^{target}:.*\n\t\$\(BIN\)/pytest .*-m "{which}"$', targets, re.M), target
+    for part in ("make test", "make thorough"):
+        assert f"\npart {part}\n" in (ROOT / ".ci/run").read_text()
+
+
+def test_this_suite_follows_the_list(pytestconfig: pytest.Config) -> None:
+    assert pytestconfig.pluginmanager.has_plugin("tests.rules.skips")
+
+
+FLAKY = """
+@pytest.mark.parametrize("n", range(2))
+def test_first_time_only(n):
+    mark = Path(f"ran-{n}")
+    known, ran = mark.exists(), mark.touch()
+    assert known or n == 0
+"""
+
+
+def test_what_fails_once_is_run_once_more_and_both_results_are_said(tmp_path: Path) -> None:
+    code, text = run(suite(tmp_path, FLAKY), "tests.rules.retried")
+    assert code == 0, text
+    assert "1 failed, 1 passed" in text
+    assert "test_it.py::test_first_time_only[1]: failed in the whole run, passed alone" in text
+    assert "once more alone: test_it.py::test_first_time_only[0]" not in text
+
+
+def test_what_fails_twice_fails_the_run(tmp_path: Path) -> None:
+    code, text = run(suite(tmp_path, "def test_broken(): assert False", FLAKY), "tests.rules.retried")
+    assert code == 1, text
+    assert "test_it.py::test_broken: failed in the whole run, failed alone" in text
+    assert "test_it.py::test_first_time_only[1]: failed in the whole run, passed alone" in text
+
+
+def test_many_failures_are_no_chance(tmp_path: Path) -> None:
+    many = f"@pytest.mark.parametrize('n', range({retried.MOST + 1}))\ndef test_broken(n): assert n < 0"
+    code, text = run(suite(tmp_path, many), "tests.rules.retried")
+    assert (code, "too many for chance" in text) == (1, True), text
+    assert "once more alone" not in text
+
+
+@pytest.mark.parametrize("line", ["syntax error", ""], ids=["broken", "empty"])
+def test_a_suite_that_could_not_run_is_not_run_again(line: str, tmp_path: Path) -> None:
+    code, text = run(suite(tmp_path, line), "tests.rules.retried")
+    assert code not in (0, 1), text
+    assert "once more" not in text
+
+
+def stand_in(folder: Path, name: str, answer: str) -> Path:
+    """A program on the path that says it is this Python, or none at all, as pyenv's shims do."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text(f"#!/bin/sh\n{answer}\n")
+    (folder / name).chmod(0o755)
+    return folder / name
+
+
+def test_a_python_is_one_that_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in(tmp_path / "shims", "python3.12", "echo no such version; exit 127")
+    stand_in(tmp_path / "shims", "python3.13", "echo no such version; exit 127")
+    real = stand_in(tmp_path / "pyenv/versions/3.13.7/bin", "python3.13", "echo 3.13")
+    monkeypatch.setenv("PATH", str(tmp_path / "shims"))
+    monkeypatch.setenv("PYENV_ROOT", str(tmp_path / "pyenv"))
+    assert pythons.interpreter("3.13") == real
+    assert pythons.interpreter("3.12") is None
+    assert pythons.tried("3.12").startswith("LEFT OUT, this machine has no python3.12")

@@ -1,0 +1,25 @@
+"""Simulated relay boards behind a real pseudo-terminal, in this process."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event, Thread
+
+from drivers.clock.host_clock import HostClock
+from drivers.twins.pty_line import PtyLine
+from drivers.twins.relay_board import RelayBoard
+
+
+@contextmanager
+def running_board(link: Path, clock: HostClock, channels: int = 1, answers: bool = True) -> Iterator[RelayBoard]:
+    """A board that serves `link` while the block runs."""
+    stop = Event()
+    with PtyLine(link, clock) as line:
+        board = RelayBoard(line, clock, channels, answers)
+        thread = Thread(target=board.run, args=(stop,))
+        thread.start()
+        try:
+            yield board
+        finally:
+            stop.set()
+            thread.join()

@@ -1,0 +1,48 @@
+"""Small recordings for tests, and where the real ones are."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.recordings.metaimage import SequenceItem
+from drivers.samples import GreyImage, Matrix4
+
+SIZE_PX = (7, 5)
+PERIOD_NS = 80_000_000
+START_NS = 2_588_141_729_000
+
+
+def plus_file(name: str) -> Path:
+    """A real recording of the PLUS toolkit; skips the test, saying so, where the data are absent."""
+    default = Path(__file__).parents[3] / "shared" / "data" / "plus"
+    path = Path(os.environ.get("PROBEWATCH_PLUS_DATA", default)) / name
+    if not path.exists():
+        pytest.skip(f"no PLUS test data: {path} is absent (set PROBEWATCH_PLUS_DATA)")
+    return path
+
+
+def picture(index: int, size_px: tuple[int, int] = SIZE_PX) -> GreyImage:
+    """Every pixel differs from its neighbours, so no flip goes unseen."""
+    width, height = size_px
+    return np.random.default_rng(index).integers(0, 256, (height, width), dtype=np.uint8)
+
+
+def turn(angle_rad: float, x_mm: float = 0.0, y_mm: float = 0.0) -> Matrix4:
+    """(4, 4) rotation about z and a translation."""
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[cos, -sin, 0, x_mm], [sin, cos, 0, y_mm], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+
+
+def items(count: int = 4, size_px: tuple[int, int] = SIZE_PX) -> list[SequenceItem]:
+    """Frames 80 ms apart, each with a probe pose and a reference pose."""
+    return [
+        SequenceItem(
+            START_NS + index * PERIOD_NS,
+            picture(index, size_px),
+            {"ProbeToTracker": turn(0.1 * index, 10.0 * index), "ReferenceToTracker": turn(0.5, 0, 3)},
+            sequence=100 + 2 * index,
+        )
+        for index in range(count)
+    ]

@@ -1,0 +1,54 @@
+"""Sessions of the simulated world as a stream of samples in time order, without devices and without waiting."""
+
+from collections.abc import Iterator
+from functools import cache
+
+from drivers.samples import Frame, GreyImage, Matrix4, Pose, PoseStatus, Sample, Stamp
+from drivers.twins.faults import Schedule, pose_time_s, spoil_pose
+from drivers.twins.scene.world import World, WorldSettings
+
+ORIGIN_NS = 5_000_000_000
+
+
+class KeptWorld(World):
+    """Renders each picture once, for all tests of a process: two thirds of what a session costs are its pictures.
+
+    Faults and drawings come on top of what is kept, so that sessions with different faults share it too.
+    """
+
+    def __init__(self, seed: int, program: str, settings: WorldSettings) -> None:
+        super().__init__(seed, program, settings=settings)
+        self._kept: dict[tuple[int, bytes], GreyImage] = {}
+
+    def plain_at(self, picture_pose: Matrix4, index: int) -> GreyImage:
+        key = index, picture_pose.tobytes()
+        if key not in self._kept:
+            self._kept[key] = super().plain_at(picture_pose, index)
+            self._kept[key].flags.writeable = False
+        return self._kept[key]
+
+
+@cache
+def kept(seed: int, program: str = "sweep", *, settings: WorldSettings) -> KeptWorld:
+    """The one world of this seed, program and settings in this process."""
+    return KeptWorld(seed, program, settings)
+
+
+def session(
+    world: World, duration_s: float, schedule: Schedule | None = None, fps: float = 30.0, pose_hz: float = 60.0
+) -> Iterator[Sample]:
+    """Frames and poses of `duration_s`, poses half a period off the frames; faults are applied on the way."""
+    plan = schedule or Schedule.parse("[]")
+    frame_times = [(k / fps, "frame", k) for k in range(round(duration_s * fps))]
+    pose_times = [((k + 0.5) / pose_hz, "pose", k) for k in range(round(duration_s * pose_hz))]
+    image = None
+    for t_s, kind, index in sorted(frame_times + pose_times):
+        active = plan.active(t_s)
+        stamp = Stamp(ORIGIN_NS + round(t_s * 1e9), 100_000)
+        if kind == "pose":
+            measured = world.measured_pose(pose_time_s(t_s, active), index)
+            yield Pose(stamp, index, spoil_pose(measured, active), 0.1, PoseStatus.OK)
+        else:
+            if image is None or "freeze-video" not in active:
+                image = world.frame(t_s, index, active)
+            yield Frame(stamp, index, image)

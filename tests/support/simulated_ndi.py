@@ -1,0 +1,126 @@
+"""A simulated NDI tracker in a thread of the test, so that a test can look into it and change it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+
+from drivers.clock.host_clock import HostClock
+from drivers.registry import open_tracker
+from drivers.samples import Matrix4, Pose, PoseStatus
+from drivers.trackers.ndi.tracker import NdiTracker
+from drivers.twins.fault_control import FaultControl
+from drivers.twins.faults import Episode, Schedule
+from drivers.twins.ndi.combined_api import CombinedApi
+from drivers.twins.ndi.models import SPECTRA, Model
+from drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
+from drivers.twins.ndi.tracker import NDI_FAULTS, NdiTwin
+from drivers.twins.pty_line import PtyLine
+from drivers.twins.tcp_line import TcpLine
+
+RATE = 4.0
+
+
+def moving(tool: str, t_s: float, number: int = 0) -> Matrix4:
+    """The probe goes along x at 10 mm/s, turned 30° about z; all other tools lie still, turned 90° about z."""
+    matrix = np.eye(4)
+    angle = np.radians(30 if tool == "probe" else 90)
+    matrix[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    matrix[:3, 3] = (10 * t_s, 20, -1600) if tool == "probe" else (100, 0, -1500)
+    return matrix
+
+
+@dataclass
+class Bench:
+    """A twin in a thread, and where its line and its tool definitions are."""
+
+    twin: NdiTwin
+    line: PtyLine | TcpLine
+    clock: HostClock
+    folder: Path
+
+    @property
+    def place(self) -> str:
+        """The URL without its options."""
+        if isinstance(self.line, TcpLine):
+            return f"ndi+tcp://127.0.0.1:{self.line.port}"
+        return f"ndi:{self.folder / 'tracker'}"
+
+    def open(self, **options: str) -> NdiTracker:
+        """Connect; the probe is a wireless tool unless the options say otherwise, and a busy host is given time."""
+        wired = self.twin.device.model.electromagnetic
+        wanted = {} if wired else {"probe": str(self.folder / "probe.rom")}
+        wanted |= {"deadline_ms": str(min(500 * self.clock.rate, 5000))} | options
+        query = "&".join(f"{key}={value}" for key, value in wanted.items())
+        tracker = open_tracker(f"{self.place}?{query}", self.clock)
+        assert isinstance(tracker, NdiTracker)
+        return tracker
+
+    def rom(self, name: str) -> str:
+        return str(self.folder / f"{name}.rom")
+
+    def handle(self, main_type: int = PROBE) -> int:
+        return next(h for h, port in self.twin.device.ports.items() if port.main_type == main_type)
+
+    def faults(self, *names: str) -> None:
+        """Exactly these faults are on from now on."""
+        now_s = (self.clock.now_ns() - self.clock.origin_ns) / 1e9
+        episodes = tuple(Episode(name, now_s) for name in names)
+        self.twin.control = FaultControl(NDI_FAULTS, Schedule(episodes))
+
+    def true(self, pose: Pose, tool: str = "probe") -> Matrix4:
+        """Where the tool was at the measurement."""
+        return moving(tool, self.twin.device.frame_s(pose.sequence))
+
+
+@contextmanager
+def bench(
+    folder: Path,
+    model: Model = SPECTRA,
+    rate: float = RATE,
+    schedule: Schedule | None = None,
+    track_hz: int | None = None,
+    wired: tuple[str, ...] = (),
+    freeze_tag: str | None = None,
+) -> Iterator[Bench]:
+    """rate: how much faster than real its time runs. wired: what hangs on the plugs."""
+    clock, stop = HostClock(rate), Event()
+    for name, main_type in (("probe", PROBE), ("reference", REFERENCE)):
+        (folder / f"{name}.rom").write_bytes(make_rom(main_type))
+    model = replace(model, freeze_tag=freeze_tag or model.freeze_tag)
+    with TcpLine(0, clock) if model.network else PtyLine(folder / "tracker", clock) as line:
+        device = CombinedApi(moving, model, track_hz, wired=wired)
+        twin = NdiTwin(line, clock, device, FaultControl(NDI_FAULTS, schedule))
+        thread = Thread(target=_serve, args=(twin, stop))
+        thread.start()
+        try:
+            yield Bench(twin, line, clock, folder)
+        finally:
+            stop.set()
+            thread.join()
+
+
+def _serve(twin: NdiTwin, stop: Event) -> None:
+    try:
+        twin.run(stop)
+    except (OSError, ValueError):
+        assert stop.wait(10), "only an unplugged line may end the twin"
+
+
+def poses(tracker: NdiTracker, count: int) -> list[Pose]:
+    """The next ones; each within ten seconds of the clock, which may run faster than a busy host."""
+    found = [next(filter(None, (tracker.read(1.0) for _ in range(10))), None) for _ in range(count)]
+    assert all(found), "a pose within ten seconds of the clock"
+    return [pose for pose in found if pose is not None]
+
+
+def until(tracker: NdiTracker, status: PoseStatus, limit: int = 60) -> Pose:
+    """The next pose of this status."""
+    for _ in range(limit):
+        pose = tracker.read(1.0)
+        if pose is not None and pose.status is status:
+            return pose
+    raise AssertionError(f"no {status} pose came")

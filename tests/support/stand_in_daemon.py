@@ -1,0 +1,57 @@
+"""The service with a line that says OK of every picture a pose came with, so that recovery needs no motion.
+
+`-m tests.support.stand_in_daemon CONFIG` is the service, `-m tests.support.stand_in_daemon LINK FRAMES POSES` its
+estimator. While the file that PROBEWATCH_STAND_IN_FAULT names exists, the line says FAULT of the class written in it.
+"""
+
+import os
+import sys
+from pathlib import Path
+
+from appliance.configuration.config import load_config
+from appliance.limits import Limits
+from appliance.service.control.references import References
+from appliance.service.estimator.loop import serve as serve_estimator
+from appliance.service.estimator.process_host import EstimatorHost
+from appliance.types import Calibration, Verdict, VerdictKind
+from drivers.clock.host_clock import HostClock
+from drivers.samples import Frame, PoseStatus, Sample
+from tools.commands.run import serve
+
+_COMMAND = (sys.executable, "-m", "tests.support.stand_in_daemon")
+_NEAR_NS = 200_000_000
+
+
+class TrustingLine:
+    """OK of a frame that an OK pose came with, as far as the stamps tell."""
+
+    def __init__(self, reference: Calibration, limits: Limits) -> None:
+        self._pose_ns = 0
+        self._verified_ns: int | None = None
+        self._fault = Path(os.environ.get("PROBEWATCH_STAND_IN_FAULT", "/nowhere"))
+
+    def step(self, sample: Sample) -> tuple[Verdict, ...]:
+        if isinstance(sample, Frame):
+            fault = self._fault.read_text() if self._fault.exists() else ""
+            if fault:
+                return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (), fault, "as the test wishes"),)
+            t_ns = sample.stamp.t_ns
+            near = abs(t_ns - self._pose_ns) < _NEAR_NS
+            self._verified_ns = t_ns if near else self._verified_ns
+            kind = VerdictKind.OK if near else VerdictKind.NOT_VERIFIED
+            return (Verdict(t_ns, kind, (), verified_ns=self._verified_ns),)
+        if sample.status is PoseStatus.OK:
+            self._pose_ns = sample.stamp.t_ns
+        return ()
+
+
+def main() -> None:
+    if len(sys.argv) > 2:
+        return serve_estimator(sys.argv[1:], TrustingLine)
+    config = load_config(Path(sys.argv[1]))
+    estimator = EstimatorHost(None, config.limits, _COMMAND)
+    return serve(config, Path(sys.argv[1]), References(config), estimator, HostClock())
+
+
+if __name__ == "__main__":
+    main()

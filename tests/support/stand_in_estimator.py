@@ -1,0 +1,37 @@
+"""An estimator process whose line obeys the first pixel of each frame, to test what surrounds the real line."""
+
+import sys
+import time
+
+from appliance.limits import Limits
+from appliance.service.estimator.loop import serve
+from appliance.types import Calibration, Check, Verdict, VerdictKind
+from drivers.samples import Frame, Sample
+
+OK, FAULT, CRASH, HANG, SILENT = range(1, 6)
+
+
+class ObedientLine:
+    """Says of each frame what its first pixel orders; names the reference by its lateral scale."""
+
+    def __init__(self, reference: Calibration, limits: Limits) -> None:
+        self._scale = float(reference.scale_mm_per_px[0])
+
+    def step(self, sample: Sample) -> tuple[Verdict, ...]:
+        if not isinstance(sample, Frame):
+            return ()
+        order = int(sample.image[0, 0])
+        if order == CRASH:
+            raise RuntimeError("ordered to crash")
+        if order == HANG:
+            time.sleep(60)
+        if order not in {OK, FAULT}:
+            return ()
+        check = Check("scale-lateral", "scale", self._scale, 0.0, "mm/px", 1.0, VerdictKind.OK)
+        if order == OK:
+            return (Verdict(sample.stamp.t_ns, VerdictKind.OK, (check,), verified_ns=sample.stamp.t_ns),)
+        return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (check,), "polarity", "ordered"),)
+
+
+if __name__ == "__main__":
+    serve(sys.argv[1:], ObedientLine)

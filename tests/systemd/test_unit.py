@@ -1,0 +1,75 @@
+"""The unit and its companions by systemd's own judgement."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "systemd"
+UNIT = FOLDER / "probewatch.service"
+needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze (systemd)")
+needs_udev = pytest.mark.skipif(shutil.which("udevadm") is None, reason="needs udevadm (udev)")
+
+
+def said(*command: str) -> tuple[int, str]:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout + done.stderr
+
+
+def settings() -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for line in UNIT.read_text().splitlines():
+        name, equals, value = line.partition("=")
+        if equals and not line.startswith("#"):
+            found.setdefault(name, []).append(value)
+    return found
+
+
+@needs_systemd
+def test_systemd_accepts_the_unit() -> None:
+    assert said("systemd-analyze", "verify", str(UNIT)) == (0, "")
+
+
+@needs_systemd
+def test_the_unit_is_exposed_no_more_than_one_and_a_half() -> None:
+    _, text = said("systemd-analyze", "security", "--offline=yes", "--no-pager", str(UNIT))
+    if "unrecognized option" in text:
+        pytest.skip("needs systemd-analyze security --offline (systemd 250)")
+    exposure = re.search(r"exposure level for \S+: ([0-9.]+)", text)
+    assert exposure is not None, text
+    assert float(exposure[1]) <= 1.5, text
+
+
+def test_it_is_never_left_silently_dead() -> None:
+    unit = settings()
+    assert unit["Type"] == ["notify"]
+    assert unit["Restart"] == ["always"]
+    assert unit["StartLimitIntervalSec"] == ["0"]
+    assert unit["RestartPreventExitStatus"] == ["78"]
+    assert float(unit["WatchdogSec"][0]) <= 5
+    assert unit["WatchdogSignal"] == ["SIGKILL"]
+
+
+def test_only_the_devices_it_needs() -> None:
+    assert settings()["DevicePolicy"] == ["closed"]
+    kinds = {entry.split()[0] for entry in settings()["DeviceAllow"]}
+    assert kinds == {f"char-{kind}" for kind in ("ttyUSB", "ttyACM", "ttyS", "video4linux", "gpiochip", "alsa")}
+
+
+@pytest.mark.skipif(shutil.which("systemd-sysusers") is None, reason="needs systemd-sysusers (systemd)")
+def test_users_and_folders_can_be_made(tmp_path: Path) -> None:
+    (tmp_path / "etc").mkdir()
+    code, text = said("systemd-sysusers", f"--root={tmp_path}", str(FOLDER / "probewatch.sysusers"))
+    assert (code, "probewatch" in (tmp_path / "etc/passwd").read_text()) == (0, True), text
+    groups = (tmp_path / "etc/group").read_text()
+    assert re.search(r"^gpio:.*probewatch", groups, re.M)
+
+
+@needs_udev
+def test_udev_understands_the_rules() -> None:
+    code, text = said("udevadm", "verify", str(FOLDER / "60-probewatch.rules"))
+    if "Unknown" in text or "unrecognized" in text or "verify" not in said("udevadm", "--help")[1]:
+        pytest.skip("needs udevadm verify (systemd 254)")
+    assert code == 0, text

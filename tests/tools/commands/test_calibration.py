@@ -1,0 +1,144 @@
+"""`probewatch calibration`: the history as a technician reads it, and what is refused."""
+
+import io
+import json
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from appliance.configuration.config import Config
+from appliance.storage.alarm_log import AlarmLog
+from appliance.storage.calibration_file import parse_calibration
+from appliance.storage.reference_store import HISTORY
+from tests.support.stores import PLUS, configuration, kept, log, place, settled, started, written
+from tools.cli import main
+from tools.shared.status_view import _origin
+
+pytestmark = pytest.mark.usefixtures("log")
+__all__ = ["log"]
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Config:
+    """Two references: the configured one, verified, and one recalibrated 1.5 mm away in ζ."""
+    config = configuration(tmp_path)
+    references = started(config)
+    references.note_verified()
+    new = written(tmp_path / "new.toml", 0, 0, 1.5)
+    references.take(references.from_content(new.read_bytes(), str(new)), "recalibration", "anna", "moved by 1.5 mm")
+    settled(references)
+    return config
+
+
+@pytest.fixture
+def said(monkeypatch, capsys, config):
+    """Runs a subcommand on that history: (exit code, stdout, stderr)."""
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        words = [str(argument) for argument in arguments]
+        where = [] if words[0] in ("use", "back") else ["--folder", str(config.alarm.folder)]
+        monkeypatch.setattr(sys, "argv", ["probewatch", "calibration", *words, *where])
+        with pytest.raises(SystemExit) as end:
+            main()
+        out, err = capsys.readouterr()
+        assert "Traceback" not in err
+        return end.value.code or 0, out, err
+
+    return run
+
+
+def test_the_list_marks_what_is_in_force(said, config):
+    code, out, _ = said("list")
+    rows = [line.split() for line in out.splitlines() if "toml" in line]
+    assert (code, [row[0] for row in rows]) == (0, ["1", "▶"])
+    assert "configuration" in rows[0]
+    assert rows[1][-2:] == ["new.toml", kept(config).in_force.sha256[:12]]
+    assert "no" in rows[1], "not verified yet"
+    listed = json.loads(said("list", "--json")[1])
+    assert [entry["number"] for entry in listed["entries"]] == [1, 2]
+
+
+def test_one_is_shown_with_its_origin_and_its_content_can_be_had_again(said, tmp_path):
+    code, out, _ = said("show")
+    assert code == 0
+    for part in ("2 (in force)", "recalibration", "anna", str(tmp_path / "new.toml"), "1.00, 2.00, 4.50 mm", "not yet"):
+        assert part in out
+    content = (tmp_path / "probe.toml").read_text()
+    assert said("show", 1, "--content")[1] == content
+
+
+def test_two_are_compared_by_number_or_file(said, tmp_path):
+    _, out, _ = said("diff", 1, 2)
+    assert "1.50 mm (lateral +0.00, axial +0.00, ζ +1.50)" in out
+    assert "+0.00 % lateral" in out
+    assert "beyond" not in out
+    far = written(tmp_path / "far.toml", 0, -30, 0)
+    assert "a service takes it only when a person accepts it" in said("diff", 2, far)[1]
+    change = json.loads(said("diff", far, 1, "--json")[1])
+    assert change["offset_along_mm"] == [0.0, 30.0, 0.0]
+
+
+def test_a_device_set_is_compared_for_the_pictures_of_the_other(said, tmp_path):
+    device_set = tmp_path / "set.xml"
+    device_set.write_text(PLUS)
+    read = parse_calibration(PLUS.encode(), device_set, (640, 480))
+    change = json.loads(said("diff", device_set, 1, "--json")[1])
+    assert change["same_image_size"]
+    assert change["offset_along_mm"] == pytest.approx(
+        [1 - read.offset_mm[0], 2 - read.offset_mm[1], 3 - read.offset_mm[2]]
+    )
+
+
+def test_what_there_is_not_is_refused(said, tmp_path):
+    assert "there are 1 to 2" in said("show", 3)[2]
+    assert "none.toml: cannot be read" in said("diff", 1, tmp_path / "none.toml")[2]
+    assert "no service answers" in said("back", 1, "--socket", tmp_path / "control")[2]
+    assert "no service answers" in said("use", tmp_path / "new.toml", "--socket", tmp_path / "control")[2]
+
+
+def test_a_damaged_history_is_named_and_can_be_set_aside(said, config, tmp_path):
+    (place(config) / HISTORY).write_text("[]")
+    code, _, err = said("list")
+    assert (code, err.count("\\n")) == (78, 0)
+    assert "history.json: cannot be understood" in err
+    code, _, err = said("reset", "--socket", tmp_path / "control")
+    assert (code, "Give --yes if it is meant" in err) == (75, True), "nobody could be asked"
+    code, out, _ = said("reset", "--yes", "--socket", tmp_path / "control")
+    assert (code, "kept as" in out) == (0, True)
+    assert "no reference was kept here yet" in said("list")[2]
+    assert settled(started(config)).current.entry.origin == "configuration"
+
+
+def test_the_alarm_log_tells_a_start_and_a_change_in_a_line(config, monkeypatch, capsys):
+    reference = kept(config).in_force.model_dump(mode="json")
+    started_with = {"software": "1.2.3", "configuration": {"file": "/etc/x.toml", "sha256": "ab" * 32}}
+    log = AlarmLog(config.alarm.folder)
+    now = datetime.now(UTC)
+    log.append(now, 1, "started", {**started_with, "reference": reference, "simulated": ["sim:/x"], "found": []}, None)
+    log.append(now, 2, "reference", {"reference": {**reference, "number": 3}}, None)
+    monkeypatch.setattr(sys, "argv", ["probewatch", "log", str(config.alarm.folder)])
+    with pytest.raises(SystemExit):
+        main()
+    start, change = [line for line in capsys.readouterr().out.splitlines() if "reference" in line]
+    told = f"recalibration, {reference['file']}, SHA-256 {reference['sha256'][:12]} by anna, moved by 1.5 mm"
+    assert start.endswith(
+        f"started: probewatch 1.2.3 · configuration abababababab · reference 2, {told} · SIMULATED: sim:/x"
+    )
+    assert change.endswith(f"reference: reference 3, {told}")
+
+
+def test_the_status_names_the_reference_and_what_is_not_in_force(config):
+    reference = kept(config).in_force.model_dump(mode="json")
+    console = Console(file=io.StringIO(), width=100)
+    for line in _origin({"reference": {**reference, "simulated": True}, "calibration_changed": "x was changed"}):
+        console.print(line)
+    first, second = console.file.getvalue().splitlines()
+    assert first.startswith(
+        f"reference 2 · recalibration, SIMULATED · new.toml · {reference['sha256'][:12]} · since 20"
+    )
+    assert second == "! x was changed"

@@ -1,0 +1,85 @@
+"""`probewatch check`: every mistake of a configuration and its calibration, one line each, and nothing is started."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from appliance.storage.calibration_file import write_calibration
+from tests.appliance.configuration.test_config import GOOD, written
+from tests.appliance.storage.test_calibration_file import calibration
+from tools.commands.check import command
+
+
+def check(file: Path) -> Result:
+    return CliRunner().invoke(command, [str(file)])
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_calibration(tmp_path / "probe.toml", calibration(), {})
+    return tmp_path
+
+
+def test_a_good_configuration_and_calibration(folder: Path) -> None:
+    result = check(written(folder, GOOD))
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert "can be used" in result.stdout
+
+
+def test_one_that_waits_for_a_person_says_so(folder: Path) -> None:
+    assert "configured = true" in check(written(folder, "configured = false\n" + GOOD)).stdout
+
+
+def test_every_mistake_is_one_line_and_exit_78(folder: Path) -> None:
+    file = written(folder, GOOD.replace("sim:", "simm:") + "[limits]\nrotation_deg = 50\nscale_procent = 3\n")
+    result = check(file)
+    assert result.exit_code == 78
+    rows = result.stderr.splitlines()
+    assert [row.split(": ")[0] for row in rows] == [f"{file}:{line}" for line in (3, 11, 12)]
+    assert "[limits] rotation_deg = 50: input should be less than or equal to 30" in rows[1]
+    assert "did you mean 'scale_percent'?" in rows[2]
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "part"),
+    [
+        ("relay:/dev/ttyUSB1", "relay:/dev/ttyUSB1?chanel=2", "[output] entry 1 url = 'relay:/dev/ttyUSB1?chanel=2'"),
+        ("relay:/dev/ttyUSB1", "gpio:/dev/gpiochip0", "names no line"),
+        ("ndi:/dev/ttyUSB0", "ndi:/dev/ttyUSB0?baud=3", "baud=3 is not a line speed"),
+        ("ndi:/dev/ttyUSB0", "ndi+tcp://host:8765?bauds=1", "unknown option 'bauds'"),
+        ("ndi:/dev/ttyUSB0", "optotrak://host?rate=0", "rate=0 cannot be used"),
+        ("sim:/tmp/x/scanner", "v4l2:video0", "is no path of a device"),
+        ("sim:/tmp/x/scanner", "opencv:0?delay_ms=x", "delay_ms=x is no time"),
+    ],
+)
+def test_options_of_a_url_are_checked_without_the_device(folder: Path, good: str, bad: str, part: str) -> None:
+    result = check(written(folder, GOOD.replace(good, bad)))
+    assert result.exit_code == 78
+    (row,) = result.stderr.splitlines()
+    assert part in row
+
+
+def test_every_mistake_of_the_calibration_is_told(folder: Path) -> None:
+    probe = folder / "probe.toml"
+    text = (
+        probe.read_text().replace("version = 1", "version = 7").replace("scale_mm_per_px = [", "scale_mm_per_px = [-")
+    )
+    probe.write_text(text)
+    result = check(written(folder, GOOD))
+    assert result.exit_code == 78
+    first, second = result.stderr.splitlines()
+    numbers = [number for number, line in enumerate(text.splitlines(), 1) if line.startswith(("version", "scale_mm"))]
+    assert first.startswith(f"{probe}:{numbers[0]}: 'version' = 7: input should be 1")
+    assert second.startswith(f"{probe}:{numbers[1]}: 'scale_mm_per_px' entry 1 = -")
+
+
+def test_a_calibration_that_is_not_there(tmp_path: Path) -> None:
+    result = check(written(tmp_path, GOOD))
+    assert result.exit_code == 78
+    assert "probe.toml: cannot be read: No such file" in result.stderr
+
+
+def test_the_shipped_templates_have_no_mistake() -> None:
+    result = check(Path(__file__).parents[3] / "config" / "probewatch.toml")
+    assert (result.exit_code, result.stderr) == (0, "")

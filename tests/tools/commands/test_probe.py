@@ -1,0 +1,214 @@
+"""`probewatch probe`: what it prints of devices that work, and of devices that do not; its figures by hand."""
+
+import json
+import math
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.clock.host_clock import HostClock
+from drivers.recordings.metaimage import write_metaimage
+from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from drivers.twins.pty_line import PtyLine
+from drivers.twins.relay_board import RelayBoard
+from tests.support.answers import answered
+from tests.support.boards import running_board
+from tests.support.recordings import SIZE_PX, items
+from tests.support.simulated_optotrak import bench
+from tools.commands.probe import Measured, complaints, findings
+from tools.shared.time_quality import time_quality
+
+PROBEWATCH = Path(sys.executable).parent / "probewatch"
+MS = 1_000_000
+
+
+def probed(url: str, *options: str, seconds: str = "1") -> tuple[int, str, str]:
+    """Exit code, standard output, standard error."""
+    ended = answered("probe", url, "--seconds", seconds, *options)
+    assert "Traceback" not in ended.stderr
+    return ended.returncode, ended.stdout, ended.stderr
+
+
+def test_a_tracker_that_works(tmp_path: Path) -> None:
+    with bench() as cart:
+        code, output, errors = probed(f"optotrak://{cart.target}?reference=2")
+    assert (code, errors) == (0, "")
+    told = dict(line.split(":", 1) for line in output.splitlines() if ":" in line)
+    assert "First Principles" in told["model"]
+    assert told["firmware"].strip() == "Version 1.0 (simulated)"
+    assert told["tools"].strip() == "rigid body 1; rigid body 2 (reference)"
+    assert told["marker fit"].split()[1] == "0.21,"
+    assert {"rate", "error of the time", "jitter of the time", "delay", "gaps"} <= set(told)
+
+
+def test_an_ndi_tracker_tells_of_its_tools_and_markers(tmp_path: Path) -> None:
+    options = ["--model", "polaris-vicra", "--pty", str(tmp_path / "tracker"), "--rom", str(tmp_path / "probe.rom")]
+    command = [PROBEWATCH, "simulate", "ndi", *options, "--fault", "marker-drift"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as twin:
+        assert twin.stdout is not None
+        code, output, errors = probed(json.loads(twin.stdout.readline())["url"], seconds="2")
+        twin.terminate()
+    assert (code, errors) == (0, "")
+    assert "Polaris Vicra" in output
+    assert "P6-00000" in output
+    assert "marker C LOOSE by" in output
+    assert "! the marker fit is poor" in output
+
+
+def test_a_tracker_that_sees_nothing_is_an_error_in_plain_words() -> None:
+    with bench() as cart:
+        cart.show("missing")
+        code, output, errors = probed(f"optotrak://{cart.target}", seconds="0.5")
+    assert code == 69
+    assert "! 100 % of the poses: missing (the tracker does not see the probe's rigid body)" in output
+    assert "nothing to use came within 0.5 s. Bring the tool into view" in errors
+
+
+def test_a_tracker_that_falls_silent_is_an_error_after_what_was_measured() -> None:
+    with bench() as cart:
+        fault = threading.Timer(1.5, cart.show, ["lose-tracker"])
+        fault.start()
+        code, output, errors = probed(f"optotrak://{cart.target}", seconds="20")
+        fault.join()
+    assert code == 69
+    assert "can be used" in output
+    assert "sent no frame for 200 ms" in errors
+
+
+@pytest.mark.parametrize(
+    ("url", "code", "words"),
+    [
+        ("optotrak://127.0.0.1:1", 69, "nothing listens there"),
+        ("optotrak://127.0.0.1:1?bode=1", 78, "unknown option 'bode'"),
+        ("ndi:/dev/no-such-port", 69, "no such serial port"),
+        ("sim:/no/such/socket", 69, "no video"),
+        ("replay:/no/such/file.mha", 65, "cannot be read"),
+        ("vicon://host", 78, "'vicon:' is no known device kind"),
+        ("optotrak:", 78, "names no device"),
+        ("relay:/dev/no-such-port", 78, "Add --click when nobody relies on the contact"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_exit_code(url: str, code: int, words: str) -> None:
+    ended, _, errors = probed(url)
+    assert ended == code
+    assert words in errors
+    assert errors.count("\n") == 1
+
+
+@contextmanager
+def relay_board(link: Path) -> Iterator[RelayBoard]:
+    clock, stop = HostClock(), threading.Event()
+    with PtyLine(link, clock) as line:
+        board = RelayBoard(line, clock)
+        thread = threading.Thread(target=board.run, args=(stop,))
+        thread.start()
+        try:
+            yield board
+        finally:
+            stop.set()
+            thread.join()
+
+
+def test_an_output_clicks_once_and_only_when_told_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with relay_board(tmp_path / "relay") as board:
+        assert probed(f"relay:{tmp_path}/relay")[0] == 78
+        assert capsys.readouterr().out == ""
+        click = [PROBEWATCH, "probe", f"relay:{tmp_path}/relay", "--click"]  # a process: the board prints in this one
+        ended = subprocess.run(click, stdout=subprocess.PIPE, text=True, check=False)
+        code, output = ended.returncode, ended.stdout
+        switched = [json.loads(line)["energised"] for line in capsys.readouterr().out.splitlines()]
+        assert board.contacts == {1: False}
+    assert code == 0
+    assert switched == [True, False]
+    assert "it reports its contacts" in output
+    assert re.search(r"contact energised in: +[\d.]+ ms, confirmed", output)
+    assert "nothing confirms" not in output
+
+
+def test_a_click_that_nobody_confirms_says_so(tmp_path: Path) -> None:
+    with running_board(tmp_path / "relay", HostClock(), answers=False):
+        code, output, _ = probed(f"relay:{tmp_path}/relay", "--click")
+    assert code == 0
+    assert "ms, told, not confirmed" in output
+    assert "! nothing confirms that the contact moved. Look at it, or listen for two clicks" in output
+
+
+def test_a_click_of_a_contact_that_the_board_does_not_have_is_refused(tmp_path: Path) -> None:
+    with running_board(tmp_path / "relay", HostClock(), channels=4):
+        code, output, errors = probed(f"relay:{tmp_path}/relay?channel=7", "--click")
+    assert code == 69
+    assert "has no contact 7, it reports 1, 2, 3, 4. Correct channel= in the URL" in errors
+    assert "energised" not in output
+
+
+def test_a_recording_gives_poses_and_pictures_until_its_end(tmp_path: Path) -> None:
+    write_metaimage(tmp_path / "a.mha", items(5), SIZE_PX)
+    code, output, errors = probed(f"replay:{tmp_path}/a.mha?start_s=0.3", seconds="5")
+    assert (code, errors) == (0, "")
+    assert output.count("5, of which 5 can be used") == 2
+    assert output.count("the recording has ended") == 2
+    assert f"{SIZE_PX[0]} x {SIZE_PX[1]} pixels" in output
+
+
+def pose(number: int, t_ms: float, status: PoseStatus = PoseStatus.OK, **fields: object) -> Pose:
+    matrix = np.eye(4) if status is PoseStatus.OK else None
+    return Pose(Stamp(round(t_ms * MS), round(0.5 * MS)), number, matrix, 0.2, status, **fields)  # type: ignore[arg-type]
+
+
+def test_time_quality_by_hand() -> None:
+    """A 20 Hz unit that steps a counter by three, once two measurements late."""
+    numbers = [0, 3, 6, 15, 18, 21, 24]
+    samples = [pose(number, 100 + number * 50 / 3) for number in numbers]
+    quality = time_quality(samples, [sample.stamp.t_ns + 4 * MS for sample in samples])
+    assert quality is not None
+    assert (quality.samples, quality.step, quality.gaps, quality.lost) == (7, 3, 1, 2)
+    assert quality.rate_hz == pytest.approx(6 / 0.4)
+    assert quality.longest_ms == pytest.approx(150, abs=1e-3)
+    assert quality.jitter_ms == pytest.approx(0, abs=1e-3)
+    assert (quality.bound_ms, quality.worst_bound_ms) == (0.5, 0.5)
+    assert (quality.delay_ms, quality.worst_delay_ms) == pytest.approx((4, 4))
+
+
+def test_jitter_is_the_spread_about_the_line() -> None:
+    samples = [pose(number, number * 10 + (1 if number % 2 else -1)) for number in range(100)]
+    quality = time_quality(samples, [0] * 100)
+    assert quality is not None
+    assert quality.jitter_ms == pytest.approx(1.0, rel=0.01)
+
+
+def test_a_counter_that_stands_still_says_nothing_of_jitter() -> None:
+    quality = time_quality([pose(5, t_ms) for t_ms in (0, 10, 20)], [0, 0, 0])
+    assert quality is not None
+    assert math.isnan(quality.jitter_ms)
+    assert (
+        "not to be told"
+        in dict(findings(Measured([pose(5, t_ms) for t_ms in (0, 10, 20)], [0] * 3)))["jitter of the time"]
+    )
+
+
+def test_too_few_samples_have_no_quality() -> None:
+    assert time_quality([pose(1, 0), pose(2, 10)], [0, 0]) is None
+
+
+def test_complaints_name_share_reason_and_remedy() -> None:
+    seen = [pose(number, number * 10) for number in range(75)]
+    hidden = [pose(number, number * 10, PoseStatus.MISSING, reason="no line of sight") for number in range(75, 100)]
+    found = list(complaints(Measured([*seen, *hidden], [0] * 100)))
+    assert found == [
+        "25 % of the poses: missing (no line of sight). "
+        "Bring the tool into view, and clear the way between it and the tracker"
+    ]
+
+
+def test_pictures_are_described() -> None:
+    frames = [Frame(Stamp(n * 40 * MS, 1000), n, np.zeros((24, 32), np.uint8)) for n in range(10)]
+    told = dict(findings(Measured(list(frames), [frame.stamp.t_ns for frame in frames])))
+    assert told["picture"] == "32 x 24 pixels"
+    assert told["rate"].startswith("25.00 per second")

@@ -1,0 +1,73 @@
+"""`probewatch reload`, which `systemctl reload` runs: the service's own answer becomes its exit code."""
+
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from appliance.service.control.server import ControlRefused, ControlServer, Peer
+
+UNIT = Path(__file__).parents[3] / "systemd" / "probewatch.service"
+
+
+class Service:
+    """Serves the socket and nothing else."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.refusal = path, ""
+        self.asked: list[str] = []
+        self._end = threading.Event()
+        self._server = ControlServer(path)
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._end.wait(0.002):
+            self._server.poll(self._answer)
+
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        self.asked.append(do)
+        if self.refusal:
+            raise ControlRefused(self.refusal)
+        return {}
+
+    def close(self) -> None:
+        self._end.set()
+        self._thread.join()
+        self._server.__exit__()
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Service]:
+    service = Service(tmp_path / "control")
+    yield service
+    service.close()
+
+
+def reload(socket: Path) -> tuple[int, str]:
+    program = str(Path(sys.executable).with_name("probewatch"))
+    done = subprocess.run([program, "reload", "--socket", socket], capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_a_changed_configuration_is_taken(service: Service) -> None:
+    assert reload(service.path) == (0, "the service has taken its configuration\n")
+    assert service.asked == ["reload"]
+
+
+def test_a_refusal_is_a_failure_in_the_words_of_the_service(service: Service) -> None:
+    service.refusal = "[video] cannot change while it runs: systemctl restart probewatch"
+    assert reload(service.path) == (75, f"probewatch: {service.refusal}\n")
+
+
+def test_without_a_service_nothing_was_reloaded(tmp_path: Path) -> None:
+    code, said = reload(tmp_path / "control")
+    assert (code, str(tmp_path / "control") in said) == (69, True), said
+
+
+def test_the_unit_reloads_by_it() -> None:
+    assert "ExecReload=/usr/bin/env probewatch reload\n" in UNIT.read_text()

@@ -1,0 +1,488 @@
+"""`probewatch replay`: injection, timeline, JSON contract, and one clear line for every bad input."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from appliance.core.geometry import rotation_from_vector
+from appliance.core.quality.report import Change, LineReport, report_json
+from appliance.limits import Limits
+from appliance.service.devices.source_thread import TrackerThread
+from appliance.storage.calibration_file import write_calibration
+from appliance.supervision.timeline import Judging, Timeline
+from appliance.supervision.watchers.devices import watch_devices
+from appliance.supervision.watchers.facts import Facts, Patience
+from appliance.types import Calibration, Check, State, Verdict, VerdictKind
+from drivers.clock.host_clock import HostClock
+from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.replay import open_recording
+from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from drivers.twins.faults import Episode, Schedule
+from tests.support.recordings import PERIOD_NS, START_NS, items, picture, plus_file
+from tools.cli import main
+from tools.shared.inject import inject
+
+FRAME_PX = (48, 32)
+
+
+@pytest.fixture
+def session(tmp_path):
+    path = tmp_path / "session.igs.mha"
+    write_metaimage(path, items(40, FRAME_PX), FRAME_PX)
+    return path
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    path = tmp_path / "probe.toml"
+    reference = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), FRAME_PX)
+    write_calibration(path, reference, {})
+    return path
+
+
+def spoiled(path, *episodes):
+    samples = open_recording(path).samples()
+    return list(inject(samples, Schedule(episodes), START_NS))
+
+
+def split(samples):
+    frames = [sample for sample in samples if isinstance(sample, Frame)]
+    return frames, [sample for sample in samples if isinstance(sample, Pose)]
+
+
+@pytest.mark.parametrize(("fault", "expected"), [("flip-lateral", np.s_[:, ::-1]), ("flip-vertical", np.s_[::-1])])
+def test_flips_act_from_their_time_on(session, fault, expected):
+    frames, _ = split(spoiled(session, Episode(fault, 1.6)))
+    np.testing.assert_array_equal(frames[19].image, picture(19, FRAME_PX))
+    np.testing.assert_array_equal(frames[20].image, picture(20, FRAME_PX)[expected])
+
+
+def test_freeze_repeats_pixels_under_fresh_stamps(session):
+    frames, _ = split(spoiled(session, Episode("freeze-video", 0.8)))
+    assert [frame.stamp.t_ns for frame in frames] == [START_NS + index * PERIOD_NS for index in range(40)]
+    assert [frame.sequence for frame in frames] == [100 + 2 * index for index in range(40)]
+    for index in (10, 25, 39):
+        np.testing.assert_array_equal(frames[index].image, picture(9, FRAME_PX))
+
+
+def test_freeze_from_the_start_repeats_the_first_picture(session):
+    frames, _ = split(spoiled(session, Episode("freeze-video", 0.0)))
+    np.testing.assert_array_equal(frames[39].image, picture(0, FRAME_PX))
+
+
+def test_latency_stamps_each_pose_late_and_keeps_time_order(session):
+    clean = {pose.sequence: pose for pose in split(spoiled(session))[1]}
+    samples = spoiled(session, Episode("latency", 0.0))
+    frames, poses = split(samples)
+    assert (len(frames), len(poses)) == (40, 40)
+    stamps = [sample.stamp.t_ns for sample in samples]
+    assert stamps == sorted(stamps)
+    for pose in poses:
+        assert pose.stamp.t_ns == clean[pose.sequence].stamp.t_ns + 100_000_000
+        np.testing.assert_array_equal(pose.matrix, clean[pose.sequence].matrix)
+
+
+def test_latency_in_mid_recording_leaves_no_gap(session):
+    _, poses = split(spoiled(session, Episode("latency", 1.6)))
+    stamps = np.array([pose.stamp.t_ns for pose in poses])
+    assert np.diff(stamps).max() <= 100_000_000
+    assert np.diff(stamps).min() > 0
+    assert stamps[-1] == START_NS + 39 * PERIOD_NS + 100_000_000
+
+
+def test_marker_faults_change_the_pose_on_the_sensor_side(session):
+    clean, bent, slid = (
+        split(spoiled(session, *episodes))[1]
+        for episodes in ([], [Episode("bend-marker", 0)], [Episode("slide-marker", 0)])
+    )
+    for before, after in zip(clean, bent, strict=True):
+        change = np.linalg.inv(before.matrix) @ after.matrix
+        assert np.degrees(np.arccos((np.trace(change[:3, :3]) - 1) / 2)) == pytest.approx(5.0)
+        np.testing.assert_allclose(change[:3, 3], 0, atol=1e-9)
+    for before, after in zip(clean, slid, strict=True):
+        change = np.linalg.inv(before.matrix) @ after.matrix
+        np.testing.assert_allclose(change[:3, :3], np.eye(3), atol=1e-9)
+        assert np.linalg.norm(change[:3, 3]) == pytest.approx(10.0, abs=0.1)
+
+
+def test_lost_and_stale_devices(session):
+    frames, poses = split(spoiled(session, Episode("lose-video", 0.8)))
+    assert (len(frames), len(poses)) == (10, 40)
+    frames, poses = split(spoiled(session, Episode("lose-tracker", 0.8)))
+    assert (len(frames), len(poses)) == (40, 10)
+    _, poses = split(spoiled(session, Episode("stale-tracker", 0.8)))
+    assert {pose.status for pose in poses[10:]} == {PoseStatus.STALE}
+    assert {pose.sequence for pose in poses[9:]} == {118}
+
+
+def timeline_of(samples, verdict):
+    timeline = Timeline(START_NS, START_NS, START_NS + 39 * PERIOD_NS)
+    for sample in samples:
+        timeline.step(sample, (verdict(sample),) if isinstance(sample, Frame) else ())
+    timeline.finish()
+    return timeline
+
+
+def healthy(sample):
+    return Verdict(sample.stamp.t_ns, VerdictKind.OK, (), verified_ns=sample.stamp.t_ns)
+
+
+def polarity(sample):
+    return Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (), "polarity", "picture is mirrored")
+
+
+def live_checks(statuses: list[PoseStatus]) -> dict[str, VerdictKind]:
+    """What the service's own thread and watchers say after these replies, 40 ms apart."""
+    thread = TrackerThread("tracker", "ndi:/x", lambda *_: None, lambda _: None, HostClock())
+    for index, status in enumerate(statuses):
+        thread.note(reply(index, status), START_NS + index * PERIOD_NS)
+    end_ns = START_NS + (len(statuses) - 1) * PERIOD_NS
+    heard = {"heartbeat_ns": end_ns, "output_ns": end_ns, "frame_ns": end_ns}
+    facts = Facts(started_ns=START_NS, replies=thread.replies, **heard)
+    return verdict_of(watch_devices(end_ns, facts, Patience(), Limits()))
+
+
+def reply(index: int, status: PoseStatus) -> Pose:
+    matrix = np.eye(4) if status is PoseStatus.OK else None
+    return Pose(Stamp(START_NS + index * PERIOD_NS, 0), index, matrix, 0.1, status)
+
+
+def verdict_of(checks) -> dict[str, VerdictKind]:
+    return {check.name: check.verdict for check in checks}
+
+
+@pytest.mark.parametrize("status", PoseStatus)
+@pytest.mark.parametrize("before", [PoseStatus.OK, PoseStatus.MISSING])
+def test_replay_and_live_judge_every_kind_of_reply_alike(status, before):
+    statuses = [before] * 5 + [status] * 90
+    timeline = Timeline(START_NS, START_NS, START_NS + 94 * PERIOD_NS)
+    for index, kind in enumerate(statuses):
+        frame = Frame(Stamp(START_NS + index * PERIOD_NS, 0), index, picture(index, FRAME_PX))
+        timeline.step(frame, ())
+        timeline.step(reply(index, kind), ())
+    timeline.finish()
+    assert verdict_of(timeline.devices) == live_checks(statuses)
+    failing = {
+        PoseStatus.DISABLED: "tracker-lost",
+        PoseStatus.STALE: "tracker-stale",
+        PoseStatus.FAULT: "tracker-alert",
+    }
+    hidden = status not in failing and status is not PoseStatus.OK
+    expected = failing.get(status, "line-of-sight" if hidden else None)
+    assert [check.fault for check in timeline.devices if check.value > check.limit] == ([expected] if expected else [])
+
+
+def test_a_recording_is_judged_as_the_configuration_of_its_cart_says(session, tmp_path):
+    """A tracker that is lost for half a second is a fault unless the cart is told to wait longer."""
+    patient = Judging(patience=Patience(tracker_ns=5_000_000_000))
+    samples = spoiled(session, Episode("lose-tracker", 0.8))
+    for judging, lost in ((None, True), (patient, False)):
+        timeline = Timeline(START_NS, START_NS, START_NS + 39 * PERIOD_NS, judging)
+        for sample in samples:
+            timeline.step(sample, (healthy(sample),) if isinstance(sample, Frame) else ())
+        timeline.finish()
+        assert (timeline.lasting_fault() is not None) is lost
+
+
+def test_timeline_of_a_healthy_recording(session):
+    timeline = timeline_of(spoiled(session), healthy)
+    assert [change.state for change in timeline.changes][-1] is State.MONITORING
+    assert State.WARNING not in {change.state for change in timeline.changes}
+    assert timeline.changes[-1].t_s < 0.3
+    assert timeline.lasting_fault() is None
+
+
+def test_timeline_of_a_calibration_fault_goes_up_in_order(session):
+    timeline = timeline_of(spoiled(session), polarity)
+    states = [change.state for change in timeline.changes]
+    assert states[-3:] == [State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED]
+    warned, halted, requested = (change.t_s for change in timeline.changes[-3:])
+    assert halted - warned == pytest.approx(0.3, abs=0.051)
+    assert requested - halted == pytest.approx(2.0, abs=0.051)
+    assert "mirrored" in timeline.changes[-1].reason
+
+
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [("lose-video", "video-lost"), ("lose-tracker", "tracker-lost"), ("stale-tracker", "tracker-stale")],
+)
+def test_timeline_of_a_lost_device(session, fault, named):
+    timeline = timeline_of(spoiled(session, Episode(fault, 0.8)), healthy)
+    warned = next(change for change in timeline.changes if change.state is State.WARNING)
+    assert warned.fault == named
+    assert warned.t_s == pytest.approx(0.72 + 0.5, abs=0.11)
+    assert timeline.changes[-1].state is State.DEVICE_LOST
+    assert timeline.lasting_fault().fault == named
+
+
+def line_report(**changes):
+    covariance = np.diag([0.01, 0.02, 0.03, 0.1, 0.2, 1.0, 2.0, 3.0]) ** 2
+    estimate = Calibration(
+        rotation_from_vector(np.array([0.1, 0.2, 1.5])),
+        (-1, 1),
+        np.array([0.08, 0.07]),
+        np.array([1.0, 2.0, 3.0]),
+        FRAME_PX,
+        covariance,
+        (True,) * 7 + (False,),
+    )
+    check = Check("scale lateral", "scale", 2.0, 0.4, "%", 5.0, VerdictKind.OK)
+    report = LineReport(
+        frames=10,
+        poses=11,
+        paired=8,
+        unpaired={"no pose after the frame": 2},
+        latency=Check("latency", "latency", -20.0, 30.0, "ms", 60.0, VerdictKind.OK),
+        estimate=estimate,
+        motions=7,
+        checks=(check, replace(check, name="scale axial", value=np.nan, verdict=VerdictKind.NOT_VERIFIED)),
+        verdict=Verdict(0, VerdictKind.FAULT, (), "polarity", "mirrored"),
+    )
+    return replace(report, **changes)
+
+
+def test_json_is_the_documented_contract():
+    data = report_json(line_report(), [Change(0.5, State.DEVICE_LOST, "video-lost", "no picture")])
+    assert data == {
+        "version": 1,
+        "frames": 10,
+        "poses": 11,
+        "paired": 8,
+        "unpaired": {"no pose after the frame": 2},
+        "latency": {"value_ms": -20.0, "sigma_ms": 30.0, "verdict": "OK"},
+        "calibration": {
+            "rotation_vector_rad": pytest.approx([0.1, 0.2, 1.5]),
+            "polarity": [-1, 1],
+            "scale_mm_per_px": [0.08, 0.07],
+            "offset_mm": [1.0, 2.0, 3.0],
+            "sigma": {
+                "rotation_vector_rad": pytest.approx([0.01, 0.02, 0.03]),
+                "scale_mm_per_px": pytest.approx([0.008, 0.014]),
+                "offset_mm": [pytest.approx(1.0), pytest.approx(2.0), None],
+            },
+            "observed": {
+                "rotation_vector_rad": [True, True, True],
+                "scale_mm_per_px": [True, True],
+                "offset_mm": [True, True, False],
+            },
+            "singular_values": pytest.approx(
+                sorted([*(np.deg2rad(1) / s for s in (0.01, 0.02, 0.03)), 0.1, 0.05, 1, 0.5, 1 / 3])[::-1]
+            ),
+            "motions": 7,
+        },
+        "second_opinion": None,
+        "checks": [
+            {
+                "name": "scale lateral",
+                "value": 2.0,
+                "unit": "%",
+                "limit": 5.0,
+                "ratio": 0.4,
+                "verdict": "OK",
+                "shown_age_s": None,
+            },
+            {
+                "name": "scale axial",
+                "value": None,
+                "unit": "%",
+                "limit": 5.0,
+                "ratio": None,
+                "verdict": "NOT_VERIFIED",
+                "shown_age_s": None,
+            },
+        ],
+        "verdict": "FAULT",
+        "fault": "polarity",
+        "timeline": [{"t_s": 0.5, "state": "device lost", "reason": "no picture"}],
+    }
+    json.dumps(data, allow_nan=False)
+
+
+def test_json_of_an_empty_report_has_every_key():
+    empty = line_report(latency=None, estimate=None, checks=(), unpaired={})
+    data = report_json(empty, [])
+    assert data["latency"] == {"value_ms": None, "sigma_ms": None, "verdict": "NOT_VERIFIED"}
+    assert data["calibration"]["rotation_vector_rad"] is None
+    assert data["calibration"]["sigma"]["offset_mm"] == [None, None, None]
+    assert data["calibration"]["observed"]["scale_mm_per_px"] == [False, False]
+    assert set(data) == set(report_json(line_report(), []))
+
+
+def test_the_document_names_every_key():
+    text = (Path(__file__).parents[3] / "docs" / "replay-report.md").read_text()
+    data = report_json(line_report(), [Change(0.0, State.MONITORING, None, "")])
+    for key in (*data, *data["calibration"]):
+        assert f"`{key}" in text or f"`calibration.{key}`" in text, key
+
+
+def run(monkeypatch, capsys, *arguments):
+    monkeypatch.setattr(sys, "argv", ["probewatch", "replay", *map(str, arguments)])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    streams = capsys.readouterr()
+    return stop.value.code or 0, streams.out, streams.err
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def shorten_header(path):
+    path.write_bytes(path.read_bytes()[:600])
+
+
+def corrupt(path):
+    data = bytearray(path.read_bytes())
+    data[-20_000] ^= 0xFF
+    path.write_bytes(data)
+
+
+def colour(path):
+    path.write_bytes(path.read_bytes().replace(b"MET_UCHAR", b"MET_FLOAT"))
+
+
+def rename_transforms(path):
+    path.write_bytes(path.read_bytes().replace(b"_ProbeToTracker", b"_NeedleToTracker"))
+
+
+@pytest.mark.parametrize(
+    ("damage", "complaint"),
+    [
+        (cut, "CompressedDataSize promises"),
+        (shorten_header, "the header ends before ElementDataFile"),
+        (corrupt, "the compressed pictures are damaged"),
+        (colour, "ElementType is 'MET_FLOAT', not MET_UCHAR"),
+        (rename_transforms, "its transforms: NeedleToTracker, ReferenceToTracker"),
+        (Path.unlink, "cannot be read: No such file"),
+    ],
+)
+def test_a_bad_recording_is_one_line_and_65(monkeypatch, capsys, session, calibration, damage, complaint):
+    damage(session)
+    code, out, err = run(monkeypatch, capsys, session, "--calibration", calibration)
+    assert (code, out) == (65, "")
+    assert err.count("\n") == 1
+    assert err.startswith(f"probewatch: {session}: ")
+    assert complaint in err
+
+
+def no_rotation(path):
+    path.write_text(path.read_text().replace("[1.0, 0.0, 0.0]", "[1.1, 0.0, 0.0]"))
+
+
+def misspelt(path):
+    path.write_text(path.read_text().replace("offset_mm", "ofset_mm"))
+
+
+def other_size(path):
+    path.write_text(path.read_text().replace("[48, 32]", "[64, 32]"))
+
+
+@pytest.mark.parametrize(
+    ("damage", "complaint"),
+    [
+        (no_rotation, "rotation is not a rotation matrix"),
+        (misspelt, "ofset_mm"),
+        (other_size, "image_size_px is (64, 32), the pictures are (48, 32)"),
+        (Path.unlink, "cannot be read: No such file"),
+    ],
+)
+def test_a_bad_calibration_is_one_line_and_78(monkeypatch, capsys, session, calibration, damage, complaint):
+    damage(calibration)
+    code, out, err = run(monkeypatch, capsys, session, "--calibration", calibration)
+    assert (code, out) == (78, "")
+    assert err.count("\n") == 1
+    assert err.startswith(f"probewatch: {calibration}: ")
+    assert complaint in err
+
+
+def test_a_report_that_cannot_be_written_is_refused_first(monkeypatch, capsys, session, calibration, tmp_path):
+    target = tmp_path / "none" / "report.json"
+    code, out, err = run(monkeypatch, capsys, session, "--calibration", calibration, "--json", target)
+    assert (code, out) == (78, "")
+    assert "cannot be written" in err
+
+
+@pytest.mark.parametrize("fault", ["melt", "depth@soon", "depth@-1", "depth@nan", "depth@"])
+def test_an_unknown_fault_is_a_usage_error(monkeypatch, capsys, session, calibration, fault):
+    code, _, err = run(monkeypatch, capsys, session, "--calibration", calibration, "--inject", fault)
+    assert code == 2
+    assert "Traceback" not in err
+
+
+def test_the_console_script_ends_bad_input_without_traceback(session, calibration):
+    cut(session)
+    script = Path(sys.executable).with_name("probewatch")
+    arguments = [script, "replay", session, "--calibration", calibration]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 65
+    assert done.stderr.count("\n") == 1
+    assert "copy it again" in done.stderr
+
+
+def test_a_report_is_made_and_written(monkeypatch, capsys, session, calibration, tmp_path):
+    target = tmp_path / "report.json"
+    code, out, err = run(monkeypatch, capsys, session, "--calibration", calibration, "--json", target)
+    data = json.loads(target.read_text())
+    assert (code, err) == (0, "")
+    assert (data["version"], data["frames"], data["poses"]) == (1, 40, 40)
+    assert data["paired"] + sum(data["unpaired"].values()) == 40
+    assert f"verdict: {data['verdict']}" in out
+    assert data["timeline"][0]["t_s"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "named"),
+    [("lose-video", "video-lost"), ("lose-tracker", "tracker-lost"), ("stale-tracker", "tracker-stale")],
+)
+def test_an_injected_device_fault_names_the_verdict(monkeypatch, capsys, session, calibration, tmp_path, fault, named):
+    target = tmp_path / "report.json"
+    code, _, _ = run(monkeypatch, capsys, session, "--calibration", calibration, "--inject", fault, "--json", target)
+    data = json.loads(target.read_text())
+    assert (code, data["verdict"], data["fault"]) == (0, "FAULT", named)
+
+
+def test_pictures_left_out_count_as_unpaired(monkeypatch, capsys, calibration, tmp_path):
+    holed = items(40, FRAME_PX)
+    holed[7] = replace(holed[7], image=None)
+    path, target = tmp_path / "holed.mha", tmp_path / "report.json"
+    write_metaimage(path, holed, FRAME_PX)
+    run(monkeypatch, capsys, path, "--calibration", calibration, "--json", target)
+    data = json.loads(target.read_text())
+    assert data["frames"] == 40
+    assert data["unpaired"]["picture marked invalid"] == 1
+
+
+def test_a_tracker_only_recording_is_not_verified(monkeypatch, capsys, calibration, tmp_path):
+    path, target = tmp_path / "poses.mha", tmp_path / "report.json"
+    write_metaimage(path, [replace(item, image=None) for item in items(20)], None)
+    code, _, _ = run(monkeypatch, capsys, path, "--calibration", calibration, "--json", target)
+    data = json.loads(target.read_text())
+    assert (code, data["frames"], data["poses"], data["verdict"]) == (0, 0, 20, "NOT_VERIFIED")
+
+
+@pytest.mark.parametrize(
+    ("fault", "verdicts", "named"),
+    [
+        (None, {"OK", "NOT_VERIFIED"}, None),
+        ("flip-lateral", {"FAULT"}, "polarity"),
+        pytest.param("flip-vertical", {"FAULT"}, "polarity", marks=pytest.mark.thorough),
+        ("freeze-video", {"FAULT"}, "frozen-video"),
+    ],
+)
+def test_the_real_nwire_recording(monkeypatch, capsys, tmp_path, fault, verdicts, named):
+    recording = plus_file("fCal_Test_Validation_3NWires_fCal2.0.igs.mha")
+    device_set = plus_file("PlusDeviceSet_fCal_Sim_VolumeReconstruction.xml")
+    target = tmp_path / "report.json"
+    injection = [] if fault is None else ["--inject", fault]
+    run(monkeypatch, capsys, recording, "--calibration", device_set, "--json", target, *injection)
+    data = json.loads(target.read_text())
+    assert data["frames"] == data["poses"] == 103
+    assert data["verdict"] in verdicts
+    assert data["fault"] == named
+    if fault is None:
+        assert data["latency"]["value_ms"] == pytest.approx(20, abs=30)

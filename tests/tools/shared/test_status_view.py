@@ -1,0 +1,181 @@
+"""The status on every terminal: 80 and 38 columns, two languages, any locale, a pipe, JSON lines."""
+
+import io
+import json
+import os
+import subprocess
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+
+from appliance.service.control.server import ControlServer
+from appliance.service.control.status import check_fields
+from appliance.supervision.watchers.devices import watch_devices
+from appliance.supervision.watchers.facts import Facts, Patience
+from appliance.types import PARAMETERS, Check, VerdictKind
+from tests.support.simulated import PROBEWATCH
+from tools.shared.status_view import StatusView, one_line
+
+REASON = "beyond its limit, not certain: offset-elevational -28.4 ± 1.5 mm, limit 4 mm; not shown yet: polarity"
+SETTINGS = {
+    "C": {"LC_ALL": "C"},
+    "POSIX": {"LC_ALL": "POSIX"},
+    "no locale": {},
+    "ascii": {"PYTHONIOENCODING": "ascii"},
+    "latin1": {"PYTHONIOENCODING": "latin1"},
+    "UTF-8": {"LC_ALL": "C.UTF-8"},
+}
+
+
+def status(language: str = "en", **fields: Any) -> dict[str, Any]:
+    """Every kind of check, and everything that can be remarked."""
+    line = [Check(name, "scale", 6.0, 0.5, "%", 5.0, VerdictKind.NOT_VERIFIED) for name in PARAMETERS]
+    line.append(Check("motion-agreement", "agreement", float("nan"), 0.0, "1 − r", 0.1, VerdictKind.NOT_VERIFIED))
+    german = language == "de"
+    return {
+        "state": "not verified",
+        "text": "Kalibrierung nicht bestätigt" if german else "Calibration not verified",
+        "remedy": "Sonde bewegen" if german else "Move the probe",
+        "language": language,
+        "fault": None,
+        "reason": REASON,
+        "priority": "low",
+        "lamp": "cyan",
+        "energised": False,
+        "latched": "halt",
+        "acknowledged": False,
+        "notices": [],
+        "verification_age_s": None,
+        "checks": [check_fields(0, check) for check in line],
+        "devices": [check_fields(0, check) for check in watch_devices(0, Facts(started_ns=0), Patience())],
+        "audio": {"mode": "paused", "left_s": 33.0},
+        "lost": {"tracker ndi:/dev/serial/by-id/usb-FTDI_FT232R_USB": "no such device. Plug it in"},
+        "estimator": "killed by SIGKILL, restart 1",
+        "remarks": ["temperature 31 °C"],
+        "fps": {"video": 30.0, "tracker": 60.0},
+        "counters": {"uptime_s": 5, "dropped_frames": 3, "dropped_poses": 0},
+        **fields,
+    }
+
+
+def drawn(columns: int, shown: dict[str, Any], looks: int = 1) -> list[str]:
+    stream, view = io.StringIO(), StatusView()
+    for uptime_s in range(looks):
+        stream.truncate(stream.seek(0))
+        shown["counters"]["uptime_s"] = uptime_s
+        Console(file=stream, width=columns, highlight=False).print(view.picture(shown))
+    return stream.getvalue().splitlines()
+
+
+@pytest.mark.parametrize("looks", [1, 12])
+@pytest.mark.parametrize("language", ["en", "de"])
+@pytest.mark.parametrize("columns", [38, 80])
+def test_the_status_fits_and_nothing_of_it_is_cut(columns: int, language: str, looks: int) -> None:
+    lines = drawn(columns, status(language), looks)
+    assert all(cell_len(line) <= columns for line in lines)
+    whole = " ".join(" ".join(lines).replace("│", " ").split())
+    assert "…" not in whole
+    assert ("Versatz elevational -28.4 ± 1.5 mm, Grenze 4 mm" if language == "de" else REASON) in whole
+    assert "33 s" in whole
+    bars = [line for line in lines if line.count("┃")]
+    checks = 9 + len(watch_devices(0, Facts(started_ns=0), Patience()))
+    assert len(bars) == (checks if columns == 38 else -(-checks // 2))
+    assert len({line.index("┃") for line in bars}) == 1
+
+
+def test_a_line_is_never_half_german() -> None:
+    shown = drawn(80, status("de", reason="something new; calibration verified"))
+    assert any("something new; calibration verified" in line for line in shown)
+    assert any("jetzt nicht bestätigt · Kontakt OFFEN · nicht quittiert" in line for line in shown)
+
+
+def test_monitoring_does_not_say_the_same_twice() -> None:
+    calm = status(state="monitoring", text="Calibration verified", reason="Calibration verified", energised=True)
+    assert "".join(drawn(80, calm)).count("Calibration verified") == 1
+    assert one_line(calm).count("Calibration verified") == 1
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Path]:
+    """The control socket of a service that answers every request with this status, in German."""
+    stop, path = threading.Event(), tmp_path / "control"
+
+    def serve(control: ControlServer) -> None:
+        while not stop.wait(0.005):
+            control.poll(lambda *_: {"status": status("de", outputs=[])})
+
+    with ControlServer(path) as control:
+        thread = threading.Thread(target=serve, args=(control,))
+        thread.start()
+        yield path
+        stop.set()
+        thread.join()
+
+
+def environment(setting: str) -> dict[str, str]:
+    kept = {name: text for name, text in os.environ.items() if not name.startswith(("LC_", "LANG", "PYTHON"))}
+    return {**kept, **SETTINGS[setting]}
+
+
+def asked(setting: str, *words: str) -> subprocess.CompletedProcess[bytes]:
+    return subprocess.run([*PROBEWATCH, *words], capture_output=True, timeout=30, check=False, env=environment(setting))
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_the_status_is_readable_in_any_locale(service: Path, setting: str) -> None:
+    shown = asked(setting, "status", "--socket", str(service))
+    assert (shown.returncode, shown.stderr) == (3, b"")
+    encoding = {"UTF-8": "utf-8", "latin1": "latin-1"}.get(setting, "ascii")
+    lines = shown.stdout.decode(encoding).splitlines()
+    bare = encoding == "ascii"
+    assert any(("NICHT BESTAETIGT" if bare else "NICHT BESTÄTIGT") in line for line in lines)
+    assert any(("31 degC" if bare else "31 °C") in line for line in lines)
+    box = [line for line in lines if line.startswith(("|", "│"))]
+    assert {len(line) for line in box} == {80}, "the frame is straight"
+
+
+@pytest.mark.parametrize("setting", ["ascii", "UTF-8"])
+def test_json_is_the_same_in_any_locale(service: Path, setting: str) -> None:
+    shown = asked(setting, "status", "--json", "--socket", str(service))
+    assert json.loads(shown.stdout)["text"] == "Kalibrierung nicht bestätigt"
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_watching_into_a_pipe_prints_lines(service: Path, as_json: bool) -> None:
+    words = ["status", "--watch", *(["--json"] if as_json else []), "--socket", str(service)]
+    with subprocess.Popen(
+        [*PROBEWATCH, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment("UTF-8")
+    ) as watching:
+        assert watching.stdout is not None
+        assert watching.stderr is not None
+        lines = [watching.stdout.readline().decode() for _ in range(2)]
+        watching.stdout.close()
+        watching.wait(10)
+        assert watching.stderr.read() == b""
+    for line in lines:
+        if as_json:
+            assert json.loads(line)["state"] == "not verified"
+        else:
+            assert line.startswith("NICHT BESTÄTIGT: Kalibrierung nicht bestätigt · ")
+            assert "\x1b" not in line
+
+
+@pytest.mark.parametrize("command", ["check", "demo", "log", "probe", "recalibrate", "replay", "simulate", "status"])
+def test_help_is_ascii_where_the_locale_is(command: str) -> None:
+    shown = asked("POSIX", command, "--help")
+    assert (shown.returncode, shown.stderr) == (0, b"")
+    assert shown.stdout.isascii()
+
+
+def test_a_refusal_is_ascii_where_the_locale_is_and_names_any_file() -> None:
+    shown = asked("POSIX", "check", "/tmp/ζ.toml")
+    assert shown.returncode == 78
+    assert b"/tmp/zeta.toml: cannot be read" in shown.stderr
+    odd = subprocess.run([*PROBEWATCH, "check", b"/tmp/\xff.toml"], capture_output=True, check=False)
+    assert odd.returncode == 78
+    assert b"Traceback" not in odd.stderr

@@ -1,0 +1,1 @@
+"""One subcommand of `probewatch` a file, named as it is typed; what is longer than a command lives elsewhere."""

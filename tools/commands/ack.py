@@ -1,0 +1,32 @@
+"""`probewatch ack`: a person has seen the alarm."""
+
+from pathlib import Path
+
+import click
+
+from appliance.service.control.client import ControlClient
+from tools.shared.service_socket import socket_option
+
+
+@click.command()
+@socket_option
+@click.option("--bump", is_flag=True, help="say instead that the tracker's position sensor was checked after a blow")
+def command(control_socket: Path, bump: bool) -> None:
+    """Acknowledge the alarm: it falls silent now.
+
+    HALT and RECALIBRATION REQUESTED end once it is acknowledged AND the calibration has been verified again, in either
+    order. A fault that comes anew sounds anew. Who acknowledged what is in the alarm log.
+
+    \b
+    Exit code 0: done. 69: no service answers. 75: there is nothing to acknowledge.
+    """
+    with ControlClient(control_socket) as client:
+        if bump:
+            client.clear_bump()
+            click.echo("the tracker's position sensor counts as checked")
+            return
+        client.acknowledge()
+        status = client.status()
+        click.echo(f"acknowledged · {status['state']}: {status['reason']}")
+        if status["latched"] is not None:
+            click.echo("it ends once the calibration is verified again: move the probe over tissue, or recalibrate")

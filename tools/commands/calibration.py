@@ -1,0 +1,250 @@
+"""`probewatch calibration`: which reference is in force, which were, how they differ, and back to an earlier one."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from appliance.core.quality.calibration_difference import Difference, difference
+from appliance.limits import Limits
+from appliance.service.control.client import ControlClient
+from appliance.storage.calibration_file import calibration_bytes, is_device_set
+from appliance.storage.reference import candidate_from_content, candidate_of_entry
+from appliance.storage.reference_store import FOLDER, Entry, History, content_of, read_history, set_aside
+from appliance.types import Calibration
+from drivers.errors import ConfigurationError, DeviceLost
+from tools.shared.service_socket import socket_option
+from tools.shared.verification import accepted, ask, await_verification, recalibrating
+
+_WHERE = click.option(
+    "--folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("/var/lib/probewatch"),
+    show_default=True,
+    help="[alarm] folder of the service's configuration",
+)
+_YES = click.option("--yes", is_flag=True, help="accept the difference that is stated, without being asked")
+# Time to take up the probe and sweep; the service itself needs up to 10 s of motion
+# (tests/appliance/core/test_line.py).
+_WAIT = click.option("--wait", "wait_s", default=120.0, show_default=True, type=click.FloatRange(1, 3600), help="in s")
+
+
+@click.group(name="calibration", short_help="the reference in force and its history; compare, go back")
+def command() -> None:
+    """Which reference calibration is in force, which were before, and how they differ.
+
+    The configuration names the first reference only. From then on the service keeps in its own folder which one is in
+    force, and goes on with it after a restart; every change is in the alarm log.
+
+    \b
+    Examples:
+      probewatch calibration list
+      probewatch calibration diff 1 2
+      probewatch calibration back 1           # states the difference and asks
+      probewatch calibration use new.toml     # a file; --yes where nobody can be asked
+    """
+
+
+@command.command(name="list", short_help="the references that were ever in force")
+@_WHERE
+@click.option("--json", "as_json", is_flag=True, help="print the history as JSON")
+def list_references(folder: Path, as_json: bool) -> None:
+    """Every reference that was ever in force, the present one last."""
+    history = _history(folder)
+    if as_json:
+        click.echo(json.dumps(history.model_dump(mode="json"), ensure_ascii=False, indent=2))
+        return
+    table = Table(
+        "", "", "in force since, UTC", "origin", "verified", "file", "SHA-256", box=SIMPLE_HEAD, pad_edge=False
+    )
+    for entry in history.entries:
+        mark = "▶" if entry is history.in_force else ""
+        table.add_row(mark, str(entry.number), *_cells(entry))
+    Console(file=sys.stdout, highlight=False).print(table)
+
+
+@command.command(short_help="what is known of one reference")
+@click.argument("number", type=int, required=False)
+@_WHERE
+@click.option("--content", is_flag=True, help="print the calibration file itself, as it was taken")
+def show(number: int | None, folder: Path, content: bool) -> None:
+    """Everything that is known of reference NUMBER, or of the one in force."""
+    history = _history(folder)
+    entry = history.entry(len(history.entries) if number is None else number)
+    if content:
+        click.echo(content_of(folder, entry), nl=False)
+        return
+    for name, text in _told(entry, entry is history.in_force):
+        click.echo(f"{name:<14}{text}")
+    calibration = candidate_of_entry(folder, entry).calibration
+    click.echo(f"{'scales':<14}{_numbers(calibration.scale_mm_per_px, 5)} mm/px (lateral, axial)")
+    click.echo(f"{'offset':<14}{_numbers(calibration.offset_mm, 2)} mm (lateral, axial, elevational)")
+    click.echo(f"{'polarity':<14}{_numbers(calibration.polarity, 0)} (lateral, axial)")
+
+
+@command.command(short_help="how two references or files differ")
+@click.argument("before")
+@click.argument("after")
+@_WHERE
+@click.option("--json", "as_json", is_flag=True, help="print the difference as JSON")
+def diff(before: str, after: str, folder: Path, as_json: bool) -> None:
+    """How AFTER differs from BEFORE; each is the number of a reference, or a file."""
+    first, second = _pair(before, after, folder)
+    change = difference(first, second)
+    if as_json:
+        click.echo(json.dumps({**change.fields(), "text": change.text}, ensure_ascii=False, indent=2))
+    else:
+        _print(change)
+
+
+@command.command(short_help="give a file to the service as its reference")
+@click.argument("file", type=click.Path(path_type=Path))
+@socket_option
+@_YES
+@_WAIT
+def use(file: Path, control_socket: Path, yes: bool, wait_s: float) -> None:
+    """Give FILE to the running service as its reference: our TOML, or a PLUS device set.
+
+    A file far from the reference in force, beyond the limits of the checks, must be accepted: its difference is stated.
+    The contact opens, and closes once the service has verified the new reference on moving tissue.
+
+    \b
+    Exit code 0: verified. 69: no service answers, or it lost a device. 75: declined, or not verified in time. 78: the
+    file cannot be used.
+    """
+    _change(file, control_socket, yes, wait_s)
+
+
+@command.command(short_help="go back to an earlier reference")
+@click.argument("number", type=int)
+@socket_option
+@_YES
+@_WAIT
+def back(number: int, control_socket: Path, yes: bool, wait_s: float) -> None:
+    """Go back to reference NUMBER of the history: a change like any other, stated, accepted, logged and verified anew.
+
+    Exit codes are those of `use`.
+    """
+    _change(number, control_socket, yes, wait_s)
+
+
+@command.command(short_help="set a damaged history aside and begin anew")
+@_WHERE
+@socket_option
+@_YES
+def reset(folder: Path, control_socket: Path, yes: bool) -> None:
+    """Set the history aside, damaged or lost, so that the service begins anew with the configuration's file.
+
+    For a service that refuses to start because it cannot know its reference. What there was is kept under another name.
+    """
+    _refuse_running(control_socket)
+    ask(f"Set aside what is known of the reference in {folder}?", yes)
+    try:
+        kept = set_aside(folder)
+    except OSError as error:
+        what = f"cannot be set aside ({error.strerror})"
+        raise ConfigurationError(what, str(folder / FOLDER), "Ask as the service's user, or as root") from None
+    click.echo("nothing was kept there" if kept is None else f"kept as {kept}")
+    click.echo("at its next start the service begins with the configuration's file, unverified")
+
+
+def _change(wanted: Path | int, socket: Path, yes: bool, wait_s: float) -> None:
+    with ControlClient(socket) as client:
+        confirm = accepted(client.propose_calibration(wanted), yes)
+    with recalibrating(socket), ControlClient(socket) as client:
+        client.end_recalibration(wanted, confirm)
+    await_verification(socket, wait_s)
+    with ControlClient(socket) as client:
+        click.echo(f"reference {client.status()['reference']['number']} is verified and in force, also after a restart")
+
+
+def _refuse_running(socket: Path) -> None:
+    try:
+        ControlClient(socket).close()
+    except DeviceLost:
+        return
+    raise ConfigurationError("a service is running", str(socket), "Stop it first: systemctl stop probewatch")
+
+
+def _history(folder: Path) -> History:
+    history = read_history(folder)
+    if history is None or not history.entries:
+        what = "no reference was kept here yet"
+        raise ConfigurationError(what, str(folder), "Name --folder, [alarm] folder of the service's configuration")
+    return history
+
+
+def _pair(before: str, after: str, folder: Path) -> tuple[Calibration, Calibration]:
+    """Both calibrations. A device set gets the size of the pictures from the other side."""
+    first, second = _Named(before, folder), _Named(after, folder)
+    return first.calibration(second.size_px), second.calibration(first.size_px)
+
+
+class _Named:
+    """The number of a reference, or a file. size_px: (width, height) of its pictures, None where it does not say."""
+
+    def __init__(self, name: str, folder: Path) -> None:
+        entry = _history(folder).entry(int(name)) if name.isdecimal() else None
+        self._content = calibration_bytes(Path(name)) if entry is None else content_of(folder, entry)
+        self._file, self._probe = (name, "Probe") if entry is None else (entry.file, entry.probe)
+        self.size_px = None if entry is None else entry.image_size_px
+        if entry is None and not is_device_set(self._content):
+            self.size_px = self.calibration(None).image_size_px
+
+    def calibration(self, other_px: tuple[int, int] | None) -> Calibration:
+        needed_px = self.size_px or (other_px if is_device_set(self._content) else None)
+        return candidate_from_content(self._content, self._file, needed_px, self._probe).calibration
+
+
+def _cells(entry: Entry) -> tuple[str, ...]:
+    verified = "no" if entry.verified_utc is None else _when(entry.verified_utc)
+    return _when(entry.utc), _origin(entry), verified, Path(entry.file).name, entry.sha256[:12]
+
+
+def _origin(entry: Entry) -> str:
+    return f"{entry.origin}, SIMULATED" if entry.simulated else entry.origin
+
+
+def _when(utc: str) -> str:
+    return utc.replace("T", " ").removesuffix("+00:00")
+
+
+def _told(entry: Entry, in_force: bool) -> list[tuple[str, str]]:
+    width, height = entry.image_size_px
+    lines = [
+        ("reference", f"{entry.number}{' (in force)' if in_force else ''}"),
+        ("origin", _origin(entry)),
+        ("since", f"{_when(entry.utc)} UTC, software {entry.software}"),
+        ("verified", "not yet" if entry.verified_utc is None else f"{_when(entry.verified_utc)} UTC"),
+        ("file", entry.file),
+        ("SHA-256", entry.sha256),
+        ("pictures", f"{width} x {height} px"),
+    ]
+    lines += [("asked by", entry.who)] if entry.who else []
+    lines += [("difference", f"{entry.difference} (from the one before)")] if entry.difference else []
+    lines += [("must show", ", ".join(entry.to_show))] if entry.to_show and entry.verified_utc is None else []
+    return lines
+
+
+def _numbers(values: Any, digits: int) -> str:
+    return ", ".join(f"{value:.{digits}f}" for value in values)
+
+
+def _print(change: Difference) -> None:
+    lateral, axial, elevational = change.offset_mm
+    rows = [
+        ("rotation", f"{change.rotation_deg:.2f}°"),
+        ("offset", f"{change.distance_mm:.2f} mm (lateral {lateral:+.2f}, axial {axial:+.2f}, ζ {elevational:+.2f})"),
+        ("scales", f"{change.scale_percent[0]:+.2f} % lateral, {change.scale_percent[1]:+.2f} % axial"),
+        ("polarity", "the same" if change.same_polarity else "differs"),
+        ("picture size", "the same" if change.image_size_px is None else "{} and {} px".format(*change.image_size_px)),
+    ]
+    for name, text in rows:
+        click.echo(f"{name:<14}{text}")
+    if change.beyond(Limits()):
+        click.echo("beyond the default limits of the checks: a service takes it only when a person accepts it")

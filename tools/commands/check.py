@@ -1,0 +1,70 @@
+"""`probewatch check FILE`: everything that can be wrong with a configuration, without starting anything."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from appliance.configuration.config import Config, is_configured, load_config
+from appliance.configuration.mistakes import Mistakes
+from appliance.storage.calibration_file import calibration_bytes
+from appliance.storage.reference import candidate_from_content, size_for
+from drivers.errors import ConfigurationError
+from drivers.registry import check_options
+
+_ANY_SIZE_PX = (640, 480)
+"""Stands for the size of pictures that are not there; no other finding depends on it."""
+_DEFAULT = Path("/etc/probewatch/probewatch.toml")
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path), default=_DEFAULT)
+def command(file: Path) -> None:
+    """Check the configuration FILE and the calibration it names. No device is opened, no service is asked.
+
+    Every mistake is one line: file, line, key, value, and the bound or what may have been meant. FILE is
+    /etc/probewatch/probewatch.toml unless another one is named.
+
+    \b
+    Exit code 0: the service would start with it. 78: it would not.
+    """
+    try:
+        config = load_config(file)
+    except ConfigurationError as error:
+        mistakes = _rows(error)
+    else:
+        mistakes = [*_options(config, file), *_calibration(config)]
+    for mistake in mistakes:
+        click.echo(mistake, err=True)
+    if mistakes:
+        sys.exit(ConfigurationError.exit_code)
+    click.echo(f"{file} and {config.calibration.file} can be used")
+    if not is_configured(file):
+        click.echo("but the service waits until it says configured = true")
+
+
+def _rows(error: ConfigurationError) -> list[str]:
+    return error.rows() if isinstance(error, Mistakes) else [str(error)]
+
+
+def _options(config: Config, file: Path) -> Iterator[str]:
+    """What the options of the URLs say that cannot be."""
+    named = [("[video]", config.video.url, "video"), ("[tracker]", config.tracker.url, "tracker")]
+    named += [(f"[output] entry {number}", output.url, "output") for number, output in enumerate(config.output, 1)]
+    for section, url, kind in named:
+        try:
+            check_options(url, kind)
+        except ConfigurationError as error:
+            yield f"{file}: {section} url = '{url}': {error.what}. {error.remedy}"
+
+
+def _calibration(config: Config) -> list[str]:
+    place = config.calibration
+    try:
+        content = calibration_bytes(place.file)
+        # Of a device set the first picture may tell the size; any stands for it while nothing is started.
+        candidate_from_content(content, str(place.file), size_for(content, place, _ANY_SIZE_PX), place.probe)
+    except ConfigurationError as error:
+        return _rows(error)
+    return []

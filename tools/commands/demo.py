@@ -1,0 +1,262 @@
+"""`probewatch demo`: a simulated cart with injected faults, from bytes to alarm."""
+
+import signal
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from appliance.supervision.supervisor import LATCHED
+from appliance.types import State
+from drivers.errors import TooBusy
+from drivers.files.atomic_file import check_writable
+from drivers.twins.faults import FAULT_CLASS
+from tools.demo.director import Director
+from tools.demo.live_view import LiveView
+from tools.demo.load import DemoLoad
+from tools.demo.outcome import History, Moment, Switch, judge
+from tools.demo.report import Circumstances, print_report, report_fields
+from tools.demo.script import Planned, Script, chosen_plan, default_plan
+from tools.shared.json_report import write_json
+from tools.shared.status_view import Status
+from tools.simulators.whole_cart import CartSettings, NotReady, SimulatedCart
+
+_ANSWER_S = 15.0
+"""Without an answer of the service before the demo gives up. It answers within a tick of 50 ms, so only a machine that
+is too busy, or a service that hangs, comes to this; less ends demos that would have gone on. Not measured.
+"""
+_ASK_AGAIN_S = 0.5
+"""Of the cart, between two acknowledgements. Shorter asks again before the first can show; longer ends later."""
+_LESS_BUSY = "Try again when the machine is less busy"
+
+
+def _faults(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> list[tuple[str, float]]:
+    return [_fault(text) for text in texts]
+
+
+def _fault(text: str) -> tuple[str, float]:
+    fault, _, seconds = text.partition("@")
+    if fault not in FAULT_CLASS:
+        raise click.BadParameter(f"'{fault}' is none of {', '.join(FAULT_CLASS)}")
+    try:
+        from_s = float(seconds)
+    except ValueError:
+        from_s = -1.0
+    if not 0 <= from_s < 1e5:
+        raise click.BadParameter(f"'{text}' needs a time in seconds, such as {fault}@25")
+    return fault, from_s
+
+
+@click.command(name="demo")
+@click.option(
+    "--fault", "faults", multiple=True, callback=_faults, metavar="NAME@SECONDS", help="repeatable; see above"
+)
+@click.option("--duration", "duration_s", type=click.FloatRange(15, 86_400), help="end after so many seconds")
+@click.option("--speed", default=1.0, show_default=True, type=click.FloatRange(0.25, 4), help="cart seconds per second")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of tissue, motion and noise")
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the report here too")
+def command(
+    faults: list[tuple[str, float]], duration_s: float | None, speed: float, seed: int, json_path: Path | None
+) -> None:
+    """Watch a simulated cart while its faults are found.
+
+    Scanner, tracker and relay board are simulated below the protocol, by processes of their own; the service between
+    them is the real one. Without options: 20 s of healthy motion, then one fault after the other, each removed once it
+    has led to its last state and acknowledged as an operator would; the next comes when the calibration is verified
+    again. Takes about two minutes; Ctrl-C stops everything.
+
+    \b
+    --fault NAME@SECONDS puts your own fault in, in place of that script:
+      flip-lateral, flip-vertical   the picture is mirrored          (polarity)
+      depth                         the scanner zooms by 10 %        (scale)
+      bend-marker                   the marker body turns by 5°      (rotation)
+      slide-marker                  the marker body slips by 10 mm   (offset)
+      latency                       the tracker is late by 100 ms    (latency)
+      freeze-video, lose-video      the picture stops, or goes       (frozen-video, video-lost)
+      lose-tracker, stale-tracker   no answer, or an old one         (tracker-lost, tracker-stale)
+    It comes at that time, or as soon after it as the calibration is verified: only then can it be lost.
+
+    \b
+    Examples:
+      probewatch demo --fault flip-lateral@20
+      probewatch demo --fault depth@20 --fault lose-tracker@30 --json demo.json
+      probewatch demo --duration 100 --seed 7
+
+    Exit code 0: every fault was found, rightly named and recovered from, and nothing else alarmed. 1: not so; the last
+    line says why. 69: a part of the cart died. 75: not so either, but this computer was too busy with other programs
+    for anything to be told; try again when it is not. 78: the script or a file cannot be.
+    """
+    check_writable(json_path)
+    plan = chosen_plan(faults, duration_s) if faults else default_plan(duration_s)
+    settings = CartSettings(seed, speed)
+    console = Console(file=sys.stdout, highlight=False)
+    with _stoppable() as stop:
+        script, history, counters = _run(plan, duration_s, settings, console, stop)
+    outcome = judge(script, history)
+    print_report(console, outcome)
+    if json_path is not None:
+        write_json(json_path, report_fields(outcome, history, Circumstances(seed, speed, counters)))
+    if not outcome.passed:
+        sys.exit(TooBusy.exit_code if outcome.too_busy else 1)
+
+
+@contextmanager
+def _stoppable() -> Iterator[threading.Event]:
+    """An event that the signals which end a program set, instead of ending it at a place of their choosing."""
+    stop = threading.Event()
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in numbers}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _run(
+    plan: tuple[Planned, ...],
+    duration_s: float | None,
+    settings: CartSettings,
+    console: Console,
+    stop: threading.Event,
+) -> tuple[Script, History, dict[str, int]]:
+    """Shown, seen, and the service's counters. Raises Abort when stopped, DeviceLost when a part dies, TooBusy."""
+    with DemoLoad() as load:
+
+        def pause(seconds: float) -> None:
+            load.look()
+            if stop.wait(seconds):
+                raise click.Abort
+
+        try:
+            return _show(plan, duration_s, settings, console, pause, load)
+        except NotReady as error:
+            load.look()
+            since_ns = time.monotonic_ns() - round(_ANSWER_S * 1e9)
+            if any(until_ns > since_ns for _, until_ns in load.spans_ns):
+                raise TooBusy(f"this computer is overloaded: {error.what}", error.where, _LESS_BUSY) from None
+            raise
+
+
+def _show(
+    plan: tuple[Planned, ...],
+    duration_s: float | None,
+    settings: CartSettings,
+    console: Console,
+    pause: Callable[[float], None],
+    load: DemoLoad,
+) -> tuple[Script, History, dict[str, int]]:
+    """The run itself."""
+    director = Director(plan)
+    view = LiveView(console, director) if console.is_terminal and not console.is_dumb_terminal else PlainView()
+    with tempfile.TemporaryDirectory(prefix="probewatch-", ignore_cleanup_errors=True) as folder:
+        click.echo(f"simulated cart: seed {settings.seed}, speed {settings.rate:g}")
+        with SimulatedCart(Path(folder), settings, pause) as cart, view:
+            operator = Operator(cart, director, view, load)
+            while not operator.finished(duration_s):
+                operator.look()
+                pause(0.0)
+            return operator.script(), operator.history(), operator.counters
+
+
+class PlainView(nullcontext[None]):
+    """The demo without a terminal: one line per event."""
+
+    def event(self, t_s: float, text: str, state: State | None = None) -> None:
+        """t_s: seconds of the cart."""
+        click.echo(f"{t_s:7.2f} s  {text}")
+
+    def show(self, t_s: float, status: Status) -> None:
+        """Nothing: a status is no event."""
+
+
+class Operator:
+    """Looks at the service once a tick, notes what is new, and acknowledges a halt whose fault has been removed."""
+
+    def __init__(self, cart: SimulatedCart, director: Director, view: LiveView | PlainView, load: DemoLoad) -> None:
+        self._cart, self._director, self._view, self._load = cart, director, view, load
+        self._told_s = 0.0
+        self._moments: list[Moment] = []
+        self._switches: list[Switch] = []
+        self._acknowledged_s: list[float] = []
+        self._ask_s = 0.0
+        self._answered_s = time.monotonic()
+        self.counters: dict[str, int] = {}
+
+    def look(self) -> None:
+        """One status of the service. Raises DeviceLost when a part of the cart has died or the service is silent."""
+        self._cart.require_alive()
+        status = self._cart.status()
+        t_s = self._cart.now_s()
+        self._tell_faults(t_s)
+        if not status:
+            self._wait_for_answer()
+            return
+        self._answered_s, self.counters = time.monotonic(), status["counters"]
+        self._load.look(overloaded=status["load"]["overloaded_s"] is not None)
+        self._note_state(t_s, status)
+        if self._director.step(t_s, State(status["state"])):
+            self._cart.show_faults(self._director.orders)
+        self._note_contact()
+        self._acknowledge(t_s, status)
+        self._view.show(t_s, status)
+
+    def finished(self, duration_s: float | None) -> bool:
+        """Whether the time is up; without one, whether there is nothing more to be seen."""
+        t_s = self._cart.now_s()
+        return self._director.finished(t_s) if duration_s is None else t_s >= duration_s
+
+    def script(self) -> Script:
+        """Everything shown so far."""
+        return self._director.script(self._cart.now_s())
+
+    def history(self) -> History:
+        """Everything seen so far."""
+        seen = tuple(self._moments), tuple(self._switches), tuple(self._acknowledged_s)
+        return History(*seen, end_s=self._cart.now_s(), busy_s=self._load.spans_s(self._cart.clock))
+
+    def _wait_for_answer(self) -> None:
+        if time.monotonic() - self._answered_s > _ANSWER_S:
+            raise NotReady("the service does not answer", str(self._cart.socket), _LESS_BUSY)
+        time.sleep(0.02)
+
+    def _tell_faults(self, t_s: float) -> None:
+        for one in self._director.shown:
+            if self._told_s < one.from_s <= t_s:
+                self._view.event(one.from_s, f"FAULT {one.fault} begins, to be named {one.fault_class}")
+            if self._told_s < one.to_s <= t_s:
+                self._view.event(one.to_s, f"FAULT {one.fault} ends")
+        self._told_s = t_s
+
+    def _note_state(self, t_s: float, status: Status) -> None:
+        state, fault = State(status["state"]), status["fault"]
+        last = self._moments[-1] if self._moments else None
+        if last is not None and (last.state, last.fault) == (state, fault):
+            return
+        entered = last is None or last.state is not state
+        moment = Moment(t_s - status["since_s"] if entered else t_s, state, fault, status["reason"])
+        self._moments.append(moment)
+        self._view.event(moment.t_s, f"{state.value}: {f'{fault}: ' if fault else ''}{moment.reason}", state)
+
+    def _note_contact(self) -> None:
+        said = [event for event in tuple(self._cart.twins["relay_board"].said) if "energised" in event]
+        for event in said[len(self._switches) :]:
+            t_s = (event["t_ns"] - self._cart.clock.origin_ns) / 1e9
+            self._switches.append(Switch(t_s, event["energised"]))
+            self._view.event(t_s, f"relay board: contact {'closed' if event['energised'] else 'opened'}")
+
+    def _acknowledge(self, t_s: float, status: Status) -> None:
+        """As an operator would: the cause is gone, and the line sees the calibration right again."""
+        latched = State(status["state"]) in LATCHED and status["verdict"] == "OK"
+        if not latched or self._director.on(t_s) is not None or t_s < self._ask_s:
+            return
+        self._ask_s = t_s + _ASK_AGAIN_S
+        if self._cart.acknowledge():
+            self._acknowledged_s.append(t_s)
+            self._view.event(t_s, "acknowledged")

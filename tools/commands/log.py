@@ -1,0 +1,181 @@
+"""`probewatch log`: read, filter, verify and export the alarm log."""
+
+import csv
+import io
+import json
+import sys
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+from appliance.service.control.rights import join_group
+from appliance.storage.alarm_chain import BEGUN, Entry, Reading, read_log
+from drivers.errors import ConfigurationError
+from drivers.files.atomic_file import check_writable, writing
+from drivers.printable import LONGEST_TEXT, printable
+
+_COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
+_COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
+_COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "latched", "digest")
+_LOOKS = 3
+"""A write of the service is soon over, so damage that a fourth reading still finds is damage."""
+_FORMULA = ("=", "+", "-", "@")
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("/var/lib/probewatch"))
+@click.option("--since", type=click.DateTime(), help="entries from this time on, UTC")
+@click.option("--until", type=click.DateTime(), help="entries before this time, UTC")
+@click.option("--state", help="changes to this state only, such as halt")
+@click.option("--fault", help="entries that name this fault only, such as polarity")
+@click.option("--event", help="one kind only: state, request, reference, reloaded, overloaded, wall-clock, started …")
+@click.option("--last", type=click.IntRange(1), metavar="N", help="the last N that match")
+@click.option("--verify", is_flag=True, help="only say whether the chain is whole")
+@click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="write the entries there")
+def command(
+    folder: Path,
+    since: datetime | None,
+    until: datetime | None,
+    state: str | None,
+    fault: str | None,
+    event: str | None,
+    last: int | None,
+    verify: bool,
+    csv_path: Path | None,
+) -> None:
+    """Read the alarm log in FOLDER, [alarm] folder of the configuration, and verify its hash chain.
+
+    \b
+    Examples:
+      probewatch log --last 20
+      probewatch log --state halt --since 2026-01-01 --csv halts.csv
+      probewatch log --verify
+
+    Exit code 0: the chain is whole. 65: it is not; what is wrong is said on stderr. 78: the folder cannot be read.
+    """
+    check_writable(csv_path)
+    reading = _read(folder)
+    if not verify:
+        wanted = [
+            entry for entry in reading.entries if _within(entry, since, until) and _named(entry, state, fault, event)
+        ]
+        shown = wanted if last is None else wanted[-last:]
+        if csv_path is None:
+            for entry in shown:
+                click.echo(_line(entry))
+        else:
+            _export(csv_path, shown)
+            click.echo(f"{len(shown)} entries written to {csv_path}")
+    sys.exit(_verified(reading))
+
+
+def _read(folder: Path) -> Reading:
+    try:
+        if folder.is_dir():
+            return _settled(folder)
+    except OSError as error:
+        remedy = join_group(folder) if isinstance(error, PermissionError) else "Check its disk"
+        raise ConfigurationError(f"cannot be read ({error.strerror})", str(folder), remedy) from None
+    raise ConfigurationError("is no folder", str(folder), "Name [alarm] folder of the service's configuration")
+
+
+def _settled(folder: Path) -> Reading:
+    """Damage that another look does not find was the service, which writes meanwhile."""
+    reading = read_log(folder)
+    for _ in range(_LOOKS):
+        if not reading.damages:
+            break
+        reading = read_log(folder)
+    return reading
+
+
+def _within(entry: Entry, since: datetime | None, until: datetime | None) -> bool:
+    at = datetime.fromisoformat(entry.utc)
+    return (since is None or at >= since.replace(tzinfo=UTC)) and (until is None or at < until.replace(tzinfo=UTC))
+
+
+def _named(entry: Entry, state: str | None, fault: str | None, event: str | None) -> bool:
+    wanted = ((state, entry.data.get("state")), (fault, entry.data.get("fault")), (event, entry.event))
+    return all(asked is None or asked == has for asked, has in wanted)
+
+
+def _line(entry: Entry) -> str:
+    data = entry.data
+    text = {
+        "state": f"{data.get('state')}{_fault(data.get('fault'))} · {data.get('reason')}",
+        "request": f"{data.get('do')} by {data.get('who')}{_fault(data.get('reason'))}{_wanted(data)}",
+        "started": _started(data),
+        "reference": _reference(data.get("reference")),
+    }.get(entry.event, json.dumps(data, ensure_ascii=False) if any(data.values()) else "")
+    colour = _COLOURS.get(str(data.get("state")))
+    latch = f" [latched: {entry.latch.state}]" if entry.latch is not None else ""
+    return f"{entry.number:6}  {entry.utc}  {click.style(f'{entry.event}: {text}', fg=colour)}{latch}"
+
+
+def _wanted(data: Mapping[str, Any]) -> str:
+    named = data.get("file") or (f"reference {data['number']}" if "number" in data else "")
+    return f": {named}" if named else ""
+
+
+def _started(data: Mapping[str, Any]) -> str:
+    """Entries of earlier versions say less."""
+    configuration = data.get("configuration") or {}
+    parts = [
+        f"probewatch {data['software']}" if "software" in data else "",
+        f"configuration {str(configuration['sha256'])[:12]}" if "sha256" in configuration else "",
+        _reference(data.get("reference")),
+        f"SIMULATED: {', '.join(data['simulated'])}" if data.get("simulated") else "",
+        f"found {', '.join(data['found'])}" if data.get("found") else "",
+    ]
+    return " · ".join(part for part in parts if part)
+
+
+def _reference(reference: Mapping[str, Any] | None) -> str:
+    if not reference:
+        return ""
+    told = f"reference {reference.get('number')}, {reference.get('origin')}, {reference.get('file')}"
+    by = f" by {reference['who']}" if reference.get("who") else ""
+    change = f", {reference['difference']}" if reference.get("difference") else ""
+    return f"{told}, SHA-256 {str(reference.get('sha256'))[:12]}{by}{change}"
+
+
+def _fault(fault: object) -> str:
+    return "" if fault is None else f" ({fault})"
+
+
+def _export(path: Path, entries: Iterable[Entry]) -> None:
+    """Raises ConfigurationError."""
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, _COLUMNS)
+    writer.writeheader()
+    for entry in entries:
+        data = {name: entry.data.get(name, "") for name in _COLUMNS}
+        latched = "" if entry.latch is None else entry.latch.state
+        own = {"number": entry.number, "utc": entry.utc, "event": entry.event, "digest": entry.digest}
+        writer.writerow({name: _cell(value) for name, value in {**data, **own, "latched": latched}.items()})
+    with writing(path) as stream:
+        stream.write(text.getvalue().encode())
+
+
+def _cell(value: object) -> str:
+    """A text that a spreadsheet would take for a formula gets the mark that keeps it a text."""
+    text = printable(str(value), LONGEST_TEXT)
+    return f"'{text}" if text.startswith(_FORMULA) else text
+
+
+def _verified(reading: Reading) -> int:
+    """Exit code; says what is wrong on stderr."""
+    for damage in reading.damages:
+        click.secho(f"{damage}", err=True, fg="red" if damage.fault else "yellow")
+    for entry in reading.entries[1:]:
+        if entry.event == BEGUN:
+            found = "; ".join(map(str, entry.data.get("found", [])))
+            click.secho(f"entry {entry.number} begins a new chain: {found}", err=True, fg="yellow")
+    if any(damage.fault for damage in reading.damages):
+        click.secho("the chain is NOT whole", err=True, fg="red")
+        return 65
+    click.echo(f"{len(reading.entries)} entries, the chain is whole", err=True)
+    return 0

@@ -1,0 +1,229 @@
+"""`probewatch probe URL`: connects to one device, says what it is and how well it does, or what is wrong."""
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import click
+import numpy as np
+
+from drivers.clock.host_clock import HostClock
+from drivers.device_api import AlarmOutput, Identified, TrackerSource, VideoSource
+from drivers.errors import ConfigurationError, DeviceLost, RecordingError
+from drivers.registry import device_kinds, open_output, open_tracker, open_video
+from drivers.samples import Frame, Pose, PoseStatus
+from tools.shared.time_quality import TimeQuality, time_quality
+
+_READ_S = 0.2
+"""For which a read waits, and by which the measurement may last longer than was asked."""
+_HELD_S = 1.0
+_LOOSE_BOUND_MS = 10.0
+"""Of the error of the time: it takes from the room on either side of the latency's limit, 60 ms as shipped."""
+_MANY_LOST = 0.02
+"""Share of the samples. Less complains of a host that was busy once; more is silent about a line that is too slow. Not
+measured.
+"""
+_POOR_FIT_MM = 0.5
+"""Median RMS of the markers: two thirds of the shipped limit, .75 mm, so that a person hears of it before the alarm."""
+
+Row = tuple[str, str]
+Open = Callable[[str, HostClock], TrackerSource | VideoSource]
+
+
+@dataclass
+class Measured:
+    """samples: as they came; arrivals_ns: of each, on the clock of the stamps. end: why reading ended early."""
+
+    samples: list[Frame | Pose] = field(default_factory=list)
+    arrivals_ns: list[int] = field(default_factory=list)
+    end: DeviceLost | None = None
+
+    @property
+    def poses(self) -> list[Pose]:
+        return [sample for sample in self.samples if isinstance(sample, Pose)]
+
+    @property
+    def usable(self) -> int:
+        """Samples that carry a picture or a number."""
+        return sum(isinstance(sample, Frame) or sample.status is PoseStatus.OK for sample in self.samples)
+
+
+@click.command("probe")
+@click.argument("url")
+@click.option("--seconds", type=click.FloatRange(0.5, 3600), default=10.0, help="how long to measure [10]")
+@click.option("--click", "may_click", is_flag=True, help="let an output close and open its contact once")
+def command(url: str, seconds: float, may_click: bool) -> None:
+    """Connect to the device at URL, measure for some seconds, and say what it is and how well it does.
+
+    URL as in the configuration: ndi:/dev/ttyUSB0, ndi+tcp://host, optotrak://host, v4l2:/dev/video0, opencv:, sim:,
+    replay:, gpio:/dev/gpiochip0?line=17, serialpin:, relay:.
+
+    Exit code 0 when it works; else that of the fault: 69 the device is lost or gives nothing to use, 76 it breaks its
+    protocol, 78 the URL can never work, 65 the recording cannot be read.
+    """
+    kinds = device_kinds(url)
+    if kinds == ("output",):
+        _probe_output(url, may_click, HostClock())
+    elif kinds == ("tracker", "video"):
+        _probe_recording(url, seconds)
+    else:
+        _probe_source(url, open_tracker if kinds == ("tracker",) else open_video, seconds)
+
+
+def _probe_output(url: str, may_click: bool, clock: HostClock) -> None:
+    if not may_click:
+        remedy = "Add --click when nobody relies on the contact"
+        raise ConfigurationError("probing an output moves its contact", url, remedy)
+    with open_output(url, clock) as output:
+        _print(_description(output))
+        said = [_click(output, energised, url, clock) for energised in (True, False)]
+    if None in said:
+        click.echo("! nothing confirms that the contact moved. Look at it, or listen for two clicks")
+
+
+def _click(output: AlarmOutput, energised: bool, url: str, clock: HostClock) -> bool | None:
+    """What the contact reads back as. Raises DeviceLost when that is not what it was told."""
+    asked_ns, word = clock.now_ns(), "energised" if energised else "released"
+    output.write(energised)
+    took_ms = (clock.now_ns() - asked_ns) / 1e6
+    said = output.read_back()
+    if said not in (None, energised):
+        what = f"the contact was told to be {word}, and reads back {'closed' if said else 'open'}"
+        raise DeviceLost(what, url, "Check the wiring of the contact and of what reads it back")
+    told = "told, not confirmed" if said is None else "confirmed"
+    _print([(f"contact {word} in", f"{took_ms:.1f} ms, {told}")])
+    time.sleep(_HELD_S * energised)
+    return said
+
+
+def _probe_recording(url: str, seconds: float) -> None:
+    """Poses, then pictures; a recording that has neither is refused with the last reason."""
+    refusals = []
+    sources: tuple[tuple[str, Open], ...] = (("poses", open_tracker), ("pictures", open_video))
+    for kind, open_source in sources:
+        try:
+            _probe_source(url, open_source, seconds)
+        except RecordingError as error:
+            refusals.append(error)
+            click.echo(f"no {kind}: {error}")
+        except DeviceLost as error:
+            if error.__cause__ is not None:
+                raise
+            click.echo(f"{error.what}")
+    if len(refusals) == len(sources):
+        raise refusals[-1]
+
+
+def _probe_source(url: str, open_source: Open, seconds: float) -> None:
+    clock = HostClock()
+    with open_source(url, clock) as source:
+        click.echo(f"connected in {(clock.now_ns() - clock.origin_ns) / 1e9:.2f} s, measuring for {seconds:g} s")
+        measured = _measure(source, seconds, clock)
+        description = _description(source)
+    _print([*description, *findings(measured)])
+    for complaint in complaints(measured):
+        click.echo(f"! {complaint}")
+    if measured.end is not None:
+        raise measured.end
+    if not measured.usable:
+        what = f"nothing to use came within {seconds:g} s"
+        raise DeviceLost(what, url, _MEND[_usual_status(measured)])
+
+
+def _measure(source: TrackerSource | VideoSource, seconds: float, clock: HostClock) -> Measured:
+    measured, end_ns = Measured(), clock.now_ns() + round(seconds * 1e9)
+    while clock.now_ns() < end_ns:
+        try:
+            sample = source.read(_READ_S)
+        except DeviceLost as error:
+            measured.end = error
+            return measured
+        if sample is not None:
+            measured.samples.append(sample)
+            measured.arrivals_ns.append(clock.now_ns())
+    return measured
+
+
+def _description(device: object) -> list[Row]:
+    """What the device says of itself; devices without a word give nothing."""
+    if not isinstance(device, Identified):
+        return []
+    told = device.describe()
+    rate = "" if math.isnan(told.rate_hz) else f"{told.rate_hz:.4g} measurements per second"
+    rows = [
+        ("model", told.model),
+        ("firmware", told.firmware),
+        ("serial number", told.serial_number),
+        ("tools", "; ".join(told.tools)),
+        ("device rate", rate),
+        *(("remark", remark) for remark in told.remarks),
+    ]
+    return [(name, text) for name, text in rows if text]
+
+
+def findings(measured: Measured) -> list[Row]:
+    """What was measured, in words and figures."""
+    rows = [("samples", f"{len(measured.samples)}, of which {measured.usable} can be used")]
+    frames = [sample for sample in measured.samples if isinstance(sample, Frame)]
+    if frames:
+        height, width = frames[-1].image.shape
+        rows.append(("picture", f"{width} x {height} pixels"))
+    fits_mm = _fits_mm(measured)
+    if fits_mm:
+        rows.append(("marker fit", f"median {np.median(fits_mm):.3g}, worst {max(fits_mm):.3g} mm RMS or indicator"))
+    quality = time_quality(measured.samples, measured.arrivals_ns)
+    return rows if quality is None else rows + _time_rows(quality)
+
+
+def _time_rows(quality: TimeQuality) -> list[Row]:
+    jitter = "not to be told" if math.isnan(quality.jitter_ms) else f"{quality.jitter_ms:.2f} ms"
+    return [
+        ("rate", f"{quality.rate_hz:.2f} per second, the device counts {quality.step} for each"),
+        ("error of the time", f"± {quality.bound_ms:.2f} ms, at worst ± {quality.worst_bound_ms:.2f} ms"),
+        ("jitter of the time", jitter),
+        ("delay", f"{quality.delay_ms:.1f} ms from measurement to arrival, at worst {quality.worst_delay_ms:.1f} ms"),
+        ("gaps", f"{quality.gaps}, {quality.lost} samples lost in them; longest step {quality.longest_ms:.0f} ms"),
+    ]
+
+
+def complaints(measured: Measured) -> Iterator[str]:
+    """What is wrong although the device answers."""
+    found = Counter((pose.status, pose.reason) for pose in measured.poses if pose.status is not PoseStatus.OK)
+    for (status, reason), number in found.most_common(5):
+        share = 100 * number / len(measured.samples)
+        yield f"{share:.0f} % of the poses: {status.value} ({reason}). {_MEND[status]}"
+    fits_mm = _fits_mm(measured)
+    if fits_mm and np.median(fits_mm) > _POOR_FIT_MM:
+        yield f"the marker fit is poor ({np.median(fits_mm):.2g}). Clean the markers and compare body and definition"
+    quality = time_quality(measured.samples, measured.arrivals_ns)
+    if quality is not None and quality.bound_ms > _LOOSE_BOUND_MS:
+        yield f"the time is known only to ± {quality.bound_ms:.0f} ms. Measure longer, or look for what delays the line"
+    if quality is not None and quality.lost > _MANY_LOST * quality.samples:
+        yield f"{quality.lost} samples were lost. Look for a slow line, or a busy host"
+
+
+def _fits_mm(measured: Measured) -> list[float]:
+    return [pose.rms_mm for pose in measured.poses if pose.status is PoseStatus.OK and not math.isnan(pose.rms_mm)]
+
+
+def _usual_status(measured: Measured) -> PoseStatus | None:
+    found = Counter(pose.status for pose in measured.poses)
+    return found.most_common(1)[0][0] if found else None
+
+
+_MEND: dict[PoseStatus | None, str] = {
+    None: "Check that the device is switched on and measures",
+    PoseStatus.PARTIAL: "Bring the tool further into the measurement volume",
+    PoseStatus.OUT_OF_VOLUME: "Bring the tool into the measurement volume",
+    PoseStatus.MISSING: "Bring the tool into view, and clear the way between it and the tracker",
+    PoseStatus.STALE: "Check that the tracker measures; start it anew if it does",
+    PoseStatus.DISABLED: "Plug the tool in, or correct its number or definition in the URL",
+    PoseStatus.FAULT: "Remove what the tracker complains of",
+}
+
+
+def _print(rows: list[Row]) -> None:
+    for name, text in rows:
+        click.echo(f"{name + ':':<22}{text}")

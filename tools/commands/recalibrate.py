@@ -1,0 +1,263 @@
+"""`probewatch recalibrate`: a cross-wire scan, ζ in closed form, a new calibration file, and the service told of it."""
+
+import getpass
+import os
+import sys
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+
+from appliance.configuration.config import load_config
+from appliance.crosswire.offset import (
+    Demand,
+    OffsetSolution,
+    ScanRefused,
+    refuse_slid,
+    renewed,
+    solve_offset,
+    solve_zeta,
+)
+from appliance.crosswire.scan import CrosswireScan
+from appliance.service.control.client import ControlClient
+from appliance.service.control.server import ControlRefused
+from appliance.storage.calibration_file import calibration_bytes, is_device_set, write_calibration
+from appliance.storage.reference import candidate_from_content, in_force
+from appliance.types import Calibration
+from drivers.errors import ConfigurationError
+from drivers.files.atomic_file import check_writable
+from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
+from tools.shared.tables import FittingTable
+from tools.shared.verification import accepted, await_verification, progress_bar, recalibrating, refuse_simulated
+
+_COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
+
+_HELP = """Scan a cross-wire, solve ζ, write a new calibration, and let the service verify it.
+
+ζ is the part of the calibration that watching cannot see: how far the picture's plane lies before or behind the
+marker body. It follows from one point seen under many tilts.
+
+\b
+How to scan
+  1. Two thin crossed wires in water (48 °C, or 20 °C with 9 % ethanol: 1540 m/s); tank and wires stand still.
+  2. Show the crossing: two bright spots run together into one. Pass through it slowly, 2 to 5 mm/s, to and fro.
+  3. Tilt the probe between passages: left, right, forwards, backwards, 10° and more. At least 8 passages, 20 are
+     better. Let the crossing appear in different places of the picture.
+  4. If the marker body may have slid: turn the probe in the picture's plane, too, and give --solve offset.
+
+With --config or --socket the service is told: its contact opens, and closes again only after the service itself has
+verified the new calibration on moving tissue, for which the command waits (--wait). When the scan is refused or
+interrupted, the service goes back to the calibration in force before. A new calibration beyond the limits of the checks
+must be accepted: the command states the difference and asks, or takes --yes; then the tilts and ζ, too, must be shown.
+A verified one stays in force after a restart; `probewatch calibration` tells the history.
+
+Exit code 0: written and, where a service was told, verified. 65: the scan or the recording cannot support it.
+69: no service answers, or it lost a device. 75: declined, or not verified in time. 78: a file or an
+option cannot be used.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Reference:
+    """The calibration in force. file: None where it is the simulated one."""
+
+    calibration: Calibration
+    file: Path | None = None
+    sha256: str = ""
+
+
+@click.command(name="recalibrate", help=_HELP)
+@click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: names the next two")
+@click.option("--socket", type=click.Path(path_type=Path), help="control socket of the running service")
+@click.option("--calibration", type=click.Path(path_type=Path), help="calibration in force, if not the service's")
+@click.option("--output", type=click.Path(path_type=Path), help="new file [calibration in force, with date and time]")
+@click.option("--force", is_flag=True, help="replace the output file if it exists")
+@click.option("--recording", type=click.Path(path_type=Path), help="the scan: a PLUS sequence, .igs.mha or .mhd")
+@click.option("--probe", help="tool on the probe, as the recording names it [Probe]")
+@click.option("--reference", help="reference tool of the recording; Tracker for none")
+@click.option("--orientation", help="how pictures are stored, e.g. MF, where the recording does not say")
+@click.option("--latency-ms", default=0.0, type=click.FloatRange(-500, 500), help="of the tracker, as replay finds it")
+@click.option("--simulated", "simulate", is_flag=True, help="a simulated scan instead of a recorded one")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of the simulated scan")
+@click.option("--duration", default=30.0, show_default=True, type=click.FloatRange(1, 600), help="of it, in s")
+@click.option(
+    "--solve", default="zeta", show_default=True, type=click.Choice(["zeta", "offset"]), help="ζ, or all of t_x"
+)
+@click.option("--sigma-mm", default=0.5, show_default=True, type=click.FloatRange(0.01, 5), help="largest ± accepted")
+@click.option("--yes", is_flag=True, help="accept a difference beyond the limits of the checks without being asked")
+@click.option("--wait", "wait_s", default=120.0, show_default=True, type=click.FloatRange(1, 3600), help="for it, in s")
+def command(
+    config_file: Path | None,
+    socket: Path | None,
+    calibration: Path | None,
+    output: Path | None,
+    force: bool,
+    recording: Path | None,
+    probe: str | None,
+    reference: str | None,
+    orientation: str | None,
+    latency_ms: float,
+    simulate: bool,
+    seed: int,
+    duration: float,
+    solve: str,
+    sigma_mm: float,
+    yes: bool,
+    wait_s: float,
+) -> None:
+    if simulate == (recording is not None):
+        raise click.UsageError("give the scan: either --recording FILE or --simulated")
+    scan_input = simulated(seed, duration) if recording is None else recorded(recording, probe, reference, orientation)
+    before, socket = _in_force(config_file, socket, calibration, simulate, scan_input.size_px, probe)
+    target = output or _dated(before)
+    _check_target(target, force)
+    _check_size(before, scan_input)
+    if simulate and socket is not None:
+        refuse_simulated(socket)
+    with recalibrating(socket):
+        scan = _scanned(scan_input, latency_ms)
+        solution = _solved(scan, before.calibration, solve, Demand(sigma_mm=sigma_mm))
+        _print(solution, before.calibration)
+        _check_target(target, force)
+        after = renewed(before.calibration, solution)
+        after = replace(after, simulated=simulate or before.calibration.simulated)
+        write_calibration(target, after, _provenance(solution, before, scan_input))
+        click.echo(f"written: {target}")
+        if socket is not None:
+            _hand_over(socket, target, yes)
+    _conclude(socket, target, wait_s)
+
+
+def _in_force(
+    config_file: Path | None,
+    socket: Path | None,
+    calibration: Path | None,
+    simulate: bool,
+    size_px: tuple[int, int],
+    probe: str | None,
+) -> tuple[_Reference, Path | None]:
+    """The calibration in force and the socket of the service; explicit options go before the configuration.
+
+    size_px: (width, height) of the scan's pictures, which a device set does not state.
+    """
+    config = None if config_file is None else load_config(config_file)
+    socket = socket if config is None else socket or config.control.socket
+    if calibration is not None:
+        content = calibration_bytes(calibration)
+        needed_px = size_px if is_device_set(content) else None
+        before = candidate_from_content(content, str(calibration), needed_px, probe or "Probe")
+    elif config is not None:
+        before = in_force(config, size_px)
+    elif simulate:
+        return _Reference(simulated_reference()), socket
+    else:
+        raise click.UsageError("give the calibration in force: --calibration FILE, or --config FILE of the service")
+    return _Reference(before.calibration, Path(before.file), before.sha256), socket
+
+
+def _dated(before: _Reference) -> Path:
+    file = before.file or Path("simulated.toml")
+    return file.with_name(f"{file.stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.toml")
+
+
+def _check_target(target: Path, force: bool) -> None:
+    check_writable(target)
+    if target.exists() and not force:
+        raise ConfigurationError("exists already", str(target), "Give --output another name, or --force to replace it")
+
+
+def _check_size(before: _Reference, scan_input: ScanInput) -> None:
+    size_px = before.calibration.image_size_px
+    if size_px != scan_input.size_px:
+        what = f"its pictures are {scan_input.size_px}, the calibration in force is for {size_px} px"
+        raise ConfigurationError(what, scan_input.name, "Scan with the scanner setting that the calibration belongs to")
+
+
+def _scanned(scan_input: ScanInput, latency_ms: float) -> CrosswireScan:
+    scan = CrosswireScan(latency_ms)
+    with progress_bar("crossing seen in {task.fields[seen]} of {task.fields[pictures]} pictures") as progress:
+        task = progress.add_task("scan", total=scan_input.total, seen=0, pictures=0)
+        for sample in scan_input.samples:
+            scan.step(sample)
+            progress.update(task, advance=1, seen=scan.sightings, pictures=scan.pictures)
+    return scan
+
+
+def _solved(scan: CrosswireScan, before: Calibration, solve: str, demand: Demand) -> OffsetSolution:
+    """Raises ScanRefused, with what the pictures showed where the crossing was hardly seen."""
+    views = scan.views()
+    click.echo(f"{scan.pictures} pictures, crossing seen in {scan.sightings}, {len(views)} passages through its plane")
+    for reason, number in scan.refused.most_common():
+        click.echo(f"  {number} without: {reason}")
+    if not views:
+        remedy = "See that the wires show brightly, and pass through their crossing slowly, to and fro"
+        raise ScanRefused("no passage through the crossing was found", "cross-wire scan", remedy)
+    crossings_px, poses = np.array([view.centre_px for view in views]), np.array([view.matrix for view in views])
+    if solve == "offset":
+        return solve_offset(crossings_px, poses, before, demand)
+    refuse_slid(crossings_px, poses, before)
+    return solve_zeta(crossings_px, poses, before, demand)
+
+
+def _print(solution: OffsetSolution, before: Calibration) -> None:
+    parts = zip(_COMPONENTS, before.offset_mm, solution.offset_mm, solution.sigma_mm, strict=True)
+    rows = [
+        (name, f"{old:.2f}", f"{new:.2f}", f"{sigma:.2f}" if np.isfinite(sigma) else "kept")
+        for name, old, new, sigma in parts
+    ]
+    rows.append(("size of the cloud", f"{solution.cloud_before_mm:.2f}", f"{solution.cloud_after_mm:.2f}", ""))
+    Console(file=sys.stdout, highlight=False).print(FittingTable(("mm", "before", "after", "± 1σ"), rows))
+    click.echo(f"views: {solution.views}, and {solution.rejected} rejected")
+    click.echo(f"tilt spread: {solution.tilt_sd_deg:.1f}° (at least {solution.tilt_needed_deg:.1f}° needed)")
+    click.echo(f"localisation: {solution.localisation_mm:.2f} mm per view and axis")
+
+
+def _provenance(solution: OffsetSolution, before: _Reference, scan_input: ScanInput) -> dict[str, str]:
+    stated = [
+        f"{name} {new:.4f} ± {sigma:.4f} mm, before {old:.4f}"
+        for name, new, sigma, old in zip(
+            _COMPONENTS, solution.offset_mm, solution.sigma_mm, before.calibration.offset_mm, strict=True
+        )
+        if np.isfinite(sigma)
+    ]
+    return {
+        "who": _user(),
+        "when": datetime.now(UTC).isoformat(timespec="seconds"),
+        "how": f"probewatch {version('probewatch')} recalibrate, cross-wire, closed form",
+        "input": scan_input.name,
+        "solved": "; ".join(stated),
+        "views": f"{solution.views} used, {solution.rejected} rejected",
+        "tilt_spread_deg": f"{solution.tilt_sd_deg:.2f}",
+        "localisation_mm": f"{solution.localisation_mm:.4f}",
+        "previous_file": "simulated" if before.file is None else str(before.file.absolute()),
+        "previous_sha256": before.sha256,
+    }
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):
+        return f"uid {os.getuid()}"
+
+
+def _hand_over(socket: Path, target: Path, yes: bool) -> None:
+    """Give the new calibration to the service. Raises ControlRefused, with the way to give it later."""
+    with ControlClient(socket) as client:
+        try:
+            client.end_recalibration(target, accepted(client.propose_calibration(target), yes))
+        except ControlRefused as error:
+            remedy = f"{error.remedy or 'See its status'}; later: probewatch calibration use {target}"
+            raise ControlRefused(error.what, error.where, remedy) from None
+
+
+def _conclude(socket: Path | None, target: Path, wait_s: float) -> None:
+    if socket is None:
+        click.echo(f"no service was told; give it to one with: probewatch calibration use {target}")
+        return
+    await_verification(socket, wait_s)
+    click.echo("the service has verified the new calibration and monitors again; it is in force, also after a restart")

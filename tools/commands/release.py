@@ -1,0 +1,42 @@
+"""`probewatch release`: every alarm output is de-energised, because nobody watches any more."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from appliance.configuration.config import load_config
+from drivers.clock.host_clock import HostClock
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.registry import open_output
+
+
+@click.command("release")
+@click.option(
+    "--config",
+    "config_file",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="the configuration whose outputs are meant",
+)
+def command(config_file: Path) -> None:
+    """De-energise every alarm output of the configuration, for devices that hold their level without the service.
+
+    The service's unit runs this after every end. A running service holds its outputs, so they are left to it.
+    Exit code 69 when an output could not be reached.
+    """
+    unreached = [problem for output in load_config(config_file).output if (problem := _release(output.url))]
+    for problem in unreached:
+        click.echo(f"probewatch: {problem}", err=True)
+    if unreached:
+        sys.exit(DeviceLost.exit_code)
+
+
+def _release(url: str) -> str:
+    """Empty when it was done."""
+    try:
+        with open_output(url, HostClock()) as output:
+            output.write(False)
+    except (DeviceLost, ConfigurationError) as error:
+        return str(error)
+    return ""

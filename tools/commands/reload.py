@@ -1,0 +1,25 @@
+"""`probewatch reload`: the service takes its changed configuration file."""
+
+from pathlib import Path
+
+import click
+
+from appliance.service.control.client import ControlClient
+from tools.shared.service_socket import socket_option
+
+
+@click.command()
+@socket_option
+def command(control_socket: Path) -> None:
+    """Have the running service take its changed configuration file; `systemctl reload probewatch` does this.
+
+    Limits, times and the language of the alarm texts change while it watches. A file that is invalid, or that changes
+    devices, the calibration or paths, is refused whole, and the service goes on as before: those need
+    `systemctl restart probewatch`.
+
+    \b
+    Exit code 0: taken. 69: no service answers. 75: refused, and why is said on stderr.
+    """
+    with ControlClient(control_socket) as client:
+        client.reload()
+    click.echo("the service has taken its configuration")

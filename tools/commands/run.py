@@ -1,0 +1,71 @@
+"""`probewatch run`: the service."""
+
+import signal
+import threading
+import time
+from pathlib import Path
+
+import click
+
+from appliance.configuration.config import Config, is_configured, load_config
+from appliance.service.control.references import References
+from appliance.service.control.refusal import leave, withdraw
+from appliance.service.control.server import ControlServer
+from appliance.service.daemon import Daemon
+from appliance.service.estimator.process_host import EstimatorHost
+from appliance.service.host.log import configure
+from appliance.service.host.memory_lock import lock_memory
+from appliance.service.unconfigured import await_configuration
+from drivers.clock.host_clock import HostClock
+from drivers.errors import ConfigurationError
+
+
+@click.command()
+@click.option(
+    "--config",
+    "config_file",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="the configuration, such as config/probewatch.toml",
+)
+@click.option("--clock-rate", default=1.0, type=click.FloatRange(0.01, 100), hidden=True)
+@click.option("--clock-origin-ns", type=int, hidden=True)
+def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -> None:
+    """Watch the devices named in the configuration until SIGTERM; the log is JSON lines on stderr."""
+    clock = HostClock(clock_rate, time.monotonic_ns() if clock_origin_ns is None else clock_origin_ns)
+    try:
+        _run(config_file, clock, slowness=max(1.0, 1 / clock_rate))
+    except ConfigurationError as error:
+        remedy = f"{error.remedy}; then systemctl restart probewatch"
+        leave(config_file, ConfigurationError(error.what, error.where, remedy))
+        raise
+
+
+def _run(config_file: Path, clock: HostClock, slowness: float) -> None:
+    if not is_configured(config_file):
+        _await_configuration(config_file)
+        return
+    config = load_config(config_file)
+    serve(config, config_file, References(config), EstimatorHost(None, config.limits, slowness=slowness), clock)
+
+
+def _await_configuration(config_file: Path) -> None:
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    with configure("info"):
+        await_configuration(config_file, stop)
+
+
+def serve(
+    config: Config, config_file: Path, references: References, estimator: EstimatorHost, clock: HostClock
+) -> None:
+    """Run the service until it is told to stop. Raises DeviceLost when another one holds the control socket."""
+    lock_memory()
+    with (
+        ControlServer(config.control.socket, config.control.group) as control,
+        configure(config.log.level),
+        Daemon(config, config_file, references, estimator, clock, control) as daemon,
+    ):
+        withdraw(config.control.socket)
+        daemon.run()

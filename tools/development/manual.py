@@ -1,0 +1,130 @@
+"""`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's table and the alarm table."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields
+from pathlib import Path
+
+from statemachine.transition import Transition
+
+from appliance.supervision.alarms import HAZARDS, SIGNALS, Signal
+from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
+from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
+from appliance.supervision.ledger import Durations, Ledger
+from appliance.supervision.supervisor import AlarmTable
+from appliance.types import State
+
+MANUAL = Path(__file__).parents[2] / "docs" / "alarms.md"
+_OWN = {
+    "acknowledged": "A person has acknowledged the latched state.",
+    "scanning": "The scan of a recalibration is going on.",
+}
+
+_HEAD = """# States and alarms
+
+`make docs` writes this page from the code; `tests/tools/development/test_manual.py` fails when they differ.
+
+The contact is closed in one state only, MONITORING. Every other state, a crash, a cut cable and a missing supply open
+it. A lamp or a sounder hangs on the normally closed contact of its relay, the green lamp on the normally open one:
+energised is safe for all of them, and a dead cart lights red, yellow and cyan and sounds.
+
+HALT and RECALIBRATION REQUESTED latch: they end when a person has acknowledged **and** the line has verified the
+calibration since, in either order, or with a recalibration that was confirmed. They outlive a restart and a power cut.
+"""
+
+
+def manual() -> str:
+    """The whole page, Markdown."""
+    tables = (_diagram(), _transitions(), _guards(), _durations(), _signals(), _hazards(), _audio())
+    return "\n".join((_HEAD, *(line for table in tables for line in table)))
+
+
+def _rows() -> Iterator[tuple[State, Transition]]:
+    for state in AlarmTable.states:
+        for transition in state.transitions:
+            yield state.value, transition
+
+
+def _guard(transition: Transition) -> str:
+    return " and ".join(str(one).replace("!", "not ") for one in transition.cond)
+
+
+def _target(transition: Transition) -> State:
+    assert transition.target is not None
+    state = transition.target.value
+    assert isinstance(state, State)
+    return state
+
+
+def _diagram() -> list[str]:
+    """What the tick does; requests are in the table."""
+    edges = [(a, _target(t)) for a, t in _rows() if t.event == "tick" and a is not _target(t)]
+    lines = [f"    {a.name} --> {b.name}" for a, b in dict.fromkeys(edges)]
+    names = [f"    {state.name} : {state.value}" for state in State]
+    return ["## Diagram", "", "```mermaid", "stateDiagram-v2", "    [*] --> SELF_TEST", *names, *lines, "```", ""]
+
+
+def _transitions() -> list[str]:
+    rows = [(a.value, t.event, _guard(t) or "always", _target(t).value) for a, t in _rows()]
+    text = "Tried from top to bottom, twenty times a second and at every request; the first that holds is taken."
+    return ["## Transitions", "", text, "", *_table(("state", "event", "when", "next"), rows)]
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    lines = [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
+    return [*lines, ""]
+
+
+def _guards() -> list[str]:
+    words = {word for _, t in _rows() for word in re.findall(r"[a-z_]+", _guard(t))} - {"and", "or", "not"}
+    rows = [(f"`{name}`", _OWN.get(name) or str(getattr(Ledger, name).__doc__)) for name in sorted(words)]
+    return ["## Guards", "", *_table(("guard", "holds when"), rows)]
+
+
+def _durations() -> list[str]:
+    defaults = {one.name.removesuffix("_ns"): getattr(Durations(), one.name) / 1e9 for one in fields(Durations)}
+    rows = [(f"`{name}_s`", f"{default_s:g}") for name, default_s in defaults.items()]
+    return ["## Durations", "", "In `[supervisor]` of the configuration.", "", *_table(("key", "default, s"), rows)]
+
+
+def _signals() -> list[str]:
+    rows = [_signal(state, row) for state, row in SIGNALS.items()]
+    return ["## Signals", "", *_table(("state", "priority", "lamp", "tone", "text", "remedy"), rows)]
+
+
+def _signal(state: State, row: Signal) -> Sequence[str]:
+    flash = "steady" if row.flash_hz == 0 else f"{row.flash_hz:g} Hz"
+    kind = "technical" if row.technical else "probe"
+    tone = "silent" if row.pulses == 0 else f"{row.pulses} pulse{'s' if row.pulses > 1 else ''}{_period(row.pulses)}"
+    return state.value, f"{row.priority.value}, {kind}", f"{row.lamp.value}, {flash}", tone, row.text, row.remedy
+
+
+def _period(pulses: int) -> str:
+    period_ms = BURSTS[pulses].period_ms
+    return " once" if period_ms == 0 else f" every {period_ms / 1000:g} s"
+
+
+def _hazards() -> list[str]:
+    head = ("class", "kind", "severity", "self-test", "text", "remedy")
+    rows = [
+        (f"`{name}`", row.kind.value, row.severity.value, "yes" if row.tested else "", row.text, row.remedy)
+        for name, row in HAZARDS.items()
+    ]
+    return ["## Hazards", "", *_table(head, rows)]
+
+
+def _audio() -> list[str]:
+    pause_s, reminder_s, test_s = (t_ns / 1e9 for t_ns in (LONGEST_PAUSE_NS, REMINDER_NS, LAMP_TEST_NS))
+    return [
+        "## Audio",
+        "",
+        f"`probewatch pause` silences for at most {pause_s:g} s; `probewatch ack` until another alarm comes;",
+        "`probewatch pause --off REASON` until `--on`. Acknowledged or off, an alarm of high or medium priority",
+        f"reminds of itself with one pulse every {reminder_s:g} s. `probewatch lamp-test` shows and sounds everything",
+        f"for {test_s:g} s and leaves the contact alone. All of it is in the alarm log, with who asked.",
+        "",
+    ]
+
+
+if __name__ == "__main__":
+    MANUAL.write_text(manual(), encoding="utf-8")

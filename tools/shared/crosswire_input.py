@@ -1,0 +1,70 @@
+"""Where the samples of a cross-wire scan come from: the simulated world, or a recording."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.types import Calibration
+from drivers.errors import RecordingError
+from drivers.recordings.replay import open_recording
+from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from drivers.twins.scene.world import World
+
+_FRAME_NS = 50_000_000
+_POSES_PER_FRAME = 3
+"""20 pictures a second, which are drawn in less time than 30, and the 60 poses a second of a Polaris Spectra."""
+_ERR_NS = 100_000
+"""Of every stamp: as good as a simulated device allows, so that no doubt about time is mistaken for one about ζ."""
+_SPOILED_MM = 4.0
+"""The shipped limit of an offset: as much as the service lets pass, plainly more than a scan's sigma of .5 mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScanInput:
+    """samples: in time order, `total` of them. size_px: (width, height) of the pictures. name: for the provenance."""
+
+    samples: Iterator[Sample]
+    total: int
+    size_px: tuple[int, int]
+    name: str
+
+
+def simulated(seed: int, duration_s: float) -> ScanInput:
+    """A hand that tilts the probe over a cross-wire in water, without devices and faster than it would take."""
+    world = World(seed, "freehand", "cross-wire")
+    frames = round(duration_s * 1e9 / _FRAME_NS)
+    size_px = world.settings.width_px, world.settings.height_px
+    return ScanInput(
+        _simulated(world, frames), frames * (1 + _POSES_PER_FRAME), size_px, f"simulated world, seed {seed}"
+    )
+
+
+def simulated_reference() -> Calibration:
+    """The calibration of the simulated probe, with ζ spoiled by 4 mm, for trying the command out."""
+    world = World()
+    size_px = world.settings.width_px, world.settings.height_px
+    calibration = calibration_from_image_to_probe(world.image_to_probe, size_px)
+    offset_mm = calibration.offset_mm + np.array([0, 0, _SPOILED_MM])
+    return replace(calibration, offset_mm=offset_mm, simulated=True)
+
+
+def recorded(path: Path, probe: str | None, reference: str | None, orientation: str | None) -> ScanInput:
+    """A PLUS sequence. Raises RecordingError."""
+    session = open_recording(path, probe=probe, reference=reference, orientation=orientation)
+    if session.size_px is None:
+        raise RecordingError("holds no pictures", str(path), "Give a recording of the cross-wire with its pictures")
+    return ScanInput(session.samples(), len(session), session.size_px, str(path.absolute()))
+
+
+def _simulated(world: World, frames: int) -> Iterator[Sample]:
+    for index in range(frames):
+        frame_ns = index * _FRAME_NS
+        yield Frame(Stamp(frame_ns, _ERR_NS), index, world.frame(frame_ns / 1e9, index))
+        for half in range(_POSES_PER_FRAME):
+            pose_ns = frame_ns + (2 * half + 1) * _FRAME_NS // (2 * _POSES_PER_FRAME)
+            number = index * _POSES_PER_FRAME + half
+            matrix = world.measured_pose(pose_ns / 1e9, number)
+            yield Pose(Stamp(pose_ns, _ERR_NS), number, matrix, world.settings.tracker_sd_mm, PoseStatus.OK)

@@ -1,0 +1,195 @@
+"""The status of a service as a picture for the terminal, in the language of the service.
+
+Colours mean the same everywhere: green verified, cyan not verified, yellow warning, red alarm or fault. A line is whole
+in one language: what cannot be translated whole stays English.
+"""
+
+from collections import defaultdict, deque
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from appliance.supervision.languages import told, translated
+from tools.shared.plain_text import shown
+
+Status = Mapping[str, Any]
+_Check = Mapping[str, Any]
+
+WORDS = {
+    "since": "verified {age:.1f} s ago",
+    "never": "not verified now",
+    "closed": "contact closed (safe)",
+    "open": "contact OPEN",
+    "acknowledged": "acknowledged",
+    "unacknowledged": "not acknowledged",
+    "rates": "video {video:.1f}/s · tracker {tracker:.1f}/s · dropped: {frames} frames, {poses} poses",
+    "paused": "sound paused",
+    "silenced": "sound acknowledged",
+    "off": "sound off",
+}
+"""Every word of the picture that the service does not say itself."""
+
+_BAR_CELLS = 9
+"""Columns of a bar, and of a trend. More asks for a wider terminal before there are two columns of checks."""
+_NUMBER_CELLS = 7
+"""Columns of a ratio and its mark, such as 12.34 ✓."""
+_TREND_EVERY_S = 1.0
+"""Of the service, for each cell of a trend: nine cells show what led to an alarm. Shorter shows noise."""
+_STEPS = "▁▂▃▄▅▆▇█"
+_COLOURS = {"OK": "green", "FAULT": "red", "NOT_VERIFIED": "cyan"}
+_MARKS = {"OK": "✓", "FAULT": "✗", "NOT_VERIFIED": "?"}
+_SOUNDS = {"paused": "paused", "acknowledged": "silenced", "off": "off"}
+
+
+class StatusView:
+    """Draws one status after the other; remembers the ratios of the last seconds as trends."""
+
+    def __init__(self) -> None:
+        self._trends: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_BAR_CELLS))
+        self._noted_s = -_TREND_EVERY_S
+
+    def picture(self, status: Status) -> Group:
+        """State, rates and every check: name, share of its limit as a bar or its trend, ratio, verdict."""
+        checks = [*status["checks"], *status["devices"]]
+        self._note(status["counters"].get("uptime_s", 0.0), checks)
+        table = _Checks(checks, {name: tuple(trend) for name, trend in self._trends.items()}, _language(status))
+        lines: list[RenderableType] = [_state(status), _rates(status), table]
+        return Group(*lines, *_remarks(status), *_origin(status))
+
+    def _note(self, uptime_s: float, checks: list[_Check]) -> None:
+        if uptime_s - self._noted_s < _TREND_EVERY_S:
+            return
+        self._noted_s = uptime_s
+        for check in checks:
+            if check["ratio"] is not None:
+                self._trends[check["name"]].append(check["ratio"])
+
+
+def one_line(status: Status) -> str:
+    """The status for a file or a pipe."""
+    say = _words(status)
+    parts = [f"{_title(status)}: {status['text']}", _advice(status), _age(status, say), _contact(status, say)]
+    return " · ".join(filter(None, parts))
+
+
+class _Checks:
+    """The table, in two columns where the terminal is wide enough; the end of each bar is the limit."""
+
+    def __init__(self, checks: list[_Check], trends: Mapping[str, tuple[float, ...]], language: str) -> None:
+        self._checks, self._trends = checks, trends
+        self._names = [shown(told(check["name"], language)) for check in checks]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        widest = max(map(len, self._names), default=0)
+        columns = 2 if options.max_width >= 2 * (widest + _BAR_CELLS + _NUMBER_CELLS + 4) - 2 else 1
+        cells = min(_BAR_CELLS, options.max_width - widest - _NUMBER_CELLS - 3)
+        table = Table.grid(padding=(0, 1))
+        rows = -(-len(self._checks) // columns)
+        for first in range(rows):
+            table.add_row(*(cell for at in range(first, len(self._checks), rows) for cell in self._cells(at, cells)))
+        yield table
+
+    def _cells(self, at: int, cells: int) -> tuple[Text, Text, Text]:
+        check = self._checks[at]
+        colour, ratio = _COLOURS[check["verdict"]], check["ratio"]
+        trend = self._trends.get(check["name"], ())[-max(1, cells) :]
+        bar = _trend(trend, colour, cells) if len(trend) > 1 else _bar(0.0 if ratio is None else ratio, colour, cells)
+        number = "  –  " if ratio is None else f"{min(ratio, 99.99):5.2f}"
+        mark = Text(f"{number} {_MARKS[check['verdict']]}", style=colour, no_wrap=True)
+        return Text(self._names[at], no_wrap=True, overflow="ellipsis"), bar, mark
+
+
+def _bar(ratio: float, colour: str, cells: int) -> Text:
+    """Nothing where there is no room for it."""
+    if cells < 1:
+        return Text()
+    filled = round(cells * min(ratio, 1.0))
+    return Text.assemble(("━" * filled, colour), ("─" * (cells - filled), "dim"), "┃", no_wrap=True)
+
+
+def _trend(ratios: tuple[float, ...], colour: str, cells: int) -> Text:
+    """The last seconds, oldest first; a full cell is the limit."""
+    if cells < 1:
+        return Text()
+    steps = "".join(_STEPS[min(int(ratio * len(_STEPS)), len(_STEPS) - 1)] for ratio in ratios)
+    return Text.assemble((steps.rjust(cells), colour), "┃", no_wrap=True)
+
+
+def _language(status: Status) -> str:
+    return str(status.get("language", "en"))
+
+
+def _words(status: Status) -> dict[str, str]:
+    return {name: shown(translated(text, _language(status))) for name, text in WORDS.items()}
+
+
+def _title(status: Status) -> str:
+    return shown(told(status["state"], _language(status))).upper()
+
+
+def _state(status: Status) -> Panel:
+    lamp, say = status["lamp"], _words(status)
+    facts = " · ".join([_age(status, say), _contact(status, say), *_latch(status, say)])
+    lines = [Text(shown(status["text"]), style=f"bold {lamp}"), Text(_advice(status)), Text(shown(facts), style=lamp)]
+    return Panel(
+        Text("\n").join(line for line in lines if line), title=_title(status), title_align="left", border_style=lamp
+    )
+
+
+def _advice(status: Status) -> str:
+    """What to do; in the calm states rather why they are what they are, if that is more than the text says."""
+    if status["fault"] is not None:
+        return shown(status["remedy"])
+    reason = told(status["reason"], _language(status))
+    return "" if reason == status["text"] else shown(reason)
+
+
+def _age(status: Status, say: Mapping[str, str]) -> str:
+    age_s = status["verification_age_s"]
+    return say["never"] if age_s is None else say["since"].format(age=age_s)
+
+
+def _contact(status: Status, say: Mapping[str, str]) -> str:
+    return say["closed" if status["energised"] else "open"]
+
+
+def _latch(status: Status, say: Mapping[str, str]) -> list[str]:
+    if status["latched"] is None:
+        return []
+    return [say["acknowledged" if status["acknowledged"] else "unacknowledged"]]
+
+
+def _rates(status: Status) -> Text:
+    fps, counters, audio, say = status["fps"], status["counters"], status["audio"], _words(status)
+    line = say["rates"].format(**fps, frames=counters["dropped_frames"], poses=counters["dropped_poses"])
+    left = "" if audio["left_s"] is None else f" {audio['left_s']:.0f} s"
+    sound = "" if audio["mode"] == "on" else f" · {say[_SOUNDS[audio['mode']]]}{left}"
+    return Text(shown(f"{line}{sound}"))
+
+
+def _remarks(status: Status) -> list[Text]:
+    """What needs no alarm, what is lost, and how the estimator ended."""
+    lost = [f"{device}: {what}" for device, what in status["lost"].items()]
+    ended = [] if status["estimator"] is None else [f"estimator: {status['estimator']}"]
+    said = [*status["notices"], *status["remarks"], *lost, *ended]
+    return [Text(shown(f"! {line}"), style="yellow") for line in said]
+
+
+def _origin(status: Status) -> list[Text]:
+    """Which reference the verdicts speak of, what keeps it from being verified, and what is not in force."""
+    reference = status.get("reference")
+    said = [] if reference is None else [_reference(reference)]
+    waits, changed = status.get("reference_waits"), status.get("calibration_changed")
+    said += [] if waits is None else [f"! reference: {waits}"]
+    said += [] if changed is None else [f"! {changed}"]
+    return [Text(shown(line), style="yellow" if line.startswith("!") else "dim") for line in said]
+
+
+def _reference(reference: Mapping[str, Any]) -> str:
+    origin = f"{reference['origin']}, SIMULATED" if reference["simulated"] else str(reference["origin"])
+    name, since = str(reference["file"]).rpartition("/")[2], str(reference["utc"])[:16].replace("T", " ")
+    return f"reference {reference['number']} · {origin} · {name} · {reference['sha256'][:12]} · since {since} UTC"

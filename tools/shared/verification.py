@@ -1,0 +1,99 @@
+"""A change of the reference as a person makes it: accept what it changes, then move the probe until it is verified."""
+
+import contextlib
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from appliance.service.control.client import ControlClient
+from appliance.service.control.server import ControlRefused
+from appliance.types import State
+from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+
+_LOOK_EVERY_S = 0.25
+"""Between two looks at the status: a progress bar that seems alive, and five ticks of the service."""
+
+
+def progress_bar(text: str) -> Progress:
+    """On stderr, and only where that is a terminal."""
+    console = Console(stderr=True)
+    columns = TextColumn(text), BarColumn(), TimeRemainingColumn()
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+def accepted(proposal: dict[str, Any], yes: bool) -> str:
+    """The difference in words, as the service wants it repeated, once a person has accepted it where one must. Raises
+    ControlRefused.
+    """
+    text = str(proposal["text"])
+    click.echo(f"against the reference in force: {text}")
+    if proposal["confirm"]:
+        ask("Accept that? Nothing of it is verified then.", yes)
+    return text
+
+
+def ask(question: str, yes: bool) -> None:
+    """Returns once a person has said yes, now or before. Raises ControlRefused where nobody can be asked."""
+    if not yes and not sys.stdin.isatty():
+        raise ControlRefused("needs a person to accept it; nothing was changed", question, "Give --yes if it is meant")
+    if not yes:
+        click.confirm(question, abort=True)
+
+
+def refuse_simulated(socket: Path) -> None:
+    """Raises ConfigurationError where the service watches real devices."""
+    with ControlClient(socket) as client:
+        if not client.status().get("simulated"):
+            what = "watches real devices, of which a simulated scan says nothing"
+            raise ConfigurationError(
+                what, f"the service at {socket}", "Scan the cross-wire with this probe: --recording"
+            )
+
+
+@contextlib.contextmanager
+def recalibrating(socket: Path | None) -> Iterator[None]:
+    """The service recalibrates while the block runs; a block that fails or is interrupted aborts it."""
+    if socket is None:
+        yield
+        return
+    try:
+        with ControlClient(socket) as client:
+            client.begin_recalibration()
+        yield
+    except BaseException:
+        with contextlib.suppress(ProbewatchError), ControlClient(socket) as client:
+            client.abort_recalibration()
+        raise
+
+
+def await_verification(socket: Path, wait_s: float) -> None:
+    """Returns once the service monitors. Raises DeviceLost, ControlRefused."""
+    end_s = time.monotonic() + wait_s
+    click.echo("now move the probe over tissue, to and fro, tilting and turning it: the service verifies the reference")
+    with progress_bar("{task.fields[state]}: {task.fields[reason]}") as progress:
+        task = progress.add_task("wait", total=None, state="", reason="")
+        while True:
+            with ControlClient(socket) as client:
+                status = client.status()
+            reason = status.get("reference_waits") or status["reason"]
+            progress.update(task, state=status["state"], reason=reason)
+            if status["state"] != State.RECALIBRATING.value:
+                break
+            if time.monotonic() > end_s:
+                raise _not_verified(f"not verified within {wait_s:g} s: {reason}")
+            time.sleep(_LOOK_EVERY_S)
+    if status["state"] == State.DEVICE_LOST.value:
+        what = f"a device was lost before the new calibration was verified: {status['reason']}"
+        raise DeviceLost(what, str(socket), "The old one is in force again; mend the device and recalibrate anew")
+    if status["state"] != State.MONITORING.value:
+        raise _not_verified(f"not verified, the service is in state {status['state']}: {status['reason']}")
+
+
+def _not_verified(what: str) -> ControlRefused:
+    return ControlRefused(what, "new calibration", "The contact stays open; move the probe over tissue, see its status")

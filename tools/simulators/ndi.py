@@ -1,0 +1,145 @@
+"""`probewatch simulate ndi`: a Polaris, Vega or Aurora that exists only as bytes."""
+
+import json
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from threading import Event
+
+import click
+
+from drivers.clock.host_clock import HostClock
+from drivers.errors import ConfigurationError
+from drivers.twins.fault_control import FaultControl, parse_fault
+from drivers.twins.faults import Schedule
+from drivers.twins.ndi.combined_api import WIRED_TOOLS, CombinedApi
+from drivers.twins.ndi.models import MODELS, Model
+from drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
+from drivers.twins.ndi.tracker import NDI_FAULTS, NdiTwin
+from drivers.twins.pty_line import PtyLine, TwinLine
+from drivers.twins.scene.world import World
+from drivers.twins.tcp_line import TcpLine
+from drivers.twins.tool_motion import PoseAt, pose_file, recorded_motion, world_motion
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
+# The bounds of a port number are TCP's.
+_LINES: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
+    click.option("--pty", "link", type=click.Path(path_type=Path), metavar="LINK", help="serve a pseudo-terminal here"),
+    click.option("--tcp", "port", type=click.IntRange(0, 65535), metavar="PORT", help="serve TCP; 0 takes a free port"),
+]
+# Bounds: clocks of devices are off by tens of ppm; rates at which a machine can still serve, or a person watch.
+_OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
+    click.option("--model", "model_name", type=click.Choice(sorted(MODELS)), required=True),
+    click.option("--track-hz", type=int, help="measurements per second; the model's usual rate if not given"),
+    click.option("--wired", type=click.Choice(WIRED_TOOLS), multiple=True, help="tool on a cable; may be repeated"),
+    click.option("--rom", type=_FILE, help="write the definition of a generic probe here"),
+    click.option("--reference-rom", type=_FILE, help="write the definition of a generic reference tool here"),
+    click.option("--poses", type=_FILE, help="CSV of t_s,tool,q0,qx,qy,qz,x_mm,y_mm,z_mm instead of the world"),
+    click.option("--recording", type=_FILE, help="PLUS sequence whose poses are shown instead of the world"),
+    click.option("--seed", type=int, default=1, help="of the world"),
+    click.option("--program", default="sweep", help="how the hand moves in the world"),
+    click.option("--fault", "faults", multiple=True, metavar="NAME[@FROM[..TO]]", help="in seconds; may be repeated"),
+    click.option("--control", type=_FILE, help="JSON list of faults, read again whenever it changes"),
+    click.option("--freeze-tag", help="firmware name, such as 'AURORA Rev 009'; decides how clients ask for poses"),
+    click.option("--skew-ppm", type=click.FloatRange(-500, 500), default=0.0, help="how fast the device's clock runs"),
+    click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="world seconds per second"),
+    click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC of world time 0; now if not given"),
+]
+
+
+def line_options(function: click.decorators.FC) -> click.decorators.FC:
+    """Where a simulated tracker is served: --pty as `link`, --tcp as `port`."""
+    for option in reversed(_LINES):
+        function = option(function)
+    return function
+
+
+def _with_options(function: click.decorators.FC) -> click.decorators.FC:
+    for option in reversed(_OPTIONS):
+        function = option(function)
+    return function
+
+
+@click.command("ndi", epilog=f"Faults: {', '.join(NDI_FAULTS)}")
+@line_options
+@_with_options
+def command(
+    model_name: str,
+    link: Path | None,
+    port: int | None,
+    track_hz: int | None,
+    wired: tuple[str, ...],
+    rom: Path | None,
+    reference_rom: Path | None,
+    poses: Path | None,
+    recording: Path | None,
+    seed: int,
+    program: str,
+    faults: tuple[str, ...],
+    control: Path | None,
+    freeze_tag: str | None,
+    skew_ppm: float,
+    rate: float,
+    origin_ns: int | None,
+) -> None:
+    """Simulate an NDI tracker until SIGTERM; prints one JSON line with its URL when it is ready."""
+    model = _model(MODELS[model_name], freeze_tag, network=port is not None)
+    _check_rate(model, track_hz)
+    clock = HostClock(rate, time.monotonic_ns() if origin_ns is None else origin_ns)
+    cables = wired or (("probe", "reference") if model.electromagnetic else ())
+    device = CombinedApi(_motion(poses, recording, seed, program), model, track_hz, skew_ppm, cables)
+    given = Schedule(tuple(parse_fault(text, NDI_FAULTS) for text in faults))
+    roms = _write_roms(rom, reference_rom)
+    stop = Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    with open_line(link, port, clock) as line:
+        twin = NdiTwin(line, clock, device, FaultControl(NDI_FAULTS, given, control))
+        click.echo(json.dumps({"ready": True, "url": url_of(line, link) + roms}))
+        twin.run(stop)
+
+
+def _model(model: Model, freeze_tag: str | None, network: bool) -> Model:
+    return replace(model, network=network, freeze_tag=freeze_tag or model.freeze_tag)
+
+
+def _check_rate(model: Model, track_hz: int | None) -> None:
+    if track_hz is not None and track_hz not in model.track_hz:
+        rates = ", ".join(map(str, model.track_hz))
+        raise ConfigurationError(f"{model.title} does not track at {track_hz} Hz", "--track-hz", f"Use {rates}")
+
+
+def _motion(poses: Path | None, recording: Path | None, seed: int, program: str) -> PoseAt:
+    if poses is not None and recording is not None:
+        raise ConfigurationError("a pose file and a recording exclude each other", "--poses, --recording", "Give one")
+    if poses is not None:
+        return pose_file(poses)
+    return world_motion(World(seed, program)) if recording is None else recorded_motion(recording)
+
+
+def _write_roms(probe: Path | None, reference: Path | None) -> str:
+    """The options that the URL of the tracker needs."""
+    query = []
+    for name, path, main_type in (("probe", probe, PROBE), ("reference", reference, REFERENCE)):
+        if path is not None:
+            path.write_bytes(make_rom(main_type))
+            query.append(f"{name}={path}")
+    return f"?{'&'.join(query)}" if query else ""
+
+
+def open_line(link: Path | None, port: int | None, clock: HostClock) -> TwinLine:
+    """Raises ConfigurationError unless exactly one is given, and can be served."""
+    if (link is None) == (port is None):
+        raise ConfigurationError("the simulated tracker needs one line", "--pty, --tcp", "Give one of the two")
+    try:
+        return PtyLine(link, clock) if link is not None else TcpLine(port or 0, clock)
+    except OSError as error:
+        place = str(link) if link is not None else f"TCP port {port}"
+        raise ConfigurationError(f"cannot serve here ({error.strerror})", place, "Choose another place") from None
+
+
+def url_of(line: TwinLine, link: Path | None) -> str:
+    """Under which the tracker on this line is opened."""
+    return f"ndi:{link}" if not isinstance(line, TcpLine) else f"ndi+tcp://127.0.0.1:{line.port}"

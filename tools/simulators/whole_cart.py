@@ -1,0 +1,269 @@
+"""A cart on one machine: scanner, tracker and relay board as twins, and the service, each its own process."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from appliance.service.control.client import ControlClient
+from appliance.service.control.server import ControlRefused
+from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from drivers.clock.host_clock import HostClock
+from drivers.errors import DeviceLost, ProbewatchError
+from drivers.files.atomic_file import replacing
+from drivers.twins.faults import PICTURE_FAULTS, Schedule
+from drivers.twins.scene.world import World
+
+Event = dict[str, Any]
+
+_PROBEWATCH = [sys.executable, "-P", "-c", "from tools.cli import main; main()"]
+TWINS = {
+    "scanner": [sys.executable, "-P", "-m", "drivers.twins.scanner"],
+    "polaris": [*_PROBEWATCH, "simulate", "ndi", "--model", "polaris-spectra"],
+    "relay_board": [sys.executable, "-P", "-m", "drivers.twins.relay_board"],
+}
+"""The command that starts each."""
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+_READY_S = 30.0
+"""For which a part may take to serve: it loads its libraries beside three others. Less gives up on a busy machine."""
+_END_S = 10.0
+"""Between SIGTERM and SIGKILL: the service waits up to 2 s for a disk, and a second for each device that hangs."""
+_LAST_LINES = 8
+"""Of the log of a part that ended by itself: the end of a traceback, and a few lines before it."""
+_DEADLINE_MS = 250.0
+_LONGEST_DEADLINE_MS = 5000.0
+"""`deadline_ms` of the tracker in real time, longer on a cart that is faster, and the most that it takes
+(docs/trackers.md): a little more than the default, 200, as the tracker shares the processors with the scanner.
+"""
+
+
+class Part:
+    """One process. said: its JSON lines with `heard_s` (host, s) added. noise: lines that are not JSON.
+
+    It is in a process group of its own, so Ctrl-C in the terminal reaches it only through end().
+    """
+
+    def __init__(self, name: str, command: list[str]) -> None:
+        self.name = name
+        self.said: list[Event] = []
+        self.noise: list[str] = []
+        self._last: deque[str] = deque(maxlen=_LAST_LINES)
+        run_with_parent = [sys.executable, "-IS", str(Path(__file__).with_name("run_with_parent.py")), str(os.getpid())]
+        self.process = subprocess.Popen(
+            [*run_with_parent, *command],
+            text=True,
+            errors="replace",
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env=os.environ | _ONE_THREAD,
+            process_group=0,
+        )
+        self._reader = threading.Thread(target=self._read, name=name, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self._last.append(line.rstrip())
+            try:
+                self.said.append({**json.loads(line), "heard_s": time.monotonic()})
+            except (ValueError, TypeError):
+                self.noise.append(line)
+
+    def find(self, since_s: float = 0.0, **fields: object) -> Event | None:
+        """First line with these fields heard after since_s."""
+        for event in tuple(self.said):
+            if event["heard_s"] >= since_s and fields.items() <= event.items():
+                return event
+        return None
+
+    def require(self) -> None:
+        """Raises DeviceLost with the last lines of its log when the process has ended by itself."""
+        code = self.process.poll()
+        if code is None:
+            return
+        self._reader.join(1)
+        how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        log = "".join(f"\n    {line}" for line in self._last) or " nothing"
+        raise DeviceLost(f"{self.name} {how}; its last lines:{log}", "simulated cart")
+
+    def end(self, kill: bool = False) -> int:
+        """Exit code after SIGTERM, or SIGKILL; a process that ignores the first gets the second."""
+        if self.process.poll() is None:
+            (self.process.kill if kill else self.process.terminate)()
+        try:
+            code = self.process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            code = self.process.wait()
+        self._reader.join(5)
+        if self.process.stdout is not None and not self._reader.is_alive():
+            self.process.stdout.close()
+        return code
+
+
+@dataclass(frozen=True, slots=True)
+class CartSettings:
+    """seed: of the world. rate: seconds of the cart per second."""
+
+    seed: int = 1
+    rate: float = 1.0
+
+
+class NotReady(DeviceLost):
+    """A part that lives did not come up, or did not answer, in time."""
+
+
+class SimulatedDevices:
+    """The devices, everything under `folder`; leaving the context ends every process. Time 0 is the creation of this
+    object.
+
+    pause: how to wait for some seconds; what it raises ends the start. twins: the processes, once started. config: the
+    configuration of a service that fits them, also as config_text.
+    """
+
+    def __init__(
+        self, folder: Path, settings: CartSettings | None = None, pause: Callable[[float], None] = time.sleep
+    ) -> None:
+        self.folder, self.settings, self._pause = folder, settings or CartSettings(), pause
+        self.clock = HostClock(self.settings.rate, time.monotonic_ns())
+        self.socket = folder / "control"
+        self.config = folder / "probewatch.toml"
+        self.config_text = ""
+        self.twins: dict[str, Part] = {}
+
+    def __enter__(self) -> Self:
+        try:
+            self._start()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self.close()
+
+    def _start(self) -> None:
+        for name in TWINS:
+            self.launch_twin(name)
+        image_to_probe = World(self.settings.seed).image_to_probe
+        calibration = replace(calibration_from_image_to_probe(image_to_probe, (640, 480)), simulated=True)
+        write_calibration(self.folder / "probe.toml", calibration, {"source": "the truth of the simulated world"})
+        urls = {name: self.await_twin(name) for name in TWINS}
+        self.config_text = self._configuration(urls)
+        self.config.write_text(self.config_text)
+
+    def close(self) -> None:
+        """End every process."""
+        for part in self.twins.values():
+            part.end()
+
+    def now_s(self) -> float:
+        """Time of the cart, s."""
+        return (self.clock.now_ns() - self.clock.origin_ns) / 1e9
+
+    def launch_twin(self, name: str) -> None:
+        """Start the process; await_twin waits until it serves."""
+        place = self.folder / name
+        options = {
+            "scanner": ["--socket", str(place), "--control", f"{place}.json"],
+            "polaris": ["--pty", str(place), "--rom", str(self.folder / "probe.rom"), "--control", f"{place}.json"],
+            "relay_board": ["--pty", str(place)],
+        }[name]
+        settings = self.settings
+        common = ["--origin-ns", str(self.clock.origin_ns), "--rate", str(settings.rate), "--seed", str(settings.seed)]
+        self.twins[name] = Part(name, [*TWINS[name], *options, *common])
+
+    def await_twin(self, name: str) -> str:
+        """URL under which it serves. Raises DeviceLost when it ends or hangs before it is ready."""
+        twin = self.twins[name]
+        deadline_s = time.monotonic() + _READY_S
+        while (ready := twin.find(ready=True)) is None:
+            twin.require()
+            if time.monotonic() > deadline_s:
+                what = f"{name} is not ready after {_READY_S:g} s"
+                raise NotReady(what, "simulated cart", "Try again when the machine is less busy")
+            self._pause(0.01)
+        return str(ready["url"])
+
+    def show_faults(self, schedule: Schedule) -> None:
+        """Each twin shows its own of these from now on, and no others; within 50 ms of the cart's time."""
+        pictures = tuple(one for one in schedule.episodes if one.fault in PICTURE_FAULTS)
+        others = tuple(one for one in schedule.episodes if one.fault not in PICTURE_FAULTS)
+        for name, episodes in (("scanner", pictures), ("polaris", others)):
+            with replacing(self.folder / f"{name}.json") as file:
+                file.write(Schedule(episodes).to_json().encode())
+
+    def require_alive(self) -> None:
+        """Raises DeviceLost naming the part that has ended by itself, with the last lines of its log."""
+        for part in self.twins.values():
+            part.require()
+
+    def _configuration(self, urls: dict[str, str]) -> str:
+        """Absolute paths, so that the text may be put anywhere. The tracker's deadline runs on the cart's clock, which
+        may be faster than the machine.
+        """
+        deadline_ms = min(max(1.0, self.settings.rate) * _DEADLINE_MS, _LONGEST_DEADLINE_MS)
+        return (
+            f'video.url = "{urls["scanner"]}"\n'
+            f'tracker.url = "{urls["polaris"]}&deadline_ms={deadline_ms:g}"\n'
+            f'output = [{{ url = "{urls["relay_board"]}" }}]\n'
+            f'calibration.file = "{self.folder / "probe.toml"}"\n'
+            f'control.socket = "{self.socket}"\n'
+            f'alarm.folder = "{self.folder / "alarms"}"\n'
+        )
+
+
+class SimulatedCart(SimulatedDevices):
+    """The devices and the service between them. daemon: its process, once started."""
+
+    daemon: Part | None = None
+
+    def _start(self) -> None:
+        super()._start()
+        self.start_daemon()
+
+    def close(self) -> None:
+        """The service first, so that it opens the contact on a relay board that still listens."""
+        if self.daemon is not None:
+            self.daemon.end()
+        super().close()
+
+    def start_daemon(self) -> None:
+        """Start the service on the configuration that has been written."""
+        rate = ["--clock-rate", str(self.settings.rate), "--clock-origin-ns", str(self.clock.origin_ns)]
+        self.daemon = Part("service", [*_PROBEWATCH, "run", "--config", str(self.config), *rate])
+
+    def require_alive(self) -> None:
+        """Raises DeviceLost naming the part that has ended by itself, with the last lines of its log."""
+        super().require_alive()
+        if self.daemon is not None:
+            self.daemon.require()
+
+    def status(self) -> Event:
+        """What the service says; empty while it does not answer."""
+        try:
+            with ControlClient(self.socket) as client:
+                return client.status()
+        except ProbewatchError:
+            return {}
+
+    def acknowledge(self) -> bool:
+        """Whether the service granted it."""
+        try:
+            with ControlClient(self.socket) as client:
+                client.acknowledge()
+        except ControlRefused:
+            return False
+        return True
