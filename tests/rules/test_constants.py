@@ -26,6 +26,8 @@ def is_constant(statement: ast.stmt) -> bool:
         return False
     names = [node.id for target in targets for node in ast.walk(target) if isinstance(node, ast.Name)]
     assert statement.value is not None
+    if any(isinstance(node, ast.Name) and node.id == "__file__" for node in ast.walk(statement.value)):
+        return False  # a place in the checkout, counted in folders
     return bool(names) and all(name.isupper() for name in names) and numbers(statement.value)
 
 
