@@ -29,7 +29,8 @@ SHORTER_S = 12.0
 WATCHED_S = {SHIPPED_S: 75.0, SHORTER_S: 35.0}
 """max_verification_age → how long after the bend."""
 
-VERIFIED_WITHIN_S = 60.0
+VERIFIED_WITHIN_S = 120.0
+"""Four seconds to start and ten of motion on an idle machine. What is asked here is only how long it stays."""
 FRESH = 0.5
 """Share of max_verification_age that may have passed when the disturbance begins; older evidence opens the contact
 sooner."""
