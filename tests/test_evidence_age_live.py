@@ -38,7 +38,7 @@ DISTURBED_S, HIDDEN_S, BENT_S, SEEN_S = 0.0, 0.5, 0.8, 1.0
 """From the beginning of the disturbance: the body is bent while the tracker does not see it, as no leap then tells."""
 TICK_S = TICK_NS / 1e9
 SWITCHING_S = 0.05
-"""From a tick to the contact: the command on the relay's line and the board's answer; docs/devices.md."""
+"""Chosen, not measured: from a tick to the contact, for the command on the relay's line and the board's thread."""
 LOOK_S = 0.05
 
 
