@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.acquisition.pairing import NO_POSE
+from appliance.core.acquisition.pairing import NEVER, NO_POSE
 from appliance.crosswire.crossing import NoCrossing
 from appliance.crosswire.offset import ScanRefused, solve_offset, solve_zeta
 from appliance.crosswire.scan import CrosswireScan, View
@@ -117,7 +117,8 @@ def test_pictures_without_poses_are_counted_by_reason() -> None:
     frames = [sample for sample in samples if isinstance(sample, Frame)]
     late = [sample for sample in samples if isinstance(sample, Pose) and sample.stamp.t_ns > ORIGIN_NS + 1_000_000_000]
     scan = scanned(iter(sorted([*frames, *late], key=lambda sample: sample.stamp.t_ns)))
-    assert scan.refused[NO_POSE] == 11
+    assert scan.refused[NEVER] + scan.refused[NO_POSE] == 11
+    assert scan.refused[NEVER] == 3, "those that had waited .7 s when the first pose came"
     assert scan.pictures == 20
 
 

@@ -101,15 +101,15 @@ def test_a_control_file_switches_faults_while_it_runs(tmp_path: Path, simulate: 
 
 def test_faults_of_the_command_line_keep_their_times(simulate: Callable[..., str]) -> None:
     origin_ns = time.monotonic_ns()
-    options = ("--origin-ns", str(origin_ns), "--rate", "2", "--fault", "missing@4..5")
+    options = ("--origin-ns", str(origin_ns), "--rate", "2", "--fault", "missing@8..9")
     clock, seen = HostClock(2, origin_ns), []
     with open_tracker(simulate(*options) + "&deadline_ms=1000", clock) as tracker:
-        while not seen or seen[-1].sequence < 550:
+        while not seen or seen[-1].sequence < 950:
             pose = tracker.read(1.0)
             seen += [pose] if pose is not None else []
     missing = [pose.sequence for pose in seen if pose.status is PoseStatus.MISSING]
-    assert missing[0] == pytest.approx(400, abs=20)
-    assert missing[-1] == pytest.approx(500, abs=20)
+    assert missing[0] == pytest.approx(800, abs=20)
+    assert missing[-1] == pytest.approx(900, abs=20)
 
 
 @pytest.mark.parametrize(
