@@ -7,15 +7,31 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts quick thorough live repeat mutation pythons evidence bench paper deb test-deb test-cart soak docs lock clean invariant
+.PHONY: help demo test lint types contracts quick thorough invariant \
+  live mutation pythons evidence test-deb test-cart soak repeat coverage bench paper deb docs lock clean
 
 help: ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z-]+:.*## /{printf "  %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+##@ First
 
 demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults, alarm, timeline (under 3 minutes)
 	$(BIN)/probewatch demo
 
 test: lint types contracts quick ## lint, types, import contracts and the quick test suite (about four minutes on two cores)
+
+##@ Every change
+
+lint: $(VENV)/dev ## ruff: style and formatting; vulture: what nothing uses
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/vulture
+
+types: $(VENV)/dev ## mypy --strict
+	$(BIN)/mypy
+
+contracts: $(VENV)/dev ## who may import whom
+	$(BIN)/lint-imports
 
 quick: $(VENV)/dev ## the quick test suite alone
 	$(BIN)/pytest -n 2 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb"
@@ -23,15 +39,11 @@ quick: $(VENV)/dev ## the quick test suite alone
 thorough: $(VENV)/dev ## heavier tests that CI runs too (about two minutes)
 	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
-lint: $(VENV)/dev ## ruff: style and formatting
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
+FRAMES ?= 100000
+invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (15 minutes)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.invariant $(FRAMES)
 
-types: $(VENV)/dev ## mypy --strict
-	$(BIN)/mypy
-
-contracts: $(VENV)/dev ## who may import whom
-	$(BIN)/lint-imports
+##@ Before a release
 
 live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about four minutes)
 	$(BIN)/python -m tests.rules.retried -n 2 -m "live and not slow"
@@ -42,29 +54,8 @@ mutation: $(VENV)/dev ## changes the supervisor in one place after the other; th
 pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root)
 	$(BIN)/python -m tests.rules.pythons
 
-TIMES ?= 50
-repeat: $(VENV)/dev ## one test fifty times: make repeat TEST=tests/live/test_daemon.py::test_status_tells_everything
-	@failed=0; for i in $$(seq $(TIMES)); do $(BIN)/pytest -q $(TEST) || { failed=$$((failed + 1)); echo "repeat $$i failed"; }; \
-	  done; echo "$$failed of $(TIMES) repeats failed"; [ "$$failed" -eq 0 ]
-
 evidence: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m "slow and not cart" -n 2
-
-FRAMES ?= 100000
-invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (15 minutes)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.invariant $(FRAMES)
-
-docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor
-	$(BIN)/python -m tools.development.manual
-
-bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of the line: tables and results/bench.json
-	$(BIN)/python -m tests.bench
-
-paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
-	$(BIN)/python -m tests.paper
-
-deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/; SUITES=bookworm for one
-	$(BIN)/python systemd/deb/build.py dist $(SUITES)
 
 test-deb: deb ## builds the packages, then looks at what is in them and runs what this machine's Python can
 	$(BIN)/pytest -n 0 -m deb -rs tests/systemd/test_deb.py
@@ -75,7 +66,32 @@ test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, pow
 soak: $(VENV)/dev ## half an hour of service in a container: memory, files, dropped frames, processor share (root)
 	$(BIN)/pytest -m "cart and slow" -rs -s tests/cart
 
-lock: $(VENV)/dev ## resolve the lock files anew from pyproject.toml
+##@ Looking closer
+
+TIMES ?= 50
+repeat: $(VENV)/dev ## one test fifty times: make repeat TEST=tests/live/test_daemon.py::test_status_tells_everything
+	@failed=0; for i in $$(seq $(TIMES)); do $(BIN)/pytest -q $(TEST) || { failed=$$((failed + 1)); echo "repeat $$i failed"; }; \
+	  done; echo "$$failed of $(TIMES) repeats failed"; [ "$$failed" -eq 0 ]
+
+coverage: $(VENV)/dev ## which lines the quick tests reach: a table, and results/coverage/index.html
+	$(BIN)/pytest -n 2 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb" \
+	  --cov --cov-report=term:skip-covered --cov-report=html:results/coverage
+
+bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of the line: tables and results/bench.json
+	$(BIN)/python -m tests.bench
+
+paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
+	$(BIN)/python -m tests.paper
+
+##@ Making
+
+deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/; SUITES=bookworm for one
+	$(BIN)/python systemd/deb/build.py dist $(SUITES)
+
+docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor
+	$(BIN)/python -m tools.development.manual
+
+lock: $(VENV)/dev ## resolve the lock files again from pyproject.toml
 	$(BIN)/pip install --quiet uv
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 	  --custom-compile-command 'make lock' --extra dev pyproject.toml -o requirements-dev.lock

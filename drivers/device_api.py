@@ -49,7 +49,7 @@ class Identified(Protocol):
     """A device that knows more of itself than its URL."""
 
     def describe(self) -> Description:
-        """Never asks the device anew, so it costs nothing while tracking."""
+        """Never asks the device again, so it costs nothing while tracking."""
 
 
 @runtime_checkable

@@ -80,7 +80,7 @@ def _no_scheme(url: str, kind: str) -> ConfigurationError:
     close = difflib.get_close_matches(scheme.lower(), fitting, n=1, cutoff=0.6) if colon else []
     meant = [f"{close[0]}:{rest}"] if close else [one for one in _likely(url) if one.partition(":")[0] in fitting]
     remedy = f"Did you mean {' or '.join(meant)}?" if meant else f"Use one of {_listed(fitting)}"
-    what = f"'{scheme}:' is no known device kind" if colon else "does not say of which kind the device is"
+    what = f"'{scheme}:' is not a known device kind" if colon else "does not say of which kind the device is"
     return ConfigurationError(what, url, remedy)
 
 

@@ -68,7 +68,7 @@ class _Section(BaseModel):
 
 def _refuse_controls(value: str | Path) -> str | Path:
     if not str(value).isprintable():
-        raise _refused("a control character is in it, such as a NUL or a line break. Type it anew")
+        raise _refused("a control character is in it, such as a NUL or a line break. Type it again")
     return value
 
 

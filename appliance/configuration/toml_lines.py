@@ -8,7 +8,7 @@ Place = tuple[str | int, ...]
 """Keys from the root down; entries of an array of tables are counted from 0."""
 
 _LONGEST_STATEMENT = 200
-"""Lines of one value. A value is parsed anew with each of its lines, so this bounds the work; longer ones get no line.
+"""Lines of one value. A value is parsed again with each of its lines, so this bounds the work; longer ones get no line.
 """
 
 

@@ -32,7 +32,7 @@ _SOLVE_UNPAIRED_NS = 1_000_000_000
 step, and a step longer than `Patience.estimator_ns` is told as a silent estimator."""
 _STEADY_CORRELATION = 0.6
 """Likeness from which a picture may testify against the tracker. Less takes a bad registration for a leap of the
-marker; more pauses the search for leaps in hasty sweeps. Not measured.
+marker; more pauses the search for leaps in quick sweeps. Not measured.
 """
 _SIZE_PERCENT = 0.1
 """The limit told beside a picture of another size, which fails however little it differs: 1 px of 640 is .16 %."""

@@ -1,4 +1,4 @@
-"""Takes the seldom paths of the line once, so that the first real fault does not wait for code to be read from disk."""
+"""Takes the rare paths of the line once, so that the first real fault does not wait for code to be read from disk."""
 
 import cv2
 import numpy as np

@@ -10,11 +10,11 @@ from appliance.service.host.systemd_notify import Notifier
 from drivers.errors import ConfigurationError
 
 _LOOK_AGAIN_S = 1.0
-_WHAT, _REMEDY = "not configured yet", "Edit it, then set configured = true in it; the service starts anew by itself"
+_WHAT, _REMEDY = "not configured yet", "Edit it, then set configured = true in it; the service starts again by itself"
 
 
 def await_configuration(path: Path, stop: threading.Event) -> None:
-    """Return once the file says that it is configured, so that the service manager starts the service anew, or on stop.
+    """Return once the file says that it is configured, so that the service manager starts it again, or on stop.
 
     No output is opened, so none is energised; that is what the watchdog is fed for. Raises ConfigurationError when the
     file becomes unreadable.

@@ -3,8 +3,8 @@
 A folder holds segments `alarms-NNNNNNNN.jsonl`, named by the number of their first entry, and `alarm-memory.json`. Each
 entry carries the SHA-256 of its own content, which includes the digest of the entry before it, so an entry that was
 changed, taken out or put in breaks the chain; the memory holds number and digest of the last entry, so a log that was
-cut short shows as well. It shows accidents and hasty hands; whoever may write to the folder and knows this format can
-make a new chain, which the digests in the system journal would contradict.
+cut short shows as well. It shows accidents and careless hands; whoever may write to the folder and knows this format
+can make a new chain, which the digests in the system journal would contradict.
 """
 
 import hashlib
@@ -92,7 +92,7 @@ class _Chain:
         try:
             entry = _parse(line)
         except ValueError as error:
-            self.damages.append(Damage("log-damaged", where, f"is no entry ({error})"))
+            self.damages.append(Damage("log-damaged", where, f"is not an entry ({error})"))
             return
         if what := _misplaced(entry, promised):
             self.damages.append(Damage("log-damaged", where, what))
@@ -111,7 +111,7 @@ class _Chain:
             self.damages.append(Damage("log-damaged", where, f"entry {entry.number} does not continue the chain"))
 
     def _link_begun(self, where: str, entry: Entry, before: Entry) -> None:
-        """A chain begins anew after an unsound one, of which it says where that ended."""
+        """A chain starts again after an unsound one, of which it says where that ended."""
         if entry.number <= before.number:
             what = f"entry {entry.number}, which begins a chain, follows entry {before.number}: it was moved or copied"
             self.damages.append(Damage("log-damaged", where, what))

@@ -82,7 +82,7 @@ class AlarmLog:
         """On the disk when it returns. Raises OSError; then nothing was appended, and it may be tried again."""
         if self._chain_begins:
             found = [str(one) for one in self._unsound()]
-            if found:  # the memory first: once the chain has begun anew, the log itself shows this damage no more
+            if found:  # the memory first: once the chain has started again, the log itself shows this damage no more
                 self._remember(replace(self._memory, damage=self.damage))
             self._write(utc, t_ns, BEGUN, {"found": found, AFTER: self._memory.digest}, latch)
             self._chain_begins = False

@@ -37,15 +37,10 @@ class Reference:
         return self.candidate.calibration
 
 
-def candidate_from_file(path: Path, size_px: Size | None, probe: str) -> Candidate:
+def candidate_from_content(content: bytes, file: str, size_px: Size | None, probe: str) -> Candidate:
     """size_px: (width, height) of the pictures, which a device set needs and our TOML must agree with where the
     configuration states it. Raises ConfigurationError.
     """
-    return candidate_from_content(calibration_bytes(path), str(path), size_px, probe)
-
-
-def candidate_from_content(content: bytes, file: str, size_px: Size | None, probe: str) -> Candidate:
-    """The same of content that was read before."""
     calibration = parse_calibration(content, Path(file), size_px, probe)
     return Candidate(calibration, content, sha256_of(content), file, probe)
 

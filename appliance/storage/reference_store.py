@@ -25,7 +25,7 @@ CONFIGURED, RECALIBRATED = "configuration", "recalibration"
 _MAX_HISTORY_BYTES = 16_000_000
 """About 15,000 references; a longer file is none that was written here."""
 
-_RESTORE = "Restore the folder from a copy, or begin anew with the configuration's file: probewatch calibration reset"
+_RESTORE = "Restore the folder from a copy, or start again with the configuration's file: probewatch calibration reset"
 
 _Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
@@ -83,7 +83,7 @@ class History(_Stored):
         """Raises ConfigurationError for a number that there is not."""
         if not 1 <= number <= len(self.entries):
             known = f"there are 1 to {len(self.entries)}" if self.entries else "there is none yet"
-            raise ConfigurationError(f"is no reference of this service, {known}", f"reference {number}", _LIST)
+            raise ConfigurationError(f"is not a reference of this service, {known}", f"reference {number}", _LIST)
         return self.entries[number - 1]
 
 
@@ -147,8 +147,8 @@ def write_history(folder: Path, history: History, contents: dict[str, bytes]) ->
 
 
 def set_aside(folder: Path) -> Path | None:
-    """Rename the whole store, damaged or not, and leave an empty one that begins anew. Returns the new name; None where
-    there was no store. Raises OSError.
+    """Rename the whole store, damaged or not, and leave an empty one in its place. Returns the new name; None where there
+    was no store. Raises OSError.
     """
     place, kept = folder / FOLDER, None
     if place.exists():

@@ -124,11 +124,11 @@ class Ledger:
             self.calibration.lift(self.now_ns)
 
     def acknowledge(self) -> None:
-        """A person has seen the latched state; a fault that comes anew is not acknowledged."""
+        """A person has seen the latched state; a fault that comes again is not acknowledged."""
         self.acknowledged = True
 
     def accept_damage(self) -> None:
-        """A person has seen what is damaged; the same found anew, and any other damage, is another alarm."""
+        """A person has seen what is damaged; the same found again, and any other damage, is another alarm."""
         assert self.integrity.fault is not None
         self._accepted |= {self.integrity.fault}
         self.integrity.lift(self.now_ns)

@@ -109,7 +109,7 @@ class _Reading:
 class DeviceClock:
     """Feed every new device time once; steps of the device's clock and restarts are noticed here.
 
-    The device's rate may differ from the host's by 500 ppm. restarts: how often the line had to be begun anew.
+    The device's rate may differ from the host's by 500 ppm. restarts: how often the line had to be started again.
     early_ns: how far before the last stamp the truth may lie, by what requests came too early for; at most 100 ms. It
     holds without any assumption on the delays, only on how far the rates of the clocks may differ from now on.
     """
@@ -205,7 +205,7 @@ class DeviceClock:
         return too_early or (full and min(*self._recent, excess_ns) > _LATE_NS)
 
     def _keep_lowest(self, reading: _Reading) -> bool:
-        """One reading per bin stays, the lowest. Returns whether the line must be drawn anew."""
+        """One reading per bin stays, the lowest. Returns whether the line must be drawn again."""
         lowest = self._lowest
         while lowest and reading.device_ns - lowest[0].device_ns > _WINDOW_NS:
             lowest.popleft()
@@ -285,7 +285,7 @@ class CounterClock(DeviceClock):
         self._counts = 0
 
     def stamp(self, counter: int, arrival_ns: int, absent_ns: int | None = None, asked_ns: int | None = None) -> Stamp:
-        """As DeviceClock.stamp, for the value of the counter. A counter that runs backward starts anew."""
+        """As DeviceClock.stamp, for the value of the counter. A counter that runs backward starts again."""
         steps = 0 if self._counter is None else (counter - self._counter) % COUNTS
         self._counts += steps - COUNTS if steps >= COUNTS // 2 else steps
         self._counter = counter

@@ -115,7 +115,7 @@ def read_log(path: Path) -> tuple[Entry, ...]:
     except (OSError, UnicodeDecodeError) as error:
         raise RecordingError(f"the byte log cannot be read ({error})", str(path), "Check the path") from None
     if not lines or not lines[0].startswith(HEADING):
-        raise RecordingError("this is no byte log", str(path), f"Its first line must begin with '{HEADING}'")
+        raise RecordingError("this is not a byte log", str(path), f"Its first line must begin with '{HEADING}'")
     return tuple(_entry(path, number, line) for number, line in enumerate(lines, 1) if not line.startswith(HEADING))
 
 

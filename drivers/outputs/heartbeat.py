@@ -40,5 +40,5 @@ def heartbeat_from(options: dict[str, str], where: str, highest_hz: float = 5.0)
     except ValueError:
         rate_hz = math.nan
     if not 0.5 <= rate_hz <= highest_hz:
-        raise ConfigurationError(f"heartbeat={text} is no rate", where, f"Give 0.5 to {highest_hz:g} Hz")
+        raise ConfigurationError(f"heartbeat={text} is not a rate", where, f"Give 0.5 to {highest_hz:g} Hz")
     return Heartbeat(round(0.5e9 / rate_hz))

@@ -41,9 +41,9 @@ def checked(target: str, options: dict[str, str]) -> tuple[str, str | None, Hear
     refuse_unknown(options, _OPTIONS, where)
     pin, sense = options.get("pin", ""), options.get("sense")
     if pin not in _PINS:
-        raise ConfigurationError(f"pin={pin} is no line that can be driven", where, f"Use {', '.join(_PINS)}")
+        raise ConfigurationError(f"pin={pin} is not a line that can be driven", where, f"Use {', '.join(_PINS)}")
     if sense is not None and sense not in _SENSES:
-        raise ConfigurationError(f"sense={sense} is no line that can be read", where, f"Use {', '.join(_SENSES)}")
+        raise ConfigurationError(f"sense={sense} is not a line that can be read", where, f"Use {', '.join(_SENSES)}")
     return pin, sense, heartbeat_from(options, where)
 
 

@@ -60,7 +60,7 @@ def checked(target: str, options: dict[str, str]) -> tuple[str, str, int]:
     refuse_unknown(options, ("pitch",), where)
     text = options.get("pitch", "440")
     if not text.isdecimal() or not 150 <= int(text) <= 1000:
-        raise ConfigurationError(f"pitch={text} is no pitch of an alarm", where, "Give 150 to 1000 Hz")
+        raise ConfigurationError(f"pitch={text} is not the pitch of an alarm", where, "Give 150 to 1000 Hz")
     player = shutil.which("aplay")
     if player is None:
         raise ConfigurationError("the player aplay is not installed", where, "Install it: apt install alsa-utils")

@@ -105,7 +105,7 @@ class MetaImage:
         except InvalidOperation:
             seconds = Decimal("NaN")
         if not seconds.is_finite() or not -_MAX_STAMP_S <= seconds <= _MAX_STAMP_S:
-            raise _refusal(self.path, key, f"{text!r} is no time in seconds", "Record again, or mend this line")
+            raise _refusal(self.path, key, f"{text!r} is not a time in seconds", "Record again, or mend this line")
         return round(seconds * 1_000_000_000)
 
     def sequence(self, index: int) -> int:

@@ -81,5 +81,5 @@ def parse_fault(text: str, names: Collection[str]) -> Episode:
 
 def _listed(name: str, names: Collection[str]) -> Episode:
     if name not in names:
-        raise ConfigurationError(f"'{name}' is no known fault", "faults", f"Use {', '.join(sorted(names))}")
+        raise ConfigurationError(f"'{name}' is not a known fault", "faults", f"Use {', '.join(sorted(names))}")
     return Episode(name, 0.0)

@@ -65,7 +65,7 @@ def world_motion(world: World) -> PoseAt:
 
 
 def pose_file(path: Path) -> PoseAt:
-    """Raises RecordingError naming the row that is no pose."""
+    """Raises RecordingError naming the row that is not a pose."""
     rows: defaultdict[str, list[tuple[float, Matrix4 | None]]] = defaultdict(list)
     try:
         with TextIOWrapper(reading(path), encoding="utf-8", newline="") as stream:
@@ -111,9 +111,9 @@ def _row(row: list[str], where: str) -> tuple[float, str, Matrix4 | None]:
     try:
         t_s, tool, values = float(row[0]), row[1], [float(field) for field in row[2:]]
     except (ValueError, IndexError):
-        raise RecordingError("this row is no pose", where, remedy) from None
+        raise RecordingError("this row is not a pose", where, remedy) from None
     if not math.isfinite(t_s) or not tool or not all(map(math.isfinite, values)) or len(values) not in (0, 7):
-        raise RecordingError("this row is no pose", where, remedy)
+        raise RecordingError("this row is not a pose", where, remedy)
     if not values:
         return t_s, tool, None
     if abs(math.hypot(*values[:4]) - 1) > UNIT_TOLERANCE:

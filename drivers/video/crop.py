@@ -48,6 +48,6 @@ def cut_from(options: dict[str, str], where: str) -> Cut:
     found = _CROP.fullmatch(text)
     if found is None or min(int(found[3]), int(found[4])) < LEAST_PX:
         remedy = f"Write crop=LEFT,TOP,WIDTH,HEIGHT in pixels, width and height at least {LEAST_PX}"
-        raise ConfigurationError(f"crop={text} is no part of a picture", where, remedy)
+        raise ConfigurationError(f"crop={text} is not a part of a picture", where, remedy)
     left, top, width, height = (int(number) for number in found.groups())
     return Cut((left, top, width, height), orientation)

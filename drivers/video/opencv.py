@@ -68,7 +68,7 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenC
     rate_hz = float(capture.get(cv2.CAP_PROP_FPS)) or math.nan
     if is_file and not _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]:
         capture.release()
-        raise DeviceLost("the file does not tell its picture rate", where, "Convert it, or record anew")
+        raise DeviceLost("the file does not tell its picture rate", where, "Convert it, or record again")
     return OpenCvVideo(capture, where, _Times(clock, is_file, rate_hz, delay_ms, error_ms), cut)
 
 
@@ -86,7 +86,7 @@ def _ms(options: dict[str, str], key: str, usual: float, where: str) -> float:
     except ValueError:
         value = math.nan
     if not 0 <= value <= _MOST_MS:
-        raise ConfigurationError(f"{key}={options[key]} is no time", where, f"Give 0 to {_MOST_MS:g} ms")
+        raise ConfigurationError(f"{key}={options[key]} is not a time", where, f"Give 0 to {_MOST_MS:g} ms")
     return value
 
 

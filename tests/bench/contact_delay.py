@@ -53,18 +53,7 @@ def main() -> None:
     try:
         with tempfile.TemporaryDirectory() as folder, Cart(Path(folder), trusting=True) as cart:
             cart.wait_for("monitoring", 60)
-            cart.config.write_text(
-                cart.config.read_text() + "supervisor.probation_s = 0.1\nsupervisor.halt_after_s = 5\n"
-            )
-            assert cart.daemon is not None
-            cart.daemon.end()
-            cart.start_daemon()
-            cart.wait_for("monitoring", 60)
-            for process in (cart.daemon.process.pid, cart.estimator_pid()):
-                os.setpriority(os.PRIO_PROCESS, process, _NICE)
-            for thread in Path(f"/proc/{cart.daemon.process.pid}/task").iterdir():
-                os.setpriority(os.PRIO_PROCESS, int(thread.name), _NICE)
-            time.sleep(2)
+            restart_for_measuring(cart)
             figures = np.array(delays_ms(cart, samples))
             tick = cart.status()["tick"]
     finally:

@@ -29,7 +29,7 @@ FPS = 12.0
 
 
 def start_twins(machine: Container, fps: float = FPS) -> None:
-    """They share one origin, so they stay in one world however often one of them is started anew."""
+    """They share one origin, so they stay in one world however often one of them is started again."""
     origin_ns = time.monotonic_ns()
     machine.sh(f"mkdir -p -m 755 {PLACE}")
     for name, command in TWINS.items():

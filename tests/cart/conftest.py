@@ -31,7 +31,7 @@ def _require(programs: tuple[str, ...]) -> None:
 
 @pytest.fixture(scope="session")
 def image() -> Image:
-    """Built anew where its sources have changed: minutes, else a second."""
+    """Built again where its sources have changed: minutes, else a second."""
     _require(IMAGE)
     try:
         return build()

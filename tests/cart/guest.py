@@ -242,7 +242,7 @@ class Guest:
         return ended
 
     def reload_units(self) -> None:
-        """As systemctl daemon-reload; systemd may then start this machine's agent anew, and what it runs with it."""
+        """As systemctl daemon-reload; systemd may then start this machine's agent again, and what it runs with it."""
         self.begin("systemctl daemon-reload")
         until(lambda: not self._needs_reload(), EXEC_S, self.look_s, lambda: "the units are not read again")
 

@@ -1,6 +1,6 @@
 """The machine's files, built once and kept: kernel module, root file system with the package, disk.
 
-Everything lies under PROBEWATCH_CART_CACHE (default ~/.cache/probewatch-cart)/SUITE; each part is built anew when what
+Everything lies under PROBEWATCH_CART_CACHE (default ~/.cache/probewatch-cart)/SUITE; each part is built again when what
 it is made from has changed. The mirror is the one that this host's apt uses.
 """
 

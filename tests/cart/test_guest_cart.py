@@ -111,7 +111,7 @@ def _mirror_and_acknowledge(cart: Guest) -> None:
 
 
 def _lose_grabber_and_signal(cart: Guest) -> None:
-    """Disconnected, vivid says ENODEV until it is opened anew; that is done within the patience of this cart, so the
+    """Disconnected, vivid says ENODEV until it is opened again; that is done within the patience of this cart, so the
     log tells it and no alarm need. Without a signal its pictures go on, but are none of the scanner: that ends the
     verification, and the next one shows that both are back.
     """

@@ -37,7 +37,7 @@ HOLD = "/sys/module/gpio_sim_cart/parameters/hold"
 CONTACT, RED = "gpio:/dev/gpiochip0?line=relay", "gpio:/dev/gpiochip0?line=lamp red"
 VIDEO = "v4l2:/dev/video0?format=GREY&input=1&size=640x480"
 PASSING = ("disconnect=1", "inject_fatal_streaming_error=1", "inject_vidioc_qbuf_error=1")
-"""Faults of vivid after which the grabber works again once it has been opened anew."""
+"""Faults of vivid after which the grabber works again once it has been opened again."""
 PATIENCE = "[supervisor]\nself_test_s = 120\nstarting_s = 120\nestimator_silence_ms = 5000\noutput_silence_ms = 5000\n"
 
 
@@ -160,7 +160,7 @@ def _lost_and_back(
 ) -> None:
     """One line of the log says that the device is lost, one that it is back, and no more.
 
-    give_back: None where opening the device anew is all that it needs.
+    give_back: None where opening the device again is all that it needs.
     """
     losses, backs = device_events(guest, role)
     began_s = time.monotonic()

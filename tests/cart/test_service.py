@@ -59,7 +59,7 @@ def test_a_stopped_daemon_is_killed_by_the_watchdog(cart: Container) -> None:
     assert main_pid(cart) != before
 
 
-def test_a_killed_estimator_alarms_and_is_started_anew_alone(cart: Container) -> None:
+def test_a_killed_estimator_alarms_and_is_started_again_alone(cart: Container) -> None:
     pid, restarts = main_pid(cart), show(cart, "NRestarts")
     child = cart.sh(f"pgrep -P {pid}").out.split()[0]
     killed_s = time.monotonic()

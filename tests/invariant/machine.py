@@ -11,7 +11,6 @@ from tests.invariant.cart import Cart
 from tests.invariant.circumstances import Circumstances, Pictures, Poses, Stamps
 from tests.invariant.world import CHANGES, NONE, Change
 
-SHORT_S = st.sampled_from([0.5, 1.0, 3.0])
 SPELL_S = st.sampled_from([0.5, 3.0, 3.0, 8.0, 34.0])
 """How long a disturbance lasts by itself; the longest outlasts any verification."""
 SKEW_S = st.sampled_from([0.6, 5.0, 20.0, 3600.0])

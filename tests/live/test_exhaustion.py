@@ -124,7 +124,7 @@ print(made)
 
 
 def test_a_person_is_served_while_thousands_connect_and_say_nothing(monitoring: Cart) -> None:
-    """Two processes with a thousand connections each, every one made anew as soon as it is dropped."""
+    """Two processes with a thousand connections each, every one made again as soon as it is dropped."""
     command = [sys.executable, "-c", IDLERS, str(monitoring.socket), "1000", "20"]
     crowd = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     time.sleep(1)

@@ -39,7 +39,7 @@ def test_damaged_replies_cost_nothing_but_time(model: Model, fault: str, tmp_pat
 
 
 @LINES
-def test_a_counter_that_jumps_starts_the_time_anew_and_goes_on(model: Model, tmp_path: Path) -> None:
+def test_a_counter_that_jumps_starts_the_time_again_and_goes_on(model: Model, tmp_path: Path) -> None:
     with bench(tmp_path, model, rate=1.0) as cart, cart.open() as tracker:
         before = until(tracker, PoseStatus.OK)
         cart.faults("counter-jump")
@@ -86,7 +86,7 @@ def test_control_file_adds_to_the_schedule_and_may_come_and_go(tmp_path: Path) -
     assert control.active(5.5) == {"bump", "hot"}
     file.write_text('["bump", "nonsense"]')
     assert control.active(6.5) == {"bump"}, "a refused file changes nothing"
-    assert "'nonsense' is no known fault" in control.refusal
+    assert "'nonsense' is not a known fault" in control.refusal
     file.unlink()
     assert (control.active(7.0), control.refusal) == (frozenset(), "")
 

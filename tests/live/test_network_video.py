@@ -63,7 +63,7 @@ def test_a_network_camera_is_lost_once_and_back_once_whatever_happens_to_it(port
             follow(thread, "killed", lambda: thread.lost is not None, LOST_S)
             camera = server(port)
             seen = len(frames)
-            follow(thread, "started anew", lambda: thread.lost is None and len(frames) > seen + 5, BACK_S)
+            follow(thread, "started again", lambda: thread.lost is None and len(frames) > seen + 5, BACK_S)
         finally:
             thread.stop()
             camera.kill()

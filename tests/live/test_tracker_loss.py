@@ -48,7 +48,7 @@ class Device:
         show(*faults)
 
     def is_back(self) -> bool:
-        """Whether no fault acts any longer, and the device has started anew if it had to."""
+        """Whether no fault acts any longer, and the device has started again if it had to."""
         if isinstance(self.bench, simulated_ndi.Bench):
             return self.bench.twin._since == {} and not self.bench.twin.starting
         return True
@@ -80,7 +80,7 @@ def test_a_lost_tracker_is_reported_within_250_ms(line: str, fault: str, tmp_pat
 
 @pytest.mark.parametrize(("line", "fault"), LOSSES + RESTARTS)
 def test_tracking_resumes_within_two_seconds(line: str, fault: str, tmp_path: Path) -> None:
-    """Through the thread of the appliance, with its pauses. What the device needs to start anew is not counted."""
+    """Through the thread of the appliance, with its pauses. What the device needs to start again is not counted."""
     found: list[Pose] = []
     with device(line, tmp_path) as lost:
         thread = TrackerThread("tracker", lost.url, open_tracker, found.append, lost.clock)  # type: ignore[arg-type]

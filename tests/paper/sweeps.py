@@ -13,7 +13,6 @@ from drivers.twins.scene.world import World, WorldSettings
 FPS = 33.0
 SPEED_MM_PER_S = 3.0
 SCALE = np.array([0.22, 0.26])
-POLARITY_FLIPPED = (-1, 1)
 
 SIZE_PX = (180, 180)
 """40 × 47 mm: the stored tissue is not as deep as the paper's 8 cm."""

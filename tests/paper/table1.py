@@ -10,7 +10,7 @@ from appliance.core.handeye.motions import Motions, nearest_polarity, rodrigues_
 from appliance.core.handeye.scaled_rotation import solve_scaled_rotation
 from tests.paper.matching import Pairs
 from tests.paper.solvers.norm_constraint import solve_norm_constraint
-from tests.paper.sweeps import SCALE, X, sweep
+from tests.paper.sweeps import X, sweep
 
 PAPER = (
     (3.163, 0.22, 0.26),
@@ -29,12 +29,11 @@ _HEADINGS_DEG = (0.0, 90.0, 45.0, 135.0)
 @dataclass(frozen=True, eq=False)
 class Row:
     """norm: (3,) by the norm constraint and Horn, as in the paper; linear: (3,) by the scaled rotation; |Rodrigues|,
-    λ_x, λ_y. error_percent: (2, 2) of norm and linear scales. polarity: that the linear answer is nearest with.
+    λ_x, λ_y. polarity: that the linear answer is nearest with.
     """
 
     norm: Array
     linear: Array
-    error_percent: Array
     polarity: tuple[int, int]
 
 
@@ -45,7 +44,7 @@ def rows() -> Iterator[Row]:
         motions = _within(Pairs(sweep(number + 1, headings, flipped=number == 4)).apart(STEP))
         norm, linear = (_three(solve, motions) for solve in (solve_norm_constraint, solve_scaled_rotation))
         _, polarity = nearest_polarity(solve_scaled_rotation(motions.u, motions.t_b), X[:3, :3])
-        yield Row(norm, linear, 100 * (np.stack([norm, linear])[:, 1:] / SCALE - 1), polarity)
+        yield Row(norm, linear, polarity)
 
 
 def _within(motions: Motions) -> Motions:

@@ -15,7 +15,7 @@ def command(control_socket: Path, bump: bool) -> None:
     """Acknowledge the alarm: it falls silent now.
 
     HALT and RECALIBRATION REQUESTED end once it is acknowledged AND the calibration has been verified again, in either
-    order. A fault that comes anew sounds anew. Who acknowledged what is in the alarm log.
+    order. A fault that comes again sounds again. Who acknowledged what is in the alarm log.
 
     \b
     Exit code 0: done. 69: no service answers. 75: there is nothing to acknowledge.

@@ -126,19 +126,19 @@ def use(file: Path, control_socket: Path, yes: bool, wait_s: float) -> None:
 @_YES
 @_WAIT
 def back(number: int, control_socket: Path, yes: bool, wait_s: float) -> None:
-    """Go back to reference NUMBER of the history: a change like any other, stated, accepted, logged and verified anew.
+    """Go back to reference NUMBER of the history: a change like any other, stated, accepted, logged and verified again.
 
     Exit codes are those of `use`.
     """
     _change(number, control_socket, yes, wait_s)
 
 
-@command.command(short_help="set a damaged history aside and begin anew")
+@command.command(short_help="set a damaged history aside and start again")
 @_WHERE
 @socket_option
 @_YES
 def reset(folder: Path, control_socket: Path, yes: bool) -> None:
-    """Set the history aside, damaged or lost, so that the service begins anew with the configuration's file.
+    """Set the history aside, damaged or lost, so that the service starts again with the configuration's file.
 
     For a service that refuses to start because it cannot know its reference. What there was is kept under another name.
     """

@@ -79,7 +79,7 @@ def _read(folder: Path) -> Reading:
     except OSError as error:
         remedy = join_group(folder) if isinstance(error, PermissionError) else "Check its disk"
         raise ConfigurationError(f"cannot be read ({error.strerror})", str(folder), remedy) from None
-    raise ConfigurationError("is no folder", str(folder), "Name [alarm] folder of the service's configuration")
+    raise ConfigurationError("is not a folder", str(folder), "Name [alarm] folder of the service's configuration")
 
 
 def _settled(folder: Path) -> Reading:

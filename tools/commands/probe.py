@@ -218,7 +218,7 @@ _MEND: dict[PoseStatus | None, str] = {
     PoseStatus.PARTIAL: "Bring the tool further into the measurement volume",
     PoseStatus.OUT_OF_VOLUME: "Bring the tool into the measurement volume",
     PoseStatus.MISSING: "Bring the tool into view, and clear the way between it and the tracker",
-    PoseStatus.STALE: "Check that the tracker measures; start it anew if it does",
+    PoseStatus.STALE: "Check that the tracker measures; start it again if it does",
     PoseStatus.DISABLED: "Plug the tool in, or correct its number or definition in the URL",
     PoseStatus.FAULT: "Remove what the tracker complains of",
 }

@@ -65,7 +65,7 @@ class Solution:
     """calibration: estimate with covariance and observed flags. change: (9,) estimate minus reference, PARAMETERS then
     latency s.
 
-    covariance: (9, 9). position_noise_mm, angle_noise_rad: white tracker noise found. correlation: of measured and
+    covariance: (9, 9). correlation: of measured and
     predicted in-plane steps, the worse of the two axes that moved; NaN where none did. misfit: −2 log likelihood per
     picture. motions: pictures used.
 
@@ -78,8 +78,6 @@ class Solution:
     calibration: Calibration
     change: Array
     covariance: Array
-    position_noise_mm: float
-    angle_noise_rad: float
     correlation: float
     misfit: float
     motions: int
@@ -205,8 +203,6 @@ class _Problem:
             estimate,
             theta,
             covariance,
-            noise.position_mm,
-            noise.angle_rad,
             self.residual.agreement(theta),
             cost / len(self.residual),
             len(self.residual),

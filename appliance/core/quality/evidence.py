@@ -29,8 +29,8 @@ _UNKNOWN_LATENCY_S = 0.05
 the scales; the limit is .06 s.
 """
 _RELINEARISE_S = 0.008
-"""Change of the latency from which poses are taken anew: a quarter of a frame. The residual is linear in it only as far
-as the velocity lasts; less costs a second solution more often. Not measured.
+"""Change of the latency from which poses are taken again: a quarter of a frame. The residual is linear in it only while
+the velocity lasts; less costs a second solution more often. Not measured.
 """
 _LEAST_LATENCY_SIGMA_S = 0.005
 """No latency counts as better known. Less trusts a fit that knows nothing of what all stamps have in common; more
@@ -96,7 +96,7 @@ class Finding:
 
 
 class Evidence:
-    """Solves the window anew whenever asked; between two solutions the last one stands.
+    """Solves the window again whenever asked; between two solutions the last one stands.
 
     A short window sees a change soon, the long one measures well. Once the short one shows a fault, what came before it
     is dropped, so that old and new calibration are never mixed into one estimate. A fault counts when two solutions in
@@ -179,7 +179,7 @@ class Evidence:
         samples = window.samples(0.0 if latency is None else latency.value_s, weigh_hidden=True)
         return second_opinion(samples, self._reference)
 
-    def _hasty(self, failed: frozenset[str], now_ns: int) -> frozenset[str]:
+    def _premature(self, failed: frozenset[str], now_ns: int) -> frozenset[str]:
         """Those that have failed for less than the short window: what spoils them shows only once the window holds
         nothing from before it.
         """
@@ -210,7 +210,7 @@ class Evidence:
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits - {"latency"}
         early = _SLOW if _punctual(short, self._limits) else _OF_X
-        doubtful |= self._hasty(finding.failed & early, now_ns)
+        doubtful |= self._premature(finding.failed & early, now_ns)
         self._suspects = finding.failed | short.failed
         self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful)
         self._latest = self._accepted(_without(finding, doubtful), long)
@@ -320,7 +320,7 @@ def _unchanged(solution: Solution) -> bool:
 
 
 def _solved_near(window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float) -> tuple[Solution, float]:
-    """Solution about one latency, solved anew where the first asks for it, and the latency it is linear about."""
+    """Solution about one latency, solved again where the first asks for it, and the latency it is linear about."""
     prior = replace(_NEAR, latency_s=doubt_s)
     solution = solve(window.samples(lag_s, weigh_hidden=True), reference, prior)
     tilted = all(solution.calibration.observed[:2])

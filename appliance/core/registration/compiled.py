@@ -13,7 +13,7 @@ _CPU_AVX2 = 11
 def unusable(why: object) -> ImportError:
     """What to raise where the library is not there, or not the one of this source."""
     return ImportError(
-        f"the compiled core {_NAME} cannot be used: {why}. `make -B .venv/dev` compiles it anew for this machine; "
+        f"the compiled core {_NAME} cannot be used: {why}. `make -B .venv/dev` compiles it again for this machine; "
         "where probewatch came as a package, install the one of this machine's architecture again"
     )
 

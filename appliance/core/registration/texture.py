@@ -82,7 +82,7 @@ class Texture:
 
 
 class TextureReader:
-    """Keeps its memory from picture to picture: to get it anew takes longer than the arithmetic."""
+    """Keeps its memory from picture to picture: to get it again takes longer than the arithmetic."""
 
     def __init__(self) -> None:
         self._grey = self._first = self._second = np.empty((0, 0), np.float32)

@@ -289,7 +289,7 @@ def _refuse_lost(folder: Path) -> None:
     known = last_reference(folder)
     if known is not None:
         what = f"is gone, but the alarm log says that {known} was in force"
-        remedy = "Restore it from a copy, or begin anew with the configuration's file: probewatch calibration reset"
+        remedy = "Restore it from a copy, or start again with the configuration's file: probewatch calibration reset"
         raise ConfigurationError(what, str(folder / "references"), remedy)
 
 

@@ -70,7 +70,7 @@ class Requests:
     def answer(self, do: str, body: Body, who: Peer) -> Reply:
         """Fields of the reply. who: the asking process, as the kernel knows it."""
         if do not in self._table:
-            raise ControlRefused(f"'{do[:40]}' is no request of this service; it knows {', '.join(self._table)}")
+            raise ControlRefused(f"'{do[:40]}' is not a request of this service; it knows {', '.join(self._table)}")
         if do == "status" or (do == "audio-on" and not self._hands.annunciator.audio.silenced):
             return self._table[do](body) or {}
         self._refuse_too_many(do, who)

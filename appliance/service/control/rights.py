@@ -9,7 +9,7 @@ _USUAL = "probewatch"
 
 def join_group(path: Path) -> str:
     """The command that adds this user to the group of the nearest file above that can be looked at."""
-    return f"An administrator adds you: sudo usermod -aG {_group(path)} {_user()}; then log in anew"
+    return f"An administrator adds you: sudo usermod -aG {_group(path)} {_user()}; then log in again"
 
 
 def _group(path: Path) -> str:

@@ -55,7 +55,7 @@ class DeviceThread(threading.Thread, ABC):
         except OSError as error:
             if error.errno not in EXHAUSTED:
                 raise
-            remedy = "Start the service anew; see what else runs on this computer"
+            remedy = "Start the service again; see what else runs on this computer"
             self._lose(DeviceLost(f"this computer has no room for it ({error.strerror})", self.url, remedy))
 
     def _lose(self, error: ProbewatchError) -> None:

@@ -1,4 +1,4 @@
-"""Pages once used stay in memory: a seldom path, such as the first real fault, must not wait for the disk."""
+"""Pages once used stay in memory: a rare path, such as the first real fault, must not wait for the disk."""
 
 import ctypes
 import os

@@ -213,7 +213,7 @@ class Recorder(threading.Thread):
             self._asked_ns = None
 
     def _begin_again(self) -> None:
-        """The folder was taken away: the next attempt makes it anew, and what it held is missed."""
+        """The folder was taken away: the next attempt makes it again, and what it held is missed."""
         if self._alarm_log is not None:
             with self._damage_lock:
                 self._alarm_log = None

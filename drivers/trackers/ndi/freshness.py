@@ -41,7 +41,7 @@ class Freshness:
         return self._learning > 0
 
     def is_old(self, reading: Reading) -> bool:
-        """Whether the device's clock runs backward in it: an old reply come late, or a clock that started anew."""
+        """Whether the device's clock runs backward in it: an old reply come late, or a clock that started again."""
         return self._tick is not None and reading.tick is not None and self._steps(reading.tick) < 0
 
     def is_new(self, reading: Reading | None, arrival_ns: int) -> bool:

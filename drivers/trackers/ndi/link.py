@@ -72,7 +72,7 @@ class Link:
         return sent_ns
 
     def reset(self) -> None:
-        """Make the device start anew; what was received is thrown away."""
+        """Make the device start again; what was received is thrown away."""
         self._remark("reset")
         self._received.clear()
         try:
@@ -169,4 +169,4 @@ def refuse_reset(text: str, where: str) -> str:
 
 def lost_by_protocol(error: ProtocolError, where: str) -> DeviceLost:
     """A reply that ends a session, as the owner of the device shall see it."""
-    return DeviceLost(error.what, where, error.remedy or "The connection is made anew")
+    return DeviceLost(error.what, where, error.remedy or "The connection is made again")

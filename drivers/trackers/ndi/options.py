@@ -62,7 +62,7 @@ def _reply(text: str, where: str) -> ReplyKind:
         return ReplyKind(text)
     except ValueError:
         kinds = ", ".join(kind.value for kind in ReplyKind)
-        raise ConfigurationError(f"reply={text} is no tracking command", where, f"Use one of {kinds}") from None
+        raise ConfigurationError(f"reply={text} is not a tracking command", where, f"Use one of {kinds}") from None
 
 
 def _baud(text: str, where: str) -> int:

@@ -28,15 +28,11 @@ _REMEDY = "Name the .rom file that came with the tool"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolDefinition:
-    """One tool. image: its 752 bytes. main_type: 1 reference, 2 probe, 3 button box. markers_mm: (n, 3) on the body.
-
-    largest_error_mm: the misfit of a marker above which the tracker leaves it out of the pose.
-    """
+    """One tool. image: its 752 bytes. main_type: 1 reference, 2 probe, 3 button box. markers_mm: (n, 3) on the body."""
 
     image: bytes
     main_type: int
     markers_mm: Points
-    largest_error_mm: float
     part_number: str
 
 
@@ -45,7 +41,7 @@ def definition_of(image: bytes) -> ToolDefinition:
     count = min(struct.unpack_from("<I", image, 28)[0], MOST_MARKERS)
     markers_mm = np.array(struct.unpack_from(f"<{3 * count}f", image, 0x48), np.float64).reshape(count, 3)
     part_number = printable_bytes(image[0x250:0x264])
-    return ToolDefinition(image, image[15], markers_mm, struct.unpack_from("<f", image, 36)[0], part_number)
+    return ToolDefinition(image, image[15], markers_mm, part_number)
 
 
 def read_rom(path: str) -> ToolDefinition:

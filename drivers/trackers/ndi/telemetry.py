@@ -26,7 +26,6 @@ class ToolTelemetry:
     matrix: Matrix4 | None = None
     error: float | None = None
     geometry: MarkerGeometry | None = None
-    markers_outside: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +92,6 @@ def tool_telemetry(tool: Tool, reading: Reading | None, detailed: Reading | None
         matrix=transform.matrix() if transform is not None and status is PoseStatus.OK else None,
         error=None if transform is None else transform.error,
         geometry=None if detailed is None or markers is None else _geometry(tool, detailed, markers),
-        markers_outside=0 if markers is None else markers.outside,
     )
 
 

@@ -45,8 +45,8 @@ from drivers.trackers.rigid import seen_from
 _FROZEN = "many poses in a row are equal to the last bit"
 
 _BACKWARD_READINGS = 3
-"""Replies in a row with a counter that runs backward which are a counter begun anew. Fewer take an old reply come late
-for one, each more costs a reply without a pose; tests/drivers/trackers/ndi/test_tracker.py shows both."""
+"""Replies in a row with a counter that runs backward that mean a counter started again. Fewer take an old reply come
+late for one, each more costs a reply without a pose; tests/drivers/trackers/ndi/test_tracker.py shows both."""
 
 _DETAILS_S = 0.1
 """Between two replies with marker details, which are over twice as long: ten of them in the second over which the
@@ -253,7 +253,7 @@ class NdiTracker:
         self._watch_health(answer)
         probe = answer.snapshot.tools.get(self._probe.handle)
         if probe is None and self._dialect.repeats:
-            raise self._lost(f"the tracker no longer lists the {self._probe.name}", "The connection is made anew")
+            raise self._lost(f"the tracker no longer lists the {self._probe.name}", "The connection is made again")
         if not self._believes(answer.snapshot):
             self._doubted += 1
             self._next_poll_ns = answer.arrival_ns + _RETRY_NS * (not self._dialect.repeats)
@@ -359,9 +359,9 @@ class NdiTracker:
         return answer
 
     def _watch_health(self, answer: Answer) -> None:
-        """Ask what an alert is when the status says there is one; plugged tools need the whole start anew."""
+        """Ask what an alert is when the status says there is one; plugged tools need the whole start again."""
         if answer.snapshot.ports_changed:
-            raise self._lost("a tool was plugged in or unplugged", "The connection is made anew")
+            raise self._lost("a tool was plugged in or unplugged", "The connection is made again")
         self._health.note(answer.snapshot, answer.detailed, answer.arrival_ns)
         if self._health.asks_for_new():
             self._look_up("Info.Status.New Alerts")
@@ -390,7 +390,7 @@ class NdiTracker:
         self._exchange.rest()
 
     def _refuse_old(self, snapshot: Snapshot) -> None:
-        """A clock that runs backward is an old reply come late; if it insists, the device started it anew."""
+        """A clock that runs backward is an old reply come late; if it insists, the device started it again."""
         reading = snapshot.tools.get(self._probe.handle)
         older = reading is not None and self._freshness.is_old(reading)
         self._backward = self._backward + 1 if older else 0

@@ -75,7 +75,7 @@ class ByteLine(Protocol):
         """Change the host's side."""
 
     def reset(self, clock: HostClock) -> None:
-        """Make the device start anew: by a break on a serial line, by a new connection on a network."""
+        """Make the device start again: by a break on a serial line, by a new connection on a network."""
 
     def close(self) -> None:
         """Give the line back; never raises."""
@@ -122,7 +122,7 @@ class SerialLine:
 
 
 class NetworkLine:
-    """where: `host:port`. A device that is just starting anew is waited for.
+    """where: `host:port`. A device that is just starting again is waited for.
 
     Raises DeviceLost when nobody answers there within two seconds of the clock.
     """

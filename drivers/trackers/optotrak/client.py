@@ -28,7 +28,7 @@ _CHUNK_BYTES = 1 << 16
 _LONGEST_WORDS = 200
 """Characters of the server's words in a message; the wording is not ours, and one line of a log is to hold it."""
 
-_REMADE = "The connection is made anew"
+_REMADE = "The connection is made again"
 
 
 class Rtc3dClient:

@@ -244,7 +244,7 @@ def _decode_component(payload: bytes, at: int, order: ByteOrder) -> tuple[Compon
         raise ProtocolError("a component that breaks off in its header")
     size, kind, frame, time_us, count = struct.unpack_from(f"{order.value}IIIQI", payload, at)
     if kind not in frozenset(ComponentType):
-        raise ProtocolError(f"{kind} is no component type")
+        raise ProtocolError(f"{kind} is not a component type")
     codec = _CODECS[ComponentType(kind)]
     item_bytes = struct.calcsize(f"{order.value}{codec.layout}")
     if size != _COMPONENT_BYTES + count * item_bytes or at + size > len(payload):

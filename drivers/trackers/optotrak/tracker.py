@@ -189,7 +189,7 @@ class OptotrakTracker:
 
     @property
     def restarts(self) -> int:
-        """How often the server's clock jumped or began anew."""
+        """How often the server's clock jumped or started again."""
         return self._device_clock.restarts
 
     def describe(self) -> Description:
@@ -376,7 +376,7 @@ class _Freshness:
         return f"{self._odd or 'no new frame'} for {age_ns / 1e6:.0f} ms"
 
     def _learn(self, bodies: Component) -> None:
-        """A collection that begins anew may have another rate."""
+        """A collection that starts again may have another rate."""
         if self.frame < 0:
             return
         step_ns = (bodies.time_us - self._time_us) * 1000.0

@@ -191,7 +191,7 @@ class OptotrakTwin:
             self._drop(client)
 
     def _reset(self) -> None:
-        """Connections end with RST, numbers and times begin anew."""
+        """Connections end with RST, numbers and times start again."""
         self._begin_number = self._number()
         self._shift_frames = self._shift_us = 0
         for client in tuple(self._clients):

@@ -74,7 +74,7 @@ class Trajectory:
     def __init__(self, seed: int, program: str) -> None:
         if program not in _PROGRAMS:
             known = ", ".join(PROGRAMS)
-            raise ConfigurationError(f"'{program}' is no known motion", "trajectory", f"Use one of {known}")
+            raise ConfigurationError(f"'{program}' is not a known motion", "trajectory", f"Use one of {known}")
         self._pauses = program == "sweep"
         random = np.random.default_rng((seed, 11))
         self._waves = {

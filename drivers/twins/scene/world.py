@@ -83,7 +83,7 @@ class World:
         self, seed: int = 1, program: str = "sweep", scene: str = "tissue", settings: WorldSettings | None = None
     ) -> None:
         if scene not in SCENES:
-            raise ConfigurationError(f"'{scene}' is no known scene", "simulated world", f"Use {', '.join(SCENES)}")
+            raise ConfigurationError(f"'{scene}' is not a known scene", "simulated world", f"Use {', '.join(SCENES)}")
         self.seed, self.scene, self.settings = seed, scene, settings or WorldSettings()
         self.trajectory = Trajectory(seed, program)
         self.sensor_to_picture = _rigid(_SENSOR_ROTATION_VECTOR, _SENSOR_OFFSET_MM)

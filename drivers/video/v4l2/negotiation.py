@@ -69,7 +69,7 @@ def wish_from(options: dict[str, str], where: str) -> Wish:
         raise ConfigurationError(f"format={code} is not understood", where, f"Use {', '.join(FORMATS)}")
     number = options.get("input")
     if number is not None and not (number.isdecimal() and int(number) < 64):
-        raise ConfigurationError(f"input={number} is no number of an input", where, "Use 0, 1, …")
+        raise ConfigurationError(f"input={number} is not the number of an input", where, "Use 0, 1, …")
     rate_hz = _rate(options["rate"], where) if "rate" in options else None
     size_px = _size(options["size"], where) if "size" in options else None
     return Wish(size_px, rate_hz, code, None if number is None else int(number))
@@ -78,7 +78,7 @@ def wish_from(options: dict[str, str], where: str) -> Wish:
 def _size(text: str, where: str) -> tuple[int, int]:
     found = _SIZE.fullmatch(text)
     if found is None or int(found[1]) not in _SIDES_PX or int(found[2]) not in _SIDES_PX:
-        raise ConfigurationError(f"size={text} is no picture size", where, "Write size=WIDTHxHEIGHT in pixels")
+        raise ConfigurationError(f"size={text} is not a picture size", where, "Write size=WIDTHxHEIGHT in pixels")
     return int(found[1]), int(found[2])
 
 
@@ -88,7 +88,7 @@ def _rate(text: str, where: str) -> float:
     except ValueError:
         rate_hz = math.nan
     if not 1 <= rate_hz <= 1000:
-        raise ConfigurationError(f"rate={text} is no picture rate", where, "Give 1 to 1000 pictures per second")
+        raise ConfigurationError(f"rate={text} is not a picture rate", where, "Give 1 to 1000 pictures per second")
     return rate_hz
 
 
@@ -109,11 +109,11 @@ def negotiate(node: Node, wish: Wish) -> Agreed:
 
 def _capture_device(node: Node) -> tuple[str, str]:
     capability = abi.Capability()
-    node.must(abi.QUERYCAP, capability, "is no video device")
+    node.must(abi.QUERYCAP, capability, "is not a video device")
     can = capability.device_caps or capability.capabilities
     if not can & abi.CAP_VIDEO_CAPTURE:
         planar = can & abi.CAP_VIDEO_CAPTURE_MPLANE
-        what = "hands its pictures on in several planes" if planar else "is no video capture device"
+        what = "hands its pictures on in several planes" if planar else "is not a video capture device"
         remedy = "Try opencv: with its number" if planar else "`probewatch devices` lists the others"
         raise DeviceLost(what, node.where, remedy)
     if not can & abi.CAP_STREAMING:

@@ -51,7 +51,7 @@ def _mjpeg(data: Bytes, width: int, height: int, _bytes_per_line: int) -> GreyIm
     if whole.startswith(b"\xff\xd8") and whole.endswith(b"\xff\xd9"):
         image = cv2.imdecode(np.frombuffer(whole, np.uint8), cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise BrokenPicture("is no whole JPEG picture")
+        raise BrokenPicture("is not a whole JPEG picture")
     if image.shape != (height, width):
         raise BrokenPicture(f"is a JPEG picture of {image.shape[1]}x{image.shape[0]}, not {width}x{height} pixels")
     return np.asarray(image, np.uint8)

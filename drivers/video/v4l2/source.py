@@ -39,7 +39,9 @@ def checked(target: str, options: dict[str, str]) -> tuple[Wish, Cut]:
     where = f"v4l2:{target}"
     refuse_unknown(options, _OPTIONS, where)
     if not target.startswith("/"):
-        raise ConfigurationError("is no path of a device", where, "Write v4l2:/dev/video0 or v4l2:/dev/v4l/by-id/…")
+        raise ConfigurationError(
+            "is not the path of a device", where, "Write v4l2:/dev/video0 or v4l2:/dev/v4l/by-id/…"
+        )
     return wish_from(options, where), cut_from(options, where)
 
 

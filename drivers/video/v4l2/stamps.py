@@ -56,7 +56,7 @@ class Counter:
     _total: int = 0
 
     def count(self, sequence: int) -> int:
-        """The number of this picture. One that runs backward was begun anew by the driver, and loses nothing."""
+        """The number of this picture. One that runs backward was started again by the driver, and loses nothing."""
         step = 1 if self._last is None else (sequence - self._last) % _WRAP
         if step == 0 or step >= _HALF:
             self.restarts += 1

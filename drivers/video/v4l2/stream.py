@@ -74,7 +74,7 @@ class Stream:
         wanted = _request_buffers(_BUFFERS)
         self._node.must(abi.REQBUFS, wanted, "gives no buffers")
         if wanted.count < _LEAST_BUFFERS:
-            raise DeviceLost("gives too few buffers", self._node.where, "Plug the grabber in anew")
+            raise DeviceLost("gives too few buffers", self._node.where, "Plug the grabber in again")
         for index in range(wanted.count):
             buffer = _buffer(index)
             self._node.must(abi.QUERYBUF, buffer, "does not describe its buffers")
@@ -101,7 +101,7 @@ class Stream:
             raise DeviceLost("the video stream has ended", self._node.where, "Check that the scanner is switched on")
 
     def _require_present(self, number: int) -> None:
-        """An error without a buffer: unplugged, or broken until it is opened anew."""
+        """An error without a buffer: unplugged, or broken until it is opened again."""
         self._node.must(abi.QUERYCAP, abi.Capability(), "does not answer")
         raise self._node.lost(OSError(number, "broken off"), "stream broken off")
 

@@ -1,4 +1,4 @@
-"""What the estimator does before its first picture: every seldom path once, and its pages stay in memory."""
+"""What the estimator does before its first picture: every rare path once, and its pages stay in memory."""
 
 import subprocess
 import sys

@@ -129,7 +129,7 @@ def test_a_spot_that_touches_a_drawing_is_refused() -> None:
     assert isinstance(find_crossing(image, drawings.step(image)), NoCrossing)
 
 
-def test_a_change_of_picture_size_starts_the_drawings_anew() -> None:
+def test_a_change_of_picture_size_starts_the_drawings_again() -> None:
     drawings = Drawings()
     drawings.step(np.full((50, 60), 200, np.uint8))
     assert drawings.step(np.zeros(SHAPE, np.uint8)).shape == SHAPE

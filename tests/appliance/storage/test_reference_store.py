@@ -171,10 +171,10 @@ def test_a_store_that_is_gone_is_missed_by_the_alarm_log(tmp_path):
     with pytest.raises(ConfigurationError, match=r"alarm log says that reference 2 \(recalibration"):
         References(config)
     set_aside(config.alarm.folder)
-    assert settled(started(config)).current.entry.origin == "configuration", "a person has begun anew"
+    assert settled(started(config)).current.entry.origin == "configuration", "a person has started again"
 
 
-def test_a_damaged_store_set_aside_is_kept_and_begins_anew(tmp_path):
+def test_a_damaged_store_set_aside_is_kept_and_begins_again(tmp_path):
     config = configuration(tmp_path)
     second(config)
     flip(place(config) / HISTORY)

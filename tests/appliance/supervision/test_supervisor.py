@@ -280,7 +280,7 @@ def test_verification_alone_frees_no_latched_state(state: State) -> None:
 
 
 @LATCHED
-def test_a_fault_that_comes_anew_must_be_acknowledged_anew(state: State) -> None:
+def test_a_fault_that_comes_again_must_be_acknowledged_again(state: State) -> None:
     room = room_in(state)
     room.ask(Request.ACKNOWLEDGE)
     room.ok()
@@ -298,7 +298,7 @@ def test_acknowledging_twice_says_that_it_waits() -> None:
     assert "verified again" in room.supervisor.refused
 
 
-def test_an_escalation_must_be_acknowledged_anew() -> None:
+def test_an_escalation_must_be_acknowledged_again() -> None:
     room = room_in(State.HALT)
     room.ask(Request.ACKNOWLEDGE)
     assert room.fault(2 * S_NS, "scale") is Q
@@ -454,7 +454,7 @@ def test_the_self_test_takes_what_has_come_to_life() -> None:
     assert room.at(TICK_NS) is N
 
 
-def test_unseen_probe_is_not_verified_and_needs_verification_anew() -> None:
+def test_unseen_probe_is_not_verified_and_needs_verification_again() -> None:
     room = room_in(State.MONITORING)
     assert room.at(TICK_NS, UNSEEN) is N
     assert room.alarm.reason == HAZARDS["line-of-sight"].text
@@ -648,7 +648,7 @@ def test_a_restored_halt_escalates_by_what_is_shown_after_the_restart() -> None:
     assert room.fault(1, "scale") is Q
 
 
-def test_a_scan_may_be_begun_anew() -> None:
+def test_a_scan_may_be_begun_again() -> None:
     room = room_in(State.RECALIBRATING)
     room.ask(Request.END_RECALIBRATION)
     room.ask(Request.BEGIN_RECALIBRATION)

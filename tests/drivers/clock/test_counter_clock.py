@@ -182,7 +182,7 @@ def test_a_clock_that_steps_later_is_noticed_at_the_next_request() -> None:
             break
 
 
-def test_a_clock_of_nanoseconds_that_steps_back_starts_anew() -> None:
+def test_a_clock_of_nanoseconds_that_steps_back_starts_again() -> None:
     clock = DeviceClock()
     epoch_ns, t_ns = 1_750_000_000_000_000_000, 5_000_000_000
     for i in range(200):

@@ -144,7 +144,7 @@ def test_an_absent_chip_is_lost() -> None:
         ("?line=1&level=low", "unknown option 'level'"),
         ("?line=1&active=down", "active=down is not known"),
         ("?line=1&sense=1", "the same line"),
-        ("?line=1&heartbeat=9", "heartbeat=9 is no rate"),
+        ("?line=1&heartbeat=9", "heartbeat=9 is not a rate"),
     ],
 )
 def test_a_url_that_can_never_work_is_refused(query: str, words: str) -> None:

@@ -17,11 +17,11 @@ CLOCK = HostClock()
 @pytest.mark.parametrize(
     ("query", "words"),
     [
-        ("", "pin= is no line"),
-        ("?pin=cts", "pin=cts is no line that can be driven"),
-        ("?pin=rts&sense=rts", "sense=rts is no line that can be read"),
+        ("", "pin= is not a line"),
+        ("?pin=cts", "pin=cts is not a line that can be driven"),
+        ("?pin=rts&sense=rts", "sense=rts is not a line that can be read"),
         ("?pin=rts&active=low", "unknown option 'active'"),
-        ("?pin=rts&heartbeat=0", "heartbeat=0 is no rate"),
+        ("?pin=rts&heartbeat=0", "heartbeat=0 is not a rate"),
     ],
 )
 def test_a_url_that_can_never_work_is_refused(query: str, words: str) -> None:

@@ -124,7 +124,7 @@ def test_a_stream_is_stamped_at_arrival_and_its_end_is_a_loss() -> None:
         ("opencv:0?fps=3", "unknown option 'fps'"),
         ("opencv:rtsp://host/x?channel=1", "%3F"),
         ("opencv:0?error_ms=never", "error_ms=never"),
-        ("opencv:0?crop=1,2,3", "crop=1,2,3 is no part of a picture"),
+        ("opencv:0?crop=1,2,3", "crop=1,2,3 is not a part of a picture"),
         ("opencv:0?crop=0,0,8,80", "crop=0,0,8,80"),
         ("opencv:0?orientation=XY", "orientation=XY"),
     ],

@@ -49,8 +49,8 @@ def test_every_mistake_is_one_line_and_exit_78(folder: Path) -> None:
         ("ndi:/dev/ttyUSB0", "ndi:/dev/ttyUSB0?baud=3", "baud=3 is not a line speed"),
         ("ndi:/dev/ttyUSB0", "ndi+tcp://host:8765?bauds=1", "unknown option 'bauds'"),
         ("ndi:/dev/ttyUSB0", "optotrak://host?rate=0", "rate=0 cannot be used"),
-        ("sim:/tmp/x/scanner", "v4l2:video0", "is no path of a device"),
-        ("sim:/tmp/x/scanner", "opencv:0?delay_ms=x", "delay_ms=x is no time"),
+        ("sim:/tmp/x/scanner", "v4l2:video0", "is not the path of a device"),
+        ("sim:/tmp/x/scanner", "opencv:0?delay_ms=x", "delay_ms=x is not a time"),
     ],
 )
 def test_options_of_a_url_are_checked_without_the_device(folder: Path, good: str, bad: str, part: str) -> None:

@@ -65,11 +65,11 @@ def test_damage_is_said_and_is_exit_65(folder: Path) -> None:
     file.write_bytes(file.read_bytes().replace(b"anna", b"otto"))
     result = asked(folder, "--verify")
     assert result.exit_code == 65
-    assert "line 5: is no entry (it was changed)" in result.stderr
+    assert "line 5: is not an entry (it was changed)" in result.stderr
     assert "NOT whole" in result.stderr
 
 
-def test_a_chain_that_was_begun_anew_is_told(folder: Path) -> None:
+def test_a_chain_that_was_begun_again_is_told(folder: Path) -> None:
     (folder / "alarm-memory.json").unlink()
     AlarmLog(folder).append(NOON, 0, "started", {}, None)
     result = asked(folder, "--verify")

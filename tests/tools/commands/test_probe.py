@@ -90,7 +90,7 @@ def test_a_tracker_that_falls_silent_is_an_error_after_what_was_measured() -> No
         ("ndi:/dev/no-such-port", 69, "no such serial port"),
         ("sim:/no/such/socket", 69, "no video"),
         ("replay:/no/such/file.mha", 65, "cannot be read"),
-        ("vicon://host", 78, "'vicon:' is no known device kind"),
+        ("vicon://host", 78, "'vicon:' is not a known device kind"),
         ("optotrak:", 78, "names no device"),
         ("relay:/dev/no-such-port", 78, "Add --click when nobody relies on the contact"),
     ],

@@ -80,7 +80,7 @@ def test_an_unconfigured_service_is_alive_not_verified_and_says_why(tmp_path: Pa
     assert said[1].startswith("WATCHDOG=1")
 
 
-def test_it_ends_to_be_started_anew_once_it_is_configured(tmp_path: Path) -> None:
+def test_it_ends_to_be_started_again_once_it_is_configured(tmp_path: Path) -> None:
     config = written(tmp_path, "relay:/dev/no-such", head="configured = false\n")
     with subprocess.Popen([PROBEWATCH, "run", "--config", config], stderr=subprocess.PIPE, text=True) as service:
         assert service.stderr is not None

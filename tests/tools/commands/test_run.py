@@ -33,7 +33,7 @@ def run(config: Path) -> subprocess.CompletedProcess[str]:
     ("text", "part"),
     [
         (GOOD + "[limits]\nscale_procent = 3\n", "did you mean 'scale_percent'?"),
-        (GOOD.replace("sim:", "simm:"), "'simm:' is no known device kind"),
+        (GOOD.replace("sim:", "simm:"), "'simm:' is not a known device kind"),
         (GOOD + "[limits", "line"),
         (GOOD, "probe.toml"),
     ],

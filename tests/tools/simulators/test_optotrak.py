@@ -115,9 +115,9 @@ def test_faults_of_the_command_line_keep_their_times(simulate: Callable[..., str
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
-        (["--fault", "flood"], 78, "'flood' is no known fault"),
+        (["--fault", "flood"], 78, "'flood' is not a known fault"),
         (["--schedule", '[{"fault": "bump", "from_s": 1}]'], 78, "the fault must be one of"),
-        (["--program", "waltz"], 78, "'waltz' is no known motion"),
+        (["--program", "waltz"], 78, "'waltz' is not a known motion"),
         (["--poses", "/no/such/file"], 65, "the pose file cannot be read"),
         (["--poses", "a", "--recording", "b"], 78, "exclude each other"),
         (["--host", "203.0.113.1"], 78, "cannot listen"),

@@ -355,7 +355,7 @@ def test_a_library_that_is_not_of_this_source_says_what_to_do(
     said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stderr.splitlines()[-1]
     assert said.startswith("ImportError: the compiled core")
     assert why in said
-    assert "`make -B .venv/dev` compiles it anew" in said
+    assert "`make -B .venv/dev` compiles it again" in said
 
 
 def test_what_is_compiled_for_one_processor_finds_what_another_finds() -> None:

@@ -103,7 +103,7 @@ def test_whatever_is_granted_is_noted_with_who_asked() -> None:
         desk.requests.answer("status", {}, who)
     assert [noted["do"] for noted in desk.noted] == ["lamp-test"] * 2
     assert [noted["who"] for noted in desk.noted] == ["root, process 7", "uid 4000000, process 8"]
-    with pytest.raises(ControlRefused, match="is no request of this service"):
+    with pytest.raises(ControlRefused, match="is not a request of this service"):
         desk.requests.answer("\ud800", {}, ANNA)
 
 

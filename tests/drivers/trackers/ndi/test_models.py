@@ -15,7 +15,6 @@ from drivers.twins.ndi.models import AURORA, MODELS, SPECTRA, VEGA, VICRA, Model
 from drivers.twins.ndi.tool_definitions import REFERENCE
 from tests.support.simulated_ndi import bench, poses, until
 
-TEXT_VEGA = "Polaris Vega 008"
 CASES = {
     "vicra": (VICRA, None, {}, ReplyKind.BX),
     "spectra": (SPECTRA, None, {}, ReplyKind.BX),
@@ -193,7 +192,7 @@ def test_vega_reports_nothing_of_a_tool_that_it_does_not_measure(tmp_path: Path)
         assert until(tracker, PoseStatus.OK).matrix is not None
 
 
-def test_a_clock_that_loses_its_master_starts_the_time_anew(tmp_path: Path) -> None:
+def test_a_clock_that_loses_its_master_starts_the_time_again(tmp_path: Path) -> None:
     with bench(tmp_path, VEGA, rate=1.0) as cart, cart.open() as tracker:
         before = poses(tracker, 90)[-1]
         assert before.stamp.err_ns < 20e6

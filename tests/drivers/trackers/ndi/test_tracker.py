@@ -246,7 +246,7 @@ def test_a_late_reply_never_becomes_the_next(tmp_path: Path) -> None:
         assert sequences == sorted(set(sequences))
 
 
-def test_a_counter_that_starts_anew_is_believed_after_a_few_replies(tmp_path: Path) -> None:
+def test_a_counter_that_starts_again_is_believed_after_a_few_replies(tmp_path: Path) -> None:
     with bench(tmp_path) as cart, cart.open() as tracker:
         before = poses(tracker, 3)[-1]
         cart.twin.device._counter_zero = before.sequence + 2
@@ -284,7 +284,7 @@ def test_unplugged_cable_is_lost_at_once(tmp_path: Path) -> None:
             poses(tracker, 3)
 
 
-def test_tool_unplugged_or_plugged_starts_the_connection_anew(tmp_path: Path) -> None:
+def test_tool_unplugged_or_plugged_starts_the_connection_again(tmp_path: Path) -> None:
     with bench(tmp_path) as cart, cart.open() as tracker:
         poses(tracker, 2)
         cart.twin.device.system_status = 0x80

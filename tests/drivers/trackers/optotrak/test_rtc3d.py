@@ -190,7 +190,7 @@ def _changed(at: int, value: int, data: bytes = TWO_BODIES) -> bytes:
         (_changed(8, 2), "breaks off in its header"),
         (_changed(8, 0), "88 bytes follow"),
         (_changed(12, 56), "a component of 56 bytes with 2 items of 32"),
-        (_changed(16, 6), "6 is no component type"),
+        (_changed(16, 6), "6 is not a component type"),
         (_changed(32, 3), "a component of 88 bytes with 3 items"),
         (struct.pack(">II", 10, 3) + b"\0\0", "without a count"),
         (struct.pack(">II", 9, 4) + b"\0", "without data carries data"),

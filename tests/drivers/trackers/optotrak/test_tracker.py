@@ -243,7 +243,7 @@ def test_one_damaged_packet_costs_one_pose() -> None:
         assert tracker.describe().remarks == (f"{tracker.refused} damaged packets were refused",)
 
 
-def test_a_jump_of_number_and_time_starts_the_clock_anew() -> None:
+def test_a_jump_of_number_and_time_starts_the_clock_again() -> None:
     with bench() as cart, cart.open() as tracker:
         before = poses(tracker, 30)[-1]
         cart.show("counter-jump")

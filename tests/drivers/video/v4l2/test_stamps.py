@@ -75,7 +75,7 @@ def test_the_counter_never_wraps_and_gaps_are_losses() -> None:
     assert (counter.lost, counter.restarts) == (2, 0)
 
 
-def test_a_counter_that_runs_backward_or_stands_still_begins_anew() -> None:
+def test_a_counter_that_runs_backward_or_stands_still_begins_again() -> None:
     counter = Counter()
     numbers = [counter.count(n) for n in (100, 101, 0, 1, 1)]
     assert [b - a for a, b in itertools.pairwise(numbers)] == [1, 1, 1, 1]
