@@ -147,8 +147,8 @@ def write_history(folder: Path, history: History, contents: dict[str, bytes]) ->
 
 
 def set_aside(folder: Path) -> Path | None:
-    """Rename the whole store, damaged or not, and leave an empty one in its place. Returns the new name; None where there
-    was no store. Raises OSError.
+    """Rename the whole store, damaged or not, and leave an empty one in its place. Returns the new name; None where
+    there was no store. Raises OSError.
     """
     place, kept = folder / FOLDER, None
     if place.exists():
