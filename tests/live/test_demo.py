@@ -90,7 +90,7 @@ def test_a_mirrored_picture_from_bytes_to_halt_and_back(tmp_path: Path, folder: 
 def test_a_stop_ends_everything(folder: Path, demos: list[Demo], number: signal.Signals) -> None:
     demo = Demo(folder)
     demos.append(demo)
-    demo.pid_of("estimator_process")
+    demo.pid_of("service.estimator.process")
     demo.process.send_signal(number)
     demo.process.send_signal(number)
     code, _, err = demo.finish()
@@ -111,7 +111,7 @@ def test_a_stop_while_starting_ends_everything(folder: Path, demos: list[Demo]) 
 def test_a_part_that_dies_is_named(folder: Path, demos: list[Demo], part: str, name: str) -> None:
     demo = Demo(folder)
     demos.append(demo)
-    demo.pid_of("estimator_process")
+    demo.pid_of("service.estimator.process")
     os.kill(demo.pid_of(f"\0{part}\0"), signal.SIGKILL)
     code, _, err = demo.finish()
     assert code == 69
@@ -123,7 +123,7 @@ def test_a_part_that_dies_is_named(folder: Path, demos: list[Demo], part: str, n
 def test_a_killed_demo_takes_its_processes_with_it(folder: Path, demos: list[Demo]) -> None:
     demo = Demo(folder)
     demos.append(demo)
-    demo.pid_of("estimator_process")
+    demo.pid_of("service.estimator.process")
     demo.process.kill()
     demo.process.communicate()
     until(lambda: not demo.processes(), 40)
