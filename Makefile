@@ -18,7 +18,7 @@ help: ## list the targets
 demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults, alarm, timeline (under 3 minutes)
 	$(BIN)/probewatch demo
 
-test: lint types contracts quick ## lint, types, import contracts and the quick test suite (about four minutes on two cores)
+test: lint types contracts quick ## lint, types, import contracts and the quick test suite (about five minutes on two cores)
 
 ##@ Every change
 
@@ -45,7 +45,7 @@ invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frame
 
 ##@ Before a release
 
-live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about four minutes)
+live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about eleven minutes)
 	$(BIN)/python -m tests.rules.retried -n 2 -m "live and not slow"
 
 mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about eight minutes)

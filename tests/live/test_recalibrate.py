@@ -319,7 +319,8 @@ def whole_recalibration(cart: Cart, *arguments: object) -> None:
     began_s = time.monotonic()
     process = started("--config", cart.config, "--simulated", *arguments)
     until(lambda: cart.daemon.find(began_s, event="state", state="recalibrating"), 20)
-    cart.open_contact(began_s, 2)
+    granted = until(lambda: cart.daemon.find(began_s, event="request granted", request="begin_recalibration"))
+    cart.open_contact(began_s, granted["heard_s"] - began_s + 1)
     out, err = process.communicate(timeout=150)
     assert process.returncode == 0, err
     assert "the service has verified the new calibration and monitors again" in out
