@@ -71,8 +71,8 @@ def test_a_log_that_cannot_be_written_is_a_configuration_error(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "no byte log"),
-        ("PK\x03\x04", "no byte log"),
+        ("", "not a byte log"),
+        ("PK\x03\x04", "not a byte log"),
         (f"{HEADING} x\n1.000000 > 4f4\n", "line 2 is damaged"),
         (f"{HEADING} x\n1.000000 > 4f\nsoon < 00\n", "line 3 is damaged"),
         (f"{HEADING} x\n1.000000 ? 4f\n", "line 2 is damaged"),

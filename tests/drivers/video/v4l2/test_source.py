@@ -183,7 +183,7 @@ def test_a_rounded_rate_is_said_and_a_silent_driver_gets_a_usual_one(driver: Dri
 @pytest.mark.parametrize(
     ("capabilities", "words"),
     [
-        (abi.CAP_STREAMING, "no video capture device"),
+        (abi.CAP_STREAMING, "not a video capture device"),
         (abi.CAP_VIDEO_CAPTURE_MPLANE | abi.CAP_STREAMING, "several planes"),
         (abi.CAP_VIDEO_CAPTURE, "cannot stream"),
     ],
@@ -206,7 +206,7 @@ def test_a_stamp_of_another_clock_is_said(driver: Driver) -> None:
 @pytest.mark.parametrize(
     ("url", "words"),
     [
-        ("v4l2:video0", "no path"),
+        ("v4l2:video0", "not the path"),
         ("v4l2:/dev/video0?colour=red", "unknown option 'colour'"),
         ("v4l2:/dev/video0?size=big", "size=big"),
         ("v4l2:/dev/video0?size=4x4", "size=4x4"),
