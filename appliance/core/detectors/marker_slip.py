@@ -1,14 +1,14 @@
 """Sees the marker body jump on the probe: the tracker leaps, the picture does not.
 
-A probe in a hand cannot leap. Where the tracker moves far within one frame while the picture shows an ordinary step, it
-was the marker body that moved: bent (it turned) or slid (it only shifted). Leaps add up, so one that is undone is
+A probe in a hand cannot leap. Where the tracker moves far between two poses while the picture shows an ordinary step,
+it was the marker body that moved: bent (it turned) or slid (it only shifted). Leaps add up, so one that is undone is
 forgiven; an outlier, which leaps out and back, sums to nothing.
 """
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice
 from math import hypot
 
 import numpy as np
@@ -51,6 +51,17 @@ class _Leap:
         return moved_mm < self.moved_mm / 2 and turned_rad < max(self.turned_rad, _LEAST_RAD) / 2
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Step:
+    """The sensor at t_ns, and how far it came from the pose taken_ns before: mm and rad, 0 for the first."""
+
+    t_ns: int
+    matrix: Matrix4
+    taken_ns: int = 0
+    moved_mm: float = 0.0
+    turned_rad: float = 0.0
+
+
 class MarkerSlip(Detector):
     """Sums the leaps of the marker body in its own axes: B' = B · D.
 
@@ -61,7 +72,7 @@ class MarkerSlip(Detector):
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._waiting: deque[tuple[int, Matrix4]] = deque(maxlen=_MOST_WAITING)
-        self._recent: deque[tuple[int, Matrix4]] = deque()
+        self._recent: deque[_Step] = deque()
         self._slip = np.eye(4)
         self._pending: _Leap | None = None
 
@@ -126,41 +137,46 @@ class MarkerSlip(Detector):
     def _weigh(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> bool:
         if self._pending is not None:
             return self._confirm(self._pending, t_ns, matrix)
-        if self._recent and not 0 < t_ns - self._recent[-1][0] <= MOST_APART_NS:
+        if self._recent and not 0 < t_ns - self._recent[-1].t_ns <= MOST_APART_NS:
             self._recent.clear()
         if len(self._recent) > _LEAST_STEPS:
             self._pending = self._leap(t_ns, matrix, seen_mm)
         if self._pending is not None:
             return False
-        self._recent.append((t_ns, matrix))
-        while len(self._recent) > _LEAST_STEPS + 1 and t_ns - self._recent[1][0] > _HISTORY_NS:
+        self._recent.append(self._step_to(t_ns, matrix))
+        while len(self._recent) > _LEAST_STEPS + 1 and t_ns - self._recent[1].t_ns > _HISTORY_NS:
             self._recent.popleft()
         return False
 
+    def _step_to(self, t_ns: int, matrix: Matrix4) -> _Step:
+        if not self._recent:
+            return _Step(t_ns, matrix)
+        before = self._recent[-1]
+        return _Step(t_ns, matrix, t_ns - before.t_ns, *_extent(sensor_jump(before.matrix, matrix)))
+
     def _leap(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> _Leap | None:
         """The newest step against the usual ones before it; None where a hand may have made it."""
-        dt_s = (t_ns - self._recent[-1][0]) / 1e9
-        expected = self._expected(t_ns)
-        moved_mm, turned_rad = _extent(sensor_jump(expected, matrix))
-        usual_mm, usual_rad = self._liveliest_step(dt_s)
+        dt_ns = t_ns - self._recent[-1].t_ns
+        dt_s = dt_ns / 1e9
+        moved_mm, turned_rad = _extent(sensor_jump(self._expected(t_ns), matrix))
+        usual_mm, usual_rad = self._liveliest_step(dt_ns)
         far = moved_mm > max(_LEAST_MM, _FAST_MM_PER_S * dt_s) + _SHARED * seen_mm + _LIVELY * usual_mm
         turned = turned_rad > max(_LEAST_RAD, _FAST_RAD_PER_S * dt_s) + _LIVELY * usual_rad
         return _Leap(t_ns, max(moved_mm, _LEAST_MM), turned_rad) if far or turned else None
 
-    def _liveliest_step(self, dt_s: float) -> tuple[float, float]:
-        """What the liveliest of the recent steps would be over dt_s, mm and rad: a probe in full swing may well turn
+    def _liveliest_step(self, dt_ns: int) -> tuple[float, float]:
+        """What the liveliest of the recent steps would be over dt_ns, mm and rad: a probe in full swing may well turn
         round."""
-        poses = list(self._recent)
-        steps = [(_extent(sensor_jump(one, two)), (t - t_one) / 1e9) for (t_one, one), (t, two) in pairwise(poses)]
-        stretched = [(mm * max(dt_s / s, 1.0), rad * max(dt_s / s, 1.0)) for (mm, rad), s in steps]
-        return max(mm for mm, _ in stretched), max(rad for _, rad in stretched)
+        steps = [(step, max(dt_ns / step.taken_ns, 1.0)) for step in islice(self._recent, 1, None)]
+        return max(one.moved_mm * by for one, by in steps), max(one.turned_rad * by for one, by in steps)
 
     def _expected(self, t_ns: int) -> Matrix4:
         """The latest pose carried on with the mean velocity of the recent ones, in sensor axes."""
-        (begin_ns, oldest), (end_ns, latest) = self._recent[0], self._recent[-1]
+        oldest, latest = self._recent[0], self._recent[-1]
         step = np.eye(4)
-        step[:3, 3] = (inverse(oldest) @ latest)[:3, 3] * ((t_ns - end_ns) / (end_ns - begin_ns))
-        expected: Matrix4 = latest @ step
+        share = (t_ns - latest.t_ns) / (latest.t_ns - oldest.t_ns)
+        step[:3, 3] = (inverse(oldest.matrix) @ latest.matrix)[:3, 3] * share
+        expected: Matrix4 = latest.matrix @ step
         return expected
 
     def _confirm(self, leap: _Leap, t_ns: int, matrix: Matrix4) -> bool:
