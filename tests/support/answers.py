@@ -18,10 +18,10 @@ class Answer:
 
 def answered(*words: object) -> Answer:
     """What the console script would print and exit with."""
-    out, errors = io.StringIO(), io.StringIO()
+    out, errors = (io.TextIOWrapper(io.BytesIO(), "utf-8", newline="", write_through=True) for _ in range(2))
     with patch.object(sys, "argv", ["probewatch", *map(str, words)]), redirect_stdout(out), redirect_stderr(errors):
         try:
             main()
         except SystemExit as end:
-            return Answer(int(end.code or 0), out.getvalue(), errors.getvalue())
+            return Answer(int(end.code or 0), *(stream.buffer.getvalue().decode() for stream in (out, errors)))
     raise AssertionError("main() ends with an exit code")

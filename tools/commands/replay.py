@@ -98,9 +98,7 @@ def _judging(config_path: Path) -> Judging:
     return Judging(config.limits, config.supervisor.durations(), config.supervisor.patience())
 
 
-def run(
-    session: Recording, line: Line, schedule: Schedule, judging: Judging | None = None
-) -> tuple[LineReport, list[Change]]:
+def run(session: Recording, line: Line, schedule: Schedule, judging: Judging) -> tuple[LineReport, list[Change]]:
     """Every sample through line and supervisor; the report counts the frames that the reader left out, too."""
     timeline = Timeline(session.start_ns, *session.overlap_ns, judging)
     for sample in _progress(inject(session.samples(), schedule, session.start_ns), len(session)):

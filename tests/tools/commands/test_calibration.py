@@ -2,7 +2,6 @@
 
 import io
 import json
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -13,8 +12,8 @@ from appliance.configuration.config import Config
 from appliance.storage.alarm_log import AlarmLog
 from appliance.storage.calibration_file import parse_calibration
 from appliance.storage.reference_store import HISTORY
+from tests.support.answers import answered
 from tests.support.stores import PLUS, configuration, kept, log, place, settled, started, written
-from tools.cli import main
 from tools.shared.status_view import _origin
 
 pytestmark = pytest.mark.usefixtures("log")
@@ -34,7 +33,7 @@ def config(tmp_path: Path) -> Config:
 
 
 @pytest.fixture
-def said(monkeypatch, capsys, config):
+def said(monkeypatch, config):
     """Runs a subcommand on that history: (exit code, stdout, stderr)."""
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr("sys.stdin", io.StringIO())
@@ -42,12 +41,9 @@ def said(monkeypatch, capsys, config):
     def run(*arguments: object) -> tuple[int, str, str]:
         words = [str(argument) for argument in arguments]
         where = [] if words[0] in ("use", "back") else ["--folder", str(config.alarm.folder)]
-        monkeypatch.setattr(sys, "argv", ["probewatch", "calibration", *words, *where])
-        with pytest.raises(SystemExit) as end:
-            main()
-        out, err = capsys.readouterr()
-        assert "Traceback" not in err
-        return end.value.code or 0, out, err
+        answer = answered("calibration", *words, *where)
+        assert "Traceback" not in answer.stderr
+        return answer.returncode, answer.stdout, answer.stderr
 
     return run
 
@@ -114,17 +110,15 @@ def test_a_damaged_history_is_named_and_can_be_set_aside(said, config, tmp_path)
     assert settled(started(config)).current.entry.origin == "configuration"
 
 
-def test_the_alarm_log_tells_a_start_and_a_change_in_a_line(config, monkeypatch, capsys):
+def test_the_alarm_log_tells_a_start_and_a_change_in_a_line(config):
     reference = kept(config).in_force.model_dump(mode="json")
     started_with = {"software": "1.2.3", "configuration": {"file": "/etc/x.toml", "sha256": "ab" * 32}}
     log = AlarmLog(config.alarm.folder)
     now = datetime.now(UTC)
     log.append(now, 1, "started", {**started_with, "reference": reference, "simulated": ["sim:/x"], "found": []}, None)
     log.append(now, 2, "reference", {"reference": {**reference, "number": 3}}, None)
-    monkeypatch.setattr(sys, "argv", ["probewatch", "log", str(config.alarm.folder)])
-    with pytest.raises(SystemExit):
-        main()
-    start, change = [line for line in capsys.readouterr().out.splitlines() if "reference" in line]
+    lines = answered("log", config.alarm.folder).stdout.splitlines()
+    start, change = [line for line in lines if "reference" in line]
     told = f"recalibration, {reference['file']}, SHA-256 {reference['sha256'][:12]} by anna, moved by 1.5 mm"
     assert start.endswith(
         f"started: probewatch 1.2.3 · configuration abababababab · reference 2, {told} · SIMULATED: sim:/x"

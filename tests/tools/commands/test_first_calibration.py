@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,18 +19,11 @@ from appliance.storage.calibration_file import (
 from appliance.types import PARAMETERS, Calibration
 from drivers.recordings.metaimage import SequenceItem, write_metaimage
 from drivers.twins.scene.world import World
+from tests.support.answers import answered
 from tests.support.recordings import items
-from tools.cli import main
 
 SIZE_PX = (640, 480)
 TEMPLATE = Path(__file__).parents[3] / "config" / "calibration.toml"
-
-
-def probewatch(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["probewatch", *map(str, arguments)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    return end.value.code if isinstance(end.value.code, int) else 0
 
 
 def test_the_template_is_valid_and_names_every_key() -> None:
@@ -54,15 +46,16 @@ def test_the_two_forms_in_the_template_mean_the_same(tmp_path: Path) -> None:
     np.testing.assert_allclose(image_to_probe(read_calibration(other)), given, atol=0.01)
 
 
-def test_a_recording_without_motion_writes_no_calibration(monkeypatch, tmp_path, capsys) -> None:
+def test_a_recording_without_motion_writes_no_calibration(tmp_path) -> None:
     recording, rough = tmp_path / "session.igs.mha", tmp_path / "rough.toml"
     write_metaimage(recording, items(40, (48, 32)), (48, 32))
     write_calibration(rough, Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), (48, 32)), {})
     wanted = tmp_path / "estimate.toml"
-    assert probewatch(monkeypatch, "replay", recording, "--calibration", rough, "--estimate", wanted) == 65
-    assert "of the calibration. Record a minute of tissue" in capsys.readouterr().err
+    refused = answered("replay", recording, "--calibration", rough, "--estimate", wanted)
+    assert refused.returncode == 65
+    assert "of the calibration. Record a minute of tissue" in refused.stderr
     assert not wanted.exists()
-    assert probewatch(monkeypatch, "replay", recording, "--calibration", rough, "--estimate", rough) == 78
+    assert answered("replay", recording, "--calibration", rough, "--estimate", rough).returncode == 78
 
 
 def turn_deg(one: Calibration, other: Calibration) -> float:
@@ -82,7 +75,7 @@ def record(path: Path, world: World, duration_s: float, rate_hz: int = 20) -> Pa
 
 
 @pytest.mark.slow
-def test_from_a_ruler_to_a_verified_calibration(monkeypatch, tmp_path) -> None:
+def test_from_a_ruler_to_a_verified_calibration(tmp_path) -> None:
     """Rotation 5° off, scales 3 %, offset 8 mm: what a ruler and the eye give."""
     tissue = record(tmp_path / "tissue.igs.mha", World(1, "sweep", "tissue"), 35)
     wires = record(tmp_path / "wires.igs.mha", World(1, "freehand", "cross-wire"), 35)
@@ -100,14 +93,14 @@ def test_from_a_ruler_to_a_verified_calibration(monkeypatch, tmp_path) -> None:
     for step in range(1, 6):
         found = tmp_path / f"step-{step}.toml"
         arguments = ("--calibration", latest, "--estimate", found, "--json", report)
-        assert probewatch(monkeypatch, "replay", tissue, *arguments) == 0
+        assert answered("replay", tissue, *arguments).returncode == 0
         latest = found
         if json.loads(report.read_text())["verdict"] == "OK":
             break
     assert json.loads(report.read_text())["verdict"] == "OK", "settled"
     final = tmp_path / "probe.toml"
     scan = ("--recording", wires, "--calibration", latest, "--output", final)
-    assert probewatch(monkeypatch, "recalibrate", *scan, "--solve", "offset") == 0
+    assert answered("recalibrate", *scan, "--solve", "offset").returncode == 0
     found = read_calibration(final)
     assert turn_deg(found, true) < 1.0
     assert np.abs(found.scale_mm_per_px / true.scale_mm_per_px - 1).max() < 0.01

@@ -23,8 +23,8 @@ from drivers.recordings.metaimage import write_metaimage
 from drivers.recordings.replay import open_recording
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.faults import Episode, Schedule
+from tests.support.answers import answered
 from tests.support.recordings import PERIOD_NS, START_NS, items, picture, plus_file
-from tools.cli import main
 from tools.shared.inject import inject
 
 FRAME_PX = (48, 32)
@@ -320,12 +320,9 @@ def test_the_document_names_every_key():
         assert f"`{key}" in text or f"`calibration.{key}`" in text, key
 
 
-def run(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["probewatch", "replay", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    streams = capsys.readouterr()
-    return stop.value.code or 0, streams.out, streams.err
+def run(*arguments):
+    answer = answered("replay", *arguments)
+    return answer.returncode, answer.stdout, answer.stderr
 
 
 def cut(path):
@@ -361,9 +358,9 @@ def rename_transforms(path):
         (Path.unlink, "cannot be read: No such file"),
     ],
 )
-def test_a_bad_recording_is_one_line_and_65(monkeypatch, capsys, session, calibration, damage, complaint):
+def test_a_bad_recording_is_one_line_and_65(session, calibration, damage, complaint):
     damage(session)
-    code, out, err = run(monkeypatch, capsys, session, "--calibration", calibration)
+    code, out, err = run(session, "--calibration", calibration)
     assert (code, out) == (65, "")
     assert err.count("\n") == 1
     assert err.startswith(f"probewatch: {session}: ")
@@ -391,25 +388,25 @@ def other_size(path):
         (Path.unlink, "cannot be read: No such file"),
     ],
 )
-def test_a_bad_calibration_is_one_line_and_78(monkeypatch, capsys, session, calibration, damage, complaint):
+def test_a_bad_calibration_is_one_line_and_78(session, calibration, damage, complaint):
     damage(calibration)
-    code, out, err = run(monkeypatch, capsys, session, "--calibration", calibration)
+    code, out, err = run(session, "--calibration", calibration)
     assert (code, out) == (78, "")
     assert err.count("\n") == 1
     assert err.startswith(f"probewatch: {calibration}: ")
     assert complaint in err
 
 
-def test_a_report_that_cannot_be_written_is_refused_first(monkeypatch, capsys, session, calibration, tmp_path):
+def test_a_report_that_cannot_be_written_is_refused_first(session, calibration, tmp_path):
     target = tmp_path / "none" / "report.json"
-    code, out, err = run(monkeypatch, capsys, session, "--calibration", calibration, "--json", target)
+    code, out, err = run(session, "--calibration", calibration, "--json", target)
     assert (code, out) == (78, "")
     assert "cannot be written" in err
 
 
 @pytest.mark.parametrize("fault", ["melt", "depth@soon", "depth@-1", "depth@nan", "depth@"])
-def test_an_unknown_fault_is_a_usage_error(monkeypatch, capsys, session, calibration, fault):
-    code, _, err = run(monkeypatch, capsys, session, "--calibration", calibration, "--inject", fault)
+def test_an_unknown_fault_is_a_usage_error(session, calibration, fault):
+    code, _, err = run(session, "--calibration", calibration, "--inject", fault)
     assert code == 2
     assert "Traceback" not in err
 
@@ -424,9 +421,9 @@ def test_the_console_script_ends_bad_input_without_traceback(session, calibratio
     assert "copy it again" in done.stderr
 
 
-def test_a_report_is_made_and_written(monkeypatch, capsys, session, calibration, tmp_path):
+def test_a_report_is_made_and_written(session, calibration, tmp_path):
     target = tmp_path / "report.json"
-    code, out, err = run(monkeypatch, capsys, session, "--calibration", calibration, "--json", target)
+    code, out, err = run(session, "--calibration", calibration, "--json", target)
     data = json.loads(target.read_text())
     assert (code, err) == (0, "")
     assert (data["version"], data["frames"], data["poses"]) == (1, 40, 40)
@@ -439,28 +436,28 @@ def test_a_report_is_made_and_written(monkeypatch, capsys, session, calibration,
     ("fault", "named"),
     [("lose-video", "video-lost"), ("lose-tracker", "tracker-lost"), ("stale-tracker", "tracker-stale")],
 )
-def test_an_injected_device_fault_names_the_verdict(monkeypatch, capsys, session, calibration, tmp_path, fault, named):
+def test_an_injected_device_fault_names_the_verdict(session, calibration, tmp_path, fault, named):
     target = tmp_path / "report.json"
-    code, _, _ = run(monkeypatch, capsys, session, "--calibration", calibration, "--inject", fault, "--json", target)
+    code, _, _ = run(session, "--calibration", calibration, "--inject", fault, "--json", target)
     data = json.loads(target.read_text())
     assert (code, data["verdict"], data["fault"]) == (0, "FAULT", named)
 
 
-def test_pictures_left_out_count_as_unpaired(monkeypatch, capsys, calibration, tmp_path):
+def test_pictures_left_out_count_as_unpaired(calibration, tmp_path):
     holed = items(40, FRAME_PX)
     holed[7] = replace(holed[7], image=None)
     path, target = tmp_path / "holed.mha", tmp_path / "report.json"
     write_metaimage(path, holed, FRAME_PX)
-    run(monkeypatch, capsys, path, "--calibration", calibration, "--json", target)
+    run(path, "--calibration", calibration, "--json", target)
     data = json.loads(target.read_text())
     assert data["frames"] == 40
     assert data["unpaired"]["picture marked invalid"] == 1
 
 
-def test_a_tracker_only_recording_is_not_verified(monkeypatch, capsys, calibration, tmp_path):
+def test_a_tracker_only_recording_is_not_verified(calibration, tmp_path):
     path, target = tmp_path / "poses.mha", tmp_path / "report.json"
     write_metaimage(path, [replace(item, image=None) for item in items(20)], None)
-    code, _, _ = run(monkeypatch, capsys, path, "--calibration", calibration, "--json", target)
+    code, _, _ = run(path, "--calibration", calibration, "--json", target)
     data = json.loads(target.read_text())
     assert (code, data["frames"], data["poses"], data["verdict"]) == (0, 0, 20, "NOT_VERIFIED")
 
@@ -474,12 +471,12 @@ def test_a_tracker_only_recording_is_not_verified(monkeypatch, capsys, calibrati
         ("freeze-video", {"FAULT"}, "frozen-video"),
     ],
 )
-def test_the_real_nwire_recording(monkeypatch, capsys, tmp_path, fault, verdicts, named):
+def test_the_real_nwire_recording(tmp_path, fault, verdicts, named):
     recording = plus_file("fCal_Test_Validation_3NWires_fCal2.0.igs.mha")
     device_set = plus_file("PlusDeviceSet_fCal_Sim_VolumeReconstruction.xml")
     target = tmp_path / "report.json"
     injection = [] if fault is None else ["--inject", fault]
-    run(monkeypatch, capsys, recording, "--calibration", device_set, "--json", target, *injection)
+    run(recording, "--calibration", device_set, "--json", target, *injection)
     data = json.loads(target.read_text())
     assert data["frames"] == data["poses"] == 103
     assert data["verdict"] in verdicts
