@@ -1,8 +1,7 @@
 """`probewatch replay`: a recording through the same line as live data, and a report of what it shows."""
 
 import sys
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import click
@@ -14,15 +13,15 @@ from appliance.core.handeye.second_opinion import SecondOpinion
 from appliance.core.line import Line
 from appliance.core.quality.report import Change, LineReport, report_json
 from appliance.storage.calibration_file import read_calibration
-from appliance.supervision.timeline import Judging, Timeline
-from appliance.types import Check, Verdict, VerdictKind
+from appliance.supervision.timeline import Judging
+from appliance.types import Check
 from drivers.files.atomic_file import check_writable
-from drivers.recordings.replay import Recording, open_recording
+from drivers.recordings.replay import open_recording
 from drivers.samples import Sample
 from drivers.twins.faults import FAULT_CLASS, Episode, Schedule
 from tools.shared.estimate import check_new, write_estimate
-from tools.shared.inject import inject
 from tools.shared.json_report import write_json
+from tools.shared.recording_run import run
 from tools.shared.tables import NOTHING, FittingTable
 
 
@@ -84,7 +83,8 @@ def command(
     session = open_recording(recording, poses=poses, probe=probe, reference=reference, orientation=orientation)
     nominal = read_calibration(calibration, session.size_px, probe or "Probe")
     judging = Judging() if config_path is None else _judging(config_path)
-    report, timeline = run(session, Line(nominal, judging.limits), schedule, judging)
+    line = Line(nominal, judging.limits)
+    report, timeline = run(session, line, schedule, judging, lambda samples: _progress(samples, len(session)))
     _print(report, timeline, recording)
     if json_path is not None:
         write_json(json_path, report_json(report, timeline))
@@ -98,34 +98,10 @@ def _judging(config_path: Path) -> Judging:
     return Judging(config.limits, config.supervisor.durations(), config.supervisor.patience())
 
 
-def run(session: Recording, line: Line, schedule: Schedule, judging: Judging) -> tuple[LineReport, list[Change]]:
-    """Every sample through line and supervisor; the report counts the frames that the reader left out, too."""
-    timeline = Timeline(session.start_ns, *session.overlap_ns, judging)
-    for sample in _progress(inject(session.samples(), schedule, session.start_ns), len(session)):
-        timeline.step(sample, line.step(sample))
-    timeline.finish()
-    report = line.report()
-    left_out = sum(session.left_out.values())
-    report = replace(report, frames=report.frames + left_out, unpaired={**report.unpaired, **session.left_out})
-    return _with_devices(report, timeline), timeline.changes
-
-
-def _with_devices(report: LineReport, timeline: Timeline) -> LineReport:
-    """Add a device that was failing at the end; it names the verdict unless the line shows a fault of its own."""
-    failing = timeline.lasting_fault()
-    if failing is None:
-        return report
-    verdict = report.verdict
-    if verdict.kind is not VerdictKind.FAULT:
-        reason = timeline.changes[-1].reason
-        verdict = Verdict(verdict.t_ns, VerdictKind.FAULT, (*verdict.checks, failing), failing.fault, reason)
-    return replace(report, checks=(*report.checks, failing), verdict=verdict)
-
-
-def _progress(samples: Iterator[Sample], total: int) -> Iterator[Sample]:
+def _progress(samples: Iterable[Sample], total: int) -> Iterator[Sample]:
     console = Console(stderr=True)
     if not console.is_terminal:
-        return samples
+        return iter(samples)
     return iter(track(samples, "replay", total, transient=True, console=console))
 
 

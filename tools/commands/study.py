@@ -1,0 +1,211 @@
+"""`probewatch study`: how often the instrument says OK, how true its figures are, how soon it names what is wrong."""
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from math import isfinite
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from drivers.files.atomic_file import check_writable
+from tools.shared.tables import NOTHING, FittingTable
+from tools.study.archive import ARCHIVE_KEYS, ArchiveTask
+from tools.study.hand import PROGRAMS
+from tools.study.hazard import STANDARD, Hazard
+from tools.study.outcome import CHECKS
+from tools.study.page import write_page
+from tools.study.plan import Key, Task, planned, tasks
+from tools.study.samples import Conditions
+from tools.study.session import TISSUES, Tissue
+from tools.study.summary import Coverage, Detection, coverages, detections
+from tools.study.table import StudyTable
+from tools.study.workers import results
+
+_EXAMPLES = """
+\b
+Examples:
+  probewatch study --seeds 3                         how often healthy scanning is verified
+  probewatch study --sessions fan,hold --tissues still
+  probewatch study --hazards bend-lateral=6@start,latency=450@sudden
+  probewatch study --hazards all --scheduler tcp://dask:8786
+  probewatch study LIVER1.igs.mha LIVER2.igs.mha --calibration probe.toml
+"""
+
+
+def _listed(_context: click.Context, option: click.Parameter, text: str) -> tuple[str, ...]:
+    known = {"sessions": tuple(PROGRAMS), "tissues": TISSUES}[str(option.name)]
+    chosen = known if text == "all" else tuple(text.split(","))
+    if unknown := [name for name in chosen if name not in known]:
+        raise click.BadParameter(f"'{unknown[0]}' is none of {', '.join(known)}")
+    return chosen
+
+
+def _noises(_context: click.Context, _option: click.Parameter, text: str) -> tuple[float, ...]:
+    try:
+        noises = tuple(float(one) for one in text.split(","))
+    except ValueError:
+        noises = (0.0,)
+    if not all(0.001 <= one <= 5 for one in noises):
+        raise click.BadParameter(f"'{text}' is not a list of .001 to 5 mm, such as .05,.1,.25")
+    return noises
+
+
+def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tuple[Hazard, ...]:
+    return STANDARD if text == "all" else tuple(Hazard.parse(one) for one in text.split(","))
+
+
+@click.command(name="study", epilog=_EXAMPLES)
+@click.argument("recordings", nargs=-1, type=click.Path(path_type=Path))
+@click.option(
+    "--output",
+    default=Path("study"),
+    show_default=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="folder for study.csv and study.html; rows that are there are not done again",
+)
+@click.option("--sessions", default="all", show_default=True, callback=_listed, help=", ".join(PROGRAMS))
+@click.option("--tissues", default="all", show_default=True, callback=_listed, help=", ".join(TISSUES))
+@click.option("--seeds", default=10, show_default=True, type=click.IntRange(1, 10_000), help="of each session")
+@click.option(
+    "--noise-mm",
+    "noises_mm",
+    default="0.1",
+    show_default=True,
+    callback=_noises,
+    help="standard deviation of the tracker, mm; several: .05,.1,.25",
+)
+@click.option(
+    "--hazards",
+    default="none",
+    show_default=True,
+    callback=_hazards,
+    help="none, all, or KIND=SIZE@MANNER,…: sizes in deg, mm, % and ms; manners start, sudden, creeping, unseen",
+)
+@click.option(
+    "--motions",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="keep rendered sessions here and take them from here: 220 MB a minute",
+)
+@click.option(
+    "--jobs",
+    default=os.cpu_count() or 1,
+    show_default=True,
+    type=click.IntRange(1, 512),
+    help="processes of this computer; each needs about 600 MB",
+)
+@click.option("--scheduler", metavar="tcp://HOST:PORT", help="an existing Dask cluster instead of processes here")
+@click.option(
+    "--calibration", type=click.Path(path_type=Path), help="of the RECORDINGs: our .toml or a PLUS device set"
+)
+def command(
+    recordings: tuple[Path, ...],
+    output: Path,
+    sessions: tuple[str, ...],
+    tissues: tuple[Tissue, ...],
+    seeds: int,
+    noises_mm: tuple[float, ...],
+    hazards: tuple[Hazard, ...],
+    motions: Path | None,
+    jobs: int,
+    scheduler: str | None,
+    calibration: Path | None,
+) -> None:
+    """Judge the instrument: run simulated sessions, or RECORDINGs, through it and tell how well it does.
+
+    Each simulated session is a hand on tissue with known truth. For every run the table has the share of time in which
+    the contact was closed, the first OK, each parameter's value, sigma and z-score beside its Cramér–Rao bound, what
+    was named and when. It grows row by row, and is taken up where it was left.
+
+    Of RECORDINGs the table has what the instrument says of each: no truth is known there.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    if recordings:
+        if calibration is None:
+            raise click.UsageError("RECORDINGs need --calibration")
+        _study_recordings([ArchiveTask(path.absolute(), calibration) for path in recordings], output, jobs, scheduler)
+        return
+    table = StudyTable(output / "study.csv", Key.COLUMNS)
+    page = output / "study.html"
+    check_writable(page)
+    folder = None if motions is None else motions.absolute()
+    plan = planned(sessions, tissues, seeds, noises_mm, hazards)
+    _do(plan, table, folder, jobs, scheduler)
+    rows = [row for row in table.rows if tuple(row[key] for key in Key.COLUMNS) in {one.key for one in plan}]
+    _print(rows)
+    write_page(page, rows)
+    click.echo(f"written: {table.path}, {page}")
+
+
+def _do(plan: Sequence[Conditions], table: StudyTable, folder: Path | None, jobs: int, scheduler: str | None) -> None:
+    left = list(tasks(plan, table.done, folder))
+    total = sum(len(task.runs) for task in left)
+    if total < len(plan):
+        click.echo(f"{len(plan) - total} of {len(plan)} runs are in {table.path} already")
+    for rows in _progress(results(Task.rows, left, jobs, scheduler), total):
+        table.add(rows)
+
+
+def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, scheduler: str | None) -> None:
+    table = StudyTable(output / "recordings.csv", ARCHIVE_KEYS)
+    left = [task for task in archive if (str(task.recording),) not in table.done]
+    if len(left) < len(archive):
+        click.echo(f"{len(archive) - len(left)} of {len(archive)} recordings are in {table.path} already")
+    for rows in _progress(results(ArchiveTask.rows, left, jobs, scheduler), len(left)):
+        table.add(rows)
+    heads = ("recording", "verdict", "fault", "closed", "not shown", "")
+    cells = [
+        (Path(row["recording"]).name, row["verdict"] or "not usable", row["fault"] or NOTHING,
+         f"{100 * float(row['closed'] or 0):.0f} %", row["missing"] or NOTHING, row["error"])
+        for row in table.rows
+    ]  # fmt: skip
+    Console(highlight=False).print(FittingTable(heads, cells))
+    click.echo(f"written: {table.path}")
+
+
+def _progress(done: Iterable[list[dict[str, str]]], total: int) -> Iterator[list[dict[str, str]]]:
+    console = Console(stderr=True)
+    columns = TextColumn("study"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("study", total=total)
+        for rows in done:
+            yield rows
+            progress.advance(bar, len(rows))
+
+
+def _print(rows: list[dict[str, str]]) -> None:
+    console = Console(highlight=False)
+    healthy, sick = coverages(rows), detections(rows)
+    if healthy:
+        heads: tuple[str, ...] = ("session", "tissue", "noise", "closed", "from … to", "first", "FAULT", "worst z RMS")
+        console.print(FittingTable(heads, [_healthy_cells(one) for one in healthy], right_from=2))
+    if sick:
+        heads = ("hazard", "FAULT", "named rightly", "after", "open after", "OK at twice its limit")
+        console.print(FittingTable(heads, [_sick_cells(one) for one in sick], right_from=1))
+
+
+def _healthy_cells(one: Coverage) -> tuple[str, ...]:
+    closed = sorted(100 * share for share in one.closed)
+    known = {name: one.scores[name].rms for name in CHECKS if isfinite(one.scores[name].rms)}
+    worst = max(known, key=lambda name: known[name], default=None)
+    return (
+        one.session,
+        one.tissue,
+        f"{one.noise_mm} mm",
+        f"{closed[len(closed) // 2]:.0f} %",
+        f"{closed[0]:.0f} … {closed[-1]:.0f}",
+        _seconds(one.closed_s),
+        f"{one.faulted.k} of {one.faulted.n}",
+        NOTHING if worst is None else f"{known[worst]:.1f} {worst}",
+    )
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.1f} s" if isfinite(value) else NOTHING
+
+
+def _sick_cells(one: Detection) -> tuple[str, ...]:
+    gross = f"{one.gross.k} of {one.gross.n}"
+    found, named = (f"{share.k} of {share.n}" for share in (one.found, one.named))
+    return one.hazard, found, named, _seconds(one.fault_s), _seconds(one.opened_s), gross

@@ -1,0 +1,123 @@
+"""How a hand moves a probe in ordinary scanning, as functions of time. Pure and seeded.
+
+Rows are lateral, axial and elevational, mm, then the rotation vector about the same axes, deg. A probe turns about its
+middle on the skin, where it is held.
+"""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from appliance.core.geometry import Array
+
+Program = Callable[[Array, np.random.Generator], Array]
+"""(n,) s → (6, n) mm and deg."""
+
+_TREMOR_RMS = np.array([0.5, 0.35, 0.25, 0.3, 0.3, 0.3])
+_TREMOR_HZ = np.geomspace(0.5, 8.0, 12)
+"""RMS of each row, mm and deg, and what the tremor is a sum of, its amplitude ∝ 1 ÷ frequency: a hand at rest on a
+patient, from the literature on physiological tremor and not measured here. More shows more of the calibration."""
+_STROKE_MM = 40.0
+"""Length of an elevational sweep: a liver or a thyroid. Longer ones turn less often, and turns show the latency."""
+_EASE_S = 0.4
+"""In which a sweep turns back: a hand that neither stops nor jerks. Not measured."""
+_CIRCLE_MM, _PRESS_MM, _CIRCLE_S = 5.0, 2.0, 3.1
+"""Radius of the lateral way and of the press, and the time of one round: up to 10 mm/s, as one searches."""
+_FAN_DEG, _FAN_S = 20.0, 8.0
+"""Either way, and to and fro: as one looks along an organ from one window."""
+_DRIFT_MM = ((1.0, 11.0), (0.6, 7.0))
+"""Amplitude, mm, and period, s, of the slow in-plane drift of a sweep, lateral and axial."""
+_PHASES_S = (14.0, 14.0, 10.0, 4.0)
+"""Of a mixed session, again and again: search, sweep, hold, lifted off the skin."""
+
+
+def tremor(t_s: Array, random: np.random.Generator, share: float = 1.0) -> Array:
+    """(6, n); share: of the usual RMS."""
+    amplitude = np.sqrt(2 / np.sum(_TREMOR_HZ**-2.0)) / _TREMOR_HZ
+    phase = random.uniform(0, 2 * np.pi, (6, _TREMOR_HZ.size))
+    hz = _TREMOR_HZ * random.uniform(0.9, 1.1, (6, _TREMOR_HZ.size))
+    waves = np.sin(2 * np.pi * hz[..., None] * t_s + phase[..., None])
+    return np.asarray(share * _TREMOR_RMS[:, None] * np.einsum("f,afn->an", amplitude, waves))
+
+
+def in_plane(t_s: Array, random: np.random.Generator) -> Array:
+    """A circle sideways with a press."""
+    turn = 2 * np.pi * t_s / (_CIRCLE_S * random.uniform(0.9, 1.1)) + random.uniform(0, 2 * np.pi)
+    rows = tremor(t_s, random)
+    rows[0] += _CIRCLE_MM * np.sin(turn)
+    rows[1] += _PRESS_MM * np.cos(turn)
+    return rows
+
+
+def elevational(speed_mm_s: float, drift: float = 1.0) -> Program:
+    """Sweeps to and fro out of the plane; drift: times the usual in-plane one."""
+
+    def program(t_s: Array, random: np.random.Generator) -> Array:
+        rows = tremor(t_s, random)
+        rows[2] += _to_and_fro(t_s + random.uniform(0, 2 * _STROKE_MM / speed_mm_s), speed_mm_s)
+        for row, (amplitude_mm, period_s) in enumerate(_DRIFT_MM):
+            phase = random.uniform(0, 2 * np.pi)
+            rows[row] += drift * amplitude_mm * np.sin(2 * np.pi * t_s / (period_s * random.uniform(0.9, 1.1)) + phase)
+        return rows
+
+    return program
+
+
+def fan(t_s: Array, random: np.random.Generator) -> Array:
+    """Tilting about the lateral axis at one place of the skin."""
+    rows = tremor(t_s, random)
+    phase = random.uniform(0, 2 * np.pi)
+    rows[3] += _FAN_DEG * np.sin(2 * np.pi * t_s / (_FAN_S * random.uniform(0.9, 1.1)) + phase)
+    return rows
+
+
+def hold(t_s: Array, random: np.random.Generator) -> Array:
+    """Tremor alone, .3 mm laterally."""
+    return tremor(t_s, random, 0.6)
+
+
+def mixed(t_s: Array, random: np.random.Generator) -> Array:
+    """Search, sweep at 10 mm/s, hold, and off the skin, with half a second from one to the next."""
+    search, sweep, still = in_plane(t_s, random), elevational(10.0)(t_s, random), hold(t_s, random)
+    rows = np.zeros_like(search)
+    for part, share in zip((search, sweep, still, still), _shares(t_s), strict=True):
+        rows += share * part
+    return rows
+
+
+def lifted(name: str, t_s: Array) -> NDArray[np.bool_]:
+    """(n,) whether off the skin."""
+    return _phase(t_s) == len(_PHASES_S) - 1 if name == "mixed" else np.zeros(t_s.shape, dtype=bool)
+
+
+PROGRAMS: Mapping[str, tuple[Program, float]] = {
+    "in-plane": (in_plane, 60.0),
+    "elevational-5": (elevational(5.0), 60.0),
+    "elevational-10": (elevational(10.0), 60.0),
+    "elevational-20": (elevational(20.0), 60.0),
+    "elevational-drift": (elevational(10.0, 3.0), 60.0),
+    "fan": (fan, 60.0),
+    "hold": (hold, 60.0),
+    "mixed": (mixed, 90.0),
+}
+"""Session → how the hand moves, and for how long, s: twice as long as a verification lasts, and two rounds of mixed."""
+
+
+def _to_and_fro(t_s: Array, speed_mm_s: float) -> Array:
+    """Way at constant speed along `_STROKE_MM` and back, the turns eased: a triangle wave averaged over `_EASE_S`."""
+    period_s = 2 * _STROKE_MM / speed_mm_s
+    around = np.linspace(-_EASE_S / 2, _EASE_S / 2, 9)
+    share = np.abs(((t_s[:, None] + around) / period_s) % 1.0 * 2 - 1)
+    return np.asarray(_STROKE_MM * (share.mean(axis=1) - 0.5))
+
+
+def _phase(t_s: Array) -> NDArray[np.intp]:
+    ends = np.cumsum(_PHASES_S)
+    return np.asarray(np.searchsorted(ends, t_s % ends[-1], side="right"))
+
+
+def _shares(t_s: Array) -> Array:
+    """(4, n) of the phases; they add up to 1, and go over into one another within half a second."""
+    around = t_s[:, None] + np.linspace(-0.25, 0.25, 17)
+    return np.stack([(_phase(around) == number).mean(axis=1) for number in range(len(_PHASES_S))])

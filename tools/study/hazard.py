@@ -1,0 +1,172 @@
+"""What can be wrong in a session, how large, how it came about, and what it does to body, picture and stamp. Pure."""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from appliance.core.geometry import Array, inverse, rigid, rotation_from_vector
+from appliance.types import PARAMETERS, Calibration
+from drivers.errors import ConfigurationError
+from drivers.samples import GreyImage
+
+ONSET_S = 20.0
+"""When what was not there from the start begins: a healthy session is verified by then, where it can be."""
+CREEP_S = 8.0
+"""How long a creeping hazard takes to its full size; a slipping clamp, a tracker whose buffer fills."""
+HIDDEN_S = 2.0
+"""For which an unseen change is hidden: probe off the skin and out of the tracker's sight, as when it is wiped."""
+
+
+class Manner(StrEnum):
+    """How it came about."""
+
+    START = "start"
+    SUDDEN = "sudden"
+    CREEPING = "creeping"
+    UNSEEN = "unseen"
+
+
+_BODY: Mapping[str, tuple[int, str]] = {
+    "bend-lateral": (0, "deg"),
+    "bend-axial": (1, "deg"),
+    "bend-elevational": (2, "deg"),
+    "slide-lateral": (5, "mm"),
+    "slide-axial": (6, "mm"),
+    "slide-elevational": (7, "mm"),
+}
+_SCALES: Mapping[str, tuple[int, ...]] = {"scale-lateral": (3,), "scale-axial": (4,), "depth": (3, 4)}
+_FLIPS: Mapping[str, tuple[int, int]] = {"flip-lateral": (-1, 1), "flip-axial": (1, -1)}
+_CONVENTIONS: Mapping[str, Callable[[Array], Array]] = {
+    "poses-inverted": inverse,
+    "axes-swapped": lambda poses: poses @ np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1.0]]),
+}
+KINDS = ("none", *_BODY, *_SCALES, *_FLIPS, "latency", *_CONVENTIONS)
+_PLAIN = frozenset({"none", *_FLIPS, *_CONVENTIONS})
+"""Those that have no size."""
+FAULTS: Mapping[str, str] = {
+    **{kind: "rotation" if unit == "deg" else "offset" for kind, (_, unit) in _BODY.items()},
+    **dict.fromkeys(_SCALES, "scale"),
+    **dict.fromkeys(_FLIPS, "polarity"),
+    "latency": "latency",
+    **dict.fromkeys(_CONVENTIONS, "rotation"),
+}
+"""Kind → class under which it ought to be named."""
+_TEXT = re.compile(r"([a-z-]+?)(?:=([+-]?[0-9.]+))?(?:@([a-z]+))?")
+
+
+@dataclass(frozen=True)
+class Hazard:
+    """size: deg, mm, % or ms; 0 for those that have none."""
+
+    kind: str = "none"
+    size: float = 0.0
+    manner: Manner = Manner.START
+
+    @classmethod
+    def parse(cls, text: str) -> "Hazard":
+        """KIND, KIND=SIZE or KIND=SIZE@MANNER. Raises ConfigurationError."""
+        found = _TEXT.fullmatch(text)
+        kind, size, manner = found.groups() if found else ("", None, None)
+        if kind not in KINDS:
+            raise ConfigurationError(f"'{text}' is not a known hazard", "study", f"Use one of {', '.join(KINDS)}")
+        if (size is None) != (kind in _PLAIN):
+            remedy = f"Give {kind} alone" if kind in _PLAIN else f"Give {kind}=5, for example"
+            raise ConfigurationError(f"'{text}' has {'a' if size else 'no'} size", "study", remedy)
+        if manner is not None and manner not in list(Manner):
+            raise ConfigurationError(f"'{manner}' is not a manner", "study", f"Use @{', @'.join(Manner)}")
+        try:
+            return cls(kind, float(size or 0), Manner(manner or Manner.START))
+        except ValueError:
+            raise ConfigurationError(f"'{size}' is not a number", "study", f"Give {kind}=5, for example") from None
+
+    def __str__(self) -> str:
+        size = "" if self.kind in _PLAIN else f"={self.size:g}"
+        return self.kind if self.kind == "none" else f"{self.kind}{size}@{self.manner}"
+
+    @property
+    def fault(self) -> str | None:
+        """Class under which it ought to be named; None for none."""
+        return FAULTS.get(self.kind)
+
+    @property
+    def onset_s(self) -> float:
+        """From when on something is wrong; infinite for none."""
+        if self.kind == "none":
+            return np.inf
+        return 0.0 if self.manner is Manner.START else ONSET_S
+
+    def share(self, t_s: Array) -> Array:
+        """(n,) how much of its size is there at each time, 0 … 1."""
+        if self.kind == "none" or self.manner is Manner.START:
+            return np.full(t_s.shape, float(self.kind != "none"))
+        if self.manner is Manner.CREEPING:
+            return np.clip((t_s - ONSET_S) / CREEP_S, 0.0, 1.0)
+        middle_s = ONSET_S + (HIDDEN_S / 2 if self.manner is Manner.UNSEEN else 0.0)
+        return (t_s >= middle_s).astype(float)
+
+    def hides(self, t_s: Array) -> NDArray[np.bool_]:
+        """(n,) whether neither picture nor pose shows anything."""
+        return (self.manner is Manner.UNSEEN) & (t_s >= ONSET_S) & (t_s < ONSET_S + HIDDEN_S)
+
+    def change(self, t_s: Array) -> Array:
+        """(n, 9): how the truth differs from the reference, rad, relative, mm, and the latency, s."""
+        change = np.zeros((t_s.size, 9))
+        if self.kind in _BODY:
+            row, unit = _BODY[self.kind]
+            change[:, row] = self.share(t_s) * (np.deg2rad(self.size) if unit == "deg" else self.size)
+        elif self.kind in _SCALES:
+            change[:, list(_SCALES[self.kind])] = self.share(t_s)[:, None] * self.size / 100
+        elif self.kind == "latency":
+            change[:, 8] = self.share(t_s) * self.size / 1000
+        return change
+
+    def body(self, reference: Calibration, t_s: Array) -> Array:
+        """(n, 4, 4) sensor → picture as it truly is."""
+        change = self.change(t_s)
+        return rigid(rotation_from_vector(change[:, :3]) @ reference.rotation, reference.offset_mm + change[:, 5:8])
+
+    def reported(self, poses: Array) -> Array:
+        """(n, 4, 4) as a tracker of that convention reports them."""
+        return _CONVENTIONS[self.kind](poses) if self.kind in _CONVENTIONS else poses
+
+    def shown(self, image: GreyImage, share: float) -> GreyImage:
+        """(h, w) uint8 as the scanner shows it, share of the hazard being there."""
+        if share == 0.0:
+            return image
+        if self.kind in _FLIPS:
+            lateral, axial = _FLIPS[self.kind]
+            return np.ascontiguousarray(image[::axial, ::lateral])
+        if self.kind not in _SCALES:
+            return image
+        factors = [1 / (1 + share * self.size / 100) if row in _SCALES[self.kind] else 1.0 for row in (3, 4)]
+        middle = (np.array(image.shape[::-1]) - 1) / 2
+        warp = np.column_stack([np.diag(factors), middle * (1 - np.array(factors))])
+        return np.asarray(cv2.warpAffine(image, warp, image.shape[::-1], flags=cv2.INTER_LINEAR), np.uint8)
+
+
+STANDARD = tuple(
+    Hazard.parse(text)
+    for text in (
+        "none",
+        *(f"bend-{axis}={size}@{manner}" for axis in ("lateral", "axial", "elevational") for size in (4, -6)
+          for manner in Manner),
+        *(f"slide-{axis}={size}@{manner}" for axis in ("lateral", "axial", "elevational") for size in (5, -8)
+          for manner in Manner),
+        *(f"{kind}={size}@{manner}" for kind in ("scale-lateral", "scale-axial", "depth") for size in (7, -10)
+          for manner in Manner),
+        *(f"{kind}@{manner}" for kind in _FLIPS for manner in (Manner.START, Manner.SUDDEN, Manner.UNSEEN)),
+        *(f"latency={size}@{manner}" for size in (80, -120, 450) for manner in Manner),
+        *(f"{kind}@start" for kind in _CONVENTIONS),
+    )
+)  # fmt: skip
+"""`--hazards all`: each by 1.3 and 2 times its limit, one sign each, in every manner."""
+
+UNITS: Mapping[str, str] = dict(
+    zip((*PARAMETERS, "latency"), ("deg",) * 3 + ("%",) * 2 + ("mm",) * 3 + ("ms",), strict=True)
+)
+"""Check → its unit in every table of the study."""

@@ -1,0 +1,214 @@
+"""One run of a session through line and supervisor, and what came of it, ready for a row of the table."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from math import isfinite, nan, sqrt
+
+import numpy as np
+
+from appliance.core.line import Line
+from appliance.core.quality.report import Change
+from appliance.limits import Limits
+from appliance.supervision.timeline import Timeline
+from appliance.types import PARAMETERS, Check, State, Verdict, VerdictKind
+from drivers.samples import GreyImage
+from tools.study.bound import SCALE_TO_UNITS, bounds
+from tools.study.samples import Conditions, samples, seconds, stamp_ns
+
+CHECKS = (*PARAMETERS, "latency")
+_EVERY_NS = 1_000_000_000
+"""Between two looks at value and sigma: a few solutions apart. Looks within one window share its motion, so their
+z-scores are no independent ones; the seeds are."""
+_GROSS, _BEYOND = 2.0, 1.3
+"""Times its limit from which a parameter must never be OK, and may be in one run of a hundred."""
+
+
+@dataclass
+class Scores:
+    """Of one check, in its unit. last, sigma: at the end. looks, squares, worst: number, sum of squares, and largest
+    size of (value − truth) ÷ sigma. shown_s: first time it was OK, NaN for never. shown: share of looks at which it was
+    OK. bound: least sigma that half a minute of this motion can give.
+    """
+
+    last: float = nan
+    sigma: float = nan
+    looks: int = 0
+    squares: float = 0.0
+    worst: float = 0.0
+    shown_s: float = nan
+    shown: float = 0.0
+    bound: float = nan
+
+    def look(self, check: Check, truth: float, t_s: float) -> None:
+        """Take what the line says at t_s."""
+        if check.verdict is VerdictKind.OK:
+            self.shown += 1
+            self.shown_s = t_s if not isfinite(self.shown_s) else self.shown_s
+        if isfinite(check.value) and check.sigma > 0:
+            z = (check.value - truth) / check.sigma
+            self.last, self.sigma = check.value, check.sigma
+            self.looks, self.squares, self.worst = self.looks + 1, self.squares + z * z, max(self.worst, abs(z))
+
+    @property
+    def rms(self) -> float:
+        """Of the z-scores; NaN where nothing was ever observed."""
+        return sqrt(self.squares / self.looks) if self.looks else nan
+
+
+@dataclass
+class Outcome:
+    """closed, ok: shares of the session in which the contact was closed and the line said OK. closed_s, ok_s: first
+    times, NaN for never. faults: names in the order in which they were told. fault_s, opened_s: from the onset of the
+    hazard, or from the start, until the first FAULT, and until the contact was open for good. warnings, halts: how
+    often these states began. ok_beyond_s, ok_gross_s: for how long it said OK with a parameter 1.3 and 2 times its
+    limit away; closed_gross_s: for how long the contact was closed so. cost_ms, cost_99_ms: processor time per picture.
+    """
+
+    frames: int = 0
+    closed: float = 0.0
+    ok: float = 0.0
+    closed_s: float = nan
+    ok_s: float = nan
+    faults: str = ""
+    fault_s: float = nan
+    opened_s: float = nan
+    warnings: int = 0
+    halts: int = 0
+    ok_beyond_s: float = 0.0
+    ok_gross_s: float = 0.0
+    closed_gross_s: float = 0.0
+    cost_ms: float = 0.0
+    cost_99_ms: float = 0.0
+    last_reason: str = ""
+    scores: dict[str, Scores] = field(default_factory=lambda: {name: Scores() for name in CHECKS})
+
+    def row(self) -> dict[str, str]:
+        """Column → cell; what is not known is empty."""
+        row = {one.name: cell(getattr(self, one.name)) for one in fields(self) if one.name != "scores"}
+        for name, scores in self.scores.items():
+            for one in fields(scores):
+                row[f"{name} {one.name}"] = cell(getattr(scores, one.name))
+        return row
+
+
+def run(conditions: Conditions, pictures: list[GreyImage], limits: Limits | None = None) -> Outcome:
+    """pictures: of `tools.study.samples.rendered`."""
+    limits = limits or Limits()
+    session = conditions.session
+    line, outcome = Line(session.reference, limits), Outcome()
+    timeline = Timeline(stamp_ns(0.0), stamp_ns(0.0), stamp_ns(session.duration_s))
+    notes, costs_ms = _Notes(conditions, limits, outcome), []
+    for sample in samples(conditions, pictures):
+        began_s = time.process_time()
+        verdicts = line.step(sample)
+        costs_ms.append((time.process_time() - began_s) * 1e3)
+        timeline.step(sample, verdicts)
+        for verdict in verdicts:
+            notes.take(verdict)
+    timeline.finish()
+    notes.finish()
+    outcome.cost_ms = sum(costs_ms) / outcome.frames
+    outcome.cost_99_ms = float(np.quantile(sorted(costs_ms)[-outcome.frames :], 0.99))
+    _read(timeline.changes, conditions, limits, outcome)
+    least = bounds(session, conditions.tracker.noise_mm, conditions.tracker.noise_deg)
+    for scores, bound in zip(outcome.scores.values(), least, strict=True):
+        scores.bound = float(bound)
+    return outcome
+
+
+class _Notes:
+    """Reads the verdicts of the line into the outcome."""
+
+    def __init__(self, conditions: Conditions, limits: Limits, outcome: Outcome) -> None:
+        self._conditions, self._outcome, self._limits = conditions, outcome, limits
+        self._looked_ns, self._looks = 0, 0
+        self._last_s = 0.0
+        self._told: list[str] = []
+
+    def take(self, verdict: Verdict) -> None:
+        outcome, t_s = self._outcome, seconds(verdict.t_ns)
+        outcome.frames += 1
+        since_s, self._last_s = max(t_s - self._last_s, 0.0), t_s
+        if verdict.kind is VerdictKind.OK:
+            outcome.ok += since_s
+            outcome.ok_s = t_s if not isfinite(outcome.ok_s) else outcome.ok_s
+            misfit = gross(self._conditions, self._limits, t_s)
+            outcome.ok_beyond_s += since_s * (misfit >= _BEYOND)
+            outcome.ok_gross_s += since_s * (misfit >= _GROSS)
+        if verdict.fault is not None:
+            self._fault(verdict.fault, t_s)
+        if verdict.t_ns - self._looked_ns >= _EVERY_NS:
+            self._looked_ns = verdict.t_ns
+            self._look(verdict, t_s)
+
+    def finish(self) -> None:
+        self._outcome.faults = " ".join(self._told)
+        self._outcome.ok /= self._conditions.session.duration_s
+        for scores in self._outcome.scores.values():
+            scores.shown /= max(self._looks, 1)
+
+    def _fault(self, fault: str, t_s: float) -> None:
+        hazard = self._conditions.hazard
+        after_s = t_s - (hazard.onset_s if isfinite(hazard.onset_s) else 0.0)
+        if after_s >= 0 and not isfinite(self._outcome.fault_s):
+            self._outcome.fault_s = after_s
+        if fault not in self._told:
+            self._told.append(fault)
+
+    def _look(self, verdict: Verdict, t_s: float) -> None:
+        self._looks += 1
+        truth = _truth(self._conditions, t_s)
+        for check in verdict.checks:
+            if check.name in self._outcome.scores:
+                self._outcome.scores[check.name].look(check, truth[CHECKS.index(check.name)], t_s)
+        self._outcome.last_reason = verdict.reason
+
+
+def gross(conditions: Conditions, limits: Limits, t_s: float) -> float:
+    """The largest |error| ÷ limit at t_s; infinite for a polarity or a pose convention that is wrong."""
+    hazard = conditions.hazard
+    if hazard.fault in ("polarity", "rotation") and not hazard.size:
+        return np.inf if hazard.share(np.array([t_s]))[0] else 0.0
+    of_each = [limits.rotation_deg] * 3 + [limits.scale_percent] * 2 + [limits.offset_mm] * 3 + [limits.latency_ms]
+    return float(np.max(np.abs(_truth(conditions, t_s)) / of_each))
+
+
+def _truth(conditions: Conditions, t_s: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """(9,) deg, %, mm, ms: what the estimates should be."""
+    return np.asarray(conditions.hazard.change(np.array([t_s]))[0] * SCALE_TO_UNITS)
+
+
+def _closed(changes: list[Change], end_s: float) -> Iterator[tuple[float, float]]:
+    """From when until when the contact was closed, s."""
+    for change, after_s in zip(changes, [*(change.t_s for change in changes[1:]), end_s], strict=True):
+        if change.state is State.MONITORING:
+            yield change.t_s, after_s
+
+
+def closed_share(changes: list[Change], duration_s: float) -> float:
+    """Of the session, during which the contact was closed; 0 for one without any length."""
+    closed_s = sum(end - start for start, end in _closed(changes, duration_s))
+    return closed_s / duration_s if duration_s > 0 else 0.0
+
+
+def _read(changes: list[Change], conditions: Conditions, limits: Limits, outcome: Outcome) -> None:
+    """What the supervisor made of it."""
+    duration_s, onset_s = conditions.session.duration_s, conditions.hazard.onset_s
+    spells = list(_closed(changes, duration_s))
+    outcome.closed = closed_share(changes, duration_s)
+    outcome.closed_s = spells[0][0] if spells else nan
+    if isfinite(onset_s) and (not spells or spells[-1][1] < duration_s):
+        outcome.opened_s = max(spells[-1][1] - onset_s, 0.0) if spells else 0.0
+    outcome.warnings = sum(change.state is State.WARNING for change in changes)
+    outcome.halts = sum(change.state is State.HALT for change in changes)
+    for start, end in spells:
+        steps = np.arange(start, end, 0.1)
+        outcome.closed_gross_s += 0.1 * sum(gross(conditions, limits, t) >= _GROSS for t in steps)
+
+
+def cell(value: object) -> str:
+    """Six digits; empty where a number is not known."""
+    if isinstance(value, float):
+        return f"{value:.6g}" if isfinite(value) else ""
+    return str(value)

@@ -1,0 +1,66 @@
+"""Which runs a study consists of: sessions × tissue × seeds, each with every tracker and hazard that was asked for."""
+
+import itertools
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tools.study.hazard import Hazard
+from tools.study.outcome import run
+from tools.study.samples import Conditions, Tracker, rendered
+from tools.study.session import Session, Tissue
+
+_MOST_RUNS = 4
+"""Runs in one task: pictures are rendered once for all of them, and what is done is written down after each task."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Runs on the same pictures. folder: where pictures are kept, None for nowhere."""
+
+    runs: tuple[Conditions, ...]
+    folder: Path | None
+
+    def rows(self) -> list[dict[str, str]]:
+        """Do them."""
+        return [Key.of(one) | run(one, rendered(one.session, self.folder)).row() for one in self.runs]
+
+
+class Key:
+    """Columns that name a run."""
+
+    COLUMNS = ("session", "tissue", "seed", "noise_mm", "hazard")
+
+    @classmethod
+    def of(cls, conditions: Conditions) -> dict[str, str]:
+        """Column → cell."""
+        return dict(zip(cls.COLUMNS, conditions.key, strict=True))
+
+
+def planned(
+    sessions: Sequence[str],
+    tissues: Sequence[Tissue],
+    seeds: int,
+    noises_mm: Sequence[float],
+    hazards: Sequence[Hazard],
+) -> list[Conditions]:
+    """Every run, those on the same pictures side by side; the first seed of everything first."""
+    return [
+        Conditions(Session(name, tissue, seed), hazard, tracker_of(noise_mm))
+        for seed, name, tissue in itertools.product(range(1, seeds + 1), sessions, tissues)
+        for noise_mm, hazard in itertools.product(noises_mm, hazards)
+    ]
+
+
+def tracker_of(noise_mm: float) -> Tracker:
+    """Turns are as much less well measured as places: .02° with .1 mm, an optical tracker at 1.5 m."""
+    return Tracker(noise_mm, 0.2 * noise_mm)
+
+
+def tasks(runs: Sequence[Conditions], done: Collection[tuple[str, ...]], folder: Path | None) -> Iterator[Task]:
+    """What is left to do."""
+    left = [one for one in runs if one.key not in done]
+    for _, same in itertools.groupby(left, key=lambda one: one.session):
+        alike = list(same)
+        for first in range(0, len(alike), _MOST_RUNS):
+            yield Task(tuple(alike[first : first + _MOST_RUNS]), folder)

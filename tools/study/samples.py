@@ -1,0 +1,118 @@
+"""A session with a hazard as the stream of samples that the line of a cart would be given. Seeded."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from appliance.core.geometry import Array, rigid, rotation_from_vector
+from drivers.recordings.metaimage import SequenceItem, read_metaimage, write_metaimage
+from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
+from drivers.twins.faults import blank_image
+from tools.study.hazard import Hazard
+from tools.study.session import SETTINGS, Session
+
+FPS, POSE_HZ = 30.0, 60.0
+"""Of a scanner's video output and of a Polaris Vega."""
+_ORIGIN_NS = 5_000_000_000
+"""Of the stamps: anything but zero, which would hide a mixed-up origin."""
+_STAMP_ERR_NS = 100_000
+"""Of V4L2's and a tracker's stamps, as the drivers bound them on a good cart."""
+_FIT_MM = 0.1
+"""How well the markers fit, as a tracker says of a sound body."""
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """noise_mm, noise_deg: standard deviation per axis of one reading, white."""
+
+    noise_mm: float = 0.1
+    noise_deg: float = 0.02
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """One run of the study."""
+
+    session: Session
+    hazard: Hazard = field(default_factory=Hazard)
+    tracker: Tracker = field(default_factory=Tracker)
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What names the run in the table."""
+        session, noise_mm = self.session, f"{self.tracker.noise_mm:g}"
+        return session.name, session.tissue, str(session.seed), noise_mm, str(self.hazard)
+
+
+def samples(conditions: Conditions, pictures: list[GreyImage]) -> Iterator[Sample]:
+    """Frames and poses in time order; pictures: of `rendered`."""
+    session, hazard = conditions.session, conditions.hazard
+    frames_s = frame_times(session)
+    poses_s = np.asarray((np.arange(round(session.duration_s * POSE_HZ)) + 0.5) / POSE_HZ)
+    shares = hazard.share(frames_s)
+    hidden = hazard.hides(frames_s)
+    poses, unseen = _poses(conditions, poses_s), hazard.hides(poses_s)
+    order = sorted([(t, 0, k) for k, t in enumerate(poses_s)] + [(t, 1, k) for k, t in enumerate(frames_s)])
+    for t_s, is_frame, k in order:
+        stamp = Stamp(_ORIGIN_NS + round(t_s * 1e9), _STAMP_ERR_NS)
+        if is_frame:
+            image = blank_image(pictures[k].shape, k) if hidden[k] else hazard.shown(pictures[k], shares[k])
+            yield Frame(stamp, k, image)
+        elif unseen[k]:
+            yield Pose(stamp, k, None, np.nan, PoseStatus.MISSING, "not seen")
+        else:
+            yield Pose(stamp, k, poses[k], _FIT_MM, PoseStatus.OK)
+
+
+def seconds(t_ns: int) -> float:
+    """Time of a session to which a stamp of its samples belongs."""
+    return (t_ns - _ORIGIN_NS) / 1e9
+
+
+def stamp_ns(t_s: float) -> int:
+    """The other way round."""
+    return _ORIGIN_NS + round(t_s * 1e9)
+
+
+def frame_times(session: Session) -> Array:
+    """(n,) s."""
+    return np.asarray(np.arange(round(session.duration_s * FPS)) / FPS)
+
+
+@lru_cache(maxsize=1)
+def rendered(session: Session, folder: Path | None) -> list[GreyImage]:
+    """Every picture of the session without a hazard, (h, w) uint8. Those in the folder are taken from there; a session
+    that is not there is rendered and written to it, as a recording that 3D Slicer and `probewatch replay` read.
+    """
+    path = None if folder is None else folder / f"{session.title}.igs.mha"
+    if path is not None and path.exists():
+        return list(read_metaimage(path).pictures())
+    t_s = frame_times(session)
+    pictures = [
+        session.world.frame_at(pose, k) if touches else blank_image((SETTINGS.height_px, SETTINGS.width_px), k)
+        for k, (pose, touches) in enumerate(zip(session.pictures(t_s), session.touches(t_s), strict=True))
+    ]
+    if path is not None:
+        body = Hazard().body(session.reference, t_s)
+        items = (
+            SequenceItem(stamp_ns(t), image, {"ProbeToTracker": pose}, k)
+            for k, (t, image, pose) in enumerate(zip(t_s, pictures, session.sensor(t_s, body), strict=True))
+        )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_metaimage(path, items, (SETTINGS.width_px, SETTINGS.height_px), compressed=False)
+    return pictures
+
+
+def _poses(conditions: Conditions, t_s: Array) -> Array:
+    """(n, 4, 4) as the tracker reports them."""
+    session, hazard, tracker = conditions.session, conditions.hazard, conditions.tracker
+    true_s = t_s - hazard.change(t_s)[:, 8]
+    random = np.random.default_rng((session.seed, 61))
+    turn = rotation_from_vector(np.deg2rad(tracker.noise_deg) * random.standard_normal((t_s.size, 3)))
+    poses = session.sensor(true_s, hazard.body(session.reference, t_s))
+    poses = poses @ rigid(turn, np.zeros((t_s.size, 3)))
+    poses[:, :3, 3] += tracker.noise_mm * random.standard_normal((t_s.size, 3))
+    return hazard.reported(poses)

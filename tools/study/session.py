@@ -1,0 +1,107 @@
+"""One session as it truly was: where the probe, the tissue and the marker body were at every time. Pure and seeded."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from appliance.core.geometry import Array, inverse, rigid, rotation_from_vector
+from appliance.types import Calibration
+from drivers.twins.scene.world import World, WorldSettings
+from tools.study.hand import PROGRAMS, lifted
+
+Tissue = Literal["still", "breathing"]
+TISSUES: tuple[Tissue, ...] = ("still", "breathing")
+SETTINGS = WorldSettings(width_px=400, height_px=300)
+"""A quarter of a full picture's work, with enough speckle for the registration: 32 × 21 mm. Sizes of pictures were not
+varied here."""
+
+_BREATH_MM, _BREATH_HZ, _JITTER = 4.0, 0.25, 0.1
+"""Way of the tissue along the axis, peak to peak, in quiet breathing beside the liver; its rate; and how much period
+and depth of one breath differ from the next (standard deviation)."""
+_PULSE_MM, _PULSE_HZ = 0.3, 1.1
+"""Peak to peak, beside a large vessel."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """name: one of PROGRAMS. Times are s since its start."""
+
+    name: str
+    tissue: Tissue
+    seed: int
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the session."""
+        return PROGRAMS[self.name][1]
+
+    @property
+    def title(self) -> str:
+        """For tables and file names."""
+        return f"{self.name}-{self.tissue}-{self.seed}"
+
+    @cached_property
+    def world(self) -> World:
+        """The tissue, its scanner and tracker."""
+        return World(self.seed, settings=SETTINGS)
+
+    @cached_property
+    def reference(self) -> Calibration:
+        """The calibration as it is while nothing is wrong."""
+        X = self.world.sensor_to_picture
+        return Calibration(
+            rotation=X[:3, :3],
+            polarity=(1, 1),
+            scale_mm_per_px=np.array(SETTINGS.scale_mm_per_px),
+            offset_mm=X[:3, 3],
+            image_size_px=(SETTINGS.width_px, SETTINGS.height_px),
+            simulated=True,
+        )
+
+    def probe(self, t_s: Array) -> Array:
+        """(n,) → (n, 4, 4) picture → room, mm: what the tracker could see."""
+        rows = PROGRAMS[self.name][0](t_s, np.random.default_rng((self.seed, 53)))
+        R = rotation_from_vector(np.deg2rad(rows[3:]).T)
+        skin = np.array([0.0, -SETTINGS.height_px * SETTINGS.scale_mm_per_px[1] / 2, 0.0])
+        return rigid(R, skin + rows[:3].T - np.einsum("nij,j->ni", R, skin))
+
+    def pictures(self, t_s: Array) -> Array:
+        """(n,) → (n, 4, 4) picture → tissue, mm: what the scanner sees."""
+        poses = self.probe(t_s).copy()
+        poses[:, 1, 3] -= self._tissue_mm(t_s)
+        return poses
+
+    def touches(self, t_s: Array) -> NDArray[np.bool_]:
+        """(n,) whether the probe is on the skin."""
+        return ~lifted(self.name, t_s)
+
+    def sensor(self, t_s: Array, body: Array) -> Array:
+        """(n,) → (n, 4, 4) sensor → tracker without noise; body: (n, 4, 4) sensor → picture at each time."""
+        return np.asarray(self.world.tissue_to_tracker @ self.probe(t_s) @ body)
+
+    def _tissue_mm(self, t_s: Array) -> Array:
+        if self.tissue == "still":
+            return np.zeros_like(t_s)
+        random = np.random.default_rng((self.seed, 59))
+        breaths = int(self.duration_s * _BREATH_HZ * 2) + 2
+        jitter = np.clip(1 + _JITTER * random.standard_normal((2, breaths)), 0.6, 1.4)
+        starts = np.concatenate([[-random.uniform(0, 1 / _BREATH_HZ)], jitter[0] / _BREATH_HZ]).cumsum()
+        number = np.searchsorted(starts, t_s, side="right") - 1
+        share = (t_s - starts[number]) / np.diff(starts)[number]
+        # Out is slow and in is quick: the fourth power of a cosine lingers at the end of breathing out.
+        breath = _BREATH_MM * jitter[1][number] * (1 - np.cos(np.pi * share) ** 4)
+        pulse = _PULSE_MM / 2 * np.sin(2 * np.pi * _PULSE_HZ * t_s + random.uniform(0, 2 * np.pi))
+        return np.asarray(breath + pulse)
+
+
+def picture_path(poses: Array) -> tuple[Array, Array]:
+    """(n, 4, 4) picture → tissue to the way (n,) complex mm, lateral + i · axial, and turn (n,) rad that a perfect
+    registration integrates, in the axes of the first picture (docs/method.md, section 7).
+    """
+    A = inverse(poses[1:]) @ poses[:-1]
+    turn = np.concatenate([[0.0], np.arctan2(A[:, 1, 0] - A[:, 0, 1], A[:, 0, 0] + A[:, 1, 1]).cumsum()])
+    steps = -np.exp(-1j * turn[1:]) * (A[:, 0, 3] + 1j * A[:, 1, 3])
+    return np.concatenate([[0.0], steps.cumsum()]), turn

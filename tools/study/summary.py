@@ -1,0 +1,152 @@
+"""What the rows of a study say together: coverage, truthfulness of sigmas, delays of hazards. Pure."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from math import isfinite, nan, sqrt
+from statistics import median
+
+from scipy.stats import beta
+
+from tools.study.hazard import Hazard
+from tools.study.outcome import CHECKS
+
+Row = dict[str, str]
+_SURE = 0.95
+"""Of every interval."""
+
+
+def number(row: Row, column: str) -> float:
+    """A cell; NaN where nothing is known."""
+    return float(row[column]) if row.get(column) else nan
+
+
+def middle(values: Iterable[float]) -> float:
+    """Median of those that are known; NaN where none is."""
+    known = [value for value in values if isfinite(value)]
+    return median(known) if known else nan
+
+
+@dataclass(frozen=True)
+class Share:
+    """k of n, with the exact interval of Clopper and Pearson (95 %)."""
+
+    k: int
+    n: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """(low, high)."""
+        tail = (1 - _SURE) / 2
+        low = float(beta.ppf(tail, self.k, self.n - self.k + 1)) if self.k else 0.0
+        high = float(beta.ppf(1 - tail, self.k + 1, self.n - self.k)) if self.k < self.n else 1.0
+        return low, high
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        return f"{self.k} of {self.n} ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Healthy runs of one session, tissue and tracker. closed: share of each run. closed_s: median time until the
+    contact closed first. faulted: runs with a FAULT. hours: of all of them.
+    """
+
+    session: str
+    tissue: str
+    noise_mm: str
+    closed: tuple[float, ...]
+    closed_s: float
+    faulted: Share
+    scores: dict[str, "Truth"]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Of one check over several runs. rms, worst: of the z-scores. sigma: median at the end. ratio: to the bound.
+    shown: median share of the time at which it was OK.
+    """
+
+    rms: float
+    worst: float
+    sigma: float
+    ratio: float
+    shown: float
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Runs with one hazard, in all sessions. named: as what it is, first. fault_s, opened_s: medians from its onset.
+    gross: runs in which it was told OK, or the contact closed again, with a parameter twice its limit away.
+    """
+
+    hazard: str
+    found: Share
+    named: Share
+    fault_s: float
+    opened_s: float
+    gross: Share
+
+
+def coverages(rows: Sequence[Row]) -> list[Coverage]:
+    """One for each session, tissue and tracker, as they come in the table's first rows."""
+    healthy = [row for row in rows if row["hazard"] == "none"]
+    order = list(dict.fromkeys(_place(row) for row in healthy))
+    return [_coverage(place, [row for row in healthy if _place(row) == place]) for place in sorted(order)]
+
+
+def detections(rows: Sequence[Row]) -> list[Detection]:
+    """One for each hazard."""
+    sick = sorted((row for row in rows if row["hazard"] != "none"), key=lambda row: row["hazard"])
+    return [_detection(name, list(same)) for name, same in groupby(sick, key=lambda row: row["hazard"])]
+
+
+def healthy_hours(rows: Sequence[Row], fps: float) -> float:
+    """Of sessions without a hazard."""
+    return sum(number(row, "frames") for row in rows if row["hazard"] == "none") / fps / 3600
+
+
+def false_rate_per_hour(faults: int, hours: float) -> float:
+    """Upper limit (95 %) of a rate of which so many events were seen."""
+    return float(beta.ppf(_SURE, faults + 1, 1e9)) * 1e9 / hours if hours else nan
+
+
+def _place(row: Row) -> tuple[str, str, str]:
+    return row["session"], row["tissue"], row["noise_mm"]
+
+
+def _coverage(place: tuple[str, str, str], rows: list[Row]) -> Coverage:
+    return Coverage(
+        *place,
+        closed=tuple(number(row, "closed") for row in rows),
+        closed_s=middle(number(row, "closed_s") for row in rows),
+        faulted=Share(sum(bool(row["faults"]) for row in rows), len(rows)),
+        scores={name: _truth(name, rows) for name in CHECKS},
+    )
+
+
+def _truth(name: str, rows: list[Row]) -> Truth:
+    looks = sum(number(row, f"{name} looks") for row in rows)
+    squares = sum(number(row, f"{name} squares") for row in rows)
+    return Truth(
+        rms=sqrt(squares / looks) if looks else nan,
+        worst=max(number(row, f"{name} worst") for row in rows) if looks else nan,
+        sigma=middle(number(row, f"{name} sigma") for row in rows),
+        ratio=middle(number(row, f"{name} sigma") / number(row, f"{name} bound") for row in rows),
+        shown=middle(number(row, f"{name} shown") for row in rows),
+    )
+
+
+def _detection(name: str, rows: list[Row]) -> Detection:
+    fault = Hazard.parse(name).fault
+    found = [row for row in rows if row["fault_s"]]
+    wrong = sum(number(row, "ok_gross_s") > 0 for row in rows)
+    return Detection(
+        hazard=name,
+        found=Share(len(found), len(rows)),
+        named=Share(sum(row["faults"].split()[:1] == [fault] for row in found), len(rows)),
+        fault_s=middle(number(row, "fault_s") for row in found),
+        opened_s=middle(number(row, "opened_s") for row in rows),
+        gross=Share(wrong, len(rows)),
+    )

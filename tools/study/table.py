@@ -1,0 +1,87 @@
+"""The table of a study: one CSV file, a row for each run, that grows while the study lasts and is taken up again."""
+
+import csv
+import hashlib
+import io
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import appliance
+import drivers
+from drivers.errors import ConfigurationError
+
+CODE = "code"
+"""Column with the digest of the code that made the row."""
+_DIGITS = 12
+"""Hexadecimal, of that digest: no two states of the code share them by chance."""
+
+
+def code_digest() -> str:
+    """Of what a run's figures depend on: the sources of appliance and drivers."""
+    digest = hashlib.sha256()
+    for package in (appliance, drivers):
+        root = Path(str(package.__file__)).parent
+        for source in sorted((*root.rglob("*.py"), *root.rglob("*.[ch]"))):
+            digest.update(source.relative_to(root).as_posix().encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()[:_DIGITS]
+
+
+class StudyTable:
+    """keys: columns that name a row. rows: those that were there and those added since. Raises ConfigurationError for a
+    file that is something else, or has rows of another code.
+    """
+
+    def __init__(self, path: Path, keys: Sequence[str]) -> None:
+        self.path, self._keys, self._code = path, tuple(keys), code_digest()
+        self._columns: list[str] = []
+        self.rows: list[dict[str, str]] = []
+        if path.exists():
+            self._read()
+
+    @property
+    def done(self) -> set[tuple[str, ...]]:
+        """Keys of all rows."""
+        return {tuple(row[key] for key in self._keys) for row in self.rows}
+
+    def add(self, rows: Iterable[dict[str, str]]) -> None:
+        """Write rows to the end of the file; they are on the disk when this returns."""
+        text = io.StringIO()
+        writer: csv.DictWriter[str] | None = None
+        for row in rows:
+            whole = row | {CODE: self._code}
+            begin = not self._columns
+            self._columns = self._columns or list(whole)
+            writer = writer or csv.DictWriter(text, self._columns, lineterminator="\n")
+            if begin:
+                writer.writeheader()
+            writer.writerow(whole)
+            self.rows.append(whole)
+        with self.path.open("a", encoding="utf-8", newline="") as stream:
+            stream.write(text.getvalue())
+            stream.flush()
+            os.fsync(stream.fileno())
+
+    def _read(self) -> None:
+        whole = self.path.read_bytes()
+        kept = whole[: whole.rfind(b"\n") + 1]
+        try:
+            reader = csv.DictReader(io.StringIO(kept.decode()), strict=True)
+            rows = list(reader)
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise self._refusal(f"is not a table of a study ({error})") from error
+        self._columns = list(reader.fieldnames or ())
+        if rows and not {*self._keys, CODE} <= set(self._columns):
+            raise self._refusal("is not a table of this kind of study")
+        if any(None in row or None in row.values() for row in rows):
+            raise self._refusal("has a row with too many or too few cells")
+        other = {row[CODE] for row in rows} - {self._code}
+        if other:
+            raise self._refusal(f"has rows of other code ({', '.join(sorted(other))}; this is {self._code})")
+        self.rows = rows
+        if len(kept) < len(whole):  # the last row was cut when the study was killed: it is done again
+            with self.path.open("r+b") as stream:
+                stream.truncate(len(kept))
+
+    def _refusal(self, what: str) -> ConfigurationError:
+        return ConfigurationError(what, str(self.path), "Give another folder with --output")
