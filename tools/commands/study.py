@@ -9,13 +9,13 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from drivers.files.atomic_file import check_writable
+from drivers.errors import ConfigurationError
 from tools.shared.tables import NOTHING, FittingTable
 from tools.study.archive import ARCHIVE_KEYS, ArchiveTask
 from tools.study.hand import PROGRAMS
 from tools.study.hazard import STANDARD, Hazard
 from tools.study.outcome import CHECKS
-from tools.study.page import write_page
+from tools.study.page import check_page, write_page
 from tools.study.plan import Key, Task, planned, tasks
 from tools.study.samples import Conditions
 from tools.study.session import TISSUES, Tissue
@@ -68,6 +68,7 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
 @click.option("--sessions", default="all", show_default=True, callback=_listed, help=", ".join(PROGRAMS))
 @click.option("--tissues", default="all", show_default=True, callback=_listed, help=", ".join(TISSUES))
 @click.option("--seeds", default=10, show_default=True, type=click.IntRange(1, 10_000), help="of each session")
+@click.option("--duration", "duration_s", type=click.FloatRange(5, 3600), help="of each session, s [60; mixed 90]")
 @click.option(
     "--noise-mm",
     "noises_mm",
@@ -105,6 +106,7 @@ def command(
     sessions: tuple[str, ...],
     tissues: tuple[Tissue, ...],
     seeds: int,
+    duration_s: float | None,
     noises_mm: tuple[float, ...],
     hazards: tuple[Hazard, ...],
     motions: Path | None,
@@ -120,7 +122,10 @@ def command(
 
     Of RECORDINGs the table has what the instrument says of each: no truth is known there.
     """
-    output.mkdir(parents=True, exist_ok=True)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"cannot be made: {error.strerror}", str(output), "Give another --output") from error
     if recordings:
         if calibration is None:
             raise click.UsageError("RECORDINGs need --calibration")
@@ -128,9 +133,9 @@ def command(
         return
     table = StudyTable(output / "study.csv", Key.COLUMNS)
     page = output / "study.html"
-    check_writable(page)
+    check_page(page)
     folder = None if motions is None else motions.absolute()
-    plan = planned(sessions, tissues, seeds, noises_mm, hazards)
+    plan = planned(sessions, tissues, seeds, noises_mm, hazards, duration_s)
     _do(plan, table, folder, jobs, scheduler)
     rows = [row for row in table.rows if tuple(row[key] for key in Key.COLUMNS) in {one.key for one in plan}]
     _print(rows)

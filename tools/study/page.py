@@ -1,6 +1,7 @@
 """The page of a study: one HTML file with plots and tables, which opens without a network."""
 
 import html
+import importlib.util
 import io
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import writing
+from drivers.files.atomic_file import check_writable, writing
 from tools.study.outcome import CHECKS
 from tools.study.samples import FPS
 from tools.study.summary import Coverage, Detection, Row, coverages, detections, false_rate_per_hour, healthy_hours
@@ -34,14 +35,16 @@ svg { max-width: 100%; height: auto; } .note { color: #555; }
 """
 
 
-def write_page(path: Path, rows: Sequence[Row]) -> None:
+def check_page(path: Path) -> None:
     """Raises ConfigurationError where matplotlib is not installed or the file cannot be written."""
-    try:
-        import matplotlib  # noqa: PLC0415  an extra that a cart does not have
-    except ImportError:
+    if importlib.util.find_spec("matplotlib") is None:
         remedy = "Install it: pip install 'probewatch[study]'"
-        raise ConfigurationError("the page needs the package matplotlib", str(path), remedy) from None
-    matplotlib.use("Agg")
+        raise ConfigurationError("the page needs the package matplotlib", str(path), remedy)
+    check_writable(path)
+
+
+def write_page(path: Path, rows: Sequence[Row]) -> None:
+    """Raises ConfigurationError where the file cannot be written. matplotlib must be there: `check_page`."""
     healthy, sick = coverages(rows), detections(rows)
     hours = healthy_hours(rows, FPS)
     faulted = sum(one.faulted.k for one in healthy)
@@ -73,7 +76,7 @@ def _codes(rows: Sequence[Row]) -> str:
 
 
 def _axes(rows: int, columns: int = 1) -> tuple["Figure", list["Axes"]]:
-    from matplotlib.figure import Figure  # noqa: PLC0415  see write_page
+    from matplotlib.figure import Figure  # noqa: PLC0415  an extra that a cart does not have
 
     figure = Figure(figsize=(_WIDE_IN, 0.34 * rows + 1.2), layout="constrained")
     axes = figure.subplots(1, columns, sharey=True, squeeze=False)[0]

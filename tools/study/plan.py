@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tools.study.hand import PROGRAMS
 from tools.study.hazard import Hazard
 from tools.study.outcome import run
 from tools.study.samples import Conditions, Tracker, rendered
@@ -29,7 +30,7 @@ class Task:
 class Key:
     """Columns that name a run."""
 
-    COLUMNS = ("session", "tissue", "seed", "noise_mm", "hazard")
+    COLUMNS = ("session", "tissue", "seed", "duration_s", "noise_mm", "hazard")
 
     @classmethod
     def of(cls, conditions: Conditions) -> dict[str, str]:
@@ -43,10 +44,14 @@ def planned(
     seeds: int,
     noises_mm: Sequence[float],
     hazards: Sequence[Hazard],
+    duration_s: float | None = None,
 ) -> list[Conditions]:
-    """Every run, those on the same pictures side by side; the first seed of everything first."""
+    """Every run, those on the same pictures side by side; the first seed of everything first.
+
+    duration_s: of every session instead of its own.
+    """
     return [
-        Conditions(Session(name, tissue, seed), hazard, tracker_of(noise_mm))
+        Conditions(Session(name, tissue, seed, duration_s or PROGRAMS[name][1]), hazard, tracker_of(noise_mm))
         for seed, name, tissue in itertools.product(range(1, seeds + 1), sessions, tissues)
         for noise_mm, hazard in itertools.product(noises_mm, hazards)
     ]

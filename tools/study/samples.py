@@ -44,7 +44,7 @@ class Conditions:
     def key(self) -> tuple[str, ...]:
         """What names the run in the table."""
         session, noise_mm = self.session, f"{self.tracker.noise_mm:g}"
-        return session.name, session.tissue, str(session.seed), noise_mm, str(self.hazard)
+        return session.name, session.tissue, str(session.seed), f"{session.duration_s:g}", noise_mm, str(self.hazard)
 
 
 def samples(conditions: Conditions, pictures: list[GreyImage]) -> Iterator[Sample]:

@@ -27,21 +27,17 @@ _PULSE_MM, _PULSE_HZ = 0.3, 1.1
 
 @dataclass(frozen=True)
 class Session:
-    """name: one of PROGRAMS. Times are s since its start."""
+    """name: one of PROGRAMS. Times are s since its start; duration_s is its length."""
 
     name: str
     tissue: Tissue
     seed: int
-
-    @property
-    def duration_s(self) -> float:
-        """Length of the session."""
-        return PROGRAMS[self.name][1]
+    duration_s: float
 
     @property
     def title(self) -> str:
-        """For tables and file names."""
-        return f"{self.name}-{self.tissue}-{self.seed}"
+        """For file names."""
+        return f"{self.name}-{self.tissue}-{self.seed}-{self.duration_s:g}s"
 
     @cached_property
     def world(self) -> World:

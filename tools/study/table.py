@@ -18,10 +18,9 @@ _DIGITS = 12
 
 
 def code_digest() -> str:
-    """Of what a run's figures depend on: the sources of appliance and drivers."""
+    """Of what a run's figures depend on: the sources of appliance, drivers and the study itself."""
     digest = hashlib.sha256()
-    for package in (appliance, drivers):
-        root = Path(str(package.__file__)).parent
+    for root in (*(Path(str(package.__file__)).parent for package in (appliance, drivers)), Path(__file__).parent):
         for source in sorted((*root.rglob("*.py"), *root.rglob("*.[ch]"))):
             digest.update(source.relative_to(root).as_posix().encode() + b"\0" + source.read_bytes())
     return digest.hexdigest()[:_DIGITS]

@@ -11,6 +11,9 @@ from drivers.errors import ConfigurationError, DeviceLost
 _T = TypeVar("_T")
 _R = TypeVar("_R")
 
+_ANSWER_S = 10
+"""For a scheduler to answer: one in the same building does within a second."""
+
 
 def results(work: Callable[[_T], _R], tasks: Iterable[_T], jobs: int, scheduler: str | None) -> Iterator[_R]:
     """work(task) of every task, in the order in which they end. Raises DeviceLost where a worker died, and what work
@@ -41,7 +44,7 @@ def _remote(work: Callable[[_T], _R], tasks: list[_T], scheduler: str) -> Iterat
         remedy = "Install it: pip install 'probewatch[study]'"
         raise ConfigurationError("needs the package distributed", f"--scheduler {scheduler}", remedy) from None
     try:
-        client = distributed.Client(scheduler, timeout="10s")
+        client = distributed.Client(scheduler, timeout=_ANSWER_S)
     except (OSError, ValueError) as error:
         raise DeviceLost(
             f"does not answer: {error}", scheduler, "Start the Dask scheduler, or check the address"

@@ -1,0 +1,76 @@
+"""Hands and sessions: as fast, as far and as shaky as they say, and the same for the same seed."""
+
+import numpy as np
+import pytest
+
+from appliance.core.geometry import inverse, rigid
+from appliance.core.path.steps import predicted_path
+from tools.study.hand import PROGRAMS, lifted, tremor
+from tools.study.hazard import Hazard
+from tools.study.session import SETTINGS, TISSUES, Session, picture_path
+
+T_S = np.arange(0, 60, 1 / 30)
+
+
+def session(name, tissue="still", seed=1):
+    return Session(name, tissue, seed, 60.0)
+
+
+def test_tremor_has_the_stated_size_on_every_axis():
+    sizes = np.mean([tremor(np.arange(0, 200, 0.05), np.random.default_rng(seed)).std(axis=1) for seed in range(8)], 0)
+    assert sizes == pytest.approx([0.5, 0.35, 0.25, 0.3, 0.3, 0.3], rel=0.05)
+
+
+@pytest.mark.parametrize(("name", "speed_mm_s"), [("elevational-5", 5), ("elevational-10", 10), ("elevational-20", 20)])
+def test_a_sweep_has_its_speed_and_stroke(name, speed_mm_s):
+    way_mm = session(name).probe(T_S)[:, 2, 3]
+    assert np.median(np.abs(way_mm[30:] - way_mm[:-30])) == pytest.approx(speed_mm_s, rel=0.15)
+    assert 35 < np.ptp(way_mm) < 43
+
+
+def test_a_fan_tilts_about_the_skin():
+    poses = session("fan").probe(T_S)
+    skin = np.array([0, -SETTINGS.height_px * SETTINGS.scale_mm_per_px[1] / 2, 0, 1])
+    tilt_deg = np.rad2deg(np.arctan2(poses[:, 2, 1], poses[:, 1, 1]))
+    assert np.ptp(tilt_deg) == pytest.approx(40, abs=3)
+    assert np.all(np.std(poses @ skin, axis=0) < 1)
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+@pytest.mark.parametrize("tissue", TISSUES)
+def test_motion_is_smooth_and_follows_from_the_seed(name, tissue):
+    one = session(name, tissue).pictures(T_S)
+    assert np.array_equal(one, session(name, tissue).pictures(T_S))
+    assert not np.allclose(one, session(name, tissue, 2).pictures(T_S), atol=0.1)
+    # A leap between two pictures would be a fault that nobody injected.
+    assert np.linalg.norm(np.diff(one[:, :3, 3], axis=0), axis=1).max() < 2.5
+
+
+def test_tissue_breathes_along_the_axis_and_no_breath_is_like_the_next():
+    breath_mm = session("hold", "breathing").pictures(T_S)[:, :3, 3] - session("hold").pictures(T_S)[:, :3, 3]
+    assert np.ptp(breath_mm[:, 0]) == np.ptp(breath_mm[:, 2]) == 0
+    assert 3.5 < np.ptp(breath_mm[:, 1]) < 7
+    slow = np.convolve(breath_mm[:, 1], np.ones(15) / 15, "same")
+    ends = np.flatnonzero((slow[1:-1] < slow[:-2]) & (slow[1:-1] <= slow[2:]) & (slow[1:-1] < np.median(slow)))
+    assert 8 <= ends.size <= 24
+
+
+def test_only_a_mixed_session_leaves_the_skin():
+    assert [name for name in PROGRAMS if lifted(name, T_S).any()] == ["mixed"]
+    assert lifted("mixed", T_S).mean() == pytest.approx(4 / 60, abs=0.02)
+
+
+def test_the_path_of_perfect_pictures_is_what_the_line_predicts_from_the_sensor():
+    one = session("in-plane")
+    t_s = T_S[:300]
+    path, _ = picture_path(one.pictures(t_s))
+    predicted = predicted_path(one.sensor(t_s, Hazard().body(one.reference, t_s)), one.reference)
+    assert np.abs(np.diff(path) - np.diff(predicted[0] + 1j * predicted[1])).max() < 2e-3
+
+
+def test_the_sensor_sees_the_probe_and_not_the_tissue():
+    still, breathing = (session("hold", tissue) for tissue in TISSUES)
+    body = np.broadcast_to(rigid(still.reference.rotation, still.reference.offset_mm), (T_S.size, 4, 4))
+    poses = still.sensor(T_S, body)
+    assert np.allclose(poses, breathing.sensor(T_S, body))
+    assert np.allclose(inverse(still.world.tissue_to_tracker) @ poses @ inverse(body), still.probe(T_S))

@@ -1,0 +1,176 @@
+"""`probewatch study` as people use it: rendered sessions, real files, processes, a Dask cluster, bad input."""
+
+import csv
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from appliance.storage.calibration_file import write_calibration
+from appliance.types import Calibration
+from drivers.errors import DeviceLost
+from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.replay import open_recording
+from tests.support.answers import answered
+from tests.support.recordings import items
+from tools.study import workers
+from tools.study.hazard import Hazard
+from tools.study.outcome import run
+from tools.study.plan import Task, planned, tasks
+from tools.study.samples import Conditions, rendered
+from tools.study.session import Session
+from tools.study.workers import results
+
+SHORT = Session("in-plane", "still", 1, 10.0)
+
+
+@pytest.fixture(scope="module")
+def motions(tmp_path_factory):
+    """The folder with the rendered session."""
+    folder = tmp_path_factory.mktemp("motions")
+    rendered(SHORT, folder)
+    return folder
+
+
+def outcome(motions, hazard="none"):
+    return run(Conditions(SHORT, Hazard.parse(hazard)), rendered(SHORT, motions))
+
+
+@pytest.mark.thorough
+def test_a_healthy_sweep_is_verified_and_its_figures_are_near_the_truth(motions):
+    told = outcome(motions)
+    assert (told.frames, told.faults, told.warnings) == (300, "", 0)
+    assert told.closed > 0.6
+    assert 0 < told.closed_s < 4
+    assert 0 < told.cost_ms <= told.cost_99_ms
+    scale = told.scores["scale-lateral"]
+    assert abs(scale.last) < 5 * scale.sigma
+    assert 0.5 * scale.bound < scale.sigma
+    row = told.row()
+    assert row["scale-lateral last"]
+    assert not {"nan", "inf"} & set(row.values())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("hazard", "fault"), [("flip-lateral@start", "polarity"), ("depth=-10@start", "scale")])
+def test_what_is_wrong_from_the_start_is_named_and_never_told_ok(motions, hazard, fault):
+    told = outcome(motions, hazard)
+    assert told.faults.split()[0] == fault
+    assert told.fault_s < 8
+    assert (told.ok_gross_s, told.closed_gross_s) == (0, 0)
+
+
+@pytest.mark.thorough
+def test_a_rendered_session_is_a_recording_and_is_taken_from_there(motions):
+    (path,) = motions.iterdir()
+    recording = open_recording(path)
+    assert (recording.size_px, len(recording.frame_order)) == ((400, 300), 300)
+    rendered.cache_clear()
+    before = path.stat().st_mtime_ns
+    pictures = rendered(SHORT, motions)
+    assert path.stat().st_mtime_ns == before
+    assert np.array_equal(pictures[7], SHORT.world.frame_at(SHORT.pictures(np.array([7 / 30]))[0], 7))
+
+
+def test_a_plan_is_every_run_once_and_what_is_done_is_left_out():
+    hazards = [Hazard(), *(Hazard("latency", float(size)) for size in range(100, 106))]
+    plan = planned(("hold", "fan"), ("still", "breathing"), 3, (0.1, 0.25), hazards)
+    assert len(plan) == len({one.key for one in plan}) == 2 * 2 * 3 * 2 * 7
+    left = list(tasks(plan, {plan[0].key}, None))
+    assert [run for task in left for run in task.runs] == plan[1:]
+    assert all(len({run.session for run in task.runs}) == 1 for task in left)
+
+
+def _dies(task):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _half(task):
+    return task / 2
+
+
+def test_a_worker_that_dies_ends_the_study_with_a_way_on():
+    with pytest.raises(DeviceLost, match="a worker process died"):
+        list(results(_dies, [1, 2], 1, None))
+
+
+def test_an_existing_dask_cluster_does_the_work():
+    from distributed import LocalCluster  # noqa: PLC0415  takes a second that other tests need not wait for
+
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        assert sorted(results(_half, [1, 2, 3], 1, cluster.scheduler_address)) == [0.5, 1.0, 1.5]
+
+
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
+    monkeypatch.setattr(workers, "_ANSWER_S", 1)
+    with pytest.raises(DeviceLost, match=r"tcp://127\.0\.0\.1:9"):
+        list(results(_half, [1], 1, "tcp://127.0.0.1:9"))
+
+
+def study(*arguments):
+    return answered("study", *(str(one) for one in arguments))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        (("--sessions", "walk"), "'walk' is none of in-plane"),
+        (("--tissues", "dead"), "'dead' is none of still"),
+        (("--noise-mm", "0"), "not a list of .001 to 5 mm"),
+        (("--noise-mm", "some"), "not a list of .001 to 5 mm"),
+        (("--hazards", "bend"), "'bend' is not a known hazard"),
+        (("--seeds", "0"), "not in the range"),
+        (("x.mha",), "RECORDINGs need --calibration"),
+    ],
+)
+def test_bad_input_is_refused_by_name(tmp_path, arguments, what):
+    answer = study(*arguments, "--output", tmp_path / "out")
+    assert answer.returncode != 0
+    assert what in answer.stderr
+
+
+def test_an_output_that_is_a_file_is_refused(tmp_path):
+    (tmp_path / "out").write_text("mine")
+    answer = study("--output", tmp_path / "out")
+    assert answer.returncode != 0
+    assert "out" in answer.stderr
+    assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_an_archive_goes_on_past_a_recording_that_cannot_be_read(tmp_path):
+    size_px = (48, 32)
+    write_metaimage(tmp_path / "good.igs.mha", items(40, size_px), size_px)
+    (tmp_path / "cut.igs.mha").write_bytes((tmp_path / "good.igs.mha").read_bytes()[:5000])
+    reference = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), size_px)
+    write_calibration(tmp_path / "probe.toml", reference, {})
+    recordings = [tmp_path / "cut.igs.mha", tmp_path / "good.igs.mha"]
+    arguments = (*recordings, "--calibration", tmp_path / "probe.toml", "--output", tmp_path / "out", "--jobs", 1)
+    answer = study(*arguments)
+    assert answer.returncode == 0, answer.stderr
+    rows = list(csv.DictReader((tmp_path / "out/recordings.csv").read_text().splitlines()))
+    assert [bool(row["error"]) for row in rows] == [True, False]
+    assert (rows[1]["verdict"], rows[1]["frames"]) == ("NOT_VERIFIED", "40")
+    assert "scale-lateral" in rows[1]["missing"]
+    again = study(*arguments)
+    assert (again.returncode, "2 of 2 recordings are in" in again.stdout) == (0, True)
+
+
+@pytest.mark.thorough
+def test_a_study_from_the_command_line_is_taken_up_again(tmp_path):
+    arguments = ("--sessions", "in-plane,hold", "--tissues", "still", "--duration", 6, "--output", tmp_path)
+    answer = study(*arguments, "--seeds", 1)
+    assert answer.returncode == 0, answer.stderr
+    assert "in-plane" in answer.stdout
+    assert (tmp_path / "study.html").stat().st_size > 10_000
+    answer = study(*arguments, "--seeds", 2)
+    assert answer.returncode == 0, answer.stderr
+    assert "2 of 4 runs are in" in answer.stdout
+    rows = list(csv.DictReader((tmp_path / "study.csv").read_text().splitlines()))
+    assert {(row["session"], row["seed"]) for row in rows} == {(s, k) for s in ("in-plane", "hold") for k in "12"}
+
+
+@pytest.mark.thorough
+def test_tasks_give_rows_with_the_names_of_their_runs(motions):
+    (row,) = Task((Conditions(SHORT),), motions).rows()
+    assert (row["session"], row["tissue"], row["duration_s"], row["hazard"]) == ("in-plane", "still", "10", "none")

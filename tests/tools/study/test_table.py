@@ -1,0 +1,62 @@
+"""The table of a study: taken up where it was left, and never mixed with something else."""
+
+import pytest
+
+from drivers.errors import ConfigurationError
+from tools.study.table import StudyTable, code_digest
+
+KEYS = ("session", "seed")
+
+
+def row(seed, closed="0.5"):
+    return {"session": "in-plane", "seed": str(seed), "closed": closed, "faults": "scale, or not"}
+
+
+def table(folder):
+    return StudyTable(folder / "study.csv", KEYS)
+
+
+def test_rows_come_back_and_count_as_done(tmp_path):
+    one = table(tmp_path)
+    one.add([row(1), row(2)])
+    one.add([row(3)])
+    again = table(tmp_path)
+    assert again.rows == one.rows
+    assert again.done == {("in-plane", "1"), ("in-plane", "2"), ("in-plane", "3")}
+    assert again.rows[0] == row(1) | {"code": code_digest()}
+
+
+def test_a_row_that_was_cut_is_done_again(tmp_path):
+    table(tmp_path).add([row(1), row(2)])
+    whole = (tmp_path / "study.csv").read_bytes()
+    for cut in range(len(whole) - 1, whole.index(b"\n", whole.index(b"\n") + 1), -1):
+        (tmp_path / "study.csv").write_bytes(whole[:cut])
+        again = table(tmp_path)
+        assert again.done == {("in-plane", "1")}
+    again.add([row(2)])
+    assert (tmp_path / "study.csv").read_bytes() == whole
+
+
+def test_a_table_cut_in_its_heading_begins_again(tmp_path):
+    (tmp_path / "study.csv").write_bytes(b"session,see")
+    one = table(tmp_path)
+    one.add([row(1)])
+    assert table(tmp_path).done == {("in-plane", "1")}
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        (b"a,b\n1,2\n", "not a table of this kind"),
+        (b"session,seed,code\nin-plane,1,other\n", "rows of other code"),
+        (b"session,seed,code\nin-plane\n", "too many or too few"),
+        (b"session,seed,code\nin-plane,1,x,y\n", "too many or too few"),
+        (b'session,seed,code\n"in-plane,1,x\n', "not a table of a study"),
+        (b"\xff\xfe\x00\n", "not a table of a study"),
+    ],
+)
+def test_another_file_is_refused_and_stays(tmp_path, text, what):
+    (tmp_path / "study.csv").write_bytes(text)
+    with pytest.raises(ConfigurationError, match=what):
+        table(tmp_path)
+    assert (tmp_path / "study.csv").read_bytes() == text
