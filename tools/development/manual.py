@@ -77,8 +77,13 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 def _guards() -> list[str]:
     words = {word for _, t in _rows() for word in re.findall(r"[a-z_]+", _guard(t))} - {"and", "or", "not"}
-    rows = [(f"`{name}`", _OWN.get(name) or str(getattr(Ledger, name).__doc__)) for name in sorted(words)]
+    rows = [(f"`{name}`", _OWN.get(name) or _said(getattr(Ledger, name))) for name in sorted(words)]
     return ["## Guards", "", *_table(("guard", "holds when"), rows)]
+
+
+def _said(guard: object) -> str:
+    """Its docstring in one line, as a table wants it."""
+    return " ".join(str(guard.__doc__).split())
 
 
 def _durations() -> list[str]:
