@@ -14,7 +14,7 @@ from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import AlarmState, Verdict
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from tests.invariant.circumstances import Circumstances, Pictures, Poses, Stamps
-from tests.invariant.oracle import TICK_NS, Broken, Oracle
+from tests.invariant.oracle import MAX_AGE_NS, TICK_NS, Broken, Oracle
 from tests.invariant.world import NONE, ROWS, TALL_ROWS, Change, Hand, Scanner, Tracker, reference
 
 ORIGIN_NS = 10_000_000_000_000
@@ -52,7 +52,7 @@ class Cart:
     change: how the true calibration differs from the reference from the start. tilt_deg: of the hand. enforced: the
     clauses of the invariant that are raised; of the others `broken` tells. attended: somebody acknowledges whatever is
     latched. received: samples pass the threads of their devices, which refuse what is stamped later than it arrives;
-    without, the line alone must cope. rows: of the pictures.
+    without, the line alone must cope. rows: of the pictures. max_age_ns: after which a verification is none.
     """
 
     frames = 0
@@ -69,10 +69,11 @@ class Cart:
         attended: bool = True,
         received: bool = False,
         rows: int = ROWS,
+        max_age_ns: int = MAX_AGE_NS,
     ) -> None:
         self.circumstances = Circumstances()
         self.attended, self._received = attended, received
-        self.oracle = Oracle()
+        self.oracle = Oracle(max_age_ns)
         self.journal: list[str] = []
         self.moments: list[Moment] = []
         self.broken: list[tuple[float, Broken]] = []
@@ -81,7 +82,10 @@ class Cart:
         self._enforced = enforced
         self._hand, self._scanner, self._tracker = Hand(seed, tilt_deg), Scanner(seed, rows), Tracker(seed)
         self._reference, self._judged_for_tissue = reference(rows), rows >= TALL_ROWS
-        self.line, self._supervisor = Line(self._reference, Limits()), Supervisor(Durations())
+        self.line, self._supervisor = (
+            Line(self._reference, Limits()),
+            Supervisor(Durations(max_verification_age_ns=max_age_ns)),
+        )
         self._facts = Facts(started_ns=ORIGIN_NS)
         self._verdicts: list[Verdict] = []
         self._request: Request | None = None

@@ -15,7 +15,7 @@ from tests.invariant.world import NONE, Change
 TICK_NS = 50_000_000
 DISCOVERED_WITHIN_NS = 15_000_000_000
 NAMED_WITHIN_NS = 1_000_000_000
-OLDEST_NS = Durations().max_verification_age_ns + TICK_NS
+MAX_AGE_NS = Durations().max_verification_age_ns
 _MOVED_WITHIN_NS = 300_000_000
 _LEAST_MM_PER_S = 0.5
 _FURTHEST_APART_NS = 250_000_000
@@ -40,12 +40,15 @@ class Genuine:
 
 
 class Oracle:
-    """shown_ns: the newest time at which motion could show the calibration in force; None before the first.
+    """max_age_ns: after which a verification is none.
+
+    shown_ns: the newest time at which motion could show the calibration in force; None before the first.
 
     shown_fault: the calibration fault that was shown since the present change, None before the first.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, max_age_ns: int = MAX_AGE_NS) -> None:
+        self._oldest_ns = max_age_ns + TICK_NS
         self.shown_ns: int | None = None
         self.shown_fault: str | None = None
         self._change = NONE
@@ -108,7 +111,7 @@ class Oracle:
             return Broken("a", f"no motion has shown the calibration; it is {self._change}")
         age_ns = now_ns - self.shown_ns
         what = f"the last motion that showed the calibration is {age_ns / 1e9:.2f} s old; it is {self._change}"
-        return Broken("a", what) if age_ns > OLDEST_NS else None
+        return Broken("a", what) if age_ns > self._oldest_ns else None
 
     def _relapse(self) -> Broken | None:
         if self.shown_fault is None:
