@@ -6,6 +6,7 @@ import re
 import tokenize
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -82,6 +83,7 @@ def texts() -> Iterator[tuple[Path, str]]:
             yield module, "\n".join(one.string for one in tokens if one.type in (tokenize.COMMENT, tokenize.STRING))
 
 
+@cache
 def is_there(name: str) -> bool:
     """A module, or something that its file mentions."""
     parts = name.split(".")
