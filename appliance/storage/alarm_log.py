@@ -23,7 +23,7 @@ from appliance.storage.alarm_chain import (
     read_log,
     segments,
 )
-from drivers.files.atomic_file import replacing, sync_directory
+from drivers.files.atomic_file import make_folder, replacing, sync_directory
 
 ENTRIES_A_SEGMENT, SEGMENTS_KEPT = 2000, 20
 """40,000 entries in all. More fills the disk of a cart and takes longer to verify at the start; fewer forgets sooner.
@@ -43,7 +43,7 @@ class AlarmLog:
 
     def __init__(self, folder: Path) -> None:
         self._folder = self.file = folder
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         self.opened = read_log(folder)
         unsound = self._unsound()
         last = self.opened.entries[-1] if self.opened.entries else None

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from appliance.storage.alarm_chain import digest_of
 from appliance.storage.calibration_file import is_device_set
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import replacing, sync_directory
+from drivers.files.atomic_file import make_folder, replacing, sync_directory
 
 FOLDER, HISTORY = "references", "history.json"
 CONFIGURED, RECALIBRATED = "configuration", "recalibration"
@@ -134,9 +134,7 @@ def write_history(folder: Path, history: History, contents: dict[str, bytes]) ->
     An empty history comes first into a new folder: content without a history is damage.
     """
     place = folder / FOLDER
-    if not place.is_dir():
-        place.mkdir(mode=0o750, parents=True)
-        sync_directory(place.parent)
+    make_folder(place, 0o750)
     if not (place / HISTORY).exists():
         _write(place / HISTORY, _text(History()))
     for sha256, content in contents.items():

@@ -38,6 +38,7 @@ class Ledger:
         self.latched_fault: str | None = None
         self.calibration, self.device = Condition(), Condition()
         self.internal, self.integrity = Condition(), Condition()
+        self._unseen = Condition()
         self._accepted: frozenset[str] = frozenset()
         self._untested = False
         self._barrier_ns: int | None = None
@@ -73,6 +74,10 @@ class Ledger:
         """Whatever is not in view can be changed meanwhile."""
         unknown = [check.fault for check in checks if check.verdict is not VerdictKind.OK]
         self.sight = next((fault for fault in unknown if _of_sight(fault)), None)
+        if self.sight is None:
+            self._unseen.lift(self.now_ns)
+        else:
+            self._unseen.show(self.now_ns, self.sight, HAZARDS[self.sight].text)
         if self.device.active or self.internal.active or self.sight is not None:
             self.forget_verification()
 
@@ -207,6 +212,12 @@ class Ledger:
         if self.verified_ns is None or self.sight is not None:
             return False
         return self.now_ns - self.verified_ns <= self.durations.max_verification_age_ns
+
+    @property
+    def told_sight(self) -> str | None:
+        """What is out of sight, or was within probation, so that a flicker is told as one episode. Decides nothing."""
+        gone = self._unseen.gone(self.now_ns, self.durations.probation_ns)
+        return None if gone else self._unseen.fault
 
     @property
     def _halt_after_ns(self) -> int:

@@ -21,6 +21,17 @@ def sync_directory(directory: Path) -> None:
         os.close(handle)
 
 
+def make_folder(folder: Path, mode: int = 0o777) -> None:
+    """With its parents, where missing; their names are on the disk when it returns. Raises OSError.
+
+    mode: of the folder itself.
+    """
+    if not folder.is_dir():
+        make_folder(folder.parent)
+        folder.mkdir(mode, exist_ok=True)
+        sync_directory(folder.parent)
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """Binary stream of a temporary neighbour that takes path's name when the block ends well, else vanishes.

@@ -14,8 +14,8 @@ from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import AlarmState, Verdict
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from tests.invariant.circumstances import Circumstances, Pictures, Poses, Stamps
-from tests.invariant.oracle import TICK_NS, Broken, Oracle
-from tests.invariant.world import NONE, REFERENCE, Change, Hand, Scanner, Tracker
+from tests.invariant.oracle import MAX_AGE_NS, TICK_NS, Broken, Oracle
+from tests.invariant.world import NONE, ROWS, TALL_ROWS, Change, Hand, Scanner, Tracker, reference
 
 ORIGIN_NS = 10_000_000_000_000
 """Later than any stamp in these tests is early: none is negative."""
@@ -52,7 +52,7 @@ class Cart:
     change: how the true calibration differs from the reference from the start. tilt_deg: of the hand. enforced: the
     clauses of the invariant that are raised; of the others `broken` tells. attended: somebody acknowledges whatever is
     latched. received: samples pass the threads of their devices, which refuse what is stamped later than it arrives;
-    without, the line alone must cope.
+    without, the line alone must cope. rows: of the pictures. max_age_ns: after which a verification is none.
     """
 
     frames = 0
@@ -65,21 +65,27 @@ class Cart:
         change: Change = NONE,
         tilt_deg: float = 1.4,
         fps: float = 30.0,
-        enforced: str = "abcd",
+        enforced: str = "abcdf",
         attended: bool = True,
         received: bool = False,
+        rows: int = ROWS,
+        max_age_ns: int = MAX_AGE_NS,
     ) -> None:
         self.circumstances = Circumstances()
         self.attended, self._received = attended, received
-        self.oracle = Oracle()
+        self.oracle = Oracle(max_age_ns)
         self.journal: list[str] = []
         self.moments: list[Moment] = []
         self.broken: list[tuple[float, Broken]] = []
         self.alarm: AlarmState | None = None
         self.newest: Verdict | None = None
         self._enforced = enforced
-        self._hand, self._scanner, self._tracker = Hand(seed, tilt_deg), Scanner(seed), Tracker(seed)
-        self.line, self._supervisor = Line(REFERENCE, Limits()), Supervisor(Durations())
+        self._hand, self._scanner, self._tracker = Hand(seed, tilt_deg), Scanner(seed, rows), Tracker(seed)
+        self._reference, self._judged_for_tissue = reference(rows), rows >= TALL_ROWS
+        self.line, self._supervisor = (
+            Line(self._reference, Limits()),
+            Supervisor(Durations(max_verification_age_ns=max_age_ns)),
+        )
         self._facts = Facts(started_ns=ORIGIN_NS)
         self._verdicts: list[Verdict] = []
         self._request: Request | None = None
@@ -135,7 +141,7 @@ class Cart:
         for request in (Request.BEGIN_RECALIBRATION, Request.END_RECALIBRATION):
             self.ask(request)
             self.run(0.2)
-        self.line = Line(REFERENCE, Limits())
+        self.line = Line(self._reference, Limits())
         self._change = NONE
         self.oracle.renewed()
 
@@ -240,7 +246,8 @@ class Cart:
         self._note_moment(alarm)
         self.alarm = alarm
         lively_in_view = self.circumstances.in_view and self.circumstances.moving
-        for broken in self.oracle.tick(now_ns, lively_in_view, alarm, self.newest):
+        blank = self.circumstances.blank and self._judged_for_tissue
+        for broken in self.oracle.tick(now_ns, lively_in_view, blank, alarm, self.newest):
             self.broken.append((self.t_s, broken))
             if broken.clause in self._enforced:
                 broken.add_note(f"at {self.t_s:.2f} s\n{self.told()}")

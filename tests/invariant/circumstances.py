@@ -49,11 +49,16 @@ class Circumstances:
     @property
     def in_view(self) -> bool:
         """Nothing is between the truth and the line."""
-        return (
-            self.pictures is Pictures.GENUINE
-            and self.poses is Poses.GENUINE
-            and self.frame_stamps is self.pose_stamps is Stamps.RIGHT
-        )
+        return self.pictures is Pictures.GENUINE and self._else_in_view
+
+    @property
+    def blank(self) -> bool:
+        """Pictures without steady tissue come, and nothing else is wrong."""
+        return self.pictures in (Pictures.BLACK, Pictures.NOISE, Pictures.FLICKER) and self._else_in_view
+
+    @property
+    def _else_in_view(self) -> bool:
+        return self.poses is Poses.GENUINE and self.frame_stamps is self.pose_stamps is Stamps.RIGHT
 
     def __str__(self) -> str:
         parts = self.pictures, self.poses

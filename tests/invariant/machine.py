@@ -9,7 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, get_state_machine_test, i
 
 from tests.invariant.cart import Cart
 from tests.invariant.circumstances import Circumstances, Pictures, Poses, Stamps
-from tests.invariant.world import CHANGES, NONE, Change
+from tests.invariant.world import CHANGES, NONE, ROWS, TALL_ROWS, Change
 
 SPELL_S = st.sampled_from([0.5, 3.0, 3.0, 8.0, 34.0])
 """How long a disturbance lasts by itself; the longest outlasts any verification."""
@@ -36,9 +36,10 @@ class Room(RuleBasedStateMachine):
         wrong=st.sampled_from([NONE, NONE, NONE, *CHANGES]),
         tilt_deg=st.sampled_from([1.4, 1.4, 0.0]),
         seconds=st.sampled_from([7.0, 7.0, 16.0]),
+        rows=st.sampled_from([ROWS, TALL_ROWS]),
     )
-    def switched_on(self, seed: int, wrong: Change, tilt_deg: float, seconds: float) -> None:
-        self.cart = Cart(seed, change=wrong, tilt_deg=tilt_deg, fps=self.fps, attended=False, received=True)
+    def switched_on(self, seed: int, wrong: Change, tilt_deg: float, seconds: float, rows: int) -> None:
+        self.cart = Cart(seed, change=wrong, tilt_deg=tilt_deg, fps=self.fps, attended=False, received=True, rows=rows)
         self.body_was_moved = wrong.moves_body
         self.cart.run(seconds)
 

@@ -14,7 +14,8 @@ from tests.invariant.world import NONE, Change
 
 TICK_NS = 50_000_000
 DISCOVERED_WITHIN_NS = 15_000_000_000
-OLDEST_NS = Durations().max_verification_age_ns + TICK_NS
+NAMED_WITHIN_NS = 1_000_000_000
+MAX_AGE_NS = Durations().max_verification_age_ns
 _MOVED_WITHIN_NS = 300_000_000
 _LEAST_MM_PER_S = 0.5
 _FURTHEST_APART_NS = 250_000_000
@@ -39,18 +40,21 @@ class Genuine:
 
 
 class Oracle:
-    """shown_ns: the newest time at which motion could show the calibration in force; None before the first.
+    """max_age_ns: after which a verification is none.
+
+    shown_ns: the newest time at which motion could show the calibration in force; None before the first.
 
     shown_fault: the calibration fault that was shown since the present change, None before the first.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, max_age_ns: int = MAX_AGE_NS) -> None:
+        self._oldest_ns = max_age_ns + TICK_NS
         self.shown_ns: int | None = None
         self.shown_fault: str | None = None
         self._change = NONE
         self._told: frozenset[str] = frozenset()
         self._told_before: frozenset[str] = frozenset()
-        self._visible_ns = 0
+        self._visible_ns = self._blank_ns = 0
         self._pictures: deque[Genuine] = deque(maxlen=20)
         self._waiting: deque[int] = deque()
         self._pose_ns: int | None = None
@@ -82,14 +86,17 @@ class Oracle:
             if before_ns is not None and before_ns <= picture_ns and t_ns - before_ns <= _FURTHEST_APART_NS:
                 self.shown_ns = picture_ns
 
-    def tick(self, now_ns: int, lively_in_view: bool, alarm: AlarmState, newest: Verdict | None) -> tuple[Broken, ...]:
-        """Every clause that does not hold."""
+    def tick(
+        self, now_ns: int, lively_in_view: bool, blank: bool, alarm: AlarmState, newest: Verdict | None
+    ) -> tuple[Broken, ...]:
+        """Every clause that does not hold. blank: pictures without tissue, and nothing else is wrong."""
+        self._blank_ns = self._blank_ns + TICK_NS if blank else 0
         if self._visible_ns < DISCOVERED_WITHIN_NS:
             self._visible_ns = self._visible_ns + TICK_NS if lively_in_view else 0
         self._note_fault(alarm, newest)
         if not alarm.energised:
             return ()
-        said = (self._age(now_ns), _contradiction(newest), self._relapse(), self._discovery())
+        said = (self._age(now_ns), _contradiction(newest), self._relapse(), self._discovery(), self._sight())
         return tuple(broken for broken in said if broken is not None)
 
     def _note_fault(self, alarm: AlarmState, newest: Verdict | None) -> None:
@@ -104,7 +111,7 @@ class Oracle:
             return Broken("a", f"no motion has shown the calibration; it is {self._change}")
         age_ns = now_ns - self.shown_ns
         what = f"the last motion that showed the calibration is {age_ns / 1e9:.2f} s old; it is {self._change}"
-        return Broken("a", what) if age_ns > OLDEST_NS else None
+        return Broken("a", what) if age_ns > self._oldest_ns else None
 
     def _relapse(self) -> Broken | None:
         if self.shown_fault is None:
@@ -115,6 +122,10 @@ class Oracle:
         if not self._change.visible or self._visible_ns < DISCOVERED_WITHIN_NS:
             return None
         return Broken("d", f"it was {self._change} for 15 s of motion in full view")
+
+    def _sight(self) -> Broken | None:
+        what = f"the pictures have shown no tissue for {self._blank_ns / 1e9:.2f} s"
+        return Broken("f", what) if self._blank_ns > NAMED_WITHIN_NS + TICK_NS else None
 
     def _moved(self, now_ns: int) -> bool:
         recent = [picture for picture in self._pictures if picture.t_ns >= now_ns - _MOVED_WITHIN_NS]

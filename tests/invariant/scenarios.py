@@ -5,6 +5,7 @@ from typing import Any
 
 from tests.invariant.cart import Cart
 from tests.invariant.circumstances import Pictures, Poses, Stamps
+from tests.invariant.oracle import MAX_AGE_NS
 from tests.invariant.world import BENT_AND_SLID
 
 VERIFIED_WITHIN_S = 20.0
@@ -25,9 +26,9 @@ DISTURBANCES: Mapping[str, tuple[dict[str, Any], dict[str, Any]]] = {
 """Name → circumstances of the first and of the second seed: of stamps those of the pictures, then of the poses."""
 
 
-def verified_cart(seed: int, *, fps: float = 30.0) -> Cart:
+def verified_cart(seed: int, *, fps: float = 30.0, max_age_ns: int = MAX_AGE_NS) -> Cart:
     """A healthy cart whose contact has been closed for a second."""
-    cart = Cart(seed, fps=fps)
+    cart = Cart(seed, fps=fps, max_age_ns=max_age_ns)
     assert cart.run(VERIFIED_WITHIN_S, until=lambda: cart.closed), cart.told()
     cart.run(1.0)
     return cart
@@ -43,9 +44,9 @@ def bend_unseen(cart: Cart) -> None:
     cart.meet(poses=kept)
 
 
-def incident(disturbance: str, seed: int, *, fps: float = 30.0) -> Cart:
+def incident(disturbance: str, seed: int, *, fps: float = 30.0, max_age_ns: int = MAX_AGE_NS) -> Cart:
     """Verified, disturbed half a second later, bent unseen."""
-    cart = verified_cart(seed, fps=fps)
+    cart = verified_cart(seed, fps=fps, max_age_ns=max_age_ns)
     cart.meet(**DISTURBANCES[disturbance][(seed - 1) % 2])
     cart.run(0.5)
     bend_unseen(cart)

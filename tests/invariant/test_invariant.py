@@ -2,28 +2,29 @@
 
 import pytest
 
+from appliance.supervision.alarms import HAZARDS
 from tests.invariant.__main__ import long_run
 from tests.invariant.cart import ORIGIN_NS, Cart
 from tests.invariant.circumstances import Pictures, Poses
 from tests.invariant.machine import CLOSED_AGAIN_WITHIN_S, Room, room_test
-from tests.invariant.oracle import OLDEST_NS
-from tests.invariant.scenarios import DISTURBANCES, bend_unseen, incident, verified_cart
-from tests.invariant.world import BENT, ELSEWHERE, FLIPPED, NONE, SLID
+from tests.invariant.oracle import MAX_AGE_NS, TICK_NS
+from tests.invariant.scenarios import DISTURBANCES, VERIFIED_WITHIN_S, bend_unseen, incident, verified_cart
+from tests.invariant.world import BENT, ELSEWHERE, FLIPPED, NONE, SLID, TALL_ROWS
 
-OLDEST_S = OLDEST_NS / 1e9
 AN_HOUR_NS = 3600 * 10**9
 SLOW = 15.0
 """Frames per second of the quick ones: the promise is the same, and half the pictures take half the time."""
 
 
-def outlasting(disturbance: str) -> None:
+def outlasting(disturbance: str, max_age_ns: int = MAX_AGE_NS) -> None:
     """The oracle objects where the contact is closed for longer than it may."""
-    cart = incident(disturbance, 1, fps=SLOW)
-    assert cart.run(OLDEST_S, until=lambda: not cart.closed), cart.told()
+    cart = incident(disturbance, 1, fps=SLOW, max_age_ns=max_age_ns)
+    assert cart.run((max_age_ns + TICK_NS) / 1e9, until=lambda: not cart.closed), cart.told()
 
 
-def test_hole_1_the_contact_does_not_outlive_one_good_pose_in_twelve() -> None:
-    outlasting("one pose in twelve")
+@pytest.mark.parametrize("max_age_s", [8, pytest.param(30, marks=pytest.mark.thorough)])
+def test_hole_1_the_contact_does_not_outlive_one_good_pose_in_twelve(max_age_s: int) -> None:
+    outlasting("one pose in twelve", max_age_s * 10**9)
 
 
 @pytest.mark.slow
@@ -78,6 +79,22 @@ def test_a_bend_that_no_motion_shows_opens_the_contact_for_good(disturbance: str
     cart = incident(disturbance, seed)
     cart.run(130.0)
     assert [moment.closed for moment in cart.moments].count(True) == 1, cart.told()
+
+
+@pytest.mark.thorough
+def test_pictures_that_come_and_go_are_no_picture_within_a_second_and_one_episode() -> None:
+    """Blank for 0.7 s, seen for 0.5 s: state and fault, of which each change is an entry of the log, change once."""
+    cart = Cart(1, fps=SLOW, rows=TALL_ROWS)
+    assert cart.run(VERIFIED_WITHIN_S, until=lambda: cart.closed), cart.told()
+    began_s, before = cart.t_s, len(cart.moments)
+    for _ in range(5):
+        cart.meet(pictures=Pictures.BLACK)
+        cart.run(0.7)
+        cart.meet(pictures=Pictures.GENUINE)
+        cart.run(0.5)
+    (moment,) = cart.moments[before:]
+    assert (moment.state, moment.reason) == ("not verified", HAZARDS["no-picture"].text)
+    assert moment.t_s - began_s <= 1.0
 
 
 @pytest.mark.slow

@@ -17,7 +17,8 @@ from appliance.types import Calibration
 from drivers.samples import GreyImage, Matrix4
 from drivers.twins.faults import BEND_AXIS, BEND_DEG, SLIDE_MM
 
-SIZE_PX = (160, 120)
+WIDTH_PX, ROWS, TALL_ROWS = 160, 120, 208
+"""Pictures of ROWS take half the time; only those of TALL_ROWS are asked whether they show tissue (`no-picture`)."""
 SCALE_MM_PER_PX = (0.12, 0.11)
 _LIMITS = Limits()
 _GRID_MM = 0.06
@@ -28,18 +29,21 @@ _SPREAD_MM, _SPREAD_RAD = 0.1, np.deg2rad(0.02)
 _FROM_TISSUE = rigid(rotation_from_vector(np.array([1.9, 0.7, -0.5])), np.array([64.0, -87.0, -1520.0]))
 X_REFERENCE = rigid(rotation_from_vector(np.array([0.62, -0.41, 0.93])), np.array([11.0, 62.0, 14.0]))
 
-REFERENCE = Calibration(
-    rotation=X_REFERENCE[:3, :3],
-    polarity=(1, 1),
-    scale_mm_per_px=np.array(SCALE_MM_PER_PX),
-    offset_mm=X_REFERENCE[:3, 3],
-    image_size_px=SIZE_PX,
-)
+
+def reference(rows: int = ROWS) -> Calibration:
+    """For pictures of so many rows."""
+    return Calibration(
+        rotation=X_REFERENCE[:3, :3],
+        polarity=(1, 1),
+        scale_mm_per_px=np.array(SCALE_MM_PER_PX),
+        offset_mm=X_REFERENCE[:3, 3],
+        image_size_px=(WIDTH_PX, rows),
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Change:
-    """How the true calibration differs from REFERENCE.
+    """How the true calibration differs from the reference.
 
     body: (4, 4) the marker body sits at pose · body. polarity: of the picture. magnified: of the picture, about its
     middle, so that its mm/px shrink.
@@ -117,11 +121,12 @@ CHANGES = (BENT_AND_SLID, BENT, SLID, ELSEWHERE, FLIPPED, UPSIDE_DOWN, MAGNIFIED
 
 @cache
 def tissue() -> GreyImage:
-    """(1024, 1024) periodic speckle, 0.06 mm apart."""
+    """(1024, 1024) periodic speckle, 0.06 mm apart, wider than high as a probe's is."""
     random = np.random.default_rng(20)
     waves = random.standard_normal((2, _GRID, _GRID)).astype(np.float32)
     real, imaginary = (
-        cv2.GaussianBlur(np.tile(w, (3, 3)), (0, 0), 3.2)[_GRID : 2 * _GRID, _GRID : 2 * _GRID] for w in waves
+        cv2.GaussianBlur(np.tile(w, (3, 3)), (0, 0), 5.5, sigmaY=3.2)[_GRID : 2 * _GRID, _GRID : 2 * _GRID]
+        for w in waves
     )
     echo = real**2 + imaginary**2
     level = 10 * np.log10(echo / echo.mean() + 1e-3)
@@ -132,7 +137,7 @@ def tissue() -> GreyImage:
 def _noise() -> GreyImage:
     return (
         np.random.default_rng(21)
-        .normal(12, _NOISE_GREY, (SIZE_PX[1] + 512, SIZE_PX[0] + 512))
+        .normal(12, _NOISE_GREY, (TALL_ROWS + 512, WIDTH_PX + 512))
         .clip(0, 255)
         .astype(np.uint8)
     )
@@ -182,34 +187,35 @@ def _rigid(turn_rad: NDArray[np.float64], place_mm: NDArray[np.float64]) -> Matr
 
 
 class Scanner:
-    """Cuts pictures out of the tissue."""
+    """Cuts pictures of so many rows out of the tissue."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, rows: int = ROWS) -> None:
         self._random = np.random.default_rng((seed, 2))
+        self._shape = rows, WIDTH_PX
 
     def picture(self, pose: Matrix4, change: Change = NONE) -> GreyImage:
         """(h, w) uint8 at pose picture → tissue."""
-        width, height = SIZE_PX
+        height, width = self._shape
         scale = np.array(SCALE_MM_PER_PX) / change.magnified * change.polarity
         turn = pose[:2, :2] * scale / _GRID_MM
         middle = pose[:2, 3] / _GRID_MM + _GRID / 2
         warp = np.column_stack([turn, middle - turn @ [(width - 1) / 2, (height - 1) / 2]])
         grey = cv2.warpAffine(
-            tissue(), warp, SIZE_PX, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_WRAP
+            tissue(), warp, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_WRAP
         )
         return np.asarray(cv2.add(grey, self._grain()), np.uint8)
 
     def black(self) -> GreyImage:
         """No gel: faint electronic noise only."""
-        return self._random.integers(0, 5, SIZE_PX[::-1]).astype(np.uint8)
+        return self._random.integers(0, 5, self._shape).astype(np.uint8)
 
     def noise(self) -> GreyImage:
         """A lost cable: every pixel by itself."""
-        return self._random.integers(0, 256, SIZE_PX[::-1]).astype(np.uint8)
+        return self._random.integers(0, 256, self._shape).astype(np.uint8)
 
     def _grain(self) -> GreyImage:
         row, column = self._random.integers(0, 512, 2)
-        return _noise()[row : row + SIZE_PX[1], column : column + SIZE_PX[0]]
+        return _noise()[row : row + self._shape[0], column : column + self._shape[1]]
 
 
 class Tracker:

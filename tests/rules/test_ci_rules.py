@@ -101,7 +101,9 @@ def test_many_failures_are_no_chance(tmp_path: Path) -> None:
     assert "once more alone" not in text
 
 
-@pytest.mark.parametrize("line", ["syntax error", ""], ids=["broken", "empty"])
+@pytest.mark.parametrize(
+    "line", [pytest.param("syntax error", id="broken"), pytest.param("", id="empty", marks=pytest.mark.thorough)]
+)
 def test_a_suite_that_could_not_run_is_not_run_again(line: str, tmp_path: Path) -> None:
     code, text = run(suite(tmp_path, line), "tests.rules.retried")
     assert code not in (0, 1), text

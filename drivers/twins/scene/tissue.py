@@ -8,6 +8,7 @@ carrier, so a grid as coarse as a pixel samples it; moving the carrier from tiss
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import ceil
 from typing import Any
 
@@ -62,6 +63,12 @@ class Tissue:
             for add in (_add_texture, _add_inclusions, _add_surfaces):
                 add(white, random)
         self.real, self.imaginary = _stored(white.real), _stored(white.imag)
+
+
+@lru_cache(maxsize=3)
+def grown(seed: int, structures: bool) -> Tissue:
+    """The tissue of this seed, shared by the worlds of a process that look at it: half a second and 44 MB each."""
+    return Tissue(seed, structures)
 
 
 def _wrapped_mm(axis: int, centre_mm: float) -> Floats:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from drivers.errors import ConfigurationError
 from drivers.samples import GreyImage, Matrix4
 from drivers.twins.faults import spoil_image
-from drivers.twins.scene.tissue import PERIOD_MM, Beam, Floats, Renderer, Tissue
+from drivers.twins.scene.tissue import PERIOD_MM, Beam, Floats, Renderer, Tissue, grown
 from drivers.twins.scene.trajectory import Trajectory
 
 SCENES = ("tissue", "speckle", "cross-wire")
@@ -145,7 +145,7 @@ class World:
 
     @cached_property
     def _tissue(self) -> Tissue:
-        return Tissue(self.seed, structures=self.scene == "tissue")
+        return grown(self.seed, self.scene == "tissue")
 
     @cached_property
     def _renderer(self) -> Renderer:

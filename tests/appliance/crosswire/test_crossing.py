@@ -135,7 +135,7 @@ def test_a_change_of_picture_size_starts_the_drawings_again() -> None:
     assert drawings.step(np.zeros(SHAPE, np.uint8)).shape == SHAPE
 
 
-@pytest.mark.parametrize("noise_db", [-30.0, -10.0])
+@pytest.mark.parametrize("noise_db", [pytest.param(-30.0, marks=pytest.mark.thorough), -10.0])
 def test_rendered_crossings_are_found_where_they_are(noise_db) -> None:
     settings = WorldSettings(noise_db=noise_db)
     world = World(seed=1, program="freehand", scene="cross-wire", settings=settings)

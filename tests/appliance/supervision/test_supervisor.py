@@ -462,6 +462,25 @@ def test_unseen_probe_is_not_verified_and_needs_verification_again() -> None:
     assert room.ok() is M
 
 
+@pytest.mark.parametrize("fault", ["line-of-sight", "no-picture"])
+def test_what_flickers_out_of_sight_is_told_as_one_episode_and_withholds_no_ok(fault: str) -> None:
+    """A log and lamps follow state and fault: a sight that comes and goes for an hour changes them twice."""
+    room = room_in(State.MONITORING)
+    told = []
+    for _ in range(5):
+        for delta_ns, inputs in ((TICK_NS, device(fault, VerdictKind.NOT_VERIFIED)), (TICK_NS, Inputs())):
+            room.at(delta_ns, inputs)
+            told.append((room.alarm.state, room.alarm.fault, room.alarm.reason))
+        room.at(DURATIONS.probation_ns - 2 * TICK_NS)
+    assert set(told) == {(N, fault, HAZARDS[fault].text)}
+    room.at(2 * TICK_NS - 1)
+    assert room.alarm.fault == fault
+    room.at(1)
+    assert room.alarm.fault is None
+    room.at(TICK_NS, device(fault, VerdictKind.NOT_VERIFIED))
+    assert room.ok() is M, "seen and verified again, at once"
+
+
 def test_what_a_tracker_does_not_tell_withholds_nothing() -> None:
     room = room_in(State.NOT_VERIFIED)
     untold = device("marker-body", VerdictKind.NOT_VERIFIED)

@@ -58,9 +58,11 @@ def test_a_faulty_schedule_is_refused_by_name(text: str, names: str) -> None:
 
 @given(
     st.text()
-    | st.recursive(st.none() | st.floats() | st.text(), lambda x: st.lists(x) | st.dictionaries(st.text(), x)).map(
-        json.dumps
-    )
+    | st.recursive(
+        st.none() | st.floats() | st.text(),
+        lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+        max_leaves=20,
+    ).map(json.dumps)
 )
 def test_no_text_breaks_the_parser(text: str) -> None:
     try:

@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from drivers.io.inventory import Found, gpio_chips, serial_ports, video_devices
+from tests.support.answers import answered
 
 PROBEWATCH = Path(sys.executable).parent / "probewatch"
 _NOBODY = 65534
@@ -130,9 +131,9 @@ def test_this_host_can_be_asked() -> None:
 
 
 def listed(root: Path) -> str:
-    return subprocess.run(
-        [PROBEWATCH, "devices", "--root", root], capture_output=True, text=True, check=True, env=os.environ
-    ).stdout
+    answer = answered("devices", "--root", root)
+    assert answer.returncode == 0, answer.stderr
+    return answer.stdout
 
 
 def test_without_a_terminal_each_device_is_one_line_of_fields(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from drivers.clock.host_clock import HostClock
 from drivers.twins.pty_line import PtyLine
 from drivers.twins.relay_board import RelayBoard
+from tests.support.answers import answered
 
 PROBEWATCH = Path(sys.executable).parent / "probewatch"
 CLOCK = HostClock()
@@ -25,11 +26,6 @@ def written(folder: Path, *outputs: str, head: str = "") -> Path:
         f'{head}video.url = "sim:/x"\ntracker.url = "ndi:/dev/x"\n{urls}[calibration]\nfile = "probe.toml"\n'
     )
     return path
-
-
-def release(config: Path) -> subprocess.CompletedProcess[str]:
-    command = [PROBEWATCH, "release", "--config", config]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=30)
 
 
 @contextmanager
@@ -50,14 +46,15 @@ def board_that_holds(link: Path) -> Iterator[RelayBoard]:
 
 def test_a_contact_that_its_board_holds_closed_is_opened(tmp_path: Path) -> None:
     with board_that_holds(tmp_path / "relay") as board:
-        released = release(written(tmp_path, f"relay:{tmp_path}/relay"))
+        released = answered("release", "--config", written(tmp_path, f"relay:{tmp_path}/relay"))
     assert (released.returncode, released.stderr) == (0, "")
     assert board.contacts == {1: False}
 
 
 def test_one_that_is_not_there_is_named_and_does_not_keep_the_others_closed(tmp_path: Path) -> None:
     with board_that_holds(tmp_path / "relay") as board:
-        released = release(written(tmp_path, "relay:/dev/no-such", f"relay:{tmp_path}/relay"))
+        config = written(tmp_path, "relay:/dev/no-such", f"relay:{tmp_path}/relay")
+        released = answered("release", "--config", config)
     assert released.returncode == 69
     assert "/dev/no-such" in released.stderr
     assert board.contacts == {1: False}

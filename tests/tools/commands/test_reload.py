@@ -1,7 +1,5 @@
 """`probewatch reload`, which `systemctl reload` runs: the service's own answer becomes its exit code."""
 
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +8,7 @@ from typing import Any
 import pytest
 
 from appliance.service.control.server import ControlRefused, ControlServer, Peer
+from tests.support.answers import answered
 
 UNIT = Path(__file__).parents[3] / "systemd" / "probewatch.service"
 
@@ -49,9 +48,8 @@ def service(tmp_path: Path) -> Iterator[Service]:
 
 
 def reload(socket: Path) -> tuple[int, str]:
-    program = str(Path(sys.executable).with_name("probewatch"))
-    done = subprocess.run([program, "reload", "--socket", socket], capture_output=True, text=True, check=False)
-    return done.returncode, done.stdout + done.stderr
+    answer = answered("reload", "--socket", socket)
+    return answer.returncode, answer.stdout + answer.stderr
 
 
 def test_a_changed_configuration_is_taken(service: Service) -> None:

@@ -466,7 +466,7 @@ def test_a_tracker_only_recording_is_not_verified(calibration, tmp_path):
     ("fault", "verdicts", "named"),
     [
         (None, {"OK", "NOT_VERIFIED"}, None),
-        ("flip-lateral", {"FAULT"}, "polarity"),
+        pytest.param("flip-lateral", {"FAULT"}, "polarity", marks=pytest.mark.thorough),
         pytest.param("flip-vertical", {"FAULT"}, "polarity", marks=pytest.mark.thorough),
         ("freeze-video", {"FAULT"}, "frozen-video"),
     ],

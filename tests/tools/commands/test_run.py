@@ -9,6 +9,7 @@ import pytest
 from appliance.service.control.client import ControlClient
 from appliance.service.host.systemd_notify import Notifier
 from drivers.errors import DeviceLost
+from tests.support.answers import answered
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
 from tests.support.stores import PLUS, configuration, log, place, settled, started
@@ -24,11 +25,6 @@ calibration.file = "probe.toml"
 """
 
 
-def run(config: Path) -> subprocess.CompletedProcess[str]:
-    command = [str(PROBEWATCH), "run", "--config", str(config)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
-
-
 @pytest.mark.parametrize(
     ("text", "part"),
     [
@@ -41,7 +37,7 @@ def run(config: Path) -> subprocess.CompletedProcess[str]:
 def test_a_bad_configuration_is_one_line_and_exit_78(tmp_path: Path, text: str, part: str) -> None:
     config = tmp_path / "probewatch.toml"
     config.write_text(text)
-    refused = run(config)
+    refused = answered("run", "--config", config)
     assert refused.returncode == 78
     assert refused.stderr.count("\n") == 1
     assert part in refused.stderr
@@ -49,7 +45,9 @@ def test_a_bad_configuration_is_one_line_and_exit_78(tmp_path: Path, text: str, 
 
 
 def test_a_configuration_that_is_not_there(tmp_path: Path) -> None:
-    assert run(tmp_path / "none.toml").returncode == 78
+    """Asked of the program itself, as the service manager starts it."""
+    missing = [str(PROBEWATCH), "run", "--config", str(tmp_path / "none.toml")]
+    assert subprocess.run(missing, capture_output=True, timeout=30, check=False).returncode == 78
 
 
 def test_the_service_manager_hears_ready_once_and_the_watchdog_every_time(tmp_path: Path) -> None:
@@ -102,7 +100,7 @@ def test_a_damaged_store_of_references_is_one_line_and_exit_78(tmp_path: Path) -
     config = configuration(tmp_path, more=f'control.socket = "{tmp_path}/control"\n')
     settled(started(config))
     (place(config) / "history.json").write_text("{}")
-    refused = run(tmp_path / "probewatch.toml")
+    refused = answered("run", "--config", tmp_path / "probewatch.toml")
     assert (refused.returncode, refused.stderr.count("\n")) == (78, 1)
     assert "state/references/history.json: cannot be understood" in refused.stderr
     assert "probewatch calibration reset" in refused.stderr

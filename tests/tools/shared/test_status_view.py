@@ -4,6 +4,7 @@ import io
 import json
 import os
 import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -122,27 +123,44 @@ def environment(setting: str) -> dict[str, str]:
     return {**kept, **SETTINGS[setting]}
 
 
-def asked(setting: str, *words: str) -> subprocess.CompletedProcess[bytes]:
-    return subprocess.run([*PROBEWATCH, *words], capture_output=True, timeout=30, check=False, env=environment(setting))
+ONE_AFTER_THE_OTHER = """
+import importlib, json, os, sys
+from tools.cli import main
+for words in json.loads(sys.argv[1]):
+    importlib.import_module("tools.commands." + words[0])
+    if os.fork() == 0:
+        sys.argv = ["probewatch", *words]
+        main()
+    code = os.waitstatus_to_exitcode(os.wait()[1])
+    os.write(1, f"\\0{code}\\0".encode())
+"""
+
+
+def asked(setting: str, *commands: tuple[str, ...]) -> list[tuple[int, bytes]]:
+    """Exit code and output of each, each in a process of its own with these variables, all started by one Python.
+
+    None of them may say anything on stderr.
+    """
+    program = [sys.executable, "-c", ONE_AFTER_THE_OTHER, json.dumps(commands)]
+    done = subprocess.run(program, capture_output=True, timeout=60, check=True, env=environment(setting))
+    assert done.stderr == b""
+    *told, _ = done.stdout.split(b"\0")
+    return [(int(code), output) for output, code in zip(told[::2], told[1::2], strict=True)]
 
 
 @pytest.mark.parametrize("setting", SETTINGS)
-def test_the_status_is_readable_in_any_locale(service: Path, setting: str) -> None:
-    shown = asked(setting, "status", "--socket", str(service))
-    assert (shown.returncode, shown.stderr) == (3, b"")
+def test_the_status_is_readable_in_any_locale_and_its_json_the_same(service: Path, setting: str) -> None:
+    status = ("status", "--socket", str(service))
+    (code, shown), (_, as_json) = asked(setting, status, (*status, "--json"))
+    assert code == 3
     encoding = {"UTF-8": "utf-8", "latin1": "latin-1"}.get(setting, "ascii")
-    lines = shown.stdout.decode(encoding).splitlines()
+    lines = shown.decode(encoding).splitlines()
     bare = encoding == "ascii"
     assert any(("NICHT BESTAETIGT" if bare else "NICHT BESTÄTIGT") in line for line in lines)
     assert any(("31 degC" if bare else "31 °C") in line for line in lines)
     box = [line for line in lines if line.startswith(("|", "│"))]
     assert {len(line) for line in box} == {80}, "the frame is straight"
-
-
-@pytest.mark.parametrize("setting", ["ascii", "UTF-8"])
-def test_json_is_the_same_in_any_locale(service: Path, setting: str) -> None:
-    shown = asked(setting, "status", "--json", "--socket", str(service))
-    assert json.loads(shown.stdout)["text"] == "Kalibrierung nicht bestätigt"
+    assert json.loads(as_json)["text"] == "Kalibrierung nicht bestätigt"
 
 
 @pytest.mark.parametrize("as_json", [False, True])
@@ -165,17 +183,19 @@ def test_watching_into_a_pipe_prints_lines(service: Path, as_json: bool) -> None
             assert "\x1b" not in line
 
 
-@pytest.mark.parametrize("command", ["check", "demo", "log", "probe", "recalibrate", "replay", "simulate", "status"])
-def test_help_is_ascii_where_the_locale_is(command: str) -> None:
-    shown = asked("POSIX", command, "--help")
-    assert (shown.returncode, shown.stderr) == (0, b"")
-    assert shown.stdout.isascii()
+def test_help_is_ascii_where_the_locale_is() -> None:
+    commands = ("check", "demo", "log", "probe", "recalibrate", "replay", "simulate", "status")
+    for code, shown in asked("POSIX", *((command, "--help") for command in commands)):
+        assert code == 0
+        assert shown.isascii()
+        assert b"Usage" in shown
 
 
 def test_a_refusal_is_ascii_where_the_locale_is_and_names_any_file() -> None:
-    shown = asked("POSIX", "check", "/tmp/ζ.toml")
-    assert shown.returncode == 78
-    assert b"/tmp/zeta.toml: cannot be read" in shown.stderr
-    odd = subprocess.run([*PROBEWATCH, "check", b"/tmp/\xff.toml"], capture_output=True, check=False)
+    check = [*PROBEWATCH, "check"]
+    plain = subprocess.run([*check, "/tmp/ζ.toml"], capture_output=True, check=False, env=environment("POSIX"))
+    assert plain.returncode == 78
+    assert b"/tmp/zeta.toml: cannot be read" in plain.stderr
+    odd = subprocess.run([*check, b"/tmp/\xff.toml"], capture_output=True, check=False)
     assert odd.returncode == 78
     assert b"Traceback" not in odd.stderr

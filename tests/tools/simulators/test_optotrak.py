@@ -16,6 +16,7 @@ from drivers.errors import DeviceLost
 from drivers.recordings.metaimage import SequenceItem, write_metaimage
 from drivers.registry import open_tracker
 from drivers.samples import Pose, PoseStatus
+from tests.support.answers import answered
 from tests.support.polling import until
 from tests.support.recordings import turn
 
@@ -124,8 +125,7 @@ def test_faults_of_the_command_line_keep_their_times(simulate: Callable[..., str
     ],
 )
 def test_what_cannot_be_simulated_is_refused_in_one_line(options: list[str], code: int, words: str) -> None:
-    command = [PROBEWATCH, "simulate", "optotrak", "--tcp", "0", *options]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=20)
+    ended = answered("simulate", "optotrak", "--tcp", "0", *options)
     assert ended.returncode == code
     assert words in ended.stderr
     assert ended.stderr.count("\n") == 1

@@ -90,24 +90,15 @@ def scattered(kind: str, count: int, seed: int, sizes: tuple[tuple[int, int], ..
         yield no_tissue.grabbed(random, render(random, sizes[k % len(sizes)], *SCATTERERS[kind]), 4.0)
 
 
-@cache
-def grown(seed: int) -> World:
-    """Tissue takes seconds to grow; every setting looks at the same."""
-    seen = World(seed)
-    seen.frame(0.0, 0)
-    return seen
-
-
 def cart(look: WorldSettings, count: int, seed: int = 1) -> Iterator[GreyImage]:
     seen = World(seed, settings=look)
-    seen.__dict__["_tissue"] = grown(seed)._tissue
     for k in range(count):
         yield seen.frame(0.9 * k, k)
 
 
 def lifted(share: float, seed: int = 1, index: int = 0) -> GreyImage:
     """The cart's picture with so much of the array in contact, from the left; beside it the receiver's noise."""
-    seen = grown(seed)
+    seen = World(seed)
     touching = np.where(np.arange(640) < share * 640, 1, 0).astype(np.float32)
     echoes = (part * touching for part in seen.echoes_at(seen.trajectory.pose(0.9 * index)))
     grey = seen._compressed(*echoes, index) & seen._screen.sector

@@ -46,7 +46,7 @@ def pictures(seed: int) -> list[GreyImage]:
     return sweep(world(seed, SMALL), 16)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.thorough)])
 def test_a_first_guess_after_seven_pictures_leaves_no_text_and_no_border(seed: int) -> None:
     text, border, tissue = drawn(seed)
     masked = learnt(pictures(seed), 7)

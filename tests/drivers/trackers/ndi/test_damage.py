@@ -107,10 +107,10 @@ def verdict(case: Case, data: bytes) -> str:
     try:
         if data.startswith(EXTENDED_START) or reply_length(data) != len(data):
             return "refused"
-        tools = dialect(case.kind).decode(data, case.detailed).tools
+        seen = dialect(case.kind).decode(data, case.detailed).tools
     except ProtocolError:
         return "refused"
-    reading = tools.get(1)
+    reading = seen.get(1)
     if reading is None or not reading.usable or reading.transform is None:
         return "no pose"
     if reading.transform == case.sent[1]:

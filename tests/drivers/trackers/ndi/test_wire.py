@@ -284,14 +284,14 @@ def tracking_replies(draw: st.DrawFn) -> tuple[TrackingReply, int]:
     options = draw(st.integers(0, 15)) | draw(st.sampled_from([0, 0x800, 0x1000, 0x1800])) | Options.POSE
     everywhere = bool(options & Options.OUT_OF_VOLUME)
     u32 = st.integers(0, 2**32 - 1)
-    tools = []
+    replies = []
     for handle in draw(st.lists(st.integers(1, 255), unique=True, max_size=4)):
         state = draw(st.sampled_from([HandleState.VALID, HandleState.MISSING, HandleState.DISABLED]))
         if state is HandleState.DISABLED:
-            tools.append(ToolReply(handle, state))
+            replies.append(ToolReply(handle, state))
             continue
         nibbles = tuple(draw(st.lists(st.integers(0, 5), min_size=20, max_size=20)))
-        tools.append(
+        replies.append(
             ToolReply(
                 handle,
                 state,
@@ -304,7 +304,7 @@ def tracking_replies(draw: st.DrawFn) -> tuple[TrackingReply, int]:
             )
         )
     strays = draw(markers(everywhere)) if options & Options.PASSIVE_STRAYS else None
-    return TrackingReply(tuple(tools), draw(st.integers(0, 65535)), strays), int(options)
+    return TrackingReply(tuple(replies), draw(st.integers(0, 65535)), strays), int(options)
 
 
 @given(tracking_replies())

@@ -259,12 +259,23 @@ _texts = st.builds(
 _packets = st.one_of(_frames(), _texts, st.just(NoData()), st.builds(C3dFile, st.binary(max_size=100)))
 
 
-@settings(deadline=None)
-@given(_packets, st.sampled_from(ByteOrder))
-def test_what_is_encoded_decodes_to_itself(packet: Packet, order: ByteOrder) -> None:
+def comes_back(packet: Packet, order: ByteOrder) -> None:
     data = encode_packet(packet, order)
     assert packet_length(data) == len(data)
     assert decode_packet(data, order) == packet
+
+
+@settings(max_examples=40, deadline=None)
+@given(_packets, st.sampled_from(ByteOrder))
+def test_what_is_encoded_decodes_to_itself(packet: Packet, order: ByteOrder) -> None:
+    comes_back(packet, order)
+
+
+@pytest.mark.thorough
+@settings(max_examples=300, deadline=None)
+@given(_packets, st.sampled_from(ByteOrder))
+def test_hundreds_of_encoded_packets_decode_to_themselves(packet: Packet, order: ByteOrder) -> None:
+    comes_back(packet, order)
 
 
 @settings(deadline=None)
