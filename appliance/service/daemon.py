@@ -210,9 +210,9 @@ class Daemon:
         before, self._config = self._config, reloaded(self._config, written)
         self._references.look_again()
         self._supervisor.retime(self._config.supervisor.durations())
-        self._patience = self._config.supervisor.patience()
-        if self._config.limits != before.limits:
-            self._estimator.limit(self._config.limits)
+        patience, self._patience = self._patience, self._config.supervisor.patience()
+        if (self._config.limits, self._patience.stale_ns) != (before.limits, patience.stale_ns):
+            self._estimator.limit(self._config.limits, self._patience.stale_ns)
             self._supervisor.doubt()
         if self._config != before:
             self._recorder.note("reloaded", self._latch(), **configuration_fields(self._config, self._config_file))

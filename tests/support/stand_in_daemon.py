@@ -25,7 +25,7 @@ _NEAR_NS = 200_000_000
 class TrustingLine:
     """OK of a frame that an OK pose came with, as far as the stamps tell."""
 
-    def __init__(self, reference: Calibration, limits: Limits) -> None:
+    def __init__(self, reference: Calibration, limits: Limits, stale_ns: int) -> None:
         self._pose_ns = 0
         self._verified_ns: int | None = None
         self._fault = Path(os.environ.get("PROBEWATCH_STAND_IN_FAULT", "/nowhere"))
@@ -49,7 +49,7 @@ def main() -> None:
     if len(sys.argv) > 2:
         return serve_estimator(sys.argv[1:], TrustingLine)
     config = load_config(Path(sys.argv[1]))
-    estimator = EstimatorHost(None, config.limits, _COMMAND)
+    estimator = EstimatorHost(None, config.limits, config.supervisor.patience().stale_ns, _COMMAND)
     return serve(config, Path(sys.argv[1]), References(config), estimator, HostClock())
 
 

@@ -84,7 +84,7 @@ def command(
     session = open_recording(recording, poses=poses, probe=probe, reference=reference, orientation=orientation)
     nominal = read_calibration(calibration, session.size_px, probe or "Probe")
     judging = Judging() if config_path is None else _judging(config_path)
-    report, timeline = run(session, Line(nominal, judging.limits), schedule, judging)
+    report, timeline = run(session, Line(nominal, judging.limits, judging.patience.stale_ns), schedule, judging)
     _print(report, timeline, recording)
     if json_path is not None:
         write_json(json_path, report_json(report, timeline))

@@ -15,12 +15,14 @@ from typing import Any, Self
 
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
+from appliance.service.host.child_process import ONE_THREAD
 from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
 from drivers.clock.host_clock import HostClock
 from drivers.errors import DeviceLost, ProbewatchError
 from drivers.files.atomic_file import replacing
 from drivers.twins.faults import PICTURE_FAULTS, Schedule
 from drivers.twins.scene.world import World
+from tools.simulators.run_with_parent import with_parent
 
 Event = dict[str, Any]
 
@@ -31,7 +33,6 @@ TWINS = {
     "relay_board": [sys.executable, "-P", "-m", "drivers.twins.relay_board"],
 }
 """The command that starts each."""
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _READY_S = 30.0
 """For which a part may take to serve: it loads its libraries beside three others. Less gives up on a busy machine."""
 _END_S = 10.0
@@ -56,15 +57,14 @@ class Part:
         self.said: list[Event] = []
         self.noise: list[str] = []
         self._last: deque[str] = deque(maxlen=_LAST_LINES)
-        run_with_parent = [sys.executable, "-IS", str(Path(__file__).with_name("run_with_parent.py")), str(os.getpid())]
         self.process = subprocess.Popen(
-            [*run_with_parent, *command],
+            with_parent(*command),
             text=True,
             errors="replace",
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            env=os.environ | _ONE_THREAD,
+            env=os.environ | ONE_THREAD,
             process_group=0,
         )
         self._reader = threading.Thread(target=self._read, name=name, daemon=True)

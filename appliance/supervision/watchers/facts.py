@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from math import nan
 
+from appliance.limits import TRACKER_STALE_MS
 from appliance.types import Check, VerdictKind
 from drivers.samples import MarkerBody, PoseStatus
 
@@ -57,7 +58,7 @@ class Patience:
 
     video_ns: int = 500_000_000
     tracker_ns: int = 500_000_000
-    stale_ns: int = 500_000_000
+    stale_ns: int = round(TRACKER_STALE_MS * 1e6)
     unseen_ns: int = 3_000_000_000
     estimator_ns: int = 1_000_000_000
     output_ns: int = 500_000_000

@@ -172,6 +172,13 @@ def test_poses_that_are_not_ok_leave_frames_unpaired_with_the_reason() -> None:
     assert line.report().unpaired == {"pose not usable: missing": 1}
 
 
+def test_a_tracker_may_repeat_itself_for_as_long_as_the_cart_says() -> None:
+    line = Line(truth(kept(3, settings=SMALL)), Limits(), stale_ns=1_500_000_000)
+    line.step(pose(1.0, np.eye(4), 0))
+    (check,) = (check for check in line.report().checks if check.name == "frozen-tracker")
+    assert (check.limit, check.unit) == (1500.0, "ms")
+
+
 def test_a_wrong_rotation_from_the_start_is_named_rotation() -> None:
     world = kept(3, settings=SMALL)
     turned = truth(world)

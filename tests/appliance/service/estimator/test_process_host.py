@@ -37,7 +37,7 @@ def frame(order: int, t_ns: int = 1) -> Frame:
 
 @pytest.fixture
 def host() -> Iterator[EstimatorHost]:
-    host = EstimatorHost(reference(), Limits(), COMMAND)
+    host = EstimatorHost(reference(), Limits(), 500_000_000, COMMAND)
     until(lambda: host.poll()[0])
     yield host
     host.close()
@@ -61,6 +61,13 @@ def test_samples_go_in_and_verdicts_come_out(host: EstimatorHost) -> None:
     assert (verdict.t_ns, verdict.kind) == (77, VerdictKind.OK)
     assert host.last is not None
     assert (host.last.frames, host.last.poses, host.last.dropped_frames) == (1, 1, 0)
+
+
+def test_other_patience_with_a_tracker_reaches_the_line(host: EstimatorHost) -> None:
+    host.put(frame(stand_in.OK))
+    assert verdicts(host)[0].checks[0].limit == 500_000_000
+    host.limit(Limits(), 250_000_000)
+    until(lambda: host.put(frame(stand_in.OK)) or any(v.checks[0].limit == 250_000_000 for v in host.poll()[1]))
 
 
 def test_both_streams_reach_the_line_in_the_order_of_their_stamps(host: EstimatorHost) -> None:
@@ -113,7 +120,7 @@ def test_one_that_goes_on_dying_is_named_and_counted_each_time() -> None:
     """By whatever signal: those for real time have no name."""
     command, stream = (sys.executable, "-c", "import os; os.kill(os.getpid(), 40)"), io.StringIO()
     with configure("info", stream):
-        host = EstimatorHost(reference(), Limits(), command)
+        host = EstimatorHost(reference(), Limits(), 500_000_000, command)
         until(lambda: host.poll() and host.restarts == 3)
         host.close()
     assert host.ended == "killed by 40, restart 3"
@@ -126,7 +133,7 @@ def test_one_that_goes_on_dying_is_named_and_counted_each_time() -> None:
 @pytest.fixture
 def impatient() -> Iterator[EstimatorHost]:
     """A host whose patience is 0.4 of the usual: 2 s instead of 5 s of silence."""
-    host = EstimatorHost(reference(), Limits(), COMMAND, slowness=0.4)
+    host = EstimatorHost(reference(), Limits(), 500_000_000, COMMAND, slowness=0.4)
     until(lambda: host.poll()[0])
     yield host
     host.close()
@@ -180,7 +187,7 @@ def test_it_dies_with_its_parent(tmp_path: Path) -> None:
         from appliance.limits import Limits
         from appliance.service.estimator.process_host import EstimatorHost
         from tests.appliance.service.estimator.test_process_host import COMMAND, reference
-        host = EstimatorHost(reference(), Limits(), COMMAND)
+        host = EstimatorHost(reference(), Limits(), 500_000_000, COMMAND)
         while not host.poll()[0]:
             time.sleep(0.01)
         print(host.pid, flush=True)
