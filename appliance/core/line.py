@@ -20,7 +20,7 @@ from appliance.core.quality.judgement import Judgement, judge
 from appliance.core.quality.report import LineReport
 from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
 from appliance.limits import TRACKER_STALE_MS, Limits
-from appliance.types import Calibration, Check, Motion, StampedPair, Verdict, VerdictKind
+from appliance.types import Calibration, Check, Fault, Motion, StampedPair, Verdict, VerdictKind
 from drivers.samples import Frame, Matrix4, Pose
 
 _SOLVE_EVERY_NS = 330_000_000
@@ -220,4 +220,4 @@ class Line:
     def _wrong_size(self, width: int, height: int) -> Check:
         wanted = self._reference.image_size_px
         change = 100.0 * (width / wanted[0] - 1) or 100.0 * (height / wanted[1] - 1)
-        return Check("picture-size", "scale", change, 0.0, "%", _SIZE_PERCENT, VerdictKind.FAULT)
+        return Check("picture-size", Fault.SCALE, change, 0.0, "%", _SIZE_PERCENT, VerdictKind.FAULT)

@@ -13,7 +13,7 @@ from appliance.limits import Limits
 from appliance.service.control.references import References
 from appliance.service.estimator.loop import serve as serve_estimator
 from appliance.service.estimator.process_host import EstimatorHost
-from appliance.types import Calibration, Verdict, VerdictKind
+from appliance.types import Calibration, Fault, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.samples import Frame, PoseStatus, Sample
 from tools.commands.run import serve
@@ -34,7 +34,7 @@ class TrustingLine:
         if isinstance(sample, Frame):
             fault = self._fault.read_text() if self._fault.exists() else ""
             if fault:
-                return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (), fault, "as the test wishes"),)
+                return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (), Fault(fault), "as the test wishes"),)
             t_ns = sample.stamp.t_ns
             near = abs(t_ns - self._pose_ns) < _NEAR_NS
             self._verified_ns = t_ns if near else self._verified_ns

@@ -5,7 +5,7 @@ import time
 
 from appliance.limits import Limits
 from appliance.service.estimator.loop import serve
-from appliance.types import Calibration, Check, Verdict, VerdictKind
+from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
 from drivers.samples import Frame, Sample
 
 OK, FAULT, CRASH, HANG, SILENT = range(1, 6)
@@ -28,10 +28,10 @@ class ObedientLine:
             time.sleep(60)
         if order not in {OK, FAULT}:
             return ()
-        check = Check("scale-lateral", "scale", self._scale, 0.0, "mm/px", self._stale_ns, VerdictKind.OK)
+        check = Check("scale-lateral", Fault.SCALE, self._scale, 0.0, "mm/px", self._stale_ns, VerdictKind.OK)
         if order == OK:
             return (Verdict(sample.stamp.t_ns, VerdictKind.OK, (check,), verified_ns=sample.stamp.t_ns),)
-        return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (check,), "polarity", "ordered"),)
+        return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (check,), Fault.POLARITY, "ordered"),)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from appliance.types import Check, Verdict, VerdictKind
 from drivers.files.atomic_file import check_writable
 from drivers.recordings.replay import Recording, open_recording
 from drivers.samples import Sample
-from drivers.twins.faults import FAULT_CLASS, Episode, Schedule
+from drivers.twins.faults import CART_FAULTS, Episode, Schedule
 from tools.shared.estimate import check_new, write_estimate
 from tools.shared.inject import inject
 from tools.shared.json_report import write_json
@@ -32,8 +32,8 @@ def _episodes(_context: click.Context, _option: click.Parameter, texts: tuple[st
 
 def _episode(text: str) -> Episode:
     fault, at, seconds = text.partition("@")
-    if fault not in FAULT_CLASS:
-        raise click.BadParameter(f"'{fault}' is none of {', '.join(FAULT_CLASS)}")
+    if fault not in CART_FAULTS:
+        raise click.BadParameter(f"'{fault}' is none of {', '.join(CART_FAULTS)}")
     try:
         from_s = float(seconds) if at else 0.0
     except ValueError:

@@ -10,7 +10,7 @@ import numpy as np
 from appliance.core.geometry import vector_from_rotation
 from appliance.core.handeye.observability import observability
 from appliance.core.handeye.second_opinion import SecondOpinion
-from appliance.types import PARAMETERS, Calibration, Check, State, Verdict, VerdictKind
+from appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
 
 VERSION = 1
 
@@ -45,7 +45,7 @@ class Change:
 
     t_s: float
     state: State
-    fault: str | None
+    fault: Fault | None
     reason: str
 
 

@@ -10,10 +10,10 @@ from appliance.service.control.references import SOFTWARE, References
 from appliance.service.devices.output_thread import OutputThread
 from appliance.service.host.recorder import Recorder
 from appliance.storage.reference import Reference
-from appliance.supervision.alarms import HAZARDS, OVERLOADED, SIGNALS, operator_text
+from appliance.supervision.alarms import HAZARDS, SIGNALS, operator_text
 from appliance.supervision.audio import Sound
 from appliance.supervision.languages import translated
-from appliance.types import AlarmState, Check, Verdict
+from appliance.types import AlarmState, Check, Fault, Verdict
 
 _SIMULATED = {"en": "SIMULATED · ", "de": "SIMULIERT · "}
 """Before the text of every state while a source is no real device."""
@@ -47,7 +47,7 @@ def reference_fields(reference: Reference) -> dict[str, Any]:
 
 def alarm_fields(now_ns: int, alarm: AlarmState, language: str, simulated: Sequence[str] = ()) -> dict[str, Any]:
     """What the room is told, in its language. simulated: URLs of the sources that are no real device."""
-    text, remedy = operator_text(alarm.state, alarm.fault, language, OVERLOADED in alarm.notices)
+    text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
     signal = SIGNALS[alarm.state]
     return {
         "state": alarm.state.value,

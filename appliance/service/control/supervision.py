@@ -10,7 +10,7 @@ from appliance.service.host.recorder import Recorder
 from appliance.storage.alarm_chain import Latch
 from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
-from appliance.types import AlarmState, Check, State, Verdict
+from appliance.types import AlarmState, Check, Fault, State, Verdict
 
 Follow = Callable[[State, State], None]
 """(state before, state after) of every step but the first."""
@@ -76,5 +76,5 @@ def supervisor_after(latch: Latch | None, durations: Durations) -> Supervisor:
     if latch is None:
         return Supervisor(durations)
     state = next((state for state in LATCHED if state.value == latch.state), State.HALT)
-    fault = latch.fault if latch.fault in HAZARDS else None
+    fault = Fault(latch.fault) if latch.fault in HAZARDS else None
     return Supervisor(durations, state, fault)

@@ -2,10 +2,10 @@
 
 from appliance.limits import Limits
 from appliance.supervision.watchers.facts import Facts, quality
-from appliance.types import Check
+from appliance.types import Check, Fault
 
 
 def marker_fit(facts: Facts, limits: Limits) -> Check:
     """marker-body when the tracker's own fit is worse than limits.marker_fit_mm; an electromagnetic one has none."""
     value_mm = None if facts.body is None else facts.body.fit_mm
-    return quality("marker fit", "marker-body", value_mm, "mm", limits.marker_fit_mm)
+    return quality("marker fit", Fault.MARKER_BODY, value_mm, "mm", limits.marker_fit_mm)

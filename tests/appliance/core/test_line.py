@@ -12,9 +12,10 @@ from appliance.limits import Limits
 from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from drivers.twins.faults import FAULT_CLASS, Schedule
+from drivers.twins.faults import Schedule
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.sessions import ORIGIN_NS, kept, session
+from tools.demo.script import FAULT_CLASS
 
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
 
