@@ -28,9 +28,9 @@ Event = dict[str, Any]
 
 _PROBEWATCH = [sys.executable, "-P", "-c", "from tools.cli import main; main()"]
 TWINS = {
-    "scanner": [sys.executable, "-P", "-m", "drivers.twins.scanner"],
+    "scanner": [*_PROBEWATCH, "simulate", "scanner"],
     "polaris": [*_PROBEWATCH, "simulate", "ndi", "--model", "polaris-spectra"],
-    "relay_board": [sys.executable, "-P", "-m", "drivers.twins.relay_board"],
+    "relay_board": [*_PROBEWATCH, "simulate", "relay"],
 }
 """The command that starts each."""
 _READY_S = 30.0
@@ -181,8 +181,8 @@ class SimulatedDevices:
             "polaris": ["--pty", str(place), "--rom", str(self.folder / "probe.rom"), "--control", f"{place}.json"],
             "relay_board": ["--pty", str(place)],
         }[name]
-        settings = self.settings
-        common = ["--origin-ns", str(self.clock.origin_ns), "--rate", str(settings.rate), "--seed", str(settings.seed)]
+        world = [] if name == "relay_board" else ["--seed", str(self.settings.seed)]
+        common = ["--origin-ns", str(self.clock.origin_ns), "--rate", str(self.settings.rate), *world]
         self.twins[name] = Part(name, [*TWINS[name], *options, *common])
 
     def await_twin(self, name: str) -> str:
