@@ -12,7 +12,6 @@ from appliance.core.detectors.frozen_video import FrozenVideo
 from appliance.core.detectors.marker_slip import MarkerSlip
 from appliance.core.detectors.no_picture import NoPicture
 from appliance.core.detectors.picture_event import PictureEvent
-from appliance.core.geometry import Array
 from appliance.core.motion import analyse, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
@@ -21,6 +20,7 @@ from appliance.core.quality.report import LineReport
 from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
 from appliance.limits import TRACKER_STALE_MS, Limits
 from appliance.types import Calibration, Check, Fault, Motion, StampedPair, Verdict, VerdictKind
+from drivers.rigid import Array
 from drivers.samples import Frame, Matrix4, Pose
 
 _SOLVE_EVERY_NS = 330_000_000

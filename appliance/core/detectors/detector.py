@@ -6,8 +6,8 @@ Pure: time is in the stamps. A detector overrides what concerns it; the others d
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from appliance.core.geometry import Array
 from appliance.types import Check, Fault
+from drivers.rigid import Array
 from drivers.samples import GreyImage, Pose
 
 

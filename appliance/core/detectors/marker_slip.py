@@ -15,10 +15,10 @@ import numpy as np
 
 from appliance.core.acquisition.pairing import MOST_APART_NS
 from appliance.core.detectors.detector import Detector, Observation
-from appliance.core.geometry import angle_from_rotation, inverse
 from appliance.core.path.window import sensor_jump
 from appliance.limits import Limits
 from appliance.types import Check, Fault, VerdictKind
+from drivers.rigid import angle_from_rotation, inverse
 from drivers.samples import Matrix4, Pose
 
 _LEAST_MM, _LEAST_RAD = 2.5, np.deg2rad(2.0)

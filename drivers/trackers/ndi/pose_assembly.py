@@ -3,6 +3,7 @@
 import math
 
 from drivers.clock.monotonic_stamps import MonotonicStamps
+from drivers.rigid import seen_from
 from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
 from drivers.trackers.ndi.exchange import Answer
 from drivers.trackers.ndi.freshness import Freshness
@@ -11,7 +12,6 @@ from drivers.trackers.ndi.outlier_gate import OutlierGate
 from drivers.trackers.ndi.pose_status import StatusReason
 from drivers.trackers.ndi.readings import Reading, Snapshot
 from drivers.trackers.ndi.tools import Tool
-from drivers.trackers.rigid import seen_from
 
 _FROZEN = "many poses in a row are equal to the last bit"
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.geometry import vector_from_rotation
 from appliance.core.line import Line
 from appliance.limits import Limits
 from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.types import Calibration, Verdict, VerdictKind
+from drivers.rigid import vector_from_rotation
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.faults import Schedule
 from drivers.twins.scene.world import World, WorldSettings
