@@ -1,7 +1,6 @@
 """What the hardware process knows of its devices at one tick, and how long each of them may be silent."""
 
 from dataclasses import dataclass
-from math import nan
 
 from appliance.limits import TRACKER_STALE_MS
 from appliance.types import Check, Fault, VerdictKind
@@ -69,17 +68,3 @@ def silence(name: str, fault: Fault, age_ns: int, limit_ns: int, failed: Verdict
     """Check on an age in ms: `failed` beyond the limit, OK up to it."""
     verdict = failed if age_ns > limit_ns else VerdictKind.OK
     return Check(name, fault, age_ns / 1e6, 0.0, "ms", limit_ns / 1e6, verdict)
-
-
-def presence(name: str, fault: Fault, now_ns: int, started_ns: int, last_ns: int | None, limit_ns: int) -> Check:
-    """Check that something came lately. What never came has failed; its age counts from the start."""
-    if last_ns is None:
-        return Check(name, fault, (now_ns - started_ns) / 1e6, 0.0, "ms", limit_ns / 1e6, VerdictKind.FAULT)
-    return silence(name, fault, now_ns - last_ns, limit_ns)
-
-
-def quality(name: str, fault: Fault, value: float | None, unit: str, limit: float) -> Check:
-    """Check that a quality figure is no worse than its limit; NOT_VERIFIED where the tracker does not tell it."""
-    if value is None:
-        return Check(name, fault, nan, nan, unit, limit, VerdictKind.NOT_VERIFIED)
-    return Check(name, fault, value, 0.0, unit, limit, VerdictKind.FAULT if value > limit else VerdictKind.OK)
