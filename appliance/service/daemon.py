@@ -48,66 +48,78 @@ class Daemon:
         clock: HostClock,
         control: ControlServer,
     ) -> None:
-        self._clock, self._references, self._estimator = clock, references, estimator
-        self._recorder = recorder = Recorder(config.alarm.folder, clock)
-        self._events = events = EventLog(recorder, config.simulated)
-        self._host = host = HostWatch(TICK_NS, recorder, events.note)
-        self._devices = devices = CartDevices(config, estimator.put, clock)
-        self._notifier, worker, annunciator = Notifier(), DeadlineWorker(), Annunciator()
-        supervisor = supervisor_after(recorder.latch, config.supervisor.durations())
-        self._supervision = supervision = Supervision(supervisor, events, host.overload, recorder, clock.now_ns())
-        self._configuration = configuration = LiveConfiguration(
-            config, config_file, worker, estimator, references, supervisor, events
+        self._clock, self._references, self._estimator, self._control = clock, references, estimator, control
+        self._recorder = Recorder(config.alarm.folder, clock)
+        self._events = EventLog(self._recorder, config.simulated)
+        self._host = HostWatch(TICK_NS, self._recorder, self._events.note)
+        self._devices = CartDevices(config, estimator.put, clock)
+        self._notifier, self._worker, self._annunciator = Notifier(), DeadlineWorker(), Annunciator()
+        self._supervisor = supervisor_after(self._recorder.latch, config.supervisor.durations())
+        self._supervision = Supervision(
+            self._supervisor, self._events, self._host.overload, self._recorder, clock.now_ns()
         )
+        self._configuration = LiveConfiguration(
+            config, config_file, self._worker, estimator, references, self._supervisor, self._events
+        )
+        self._tick = self._make_tick(self._make_requests(self._make_recalibration()))
+        self._stopping = False
+
+    def _make_recalibration(self) -> Recalibration:
         recalibration = Recalibration(
-            supervisor,
-            estimator,
-            references,
-            supervision.ask,
-            worker,
-            limits=lambda: configuration.config.limits,
-            took=events.reference,
+            self._supervisor,
+            self._estimator,
+            self._references,
+            self._supervision.ask,
+            self._worker,
+            limits=lambda: self._configuration.config.limits,
+            took=self._events.reference,
         )
-        supervision.follow = recalibration.follow
-        status = ServiceStatus(
-            supervision,
-            configuration,
-            references,
-            annunciator,
-            devices,
-            estimator,
-            recorder,
-            host,
-            dropped_clients=lambda: control.dropped_clients,
-        )
-        requests = Requests(
+        self._supervision.follow = recalibration.follow
+        return recalibration
+
+    def _make_requests(self, recalibration: Recalibration) -> Requests:
+        return Requests(
             Hands(
-                ask=supervision.ask,
-                status=status.fields,
-                clear_bump=devices.tracker.clear_bump,
-                reload=configuration.reload,
+                ask=self._supervision.ask,
+                status=self._make_status().fields,
+                clear_bump=self._devices.tracker.clear_bump,
+                reload=self._configuration.reload,
                 recalibration=recalibration,
-                annunciator=annunciator,
-                worker=worker,
-                now_ns=lambda: supervision.now_ns,
-                note=events.note,
+                annunciator=self._annunciator,
+                worker=self._worker,
+                now_ns=lambda: self._supervision.now_ns,
+                note=self._events.note,
             )
         )
-        self._tick = Tick(
-            clock,
-            host,
-            estimator,
-            references,
-            devices,
-            supervision,
-            recorder,
-            control,
-            requests,
-            configuration,
-            annunciator,
-            self._notifier,
+
+    def _make_status(self) -> ServiceStatus:
+        return ServiceStatus(
+            supervision=self._supervision,
+            configuration=self._configuration,
+            references=self._references,
+            annunciator=self._annunciator,
+            devices=self._devices,
+            estimator=self._estimator,
+            recorder=self._recorder,
+            host=self._host,
+            dropped_clients=lambda: self._control.dropped_clients,
         )
-        self._stopping = False
+
+    def _make_tick(self, requests: Requests) -> Tick:
+        return Tick(
+            clock=self._clock,
+            host=self._host,
+            estimator=self._estimator,
+            references=self._references,
+            devices=self._devices,
+            supervision=self._supervision,
+            recorder=self._recorder,
+            control=self._control,
+            requests=requests,
+            configuration=self._configuration,
+            annunciator=self._annunciator,
+            notifier=self._notifier,
+        )
 
     def __enter__(self) -> Self:
         self._references.begin()
