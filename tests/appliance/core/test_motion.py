@@ -17,7 +17,7 @@ from drivers.rigid import inverse, rigid, vector_from_rotation
 from drivers.samples import Frame, Matrix4, Stamp
 from drivers.twins.scene.trajectory import PROGRAMS
 from drivers.twins.scene.world import World
-from tests.appliance.core.test_geometry import poses
+from tests.drivers.test_rigid import poses
 from tests.support.motions import TRUTH
 from tests.support.rendered import SMALL
 from tests.support.sessions import session
