@@ -2,6 +2,11 @@
 
 from pydantic import BaseModel, ConfigDict, Field
 
+TRACKER_STALE_MS = 500.0
+"""For which a tracker may repeat one measurement where the configuration (supervisor.tracker_stale_ms) does not say.
+More verifies against old poses for longer; less takes the pauses of a slow tracker for a standstill. Not measured.
+"""
+
 
 class Limits(BaseModel):
     """Deviation from the reference calibration at which a check fails, and how sure it must be."""

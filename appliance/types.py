@@ -7,7 +7,7 @@ picture, p_2 = A p_1; in the plane A is (u, α) and t_a = Λ u.
 """
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +102,35 @@ class Calibration:
     simulated: bool = False
 
 
+class Fault(StrEnum):
+    """What may be wrong, in the words of the JSON reports and of the alarm log; docs/alarms.md tells what each asks of
+    the people in the room. AGREEMENT is a fact beside the others: its check never fails.
+    """
+
+    POLARITY = "polarity"
+    SCALE = "scale"
+    ROTATION = "rotation"
+    OFFSET = "offset"
+    LATENCY = "latency"
+    AGREEMENT = "agreement"
+    FROZEN_VIDEO = "frozen-video"
+    VIDEO_LOST = "video-lost"
+    TRACKER_ALERT = "tracker-alert"
+    MARKER_BODY = "marker-body"
+    FIELD_DISTORTION = "field-distortion"
+    TRACKER_LOST = "tracker-lost"
+    TRACKER_STALE = "tracker-stale"
+    OUTPUT_FAILED = "output-failed"
+    ESTIMATOR_SILENT = "estimator-silent"
+    MEMORY_DAMAGED = "memory-damaged"
+    LOG_DAMAGED = "log-damaged"
+    LINE_OF_SIGHT = "line-of-sight"
+    NO_PICTURE = "no-picture"
+    LOG_NOT_WRITTEN = "log-not-written"
+    OVERLOADED = "overloaded"
+    CALIBRATION_FILE = "calibration-file"
+
+
 class VerdictKind(Enum):
     """OK: verified within the limits. FAULT: shown to be outside. NOT_VERIFIED: neither was shown."""
 
@@ -114,14 +143,14 @@ class VerdictKind(Enum):
 class Check:
     """One quantity against its limit. ratio = |value| ÷ limit: 1.0 is the limit for every check alike.
 
-    fault: class this check names when it fails (polarity, scale, rotation, offset, latency, frozen-video, …).
+    fault: class this check names when it fails.
     sigma: standard deviation of value, same unit; 0 for exact facts. value is NaN where nothing was observed.
     shown_ns: time of the motion by which the quantity was last shown to be OK, or rests on, dated as in
     appliance.core.path.solver.Solution; None where there is none.
     """
 
     name: str
-    fault: str
+    fault: Fault
     value: float
     sigma: float
     unit: str
@@ -147,7 +176,7 @@ class Verdict:
     t_ns: int
     kind: VerdictKind
     checks: tuple[Check, ...]
-    fault: str | None = None
+    fault: Fault | None = None
     reason: str = ""
     verified_ns: int | None = None
 
@@ -179,11 +208,11 @@ class AlarmState:
 
     state: State
     since_ns: int
-    fault: str | None
+    fault: Fault | None
     reason: str
     energised: bool
     verified_ns: int | None
     latched: State | None = None
-    latched_fault: str | None = None
+    latched_fault: Fault | None = None
     acknowledged: bool = False
-    notices: tuple[str, ...] = ()
+    notices: tuple[Fault, ...] = ()

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, 
 from pydantic_core import PydanticCustomError
 
 from appliance.configuration.mistakes import Mistakes
-from appliance.limits import Limits
+from appliance.limits import TRACKER_STALE_MS, Limits
 from appliance.supervision.annunciator import Role
 from appliance.supervision.ledger import Durations
 from appliance.supervision.watchers.facts import Patience
@@ -119,7 +119,7 @@ class SupervisorTimes(_Section):
     starting_s: float = Field(default=10.0, ge=1, le=120)
     video_silence_ms: float = Field(default=500, ge=100, le=5000)
     tracker_silence_ms: float = Field(default=500, ge=100, le=5000)
-    tracker_stale_ms: float = Field(default=500, ge=50, le=5000)
+    tracker_stale_ms: float = Field(default=TRACKER_STALE_MS, ge=50, le=5000)
     estimator_silence_ms: float = Field(default=1000, ge=300, le=5000)
     output_silence_ms: float = Field(default=500, ge=200, le=5000)
     unseen_s: float = Field(default=3.0, ge=0.5, le=60)

@@ -12,15 +12,15 @@ from appliance.core.detectors.frozen_video import FrozenVideo
 from appliance.core.detectors.marker_slip import MarkerSlip
 from appliance.core.detectors.no_picture import NoPicture
 from appliance.core.detectors.picture_event import PictureEvent
-from appliance.core.geometry import Array
 from appliance.core.motion import analyse, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import Judgement, judge
 from appliance.core.quality.report import LineReport
 from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
-from appliance.limits import Limits
-from appliance.types import Calibration, Check, Motion, StampedPair, Verdict, VerdictKind
+from appliance.limits import TRACKER_STALE_MS, Limits
+from appliance.types import Calibration, Check, Fault, Motion, StampedPair, Verdict, VerdictKind
+from drivers.rigid import Array
 from drivers.samples import Frame, Matrix4, Pose
 
 _SOLVE_EVERY_NS = 330_000_000
@@ -36,8 +36,6 @@ marker; more pauses the search for leaps in quick sweeps. Not measured.
 """
 _SIZE_PERCENT = 0.1
 """The limit told beside a picture of another size, which fails however little it differs: 1 px of 640 is .16 %."""
-_STALE_NS = 500_000_000
-"""How long a tracker may repeat one pose while the picture moves: as long as the shipped `Patience.stale_ns`."""
 _SHOWN_AGAIN_NS = 300_000_000
 """A grabber faster than the scanner hands each picture on several times: no loss of sight, until this is exceeded."""
 
@@ -47,10 +45,11 @@ class Line:
 
     step() accepts any frame: one of another size than the reference's is a scale fault, one that is no 8-bit grey
     picture is NOT_VERIFIED with the reason.
+    stale_ns: how long a tracker may repeat one pose while the picture moves.
     motion: the latest motion that was sorted, None before the first.
     """
 
-    def __init__(self, reference: Calibration, limits: Limits) -> None:
+    def __init__(self, reference: Calibration, limits: Limits, stale_ns: int = round(TRACKER_STALE_MS * 1e6)) -> None:
         self._reference = reference
         self._frame_gate, self._pose_gate = StampGate(), StampGate()
         self._pairing = Pairing()
@@ -62,7 +61,7 @@ class Line:
             MarkerSlip(limits),
             self._frozen,
             NoPicture(),
-            FrozenTracker(_STALE_NS),
+            FrozenTracker(stale_ns),
         )
         self._judgement = Judgement()
         self._known_poses: tuple[tuple[int, Matrix4], ...] = ()
@@ -221,4 +220,4 @@ class Line:
     def _wrong_size(self, width: int, height: int) -> Check:
         wanted = self._reference.image_size_px
         change = 100.0 * (width / wanted[0] - 1) or 100.0 * (height / wanted[1] - 1)
-        return Check("picture-size", "scale", change, 0.0, "%", _SIZE_PERCENT, VerdictKind.FAULT)
+        return Check("picture-size", Fault.SCALE, change, 0.0, "%", _SIZE_PERCENT, VerdictKind.FAULT)

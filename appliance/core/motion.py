@@ -6,9 +6,9 @@ spoiling the sorting: what the tracker alone calls out-of-plane counts for nothi
 
 import numpy as np
 
-from appliance.core.geometry import Array, inverse, vector_from_rotation
 from appliance.core.registration.realtime_tracker import Tracked
 from appliance.types import Calibration, Motion, MotionKind, StampedPair
+from drivers.rigid import Array, inverse, vector_from_rotation
 from drivers.samples import Matrix4
 
 _STILL_MM = 0.15

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from appliance.core.acquisition.pairing import Pairing
-from appliance.core.geometry import interpolate
 from appliance.crosswire.crossing import Crossing, Drawings, NoCrossing, find_crossing
 from appliance.types import StampedPair, Vector
+from drivers.rigid import interpolate
 from drivers.samples import Frame, Matrix4, Pose
 
 _HALF_WINDOW_NS = 250_000_000

@@ -15,6 +15,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from appliance.types import Fault
+
 MEMORY = "alarm-memory.json"
 BEGUN, AFTER = "chain begun", "after"
 """The event of a chain's first entry, and the field of it that holds the digest of the last entry before it."""
@@ -50,9 +52,9 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """What contradicts the chain, and where. fault: hazard class it raises; empty for a write that a power cut tore."""
+    """What contradicts the chain, and where. fault: what it raises; None for a write that a power cut tore."""
 
-    fault: str
+    fault: Fault | None
     where: str
     what: str
 
@@ -92,10 +94,10 @@ class _Chain:
         try:
             entry = _parse(line)
         except ValueError as error:
-            self.damages.append(Damage("log-damaged", where, f"is not an entry ({error})"))
+            self.damages.append(Damage(Fault.LOG_DAMAGED, where, f"is not an entry ({error})"))
             return
         if what := _misplaced(entry, promised):
-            self.damages.append(Damage("log-damaged", where, what))
+            self.damages.append(Damage(Fault.LOG_DAMAGED, where, what))
         if self.entries:
             self._link(where, entry, self.entries[-1])
         self.entries.append(entry)
@@ -106,18 +108,18 @@ class _Chain:
             return
         if entry.number != before.number + 1:
             what = f"entry {entry.number} follows entry {before.number}: entries are missing or were put in"
-            self.damages.append(Damage("log-damaged", where, what))
+            self.damages.append(Damage(Fault.LOG_DAMAGED, where, what))
         elif entry.previous != before.digest:
-            self.damages.append(Damage("log-damaged", where, f"entry {entry.number} does not continue the chain"))
+            self.damages.append(Damage(Fault.LOG_DAMAGED, where, f"entry {entry.number} does not continue the chain"))
 
     def _link_begun(self, where: str, entry: Entry, before: Entry) -> None:
         """A chain starts again after an unsound one, of which it says where that ended."""
         if entry.number <= before.number:
             what = f"entry {entry.number}, which begins a chain, follows entry {before.number}: it was moved or copied"
-            self.damages.append(Damage("log-damaged", where, what))
+            self.damages.append(Damage(Fault.LOG_DAMAGED, where, what))
         elif entry.data.get(AFTER, before.digest) != before.digest:
             what = f"entry {entry.number} began a chain after another entry than {before.number}: entries are missing"
-            self.damages.append(Damage("log-damaged", where, what))
+            self.damages.append(Damage(Fault.LOG_DAMAGED, where, what))
 
 
 def read_log(folder: Path) -> Reading:
@@ -142,16 +144,16 @@ def _read_segment(file: Path, chain: _Chain, last: bool) -> None:
     try:
         content = file.read_bytes()
     except OSError as error:
-        chain.damages.append(Damage("log-damaged", file.name, f"cannot be read ({error.strerror})"))
+        chain.damages.append(Damage(Fault.LOG_DAMAGED, file.name, f"cannot be read ({error.strerror})"))
         return
     for number, line in enumerate(content.splitlines(keepends=True), 1):
         where = f"{file.name} line {number}"
         if line.endswith(b"\n"):
             chain.take(where, line, first_number(file) if number == 1 else None)
         elif last:
-            chain.damages.append(Damage("", where, "was cut off while it was written"))
+            chain.damages.append(Damage(None, where, "was cut off while it was written"))
         else:
-            chain.damages.append(Damage("log-damaged", where, "is cut off"))
+            chain.damages.append(Damage(Fault.LOG_DAMAGED, where, "is cut off"))
 
 
 def _read_memory(folder: Path, chain: _Chain) -> Memory | None:
@@ -164,9 +166,9 @@ def _read_memory(folder: Path, chain: _Chain) -> Memory | None:
         return Memory(**stored, latch=latch, damage=damage)
     except FileNotFoundError:
         if chain.entries:
-            chain.damages.append(Damage("memory-damaged", MEMORY, "is missing, although there is a log"))
+            chain.damages.append(Damage(Fault.MEMORY_DAMAGED, MEMORY, "is missing, although there is a log"))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, IsADirectoryError) as error:
-        chain.damages.append(Damage("memory-damaged", MEMORY, f"cannot be believed ({error})"))
+        chain.damages.append(Damage(Fault.MEMORY_DAMAGED, MEMORY, f"cannot be believed ({error})"))
     return None
 
 
@@ -176,15 +178,15 @@ def _compare(chain: _Chain, memory: Memory) -> None:
     number = 0 if last is None else last.number
     if number < memory.number:
         what = f"the log ends with entry {number}, but {memory.number} had been written"
-        chain.damages.append(Damage("log-damaged", MEMORY, what))
+        chain.damages.append(Damage(Fault.LOG_DAMAGED, MEMORY, what))
     elif number > memory.number + 1:
         what = f"it ends with entry {memory.number}, but the log with {number}"
-        chain.damages.append(Damage("memory-damaged", MEMORY, what))
+        chain.damages.append(Damage(Fault.MEMORY_DAMAGED, MEMORY, what))
     elif last is not None and number == memory.number and last.digest != memory.digest:
-        chain.damages.append(Damage("log-damaged", MEMORY, f"entry {number} is not the one that had been written"))
+        chain.damages.append(Damage(Fault.LOG_DAMAGED, MEMORY, f"entry {number} is not the one that had been written"))
     if chain.entries and chain.entries[0].number > memory.first:
         what = f"the log begins with entry {chain.entries[0].number}, but {memory.first} had been kept"
-        chain.damages.append(Damage("log-damaged", MEMORY, what))
+        chain.damages.append(Damage(Fault.LOG_DAMAGED, MEMORY, what))
 
 
 def _parse(line: bytes) -> Entry:

@@ -51,7 +51,7 @@ class AlarmLog:
         number = max(memory.number, 0 if last is None else last.number)
         ahead = last is not None and last.number > memory.number
         latch = last.latch if last is not None and (ahead or self.opened.memory is None) else memory.latch
-        self.damage = tuple(dict.fromkeys((*memory.damage, *(one.fault for one in unsound))))
+        self.damage = tuple(dict.fromkeys((*memory.damage, *(one.fault for one in unsound if one.fault is not None))))
         first = memory.first
         if unsound:
             number = max([number, *map(first_number, segments(folder))])

@@ -14,12 +14,12 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 
 from appliance.configuration.mistakes import Mistakes
 from appliance.core.acquisition.input_validation import ORTHOGONAL_WITHIN
-from appliance.core.geometry import nearest_rotation
 from appliance.types import PARAMETERS, Calibration, Vector
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import writing
 from drivers.files.markup import toml_of, xml_of
 from drivers.files.regular_file import read_bounded
+from drivers.rigid import nearest_rotation
 from drivers.samples import Matrix4
 
 FORMAT = "probewatch-calibration"

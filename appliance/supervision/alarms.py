@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from appliance.supervision.languages import translated
-from appliance.types import State
+from appliance.types import Fault, State
 
 DISPLAY_COLUMNS = 76
 """The narrowest display: a framed line of a terminal with 80 columns, one for what is wrong and one for what to do."""
@@ -112,49 +112,65 @@ SIGNALS = {
 }
 """Flashes in Hz and pulses of a burst in the ranges of IEC 60601-1-8 that are named above."""
 
-HAZARDS = {
-    "polarity": Hazard(
+HAZARDS: dict[Fault, Hazard] = {
+    Fault.POLARITY: Hazard(
         Kind.CALIBRATION, "Picture is mirrored", "Reset the scanner's left/right and up/down flip", Severity.GROSS
     ),
-    "scale": Hazard(Kind.CALIBRATION, "Picture scale has changed", "Set the scanner's depth and zoom as calibrated"),
-    "rotation": Hazard(Kind.CALIBRATION, "Marker body has turned", "Check the marker clamp, then recalibrate"),
-    "offset": Hazard(Kind.CALIBRATION, "Marker body has slipped", "Check the marker clamp, then recalibrate"),
-    "latency": Hazard(Kind.CALIBRATION, "Tracker and picture are out of step", "Check frame rate and persistence"),
-    "frozen-video": Hazard(Kind.DEVICE, "Picture is frozen", "Unfreeze the scanner; check the video cable"),
-    "video-lost": Hazard(Kind.DEVICE, "No picture from the scanner", "Check the scanner and the video cable"),
-    "tracker-alert": Hazard(Kind.DEVICE, "Tracker reports a fault", "See its remarks; check a bumped sensor, clear it"),
-    "marker-body": Hazard(Kind.DEVICE, "Marker body is bent or soiled", "Clean and check all markers and the clamp"),
-    "field-distortion": Hazard(Kind.DEVICE, "Tracker's field is distorted", "Move metal and cables away from it"),
-    "tracker-lost": Hazard(Kind.DEVICE, "No answer from the tracker", "Check the tracker's power and cable"),
-    "tracker-stale": Hazard(Kind.DEVICE, "Tracker repeats old positions", "Restart tracking; check the tracker"),
-    "output-failed": Hazard(
+    Fault.SCALE: Hazard(
+        Kind.CALIBRATION, "Picture scale has changed", "Set the scanner's depth and zoom as calibrated"
+    ),
+    Fault.ROTATION: Hazard(Kind.CALIBRATION, "Marker body has turned", "Check the marker clamp, then recalibrate"),
+    Fault.OFFSET: Hazard(Kind.CALIBRATION, "Marker body has slipped", "Check the marker clamp, then recalibrate"),
+    Fault.LATENCY: Hazard(Kind.CALIBRATION, "Tracker and picture are out of step", "Check frame rate and persistence"),
+    Fault.FROZEN_VIDEO: Hazard(Kind.DEVICE, "Picture is frozen", "Unfreeze the scanner; check the video cable"),
+    Fault.VIDEO_LOST: Hazard(Kind.DEVICE, "No picture from the scanner", "Check the scanner and the video cable"),
+    Fault.TRACKER_ALERT: Hazard(
+        Kind.DEVICE, "Tracker reports a fault", "See its remarks; check a bumped sensor, clear it"
+    ),
+    Fault.MARKER_BODY: Hazard(
+        Kind.DEVICE, "Marker body is bent or soiled", "Clean and check all markers and the clamp"
+    ),
+    Fault.FIELD_DISTORTION: Hazard(Kind.DEVICE, "Tracker's field is distorted", "Move metal and cables away from it"),
+    Fault.TRACKER_LOST: Hazard(Kind.DEVICE, "No answer from the tracker", "Check the tracker's power and cable"),
+    Fault.TRACKER_STALE: Hazard(Kind.DEVICE, "Tracker repeats old positions", "Restart tracking; check the tracker"),
+    Fault.OUTPUT_FAILED: Hazard(
         Kind.DEVICE, "Alarm output does not respond", "Check the relay's cable and power", tested=True
     ),
-    "estimator-silent": Hazard(
+    Fault.ESTIMATOR_SILENT: Hazard(
         Kind.INTERNAL, "Verification has stopped", "Wait for its restart; else restart the cart", tested=True
     ),
-    "memory-damaged": Hazard(
+    Fault.MEMORY_DAMAGED: Hazard(
         Kind.INTEGRITY, "Alarm memory is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True
     ),
-    "log-damaged": Hazard(
+    Fault.LOG_DAMAGED: Hazard(
         Kind.INTEGRITY, "Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True
     ),
-    "line-of-sight": Hazard(Kind.SIGHT, "Probe not seen by the tracker", "Bring the probe into the tracker's view"),
-    "no-picture": Hazard(Kind.SIGHT, "No ultrasound in the picture", "Probe on the skin, live picture on the scanner"),
-    "log-not-written": Hazard(Kind.ADVISORY, "Alarm log cannot be written", "Make room on the cart's disk; check it"),
-    "overloaded": Hazard(
+    Fault.LINE_OF_SIGHT: Hazard(Kind.SIGHT, "Probe not seen by the tracker", "Bring the probe into the tracker's view"),
+    Fault.NO_PICTURE: Hazard(
+        Kind.SIGHT, "No ultrasound in the picture", "Probe on the skin, live picture on the scanner"
+    ),
+    Fault.LOG_NOT_WRITTEN: Hazard(
+        Kind.ADVISORY, "Alarm log cannot be written", "Make room on the cart's disk; check it"
+    ),
+    Fault.OVERLOADED: Hazard(
         Kind.ADVISORY, "This computer is overloaded", "Close other programs; check a device that stays lost"
     ),
-    "calibration-file": Hazard(
+    Fault.CALIBRATION_FILE: Hazard(
         Kind.ADVISORY,
         "Configured calibration is not in force",
         "Read 'probewatch calibration list'",
     ),
 }
 
-OVERLOADED = "overloaded"
 SILENCES = frozenset(
-    ("frozen-video", "video-lost", "tracker-lost", "tracker-stale", "output-failed", "estimator-silent")
+    (
+        Fault.FROZEN_VIDEO,
+        Fault.VIDEO_LOST,
+        Fault.TRACKER_LOST,
+        Fault.TRACKER_STALE,
+        Fault.OUTPUT_FAILED,
+        Fault.ESTIMATOR_SILENT,
+    )
 )
 """Hazards that a computer short of time shows as well as a device that is gone."""
 _EXPLAINED = (State.WAITING, State.NOT_VERIFIED, State.WARNING, State.DEVICE_LOST, State.INTERNAL_FAULT)
@@ -167,19 +183,19 @@ DISTURBED = "verified only before a disturbance; move the probe over tissue"
 ACKNOWLEDGED = "acknowledged, waiting until the calibration is verified again"
 
 
-def kind_of(fault: str) -> Kind:
+def kind_of(fault: Fault) -> Kind:
     """Raises KeyError for a class that has no row: a check nobody wrote an alarm for is a bug, not a state."""
     return HAZARDS[fault].kind
 
 
-def operator_text(state: State, fault: str | None, language: str = "en", overloaded: bool = False) -> tuple[str, str]:
+def operator_text(state: State, fault: Fault | None, language: str = "en", overloaded: bool = False) -> tuple[str, str]:
     """(text, remedy) for the operator: the state's own, sharpened by the hazard where one is named; by the overload
     where a computer short of time explains it.
     """
     signal = SIGNALS[state]
     text = translated(signal.text, language)
     if overloaded and state in _EXPLAINED and (fault is None or fault in SILENCES):
-        fault = OVERLOADED
+        fault = Fault.OVERLOADED
     if fault is None:
         return text, translated(signal.remedy, language)
     hazard = HAZARDS[fault]

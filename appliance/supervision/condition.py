@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from appliance.types import Fault
+
 
 @dataclass(slots=True)
 class Condition:
@@ -10,7 +12,7 @@ class Condition:
     onset_ns: when it was first shown since it was last gone, None while gone. lifted_ns: when it went.
     """
 
-    fault: str | None = None
+    fault: Fault | None = None
     reason: str = ""
     shown: bool = False
     onset_ns: int | None = None
@@ -20,7 +22,7 @@ class Condition:
     def active(self) -> bool:
         return self.onset_ns is not None
 
-    def show(self, now_ns: int, fault: str | None, reason: str) -> None:
+    def show(self, now_ns: int, fault: Fault | None, reason: str) -> None:
         """fault: None where it is not known any more which one it was."""
         self.fault, self.reason, self.shown = fault, reason, True
         self.onset_ns = now_ns if self.onset_ns is None else self.onset_ns

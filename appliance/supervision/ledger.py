@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from appliance.supervision.alarms import HAZARDS, OVERLOADED, SILENCES, Kind, Severity, kind_of
+from appliance.supervision.alarms import HAZARDS, SILENCES, Kind, Severity, kind_of
 from appliance.supervision.condition import Condition
-from appliance.types import Check, State, Verdict, VerdictKind
+from appliance.types import Check, Fault, State, Verdict, VerdictKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,16 +30,16 @@ class Ledger:
         self.started_ns: int | None = None
         self.verified_ns: int | None = None
         self.last: Verdict | None = None
-        self.sight: str | None = None
-        self.notices: tuple[str, ...] = ()
+        self.sight: Fault | None = None
+        self.notices: tuple[Fault, ...] = ()
         self.scanning = False
         self.acknowledged = False
         self.latched: State | None = None
-        self.latched_fault: str | None = None
+        self.latched_fault: Fault | None = None
         self.calibration, self.device = Condition(), Condition()
         self.internal, self.integrity = Condition(), Condition()
         self._unseen = Condition()
-        self._accepted: frozenset[str] = frozenset()
+        self._accepted: frozenset[Fault] = frozenset()
         self._untested = False
         self._barrier_ns: int | None = None
 
@@ -57,13 +57,13 @@ class Ledger:
         if not verdicts and (self.device.active or self.internal.active):
             self.calibration.stand()
 
-    def _frozen(self, verdict: Verdict | None) -> list[str]:
+    def _frozen(self, verdict: Verdict | None) -> list[Fault]:
         """The line's own device hazard: a frozen picture is the scanner's doing, not the calibration's."""
         if verdict is None or verdict.fault is None or self.scanning or kind_of(verdict.fault) is Kind.CALIBRATION:
             return []
         return [verdict.fault]
 
-    def _note_hazards(self, failing: list[str]) -> None:
+    def _note_hazards(self, failing: list[Fault]) -> None:
         self.notices = tuple(fault for fault in failing if kind_of(fault) is Kind.ADVISORY)
         self._note_integrity(failing)
         self._note_kind(self.internal, failing, Kind.INTERNAL)
@@ -81,23 +81,27 @@ class Ledger:
         if self.device.active or self.internal.active or self.sight is not None:
             self.forget_verification()
 
-    def _note_integrity(self, failing: list[str]) -> None:
+    def _note_integrity(self, failing: list[Fault]) -> None:
         """Damage that was seen stands until it is accepted, whether or not it is still reported."""
         self._accepted &= frozenset(failing)
         if not self.integrity.active:
             self._note_kind(self.integrity, [fault for fault in failing if fault not in self._accepted], Kind.INTEGRITY)
 
-    def _note_kind(self, condition: Condition, failing: list[str], kind: Kind) -> None:
+    def _note_kind(self, condition: Condition, failing: list[Fault], kind: Kind) -> None:
         fault = next((fault for fault in failing if kind_of(fault) is kind), None)
         if fault is None:
             condition.lift(self.now_ns)
         else:
             condition.show(self.now_ns, fault, self._explained(fault))
 
-    def _explained(self, fault: str) -> str:
+    def _explained(self, fault: Fault) -> str:
         """What a silent device is told as, also while this computer is short of time."""
         text = HAZARDS[fault].text
-        return f"{text}; {HAZARDS[OVERLOADED].text}" if fault in SILENCES and OVERLOADED in self.notices else text
+        return (
+            f"{text}; {HAZARDS[Fault.OVERLOADED].text}"
+            if fault in SILENCES and Fault.OVERLOADED in self.notices
+            else text
+        )
 
     def forget_verification(self) -> None:
         """Only what is measured from now on can verify anything."""
@@ -138,7 +142,7 @@ class Ledger:
         self._accepted |= {self.integrity.fault}
         self.integrity.lift(self.now_ns)
 
-    def latch(self, state: State, fault: str | None) -> None:
+    def latch(self, state: State, fault: Fault | None) -> None:
         """Hold this state until it is released; a person must acknowledge it."""
         self.latched, self.latched_fault = state, fault
         self.acknowledged = False
@@ -214,7 +218,7 @@ class Ledger:
         return self.now_ns - self.verified_ns <= self.durations.max_verification_age_ns
 
     @property
-    def told_sight(self) -> str | None:
+    def told_sight(self) -> Fault | None:
         """What is out of sight, or was within probation, so that a flicker is told as one episode. Decides nothing."""
         gone = self._unseen.gone(self.now_ns, self.durations.probation_ns)
         return None if gone else self._unseen.fault
@@ -290,5 +294,5 @@ class Ledger:
         return 0 if self.started_ns is None else self.now_ns - self.started_ns
 
 
-def _of_sight(fault: str) -> bool:
+def _of_sight(fault: Fault) -> bool:
     return fault in HAZARDS and kind_of(fault) is Kind.SIGHT

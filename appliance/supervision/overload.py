@@ -6,8 +6,7 @@ It explains; it decides nothing: the contact, the states and their names are the
 from dataclasses import dataclass
 from math import exp, isnan, nan
 
-from appliance.supervision.alarms import OVERLOADED
-from appliance.types import Check, VerdictKind
+from appliance.types import Check, Fault, VerdictKind
 
 _MEMORY_S = 1.0
 """Time constant of the means. Longer: a short burst is not called an overload. Shorter: fewer losses come before it."""
@@ -76,7 +75,7 @@ class Overload:
         elif now_ns - self._good_ns >= _PROBATION_NS:
             self.since_ns = None
         verdict = VerdictKind.OK if self.since_ns is None else VerdictKind.FAULT
-        return Check("processor time", OVERLOADED, strain, 0.0, "", 1.0, verdict)
+        return Check("processor time", Fault.OVERLOADED, strain, 0.0, "", 1.0, verdict)
 
     @property
     def pressure(self) -> float:

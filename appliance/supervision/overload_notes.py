@@ -6,8 +6,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-from appliance.supervision.alarms import OVERLOADED, SILENCES
-from appliance.types import AlarmState
+from appliance.supervision.alarms import SILENCES
+from appliance.types import AlarmState, Fault
 
 
 @dataclass(slots=True)
@@ -51,7 +51,7 @@ class OverloadNotes:
         """Whether this change is written by itself: the first of each kind during an overload, whatever latches or ends
         a latch, whatever is no silence of a device, and everything while there is no overload.
         """
-        if self._episode is None or OVERLOADED not in alarm.notices:
+        if self._episode is None or Fault.OVERLOADED not in alarm.notices:
             return True
         self._episode.last = alarm
         own = alarm.fault is not None and alarm.fault not in SILENCES

@@ -19,7 +19,7 @@ import statemachine
 from appliance.supervision.alarms import ACKNOWLEDGED, DISTURBED, HAZARDS, OUTDATED, operator_text
 from appliance.supervision.condition import Condition
 from appliance.supervision.ledger import Durations, Ledger
-from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
+from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
 
 __all__ = ["Durations", "Inputs", "Request", "Supervisor"]
 
@@ -138,7 +138,7 @@ class AlarmTable(statemachine.StateMachine):
 class Supervisor:
     """latched, fault: a latched state to come back in after a restart; without one it begins with the self-test."""
 
-    def __init__(self, durations: Durations, latched: State | None = None, fault: str | None = None) -> None:
+    def __init__(self, durations: Durations, latched: State | None = None, fault: Fault | None = None) -> None:
         assert latched is None or latched in LATCHED
         start = State.SELF_TEST if latched is None else latched
         self._ledger = Ledger(durations)
@@ -236,7 +236,7 @@ class Supervisor:
             notices=ledger.notices,
         )
 
-    def _cause(self) -> tuple[str | None, str]:
+    def _cause(self) -> tuple[Fault | None, str]:
         condition = self._condition()
         if condition is not None:
             return (None if self.state in _CALM else condition.fault), condition.reason

@@ -4,7 +4,7 @@ The helpers are pure, so a recording can be spoiled with the same faults as the 
 """
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,19 +15,19 @@ from scipy.spatial.transform import Rotation
 from drivers.errors import ConfigurationError
 from drivers.samples import GreyImage, Matrix4
 
-FAULT_CLASS: Mapping[str, str] = {
-    "flip-lateral": "polarity",
-    "flip-vertical": "polarity",
-    "depth": "scale",
-    "bend-marker": "rotation",
-    "slide-marker": "offset",
-    "latency": "latency",
-    "freeze-video": "frozen-video",
-    "lose-video": "video-lost",
-    "lose-tracker": "tracker-lost",
-    "stale-tracker": "tracker-stale",
-}
-"""Fault name → class under which a check must report it."""
+CART_FAULTS = (
+    "flip-lateral",
+    "flip-vertical",
+    "depth",
+    "bend-marker",
+    "slide-marker",
+    "latency",
+    "freeze-video",
+    "lose-video",
+    "lose-tracker",
+    "stale-tracker",
+)
+"""Those that a cart must notice; tools/demo/script.py says under which class."""
 
 PICTURE_FAULTS = (
     "flip-lateral",
@@ -108,7 +108,7 @@ class Schedule:
     episodes: tuple[Episode, ...] = ()
 
     @classmethod
-    def parse(cls, text: str, names: Collection[str] = tuple(FAULT_CLASS)) -> "Schedule":
+    def parse(cls, text: str, names: Collection[str] = CART_FAULTS) -> "Schedule":
         """JSON list of {"fault", "from_s", "to_s"} → Schedule. Raises ConfigurationError naming the entry.
 
         names: the faults that the device knows.

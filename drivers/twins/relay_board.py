@@ -1,10 +1,7 @@
-"""`python -m drivers.twins.relay_board --pty LINK`: a simulated LCUS relay board; prints every change of a contact."""
+"""A simulated LCUS relay board, which prints every change of a contact."""
 
-import argparse
 import json
-import signal
 import sys
-from pathlib import Path
 from threading import Event
 
 from drivers.clock.host_clock import HostClock
@@ -58,31 +55,3 @@ class RelayBoard:
         if self._answers:
             lines = (f"CH{channel}: {'ON' if closed else 'OFF'}\r\n" for channel, closed in self.contacts.items())
             self._line.write("".join(lines).encode(), BAUD, self._clock.now_ns())
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="relay twin", description=__doc__)
-    parser.add_argument("--pty", type=Path, required=True, metavar="LINK", help="symbolic link to make for the host")
-    parser.add_argument("--origin-ns", type=int, required=True, help="CLOCK_MONOTONIC of world time 0")
-    parser.add_argument("--rate", type=float, default=1.0, help="world seconds per second")
-    parser.add_argument("--seed", type=int, default=1, help="taken for the sake of a common command line; unused")
-    parser.add_argument("--channels", type=int, default=1)
-    parser.add_argument("--mute", action="store_true", help="never answer, like the bare LCUS-1")
-    return parser.parse_args()
-
-
-def main() -> None:
-    """Serve until SIGTERM or SIGINT."""
-    arguments = _arguments()
-    stop = Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
-    clock = HostClock(arguments.rate, arguments.origin_ns)
-    with PtyLine(arguments.pty, clock) as line:
-        board = RelayBoard(line, clock, arguments.channels, not arguments.mute)
-        print(json.dumps({"ready": True, "url": f"relay:{arguments.pty}?channel=1"}), flush=True)
-        board.run(stop)
-
-
-if __name__ == "__main__":
-    main()

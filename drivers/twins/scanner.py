@@ -1,26 +1,20 @@
-"""`python -m drivers.twins.scanner --socket PATH`: a simulated scanner with a video output for `sim:PATH`."""
+"""A simulated scanner with a video output for `sim:PATH`, which prints what changes."""
 
-import argparse
 import json
-import signal
 import socket
 import stat
 import time
-from contextlib import suppress
 from math import ceil
 from pathlib import Path
 from threading import Event
 from types import TracebackType
 from typing import Self
 
-import cv2
-
 from drivers.clock.host_clock import HostClock
 from drivers.samples import GreyImage
 from drivers.twins.fault_control import FaultControl
-from drivers.twins.faults import FUTURE_S, PICTURE_FAULTS, blank_image
-from drivers.twins.scene.trajectory import PROGRAMS
-from drivers.twins.scene.world import SCENES, World, WorldSettings
+from drivers.twins.faults import FUTURE_S, blank_image
+from drivers.twins.scene.world import World
 from drivers.video.sim import pack_frame
 
 _STAMP_ERR_NS = 1_000_000
@@ -165,38 +159,3 @@ class Scanner:
     def _note(t_ns: int, what: str, value: object, changed: bool) -> None:
         if changed:
             print(json.dumps({"t_ns": t_ns, what: value}), flush=True)
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="scanner twin", description=__doc__)
-    parser.add_argument("--socket", type=Path, required=True, metavar="PATH", help="Unix socket to serve")
-    parser.add_argument("--origin-ns", type=int, required=True, help="CLOCK_MONOTONIC of world time 0")
-    parser.add_argument("--rate", type=float, default=1.0, help="world seconds per second")
-    parser.add_argument("--seed", type=int, default=1, help="of the world")
-    parser.add_argument("--control", type=Path, metavar="FILE", help="faults, read again whenever it changes")
-    parser.add_argument("--fps", type=float, default=30.0, help="frames per world second")
-    parser.add_argument("--program", choices=PROGRAMS, default="sweep", help="how the probe is moved")
-    parser.add_argument("--scene", choices=SCENES, default="tissue", help="what the probe looks at")
-    return parser.parse_args()
-
-
-def main() -> None:
-    """Serve until SIGTERM or SIGINT."""
-    arguments = _arguments()
-    stop = Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
-    cv2.setNumThreads(1)
-    world = World(arguments.seed, arguments.program, arguments.scene, WorldSettings(fps=arguments.fps))
-    world.frame(0.0, 0)
-    clock = HostClock(arguments.rate, arguments.origin_ns)
-    # A parent that no longer reads the events shall not be answered with a traceback.
-    with suppress(BrokenPipeError), VideoPlug(arguments.socket) as plug:
-        print(json.dumps({"ready": True, "url": f"sim:{arguments.socket}"}), flush=True)
-        scanner = Scanner(world, plug, clock, FaultControl(PICTURE_FAULTS, file=arguments.control))
-        scanner.run(stop)
-        print(json.dumps({"account": scanner.account}), flush=True)
-
-
-if __name__ == "__main__":
-    main()

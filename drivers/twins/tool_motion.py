@@ -22,7 +22,7 @@ from drivers.errors import RecordingError
 from drivers.files.regular_file import reading
 from drivers.recordings.replay import open_recording
 from drivers.samples import Matrix4
-from drivers.trackers.rigid import UNIT_TOLERANCE
+from drivers.trackers.pose_bounds import UNIT_TOLERANCE
 from drivers.twins.scene.world import World
 
 PROBE, REFERENCE = "probe", "reference"

@@ -3,7 +3,6 @@
 Prints tables and writes results/bench.json; `python -m tests.bench --help` names the options.
 """
 
-import argparse
 import json
 import os
 import platform
@@ -14,6 +13,7 @@ from typing import Any
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
+import click  # noqa: E402
 import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 import SimpleITK as sitk  # noqa: E402, N813
@@ -27,32 +27,26 @@ RESULTS = Path("results/bench.json")
 _STEPS = 6
 
 
-def main() -> None:
-    """Measure, print, write; about four minutes on one core."""
-    options = _options()
-    scenes = [scene for scene in SCENES if not options.scene or scene.name in options.scene]
+@click.command()
+@click.option("--pairs", type=click.IntRange(1, 100), default=6, show_default=True, help="pairs a scene")
+@click.option(
+    "--scene",
+    "names",
+    multiple=True,
+    type=click.Choice([one.name for one in SCENES]),
+    help="only this; may be repeated",
+)
+def main(pairs: int, names: tuple[str, ...]) -> None:
+    """Measure registration beside its peers, the bounds, the cost of the line; about four minutes on one core."""
+    scenes = [scene for scene in SCENES if not names or scene.name in names]
     one_thread()
     with Progress() as progress:
-        task = progress.add_task("bench", total=len(scenes) * options.pairs + _STEPS)
-        result = measure(scenes, options.pairs, lambda: progress.advance(task))
+        task = progress.add_task("bench", total=len(scenes) * pairs + _STEPS)
+        result = measure(scenes, pairs, lambda: progress.advance(task))
     RESULTS.parent.mkdir(exist_ok=True)
     RESULTS.write_text(json.dumps(result, indent=1, ensure_ascii=False))
     report.show(result)
     print(RESULTS)
-
-
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
-    parser.add_argument("--pairs", type=int, default=6, choices=range(1, 101), metavar="N", help="pairs a scene (6)")
-    names = [scene.name for scene in SCENES]
-    parser.add_argument(
-        "--scene",
-        action="append",
-        choices=names,
-        metavar="NAME",
-        help=f"only this; may be repeated: {', '.join(names)}",
-    )
-    return parser.parse_args()
 
 
 def measure(scenes: Sequence[Scene], count: int, done: Callable[[], None]) -> dict[str, Any]:

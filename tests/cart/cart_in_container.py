@@ -8,11 +8,10 @@ from tests.cart.container import Container
 from tests.support.polling import until
 
 PLACE = "/run/cart"
-PYTHON = "/opt/probewatch/bin/python3"
 TWINS = {
-    "scanner": f"{PYTHON} -m drivers.twins.scanner --socket {PLACE}/scanner",
+    "scanner": f"probewatch simulate scanner --socket {PLACE}/scanner",
     "polaris": f"probewatch simulate ndi --model polaris-spectra --pty {PLACE}/polaris --rom {PLACE}/probe.rom",
-    "relay_board": f"{PYTHON} -m drivers.twins.relay_board --pty {PLACE}/relay_board",
+    "relay_board": f"probewatch simulate relay --pty {PLACE}/relay_board",
 }
 """The command that starts each."""
 PROPERTIES = "-p UMask=0 -p Environment=OMP_NUM_THREADS=1 -p Nice=-5 -p CPUWeight=1000"
@@ -34,8 +33,10 @@ def start_twins(machine: Container, fps: float = FPS) -> None:
     machine.sh(f"mkdir -p -m 755 {PLACE}")
     for name, command in TWINS.items():
         rate = f"--fps {fps}" if name == "scanner" else ""
-        common = f"--seed {SEED} --origin-ns {origin_ns}"
-        machine.sh(f"systemd-run --quiet --unit=twin-{name} {PROPERTIES} {command} {rate} {common}")
+        world = "" if name == "relay_board" else f"--seed {SEED}"
+        machine.sh(
+            f"systemd-run --quiet --unit=twin-{name} {PROPERTIES} {command} {rate} {world} --origin-ns {origin_ns}"
+        )
     for name in TWINS:
         _await_twin(machine, name)
     machine.sh(f"chmod 666 $(readlink -f {PLACE}/polaris) $(readlink -f {PLACE}/relay_board)")

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.geometry import rigid, rotation_from_vector, vector_from_rotation
 from appliance.limits import Limits
 from appliance.types import Calibration
+from drivers.rigid import rigid, rotation_from_vector, vector_from_rotation
 from drivers.samples import GreyImage, Matrix4
 from drivers.twins.faults import BEND_AXIS, BEND_DEG, SLIDE_MM
 
@@ -180,7 +180,7 @@ class Hand:
 
 
 def _rigid(turn_rad: NDArray[np.float64], place_mm: NDArray[np.float64]) -> Matrix4:
-    """As appliance.core.geometry makes it, in a tenth of the time."""
+    """As drivers.rigid makes it, in a tenth of the time."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = cv2.Rodrigues(turn_rad)[0], place_mm
     return matrix

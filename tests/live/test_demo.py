@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.twins.faults import FAULT_CLASS
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
+from tools.demo.script import FAULT_CLASS
 
 
 class Demo:

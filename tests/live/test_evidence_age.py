@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.daemon import TICK_NS
 from appliance.supervision.ledger import Durations
+from appliance.supervision.supervisor import TICK_NS
 from appliance.types import State
 from drivers.twins.faults import Episode, Schedule
 from tests.support.demo_cart import Cart

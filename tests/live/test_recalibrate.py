@@ -4,7 +4,6 @@ import hashlib
 import io
 import signal
 import subprocess
-import sys
 import threading
 import time
 import tomllib
@@ -26,10 +25,10 @@ from appliance.storage.calibration_file import (
 from drivers.recordings.metaimage import SequenceItem, write_metaimage
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support import stores
+from tests.support.answers import Answer, answered
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.polling import until
 from tests.support.stores import configuration, log, settled
-from tools.cli import main
 
 pytestmark = pytest.mark.usefixtures("log")
 __all__ = ["log"]
@@ -69,20 +68,17 @@ def calibration_file(folder: Path, *shift_mm: float, size_px: tuple[int, int] = 
     return file
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["probewatch", "recalibrate", *(str(argument) for argument in arguments)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    return end.value.code if isinstance(end.value.code, int) else 0
+def recalibrated(*arguments: object) -> Answer:
+    return answered("recalibrate", *arguments)
 
 
-def test_a_recorded_scan_becomes_a_calibration_with_provenance(monkeypatch, tmp_path, scan, capsys) -> None:
+def test_a_recorded_scan_becomes_a_calibration_with_provenance(tmp_path, scan) -> None:
     old = calibration_file(tmp_path, 0, 0, -6)
     new = tmp_path / "new.toml"
-    assert run(monkeypatch, "--recording", scan, "--calibration", old, "--output", new) == 0
-    shown = capsys.readouterr().out
-    assert "330 pictures" in shown
-    assert "tilt spread: 1" in shown
+    shown = recalibrated("--recording", scan, "--calibration", old, "--output", new)
+    assert shown.returncode == 0
+    assert "330 pictures" in shown.stdout
+    assert "tilt spread: 1" in shown.stdout
     file = tomllib.loads(new.read_text())
     said = file["provenance"]
     assert said["previous_sha256"] == hashlib.sha256(old.read_bytes()).hexdigest()
@@ -96,35 +92,33 @@ def test_a_recorded_scan_becomes_a_calibration_with_provenance(monkeypatch, tmp_
     assert offset_mm[2] == pytest.approx(value, abs=1e-4)
 
 
-def test_a_slid_marker_is_noticed_and_then_solved(monkeypatch, tmp_path, scan, capsys) -> None:
+def test_a_slid_marker_is_noticed_and_then_solved(tmp_path, scan) -> None:
     old = calibration_file(tmp_path, 5, -6, 4)
     new = tmp_path / "new.toml"
     arguments = ("--recording", scan, "--calibration", old, "--output", new)
-    assert run(monkeypatch, *arguments) == 65
-    assert "--solve offset" in capsys.readouterr().err
+    assert "--solve offset" in refusal(65, *arguments)
     assert not new.exists()
-    assert run(monkeypatch, *arguments, "--solve", "offset") == 0
+    assert recalibrated(*arguments, "--solve", "offset").returncode == 0
     np.testing.assert_allclose(read_calibration(new).offset_mm, TRUE_OFFSET_MM, atol=0.5)
 
 
-def test_the_new_name_is_dated_and_an_existing_file_is_spared(monkeypatch, tmp_path, scan, capsys) -> None:
+def test_the_new_name_is_dated_and_an_existing_file_is_spared(tmp_path, scan) -> None:
     old = calibration_file(tmp_path, 0, 0, -6)
     before = old.read_bytes()
     arguments = ("--recording", scan, "--calibration", old)
-    assert run(monkeypatch, *arguments, "--output", old) == 78
-    assert "probe.toml: exists already. Give --output another name" in capsys.readouterr().err
+    assert "probe.toml: exists already. Give --output another name" in refusal(78, *arguments, "--output", old)
     assert old.read_bytes() == before
-    assert run(monkeypatch, *arguments) == 0
+    assert recalibrated(*arguments).returncode == 0
     (dated,) = tmp_path.glob("probe-20*Z.toml")
-    assert run(monkeypatch, *arguments, "--output", old, "--force") == 0
+    assert recalibrated(*arguments, "--output", old, "--force").returncode == 0
     np.testing.assert_array_equal(read_calibration(old).offset_mm, read_calibration(dated).offset_mm)
 
 
-def refusal(monkeypatch, capsys, code: int, *arguments: object) -> str:
-    assert run(monkeypatch, *arguments) == code
-    error = capsys.readouterr().err
-    assert "Traceback" not in error
-    return error
+def refusal(code: int, *arguments: object) -> str:
+    shown = recalibrated(*arguments)
+    assert shown.returncode == code
+    assert "Traceback" not in shown.stderr
+    return shown.stderr
 
 
 @pytest.mark.parametrize(
@@ -134,23 +128,23 @@ def refusal(monkeypatch, capsys, code: int, *arguments: object) -> str:
         ("freehand", 120, "usable views of the crossing, 8 are needed"),
     ],
 )
-def test_a_scan_without_enough_passages_is_refused(monkeypatch, tmp_path, capsys, program, pictures, says) -> None:
+def test_a_scan_without_enough_passages_is_refused(tmp_path, program, pictures, says) -> None:
     recording = record(tmp_path / "scan.igs.mha", world(1, program), pictures)
     old = calibration_file(tmp_path, 0, 0, 0)
-    error = refusal(monkeypatch, capsys, 65, "--recording", recording, "--calibration", old)
+    error = refusal(65, "--recording", recording, "--calibration", old)
     assert error.count("\n") == 1
     assert says in error
     assert list(tmp_path.glob("probe-*")) == []
 
 
-def test_a_sigma_that_the_scan_does_not_reach_is_refused(monkeypatch, tmp_path, scan, capsys) -> None:
+def test_a_sigma_that_the_scan_does_not_reach_is_refused(tmp_path, scan) -> None:
     old = calibration_file(tmp_path, 0, 0, 0)
-    error = refusal(monkeypatch, capsys, 65, "--recording", scan, "--calibration", old, "--sigma-mm", 0.01)
+    error = refusal(65, "--recording", scan, "--calibration", old, "--sigma-mm", 0.01)
     assert "± 0.01 mm is asked (ζ needs" in error
     assert list(tmp_path.glob("probe-*")) == []
 
 
-def test_what_cannot_be_meant_is_refused(monkeypatch, tmp_path, scan, capsys) -> None:
+def test_what_cannot_be_meant_is_refused(tmp_path, scan) -> None:
     old = calibration_file(tmp_path, 0, 0, 0)
     other = calibration_file(tmp_path / "..", 0, 0, 0, size_px=(640, 480))
     cases = [
@@ -165,26 +159,26 @@ def test_what_cannot_be_meant_is_refused(monkeypatch, tmp_path, scan, capsys) ->
         (69, "no service answers", ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control")),
     ]
     for code, says, arguments in cases:
-        assert says in refusal(monkeypatch, capsys, code, *arguments), arguments
+        assert says in refusal(code, *arguments), arguments
 
 
-def test_a_device_set_is_recalibrated_too(monkeypatch, tmp_path, scan) -> None:
+def test_a_device_set_is_recalibrated_too(tmp_path, scan) -> None:
     """It does not state the size of its pictures; the scan does."""
     before = read_calibration(calibration_file(tmp_path, 0, 0, -6))
     matrix = " ".join(repr(float(number)) for number in image_to_probe(before).ravel())
     transform = f'<Transform From="Image" To="Probe" Matrix="{matrix}"/>'
     device_set = tmp_path / "set.xml"
     device_set.write_text(f"<P><CoordinateDefinitions>{transform}</CoordinateDefinitions></P>")
-    assert run(monkeypatch, "--recording", scan, "--calibration", device_set) == 0
+    assert recalibrated("--recording", scan, "--calibration", device_set).returncode == 0
     (dated,) = tmp_path.glob("set-20*Z.toml")
     after = read_calibration(dated)
     assert after.image_size_px == SIZE_PX
     np.testing.assert_allclose(after.offset_mm, TRUE_OFFSET_MM, atol=0.5)
 
 
-def test_a_simulated_scan_marks_its_calibration(monkeypatch, tmp_path) -> None:
+def test_a_simulated_scan_marks_its_calibration(tmp_path) -> None:
     new = tmp_path / "new.toml"
-    assert run(monkeypatch, "--simulated", "--duration", 11, "--output", new) == 0
+    assert recalibrated("--simulated", "--duration", 11, "--output", new).returncode == 0
     assert read_calibration(new).simulated
 
 
@@ -228,11 +222,11 @@ class Scripted:
         ("monitoring", 0, ""),
     ],
 )
-def test_the_end_is_what_the_service_says(monkeypatch, tmp_path, scan, capsys, state, code, says) -> None:
+def test_the_end_is_what_the_service_says(tmp_path, scan, state, code, says) -> None:
     old = calibration_file(tmp_path, 0, 0, 1)
     arguments = ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control", "--wait", 1)
     with Scripted(tmp_path / "control", state) as service:
-        assert says in refusal(monkeypatch, capsys, code, *arguments)
+        assert says in refusal(code, *arguments)
     assert service.asked[:3] == ["begin-recalibration", "propose-calibration", "end-recalibration"]
     assert "abort-recalibration" not in service.asked
 
@@ -247,15 +241,15 @@ def test_the_end_is_what_the_service_says(monkeypatch, tmp_path, scan, capsys, s
         ),
     ],
 )
-def test_a_service_that_declines_is_left_as_it_was(monkeypatch, tmp_path, scan, capsys, declined, asked) -> None:
+def test_a_service_that_declines_is_left_as_it_was(tmp_path, scan, declined, asked) -> None:
     old = calibration_file(tmp_path, 0, 0, 1)
     arguments = ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control")
     with Scripted(tmp_path / "control", "halt", declined) as service:
-        assert "not possible while halt" in refusal(monkeypatch, capsys, 75, *arguments)
+        assert "not possible while halt" in refusal(75, *arguments)
     assert service.asked == asked
 
 
-def test_a_scan_begins_with_what_is_in_force_not_with_the_configured_file(monkeypatch, tmp_path, scan) -> None:
+def test_a_scan_begins_with_what_is_in_force_not_with_the_configured_file(tmp_path, scan) -> None:
     (tmp_path / "of").mkdir()
     calibration_file(tmp_path, 0, 0, -6)
     now = calibration_file(tmp_path / "of", 0, 0, -2)
@@ -266,32 +260,30 @@ def test_a_scan_begins_with_what_is_in_force_not_with_the_configured_file(monkey
     new = tmp_path / "new.toml"
     with Scripted(tmp_path / "control", "monitoring"):
         named = ("--config", tmp_path / "probewatch.toml", "--output", new)
-        assert run(monkeypatch, "--recording", scan, *named) == 0
+        assert recalibrated("--recording", scan, *named).returncode == 0
     assert tomllib.loads(new.read_text())["provenance"]["previous_file"] == str(now)
 
 
-def test_a_simulated_scan_is_not_even_begun_on_real_devices(monkeypatch, tmp_path, capsys) -> None:
+def test_a_simulated_scan_is_not_even_begun_on_real_devices(tmp_path) -> None:
     arguments = ("--simulated", "--duration", 600, "--output", tmp_path / "new.toml", "--socket", tmp_path / "control")
     with Scripted(tmp_path / "control", "monitoring") as service:
-        assert "watches real devices" in refusal(monkeypatch, capsys, 78, *arguments)
+        assert "watches real devices" in refusal(78, *arguments)
     assert service.asked == ["status"]
 
 
-def test_a_far_calibration_is_written_stated_and_not_taken_without_a_person(
-    monkeypatch, tmp_path, scan, capsys
-) -> None:
+def test_a_far_calibration_is_written_stated_and_not_taken_without_a_person(monkeypatch, tmp_path, scan) -> None:
     old, new = calibration_file(tmp_path, 0, 0, 1), tmp_path / "new.toml"
     arguments = ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control", "--output", new)
     monkeypatch.setitem(PROPOSAL, "confirm", True)
     monkeypatch.setattr("sys.stdin", io.StringIO())
     with Scripted(tmp_path / "control", "monitoring") as service:
-        assert run(monkeypatch, *arguments) == 75
-        out, err = capsys.readouterr()
-        assert "against the reference in force: hardly" in out
-        assert f"Give --yes if it is meant; later: probewatch calibration use {new}" in err
+        shown = recalibrated(*arguments)
+        assert shown.returncode == 75
+        assert "against the reference in force: hardly" in shown.stdout
+        assert f"Give --yes if it is meant; later: probewatch calibration use {new}" in shown.stderr
         assert service.asked == ["begin-recalibration", "propose-calibration", "abort-recalibration"]
         assert new.exists(), "a scan is not lost"
-        assert run(monkeypatch, *arguments, "--force", "--yes") == 0
+        assert recalibrated(*arguments, "--force", "--yes").returncode == 0
     assert "end-recalibration" in service.asked
 
 

@@ -3,7 +3,6 @@
 import json
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -66,7 +65,7 @@ def _simulate(*arguments: str) -> list[str]:
 
 def _scanner(folder: Path) -> list[str]:
     origin = ["--origin-ns", str(time.monotonic_ns())]
-    return [sys.executable, "-m", "drivers.twins.scanner", "--socket", str(folder / "video"), *origin]
+    return _simulate("scanner", "--socket", str(folder / "video"), *origin)
 
 
 def _rom(folder: Path) -> list[str]:

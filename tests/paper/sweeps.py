@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from appliance.core.geometry import Array, rigid, rotation_from_vector
+from drivers.rigid import Array, rigid, rotation_from_vector
 from drivers.samples import GreyImage
 from drivers.twins.scene.world import World, WorldSettings
 

@@ -5,10 +5,10 @@ from functools import cache
 
 import numpy as np
 
-from appliance.core.geometry import Array, inverse, rigid, rotation_from_vector
 from appliance.core.registration.keyframe import warp_matrix
 from appliance.core.registration.overlay import OverlayMask
 from appliance.core.registration.pyramid import Pyramid, pyramid
+from drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from drivers.samples import GreyImage, Matrix4
 from drivers.twins.scene.world import World, WorldSettings
 

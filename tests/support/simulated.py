@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -15,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from drivers.samples import Matrix4
-from tools.simulators import run_with_parent
+from tools.simulators.run_with_parent import with_parent
 
-TETHER = [sys.executable, "-IS", str(Path(run_with_parent.__file__)), str(os.getpid())]
+TETHER = with_parent()
 """Gives a simulator the priority of a simulated cart's devices: a cart in a test beside it would otherwise keep it from
 answering for longer than the 0.2 s that public clients allow."""
 PROBEWATCH = [sys.executable, "-c", "from tools.cli import main; main()"]

@@ -16,12 +16,13 @@ FLAGS = abi.BUF_FLAG_TIMESTAMP_MONOTONIC | abi.BUF_FLAG_TSTAMP_SRC_SOE
 
 
 class Driver:
-    """send() fills a queued buffer. formats, size_px, rate_hz, status, timings: what it answers. refuse: request →
-    errno. asked: every request in order.
+    """send() fills a queued buffer. formats, size_px, rate_hz, field, status, timings: what it answers. refuse:
+    request → errno. asked: every request in order.
     """
 
     def __init__(self) -> None:
         self.formats, self.size_px, self.rate_hz = ["YUYV", "GREY"], (64, 48), 25.0
+        self.field = abi.FIELD_NONE
         self.status, self.capabilities = 0, abi.CAP_VIDEO_CAPTURE | abi.CAP_STREAMING
         self.timings: abi.DvTimings | None = None
         self.current_timings = abi.DvTimings()
@@ -80,6 +81,7 @@ def _set_format(driver: Driver, argument: abi.Format) -> None:
     driver.format = asked if asked in driver.formats else driver.formats[0]
     argument.pix.pixelformat = abi.fourcc(driver.format)
     argument.pix.width, argument.pix.height = driver.size_px
+    argument.pix.field = driver.field
     argument.pix.bytesperline = driver.size_px[0] * (2 if driver.format == "YUYV" else 1)
 
 

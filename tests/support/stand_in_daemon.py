@@ -13,7 +13,7 @@ from appliance.limits import Limits
 from appliance.service.control.references import References
 from appliance.service.estimator.loop import serve as serve_estimator
 from appliance.service.estimator.process_host import EstimatorHost
-from appliance.types import Calibration, Verdict, VerdictKind
+from appliance.types import Calibration, Fault, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.samples import Frame, PoseStatus, Sample
 from tools.commands.run import serve
@@ -25,7 +25,7 @@ _NEAR_NS = 200_000_000
 class TrustingLine:
     """OK of a frame that an OK pose came with, as far as the stamps tell."""
 
-    def __init__(self, reference: Calibration, limits: Limits) -> None:
+    def __init__(self, reference: Calibration, limits: Limits, stale_ns: int) -> None:
         self._pose_ns = 0
         self._verified_ns: int | None = None
         self._fault = Path(os.environ.get("PROBEWATCH_STAND_IN_FAULT", "/nowhere"))
@@ -34,7 +34,7 @@ class TrustingLine:
         if isinstance(sample, Frame):
             fault = self._fault.read_text() if self._fault.exists() else ""
             if fault:
-                return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (), fault, "as the test wishes"),)
+                return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (), Fault(fault), "as the test wishes"),)
             t_ns = sample.stamp.t_ns
             near = abs(t_ns - self._pose_ns) < _NEAR_NS
             self._verified_ns = t_ns if near else self._verified_ns
@@ -49,7 +49,7 @@ def main() -> None:
     if len(sys.argv) > 2:
         return serve_estimator(sys.argv[1:], TrustingLine)
     config = load_config(Path(sys.argv[1]))
-    estimator = EstimatorHost(None, config.limits, _COMMAND)
+    estimator = EstimatorHost(None, config.limits, config.supervisor.patience().stale_ns, _COMMAND)
     return serve(config, Path(sys.argv[1]), References(config), estimator, HostClock())
 
 

@@ -5,17 +5,18 @@ import time
 
 from appliance.limits import Limits
 from appliance.service.estimator.loop import serve
-from appliance.types import Calibration, Check, Verdict, VerdictKind
+from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
 from drivers.samples import Frame, Sample
 
 OK, FAULT, CRASH, HANG, SILENT = range(1, 6)
 
 
 class ObedientLine:
-    """Says of each frame what its first pixel orders; names the reference by its lateral scale."""
+    """Says of each frame what its first pixel orders; its check names the lateral scale of the reference, and stale_ns
+    as its limit."""
 
-    def __init__(self, reference: Calibration, limits: Limits) -> None:
-        self._scale = float(reference.scale_mm_per_px[0])
+    def __init__(self, reference: Calibration, limits: Limits, stale_ns: int) -> None:
+        self._scale, self._stale_ns = float(reference.scale_mm_per_px[0]), stale_ns
 
     def step(self, sample: Sample) -> tuple[Verdict, ...]:
         if not isinstance(sample, Frame):
@@ -27,10 +28,10 @@ class ObedientLine:
             time.sleep(60)
         if order not in {OK, FAULT}:
             return ()
-        check = Check("scale-lateral", "scale", self._scale, 0.0, "mm/px", 1.0, VerdictKind.OK)
+        check = Check("scale-lateral", Fault.SCALE, self._scale, 0.0, "mm/px", self._stale_ns, VerdictKind.OK)
         if order == OK:
             return (Verdict(sample.stamp.t_ns, VerdictKind.OK, (check,), verified_ns=sample.stamp.t_ns),)
-        return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (check,), "polarity", "ordered"),)
+        return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (check,), Fault.POLARITY, "ordered"),)
 
 
 if __name__ == "__main__":

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from appliance.core.geometry import Array, rigid, rotation_from_vector
 from appliance.core.path.window import PathWindow
 from appliance.types import Calibration, Motion, MotionKind
+from drivers.rigid import Array, rigid, rotation_from_vector
 from drivers.samples import Stamp
 from tests.support.motions import TRUTH, picture_path
 

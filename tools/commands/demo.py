@@ -16,7 +16,7 @@ from appliance.supervision.supervisor import LATCHED
 from appliance.types import State
 from drivers.errors import TooBusy
 from drivers.files.atomic_file import check_writable
-from drivers.twins.faults import FAULT_CLASS
+from drivers.twins.faults import CART_FAULTS
 from tools.demo.director import Director
 from tools.demo.live_view import LiveView
 from tools.demo.load import DemoLoad
@@ -42,8 +42,8 @@ def _faults(_context: click.Context, _option: click.Parameter, texts: tuple[str,
 
 def _fault(text: str) -> tuple[str, float]:
     fault, _, seconds = text.partition("@")
-    if fault not in FAULT_CLASS:
-        raise click.BadParameter(f"'{fault}' is none of {', '.join(FAULT_CLASS)}")
+    if fault not in CART_FAULTS:
+        raise click.BadParameter(f"'{fault}' is none of {', '.join(CART_FAULTS)}")
     try:
         from_s = float(seconds)
     except ValueError:

@@ -18,7 +18,7 @@ from appliance.types import Check
 from drivers.files.atomic_file import check_writable
 from drivers.recordings.replay import open_recording
 from drivers.samples import Sample
-from drivers.twins.faults import FAULT_CLASS, Episode, Schedule
+from drivers.twins.faults import CART_FAULTS, Episode, Schedule
 from tools.shared.estimate import check_new, write_estimate
 from tools.shared.json_report import write_json
 from tools.shared.recording_run import run
@@ -31,8 +31,8 @@ def _episodes(_context: click.Context, _option: click.Parameter, texts: tuple[st
 
 def _episode(text: str) -> Episode:
     fault, at, seconds = text.partition("@")
-    if fault not in FAULT_CLASS:
-        raise click.BadParameter(f"'{fault}' is none of {', '.join(FAULT_CLASS)}")
+    if fault not in CART_FAULTS:
+        raise click.BadParameter(f"'{fault}' is none of {', '.join(CART_FAULTS)}")
     try:
         from_s = float(seconds) if at else 0.0
     except ValueError:
@@ -83,7 +83,7 @@ def command(
     session = open_recording(recording, poses=poses, probe=probe, reference=reference, orientation=orientation)
     nominal = read_calibration(calibration, session.size_px, probe or "Probe")
     judging = Judging() if config_path is None else _judging(config_path)
-    line = Line(nominal, judging.limits)
+    line = Line(nominal, judging.limits, judging.patience.stale_ns)
     report, timeline = run(session, line, schedule, judging, lambda samples: _progress(samples, len(session)))
     _print(report, timeline, recording)
     if json_path is not None:

@@ -46,7 +46,8 @@ def _run(config_file: Path, clock: HostClock, slowness: float) -> None:
         _await_configuration(config_file)
         return
     config = load_config(config_file)
-    serve(config, config_file, References(config), EstimatorHost(None, config.limits, slowness=slowness), clock)
+    estimator = EstimatorHost(None, config.limits, config.supervisor.patience().stale_ns, slowness=slowness)
+    serve(config, config_file, References(config), estimator, clock)
 
 
 def _await_configuration(config_file: Path) -> None:

@@ -9,9 +9,11 @@ _DEVICES = {
     "log": "an NDI tracker as it answered in a byte log",
     "ndi": "a Polaris or Aurora on a pseudo-terminal, a Vega on TCP",
     "optotrak": "an Optotrak behind an RTC3D server on TCP",
+    "relay": "an LCUS relay board on a pseudo-terminal",
+    "scanner": "a scanner's video output on a Unix socket",
 }
 
 
 @click.group("simulate", cls=LazyGroup, names=_DEVICES, prefix="tools.simulators.", heading="Devices")
 def command() -> None:
-    """Simulate a tracker at its own protocol, or a whole cart, with faults at run time."""
+    """Simulate a device at its own protocol, or a whole cart, with faults at run time."""

@@ -1,13 +1,12 @@
 """Which faults the demo shows, and what each of them has to lead to. Times are seconds of the simulated cart."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import accumulate
 
 from appliance.supervision.alarms import Kind, kind_of
-from appliance.types import State
+from appliance.types import Fault, State
 from drivers.errors import ConfigurationError
-from drivers.twins.faults import FAULT_CLASS
 
 HEALTHY_S = 24.0
 """The first fault of the default script comes no sooner: about four seconds to start, then healthy motion."""
@@ -21,6 +20,20 @@ DEFAULT = (
     "slide-marker",
     "latency",
 )
+
+FAULT_CLASS: Mapping[str, Fault] = {
+    "flip-lateral": Fault.POLARITY,
+    "flip-vertical": Fault.POLARITY,
+    "depth": Fault.SCALE,
+    "bend-marker": Fault.ROTATION,
+    "slide-marker": Fault.OFFSET,
+    "latency": Fault.LATENCY,
+    "freeze-video": Fault.FROZEN_VIDEO,
+    "lose-video": Fault.VIDEO_LOST,
+    "lose-tracker": Fault.TRACKER_LOST,
+    "stale-tracker": Fault.TRACKER_STALE,
+}
+"""Fault of a simulated device → class under which a check must report it."""
 
 LONGEST_ON_S = dict.fromkeys(FAULT_CLASS, 8.0) | {"latency": 16.0}
 """Fault → how long the service may take to its last state: 3 s of escalation, 3 s in which the hand may rest, and to
@@ -56,7 +69,7 @@ class Injection:
     to_s: float
 
     @property
-    def fault_class(self) -> str:
+    def fault_class(self) -> Fault:
         """Name under which the alarm must report it."""
         return FAULT_CLASS[self.fault]
 

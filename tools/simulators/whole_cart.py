@@ -15,23 +15,24 @@ from typing import Any, Self
 
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
+from appliance.service.host.child_process import ONE_THREAD
 from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
 from drivers.clock.host_clock import HostClock
 from drivers.errors import DeviceLost, ProbewatchError
 from drivers.files.atomic_file import replacing
 from drivers.twins.faults import PICTURE_FAULTS, Schedule
 from drivers.twins.scene.world import World
+from tools.simulators.run_with_parent import with_parent
 
 Event = dict[str, Any]
 
 _PROBEWATCH = [sys.executable, "-P", "-c", "from tools.cli import main; main()"]
 TWINS = {
-    "scanner": [sys.executable, "-P", "-m", "drivers.twins.scanner"],
+    "scanner": [*_PROBEWATCH, "simulate", "scanner"],
     "polaris": [*_PROBEWATCH, "simulate", "ndi", "--model", "polaris-spectra"],
-    "relay_board": [sys.executable, "-P", "-m", "drivers.twins.relay_board"],
+    "relay_board": [*_PROBEWATCH, "simulate", "relay"],
 }
 """The command that starts each."""
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _READY_S = 30.0
 """For which a part may take to serve: it loads its libraries beside three others. Less gives up on a busy machine."""
 _END_S = 10.0
@@ -56,15 +57,14 @@ class Part:
         self.said: list[Event] = []
         self.noise: list[str] = []
         self._last: deque[str] = deque(maxlen=_LAST_LINES)
-        run_with_parent = [sys.executable, "-IS", str(Path(__file__).with_name("run_with_parent.py")), str(os.getpid())]
         self.process = subprocess.Popen(
-            [*run_with_parent, *command],
+            with_parent(*command),
             text=True,
             errors="replace",
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            env=os.environ | _ONE_THREAD,
+            env=os.environ | ONE_THREAD,
             process_group=0,
         )
         self._reader = threading.Thread(target=self._read, name=name, daemon=True)
@@ -181,8 +181,8 @@ class SimulatedDevices:
             "polaris": ["--pty", str(place), "--rom", str(self.folder / "probe.rom"), "--control", f"{place}.json"],
             "relay_board": ["--pty", str(place)],
         }[name]
-        settings = self.settings
-        common = ["--origin-ns", str(self.clock.origin_ns), "--rate", str(settings.rate), "--seed", str(settings.seed)]
+        world = [] if name == "relay_board" else ["--seed", str(self.settings.seed)]
+        common = ["--origin-ns", str(self.clock.origin_ns), "--rate", str(self.settings.rate), *world]
         self.twins[name] = Part(name, [*TWINS[name], *options, *common])
 
     def await_twin(self, name: str) -> str:

@@ -11,8 +11,8 @@ from math import radians
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from appliance.core.geometry import Array, inverse, rigid, rotation_from_vector
 from appliance.types import Calibration
+from drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from tools.study.session import Session, picture_path
 
 BOUND_S = 30.0

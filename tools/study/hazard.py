@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.geometry import Array, inverse, rigid, rotation_from_vector
 from appliance.types import PARAMETERS, Calibration
 from drivers.errors import ConfigurationError
+from drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from drivers.samples import GreyImage
 
 ONSET_S = 20.0

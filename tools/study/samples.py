@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.core.geometry import Array, rigid, rotation_from_vector
 from drivers.recordings.metaimage import SequenceItem, read_metaimage, write_metaimage
+from drivers.rigid import Array, rigid, rotation_from_vector
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.faults import blank_image
 from tools.study.hazard import Hazard

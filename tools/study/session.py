@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.geometry import Array, inverse, rigid, rotation_from_vector
 from appliance.types import Calibration
+from drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from drivers.twins.scene.world import World, WorldSettings
 from tools.study.hand import PROGRAMS, lifted
 

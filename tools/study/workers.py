@@ -25,7 +25,7 @@ def results(work: Callable[[_T], _R], tasks: Iterable[_T], jobs: int, scheduler:
 def _local(work: Callable[[_T], _R], tasks: list[_T], jobs: int) -> Iterator[_R]:
     context = multiprocessing.get_context("spawn")
     # In order, so that tasks on the same pictures follow one another in one process, which keeps them.
-    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=end_with_parent) as pool:
         futures = [pool.submit(work, task) for task in tasks]
         try:
             for future in as_completed(futures):

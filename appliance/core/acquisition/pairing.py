@@ -3,8 +3,8 @@
 from collections import Counter, deque
 from dataclasses import dataclass
 
-from appliance.core.geometry import interpolate
 from appliance.types import StampedPair
+from drivers.rigid import interpolate
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 MOST_APART_NS = 250_000_000

@@ -8,7 +8,7 @@ import numpy as np
 from appliance.core.path.latency import Latency
 from appliance.core.path.solver import Solution
 from appliance.limits import Limits
-from appliance.types import PARAMETERS, Check, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, VerdictKind
 
 _LEAST_AGREEMENT = 0.9
 """Correlation of measured and predicted motion. Less trusts X where a tracker is late or a picture badly followed; more
@@ -37,9 +37,9 @@ def latency_check(latency: Latency | None, limits: Limits, stamps_err_s: float, 
     it away, so it takes from the room on either side of the limit. shown_ns: of the motion that it comes from.
     """
     if latency is None:
-        return Check("latency", "latency", nan, nan, "ms", limits.latency_ms, VerdictKind.NOT_VERIFIED)
+        return Check("latency", Fault.LATENCY, nan, nan, "ms", limits.latency_ms, VerdictKind.NOT_VERIFIED)
     check = Check(
-        "latency", "latency", latency.value_s * 1e3, latency.sigma_s * 1e3, "ms", limits.latency_ms,
+        "latency", Fault.LATENCY, latency.value_s * 1e3, latency.sigma_s * 1e3, "ms", limits.latency_ms,
         VerdictKind.NOT_VERIFIED, shown_ns,
     )  # fmt: skip
     return _judged(check, limits.confidence_sigma, stamps_err_s * 1e3)
@@ -51,16 +51,16 @@ def agreement_check(solution: Solution | None) -> Check:
     """
     value = nan if solution is None else 1 - solution.correlation
     verdict = VerdictKind.OK if value <= 1 - _LEAST_AGREEMENT else VerdictKind.NOT_VERIFIED
-    return Check("motion-agreement", "agreement", value, 0.0, "1 − r", 1 - _LEAST_AGREEMENT, verdict)
+    return Check("motion-agreement", Fault.AGREEMENT, value, 0.0, "1 − r", 1 - _LEAST_AGREEMENT, verdict)
 
 
 def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
     name = PARAMETERS[index]
-    fault = name.split("-", 1)[0]
+    fault = Fault(name.split("-", 1)[0])
     factor, unit, limit = {
-        "rotation": (float(np.rad2deg(1.0)), "deg", limits.rotation_deg),
-        "scale": (100.0, "%", limits.scale_percent),
-        "offset": (1.0, "mm", limits.offset_mm),
+        Fault.ROTATION: (float(np.rad2deg(1.0)), "deg", limits.rotation_deg),
+        Fault.SCALE: (100.0, "%", limits.scale_percent),
+        Fault.OFFSET: (1.0, "mm", limits.offset_mm),
     }[fault]
     if solution is None or not trusted(solution):
         return Check(name, fault, nan, nan, unit, limit, VerdictKind.NOT_VERIFIED)

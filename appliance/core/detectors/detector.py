@@ -6,8 +6,8 @@ Pure: time is in the stamps. A detector overrides what concerns it; the others d
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from appliance.core.geometry import Array
-from appliance.types import Check
+from appliance.types import Check, Fault
+from drivers.rigid import Array
 from drivers.samples import GreyImage, Pose
 
 
@@ -46,7 +46,7 @@ class Detector:
     def forget_poses(self, since_ns: int) -> None:
         """Poses at or after since_ns were stamped wrongly."""
 
-    def forgive(self, shows: Callable[[str], bool]) -> None:
+    def forgive(self, shows: Callable[[Fault], bool]) -> None:
         """Motion has shown the classes of faults for which `shows` is true to be absent."""
 
     def checks(self) -> tuple[Check, ...]:

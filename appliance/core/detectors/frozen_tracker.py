@@ -3,7 +3,7 @@
 import numpy as np
 
 from appliance.core.detectors.detector import Detector, Observation
-from appliance.types import Check, VerdictKind
+from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import Matrix4, Pose
 
 _MOVED_MM = 1.0
@@ -43,4 +43,4 @@ class FrozenTracker(Detector):
         """Age of the reading, ms, once the picture has moved more than a millimetre in that time; 0 before."""
         age_ns = self._now_ns - self._since_ns if self._moved_mm > _MOVED_MM else 0
         verdict = VerdictKind.FAULT if age_ns > self._limit_ns else VerdictKind.OK
-        return (Check("frozen-tracker", "tracker-stale", age_ns / 1e6, 0.0, "ms", self._limit_ns / 1e6, verdict),)
+        return (Check("frozen-tracker", Fault.TRACKER_STALE, age_ns / 1e6, 0.0, "ms", self._limit_ns / 1e6, verdict),)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from appliance.core.detectors.detector import Detector
-from appliance.types import Check, VerdictKind
+from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import GreyImage
 
 _SAME_GREY = 2
@@ -50,7 +50,7 @@ class FrozenVideo(Detector):
             return ()
         verdict = VerdictKind.FAULT if self.repeats_ns > self._limit_ns else VerdictKind.OK
         limit_ms = self._limit_ns / 1e6
-        return (Check("frozen-video", "frozen-video", self.repeats_ns / 1e6, 0.0, "ms", limit_ms, verdict),)
+        return (Check("frozen-video", Fault.FROZEN_VIDEO, self.repeats_ns / 1e6, 0.0, "ms", limit_ms, verdict),)
 
 
 def _same(before: GreyImage, now: GreyImage) -> bool:

@@ -15,10 +15,10 @@ import numpy as np
 
 from appliance.core.acquisition.pairing import MOST_APART_NS
 from appliance.core.detectors.detector import Detector, Observation
-from appliance.core.geometry import angle_from_rotation, inverse
 from appliance.core.path.window import sensor_jump
 from appliance.limits import Limits
-from appliance.types import Check, VerdictKind
+from appliance.types import Check, Fault, VerdictKind
+from drivers.rigid import angle_from_rotation, inverse
 from drivers.samples import Matrix4, Pose
 
 _LEAST_MM, _LEAST_RAD = 2.5, np.deg2rad(2.0)
@@ -117,11 +117,11 @@ class MarkerSlip(Detector):
             confirmed |= self._weigh(*self._waiting.popleft(), seen_mm)
         return confirmed
 
-    def forgive(self, shows: Callable[[str], bool]) -> None:
+    def forgive(self, shows: Callable[[Fault], bool]) -> None:
         """See Detector."""
-        if shows("rotation"):
+        if shows(Fault.ROTATION):
             self._slip[:3, :3] = np.eye(3)
-        if shows("offset"):
+        if shows(Fault.OFFSET):
             self._slip[:3, 3] = 0.0
 
     def checks(self) -> tuple[Check, ...]:
@@ -130,8 +130,8 @@ class MarkerSlip(Detector):
         turn = float(np.rad2deg(turn_rad))
         bent, slid = turn > self._limits.rotation_deg, shift > self._limits.offset_mm
         return (
-            _check("marker-turn", "rotation", turn, "deg", self._limits.rotation_deg, bent),
-            _check("marker-shift", "offset", shift, "mm", self._limits.offset_mm, slid and not bent),
+            _check("marker-turn", Fault.ROTATION, turn, "deg", self._limits.rotation_deg, bent),
+            _check("marker-shift", Fault.OFFSET, shift, "mm", self._limits.offset_mm, slid and not bent),
         )
 
     def _weigh(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> bool:
@@ -198,5 +198,5 @@ def _extent(step: Matrix4) -> tuple[float, float]:
     return hypot(*step[:3, 3].tolist()), angle_from_rotation(step[:3, :3])
 
 
-def _check(name: str, fault: str, value: float, unit: str, limit: float, failed: bool) -> Check:
+def _check(name: str, fault: Fault, value: float, unit: str, limit: float, failed: bool) -> Check:
     return Check(name, fault, value, 0.0, unit, limit, VerdictKind.FAULT if failed else VerdictKind.OK)

@@ -5,7 +5,7 @@ from math import exp
 
 from appliance.core.detectors.detector import Detector, Observation
 from appliance.core.registration.texture import Texture, TextureReader
-from appliance.types import Check, VerdictKind
+from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import GreyImage
 
 _LEAST_ROWS = 200
@@ -51,7 +51,7 @@ class NoPicture(Detector):
         if self.texture is None:
             return ()
         verdict = VerdictKind.NOT_VERIFIED if self._without_ns > _LIMIT_NS else VerdictKind.OK
-        return (Check("no-picture", "no-picture", self._without_ns / 1e6, 0.0, "ms", _LIMIT_NS / 1e6, verdict),)
+        return (Check("no-picture", Fault.NO_PICTURE, self._without_ns / 1e6, 0.0, "ms", _LIMIT_NS / 1e6, verdict),)
 
     def step(self, t_ns: int, image: GreyImage) -> Check:
         """Take the next picture, (h, w) uint8, of t_ns; returns the one check."""

@@ -15,7 +15,7 @@ import numpy as np
 from appliance.core.detectors.detector import Detector, Observation
 from appliance.core.detectors.polarity import MOST_FLIPPED
 from appliance.core.registration.pyramid import Array32
-from appliance.types import Check, VerdictKind
+from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import GreyImage
 
 _SMALL_PX = 160
@@ -87,11 +87,11 @@ class PictureEvent(Detector):
             self._log_zoom += log(change.zoom)
         return change
 
-    def forgive(self, shows: Callable[[str], bool]) -> None:
+    def forgive(self, shows: Callable[[Fault], bool]) -> None:
         """See Detector: the sum of events was wrong or has been undone elsewhere."""
-        if shows("polarity"):
+        if shows(Fault.POLARITY):
             self._polarity = (1, 1)
-        if shows("scale"):
+        if shows(Fault.SCALE):
             self._log_zoom = 0.0
 
     def checks(self) -> tuple[Check, ...]:
@@ -99,8 +99,10 @@ class PictureEvent(Detector):
         flipped = float(self._polarity.count(-1))
         zoom = 100 * (np.exp(self._log_zoom) - 1)
         return (
-            Check("picture-flip", "polarity", flipped, 0.0, "axes", MOST_FLIPPED, _judged(flipped, MOST_FLIPPED)),
-            Check("picture-zoom", "scale", float(zoom), 0.0, "%", self._scale_limit, _judged(zoom, self._scale_limit)),
+            Check("picture-flip", Fault.POLARITY, flipped, 0.0, "axes", MOST_FLIPPED, _judged(flipped, MOST_FLIPPED)),
+            Check(
+                "picture-zoom", Fault.SCALE, float(zoom), 0.0, "%", self._scale_limit, _judged(zoom, self._scale_limit)
+            ),
         )
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.solver import path_agreement, path_misfit
-from appliance.types import Calibration, Check, VerdictKind
+from appliance.types import Calibration, Check, Fault, VerdictKind
 
 POLARITIES = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 MOST_FLIPPED = 0.5
@@ -47,4 +47,4 @@ def flipped(reference: Calibration, polarity: tuple[int, int]) -> Calibration:
 
 
 def _check(value: float, verdict: VerdictKind, shown_ns: int | None) -> Check:
-    return Check("polarity", "polarity", value, 0.0, "axes", MOST_FLIPPED, verdict, shown_ns)
+    return Check("polarity", Fault.POLARITY, value, 0.0, "axes", MOST_FLIPPED, verdict, shown_ns)

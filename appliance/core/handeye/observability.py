@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.geometry import Array
+from drivers.rigid import Array
 
 _SHOWN = 1.0
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.geometry import Array, skew
+from drivers.rigid import Array, skew
 
 
 @dataclass(frozen=True, slots=True, eq=False)

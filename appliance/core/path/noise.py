@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpbtrf, dtbtrs
 
-from appliance.core.geometry import Array, ComplexArray
+from drivers.rigid import Array, ComplexArray
 
 SD_PER_MEDIAN = 1.4826
 """Standard deviation ÷ median of the size of a normal variable with mean 0."""

@@ -6,11 +6,11 @@ costs time in proportion to the pictures, whitening above all, is done once for 
 
 import numpy as np
 
-from appliance.core.geometry import Array, ComplexArray, rotation_from_vector
 from appliance.core.path.noise import Noise, Whitener
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.steps import picture_steps, products_and_slopes
 from appliance.types import Calibration
+from drivers.rigid import Array, ComplexArray, rotation_from_vector
 
 ROTATION, SCALE, OFFSET, TAU = slice(0, 3), slice(3, 5), slice(5, 8), 8
 """Of θ (9,): change of the reference in the order of PARAMETERS, and the latency, s."""

@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.geometry import Array
 from appliance.core.path.noise import Times
 from appliance.core.path.steps import SensorSteps
+from drivers.rigid import Array
 
 _LEAST_CHAIN = 4
 _LEAST_PICTURES = 8

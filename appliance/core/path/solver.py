@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.geometry import Array, rotation_from_vector
 from appliance.core.path.noise import Noise, Whitener, position_weight
 from appliance.core.path.residual import OFFSET, TAU, VALUE, PathResidual, side_by_side
 from appliance.core.path.samples import PathSamples
 from appliance.types import Calibration
+from drivers.rigid import Array, rotation_from_vector
 
 _ITERATIONS = 6
 """Most Gauss–Newton steps of one round; near the reference a step of less than 1e-6 mostly ends it sooner."""

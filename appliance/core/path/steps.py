@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.geometry import Array, inverse, skew
 from appliance.types import Calibration
+from drivers.rigid import Array, inverse, skew
 
 _GENERATORS = skew(np.eye(3))
 """(3, 3, 3): [e]× of each axis."""

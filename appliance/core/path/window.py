@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.acquisition.pairing import MOST_APART_NS
-from appliance.core.geometry import Array, ComplexArray, inverse, quaternion_from_rotation, rigid
 from appliance.core.path.latency import Latency, estimate_latency
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.steps import predicted_path
 from appliance.types import Calibration, Motion
+from drivers.rigid import Array, ComplexArray, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
 from drivers.samples import Matrix4
 
 _APART_S = 0.1
@@ -82,7 +82,7 @@ class PoseTrack:
         )
         q /= np.linalg.norm(q, axis=-1, keepdims=True)
         bracketed = (t_s >= times[0]) & (t_s <= times[-1]) & (end_s - start_s < MOST_APART_NS / 1e9)
-        return rigid(_rotation_from_quaternion(q), p), bracketed
+        return rigid(rotation_from_quaternion(q), p), bracketed
 
     def _take_new(self) -> None:
         if not self._new:
@@ -176,7 +176,7 @@ class PathWindow:
         reach = slice(np.searchsorted(times, t_s[0] - _BEFORE_S), None)
         if times[reach].size < 2:
             return None
-        poses = rigid(_rotation_from_quaternion(turns[reach]), positions[reach])
+        poses = rigid(rotation_from_quaternion(turns[reach]), positions[reach])
         sensor_path = predicted_path(poses, self._reference)
         path = self._picture_path(u_px, alpha)
         return estimate_latency(t_s, chain, np.stack([path.real, path.imag]), times[reach], sensor_path)
@@ -249,17 +249,6 @@ _NOTHING = PathSamples(
     hidden_mm=np.zeros(0),
 )
 """Samples of no picture."""
-
-
-def _rotation_from_quaternion(q: Array) -> Array:
-    """(…, 4) unit (w, x, y, z) → (…, 3, 3)."""
-    w, x, y, z = np.moveaxis(q, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def sensor_jump(before: Matrix4, after: Matrix4) -> Matrix4:

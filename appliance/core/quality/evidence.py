@@ -14,7 +14,7 @@ from appliance.core.path.solver import Prior, Solution, path_misfit, solve
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.verification import Sign, Verification
 from appliance.limits import Limits
-from appliance.types import PARAMETERS, Calibration, Check, VerdictKind
+from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 
 _SHORT_NS = 3_500_000_000
 """The window that finds a change. Longer names it later: a scale is named within 4 s
@@ -66,15 +66,15 @@ _NEAR = Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0)
 what the window does not show stays where the model is linear. Not measured.
 """
 _REQUIRED_FOR = {
-    "polarity": ("polarity",),
-    "scale": ("scale-lateral", "scale-axial"),
-    "rotation": ("rotation-lateral", "rotation-axial", "rotation-elevational"),
-    "offset": ("offset-lateral", "offset-axial", "offset-elevational"),
+    Fault.POLARITY: ("polarity",),
+    Fault.SCALE: ("scale-lateral", "scale-axial"),
+    Fault.ROTATION: ("rotation-lateral", "rotation-axial", "rotation-elevational"),
+    Fault.OFFSET: ("offset-lateral", "offset-axial", "offset-elevational"),
 }
 _SLOW = frozenset({"rotation-lateral", "rotation-axial", "offset-lateral", "offset-axial", "offset-elevational"})
 """Shown only by tilt and turn, of which a few seconds hold too little to decide."""
 _OF_X = frozenset(PARAMETERS)
-_UNWEIGHED = Check("polarity", "polarity", nan, 0.0, "axes", MOST_FLIPPED, VerdictKind.NOT_VERIFIED)
+_UNWEIGHED = Check("polarity", Fault.POLARITY, nan, 0.0, "axes", MOST_FLIPPED, VerdictKind.NOT_VERIFIED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +157,7 @@ class Evidence:
         """As in `Verdict`."""
         return self._verification.verified_ns
 
-    def shows(self, fault: str) -> bool:
+    def shows(self, fault: Fault) -> bool:
         """True where the latest solution verified every parameter of that class."""
         good = {check.name for check in self._latest.checks if check.verdict is VerdictKind.OK}
         return good.issuperset(_REQUIRED_FOR[fault])

@@ -3,7 +3,7 @@
 from collections import defaultdict
 
 from appliance.core.quality.verification import REQUIRED, Sign
-from appliance.types import PARAMETERS, Check, Verdict, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, Verdict, VerdictKind
 
 _ESTIMATED = frozenset({"polarity", "latency", *PARAMETERS})
 _NEAR = 0.8
@@ -16,7 +16,7 @@ _LASTING_NS = 1_000_000_000
 """For which a fault must last to name a whole recording. Less lets a passing sign name it, more hides short faults. The
 alarm of a cart does not wait for it.
 """
-_FIRST = ("frozen-video", "tracker-stale", "polarity", "latency")
+_FIRST = (Fault.FROZEN_VIDEO, Fault.TRACKER_STALE, Fault.POLARITY, Fault.LATENCY)
 """Faults that spoil everything measured after them, in the order in which they are named."""
 
 
@@ -47,9 +47,9 @@ class Judgement:
     """Remembers whether a fault lasted and whether the calibration was ever verified."""
 
     def __init__(self) -> None:
-        self._since_ns: dict[str, int] = {}
-        self._lasted_ns: defaultdict[str, int] = defaultdict(int)
-        self._failing: dict[str, Verdict] = {}
+        self._since_ns: dict[Fault, int] = {}
+        self._lasted_ns: defaultdict[Fault, int] = defaultdict(int)
+        self._failing: dict[Fault, Verdict] = {}
         self._verified_ns: int | None = None
         self._last_ns = 0
 

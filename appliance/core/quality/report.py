@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any
 
 import numpy as np
 
-from appliance.core.geometry import vector_from_rotation
 from appliance.core.handeye.observability import observability
 from appliance.core.handeye.second_opinion import SecondOpinion
-from appliance.types import PARAMETERS, Calibration, Check, State, Verdict, VerdictKind
+from appliance.core.quality.check_fields import check_fields, number_or_none
+from appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
+from drivers.rigid import vector_from_rotation
 
 VERSION = 1
 
@@ -45,7 +45,7 @@ class Change:
 
     t_s: float
     state: State
-    fault: str | None
+    fault: Fault | None
     reason: str
 
 
@@ -60,36 +60,24 @@ def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any
         "latency": _latency(report.latency),
         "calibration": {**_calibration(report.estimate), "motions": report.motions},
         "second_opinion": _second_opinion(report.second_opinion),
-        "checks": [_check(check, report.verdict.t_ns) for check in report.checks],
+        "checks": [check_fields(report.verdict.t_ns, check) for check in report.checks],
         "verdict": report.verdict.kind.value,
         "fault": report.verdict.fault,
         "timeline": [{"t_s": change.t_s, "state": change.state.value, "reason": change.reason} for change in timeline],
     }
 
 
-def _number(value: float) -> float | None:
-    return float(value) if isfinite(value) else None
-
-
 def _numbers(values: Sequence[float]) -> list[float | None]:
-    return [_number(value) for value in values]
+    return [number_or_none(value) for value in values]
 
 
 def _latency(check: Check | None) -> dict[str, Any]:
     if check is None:
         return {"value_ms": None, "sigma_ms": None, "verdict": VerdictKind.NOT_VERIFIED.value}
-    return {"value_ms": _number(check.value), "sigma_ms": _number(check.sigma), "verdict": check.verdict.value}
-
-
-def _check(check: Check, end_ns: int) -> dict[str, Any]:
     return {
-        "name": check.name,
-        "value": _number(check.value),
-        "unit": check.unit,
-        "limit": _number(check.limit),
-        "ratio": _number(check.ratio),
+        "value_ms": number_or_none(check.value),
+        "sigma_ms": number_or_none(check.sigma),
         "verdict": check.verdict.value,
-        "shown_age_s": None if check.shown_ns is None else (end_ns - check.shown_ns) / 1e9,
     }
 
 

@@ -15,11 +15,11 @@ from math import cos, sin
 import cv2
 import numpy as np
 
-from appliance.core.geometry import Array
 from appliance.core.registration.points import Fit, Picture, Template
 from appliance.core.registration.pyramid import Bits, Pyramid
 from appliance.core.registration.speckle import Speckle, coarse_speckle
 from appliance.core.registration.template import template
+from drivers.rigid import Array
 
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
 """For each level that is used how many points steer, and the step in px after which the next level goes on."""

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.acquisition.input_validation import refused_picture
-from appliance.core.geometry import Array
 from appliance.core.registration.compiled import declared
+from drivers.rigid import Array
 from drivers.samples import GreyImage
 
 Array32 = NDArray[np.float32]

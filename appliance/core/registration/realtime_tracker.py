@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.geometry import Array
 from appliance.core.registration.keyframe import Keyframe, Registration, compose
 from appliance.core.registration.overlay import OverlayMask
 from appliance.core.registration.pyramid import Pyramid, pyramid
+from drivers.rigid import Array
 from drivers.samples import GreyImage
 
 _LEAST_EVIDENCE, _LEAST_PEAK = 0.62, 0.08

@@ -1,19 +1,19 @@
 """The status that the control socket gives: plain numbers and words, NaN as null. docs/control.md tells every field."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from appliance.configuration.config import Config
+from appliance.core.quality.check_fields import check_fields
 from appliance.service.control.references import SOFTWARE, References
 from appliance.service.devices.output_thread import OutputThread
 from appliance.service.host.recorder import Recorder
 from appliance.storage.reference import Reference
-from appliance.supervision.alarms import HAZARDS, OVERLOADED, SIGNALS, operator_text
+from appliance.supervision.alarms import HAZARDS, SIGNALS, operator_text
 from appliance.supervision.audio import Sound
 from appliance.supervision.languages import translated
-from appliance.types import AlarmState, Check, Verdict
+from appliance.types import AlarmState, Check, Fault, Verdict
 
 _SIMULATED = {"en": "SIMULATED · ", "de": "SIMULIERT · "}
 """Before the text of every state while a source is no real device."""
@@ -47,7 +47,7 @@ def reference_fields(reference: Reference) -> dict[str, Any]:
 
 def alarm_fields(now_ns: int, alarm: AlarmState, language: str, simulated: Sequence[str] = ()) -> dict[str, Any]:
     """What the room is told, in its language. simulated: URLs of the sources that are no real device."""
-    text, remedy = operator_text(alarm.state, alarm.fault, language, OVERLOADED in alarm.notices)
+    text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
     signal = SIGNALS[alarm.state]
     return {
         "state": alarm.state.value,
@@ -105,22 +105,3 @@ def log_fields(recorder: Recorder) -> dict[str, Any]:
         "dropped": recorder.dropped,
         "failing": recorder.failing,
     }
-
-
-def check_fields(now_ns: int, check: Check) -> dict[str, Any]:
-    """One check, ready for JSON; how long ago motion showed it, null where none did."""
-    return {
-        "name": check.name,
-        "fault": check.fault,
-        "value": _number(check.value),
-        "sigma": _number(check.sigma),
-        "unit": check.unit,
-        "limit": _number(check.limit),
-        "ratio": _number(check.ratio),
-        "verdict": check.verdict.value,
-        "shown_age_s": None if check.shown_ns is None else (now_ns - check.shown_ns) / 1e9,
-    }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

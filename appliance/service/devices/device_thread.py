@@ -5,7 +5,8 @@ from abc import ABC, abstractmethod
 
 from appliance.service.devices.backoff import Backoff
 from appliance.service.host.log import get_log
-from appliance.supervision.alarms import HAZARDS, OVERLOADED
+from appliance.supervision.alarms import HAZARDS
+from appliance.types import Fault
 from drivers.clock.host_clock import HostClock
 from drivers.errors import EXHAUSTED, DeviceLost, ProbewatchError, ProtocolError
 
@@ -75,7 +76,7 @@ class DeviceThread(threading.Thread, ABC):
             return
         self._told_ns, why = overload_ns, {}
         if overload_ns is not None:
-            why = {"overloaded": True, "remedy": HAZARDS[OVERLOADED].remedy}
+            why = {"overloaded": True, "remedy": HAZARDS[Fault.OVERLOADED].remedy}
         self._log.warning("device lost", **{"what": error.what, "where": error.where, "remedy": error.remedy} | why)
 
     def note_success(self) -> None:

@@ -15,11 +15,15 @@ _LONGEST = 1 << 17
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """Hardware process → estimator: work with this reference from now on. generation marks what is said of it."""
+    """Hardware process → estimator: work with this reference from now on. generation marks what is said of it.
+
+    stale_ns: how long a tracker may repeat one pose while the picture moves.
+    """
 
     generation: int
     reference: Calibration
     limits: Limits
+    stale_ns: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,5 @@
 """The loop of the process that computes: samples in from two rings, verdicts out over the link. It opens no device."""
 
-import ctypes
 import select
 import signal
 import socket
@@ -11,6 +10,7 @@ from typing import Protocol
 from appliance.limits import Limits
 from appliance.service.estimator.link import LinkClosed, Order, Word, receive, send
 from appliance.service.estimator.ring import FRAMES, POSES, Ring
+from appliance.service.host.child_process import end_with_parent
 from appliance.types import Calibration, Verdict
 from drivers.samples import Sample
 
@@ -20,7 +20,6 @@ costs more than 250 wake-ups a second.
 """
 _WORD_EVERY_S = 0.1
 """Between two words where there is no verdict: ten must be missing before `Patience.estimator_ns` calls it silent."""
-_PR_SET_PDEATHSIG = 1
 
 
 class Stepper(Protocol):
@@ -29,7 +28,8 @@ class Stepper(Protocol):
     def step(self, sample: Sample) -> tuple[Verdict, ...]: ...
 
 
-MakeLine = Callable[[Calibration, Limits], Stepper]
+MakeLine = Callable[[Calibration, Limits, int], Stepper]
+"""(reference, limits, stale_ns), as `Order` has them."""
 
 
 class Estimator:
@@ -60,7 +60,8 @@ class Estimator:
             if self._line is None:  # what waited before there was anyone to take it is old, and not counted
                 for ring in (self._frames, self._poses):
                     ring.take()
-            self._line, self._generation = self._make_line(order.reference, order.limits), order.generation
+            self._line = self._make_line(order.reference, order.limits, order.stale_ns)
+            self._generation = order.generation
 
     def _compute(self) -> None:
         line = self._line
@@ -86,15 +87,10 @@ class Estimator:
             send(self._link, Word(self._generation, time.monotonic_ns(), verdicts, *self._counts, *self._dropped))
 
 
-def _die_with_parent() -> None:
-    """The kernel kills this process with its parent; a parent that died before this call has closed the link."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
 def serve(arguments: list[str], make_line: MakeLine) -> None:
     """Body of the process. arguments: the file descriptors of link, frames and poses."""
     link_fd, frames_fd, poses_fd = (int(argument) for argument in arguments)
-    _die_with_parent()
+    end_with_parent(signal.SIGKILL)  # a parent that died before has closed the link
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with (
         socket.socket(fileno=link_fd) as link,

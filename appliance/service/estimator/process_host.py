@@ -14,6 +14,7 @@ from contextlib import suppress
 from appliance.limits import Limits
 from appliance.service.estimator.link import LinkClosed, Order, Word, link_pair, receive, send
 from appliance.service.estimator.ring import FRAMES, POSES, Ring
+from appliance.service.host.child_process import ONE_THREAD
 from appliance.service.host.log import get_log
 from appliance.types import Calibration, Verdict
 from drivers.samples import Frame, Sample
@@ -34,14 +35,13 @@ _BURIAL_S, _LAST_BURIAL_S = 0.05, 1.0
 does not die by then is looked for again each tick.
 """
 _SIGNALS = {one.value: one.name for one in signal.Signals}
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 class EstimatorHost:
     """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
 
-    reference: None until refer() gives one; without it nothing is judged. slowness: how much more patience an emulated
-    machine needs.
+    reference: None until refer() gives one; without it nothing is judged. stale_ns: as `Order` has it. slowness: how
+    much more patience an emulated machine needs.
 
     restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
     before any did. last: what it said last, None before its first word. said_ns: when the first verdict of the last
@@ -49,10 +49,15 @@ class EstimatorHost:
     """
 
     def __init__(
-        self, reference: Calibration | None, limits: Limits, command: Sequence[str] = _COMMAND, slowness: float = 1.0
+        self,
+        reference: Calibration | None,
+        limits: Limits,
+        stale_ns: int,
+        command: Sequence[str] = _COMMAND,
+        slowness: float = 1.0,
     ) -> None:
-        self._command, self._limits, self._slowness = tuple(command), limits, slowness
-        self._order = None if reference is None else Order(1, reference, limits)
+        self._command, self._limits, self._stale_ns, self._slowness = tuple(command), limits, stale_ns, slowness
+        self._order = None if reference is None else Order(1, reference, limits, stale_ns)
         self._frames, self._poses = Ring(FRAMES), Ring(POSES)
         self._process: subprocess.Popen[bytes] | None = None
         self._dying: list[subprocess.Popen[bytes]] = []
@@ -93,12 +98,13 @@ class EstimatorHost:
 
     def refer(self, reference: Calibration) -> None:
         """Verify against another reference from now on; what is said of the old one is no longer passed on."""
-        self._order = Order(1 + (0 if self._order is None else self._order.generation), reference, self._limits)
+        generation = 1 + (0 if self._order is None else self._order.generation)
+        self._order = Order(generation, reference, self._limits, self._stale_ns)
         self._send_order()
 
-    def limit(self, limits: Limits) -> None:
+    def limit(self, limits: Limits, stale_ns: int) -> None:
         """Verify within other limits from now on."""
-        self._limits = limits
+        self._limits, self._stale_ns = limits, stale_ns
         if self._order is not None:
             self.refer(self._order.reference)
 
@@ -177,7 +183,7 @@ class EstimatorHost:
         fds = (theirs.fileno(), self._frames.fd, self._poses.fd)
         with theirs:
             command = [*self._command, *(str(fd) for fd in fds)]
-            return subprocess.Popen(command, pass_fds=fds, env=os.environ | _ONE_THREAD)
+            return subprocess.Popen(command, pass_fds=fds, env=os.environ | ONE_THREAD)
 
     def _note_end(self, how: str, now_s: float) -> None:
         """Say it once, however often the same is tried in vain, and try again later each time."""

@@ -7,10 +7,10 @@ from typing import Any
 
 from appliance.service.host.log import get_log
 from appliance.service.host.pressure import Pressure
-from appliance.supervision.alarms import HAZARDS, OVERLOADED
+from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.overload import Load, Overload
 from appliance.supervision.overload_notes import OverloadNotes
-from appliance.types import AlarmState, Check
+from appliance.types import AlarmState, Check, Fault
 
 
 class OverloadWatch:
@@ -34,7 +34,7 @@ class OverloadWatch:
         if self.since_ns is None:
             self._end(now_ns, losses)
         elif self._notes.begin(now_ns, losses):
-            said, hazard = self.fields(now_ns), HAZARDS[OVERLOADED]
+            said, hazard = self.fields(now_ns), HAZARDS[Fault.OVERLOADED]
             self._log.warning("overloaded", what=hazard.text, remedy=hazard.remedy, **said)
             self._note("overloaded", **said)
         return check

@@ -16,6 +16,7 @@ from appliance.service.host.own_files import own_files
 from appliance.storage.alarm_chain import Latch
 from appliance.storage.alarm_log import AlarmLog
 from appliance.supervision.alarms import HAZARDS, Kind
+from appliance.types import Fault
 from drivers.clock.host_clock import HostClock
 from drivers.printable import printable_value
 
@@ -66,13 +67,13 @@ class Recorder(threading.Thread):
         self._damage_lock = threading.Lock()
         self.failure: BaseException | None = None
         self.latch: Latch | None = None
-        self.damage: tuple[str, ...] = ()
+        self.damage: tuple[Fault, ...] = ()
         self.written = self.dropped = 0
         self.start()
         self._opened.wait(OPEN_S)
         with self._damage_lock:
             if self._alarm_log is None:
-                self.damage = ("memory-damaged",)  # what was latched is not known
+                self.damage = (Fault.MEMORY_DAMAGED,)  # what was latched is not known
 
     def note(self, event: str, latch: Latch | None, **data: Any) -> None:
         """Add an entry; never blocks. When too many wait the newest takes the place of the one before it, counted."""
@@ -84,7 +85,7 @@ class Recorder(threading.Thread):
             self._waiting.append(note)
         self._wake.set()
 
-    def accept_damage(self, fault: str | None) -> None:
+    def accept_damage(self, fault: Fault | None) -> None:
         """A person has acknowledged this class; the next entry makes that last."""
         with self._damage_lock:
             self.damage = tuple(one for one in self.damage if one != fault)
@@ -217,7 +218,7 @@ class Recorder(threading.Thread):
         if self._alarm_log is not None:
             with self._damage_lock:
                 self._alarm_log = None
-                self.damage = tuple(dict.fromkeys((*self.damage, "log-damaged")))
+                self.damage = tuple(dict.fromkeys((*self.damage, Fault.LOG_DAMAGED)))
 
     def _note_failure(self, error: OSError) -> None:
         if self._error is None:
@@ -230,7 +231,7 @@ class Recorder(threading.Thread):
             self._log.info("alarm log is written again")
 
 
-def _integrity_class(fault: str) -> str:
+def _integrity_class(fault: str) -> Fault:
     """Another version may have known classes that this one cannot show."""
-    known = fault in HAZARDS and HAZARDS[fault].kind is Kind.INTEGRITY
-    return fault if known else "memory-damaged"
+    known = fault in HAZARDS and HAZARDS[Fault(fault)].kind is Kind.INTEGRITY
+    return Fault(fault) if known else Fault.MEMORY_DAMAGED

@@ -1,20 +1,17 @@
 """The device watchers, in the order in which a technician would look."""
 
 from appliance.limits import Limits
-from appliance.supervision.watchers.alarm_log_integrity import alarm_log_integrity
-from appliance.supervision.watchers.alarm_log_written import alarm_log_written
+from appliance.supervision.watchers.alarm_log import alarm_log_integrity, alarm_log_written
 from appliance.supervision.watchers.calibration_file import calibration_file
-from appliance.supervision.watchers.estimator_presence import estimator_presence
 from appliance.supervision.watchers.facts import Facts, Patience
-from appliance.supervision.watchers.field_indicator import field_indicator
-from appliance.supervision.watchers.line_of_sight import line_of_sight
-from appliance.supervision.watchers.marker_fit import marker_fit
-from appliance.supervision.watchers.marker_geometry import marker_geometry
-from appliance.supervision.watchers.output_presence import output_presence
-from appliance.supervision.watchers.tracker_alert import tracker_alert
-from appliance.supervision.watchers.tracker_freshness import tracker_freshness
-from appliance.supervision.watchers.tracker_presence import tracker_presence
-from appliance.supervision.watchers.video_presence import video_presence
+from appliance.supervision.watchers.measurement_quality import field_indicator, marker_fit, marker_geometry
+from appliance.supervision.watchers.presence import (
+    estimator_presence,
+    output_presence,
+    tracker_presence,
+    video_presence,
+)
+from appliance.supervision.watchers.tracker_status import line_of_sight, tracker_alert, tracker_freshness
 from appliance.types import Check
 
 _WATCHERS = (

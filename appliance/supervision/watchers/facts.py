@@ -1,9 +1,9 @@
 """What the hardware process knows of its devices at one tick, and how long each of them may be silent."""
 
 from dataclasses import dataclass
-from math import nan
 
-from appliance.types import Check, VerdictKind
+from appliance.limits import TRACKER_STALE_MS
+from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import MarkerBody, PoseStatus
 
 
@@ -45,7 +45,7 @@ class Facts:
     replies: Replies = Replies()
     heartbeat_ns: int | None = None
     output_ns: int | None = None
-    damage: tuple[str, ...] = ()
+    damage: tuple[Fault, ...] = ()
     log_waits_ns: int = 0
     calibration_file_changed: bool = False
     body: MarkerBody | None = None
@@ -57,28 +57,14 @@ class Patience:
 
     video_ns: int = 500_000_000
     tracker_ns: int = 500_000_000
-    stale_ns: int = 500_000_000
+    stale_ns: int = round(TRACKER_STALE_MS * 1e6)
     unseen_ns: int = 3_000_000_000
     estimator_ns: int = 1_000_000_000
     output_ns: int = 500_000_000
     log_ns: int = 2_000_000_000
 
 
-def silence(name: str, fault: str, age_ns: int, limit_ns: int, failed: VerdictKind = VerdictKind.FAULT) -> Check:
+def silence(name: str, fault: Fault, age_ns: int, limit_ns: int, failed: VerdictKind = VerdictKind.FAULT) -> Check:
     """Check on an age in ms: `failed` beyond the limit, OK up to it."""
     verdict = failed if age_ns > limit_ns else VerdictKind.OK
     return Check(name, fault, age_ns / 1e6, 0.0, "ms", limit_ns / 1e6, verdict)
-
-
-def presence(name: str, fault: str, now_ns: int, started_ns: int, last_ns: int | None, limit_ns: int) -> Check:
-    """Check that something came lately. What never came has failed; its age counts from the start."""
-    if last_ns is None:
-        return Check(name, fault, (now_ns - started_ns) / 1e6, 0.0, "ms", limit_ns / 1e6, VerdictKind.FAULT)
-    return silence(name, fault, now_ns - last_ns, limit_ns)
-
-
-def quality(name: str, fault: str, value: float | None, unit: str, limit: float) -> Check:
-    """Check that a quality figure is no worse than its limit; NOT_VERIFIED where the tracker does not tell it."""
-    if value is None:
-        return Check(name, fault, nan, nan, unit, limit, VerdictKind.NOT_VERIFIED)
-    return Check(name, fault, value, 0.0, unit, limit, VerdictKind.FAULT if value > limit else VerdictKind.OK)

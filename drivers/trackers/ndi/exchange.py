@@ -26,6 +26,9 @@ _UNSURE_ANSWERS = 3
 """Answers after an unanswered request whose sending time bounds nothing, as the late reply may have come in place of
 the right one. More leaves poses with the wider bound, fewer risks a false one. Not measured."""
 
+Accept = Callable[[Snapshot], None]
+"""Looks at a good reply and raises ProtocolError to have it refused all the same."""
+
 
 @dataclass(frozen=True, slots=True)
 class Answer:
@@ -47,26 +50,16 @@ class Exchange:
     """refused: replies dropped because they were damaged. deadline_ns: silence after which the tracker is lost.
 
     longest: bytes of the longest reply that is expected; a longer one is noted.
-    accept: looks at a good reply and raises ProtocolError to have it refused all the same.
     """
 
-    def __init__(
-        self,
-        link: Link,
-        dialect: Dialect,
-        deadline_ns: int,
-        longest: int,
-        clock: HostClock,
-        accept: Callable[[Snapshot], None],
-    ) -> None:
+    def __init__(self, link: Link, dialect: Dialect, deadline_ns: int, longest: int, clock: HostClock) -> None:
         self.refused = 0
         self._link, self._dialect, self._deadline_ns, self._clock = link, dialect, deadline_ns, clock
-        self._accept = accept
         self._good_ns = clock.now_ns()
         self._longest = longest
         self._unsure = 0
 
-    def ask(self, detailed: bool) -> Answer:
+    def ask(self, detailed: bool, accept: Accept | None = None) -> Answer:
         """Raises DeviceLost when no good reply has come for the deadline, RefusedError when the device refuses.
 
         The deadline runs from the last good reply, so that a silence between two requests counts as well. Only a line
@@ -78,7 +71,7 @@ class Exchange:
         while True:
             try_ns = min(deadline_ns, self._clock.now_ns() + max(round(_TRY_SHARE * self._deadline_ns), least_ns))
             try:
-                return self._ask_once(detailed, try_ns)
+                return self._ask_once(detailed, accept, try_ns)
             except RefusedError:
                 raise
             except SilentError:
@@ -99,13 +92,14 @@ class Exchange:
         """The device was busy with another command until now; its silence did not count."""
         self._good_ns = self._clock.now_ns()
 
-    def _ask_once(self, detailed: bool, deadline_ns: int) -> Answer:
+    def _ask_once(self, detailed: bool, accept: Accept | None, deadline_ns: int) -> Answer:
         request = self._dialect.request(detailed)
         sent_ns = self._link.send(request) + self._link.transfer_ns(len(request))
         data = self._link.read_reply(deadline_ns)
         read_ns = self._clock.now_ns()
         snapshot = self._decode(data, detailed)
-        self._accept(snapshot)
+        if accept is not None:
+            accept(snapshot)
         self._good_ns, self._longest = read_ns, max(self._longest, len(data))
         self._unsure = max(self._unsure - 1, 0)
         sure_ns = None if self._unsure else sent_ns

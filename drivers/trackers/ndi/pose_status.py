@@ -28,12 +28,14 @@ on a Polaris and another on an Aurora, hence both in one phrase; 10, 11 and 13 a
 _SYSTEM_FAULTS = {
     0x0001: "communication synchronisation error",
     0x0002: "too much infrared light",
+    0x0004: "check sum error inside the tracker",
     0x0008: "processing exception in the tracker",
     0x0010: "hardware failure of the tracker",
+    0x0020: "the tracker's hardware changed",
     SYSTEM_TEMPERATURE: "the tracker is outside its temperature range",
     0x0400: "the tracker's hardware configuration changed",
 }
-"""Combined API, system status of TX and BX. Bits 2 and 5, which old firmware alone sets, are left out."""
+"""Combined API, system status of TX and BX. Old firmware alone sets bits 1, 2, 4 and 5."""
 
 StatusReason = tuple[PoseStatus, str]
 _ABSENT = {

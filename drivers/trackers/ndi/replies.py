@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from drivers.errors import ProtocolError
+from drivers.rigid import pose_matrix
 from drivers.samples import Matrix4
-from drivers.trackers.rigid import FURTHEST_MM, UNIT_TOLERANCE, pose_matrix
+from drivers.trackers.pose_bounds import FURTHEST_MM, UNIT_TOLERANCE
 
 Position = tuple[float, float, float]
 """x, y, z in the tracker's frame, mm."""

@@ -31,10 +31,10 @@ _USUAL_BAUDS = (FIRST_BAUD, 115200)
 
 _S = 1_000_000_000
 _REPLY_S = 2.0
-_SLOW_S = {"INIT": 6.0, "PINIT": 6.0, "TSTART": 6.0, "SET": 8.0, "GET": 4.0}
-"""Seconds for a reply. A Vicra publishes (Info.Timeout) 2 for most commands, 6 for PINIT and TSTART, 8 for SET, 4 for
-INIT, whose first may take 5 by other clients. It grants 8 to GET, too; 4 is ours, as it is asked for single numbers.
-More delays word of a device that has failed, less gives up on one that is busy."""
+_SLOW_S = {"INIT": 6.0, "PINIT": 6.0, "TSTART": 6.0, "SET": 8.0, "GET": 8.0}
+"""Seconds for a reply. A Vicra publishes (Info.Timeout) 2 for most commands, 6 for PINIT and TSTART, 8 for SET and GET,
+4 for INIT, whose first may take 5 by other clients. More delays word of a device that has failed, less gives up on one
+that is busy."""
 
 _REPLY_BYTES = 64
 """Reply to a command whose time on the line is granted twice over, besides those seconds: 67 ms at 9600 baud. Longer

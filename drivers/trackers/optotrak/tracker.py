@@ -22,6 +22,7 @@ from drivers.device_api import Description
 from drivers.errors import ConfigurationError, ProtocolError
 from drivers.io.tcp_line import parse_address
 from drivers.registry import refuse_unknown
+from drivers.rigid import seen_from
 from drivers.samples import MarkerBody, Matrix4, Pose, PoseStatus, Stamp
 from drivers.trackers.optotrak.client import SERVER_REMEDY, Rtc3dClient, error_words
 from drivers.trackers.optotrak.rtc3d import (
@@ -36,7 +37,6 @@ from drivers.trackers.optotrak.rtc3d import (
     PacketType,
     Text,
 )
-from drivers.trackers.rigid import seen_from
 from drivers.trackers.staleness import (
     DEADLINE_MS,
     DEADLINES_MS,

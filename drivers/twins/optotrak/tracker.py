@@ -1,6 +1,5 @@
-"""`python -m drivers.twins.optotrak.tracker --tcp PORT`: an Optotrak behind a First Principles server (RTC3D)."""
+"""A simulated Optotrak behind a First Principles server (RTC3D)."""
 
-import argparse
 import json
 import random
 import selectors
@@ -32,10 +31,7 @@ from drivers.trackers.optotrak.rtc3d import (
     packet_length,
 )
 from drivers.twins.fault_control import FaultControl
-from drivers.twins.faults import Schedule
 from drivers.twins.optotrak.first_principles import Device, Session
-from drivers.twins.scene.world import World
-from drivers.twins.tool_motion import world_motion
 
 FAULTS = (
     "bend-marker",
@@ -342,29 +338,3 @@ def serve(address: tuple[str, int], clock: HostClock, device: Device, faults: Fa
         host, port = twin.address
         print(json.dumps({"ready": True, "url": f"optotrak://{host}:{port}?body=1"}), flush=True)
         twin.run(stop)
-
-
-def _schedule(text: str) -> Schedule:
-    try:
-        return Schedule.parse(text)
-    except ConfigurationError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def main() -> None:
-    """Serve the shared world until SIGTERM or SIGINT."""
-    parser = argparse.ArgumentParser(prog="optotrak twin", description=__doc__)
-    parser.add_argument("--tcp", type=int, required=True, metavar="PORT", help="0 for any free port")
-    parser.add_argument("--origin-ns", type=int, required=True, help="CLOCK_MONOTONIC of world time 0")
-    parser.add_argument("--rate", type=float, default=1.0, help="world seconds per second")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--program", default="sweep", help="how the hand moves")
-    parser.add_argument("--schedule", type=_schedule, default=Schedule(), help="JSON list of faults")
-    arguments = parser.parse_args()
-    device = Device(world_motion(World(arguments.seed, arguments.program)))
-    clock = HostClock(arguments.rate, arguments.origin_ns)
-    serve(("127.0.0.1", arguments.tcp), clock, device, FaultControl(FAULTS, arguments.schedule))
-
-
-if __name__ == "__main__":
-    main()

@@ -29,6 +29,8 @@ misses one of a slightly different rate. Not measured."""
 
 _MOST_NAMED = 8
 """Formats in a message: what still fits a line."""
+_WHOLE_PICTURES = (abi.FIELD_NONE, abi.FIELD_ANY)
+"""Answers to S_FMT; some drivers of progressive sources leave the field at ANY."""
 _NO_SIGNAL = abi.IN_ST_NO_POWER | abi.IN_ST_NO_SIGNAL
 _NO_LOCK = abi.IN_ST_NO_H_LOCK | abi.IN_ST_NO_V_LOCK | abi.IN_ST_NO_SYNC
 
@@ -195,6 +197,10 @@ def _require_format(node: Node, pix: abi.PixFormat, wish: Wish, code: str) -> No
     if wish.size_px not in (None, size_px):
         what = f"gives {size_px[0]}x{size_px[1]} instead of {wish.size_px[0]}x{wish.size_px[1]} pixels"
         raise DeviceLost(what, node.where, "Correct size=, or the output of the scanner")
+    if pix.field not in _WHOLE_PICTURES:
+        what = "gives interlaced pictures only, whose lines are of two moments"
+        remedy = "Set the scanner's output to a progressive one (1080p, not 1080i), or choose another input="
+        raise DeviceLost(what, node.where, remedy)
 
 
 def _offered(node: Node) -> list[str]:

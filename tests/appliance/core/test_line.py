@@ -6,15 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.geometry import vector_from_rotation
 from appliance.core.line import Line
 from appliance.limits import Limits
 from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.types import Calibration, Verdict, VerdictKind
+from drivers.rigid import vector_from_rotation
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from drivers.twins.faults import FAULT_CLASS, Schedule
+from drivers.twins.faults import Schedule
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.sessions import ORIGIN_NS, kept, session
+from tools.demo.script import FAULT_CLASS
 
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
 
@@ -186,6 +187,13 @@ def test_poses_that_are_not_ok_leave_frames_unpaired_with_the_reason() -> None:
     line.step(Frame(Stamp(1_010_000_000, 0), 0, world.frame(0.0, 0)))
     line.step(pose(1.02, np.eye(4), 1))
     assert line.report().unpaired == {"pose not usable: missing": 1}
+
+
+def test_a_tracker_may_repeat_itself_for_as_long_as_the_cart_says() -> None:
+    line = Line(truth(kept(3, settings=SMALL)), Limits(), stale_ns=1_500_000_000)
+    line.step(pose(1.0, np.eye(4), 0))
+    (check,) = (check for check in line.report().checks if check.name == "frozen-tracker")
+    assert (check.limit, check.unit) == (1500.0, "ms")
 
 
 def test_a_wrong_rotation_from_the_start_is_named_rotation() -> None:

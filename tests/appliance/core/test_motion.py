@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from appliance.core.geometry import inverse, rigid, vector_from_rotation
 from appliance.core.line import Line
 from appliance.core.motion import analyse, predicted_motion, sort_motion, wants_keyframe
 from appliance.core.registration.keyframe import Registration
 from appliance.core.registration.realtime_tracker import Tracked
 from appliance.limits import Limits
 from appliance.types import Motion, MotionKind, StampedPair
+from drivers.rigid import inverse, rigid, vector_from_rotation
 from drivers.samples import Frame, Matrix4, Stamp
 from drivers.twins.scene.trajectory import PROGRAMS
 from drivers.twins.scene.world import World
-from tests.appliance.core.test_geometry import poses
+from tests.drivers.test_rigid import poses
 from tests.support.motions import TRUTH
 from tests.support.rendered import SMALL
 from tests.support.sessions import session

@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from appliance.core.geometry import vector_from_rotation
 from appliance.core.line import Line
 from appliance.core.quality.report import LineReport
 from appliance.limits import Limits
 from appliance.storage.calibration_file import calibration_from_image_to_probe, read_calibration
 from appliance.types import Calibration, VerdictKind
 from drivers.recordings.replay import open_recording
+from drivers.rigid import vector_from_rotation
 from tests.support.recordings import plus_file
 
 THOROUGH = pytest.mark.thorough

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from appliance.core.geometry import rotation_from_vector, vector_from_rotation
 from appliance.storage.calibration_file import (
     calibration_from_image_to_probe,
     image_to_probe,
@@ -18,6 +17,7 @@ from appliance.storage.calibration_file import (
 )
 from appliance.types import PARAMETERS, Calibration
 from drivers.errors import ConfigurationError
+from drivers.rigid import rotation_from_vector, vector_from_rotation
 from tests.support.recordings import plus_file
 
 SIZE_PX = (640, 480)

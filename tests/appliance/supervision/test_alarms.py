@@ -15,7 +15,7 @@ from appliance.supervision.alarms import (
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS, Annunciator, Role
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS, Audio, AudioMode
 from appliance.supervision.languages import GERMAN, LANGUAGES
-from appliance.types import AlarmState, State
+from appliance.types import AlarmState, Fault, State
 
 S_NS = 1_000_000_000
 MS_NS = 1_000_000
@@ -47,6 +47,10 @@ def test_every_hazard_in_every_state_has_a_text_that_fits(state: State, language
 def test_every_text_of_the_tables_is_translated() -> None:
     texts = {text for row in (*SIGNALS.values(), *HAZARDS.values()) for text in (row.text, row.remedy)}
     assert texts <= set(GERMAN)
+
+
+def test_every_fault_has_a_row_but_the_fact_that_never_fails() -> None:
+    assert set(HAZARDS) == {*Fault} - {Fault.AGREEMENT}
 
 
 def test_every_state_has_a_row() -> None:

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from appliance.service.host.pressure import Pressure
-from appliance.supervision.alarms import DISPLAY_COLUMNS, HAZARDS, OVERLOADED, SILENCES, Kind, operator_text
+from appliance.supervision.alarms import DISPLAY_COLUMNS, HAZARDS, SILENCES, Kind, operator_text
 from appliance.supervision.languages import LANGUAGES, translated
 from appliance.supervision.overload import Load, Overload
 from appliance.supervision.overload_notes import OverloadNotes
 from appliance.supervision.supervisor import Durations, Inputs, Supervisor
-from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
+from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
 
 S_NS, MS_NS = 1_000_000_000, 1_000_000
 TICK_NS = 50 * MS_NS
@@ -109,7 +109,7 @@ def test_no_contact_state_nor_name_depends_on_it() -> None:
         now_ns += rng.choice((50, 50, 50, 1000)) * MS_NS
         overloaded = overloaded ^ (rng.random() < 0.05)
         devices, verdicts = _happening(rng.choice(faults) if rng.random() < 0.2 else None, now_ns)
-        notice = Check("processor time", OVERLOADED, 2.0, 0.0, "", 1.0, VerdictKind.FAULT)
+        notice = Check("processor time", Fault.OVERLOADED, 2.0, 0.0, "", 1.0, VerdictKind.FAULT)
         expected = plain.step(now_ns, Inputs(verdicts, devices))
         found = informed.step(now_ns, Inputs(verdicts, (*devices, notice) if overloaded else devices))
         assert found.reason.startswith(expected.reason)
@@ -129,7 +129,7 @@ def _happening(fault: str | None, now_ns: int) -> tuple[tuple[Check, ...], tuple
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_text_of_the_lamps_names_the_overload_and_not_the_cable(language: str) -> None:
-    hazard = HAZARDS[OVERLOADED]
+    hazard = HAZARDS[Fault.OVERLOADED]
     said, remedy = translated(hazard.text, language), translated(hazard.remedy, language)
     for state, fault in ((State.DEVICE_LOST, "tracker-lost"), (State.NOT_VERIFIED, None)):
         text, advice = operator_text(state, fault, language, overloaded=True)
@@ -147,7 +147,7 @@ def test_every_text_that_tells_of_it_fits_the_display(language: str) -> None:
 
 
 def alarm(state: State, fault: str | None = None, latched: State | None = None) -> AlarmState:
-    return AlarmState(state, 0, fault, "", state is State.MONITORING, None, latched, notices=(OVERLOADED,))
+    return AlarmState(state, 0, fault, "", state is State.MONITORING, None, latched, notices=(Fault.OVERLOADED,))
 
 
 def test_an_hour_of_flapping_is_written_in_few_entries_and_counted() -> None:

@@ -7,7 +7,6 @@ import re
 import select
 import signal
 import subprocess
-import sys
 import termios
 import threading
 import time
@@ -31,6 +30,7 @@ from drivers.registry import open_output
 from drivers.twins.pty_line import PtyLine
 from tests.support.boards import running_board
 from tests.support.polling import until
+from tests.support.simulated import PROBEWATCH
 
 CLOCK = HostClock(rate=5.0)
 SWITCHED_S = 2.0
@@ -248,7 +248,7 @@ def test_unplugged_board_is_lost(tmp_path: Path) -> None:
 
 def test_board_process_reports_its_contact_and_a_killed_one_loses_the_output(tmp_path: Path) -> None:
     link = tmp_path / "relay"
-    command = [sys.executable, "-m", "drivers.twins.relay_board", "--pty", str(link), "--origin-ns"]
+    command = [*PROBEWATCH, "simulate", "relay", "--pty", str(link), "--origin-ns"]
     with subprocess.Popen([*command, str(time.monotonic_ns())], stdout=subprocess.PIPE, text=True) as board:
         assert board.stdout is not None
         try:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drivers.errors import ConfigurationError
-from drivers.twins.faults import FAULT_CLASS, Episode, Schedule, blank_image, pose_time_s, spoil_image, spoil_pose
+from drivers.twins.faults import CART_FAULTS, Episode, Schedule, blank_image, pose_time_s, spoil_image, spoil_pose
 from drivers.twins.ndi.measurement import faults_of
 from drivers.twins.scene.metal import COMES_IN_S, DISPLACED_MM, LEAVES_AT_S, PLACE_MM, near_metal
 from drivers.twins.scene.world import World
@@ -76,7 +76,7 @@ SECONDS = st.floats(0, 1e6)
 
 @given(
     st.lists(
-        st.builds(Episode, st.sampled_from(sorted(FAULT_CLASS)), SECONDS, st.none() | SECONDS.map(lambda s: s + 2e6))
+        st.builds(Episode, st.sampled_from(sorted(CART_FAULTS)), SECONDS, st.none() | SECONDS.map(lambda s: s + 2e6))
     )
 )
 def test_a_schedule_survives_being_written(episodes: list[Episode]) -> None:

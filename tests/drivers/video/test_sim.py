@@ -4,7 +4,6 @@ import json
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
@@ -27,6 +26,7 @@ from drivers.twins.scanner import Scanner, VideoPlug
 from drivers.twins.scene.world import World, WorldSettings
 from drivers.video.sim import HEADER_BYTES, FrameHeader, pack_frame
 from tests.support.polling import until
+from tests.support.simulated import PROBEWATCH
 
 IMAGE = np.random.default_rng(2).integers(0, 256, (24, 32), np.uint8)
 
@@ -38,7 +38,7 @@ class Twin:
         self.control = path.with_name("faults.json")
         self.control.write_text(json.dumps(faults))
         self.origin_ns = time.monotonic_ns()
-        command = [sys.executable, "-m", "drivers.twins.scanner", "--socket", str(path)]
+        command = [*PROBEWATCH, "simulate", "scanner", "--socket", str(path)]
         command += ["--origin-ns", str(self.origin_ns), "--control", str(self.control), *more]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         assert self.process.stdout is not None

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.core.geometry import rotation_from_vector, vector_from_rotation
 from appliance.storage.calibration_file import (
     _File,
     calibration_from_image_to_probe,
@@ -18,6 +17,7 @@ from appliance.storage.calibration_file import (
 )
 from appliance.types import PARAMETERS, Calibration
 from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.rigid import rotation_from_vector, vector_from_rotation
 from drivers.twins.scene.world import World
 from tests.support.answers import answered
 from tests.support.recordings import items

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.core.geometry import rotation_from_vector
 from appliance.core.quality.report import Change, LineReport, report_json
 from appliance.limits import Limits
 from appliance.service.devices.source_thread import TrackerThread
@@ -21,6 +20,7 @@ from appliance.types import Calibration, Check, State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.recordings.metaimage import write_metaimage
 from drivers.recordings.replay import open_recording
+from drivers.rigid import rotation_from_vector
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.faults import Episode, Schedule
 from tests.support.answers import answered
@@ -279,7 +279,9 @@ def test_json_is_the_documented_contract():
         "checks": [
             {
                 "name": "scale lateral",
+                "fault": "scale",
                 "value": 2.0,
+                "sigma": 0.4,
                 "unit": "%",
                 "limit": 5.0,
                 "ratio": 0.4,
@@ -288,7 +290,9 @@ def test_json_is_the_documented_contract():
             },
             {
                 "name": "scale axial",
+                "fault": "scale",
                 "value": None,
+                "sigma": 0.4,
                 "unit": "%",
                 "limit": 5.0,
                 "ratio": None,

@@ -4,10 +4,9 @@ import pytest
 
 from appliance.types import State
 from drivers.errors import ConfigurationError
-from drivers.twins.faults import FAULT_CLASS
 from tools.demo.director import Director
 from tools.demo.outcome import History, Moment, judge
-from tools.demo.script import HEALTHY_S, Injection, Planned, Script, chosen_plan, default_plan
+from tools.demo.script import FAULT_CLASS, HEALTHY_S, Injection, Planned, Script, chosen_plan, default_plan
 
 MONITORING, WARNING, HALT = State.MONITORING, State.WARNING, State.HALT
 REQUESTED, LOST = State.RECALIBRATION_REQUESTED, State.DEVICE_LOST

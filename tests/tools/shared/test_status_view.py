@@ -14,8 +14,8 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
+from appliance.core.quality.check_fields import check_fields
 from appliance.service.control.server import ControlServer
-from appliance.service.control.status import check_fields
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import PARAMETERS, Check, VerdictKind

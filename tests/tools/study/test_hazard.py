@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.geometry import inverse, rigid, rotation_from_vector
 from drivers.errors import ConfigurationError
+from drivers.rigid import inverse, rigid, rotation_from_vector
 from drivers.samples import Frame, PoseStatus
 from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, STANDARD, Hazard, Manner
 from tools.study.samples import Conditions, Tracker, samples, seconds

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from appliance.core.geometry import inverse, rigid
 from appliance.core.path.steps import predicted_path
+from drivers.rigid import inverse, rigid
 from tools.study.hand import PROGRAMS, lifted, tremor
 from tools.study.hazard import Hazard
 from tools.study.session import SETTINGS, TISSUES, Session, picture_path

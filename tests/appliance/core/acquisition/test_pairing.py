@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from appliance.core.acquisition.pairing import GAP, NEVER, NO_POSE, NOT_OK, Pairing, Unpaired
-from appliance.core.geometry import rigid, rotation_from_vector
 from appliance.types import StampedPair
+from drivers.rigid import rigid, rotation_from_vector
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 PICTURE = np.zeros((2, 3), np.uint8)

@@ -11,11 +11,11 @@ from appliance.core.detectors.frozen_tracker import FrozenTracker
 from appliance.core.detectors.frozen_video import FrozenVideo
 from appliance.core.detectors.marker_slip import MarkerSlip
 from appliance.core.detectors.polarity import weigh_polarity
-from appliance.core.geometry import rigid, rotation_from_vector
 from appliance.core.path.latency import Latency
 from appliance.core.path.solver import Prior, Solution, solve
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, VerdictKind
+from drivers.rigid import rigid, rotation_from_vector
 from drivers.samples import Pose, PoseStatus, Stamp
 from tests.support.motions import TRUTH, Noise, planar_path, samples
 

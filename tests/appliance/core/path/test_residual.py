@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.geometry import rotation_from_vector
 from appliance.core.path.noise import Noise, Whitener
 from appliance.core.path.residual import OFFSET, SCALE, TAU, PathResidual, side_by_side
+from drivers.rigid import rotation_from_vector
 from tests.support import motions
 from tests.support.motions import TRUTH, planar_path, samples, tilting_path
 

@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from appliance.core.geometry import rigid, rotation_from_vector, vector_from_rotation
 from appliance.core.path.solver import Prior, path_misfit, solve
 from appliance.types import Calibration
+from drivers.rigid import rigid, rotation_from_vector, vector_from_rotation
 from tests.support.motions import TRUTH, Noise, planar_path, samples, tilting_path
 
 QUIET = Noise(position_mm=0.0, angle_deg=0.0, picture_px=0.0, drift_mm=0.0, drift_deg=0.0)

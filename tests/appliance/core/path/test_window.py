@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from appliance.core.geometry import rigid, rotation_from_vector
 from appliance.core.path.steps import SensorSteps, picture_steps, predicted_path, products_and_slopes
 from appliance.core.path.window import PathWindow, PoseTrack, sensor_jump
+from drivers.rigid import rigid, rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import ORIGIN_NS, elevational_path, filled, motion
 

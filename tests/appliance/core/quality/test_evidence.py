@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.geometry import rotation_from_vector
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence, examine, examine_nothing
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, VerdictKind
+from drivers.rigid import rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import elevational_path, filled, motion
 

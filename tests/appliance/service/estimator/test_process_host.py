@@ -39,7 +39,7 @@ def frame(order: int, t_ns: int = 1) -> Frame:
 @pytest.fixture(scope="module")
 def host() -> Iterator[EstimatorHost]:
     """One that nobody harms, for all tests that only talk to it."""
-    host = EstimatorHost(reference(), Limits(), COMMAND)
+    host = EstimatorHost(reference(), Limits(), 500_000_000, COMMAND)
     until(lambda: host.poll()[0])
     yield host
     assert host.restarts == 0
@@ -74,6 +74,15 @@ def test_samples_go_in_and_verdicts_come_out(host: EstimatorHost) -> None:
     assert host.last is not None
     assert (host.last.frames, host.last.poses) == (before.frames + 1, before.poses + 1)
     assert host.last.dropped_frames == before.dropped_frames
+
+
+def test_other_patience_with_a_tracker_reaches_the_line(host: EstimatorHost) -> None:
+    host.put(frame(stand_in.OK))
+    assert verdicts(host)[0].checks[0].limit == 500_000_000
+    host.limit(Limits(), 250_000_000)
+    until(lambda: host.put(frame(stand_in.OK)) or any(v.checks[0].limit == 250_000_000 for v in host.poll()[1]))
+    host.limit(Limits(), 500_000_000)
+    until(lambda: host.put(frame(stand_in.OK)) or any(v.checks[0].limit == 500_000_000 for v in host.poll()[1]))
 
 
 def test_both_streams_reach_the_line_in_the_order_of_their_stamps(host: EstimatorHost) -> None:
@@ -126,7 +135,7 @@ def test_one_that_goes_on_dying_is_named_and_counted_each_time() -> None:
     """By whatever signal: those for real time have no name."""
     command, stream = (sys.executable, "-c", "import os; os.kill(os.getpid(), 40)"), io.StringIO()
     with configure("info", stream):
-        host = EstimatorHost(reference(), Limits(), command)
+        host = EstimatorHost(reference(), Limits(), 500_000_000, command)
         until(lambda: host.poll() and host.restarts == 3)
         host.close()
     assert host.ended == "killed by 40, restart 3"
@@ -139,7 +148,7 @@ def test_one_that_goes_on_dying_is_named_and_counted_each_time() -> None:
 @pytest.fixture
 def impatient() -> Iterator[EstimatorHost]:
     """A host whose patience is 0.4 of the usual: 2 s instead of 5 s of silence."""
-    host = EstimatorHost(reference(), Limits(), COMMAND, slowness=0.4)
+    host = EstimatorHost(reference(), Limits(), 500_000_000, COMMAND, slowness=0.4)
     until(lambda: host.poll()[0])
     yield host
     host.close()
@@ -189,7 +198,7 @@ def test_it_dies_with_its_parent(tmp_path: Path) -> None:
         from appliance.limits import Limits
         from appliance.service.estimator.process_host import EstimatorHost
         from tests.appliance.service.estimator.test_process_host import COMMAND, reference
-        host = EstimatorHost(reference(), Limits(), COMMAND)
+        host = EstimatorHost(reference(), Limits(), 500_000_000, COMMAND)
         while not host.poll()[0]:
             time.sleep(0.01)
         print(host.pid, flush=True)

@@ -18,7 +18,7 @@ import pytest
 import structlog
 
 from appliance.configuration.config import Config
-from appliance.service.daemon import _supervisor
+from appliance.service.control.supervision import supervisor_after
 from appliance.service.host import recorder as room
 from appliance.service.host.log import configure
 from appliance.service.host.own_files import own_files
@@ -242,5 +242,5 @@ CONFIG = Config.model_validate(
     ],
 )
 def test_a_latch_of_another_version_comes_back_latched(latch: Latch, state: State, fault: str | None) -> None:
-    alarm = _supervisor(CONFIG, latch).step(0, Inputs())
+    alarm = supervisor_after(latch, CONFIG.supervisor.durations()).step(0, Inputs())
     assert (alarm.state, alarm.fault, alarm.latched, alarm.energised) == (state, fault, state, False)

@@ -344,7 +344,18 @@ def test_disabled_and_unready_ports_carry_no_pose() -> None:
     assert status_of_tool(ToolReply(1, HandleState.VALID, None, 0x30, 1))[0] is PoseStatus.DISABLED
     assert status_of_tool(ToolReply(1, HandleState.VALID, None, 0x11, 1))[0] is PoseStatus.DISABLED
     assert status_of_tool(ToolReply(1, HandleState.VALID, None, 0x31, 1)) == (PoseStatus.OK, "")
-    assert status_of_system(0x0200, 0)[0] is PoseStatus.FAULT
+
+
+@pytest.mark.parametrize("bit", [0, 1, 2, 3, 4, 5, 9, 10])
+def test_a_device_that_reports_a_fault_of_its_own_is_not_believed(bit: int) -> None:
+    status, reason = status_of_system(1 << bit, 0)
+    assert status is PoseStatus.FAULT
+    assert reason
+
+
+@pytest.mark.parametrize("bit", [6, 7, 8])
+def test_plugs_and_pending_alerts_are_looked_into_and_no_fault_by_themselves(bit: int) -> None:
+    assert status_of_system(1 << bit, 0) == (PoseStatus.OK, "")
 
 
 @pytest.mark.thorough

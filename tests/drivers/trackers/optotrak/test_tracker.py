@@ -5,7 +5,6 @@ import signal
 import socket
 import struct
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -42,6 +41,7 @@ from drivers.trackers.optotrak.tracker import open_tracker, parse_options
 from drivers.twins.scene.world import World
 from drivers.twins.tool_motion import PROBE, REFERENCE
 from tests.support.optotrak_logs import LOGS, OPTIONS, play
+from tests.support.simulated import PROBEWATCH
 from tests.support.simulated_optotrak import Bench, bench, moving, poses, until
 
 SESSION = [
@@ -557,7 +557,7 @@ def test_a_client_that_sends_nonsense_is_dropped_and_others_stay() -> None:
 
 def test_the_twin_is_a_process_of_its_own() -> None:
     origin_ns = time.monotonic_ns()
-    command = [sys.executable, "-m", "drivers.twins.optotrak.tracker", "--tcp", "0", "--origin-ns", str(origin_ns)]
+    command = [*PROBEWATCH, "simulate", "optotrak", "--tcp", "0", "--origin-ns", str(origin_ns)]
     command += ["--seed", "4", "--schedule", '[{"fault": "slide-marker", "from_s": 1e6}]']
     twin = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:

@@ -172,6 +172,22 @@ def test_what_the_device_cannot_do_is_said(driver: Driver, query: str, words: st
         opened(query)
 
 
+@pytest.mark.parametrize("field", [abi.FIELD_INTERLACED, abi.FIELD_ALTERNATE])
+def test_an_interlaced_source_is_refused_with_what_to_do(driver: Driver, field: int) -> None:
+    driver.field = field
+    with pytest.raises(DeviceLost, match="interlaced") as refusal:
+        opened()
+    assert "progressive" in refusal.value.remedy
+
+
+@pytest.mark.parametrize("field", [abi.FIELD_NONE, abi.FIELD_ANY])
+def test_a_source_of_whole_pictures_is_taken(driver: Driver, field: int) -> None:
+    driver.field = field
+    with opened() as source:
+        driver.send(noise().tobytes())
+        assert source.read(1.0) is not None
+
+
 def test_a_rounded_rate_is_said_and_a_silent_driver_gets_a_usual_one(driver: Driver) -> None:
     with opened("?rate=30") as source:
         assert "30 pictures per second were asked for, it gives 25" in source.describe().remarks

@@ -6,13 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from appliance.core.geometry import (
+from drivers.rigid import (
     angle_from_rotation,
     interpolate,
     inverse,
     nearest_rotation,
+    pose_matrix,
     quaternion_from_rotation,
     rigid,
+    rotation_from_quaternion,
     rotation_from_vector,
     skew,
     vector_from_rotation,
@@ -117,3 +119,12 @@ def test_interpolation_turns_and_moves_evenly(
 def test_the_angle_of_a_rotation(angle_rad: float) -> None:
     axis = np.array([0.36, -0.48, 0.8])
     assert angle_from_rotation(rotation_from_vector(angle_rad * axis)) == pytest.approx(angle_rad, abs=1e-14)
+
+
+@given(axes, angles_rad)
+def test_quaternions_become_rotations_one_by_one_and_in_stacks(axis: np.ndarray, angle_rad: float) -> None:
+    expected = Rotation.from_rotvec(axis * angle_rad).as_matrix()
+    q = quaternion_from_rotation(expected)
+    np.testing.assert_allclose(rotation_from_quaternion(np.stack([q, -q])), np.stack([expected] * 2), atol=1e-12)
+    pose = pose_matrix((2 * q[0], 2 * q[1], 2 * q[2], 2 * q[3]), (1.0, 2.0, 3.0))
+    np.testing.assert_allclose(pose, rigid(expected, np.array([1.0, 2.0, 3.0])), atol=1e-12)

@@ -1,9 +1,12 @@
-"""Rigid motions as arrays: rotation vectors, inverses, interpolation between poses. All functions are pure."""
+"""Rigid motions as arrays: rotations, quaternions, inverses, interpolation between poses. All functions are pure."""
 
 from math import atan2, hypot
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from drivers.samples import Matrix4
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -60,6 +63,29 @@ def quaternion_from_rotation(R: Array) -> Array:
     return np.asarray(np.where(q[..., :1] < 0, -q, q), dtype=np.float64)
 
 
+def rotation_from_quaternion(q: Array) -> Array:
+    """(…, 4) unit (w, x, y, z) → (…, 3, 3)."""
+    rows = _rotation_rows(*np.moveaxis(q, -1, 0))
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def pose_matrix(quaternion: tuple[float, float, float, float], translation_mm: tuple[float, float, float]) -> Matrix4:
+    """(4, 4), mm. quaternion: (w, x, y, z) of any length but 0; the rotation is orthonormal whatever its rounding."""
+    length = hypot(*quaternion)
+    x_row, y_row, z_row = _rotation_rows(*[part / length for part in quaternion])
+    x_mm, y_mm, z_mm = translation_mm
+    return np.array(((*x_row, x_mm), (*y_row, y_mm), (*z_row, z_mm), (0.0, 0.0, 0.0, 1.0)))
+
+
+def _rotation_rows(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], ...]:
+    """Of a unit quaternion, each part a number or an array of the same shape."""
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
 def nearest_rotation(M: Array) -> Array:
     """Proper rotation closest to M (3, 3) in the Frobenius norm (polar decomposition)."""
     u, _, vt = np.linalg.svd(M)
@@ -77,6 +103,15 @@ def inverse(T: Array) -> Array:
     """Inverse of rigid (…, 4, 4) transforms."""
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
     return rigid(Rt, -np.einsum("...ij,...j->...i", Rt, T[..., :3, 3]))
+
+
+def seen_from(reference: Matrix4, probe: Matrix4) -> Matrix4:
+    """(4, 4) probe → reference, from both in the tracker's frame: reference⁻¹ probe."""
+    moved = probe.copy()
+    moved[:3, 3] -= reference[:3, 3]
+    relative: Matrix4 = np.eye(4)
+    relative[:3] = reference[:3, :3].T @ moved[:3]
+    return relative
 
 
 def interpolate(first: Array, second: Array, fraction: float) -> Array:

@@ -1,0 +1,56 @@
+"""What happens to the service, told to the alarm log, which remembers it, and to the journal, which shows it."""
+
+from typing import Any
+
+from appliance.service.control.status import reference_fields
+from appliance.service.host.log import get_log
+from appliance.service.host.recorder import Recorder
+from appliance.storage.alarm_chain import Latch
+from appliance.storage.reference import Reference
+from appliance.types import AlarmState
+
+
+class EventLog:
+    """simulated: URLs of the sources that are no real device; every state and reference says so.
+
+    alarm: the one in force, None before the first; what it has latched goes with every entry.
+    """
+
+    def __init__(self, recorder: Recorder, simulated: tuple[str, ...]) -> None:
+        self.alarm: AlarmState | None = None
+        self._recorder = recorder
+        self._simulated = {"simulated": [*simulated]} if simulated else {}
+        self._told_reference: int | None = None
+        self._log = get_log()
+
+    def note(self, event: str, **data: Any) -> None:
+        """In the alarm log alone."""
+        self._recorder.note(event, self._latch(), **data)
+
+    def started(self, current: Reference | None, origin: dict[str, Any]) -> None:
+        """origin: what the verdicts rest on, the reference `current` among it."""
+        self._told_reference = None if current is None else current.entry.number
+        self.note("started", found=[*self._recorder.damage], **origin)
+        self._log.info("started", **origin)
+
+    def state(self, before: AlarmState | None, alarm: AlarmState) -> None:
+        """State or fault has changed; the journal is told of states alone."""
+        said = {"state": alarm.state.value, "fault": alarm.fault, "reason": alarm.reason, **self._simulated}
+        if before is None or before.state is not alarm.state:
+            self._log.info("state", **said)
+        self.note("state", **said)
+
+    def reference(self, reference: Reference) -> None:
+        """It has just come in force; the one that the start entry named is known."""
+        if reference.entry.number == self._told_reference:
+            return
+        self._told_reference = reference.entry.number
+        said = {"reference": reference_fields(reference), **self._simulated}
+        self._log.info("reference", **said)
+        self.note("reference", **said)
+
+    def _latch(self) -> Latch | None:
+        if self.alarm is None:
+            return self._recorder.latch
+        latched = self.alarm.latched
+        return None if latched is None else Latch(latched.value, self.alarm.latched_fault)

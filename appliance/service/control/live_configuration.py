@@ -1,0 +1,73 @@
+"""The configuration in force, and what a running service takes of a changed one."""
+
+from pathlib import Path
+
+from appliance.configuration.config import Config, load_config
+from appliance.service.control.deadline_worker import DeadlineWorker
+from appliance.service.control.event_log import EventLog
+from appliance.service.control.references import References
+from appliance.service.control.server import ControlRefused
+from appliance.service.control.status import configuration_fields
+from appliance.service.estimator.process_host import EstimatorHost
+from appliance.service.host.log import get_log
+from appliance.supervision.supervisor import Supervisor
+from drivers.errors import ConfigurationError
+
+_TAKEN = {"limits", "supervisor", "alarm"}
+
+
+class LiveConfiguration:
+    """config: in force. patience: of the device watchers, as it says. file: where it is read again from.
+
+    asked: by a signal; the next tick reloads.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        file: Path,
+        worker: DeadlineWorker,
+        estimator: EstimatorHost,
+        references: References,
+        supervisor: Supervisor,
+        events: EventLog,
+    ) -> None:
+        self.config, self.file, self.patience = config, file, config.supervisor.patience()
+        self.asked = False
+        self._worker, self._estimator, self._references = worker, estimator, references
+        self._supervisor, self._events = supervisor, events
+        self._log = get_log()
+
+    def reload_if_asked(self) -> None:
+        """By a signal, which cannot be answered: what is refused is logged."""
+        if self.asked:
+            self.asked = False
+            try:
+                self.reload()
+            except (ControlRefused, ConfigurationError) as error:
+                self._log.warning("configuration refused, the old one stays", what=str(error))
+
+    def reload(self) -> None:
+        """Raises ControlRefused, ConfigurationError; then nothing has changed."""
+        written = self._worker.run(str(self.file), lambda: load_config(self.file))
+        before, self.config = self.config, _taken(self.config, written)
+        self._references.look_again()
+        self._supervisor.retime(self.config.supervisor.durations())
+        patience, self.patience = self.patience, self.config.supervisor.patience()
+        if (self.config.limits, self.patience.stale_ns) != (before.limits, patience.stale_ns):
+            self._estimator.limit(self.config.limits, self.patience.stale_ns)
+            self._supervisor.doubt()
+        if self.config != before:
+            self._events.note("reloaded", **configuration_fields(self.config, self.file))
+        self._log.info("configuration reloaded", file=str(self.file))
+
+
+def _taken(running: Config, written: Config) -> Config:
+    """The written configuration. Raises ControlRefused when it changes what only a restart can change."""
+    changed = [name for name in Config.model_fields if getattr(running, name) != getattr(written, name)]
+    fixed = [f"[{name}]" for name in changed if name not in _TAKEN]
+    if running.alarm.folder != written.alarm.folder:
+        fixed.append("[alarm] folder")
+    if fixed:
+        raise ControlRefused(f"{', '.join(fixed)} cannot change while it runs: systemctl restart probewatch")
+    return written

@@ -1,0 +1,79 @@
+"""The whole status of the service, put together of what each part knows."""
+
+from collections.abc import Callable
+from typing import Any
+
+from appliance.service.control.live_configuration import LiveConfiguration
+from appliance.service.control.references import References
+from appliance.service.control.status import (
+    alarm_fields,
+    audio_fields,
+    check_lists,
+    log_fields,
+    origin_fields,
+    output_fields,
+)
+from appliance.service.control.supervision import Supervision
+from appliance.service.devices.cart_devices import CartDevices
+from appliance.service.estimator.process_host import EstimatorHost
+from appliance.service.host.host_watch import HostWatch
+from appliance.service.host.recorder import Recorder
+from appliance.supervision.annunciator import Annunciator
+
+
+class ServiceStatus:
+    """dropped_clients: how many the control server has dropped."""
+
+    def __init__(
+        self,
+        supervision: Supervision,
+        configuration: LiveConfiguration,
+        references: References,
+        annunciator: Annunciator,
+        devices: CartDevices,
+        estimator: EstimatorHost,
+        recorder: Recorder,
+        host: HostWatch,
+        dropped_clients: Callable[[], int],
+    ) -> None:
+        self._supervision, self._configuration, self._references = supervision, configuration, references
+        self._annunciator, self._devices, self._estimator = annunciator, devices, estimator
+        self._recorder, self._host, self._dropped_clients = recorder, host, dropped_clients
+
+    def fields(self) -> dict[str, Any]:
+        """As docs/control.md tells them."""
+        now_ns, seen, config = self._supervision.now_ns, self._supervision, self._configuration.config
+        assert seen.alarm is not None
+        testing = self._annunciator.testing(now_ns)
+        return {
+            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated),
+            **origin_fields(config, self._configuration.file, self._references),
+            "language": config.alarm.language,
+            **check_lists(now_ns, seen.verdict, seen.devices),
+            "audio": audio_fields(now_ns, self._annunciator.sound, testing),
+            "outputs": output_fields(self._devices.outputs),
+            "log": log_fields(self._recorder),
+            "lost": self._devices.lost,
+            "estimator": self._estimator.ended,
+            "remarks": list(self._devices.tracker.remarks),
+            "fps": self._devices.fps,
+            **self._host.fields(now_ns),
+            "counters": self._counters(),
+        }
+
+    def _counters(self) -> dict[str, int]:
+        video, tracker, word = self._devices.video, self._devices.tracker, self._estimator.last
+        return {
+            "uptime_s": (self._supervision.now_ns - self._supervision.started_ns) // 1_000_000_000,
+            "frames": video.samples,
+            "poses": tracker.samples,
+            "frame_gaps": video.gaps,
+            "early_stamps": video.early_stamps + tracker.early_stamps,
+            "dropped_frames": 0 if word is None else word.dropped_frames,
+            "dropped_poses": 0 if word is None else word.dropped_poses,
+            "output_writes": self._devices.writes,
+            "device_losses": self._devices.losses,
+            "estimator_restarts": max(0, self._estimator.restarts),
+            "dropped_clients": self._dropped_clients(),
+            "late_ticks": self._host.ticks.late,
+        }

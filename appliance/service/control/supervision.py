@@ -1,0 +1,80 @@
+"""The supervisor in service: what was judged last, the state in force, and what follows from a change of it."""
+
+from collections.abc import Callable
+
+from appliance.service.control.event_log import EventLog
+from appliance.service.control.server import ControlRefused
+from appliance.service.host.log import get_log
+from appliance.service.host.overload_watch import OverloadWatch
+from appliance.service.host.recorder import Recorder
+from appliance.storage.alarm_chain import Latch
+from appliance.supervision.alarms import HAZARDS
+from appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
+from appliance.types import AlarmState, Check, Fault, State, Verdict
+
+Follow = Callable[[State, State], None]
+"""(state before, state after) of every step but the first."""
+
+
+class Supervision:
+    """now_ns: time of the tick, before the first that of the start, started_ns.
+
+    verdict: of the line, None while the estimator does not speak. heard_ns: last word of the present estimator process.
+    devices: checks of the device watchers. alarm: the state in force, None before the first step. follow: is told of
+    every step.
+    """
+
+    def __init__(
+        self, supervisor: Supervisor, events: EventLog, overload: OverloadWatch, recorder: Recorder, now_ns: int
+    ) -> None:
+        self.started_ns = self.now_ns = now_ns
+        self.heard_ns: int | None = None
+        self.verdict: Verdict | None = None
+        self.devices: tuple[Check, ...] = ()
+        self.alarm: AlarmState | None = None
+        self.follow: Follow | None = None
+        self._supervisor, self._events, self._overload, self._recorder = supervisor, events, overload, recorder
+        self._log = get_log()
+
+    def hear(self, now_ns: int, heard: bool, speaking: bool, verdicts: tuple[Verdict, ...]) -> None:
+        """What the estimator said since the last tick; what a process that has died said is forgotten."""
+        if heard or not speaking:
+            self.heard_ns = now_ns if heard else None
+            self.verdict = self.verdict if heard else None
+        self.verdict = verdicts[-1] if verdicts else self.verdict
+
+    def step(self, now_ns: int, verdicts: tuple[Verdict, ...], devices: tuple[Check, ...]) -> AlarmState:
+        """One tick of the supervisor."""
+        self.now_ns, self.devices = now_ns, devices
+        return self._step(Inputs(verdicts, devices))
+
+    def ask(self, request: Request) -> None:
+        """Put a person's request to the supervisor, at once. Raises ControlRefused."""
+        seen = None if self.alarm is None else self.alarm.fault
+        self._step(Inputs(devices=self.devices, request=request))
+        if self._supervisor.refused:
+            raise ControlRefused(self._supervisor.refused)
+        if request is Request.ACKNOWLEDGE:
+            self._recorder.accept_damage(seen)
+        else:
+            self.verdict = None
+        self._log.info("request granted", request=request.value)
+
+    def _step(self, inputs: Inputs) -> AlarmState:
+        before = self.alarm
+        self.alarm = self._events.alarm = alarm = self._supervisor.step(self.now_ns, inputs)
+        changed = before is None or (before.state, before.fault) != (alarm.state, alarm.fault)
+        if changed and self._overload.worth_an_entry(before, alarm):
+            self._events.state(before, alarm)
+        if before is not None and self.follow is not None:
+            self.follow(before.state, alarm.state)
+        return alarm
+
+
+def supervisor_after(latch: Latch | None, durations: Durations) -> Supervisor:
+    """In the state that was latched when the last run ended; one that only another version knows counts as a HALT."""
+    if latch is None:
+        return Supervisor(durations)
+    state = next((state for state in LATCHED if state.value == latch.state), State.HALT)
+    fault = Fault(latch.fault) if latch.fault in HAZARDS else None
+    return Supervisor(durations, state, fault)

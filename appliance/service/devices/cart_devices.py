@@ -1,0 +1,86 @@
+"""The threads of all devices of the cart: scanner, tracker, outputs."""
+
+from collections.abc import Callable, Mapping
+
+from appliance.configuration.config import Config
+from appliance.service.devices.device_thread import DeviceThread
+from appliance.service.devices.output_thread import OutputThread
+from appliance.service.devices.rate_meter import RateMeter
+from appliance.service.devices.source_thread import CaptureThread, TrackerThread
+from appliance.supervision.annunciator import Role
+from drivers.clock.host_clock import HostClock
+from drivers.registry import open_output, open_tracker, open_video
+from drivers.samples import Sample
+
+_JOIN_S = 1.0
+"""For which the end waits for the thread of a device that hangs: a good one ends within its read of .1 s."""
+
+
+class CartDevices:
+    """deliver: takes each sample of scanner and tracker; it never blocks."""
+
+    def __init__(self, config: Config, deliver: Callable[[Sample], None], clock: HostClock) -> None:
+        self.video = CaptureThread("video", config.video.url, open_video, deliver, clock)
+        self.tracker = TrackerThread("tracker", config.tracker.url, open_tracker, deliver, clock)
+        self.outputs = [OutputThread(output.signal, output.url, open_output, clock) for output in config.output]
+        self._threads: tuple[DeviceThread, ...] = (*self.outputs, self.video, self.tracker)
+        self._fps = {"video": RateMeter(), "tracker": RateMeter()}
+
+    def start(self) -> None:
+        """Open all of them, each in its thread."""
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """Outputs first; a device that hangs is left behind after a second."""
+        for thread in self._threads:
+            thread.stop()
+        for thread in self._threads:
+            thread.join(_JOIN_S)
+
+    def command(self, energised: Mapping[Role, bool], since_ns: int) -> None:
+        """Each output shows its signal. since_ns: when what may have changed it was found out."""
+        for output in self.outputs:
+            output.command(energised[output.signal], since_ns)
+
+    def note_overload(self, since_ns: int | None) -> None:
+        """Since when this computer is short of time; None while it is not."""
+        for thread in self._threads:
+            thread.overload_ns = since_ns
+
+    def note_rates(self, now_ns: int) -> None:
+        """Once a tick."""
+        self._fps["video"].note(now_ns, self.video.samples)
+        self._fps["tracker"].note(now_ns, self.tracker.samples)
+
+    @property
+    def failures(self) -> tuple[BaseException | None, ...]:
+        """Of each thread, see DeviceThread."""
+        return tuple(thread.failure for thread in self._threads)
+
+    @property
+    def fps(self) -> dict[str, float]:
+        """Samples per second of scanner and tracker."""
+        return {name: round(meter.per_s, 2) for name, meter in self._fps.items()}
+
+    @property
+    def output_ns(self) -> int | None:
+        """Last completed write of the output that lags most; None while one has completed none."""
+        written = [output.written_ns for output in self.outputs]
+        known = [written_ns for written_ns in written if written_ns is not None]
+        return min(known) if len(known) == len(written) else None
+
+    @property
+    def writes(self) -> int:
+        """Completed, of all outputs together."""
+        return sum(output.writes for output in self.outputs)
+
+    @property
+    def losses(self) -> int:
+        """How often a device was lost since the start."""
+        return sum(thread.losses for thread in self._threads)
+
+    @property
+    def lost(self) -> dict[str, str]:
+        """What is wrong with each device that is lost now."""
+        return {f"{one.role} {one.url}": one.lost for one in self._threads if one.lost is not None}

@@ -1,0 +1,35 @@
+"""What the tick asks of this computer: is it in time, does its wall clock step, does the disk of the log answer."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from appliance.service.host.log import get_log
+from appliance.service.host.overload_watch import OverloadWatch
+from appliance.service.host.recorder import Recorder
+from appliance.service.host.tick_meter import TickMeter
+from appliance.service.host.wall_clock import WallClock
+
+
+class HostWatch:
+    """period_ns: how often the tick is due. note: writes an entry of the alarm log. overload, ticks: what was found."""
+
+    def __init__(self, period_ns: int, recorder: Recorder, note: Callable[..., None]) -> None:
+        self.overload = OverloadWatch(period_ns, note)
+        self.ticks = TickMeter(period_ns)
+        self._wall_clock = WallClock()
+        self._recorder, self._note = recorder, note
+        self._log = get_log()
+
+    def begin_tick(self, now_ns: int) -> None:
+        """Before anything else is done in it."""
+        self.ticks.note(now_ns)
+        by_s = self._wall_clock.look(time.monotonic_ns(), time.time_ns())
+        if by_s is not None:
+            self._log.warning("wall clock stepped", by_s=round(by_s, 3))
+            self._note("wall-clock", by_s=round(by_s, 3))
+        self._recorder.watch(self.overload.since_ns is not None)
+
+    def fields(self, now_ns: int) -> dict[str, Any]:
+        """For the status."""
+        return {"tick": self.ticks.fields(), "load": self.overload.fields(now_ns)}

@@ -1,0 +1,109 @@
+"""One tick of the service, 20 times a second and whenever the estimator speaks. It waits for nobody."""
+
+from appliance.service.control.live_configuration import LiveConfiguration
+from appliance.service.control.references import References
+from appliance.service.control.requests import Requests
+from appliance.service.control.server import ControlServer
+from appliance.service.control.supervision import Supervision
+from appliance.service.devices.cart_devices import CartDevices
+from appliance.service.estimator.process_host import EstimatorHost
+from appliance.service.host.host_watch import HostWatch
+from appliance.service.host.recorder import Recorder
+from appliance.service.host.systemd_notify import Notifier
+from appliance.supervision.annunciator import Annunciator
+from appliance.supervision.watchers.devices import watch_devices
+from appliance.supervision.watchers.facts import Facts
+from appliance.types import AlarmState, Check, Verdict
+from drivers.clock.host_clock import HostClock
+
+
+class Tick:
+    """What one tick does, in its order: a fault is commanded in the tick that hears of it; the watchdog is fed last."""
+
+    def __init__(
+        self,
+        clock: HostClock,
+        host: HostWatch,
+        estimator: EstimatorHost,
+        references: References,
+        devices: CartDevices,
+        supervision: Supervision,
+        recorder: Recorder,
+        control: ControlServer,
+        requests: Requests,
+        configuration: LiveConfiguration,
+        annunciator: Annunciator,
+        notifier: Notifier,
+    ) -> None:
+        self._clock, self._host, self._estimator, self._references = clock, host, estimator, references
+        self._devices, self._supervision, self._recorder, self._control = devices, supervision, recorder, control
+        self._requests, self._configuration = requests, configuration
+        self._annunciator, self._notifier = annunciator, notifier
+        self._fed_writes = 0
+
+    def step(self) -> None:
+        """Hear the estimator and the devices, step, serve the socket, command the outputs, feed the watchdog.
+
+        Raises what a thread could not mend, such as ConfigurationError.
+        """
+        self._raise_failures()
+        now_ns = self._clock.now_ns()
+        self._host.begin_tick(now_ns)
+        verdicts = self._hear(now_ns)
+        alarm = self._supervision.step(now_ns, verdicts, self._watch(now_ns))
+        self._control.poll(self._requests.answer)
+        self._configuration.reload_if_asked()
+        self._command(now_ns, self._supervision.alarm or alarm, bool(verdicts))
+        self._references.see(self._devices.video.size_px)
+        self._devices.note_rates(now_ns)
+        self._feed_watchdog(alarm)
+
+    def _raise_failures(self) -> None:
+        failures = (self._recorder.failure, self._references.failure, *self._devices.failures)
+        for failure in failures:
+            if failure is not None:
+                raise failure
+
+    def _hear(self, now_ns: int) -> tuple[Verdict, ...]:
+        heard, verdicts = self._estimator.poll()
+        verdicts = self._references.judged(verdicts)
+        self._supervision.hear(now_ns, heard, self._estimator.speaking, verdicts)
+        return verdicts
+
+    def _watch(self, now_ns: int) -> tuple[Check, ...]:
+        """The checks of the device watchers, and that of this computer's own load."""
+        configuration, overload = self._configuration, self._host.overload
+        checks = watch_devices(now_ns, self._facts(now_ns), configuration.patience, configuration.config.limits)
+        load = overload.step(now_ns, self._estimator.waiting_frames, self._devices.losses)
+        self._devices.note_overload(overload.since_ns)
+        return (*checks, load)
+
+    def _facts(self, now_ns: int) -> Facts:
+        return Facts(
+            started_ns=self._supervision.started_ns,
+            frame_ns=self._devices.video.frame_ns,
+            replies=self._devices.tracker.replies,
+            heartbeat_ns=self._supervision.heard_ns,
+            output_ns=self._devices.output_ns,
+            damage=self._recorder.damage,
+            log_waits_ns=self._recorder.waited_ns(now_ns),
+            calibration_file_changed=self._references.changed is not None,
+            body=self._devices.tracker.body,
+        )
+
+    def _command(self, now_ns: int, alarm: AlarmState, judged: bool) -> None:
+        """judged: a verdict came with this tick; then the delay of the contact counts from when it was said."""
+        since_ns = self._clock.at(self._estimator.said_ns) if judged else now_ns
+        self._devices.command(self._annunciator.step(now_ns, alarm), since_ns)
+
+    def _feed_watchdog(self, alarm: AlarmState) -> None:
+        """Only a completed write on some output shows that the alarm path is alive."""
+        writes = self._devices.writes
+        if writes > self._fed_writes:
+            self._fed_writes = writes
+            mark = " · SIMULATED" if self._configuration.config.simulated else ""
+            self._notifier.alive(f"{alarm.state.value}: {alarm.reason}{self._why_silent()}{mark}")
+
+    def _why_silent(self) -> str:
+        ended = None if self._estimator.speaking else self._estimator.ended
+        return "" if ended is None else f" (estimator {ended})"

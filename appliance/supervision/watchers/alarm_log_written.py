@@ -1,9 +1,0 @@
-"""A full or stalled disk takes no alarm away, but what happens now may be lost with the power."""
-
-from appliance.supervision.watchers.facts import Facts, Patience, silence
-from appliance.types import Check
-
-
-def alarm_log_written(facts: Facts, patience: Patience) -> Check:
-    """log-not-written when an entry has waited for the disk longer than patience.log_ns."""
-    return silence("alarm log written", "log-not-written", facts.log_waits_ns, patience.log_ns)

@@ -1,0 +1,40 @@
+"""What a tracker that answers says of its own poses: a fault, an old measurement, or that it does not see the probe."""
+
+from appliance.supervision.watchers.facts import Facts, Patience, silence
+from appliance.types import Check, Fault, VerdictKind
+from drivers.samples import PoseStatus
+
+_UNSEEN = (PoseStatus.MISSING, PoseStatus.OUT_OF_VOLUME, PoseStatus.PARTIAL)
+
+
+def tracker_alert(now_ns: int, facts: Facts, patience: Patience) -> Check:
+    """tracker-alert when the reply is FAULT, and none has been fresh for patience.tracker_ns.
+
+    It says of itself that its poses cannot be believed: bumped, too hot, faulty, disturbed.
+    """
+    age_ns = _without_fresh_ns(now_ns, facts) if facts.replies.status is PoseStatus.FAULT else 0
+    return silence("tracker alert", Fault.TRACKER_ALERT, age_ns, patience.tracker_ns)
+
+
+def tracker_freshness(now_ns: int, facts: Facts, patience: Patience) -> Check:
+    """tracker-stale when the reply is STALE, and none has been fresh for patience.stale_ns.
+
+    Old measurements are worse than silence: nothing looks wrong.
+    """
+    age_ns = _without_fresh_ns(now_ns, facts) if facts.replies.status is PoseStatus.STALE else 0
+    return silence("tracker freshness", Fault.TRACKER_STALE, age_ns, patience.stale_ns)
+
+
+def line_of_sight(now_ns: int, facts: Facts, patience: Patience) -> Check:
+    """NOT_VERIFIED when the tracker has answered without a pose for patience.unseen_ns.
+
+    A probe laid aside or hidden is no fault of a device, but nothing can be verified meanwhile.
+    """
+    last_pose_ns = facts.started_ns if facts.replies.pose_ns is None else facts.replies.pose_ns
+    age_ns = now_ns - last_pose_ns if facts.replies.status in _UNSEEN else 0
+    return silence("line of sight", Fault.LINE_OF_SIGHT, age_ns, patience.unseen_ns, VerdictKind.NOT_VERIFIED)
+
+
+def _without_fresh_ns(now_ns: int, facts: Facts) -> int:
+    """How long ago the last fresh reply, or the start, was."""
+    return now_ns - (facts.started_ns if facts.replies.fresh_ns is None else facts.replies.fresh_ns)

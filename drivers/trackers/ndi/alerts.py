@@ -1,0 +1,78 @@
+"""Asks the device which alerts it has, when a reply says that there are some or one stands that may be over."""
+
+from drivers.clock.host_clock import HostClock
+from drivers.errors import DeviceLost, ProtocolError
+from drivers.trackers.ndi.exchange import Answer, Exchange
+from drivers.trackers.ndi.health import Health, HealthWatch
+from drivers.trackers.ndi.link import SilentError
+from drivers.trackers.ndi.session import Session
+from drivers.trackers.ndi.status_text import BUMPED
+
+_SHARE_OF_DEADLINE = 0.5
+"""For one question about alerts, so that a tracking reply still fits before the deadline. More loses the device with
+the question, less gives slow replies up."""
+
+_UNANSWERED = 3
+"""Such questions in a row without an answer that lose the tracker: what it does not tell may be grave. Fewer lose it
+for two damaged replies (tests/drivers/trackers/ndi/test_tracker.py), each more leaves an unknown alert half a deadline
+longer.
+"""
+
+
+class Alerts:
+    """watch: what is known by now, of a bump before this session as well. deadline_ms: of the tracker."""
+
+    def __init__(
+        self, session: Session, watch: HealthWatch, exchange: Exchange, deadline_ms: float, clock: HostClock
+    ) -> None:
+        self._session, self._watch, self._exchange, self._clock = session, watch, exchange, clock
+        self._wait_s = _SHARE_OF_DEADLINE * deadline_ms / 1e3
+        self._unanswered = 0
+
+    @property
+    def health(self) -> Health:
+        """Of the device as a whole."""
+        return self._watch.health
+
+    def follow(self, answer: Answer) -> None:
+        """Note what a tracking reply says, and ask for the rest. Raises DeviceLost.
+
+        Tools that were plugged in or unplugged need the whole start again.
+        """
+        if answer.snapshot.ports_changed:
+            raise self._lost("a tool was plugged in or unplugged", "The connection is made again")
+        self._watch.note(answer.snapshot, answer.detailed, answer.arrival_ns)
+        if self._watch.asks_for_new():
+            self._look_up("Info.Status.New Alerts")
+        elif self._watch.asks_for_standing(answer.arrival_ns):
+            self._look_up("Info.Status.Alerts")
+
+    def clear_bump(self) -> None:
+        """A person has checked the position sensor. Raises DeviceLost, ProtocolError."""
+        self._session.clear_bump()
+        self._watch.clear_bump()
+        self._exchange.rest()
+
+    def _look_up(self, name: str) -> None:
+        """Devices that announce new alerts without telling which count as bumped, the gravest meaning.
+
+        One question that is not answered is no silence of the device: the next tracking reply decides that. But what it
+        does not tell several times may be grave.
+        """
+        try:
+            alerts = self._session.parameter(name, self._wait_s)
+        except (ProtocolError, SilentError) as error:
+            self._exchange.refused += 1
+            self._unanswered += 1
+            if self._unanswered >= _UNANSWERED:
+                raise self._lost(f"the tracker does not tell its alerts ({error.what})", error.remedy) from error
+            return
+        self._unanswered = 0
+        if name == "Info.Status.Alerts":
+            self._watch.note_standing(alerts, self._clock.now_ns())
+        else:
+            self._watch.note_new(BUMPED if alerts is None else alerts, self._clock.now_ns())
+        self._exchange.rest()
+
+    def _lost(self, what: str, remedy: str) -> DeviceLost:
+        return DeviceLost(what, self._session.link.where, remedy)

@@ -1,0 +1,73 @@
+"""What is agreed with a device that tracks: the command that asks for poses, its details, the rate of its clock."""
+
+from dataclasses import dataclass
+
+from drivers.clock.counter_clock import CounterClock, DeviceClock
+from drivers.clock.host_clock import HostClock
+from drivers.errors import DeviceLost
+from drivers.trackers.ndi.counter_rate import frame_counter_hz
+from drivers.trackers.ndi.exchange import Exchange
+from drivers.trackers.ndi.identity import ReplyKind
+from drivers.trackers.ndi.options import TrackerOptions
+from drivers.trackers.ndi.readings import Dialect, dialect
+from drivers.trackers.ndi.session import Session
+from drivers.trackers.ndi.tools import Tool
+from drivers.trackers.ndi.wire import RefusedError
+
+_REPLY_BYTES = 50
+"""First guess at the part of a reply that belongs to no tool: frame and status, and strays, 12 bytes each. Longer ones
+are noted when they come (Exchange)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Agreed:
+    """kind: the tracking command. details: whether the device knows it with marker details.
+
+    tick_ns: of the device's clock: nanoseconds for BX2, steps of a frame counter for TX and BX.
+    """
+
+    kind: ReplyKind
+    dialect: Dialect
+    exchange: Exchange
+    details: bool
+    device_clock: DeviceClock
+    tick_ns: float
+
+
+def negotiate(session: Session, options: TrackerOptions, probe: Tool, clock: HostClock) -> Agreed:
+    """The best tracking command that a device in tracking mode answers. Raises DeviceLost where it knows none."""
+    kinds = list(ReplyKind)
+    for kind in kinds[kinds.index(options.reply or session.identity.reply) :]:
+        spoken = dialect(kind)
+        longest = _REPLY_BYTES + len(session.tools) * spoken.tool_bytes
+        exchange = Exchange(session.link, spoken, round(options.deadline_ms * 1e6), longest, clock)
+        if _understands(session, exchange, kind.name, detailed=False):
+            break
+    else:
+        remedy = "Check its firmware with NDI's program"
+        raise DeviceLost("the tracker knows no tracking command", session.link.where, remedy)
+    details = _understands(session, exchange, "marker details", detailed=True)
+    device_clock, tick_ns = _make_clock(session, exchange, kind, options, probe, clock)
+    exchange.rest()
+    return Agreed(kind, spoken, exchange, details, device_clock, tick_ns)
+
+
+def _understands(session: Session, exchange: Exchange, what: str, detailed: bool) -> bool:
+    try:
+        exchange.ask(detailed)
+    except RefusedError as refusal:
+        session.warnings.append(f"{what}: {refusal.what}")
+        return False
+    return True
+
+
+def _make_clock(
+    session: Session, exchange: Exchange, kind: ReplyKind, options: TrackerOptions, probe: Tool, clock: HostClock
+) -> tuple[DeviceClock, float]:
+    """(clock, nanoseconds of one tick): BX2 tells nanoseconds, TX and BX a counter."""
+    if kind is ReplyKind.BX2:
+        return DeviceClock(), 1.0
+    counter_hz = options.counter_hz or frame_counter_hz(
+        session, lambda: exchange.ask(detailed=False), probe.handle, clock
+    )
+    return CounterClock(counter_hz), 1e9 / counter_hz

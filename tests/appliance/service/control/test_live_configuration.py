@@ -1,0 +1,103 @@
+"""A changed configuration on its way to what works by it."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from appliance.service.control.deadline_worker import DeadlineWorker
+from appliance.service.control.event_log import EventLog
+from appliance.service.control.live_configuration import LiveConfiguration
+from appliance.service.control.server import ControlRefused
+from appliance.service.estimator.process_host import EstimatorHost
+from appliance.service.host.recorder import Recorder
+from appliance.storage.alarm_chain import read_log
+from appliance.supervision.supervisor import Supervisor
+from drivers.clock.host_clock import HostClock
+from drivers.samples import Frame, Stamp
+from tests.support import stand_in_estimator as stand_in
+from tests.support import stores
+from tests.support.polling import until
+
+pytestmark = pytest.mark.usefixtures("log")
+log = stores.log
+COMMAND = (sys.executable, "-m", "tests.support.stand_in_estimator")
+
+
+@dataclass
+class Running:
+    """The parts of a service that follow its configuration, and no devices."""
+
+    folder: Path
+
+    def __post_init__(self) -> None:
+        config = stores.configuration(self.folder)
+        self.references = stores.started(config)
+        self.recorder = Recorder(config.alarm.folder, HostClock())
+        patience = config.supervisor.patience()
+        self.estimator = EstimatorHost(stores.calibration(), config.limits, patience.stale_ns, COMMAND)
+        self.live = LiveConfiguration(
+            config,
+            self.folder / "probewatch.toml",
+            DeadlineWorker(),
+            self.estimator,
+            self.references,
+            Supervisor(config.supervisor.durations()),
+            EventLog(self.recorder, ()),
+        )
+
+    def write(self, more: str) -> None:
+        self.live.file.write_text(f"{self.live.file.read_text()}{more}")
+
+    def stale_ns(self) -> float:
+        """As the line of the estimator's process has it; the first call starts that."""
+        until(lambda: self.estimator.poll()[0])
+        self.estimator.put(Frame(Stamp(1, 0), 1, np.full((48, 64), stand_in.OK, np.uint8)))
+        return until(lambda: self.estimator.poll()[1])[-1].checks[0].limit
+
+    def close(self) -> None:
+        self.estimator.close()
+        self.recorder.close()
+        self.references.close()
+
+
+@pytest.fixture
+def running(tmp_path: Path) -> Iterator[Running]:
+    running = Running(tmp_path)
+    yield running
+    running.close()
+
+
+def test_other_patience_with_a_tracker_reaches_watchers_and_line(running: Running) -> None:
+    assert running.stale_ns() == 500_000_000
+    running.write("supervisor.tracker_stale_ms = 250\n")
+    running.live.reload()
+    assert running.live.patience.stale_ns == 250_000_000
+    until(lambda: running.stale_ns() == 250_000_000)
+    running.recorder.close()
+    assert [entry.event for entry in read_log(running.live.config.alarm.folder).entries][-1] == "reloaded"
+
+
+def test_what_only_a_restart_can_change_is_refused_and_changes_nothing(running: Running) -> None:
+    running.write('control.socket = "/run/other"\nsupervisor.tracker_stale_ms = 250\n')
+    with pytest.raises(ControlRefused, match=r"\[control\] cannot change while it runs"):
+        running.live.reload()
+    assert running.live.patience.stale_ns == 500_000_000
+
+
+def test_a_signal_reloads_at_the_next_tick_and_a_refusal_is_logged(running: Running, log) -> None:
+    running.write("supervisor.tracker_stale_ms = 250\n")
+    running.live.reload_if_asked()
+    assert running.live.patience.stale_ns == 500_000_000, "nobody has asked"
+    running.live.asked = True
+    running.live.reload_if_asked()
+    assert running.live.patience.stale_ns == 250_000_000
+    running.write("supervisor.unseen_s = 0\n")
+    running.live.asked = True
+    running.live.reload_if_asked()
+    until(lambda: "configuration refused, the old one stays" in log.getvalue())
+    assert not running.live.asked
+    assert running.live.patience.stale_ns == 250_000_000

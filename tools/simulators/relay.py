@@ -1,0 +1,36 @@
+"""`probewatch simulate relay`: an LCUS relay board on a pseudo-terminal, for `relay:LINK`."""
+
+import json
+import signal
+import time
+from pathlib import Path
+from threading import Event
+
+import click
+
+from drivers.clock.host_clock import HostClock
+from drivers.twins.pty_line import PtyLine
+from drivers.twins.relay_board import RelayBoard
+
+
+# Bounds: boards of this kind have up to eight relays; those of --rate as for `simulate ndi`.
+@click.command("relay")
+@click.option("--pty", "link", type=click.Path(path_type=Path), required=True, metavar="LINK", help="serve it here")
+@click.option("--channels", type=click.IntRange(1, 8), default=1, help="relays on the board [1]")
+@click.option("--mute", is_flag=True, help="never answer, like the bare LCUS-1")
+@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="world seconds per second")
+@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC of world time 0; now if not given")
+def command(link: Path, channels: int, mute: bool, rate: float, origin_ns: int | None) -> None:
+    """Simulate a relay board until SIGTERM; prints one JSON line with its URL when ready, then each change of a relay.
+
+    \b
+      probewatch simulate relay --pty /tmp/relay
+    """
+    stop = Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    clock = HostClock(rate, time.monotonic_ns() if origin_ns is None else origin_ns)
+    with PtyLine(link, clock) as line:
+        board = RelayBoard(line, clock, channels, not mute)
+        click.echo(json.dumps({"ready": True, "url": f"relay:{link}?channel=1"}))
+        board.run(stop)

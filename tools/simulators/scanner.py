@@ -1,0 +1,56 @@
+"""`probewatch simulate scanner`: an ultrasound scanner whose video output is a socket, for `sim:SOCKET`."""
+
+import json
+import signal
+import time
+from contextlib import suppress
+from pathlib import Path
+from threading import Event
+
+import click
+import cv2
+
+from drivers.clock.host_clock import HostClock
+from drivers.twins.fault_control import FaultControl
+from drivers.twins.faults import PICTURE_FAULTS
+from drivers.twins.scanner import Scanner, VideoPlug
+from drivers.twins.scene.trajectory import PROGRAMS
+from drivers.twins.scene.world import SCENES, World, WorldSettings
+
+
+# Bounds of --rate: those of `simulate ndi`. Of --fps: from a slow sweep to what no scanner of the field exceeds.
+@click.command("scanner", epilog=f"Faults: {', '.join(PICTURE_FAULTS)}")
+@click.option("--socket", type=click.Path(path_type=Path), required=True, help="Unix socket to serve")
+@click.option("--fps", type=click.FloatRange(0.1, 1000), default=30.0, help="pictures per world second [30]")
+@click.option("--seed", type=int, default=1, help="of the world")
+@click.option("--program", type=click.Choice(list(PROGRAMS)), default="sweep", help="how the probe is moved [sweep]")
+@click.option("--scene", type=click.Choice(list(SCENES)), default="tissue", help="what it looks at [tissue]")
+@click.option(
+    "--control", type=click.Path(dir_okay=False, path_type=Path), help="JSON list of faults, read again when it changes"
+)
+@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="world seconds per second")
+@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC of world time 0; now if not given")
+def command(
+    socket: Path,
+    fps: float,
+    seed: int,
+    program: str,
+    scene: str,
+    control: Path | None,
+    rate: float,
+    origin_ns: int | None,
+) -> None:
+    """Simulate a scanner until SIGTERM; prints one JSON line with its URL when it is ready, then what changes."""
+    stop = Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    cv2.setNumThreads(1)
+    world = World(seed, program, scene, WorldSettings(fps=fps))
+    world.frame(0.0, 0)
+    clock = HostClock(rate, time.monotonic_ns() if origin_ns is None else origin_ns)
+    # A parent that no longer reads the events shall not be answered with a traceback.
+    with suppress(BrokenPipeError), VideoPlug(socket) as plug:
+        click.echo(json.dumps({"ready": True, "url": f"sim:{socket}"}))
+        scanner = Scanner(world, plug, clock, FaultControl(PICTURE_FAULTS, file=control))
+        scanner.run(stop)
+        click.echo(json.dumps({"account": scanner.account}))
