@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.types import PARAMETERS, Calibration
+from appliance.types import Calibration
 from drivers.errors import ConfigurationError
 from drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from drivers.samples import GreyImage
@@ -165,8 +165,3 @@ STANDARD = tuple(
     )
 )  # fmt: skip
 """`--hazards all`: each by 1.3 and 2 times its limit, one sign each, in every manner."""
-
-UNITS: Mapping[str, str] = dict(
-    zip((*PARAMETERS, "latency"), ("deg",) * 3 + ("%",) * 2 + ("mm",) * 3 + ("ms",), strict=True)
-)
-"""Check → its unit in every table of the study."""

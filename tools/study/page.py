@@ -1,5 +1,7 @@
 """The page of a study: one HTML file with plots and tables, which opens without a network."""
 
+from __future__ import annotations
+
 import html
 import importlib.util
 import io
@@ -75,7 +77,7 @@ def _codes(rows: Sequence[Row]) -> str:
     return ", ".join(sorted({row[CODE] for row in rows})) or "–"
 
 
-def _axes(rows: int, columns: int = 1) -> tuple["Figure", list["Axes"]]:
+def _axes(rows: int, columns: int = 1) -> tuple[Figure, list[Axes]]:
     from matplotlib.figure import Figure  # noqa: PLC0415  an extra that a cart does not have
 
     figure = Figure(figsize=(_WIDE_IN, 0.34 * rows + 1.2), layout="constrained")
@@ -87,7 +89,7 @@ def _axes(rows: int, columns: int = 1) -> tuple["Figure", list["Axes"]]:
     return figure, list(axes)
 
 
-def _svg(figure: "Figure") -> str:
+def _svg(figure: Figure) -> str:
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata={"Date": None})
     return text.getvalue()[text.getvalue().index("<svg") :]
@@ -97,7 +99,7 @@ def _colour(tissue: str) -> str:
     return _BREATHING if tissue == "breathing" else _STILL
 
 
-def _coverage_plot(healthy: list[Coverage]) -> "Figure":
+def _coverage_plot(healthy: list[Coverage]) -> Figure:
     figure, (axes,) = _axes(len(healthy))
     for place, one in enumerate(reversed(healthy)):
         closed = sorted(100 * share for share in one.closed)
@@ -110,7 +112,7 @@ def _coverage_plot(healthy: list[Coverage]) -> "Figure":
     return figure
 
 
-def _truth_plot(healthy: list[Coverage]) -> "Figure":
+def _truth_plot(healthy: list[Coverage]) -> Figure:
     figure, (ratio, rms) = _axes(len(CHECKS) + 2, 2)
     for place, name in enumerate(reversed(CHECKS)):
         for one in healthy:
@@ -126,7 +128,7 @@ def _truth_plot(healthy: list[Coverage]) -> "Figure":
     return figure
 
 
-def _hazard_plot(sick: list[Detection]) -> "Figure":
+def _hazard_plot(sick: list[Detection]) -> Figure:
     figure, (found, delay) = _axes(len(sick), 2)
     for place, one in enumerate(reversed(sick)):
         low, high = one.found.interval

@@ -1,11 +1,13 @@
 """Runs tasks beside one another: in processes of this computer, or on a Dask cluster that exists already."""
 
 import multiprocessing
+import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
+from appliance.service.host.child_process import end_with_parent
 from drivers.errors import ConfigurationError, DeviceLost
 
 _T = TypeVar("_T")
@@ -25,7 +27,7 @@ def results(work: Callable[[_T], _R], tasks: Iterable[_T], jobs: int, scheduler:
 def _local(work: Callable[[_T], _R], tasks: list[_T], jobs: int) -> Iterator[_R]:
     context = multiprocessing.get_context("spawn")
     # In order, so that tasks on the same pictures follow one another in one process, which keeps them.
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=end_with_parent) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=end_with_parent, initargs=(signal.SIGKILL,)) as pool:
         futures = [pool.submit(work, task) for task in tasks]
         try:
             for future in as_completed(futures):
