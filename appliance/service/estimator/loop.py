@@ -100,7 +100,7 @@ class Estimator:
             send(self._link, Word(self._generation, time.monotonic_ns(), verdicts, *self._counts, *self._dropped))
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
     """The kernel kills this process with its parent; a parent that died before this call has closed the link."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
@@ -108,7 +108,7 @@ def _die_with_parent() -> None:
 def serve(arguments: list[str], make_line: MakeLine) -> None:
     """Body of the process. arguments: the file descriptors of the link, then three of each ring, frames first."""
     link_fd, *ring_fds = (int(argument) for argument in arguments)
-    _die_with_parent()
+    die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with (
         socket.socket(fileno=link_fd) as link,

@@ -27,7 +27,7 @@ from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 _SPARE_SLOTS = 2
 """One that is being written, one between it and what the consumer may use; see the heading of this file."""
 _NOTICE = struct.Struct("<QQ")
-"""Index of a sample and bytes of its payload. Far below PIPE_BUF, so that a notice is written whole or not at all; its
+"""Number of a sample and bytes of its payload. Far below PIPE_BUF, so that a notice is written whole or not at all; its
 16 bytes divide every size of a pipe."""
 _READ_BYTES = 4096
 """Asked for in one read: 256 notices, of which one is usual. Less takes more calls where the consumer was away; more
@@ -79,7 +79,7 @@ class RingFds(NamedTuple):
 
 
 class _Notice(NamedTuple):
-    index: int
+    number: int
     payload_bytes: int
 
 
@@ -144,19 +144,19 @@ class Ring:
         told, self._told = self._told, []
         if not told:
             return [], 0
-        copies = [(notice.index, self._copy(notice)) for notice in told[-self._shape.slots :]]
+        copies = [(notice.number, self._copy(notice)) for notice in told[-self._shape.slots :]]
         self._listen()
-        newest = (self._told or told)[-1].index
+        newest = (self._told or told)[-1].number
         samples = [_unpack(copy) for index, copy in copies if newest - index < self._shape.slots]
-        first = told[0].index if self._next is None else self._next
-        self._next = told[-1].index + 1
+        first = told[0].number if self._next is None else self._next
+        self._next = told[-1].number + 1
         return samples, self._next - first - len(samples)
 
     def discard(self) -> None:
         """Forget, uncounted, what has been put until now."""
         self._listen()
         if self._told:
-            self._next = self._told[-1].index + 1
+            self._next = self._told[-1].number + 1
             self._told = []
 
     def _tell(self, notice: bytes) -> None:
@@ -170,7 +170,7 @@ class Ring:
             self._told += (_Notice(*numbers) for numbers in _NOTICE.iter_unpack(heard))
 
     def _copy(self, notice: _Notice) -> bytes:
-        start = self._shape.start(notice.index)
+        start = self._shape.start(notice.number)
         return self._memory[start : start + notice.payload_bytes]
 
 
