@@ -48,12 +48,14 @@ class Estimator:
 
     def run(self) -> None:
         """Until the peer closes the link."""
+        ordered = True
         try:
             while True:
-                self._obey()
+                if ordered:
+                    self._obey()
                 self._compute()
                 self._speak(())
-                self._wait()
+                ordered = self._wait()
         except LinkClosed:
             return
 
@@ -87,11 +89,12 @@ class Estimator:
             self._dropped[index] += dropped
         return sorted(samples, key=lambda sample: sample.stamp.t_ns)
 
-    def _wait(self) -> None:
-        """Until a sample or an order comes, or the next word is due."""
-        if not (self._frames.pending or self._poses.pending):
-            left_s = self._spoke_s + _WORD_EVERY_S - time.monotonic()
-            self._waking.poll(max(0, math.ceil(left_s * 1e3)))
+    def _wait(self) -> bool:
+        """Until a sample or an order comes, or the next word is due. Whether the link has an order, or has closed."""
+        pending = self._frames.pending or self._poses.pending
+        left_s = 0.0 if pending else self._spoke_s + _WORD_EVERY_S - time.monotonic()
+        ready = self._waking.poll(max(0, math.ceil(left_s * 1e3)))
+        return any(fd == self._link.fileno() for fd, _ in ready)
 
     def _speak(self, verdicts: tuple[Verdict, ...]) -> None:
         now_s = time.monotonic()
