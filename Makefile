@@ -77,7 +77,7 @@ coverage: $(VENV)/dev ## which lines the quick tests reach: a table, and results
 	$(BIN)/pytest -n 2 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb" \
 	  --cov --cov-report=term:skip-covered --cov-report=html:results/coverage
 
-bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of the line: tables and results/bench.json
+bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of the line and of the way to it: tables and results/bench.json
 	$(BIN)/python -m tests.bench
 
 paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md

@@ -42,7 +42,10 @@ class PoseStatus(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One B-mode picture. sequence counts what the device sent, so a gap is a loss."""
+    """One B-mode picture. sequence counts what the device sent, so a gap is a loss.
+
+    image: nobody writes to it any more; it may be a view with strides: a part of a larger picture, or turned.
+    """
 
     stamp: Stamp
     sequence: int

@@ -3,8 +3,6 @@
 import re
 from dataclasses import dataclass
 
-import numpy as np
-
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.samples import GreyImage
 
@@ -24,17 +22,24 @@ class Cut:
     crop: tuple[int, int, int, int] | None
     orientation: str
 
+    def require_within(self, width: int, height: int, where: str) -> None:
+        """Raises DeviceLost where a picture of that many pixels does not hold the crop."""
+        if self.crop is None:
+            return
+        left, top, cut_width, cut_height = self.crop
+        if height < top + cut_height or width < left + cut_width:
+            remedy = "Correct crop= or the output size of the scanner"
+            raise DeviceLost(f"the picture of {width}x{height} pixels does not hold the crop", where, remedy)
+
     def apply(self, image: GreyImage, where: str) -> GreyImage:
-        """The part, turned to MF; a copy that owns its memory. Raises DeviceLost where the picture is too small."""
+        """The part, turned to MF: a view of the image, no copy. Raises DeviceLost where the picture is too small."""
+        height, width = image.shape
+        self.require_within(width, height, where)
         if self.crop is not None:
             left, top, width, height = self.crop
-            if image.shape[0] < top + height or image.shape[1] < left + width:
-                size = f"{image.shape[1]}x{image.shape[0]}"
-                remedy = "Correct crop= or the output size of the scanner"
-                raise DeviceLost(f"the picture of {size} pixels does not hold the crop", where, remedy)
             image = image[top : top + height, left : left + width]
         rows, columns = FLIPS[self.orientation]
-        return np.array(image[:: -1 if rows else 1, :: -1 if columns else 1], np.uint8, order="C")
+        return image[:: -1 if rows else 1, :: -1 if columns else 1]
 
 
 def cut_from(options: dict[str, str], where: str) -> Cut:

@@ -145,7 +145,7 @@ class SimVideo:
         end = HEADER_BYTES + header.body_bytes
         if len(self._received) < end:
             return None
-        pixels = np.frombuffer(bytes(self._received[HEADER_BYTES:end]), np.uint8)
+        pixels = np.frombuffer(self._received, np.uint8, header.body_bytes, HEADER_BYTES).copy()
         del self._received[:end]
         stamp = Stamp(header.t_ns, header.err_ns)
         return Frame(stamp, header.sequence, pixels.reshape(header.height_px, header.width_px))

@@ -1,4 +1,5 @@
-"""`make bench`: registration side by side with its peers, the self-check, the bounds, the cost of the line.
+"""`make bench`: registration side by side with its peers, the self-check, the bounds, the cost of the line and of
+a frame's way to it.
 
 Prints tables and writes results/bench.json; `python -m tests.bench --help` names the options.
 """
@@ -19,12 +20,12 @@ import numpy as np  # noqa: E402
 import SimpleITK as sitk  # noqa: E402, N813
 from rich.progress import Progress  # noqa: E402
 
-from tests.bench import accuracy, bounds, cost, cross_spectrum, report, selfcheck  # noqa: E402
+from tests.bench import accuracy, bounds, cost, cross_spectrum, handover, report, selfcheck  # noqa: E402
 from tests.bench.peers import COARSE, FINE, SMOOTHED_PX, one_thread  # noqa: E402
 from tests.bench.scenes import CLEAN, DECORRELATED, SCENES, Scene  # noqa: E402
 
 RESULTS = Path("results/bench.json")
-_STEPS = 6
+_STEPS = 7
 
 
 @click.command()
@@ -50,7 +51,7 @@ def main(pairs: int, names: tuple[str, ...]) -> None:
 
 
 def measure(scenes: Sequence[Scene], count: int, done: Callable[[], None]) -> dict[str, Any]:
-    """All figures; `done` is called len(scenes) · count + 6 times on the way."""
+    """All figures; `done` is called len(scenes) · count + 7 times on the way."""
     started = os.getloadavg()[0]
     rows = accuracy.measure(scenes, count, done)
     result = {"errors": accuracy.errors(rows), "times": accuracy.times(rows)}
@@ -71,6 +72,8 @@ def measure(scenes: Sequence[Scene], count: int, done: Callable[[], None]) -> di
     result["line"] = [cost.line((640, 480)), cost.line(cost.FULL_HD)]
     done()
     result["world_ms"] = cost.world_ms()
+    done()
+    result["handover"] = handover.measure()
     done()
     return {"environment": environment(started, count), **result, "pairs": rows}
 

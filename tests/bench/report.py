@@ -13,14 +13,11 @@ _WIDTH = 124
 
 def show(result: dict[str, Any]) -> None:
     """Head with what the figures depend on, then one table for each kind of figure."""
-    console = Console()
-    console = console if console.is_terminal else Console(width=_WIDTH)
+    console = _console()
     for name, value in result["environment"].items():
         console.print(f"{name}: {value}", highlight=False, soft_wrap=True)
-    for table in (_errors(result), _times(result), _coverage(result), _line(result)):
-        console.print(f"\n{table.title}", highlight=False, soft_wrap=True)
-        table.title = None
-        console.print(table)
+    _print(console, _errors(result), _times(result), _coverage(result), _line(result))
+    show_handover(result["handover"])
     checked = result["self-check"]
     console.print(
         f"self-check: {_percent(checked['diverged refused'])} of {checked['diverged']} diverged registrations refused, "
@@ -28,6 +25,49 @@ def show(result: dict[str, Any]) -> None:
         highlight=False,
         soft_wrap=True,
     )
+
+
+def show_handover(found: dict[str, Any]) -> None:
+    """What a frame costs on its way to the estimator, and when it is there."""
+    _print(_console(), _hops(found), _delays(found), _idle(found))
+
+
+def _console() -> Console:
+    console = Console()
+    return console if console.is_terminal else Console(width=_WIDTH)
+
+
+def _print(console: Console, *tables: Table) -> None:
+    for table in tables:
+        console.print(f"\n{table.title}", highlight=False, soft_wrap=True)
+        table.title = None
+        console.print(table)
+
+
+def _hops(found: dict[str, Any]) -> Table:
+    title = f"way of a frame from the driver's buffer; checksums went over {found['checksums']:g} pictures"
+    table = _table(title, "hop", "written by", "pictures written", "median ms", "÷ one copy")
+    for walk in found["hops"]:
+        width, height = walk["size_px"]
+        for row in walk["hops"]:
+            shares = f"{row['written']:.2f}", f"{row['median_ms']:.3f}", f"{row['median_ms'] / walk['copy_ms']:.1f}"
+            table.add_row(f"{row['hop']} {width} × {height}", row["who"], *shares)
+    return table
+
+
+def _delays(found: dict[str, Any]) -> Table:
+    names = ("p50_ms", "p90_ms", "p99_ms", "max_ms")
+    table = _table("delay until another process holds a picture of 640 × 480", "method", *names)
+    for row in found["delays"]:
+        table.add_row(row["method"], *(f"{row[name]:.2f}" for name in names))
+    return table
+
+
+def _idle(found: dict[str, Any]) -> Table:
+    table = _table("without samples", "process", "processor ms a second", "switches a second")
+    for row in found["idle"]:
+        table.add_row(row["process"], f"{row['ms_per_s']:.2f}", f"{row['switches_per_s']:.0f}")
+    return table
 
 
 def _errors(result: dict[str, Any]) -> Table:

@@ -12,6 +12,7 @@ import numpy as np
 
 from drivers.video.v4l2 import abi
 
+_BYTES_A_PIXEL = {"YUYV": 2, "RGB3": 3, "MJPG": 0}
 FLAGS = abi.BUF_FLAG_TIMESTAMP_MONOTONIC | abi.BUF_FLAG_TSTAMP_SRC_SOE
 
 
@@ -82,7 +83,7 @@ def _set_format(driver: Driver, argument: abi.Format) -> None:
     argument.pix.pixelformat = abi.fourcc(driver.format)
     argument.pix.width, argument.pix.height = driver.size_px
     argument.pix.field = driver.field
-    argument.pix.bytesperline = driver.size_px[0] * (2 if driver.format == "YUYV" else 1)
+    argument.pix.bytesperline = driver.size_px[0] * _BYTES_A_PIXEL.get(driver.format, 1)
 
 
 def _rate(driver: Driver, argument: abi.StreamParm) -> None:

@@ -1,5 +1,6 @@
 """The loop of the process that computes: samples in from two rings, verdicts out over the link. It opens no device."""
 
+import math
 import select
 import signal
 import socket
@@ -9,15 +10,11 @@ from typing import Protocol
 
 from appliance.limits import Limits
 from appliance.service.estimator.link import LinkClosed, Order, Word, receive, send
-from appliance.service.estimator.ring import FRAMES, POSES, Ring
+from appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
 from appliance.service.host.child_process import end_with_parent
 from appliance.types import Calibration, Verdict
 from drivers.samples import Sample
 
-_POLL_S = 0.004
-"""How long a sample may lie in its ring: an eighth of a picture at 30 Hz, part of the delay of the contact. Shorter
-costs more than 250 wake-ups a second.
-"""
 _WORD_EVERY_S = 0.1
 """Between two words where there is no verdict: ten must be missing before `Patience.estimator_ns` calls it silent."""
 
@@ -33,7 +30,10 @@ MakeLine = Callable[[Calibration, Limits, int], Stepper]
 
 
 class Estimator:
-    """The loop around the line. It speaks at once when there is a verdict, and every 0.1 s when there is none."""
+    """The loop around the line. A sample or an order wakes it.
+
+    It speaks at once when there is a verdict, and every 0.1 s when there is none.
+    """
 
     def __init__(self, link: socket.socket, frames: Ring, poses: Ring, make_line: MakeLine) -> None:
         self._link, self._frames, self._poses, self._make_line = link, frames, poses, make_line
@@ -42,33 +42,43 @@ class Estimator:
         self._counts = [0, 0]
         self._dropped = [0, 0]
         self._spoke_s = 0.0
+        self._waking = select.poll()
+        for source in (link, frames, poses):
+            self._waking.register(source, select.POLLIN)
 
     def run(self) -> None:
         """Until the peer closes the link."""
+        ordered = True
         try:
             while True:
-                self._obey()
+                if ordered:
+                    self._obey()
                 self._compute()
                 self._speak(())
-                select.select([self._link], [], [], _POLL_S)
+                ordered = self._wait()
         except LinkClosed:
             return
 
     def _obey(self) -> None:
         while (order := receive(self._link)) is not None:
             assert isinstance(order, Order)
-            if self._line is None:  # what waited before there was anyone to take it is old, and not counted
-                for ring in (self._frames, self._poses):
-                    ring.take()
+            if self._line is None:
+                self._discard()
             self._line = self._make_line(order.reference, order.limits, order.stale_ns)
             self._generation = order.generation
 
     def _compute(self) -> None:
         line = self._line
         if line is None:
+            self._discard()
             return
         for sample in self._take():
             self._speak(line.step(sample))
+
+    def _discard(self) -> None:
+        """What came before there was anyone to take it is old, and not counted."""
+        for ring in (self._frames, self._poses):
+            ring.discard()
 
     def _take(self) -> list[Sample]:
         """Both streams merged by the time at which they were true."""
@@ -80,6 +90,13 @@ class Estimator:
             self._dropped[index] += dropped
         return sorted(samples, key=lambda sample: sample.stamp.t_ns)
 
+    def _wait(self) -> bool:
+        """Until a sample or an order comes, or the next word is due. Whether the link has an order, or has closed."""
+        pending = self._frames.pending or self._poses.pending
+        left_s = 0.0 if pending else self._spoke_s + _WORD_EVERY_S - time.monotonic()
+        ready = self._waking.poll(max(0, math.ceil(left_s * 1e3)))
+        return any(fd == self._link.fileno() for fd, _ in ready)
+
     def _speak(self, verdicts: tuple[Verdict, ...]) -> None:
         now_s = time.monotonic()
         if verdicts or now_s - self._spoke_s >= _WORD_EVERY_S:
@@ -88,13 +105,13 @@ class Estimator:
 
 
 def serve(arguments: list[str], make_line: MakeLine) -> None:
-    """Body of the process. arguments: the file descriptors of link, frames and poses."""
-    link_fd, frames_fd, poses_fd = (int(argument) for argument in arguments)
+    """Body of the process. arguments: the file descriptors of the link, then three of each ring, frames first."""
+    link_fd, *ring_fds = (int(argument) for argument in arguments)
     end_with_parent(signal.SIGKILL)  # a parent that died before has closed the link
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with (
         socket.socket(fileno=link_fd) as link,
-        Ring(FRAMES, frames_fd) as frames,
-        Ring(POSES, poses_fd) as poses,
+        Ring(FRAMES, RingFds(*ring_fds[:3])) as frames,
+        Ring(POSES, RingFds(*ring_fds[3:])) as poses,
     ):
         Estimator(link, frames, poses, make_line).run()

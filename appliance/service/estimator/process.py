@@ -1,4 +1,4 @@
-"""The process that computes, started by process_host: `-m appliance.service.estimator.process LINK FRAMES POSES`."""
+"""The process that computes, started by process_host: `-m appliance.service.estimator.process FD…`, see loop.serve."""
 
 import sys
 

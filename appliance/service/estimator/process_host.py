@@ -180,7 +180,7 @@ class EstimatorHost:
         """Raises OSError where this process may open no more files, or the machine has no room for another one."""
         self._link, theirs = link_pair()
         self._link.setblocking(False)
-        fds = (theirs.fileno(), self._frames.fd, self._poses.fd)
+        fds = (theirs.fileno(), *self._frames.fds, *self._poses.fds)
         with theirs:
             command = [*self._command, *(str(fd) for fd in fds)]
             return subprocess.Popen(command, pass_fds=fds, env=os.environ | ONE_THREAD)

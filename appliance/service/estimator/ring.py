@@ -1,28 +1,39 @@
-"""A ring of samples in anonymous shared memory: one producer, one consumer, the OLDEST is dropped when it is full.
+"""A ring of samples in shared memory: one producer, one consumer, the OLDEST is dropped when it is full.
 
-The memory is a memfd: it has no name, so nothing is left behind however either side dies. The producer never waits. The
-consumer copies a slot out and keeps it only if the checksum, which covers the slot's index, agrees: a slot that was
-overwritten meanwhile counts as dropped, on any processor's memory order.
+A sample lies in a memfd, and a notice of it goes through a pipe once it is whole. The pipe wakes the consumer, and its
+lock orders the two processes' view of the memory on any processor. A producer that dies amid a sample has given no
+notice of it. Neither end ever waits: where nobody reads the pipe and it is full, the producer empties it.
+
+The consumer copies a sample out and then reads the pipe again: the copy counts if the sample is still among the newest
+`slots`. The memory has room for two more, so that another whole sample, with its notice, lies between the notice that
+ends a copy's validity and the first byte written over it. Both objects are anonymous: nothing is left behind however
+either side dies.
 """
 
+import fcntl
 import mmap
 import os
 import struct
-import zlib
+import termios
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Self
+from io import FileIO
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 
-_HEAD_BYTES = 64
-"""A cache line, so that counting does not disturb the first slot."""
-_WRITTEN, _READ = 0, 1
-"""The two counters of the head: samples put by the producer; samples taken or dropped by the consumer."""
-_SLOT = struct.Struct("<QII")
-"""Index of the sample, bytes of its payload, CRC-32 of both."""
-_FRAME = struct.Struct("<cqqqII")
+_SPARE_SLOTS = 2
+"""One that is being written, one between it and what the consumer may use; see the heading of this file."""
+_NOTICE = struct.Struct("<QQ")
+"""Number of a sample and bytes of its payload. Far below PIPE_BUF, so that a notice is written whole or not at all; its
+16 bytes divide every size of a pipe."""
+_READ_BYTES = 4096
+"""Asked for in one read: 256 notices, of which one is usual. Less takes more calls where the consumer was away; more
+costs memory at every read."""
+_FRAME = struct.Struct("<cqqqII31x")
+"""64 bytes, a cache line, so that the pixels begin at one."""
 _POSE = struct.Struct("<cqqqdB16d")
 _STATUSES = tuple(PoseStatus)
 _LONGEST_REASON = 200
@@ -38,11 +49,17 @@ class Shape:
 
     @property
     def stride(self) -> int:
-        return -(-(_SLOT.size + self.payload_bytes) // 64) * 64
+        """Bytes from one sample to the next: whole cache lines."""
+        return -(-self.payload_bytes // 64) * 64
+
+    def start(self, index: int) -> int:
+        """Byte at which sample number `index` begins."""
+        return index % (self.slots + _SPARE_SLOTS) * self.stride
 
     @property
     def size(self) -> int:
-        return _HEAD_BYTES + self.slots * self.stride
+        """Bytes of the memory."""
+        return (self.slots + _SPARE_SLOTS) * self.stride
 
 
 FRAMES = Shape(slots=16, payload_bytes=_FRAME.size + 2560 * 1600)
@@ -53,17 +70,34 @@ oldest, counted; more slots would have it judge what is old.
 """
 
 
-class Ring:
-    """Both ends of the ring; the producer calls put, the consumer take. Give the peer `fd` and the same shape."""
+class RingFds(NamedTuple):
+    """What the peer needs: the memory, and both ends of the pipe."""
 
-    def __init__(self, shape: Shape, fd: int | None = None) -> None:
+    memory: int
+    reading: int
+    writing: int
+
+
+class _Notice(NamedTuple):
+    number: int
+    payload_bytes: int
+
+
+class Ring:
+    """Both ends of the ring; the producer calls put, the consumer the rest. Give the peer `fds` and the same shape.
+
+    A new consumer may follow a dead one on the same ring; the producer stays the same.
+    """
+
+    def __init__(self, shape: Shape, fds: RingFds | None = None) -> None:
         self._shape = shape
-        self.fd = os.memfd_create("probewatch-ring") if fd is None else fd
-        if fd is None:
-            os.ftruncate(self.fd, shape.size)
-        self._memory = mmap.mmap(self.fd, shape.size)
-        self._counters = memoryview(self._memory)[:16].cast("Q")
-        """A cast view stores eight bytes in one piece; struct.pack_into clears them first, which the peer would see."""
+        self.fds = _made(shape) if fds is None else fds
+        self._memory = mmap.mmap(self.fds.memory, shape.size)
+        self._reading = FileIO(self.fds.reading, "r")
+        self._writing = FileIO(self.fds.writing, "w")
+        self._written = 0
+        self._told: list[_Notice] = []
+        self._next: int | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -72,68 +106,102 @@ class Ring:
         self.close()
 
     def close(self) -> None:
-        """Release the memory; it is freed when the peer has gone too."""
-        if not self._memory.closed:
-            self._counters.release()
-            self._memory.close()
-            os.close(self.fd)
+        """Release the memory and the pipe; they are freed when the peer has gone too."""
+        if not self._writing.closed:
+            with suppress(BufferError):  # a thread left behind is amid a put; the memory goes with it
+                self._memory.close()
+            self._reading.close()
+            self._writing.close()
+            os.close(self.fds.memory)
+
+    def fileno(self) -> int:
+        """For poll: readable when a sample has been put."""
+        return self.fds.reading
 
     @property
-    def written(self) -> int:
-        """Samples put since the ring was made."""
-        return self._counters[_WRITTEN]
+    def pending(self) -> bool:
+        """Whether take() would return something of which fileno() tells no longer."""
+        return bool(self._told)
 
     @property
     def backlog(self) -> int:
-        """Samples put and neither taken nor dropped yet."""
-        return self._counters[_WRITTEN] - self._counters[_READ]
+        """Samples of which the consumer has not heard yet; for the producer's side."""
+        waiting = fcntl.ioctl(self._reading, termios.FIONREAD, bytes(4))
+        return int.from_bytes(waiting, "little") // _NOTICE.size
 
     def put(self, sample: Sample) -> None:
         """Never blocks. Raises ValueError for a sample larger than a slot."""
-        payload = _pack(sample)
-        size = sum(len(part) for part in payload)
+        size = _size(sample)
         if size > self._shape.payload_bytes:
             raise ValueError(f"a sample of {size} bytes does not fit a slot of {self._shape.payload_bytes}")
-        index = self.written
-        start = _HEAD_BYTES + (index % self._shape.slots) * self._shape.stride
-        at = start + _SLOT.size
-        checksum = zlib.crc32(index.to_bytes(8, "little"))
-        for part in payload:
-            self._memory[at : at + len(part)] = part
-            checksum = zlib.crc32(part, checksum)
-            at += len(part)
-        _SLOT.pack_into(self._memory, start, index, size, checksum)
-        self._counters[_WRITTEN] = index + 1
+        _pack_into(self._memory, self._shape.start(self._written), sample)
+        self._tell(_NOTICE.pack(self._written, size))
+        self._written += 1
 
     def take(self) -> tuple[list[Sample], int]:
         """(samples in order, how many were dropped before or between them). Never blocks."""
-        written, read = self._counters[_WRITTEN], self._counters[_READ]
-        first = max(read, written - self._shape.slots)
-        payloads = [self._copy(index) for index in range(first, written)]
-        self._counters[_READ] = written
-        samples = [_unpack(payload) for payload in payloads if payload is not None]
-        return samples, written - read - len(samples)
+        self._listen()
+        told, self._told = self._told, []
+        if not told:
+            return [], 0
+        copies = [(notice.number, self._copy(notice)) for notice in told[-self._shape.slots :]]
+        self._listen()
+        newest = (self._told or told)[-1].number
+        samples = [_unpack(copy) for index, copy in copies if newest - index < self._shape.slots]
+        first = told[0].number if self._next is None else self._next
+        self._next = told[-1].number + 1
+        return samples, self._next - first - len(samples)
 
-    def _copy(self, index: int) -> bytes | None:
-        start = _HEAD_BYTES + (index % self._shape.slots) * self._shape.stride
-        found, size, checksum = _SLOT.unpack_from(self._memory, start)
-        if found != index or size > self._shape.payload_bytes:
-            return None
-        payload = self._memory[start + _SLOT.size : start + _SLOT.size + size]
-        whole = zlib.crc32(payload, zlib.crc32(index.to_bytes(8, "little"))) == checksum
-        return payload if whole else None
+    def discard(self) -> None:
+        """Forget, uncounted, what has been put until now."""
+        self._listen()
+        if self._told:
+            self._next = self._told[-1].number + 1
+            self._told = []
+
+    def _tell(self, notice: bytes) -> None:
+        if self._writing.write(notice) is None:
+            while self._reading.read(_READ_BYTES):
+                pass
+            self._writing.write(notice)
+
+    def _listen(self) -> None:
+        while heard := self._reading.read(_READ_BYTES):
+            self._told += (_Notice(*numbers) for numbers in _NOTICE.iter_unpack(heard))
+
+    def _copy(self, notice: _Notice) -> bytes:
+        start = self._shape.start(notice.number)
+        return self._memory[start : start + notice.payload_bytes]
 
 
-def _pack(sample: Sample) -> tuple[bytes, ...]:
+def _made(shape: Shape) -> RingFds:
+    memory = os.memfd_create("probewatch-ring")
+    os.ftruncate(memory, shape.size)
+    return RingFds(memory, *os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC))
+
+
+def _size(sample: Sample) -> int:
+    if isinstance(sample, Frame):
+        return _FRAME.size + sample.image.size
+    return _POSE.size + len(_reason(sample))
+
+
+def _reason(pose: Pose) -> bytes:
+    return pose.reason.encode()[:_LONGEST_REASON]
+
+
+def _pack_into(memory: mmap.mmap, start: int, sample: Sample) -> None:
     stamp = sample.stamp
     if isinstance(sample, Frame):
         height, width = sample.image.shape
-        head = _FRAME.pack(b"F", stamp.t_ns, stamp.err_ns, sample.sequence, width, height)
-        return head, np.ascontiguousarray(sample.image, np.uint8).tobytes()
+        _FRAME.pack_into(memory, start, b"F", stamp.t_ns, stamp.err_ns, sample.sequence, width, height)
+        pixels = np.frombuffer(memory, np.uint8, width * height, start + _FRAME.size)
+        pixels.reshape(height, width)[:] = sample.image
+        return
     numbers = [0.0] * 16 if sample.matrix is None else sample.matrix.ravel().tolist()
-    status = _STATUSES.index(sample.status)
-    head = _POSE.pack(b"P", stamp.t_ns, stamp.err_ns, sample.sequence, sample.rms_mm, status, *numbers)
-    return head, sample.reason.encode()[:_LONGEST_REASON]
+    status, reason = _STATUSES.index(sample.status), _reason(sample)
+    _POSE.pack_into(memory, start, b"P", stamp.t_ns, stamp.err_ns, sample.sequence, sample.rms_mm, status, *numbers)
+    memory[start + _POSE.size : start + _POSE.size + len(reason)] = reason
 
 
 def _unpack(payload: bytes) -> Sample:

@@ -40,7 +40,7 @@ def _yuyv(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImag
 
 def _rgb(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
     """R G B by the weights of Rec. 601."""
-    rows = np.ascontiguousarray(_rows(data, 3 * width, height, bytes_per_line))
+    rows = _rows(data, 3 * width, height, bytes_per_line)
     return np.asarray(cv2.cvtColor(rows.reshape(height, width, 3), cv2.COLOR_RGB2GRAY), np.uint8)
 
 

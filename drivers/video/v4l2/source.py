@@ -10,16 +10,18 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
+import numpy as np
+
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import Description
 from drivers.errors import ConfigurationError
 from drivers.registry import refuse_unknown
-from drivers.samples import Frame, Stamp
+from drivers.samples import Frame, GreyImage, Stamp
 from drivers.video.crop import Cut, cut_from
 from drivers.video.v4l2 import abi
 from drivers.video.v4l2.negotiation import Wish, negotiate, require_signal, wish_from
 from drivers.video.v4l2.node import Node
-from drivers.video.v4l2.pixels import BrokenPicture, grey
+from drivers.video.v4l2.pixels import BrokenPicture, Bytes, grey
 from drivers.video.v4l2.stamps import Counter, FrameTimes
 from drivers.video.v4l2.stream import Filled, Stream
 
@@ -54,6 +56,7 @@ class V4l2Video:
             self._node = Node(path)
             opened.callback(self._node.close)
             self.agreed = negotiate(self._node, wish)
+            cut.require_within(self.agreed.width, self.agreed.height, self._node.where)
             self._stream = Stream(self._node)
             opened.callback(self._stream.close)
             self._closing = opened.pop_all()
@@ -86,15 +89,8 @@ class V4l2Video:
 
     def read(self, timeout_s: float) -> Frame | None:
         """Next whole picture, or None when none came within timeout_s of the clock. Raises DeviceLost."""
-        end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
-        while True:
-            self._watch_signal()
-            filled = self._stream.take(self._clock.real_s(max(0, end_ns - self._clock.now_ns()) / 1e9))
-            if filled is None:
-                return None
-            frame = self._frame(filled)
-            if frame is not None or self._clock.now_ns() >= end_ns:
-                return frame
+        self._watch_signal()
+        return self._stream.take(self._clock.real_s(timeout_s), self._frame)
 
     def _watch_signal(self) -> None:
         now_ns = self._clock.now_ns()
@@ -114,4 +110,9 @@ class V4l2Video:
             return None
         real = self._times.stamp(filled.flags, filled.t_ns, filled.arrival_ns)
         stamp = Stamp(self._clock.at(real.t_ns), round(real.err_ns * self._clock.rate))
-        return Frame(stamp, sequence, self._cut.apply(image, self._node.where))
+        return Frame(stamp, sequence, self._own(self._cut.apply(image, self._node.where), filled.data))
+
+    @staticmethod
+    def _own(image: GreyImage, buffer: Bytes) -> GreyImage:
+        """The image, copied where it is a view of the driver's buffer; a decoder has written its own already."""
+        return image.copy() if np.may_share_memory(image, buffer) else image

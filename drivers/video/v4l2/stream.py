@@ -4,9 +4,11 @@ import errno
 import mmap
 import select
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from ctypes import c_int
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +19,19 @@ from drivers.video.v4l2.negotiation import current_input, require_signal
 from drivers.video.v4l2.node import Node
 
 _BUFFERS, _LEAST_BUFFERS = 4, 2
-"""Asked for, and enough: one to be filled while another is copied. Each more lets this host be away for one picture
+"""Asked for, and enough: one to be filled while another is read. Each more lets this host be away for one picture
 longer (four: 0.1 s at 30 Hz), takes memory, and hands on an older picture then."""
+
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """What one buffer held, copied. See abi.Buffer for the numbers; arrival_ns: CLOCK_MONOTONIC of its dequeuing."""
+    """What one buffer holds. See abi.Buffer for the numbers; arrival_ns: CLOCK_MONOTONIC of its dequeuing.
+
+    data: (n,) uint8, the buffer itself: the driver writes over it as soon as it has the buffer back.
+    """
 
     flags: int
     sequence: int
@@ -51,21 +59,25 @@ class Stream:
         with suppress(OSError):
             self._node.ask(abi.STREAMOFF, c_int(abi.BUF_TYPE_VIDEO_CAPTURE))
         for one in self._maps:
-            one.close()
+            with suppress(BufferError):  # an error that is on its way still names the picture; it goes with the error
+                one.close()
         with suppress(OSError):
             self._node.ask(abi.REQBUFS, _request_buffers(0))
 
-    def take(self, timeout_s: float) -> Filled | None:
-        """The next buffer, or None when none was filled within timeout_s. Raises DeviceLost, as at a new signal."""
+    def take(self, timeout_s: float, use: Callable[[Filled], _T | None]) -> _T | None:
+        """What `use` makes of the next buffer that it makes something of; None when none came within timeout_s.
+
+        `use` keeps nothing of the buffer: the driver gets it back afterwards. Raises DeviceLost, as at a new signal.
+        """
         end_s = time.monotonic() + timeout_s
         while True:
             ready = self._poll.poll(max(0.0, end_s - time.monotonic()) * 1e3)
             if not ready:
                 return None
             self._look_at(ready[0][1])
-            filled = self._dequeue()
-            if filled is not None or time.monotonic() >= end_s:
-                return filled
+            made = self._use_next(use)
+            if made is not None or time.monotonic() >= end_s:
+                return made
 
     def _start(self) -> None:
         source = abi.EventSubscription(type=abi.EVENT_SOURCE_CHANGE, id=current_input(self._node))
@@ -105,7 +117,7 @@ class Stream:
         self._node.must(abi.QUERYCAP, abi.Capability(), "does not answer")
         raise self._node.lost(OSError(number, "broken off"), "stream broken off")
 
-    def _dequeue(self) -> Filled | None:
+    def _use_next(self, use: Callable[[Filled], _T | None]) -> _T | None:
         buffer = _buffer(0)
         try:
             self._node.ask(abi.DQBUF, buffer)
@@ -114,9 +126,10 @@ class Stream:
         except OSError as error:
             raise self._node.lost(error, "hands out no picture") from error
         arrival_ns = time.monotonic_ns()
-        data = np.frombuffer(self._maps[buffer.index][: buffer.bytesused], np.uint8)
+        numbers = (buffer.flags, buffer.sequence, buffer.t_ns, arrival_ns)
+        made = use(Filled(*numbers, np.frombuffer(self._maps[buffer.index], np.uint8)[: buffer.bytesused]))
         self._node.must(abi.QBUF, _buffer(buffer.index), "does not take a buffer back")
-        return Filled(buffer.flags, buffer.sequence, buffer.t_ns, arrival_ns, data)
+        return made
 
 
 def _buffer(index: int) -> abi.Buffer:

@@ -93,6 +93,31 @@ def test_both_streams_reach_the_line_in_the_order_of_their_stamps(host: Estimato
     assert came in ([10, 20, 30], [30, 10, 20]), "sorted when they wait together, as they come otherwise"
 
 
+def test_a_sample_wakes_it(host: EstimatorHost) -> None:
+    """It does not wait for the next of its words, 0.1 s apart."""
+    delays_s = []
+    for _ in range(15):
+        time.sleep(0.013)
+        put_ns = time.monotonic_ns()
+        host.put(frame(stand_in.OK))
+        verdicts(host)
+        delays_s.append((host.said_ns - put_ns) / 1e9)
+    assert float(np.median(delays_s)) < 0.025
+
+
+def test_without_samples_it_sleeps(host: EstimatorHost) -> None:
+    """Two or three switches a word, ten words a second."""
+
+    def switches() -> int:
+        status = Path(f"/proc/{host.pid}/status").read_text()
+        return int(re.findall(r"^voluntary_ctxt_switches:\s+(\d+)", status, re.M)[0])
+
+    before, words = switches(), 0
+    while words < 5:
+        words += until(lambda: host.poll()[0], HEARTBEAT_S)
+    assert switches() - before < 40
+
+
 def test_what_it_could_not_keep_up_with_is_counted(host: EstimatorHost) -> None:
     before = seen(host)
     assert host.pid is not None

@@ -101,6 +101,23 @@ def test_crop_and_orientation(driver: Driver) -> None:
     np.testing.assert_array_equal(frame.image, noise()[4:20, 8:40][::-1, ::-1])
 
 
+def test_a_crop_outside_the_picture_is_said_at_opening(driver: Driver) -> None:
+    with pytest.raises(DeviceLost, match="64x48 pixels does not hold the crop"):
+        opened("?crop=40,0,32,16")
+
+
+def test_a_device_that_is_unplugged_amid_a_picture_is_closed_at_once(driver: Driver) -> None:
+    """Also while the error is still at hand: a busy node could not be opened again."""
+    before = open_files()
+    with opened() as source:
+        driver.send(noise().tobytes())
+        driver.refuse[abi.QBUF] = errno.ENODEV
+        with pytest.raises(DeviceLost, match="unplugged") as refusal:
+            source.read(1.0)
+    assert open_files() == before
+    assert refusal.value.remedy
+
+
 @pytest.mark.parametrize(
     ("request_number", "number", "words"),
     [
