@@ -3,6 +3,7 @@
 import signal
 import threading
 import time
+from contextlib import closing
 from pathlib import Path
 
 import click
@@ -46,8 +47,9 @@ def _run(config_file: Path, clock: HostClock, slowness: float) -> None:
         _await_configuration(config_file)
         return
     config = load_config(config_file)
-    estimator = EstimatorHost(None, config.limits, config.supervisor.patience().stale_ns, slowness=slowness)
-    serve(config, config_file, References(config), estimator, clock)
+    references, stale_ns = References(config), config.supervisor.patience().stale_ns
+    with closing(EstimatorHost(None, config.limits, stale_ns, slowness=slowness)) as estimator:
+        serve(config, config_file, references, estimator, clock)
 
 
 def _await_configuration(config_file: Path) -> None:
