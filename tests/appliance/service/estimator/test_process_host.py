@@ -10,6 +10,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -76,13 +77,13 @@ def test_samples_go_in_and_verdicts_come_out(host: EstimatorHost) -> None:
     assert host.last.dropped_frames == before.dropped_frames
 
 
-def test_other_patience_with_a_tracker_reaches_the_line(host: EstimatorHost) -> None:
-    host.put(frame(stand_in.OK))
-    assert verdicts(host)[0].checks[0].limit == 500_000_000
-    host.limit(Limits(), 250_000_000)
-    until(lambda: host.put(frame(stand_in.OK)) or any(v.checks[0].limit == 250_000_000 for v in host.poll()[1]))
-    host.limit(Limits(), 500_000_000)
-    until(lambda: host.put(frame(stand_in.OK)) or any(v.checks[0].limit == 500_000_000 for v in host.poll()[1]))
+def test_other_patience_with_a_tracker_reaches_the_line() -> None:
+    with closing(EstimatorHost(reference(), Limits(), 500_000_000, COMMAND)) as host:
+        until(lambda: host.poll()[0])
+        host.put(frame(stand_in.OK))
+        assert verdicts(host)[0].checks[0].limit == 500_000_000
+        host.limit(Limits(), 250_000_000)
+        until(lambda: host.put(frame(stand_in.OK)) or any(v.checks[0].limit == 250_000_000 for v in host.poll()[1]))
 
 
 def test_both_streams_reach_the_line_in_the_order_of_their_stamps(host: EstimatorHost) -> None:
