@@ -7,17 +7,17 @@ from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from drivers.errors import ConfigurationError
 from tools.shared.tables import NOTHING, FittingTable
+from tools.shared.verification import progress_bar
 from tools.study.archive import ARCHIVE_KEYS, ArchiveTask
 from tools.study.hand import PROGRAMS
 from tools.study.hazard import STANDARD, Hazard
 from tools.study.outcome import CHECKS
 from tools.study.page import check_page, write_page
-from tools.study.plan import Key, Task, planned, tasks
-from tools.study.samples import Conditions
+from tools.study.plan import Task, planned, tasks
+from tools.study.samples import KEYS, Conditions
 from tools.study.session import TISSUES, Tissue
 from tools.study.summary import Coverage, Detection, coverages, detections
 from tools.study.table import StudyTable
@@ -131,13 +131,14 @@ def command(
             raise click.UsageError("RECORDINGs need --calibration")
         _study_recordings([ArchiveTask(path.absolute(), calibration) for path in recordings], output, jobs, scheduler)
         return
-    table = StudyTable(output / "study.csv", Key.COLUMNS)
+    table = StudyTable(output / "study.csv", KEYS)
     page = output / "study.html"
     check_page(page)
     folder = None if motions is None else motions.absolute()
     plan = planned(sessions, tissues, seeds, noises_mm, hazards, duration_s)
     _do(plan, table, folder, jobs, scheduler)
-    rows = [row for row in table.rows if tuple(row[key] for key in Key.COLUMNS) in {one.key for one in plan}]
+    asked = {one.key for one in plan}
+    rows = [row for row in table.rows if tuple(row[key] for key in KEYS) in asked]
     _print(rows)
     write_page(page, rows)
     click.echo(f"written: {table.path}, {page}")
@@ -170,9 +171,7 @@ def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, sched
 
 
 def _progress(done: Iterable[list[dict[str, str]]], total: int) -> Iterator[list[dict[str, str]]]:
-    console = Console(stderr=True)
-    columns = TextColumn("study"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with progress_bar("study {task.completed:.0f} of {task.total:.0f}") as progress:
         bar = progress.add_task("study", total=total)
         for rows in done:
             yield rows
@@ -191,15 +190,15 @@ def _print(rows: list[dict[str, str]]) -> None:
 
 
 def _healthy_cells(one: Coverage) -> tuple[str, ...]:
-    closed = sorted(100 * share for share in one.closed)
+    least, middle, most = one.spread
     known = {name: one.scores[name].rms for name in CHECKS if isfinite(one.scores[name].rms)}
     worst = max(known, key=lambda name: known[name], default=None)
     return (
         one.session,
         one.tissue,
         f"{one.noise_mm} mm",
-        f"{closed[len(closed) // 2]:.0f} %",
-        f"{closed[0]:.0f} … {closed[-1]:.0f}",
+        f"{middle:.0f} %",
+        f"{least:.0f} … {most:.0f}",
         _seconds(one.closed_s),
         f"{one.faulted.k} of {one.faulted.n}",
         NOTHING if worst is None else f"{known[worst]:.1f} {worst}",

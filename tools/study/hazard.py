@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.types import Calibration
+from appliance.types import Calibration, Fault
 from drivers.errors import ConfigurationError
 from drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from drivers.samples import GreyImage
@@ -48,12 +48,12 @@ _CONVENTIONS: Mapping[str, Callable[[Array], Array]] = {
 KINDS = ("none", *_BODY, *_SCALES, *_FLIPS, "latency", *_CONVENTIONS)
 _PLAIN = frozenset({"none", *_FLIPS, *_CONVENTIONS})
 """Those that have no size."""
-FAULTS: Mapping[str, str] = {
-    **{kind: "rotation" if unit == "deg" else "offset" for kind, (_, unit) in _BODY.items()},
-    **dict.fromkeys(_SCALES, "scale"),
-    **dict.fromkeys(_FLIPS, "polarity"),
-    "latency": "latency",
-    **dict.fromkeys(_CONVENTIONS, "rotation"),
+FAULTS: Mapping[str, Fault] = {
+    **{kind: Fault.ROTATION if unit == "deg" else Fault.OFFSET for kind, (_, unit) in _BODY.items()},
+    **dict.fromkeys(_SCALES, Fault.SCALE),
+    **dict.fromkeys(_FLIPS, Fault.POLARITY),
+    "latency": Fault.LATENCY,
+    **dict.fromkeys(_CONVENTIONS, Fault.ROTATION),
 }
 """Kind → class under which it ought to be named."""
 _TEXT = re.compile(r"([a-z-]+?)(?:=([+-]?[0-9.]+))?(?:@([a-z]+))?")
@@ -89,7 +89,7 @@ class Hazard:
         return self.kind if self.kind == "none" else f"{self.kind}{size}@{self.manner}"
 
     @property
-    def fault(self) -> str | None:
+    def fault(self) -> Fault | None:
         """Class under which it ought to be named; None for none."""
         return FAULTS.get(self.kind)
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
-from math import isfinite, nan, sqrt
+from math import isfinite, nan
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from appliance.core.line import Line
 from appliance.core.quality.report import Change
 from appliance.limits import Limits
 from appliance.supervision.timeline import Timeline
-from appliance.types import PARAMETERS, Check, State, Verdict, VerdictKind
-from drivers.samples import GreyImage
+from appliance.types import PARAMETERS, Check, Fault, State, Verdict, VerdictKind
+from drivers.samples import Frame, GreyImage
 from tools.study.bound import SCALE_TO_UNITS, bounds
 from tools.study.samples import Conditions, samples, seconds, stamp_ns
 
@@ -49,11 +49,6 @@ class Scores:
             z = (check.value - truth) / check.sigma
             self.last, self.sigma = check.value, check.sigma
             self.looks, self.squares, self.worst = self.looks + 1, self.squares + z * z, max(self.worst, abs(z))
-
-    @property
-    def rms(self) -> float:
-        """Of the z-scores; NaN where nothing was ever observed."""
-        return sqrt(self.squares / self.looks) if self.looks else nan
 
 
 @dataclass
@@ -98,18 +93,19 @@ def run(conditions: Conditions, pictures: list[GreyImage], limits: Limits | None
     session = conditions.session
     line, outcome = Line(session.reference, limits), Outcome()
     timeline = Timeline(stamp_ns(0.0), stamp_ns(0.0), stamp_ns(session.duration_s))
-    notes, costs_ms = _Notes(conditions, limits, outcome), []
+    notes, costs_ms = _Notes(conditions, limits, outcome), [0.0]
     for sample in samples(conditions, pictures):
         began_s = time.process_time()
         verdicts = line.step(sample)
-        costs_ms.append((time.process_time() - began_s) * 1e3)
+        costs_ms[-1] += (time.process_time() - began_s) * 1e3
+        if isinstance(sample, Frame):
+            costs_ms.append(0.0)
         timeline.step(sample, verdicts)
         for verdict in verdicts:
             notes.take(verdict)
     timeline.finish()
     notes.finish()
-    outcome.cost_ms = sum(costs_ms) / outcome.frames
-    outcome.cost_99_ms = float(np.quantile(sorted(costs_ms)[-outcome.frames :], 0.99))
+    outcome.cost_ms, outcome.cost_99_ms = float(np.mean(costs_ms)), float(np.quantile(costs_ms, 0.99))
     _read(timeline.changes, conditions, limits, outcome)
     least = bounds(session, conditions.tracker.noise_mm, conditions.tracker.noise_deg)
     for scores, bound in zip(outcome.scores.values(), least, strict=True):
@@ -168,7 +164,7 @@ class _Notes:
 def gross(conditions: Conditions, limits: Limits, t_s: float) -> float:
     """The largest |error| ÷ limit at t_s; infinite for a polarity or a pose convention that is wrong."""
     hazard = conditions.hazard
-    if hazard.fault in ("polarity", "rotation") and not hazard.size:
+    if hazard.fault in (Fault.POLARITY, Fault.ROTATION) and not hazard.size:
         return np.inf if hazard.share(np.array([t_s]))[0] else 0.0
     of_each = [limits.rotation_deg] * 3 + [limits.scale_percent] * 2 + [limits.offset_mm] * 3 + [limits.latency_ms]
     return float(np.max(np.abs(_truth(conditions, t_s)) / of_each))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable, writing
 from tools.study.outcome import CHECKS
-from tools.study.samples import FPS
+from tools.study.session import FPS
 from tools.study.summary import Coverage, Detection, Row, coverages, detections, false_rate_per_hour, healthy_hours
 from tools.study.table import CODE
 
@@ -102,8 +102,8 @@ def _colour(tissue: str) -> str:
 def _coverage_plot(healthy: list[Coverage]) -> Figure:
     figure, (axes,) = _axes(len(healthy))
     for place, one in enumerate(reversed(healthy)):
-        closed = sorted(100 * share for share in one.closed)
-        axes.barh(place, closed[len(closed) // 2], color=_colour(one.tissue), alpha=0.35)
+        closed = [100 * share for share in one.closed]
+        axes.barh(place, one.spread[1], color=_colour(one.tissue), alpha=0.35)
         axes.plot(closed, [place] * len(closed), "o", color=_colour(one.tissue), markersize=4)
     axes.set_yticks(range(len(healthy)), [_title(one) for one in reversed(healthy)])
     axes.set(
@@ -154,11 +154,11 @@ def _coverage_table(healthy: list[Coverage]) -> str:
 
 
 def _coverage_cells(one: Coverage) -> list[str]:
-    closed = sorted(one.closed)
+    least, middle, most = one.spread
     return [
         _title(one),
-        f"{100 * closed[len(closed) // 2]:.0f} %",
-        f"{100 * closed[0]:.0f} to {100 * closed[-1]:.0f} %",
+        f"{middle:.0f} %",
+        f"{least:.0f} to {most:.0f} %",
         f"{one.closed_s:.1f} s" if isfinite(one.closed_s) else "never",
         f"!{one.faulted}" if one.faulted.k else str(one.faulted),
     ]

@@ -8,7 +8,7 @@ from pathlib import Path
 from tools.study.hand import PROGRAMS
 from tools.study.hazard import Hazard
 from tools.study.outcome import run
-from tools.study.samples import Conditions, Tracker, rendered
+from tools.study.samples import KEYS, Conditions, Tracker, rendered
 from tools.study.session import Session, Tissue
 
 _MOST_RUNS = 4
@@ -24,18 +24,10 @@ class Task:
 
     def rows(self) -> list[dict[str, str]]:
         """Do them."""
-        return [Key.of(one) | run(one, rendered(one.session, self.folder)).row() for one in self.runs]
-
-
-class Key:
-    """Columns that name a run."""
-
-    COLUMNS = ("session", "tissue", "seed", "duration_s", "noise_mm", "hazard")
-
-    @classmethod
-    def of(cls, conditions: Conditions) -> dict[str, str]:
-        """Column → cell."""
-        return dict(zip(cls.COLUMNS, conditions.key, strict=True))
+        return [
+            dict(zip(KEYS, one.key, strict=True)) | run(one, rendered(one.session, self.folder)).row()
+            for one in self.runs
+        ]
 
 
 def planned(

@@ -12,10 +12,10 @@ from drivers.rigid import Array, rigid, rotation_from_vector
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.faults import blank_image
 from tools.study.hazard import Hazard
-from tools.study.session import SETTINGS, Session
+from tools.study.session import FPS, SETTINGS, Session
 
-FPS, POSE_HZ = 30.0, 60.0
-"""Of a scanner's video output and of a Polaris Vega."""
+POSE_HZ = 60.0
+"""Of a Polaris Vega."""
 _ORIGIN_NS = 5_000_000_000
 """Of the stamps: anything but zero, which would hide a mixed-up origin."""
 _STAMP_ERR_NS = 100_000
@@ -32,6 +32,10 @@ class Tracker:
     noise_deg: float = 0.02
 
 
+KEYS = ("session", "tissue", "seed", "duration_s", "noise_mm", "hazard")
+"""Columns that name a run."""
+
+
 @dataclass(frozen=True)
 class Conditions:
     """One run of the study."""
@@ -42,7 +46,7 @@ class Conditions:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What names the run in the table."""
+        """What names the run in the table, one for each of KEYS."""
         session, noise_mm = self.session, f"{self.tracker.noise_mm:g}"
         return session.name, session.tissue, str(session.seed), f"{session.duration_s:g}", noise_mm, str(self.hazard)
 
@@ -96,10 +100,10 @@ def rendered(session: Session, folder: Path | None) -> list[GreyImage]:
         for k, (pose, touches) in enumerate(zip(session.pictures(t_s), session.touches(t_s), strict=True))
     ]
     if path is not None:
-        body = Hazard().body(session.reference, t_s)
+        poses = session.sensor(t_s, session.world.sensor_to_picture)
         items = (
             SequenceItem(stamp_ns(t), image, {"ProbeToTracker": pose}, k)
-            for k, (t, image, pose) in enumerate(zip(t_s, pictures, session.sensor(t_s, body), strict=True))
+            for k, (t, image, pose) in enumerate(zip(t_s, pictures, poses, strict=True))
         )
         path.parent.mkdir(parents=True, exist_ok=True)
         write_metaimage(path, items, (SETTINGS.width_px, SETTINGS.height_px), compressed=False)

@@ -1,14 +1,15 @@
 """One session as it truly was: where the probe, the tissue and the marker body were at every time. Pure and seeded."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.types import Calibration
-from drivers.rigid import Array, inverse, rigid, rotation_from_vector
+from drivers.rigid import Array, ComplexArray, inverse, rigid, rotation_from_vector
 from drivers.twins.scene.world import World, WorldSettings
 from tools.study.hand import PROGRAMS, lifted
 
@@ -17,6 +18,9 @@ TISSUES: tuple[Tissue, ...] = ("still", "breathing")
 SETTINGS = WorldSettings(width_px=400, height_px=300)
 """A quarter of a full picture's work, with enough speckle for the registration: 32 × 21 mm. Sizes of pictures were not
 varied here."""
+
+FPS = 30.0
+"""Of a scanner's video output."""
 
 _BREATH_MM, _BREATH_HZ, _JITTER = 4.0, 0.25, 0.1
 """Way of the tissue along the axis, peak to peak, in quiet breathing beside the liver; its rate; and how much period
@@ -47,15 +51,8 @@ class Session:
     @cached_property
     def reference(self) -> Calibration:
         """The calibration as it is while nothing is wrong."""
-        X = self.world.sensor_to_picture
-        return Calibration(
-            rotation=X[:3, :3],
-            polarity=(1, 1),
-            scale_mm_per_px=np.array(SETTINGS.scale_mm_per_px),
-            offset_mm=X[:3, 3],
-            image_size_px=(SETTINGS.width_px, SETTINGS.height_px),
-            simulated=True,
-        )
+        size_px = SETTINGS.width_px, SETTINGS.height_px
+        return replace(calibration_from_image_to_probe(self.world.image_to_probe, size_px), simulated=True)
 
     def probe(self, t_s: Array) -> Array:
         """(n,) → (n, 4, 4) picture → room, mm: what the tracker could see."""
@@ -75,7 +72,7 @@ class Session:
         return ~lifted(self.name, t_s)
 
     def sensor(self, t_s: Array, body: Array) -> Array:
-        """(n,) → (n, 4, 4) sensor → tracker without noise; body: (n, 4, 4) sensor → picture at each time."""
+        """(n,) → (n, 4, 4) sensor → tracker without noise; body: (4, 4) sensor → picture, or (n, 4, 4) at each time."""
         return np.asarray(self.world.tissue_to_tracker @ self.probe(t_s) @ body)
 
     def _tissue_mm(self, t_s: Array) -> Array:
@@ -93,11 +90,19 @@ class Session:
         return np.asarray(breath + pulse)
 
 
-def picture_path(poses: Array) -> tuple[Array, Array]:
+def picture_path(poses: Array) -> tuple[ComplexArray, Array]:
     """(n, 4, 4) picture → tissue to the way (n,) complex mm, lateral + i · axial, and turn (n,) rad that a perfect
     registration integrates, in the axes of the first picture (docs/method.md, section 7).
     """
+    moved, turned, _ = steps_between(poses)
+    turn = np.concatenate([[0.0], turned.cumsum()])
+    return np.concatenate([[0.0], (-np.exp(-1j * turn[1:]) * moved).cumsum()]), turn
+
+
+def steps_between(poses: Array) -> tuple[ComplexArray, Array, Array]:
+    """(n, 4, 4) picture → anything: how what lies still moves from each picture to the next, in the axes of the later
+    one: (n − 1,) complex mm, lateral + i · axial; rad in the plane; mm out of it.
+    """
     A = inverse(poses[1:]) @ poses[:-1]
-    turn = np.concatenate([[0.0], np.arctan2(A[:, 1, 0] - A[:, 0, 1], A[:, 0, 0] + A[:, 1, 1]).cumsum()])
-    steps = -np.exp(-1j * turn[1:]) * (A[:, 0, 3] + 1j * A[:, 1, 3])
-    return np.concatenate([[0.0], steps.cumsum()]), turn
+    turned = np.arctan2(A[:, 1, 0] - A[:, 0, 1], A[:, 0, 0] + A[:, 1, 1])
+    return A[:, 0, 3] + 1j * A[:, 1, 3], turned, A[:, 2, 3]

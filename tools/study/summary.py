@@ -61,6 +61,12 @@ class Coverage:
     faulted: Share
     scores: dict[str, "Truth"]
 
+    @property
+    def spread(self) -> tuple[float, float, float]:
+        """Least, median and most of `closed`, %."""
+        percent = [100 * share for share in self.closed]
+        return min(percent), median(percent), max(percent)
+
 
 @dataclass(frozen=True)
 class Truth:
