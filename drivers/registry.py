@@ -27,6 +27,7 @@ class _Driver:
 
 _DRIVERS = {
     "gpio": _Driver("drivers.outputs.gpio", ("output",)),
+    "igtl": _Driver("drivers.openigtlink.source", ("tracker", "video")),
     "ndi": _Driver("drivers.trackers.ndi.tracker", ("tracker",)),
     "ndi+tcp": _Driver("drivers.trackers.ndi.network", ("tracker",)),
     "opencv": _Driver("drivers.video.opencv", ("video",)),
@@ -43,8 +44,10 @@ _SIMULATED = ("replay", "sim")
 
 
 def is_simulated(url: str) -> bool:
-    """Whether a source is a simulation or a recording, and no device that is there now."""
-    return url.partition(":")[0] in _SIMULATED
+    """Whether a source is a simulation or a recording, and no device that is there now; a server cannot be looked
+    through, so its URL says it.
+    """
+    return url.partition(":")[0] in _SIMULATED or dict(parse_qsl(url.partition("?")[2])).get("simulated") == "yes"
 
 
 _CALLED = {"output": "an alarm output", "tracker": "a tracker", "video": "a video source"}
@@ -55,7 +58,7 @@ _LOOKS_LIKE = (
     (r"(rtsp|rtsps|rtmp|http|https|udp)://.*", ("opencv:{}",)),
     (r".*\.(mha|mhd)", ("replay:{}",)),
     (r".*\.(mp4|avi|mkv|mov)", ("opencv:{}",)),
-    (r"(tcp://)?[\w.-]*[\w-](:\d+)?", ("ndi+tcp://{}", "optotrak://{}")),
+    (r"(tcp://)?[\w.-]*[\w-](:\d+)?", ("ndi+tcp://{}", "optotrak://{}", "igtl://{}")),
 )
 """What people write for a URL, and what they may have meant."""
 

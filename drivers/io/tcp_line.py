@@ -2,6 +2,7 @@
 
 import re
 import socket
+import struct
 import threading
 import time
 
@@ -18,6 +19,9 @@ not is dead; more would hold up the thread beyond the deadline of the device."""
 _UNACKNOWLEDGED_MS = 500
 """Linux repeats a lost segment after 200 ms and then 400 ms: one repetition fits. Less drops a connection for one lost
 packet, more keeps one with a dead peer. The trackers' own deadline comes first."""
+
+_RTT, _RTT_AT = struct.Struct("=I"), 68
+"""Smoothed round trip in microseconds, tcpi_rtt of struct tcp_info: linux/tcp.h."""
 
 
 def parse_address(target: str, default_port: int, where: str) -> tuple[str, int]:
@@ -49,6 +53,13 @@ def connect_tcp(host: str, port: int, timeout_s: float) -> socket.socket:
             line.close()
             failure = error
     raise _refusal(where, failure) from failure
+
+
+def round_trip_ns(line: socket.socket) -> int:
+    """What the kernel measured while the connection was made: there and back, without the programs at its ends."""
+    info = line.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _RTT_AT + _RTT.size)
+    (rtt_us,) = _RTT.unpack_from(info, _RTT_AT)
+    return int(rtt_us) * 1000
 
 
 def _resolve(host: str, port: int, timeout_s: float) -> list[tuple[socket.AddressFamily, tuple[object, ...]]]:

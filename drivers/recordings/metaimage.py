@@ -23,6 +23,7 @@ from drivers.files.regular_file import reading, refuse_irregular
 from drivers.printable import printable
 from drivers.recordings.foreign import HEAD_BYTES, refuse_foreign
 from drivers.samples import GreyImage, Matrix4, PoseStatus
+from drivers.trackers.plus_transform import TransformReading, rigid_reading, without_matrix
 from drivers.video.crop import FLIPS
 
 _MAX_LINE_BYTES = 65_536
@@ -41,30 +42,7 @@ _BLOCK_BYTES = 262_144
 """Copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls. Not
 measured."""
 
-_ROTATION_TOLERANCE = 2e-3
-"""Largest error of RᵀR and of the last row that is rounding: PLUS prints six digits, and three would err by 1.7e-3.
-More takes a scaled matrix for a pose; an axis 2 % too long is refused (tests/drivers/recordings/test_metaimage.py).
-"""
-
 _FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
-
-_STATUSES = {  # PLUS says MISSING of a tool or port that is not there, OUT_OF_VIEW of one that is not seen
-    "INVALID": PoseStatus.MISSING,
-    "MISSING": PoseStatus.DISABLED,
-    "OUT_OF_VIEW": PoseStatus.MISSING,
-    "OUT_OF_VOLUME": PoseStatus.OUT_OF_VOLUME,
-    "DISABLED": PoseStatus.DISABLED,
-    "REQ_TIMEOUT": PoseStatus.STALE,
-}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TransformReading:
-    """matrix: (4, 4) rigid, mm, its rotation made exactly orthonormal; None unless OK, and then reason says why."""
-
-    matrix: Matrix4 | None
-    status: PoseStatus
-    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,11 +101,11 @@ class MetaImage:
         """The transform `name` of one entry. Raises RecordingError for text that is not sixteen numbers."""
         status = self.frames[index].get(f"{name}TransformStatus", "OK").upper()
         if status != "OK":
-            return TransformReading(None, _STATUSES.get(status, PoseStatus.FAULT), f"{name} is {printable(status)}")
+            return without_matrix(status, name)
         if f"{name}Transform" not in self.frames[index]:
             return TransformReading(None, PoseStatus.MISSING, f"{name} is missing")
         key, text = self._entry(index, f"{name}Transform")
-        return _rigid(_sixteen_numbers(self.path, key, text), name)
+        return rigid_reading(_sixteen_numbers(self.path, key, text), name)
 
     def pictures(self) -> Iterator[GreyImage]:
         """Each picture in turn, (height, width), MF-oriented; one frame in memory. Raises RecordingError."""
@@ -328,20 +306,6 @@ def _sixteen_numbers(path: Path, key: str, text: str) -> Matrix4:
         return np.array([float(word) for word in text.split()]).reshape(4, 4)
     except ValueError:
         raise _refusal(path, key, f"{text[:60]!r} is not sixteen numbers", "Record again, or mend this line") from None
-
-
-def _rigid(matrix: Matrix4, name: str) -> TransformReading:
-    """Refuse what is not rigid, by a marked reading; take the rounding of the printed digits out of what is."""
-    if not np.isfinite(matrix).all():
-        return TransformReading(None, PoseStatus.FAULT, f"{name} is not finite")
-    R = matrix[:3, :3]
-    skewed = np.abs(R.T @ R - np.eye(3)).max() > _ROTATION_TOLERANCE
-    if skewed or np.linalg.det(R) < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _ROTATION_TOLERANCE:
-        return TransformReading(None, PoseStatus.FAULT, f"{name} is not a rotation and a translation")
-    u, _, vt = np.linalg.svd(R)
-    rigid = np.eye(4)
-    rigid[:3, :3], rigid[:3, 3] = u @ vt, matrix[:3, 3]
-    return TransformReading(rigid, PoseStatus.OK)
 
 
 def _raw(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[bytes]:

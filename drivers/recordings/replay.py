@@ -15,9 +15,10 @@ import numpy as np
 
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError, DeviceLost, RecordingError
-from drivers.recordings.metaimage import MetaImage, TransformReading, read_metaimage
+from drivers.recordings.metaimage import MetaImage, read_metaimage
 from drivers.registry import refuse_unknown
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
+from drivers.trackers.plus_transform import TransformReading
 
 _STAMP_ERR_NS = 500
 """Half of the last digit PLUS prints; a recording says nothing more about the error of its stamps."""

@@ -47,5 +47,5 @@ def test_what_is_nearly_a_url(url: str, meant: str) -> None:
 
 
 def test_what_is_meant_by_nothing_names_the_kinds() -> None:
-    with pytest.raises(ConfigurationError, match="Use one of gpio:, ndi:"):
+    with pytest.raises(ConfigurationError, match="Use one of gpio:, igtl:, ndi:"):
         split_url("x y:z")

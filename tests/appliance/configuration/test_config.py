@@ -168,7 +168,7 @@ def test_the_template_names_no_simulated_device() -> None:
         (
             '"ndi:/dev/ttyUSB0"',
             '"relay:/dev/x"',
-            "'relay:' is an alarm output, not a tracker. Use one of ndi:, ndi+tcp:",
+            "'relay:' is an alarm output, not a tracker. Use one of igtl:, ndi:, ndi+tcp:",
         ),
         ('"ndi:/dev/ttyUSB0"', '"/dev/ttyUSB0"', "Did you mean ndi:/dev/ttyUSB0?"),
         (

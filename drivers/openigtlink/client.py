@@ -1,0 +1,131 @@
+"""A client of one OpenIGTLink server: whole messages in, questions out, a deadline on every wait."""
+
+import socket
+from collections.abc import Callable
+
+from drivers.clock.host_clock import HostClock
+from drivers.errors import DeviceLost, ProtocolError
+from drivers.io.tcp_line import SEND_S, connect_tcp, round_trip_ns
+from drivers.openigtlink.message import Header, Message, encode
+from drivers.openigtlink.stream import Arrived, MessageStream
+
+SERVER_REMEDY = "Check that the OpenIGTLink server runs and sends"
+
+_CONNECT_S = 2.0
+"""For name and connection. More delays word that nobody is there."""
+
+_CHUNK_BYTES = 1 << 18
+"""Read at a time: most of a picture of 640 × 480. Less takes more calls, more only memory."""
+
+_ASK_AFTER = 0.5
+"""Share of the deadline after which a silent server is asked for its status: it has the other half to answer. PLUS
+sends nothing at all while the tracker sees no tool."""
+
+_MOST_NAMES = 32
+"""Of what a server sends, kept to say what there is. A hostile one could invent names without end."""
+
+
+class IgtlClient:
+    """wanted: which messages are kept. deadline_ns: silence after which the server is lost. version: of our headers.
+
+    received: names of the kinds and devices that were sent, the first of them, for messages.
+    """
+
+    def __init__(
+        self,
+        address: tuple[str, int],
+        wanted: Callable[[Header], bool],
+        deadline_ns: int,
+        version: int,
+        clock: HostClock,
+    ) -> None:
+        """Raises DeviceLost."""
+        self.where = f"igtl://{address[0]}:{address[1]}"
+        self._clock, self._deadline_ns, self._version = clock, deadline_ns, version
+        self._wanted = wanted
+        self.received: dict[str, None] = {}
+        self._stream = MessageStream(self._noted, self.where)
+        self._line: socket.socket = connect_tcp(*address, clock.real_s(_CONNECT_S))
+        self.round_trip_ns = round_trip_ns(self._line)
+        self._heard_ns = clock.now_ns()
+        self._asked = False
+
+    def close(self) -> None:
+        self._line.close()
+
+    @property
+    def skipped(self) -> int:
+        """Messages of kinds or devices that were not wanted."""
+        return self._stream.skipped
+
+    def send(self, kind: str, device: str = "", content: bytes = b"") -> None:
+        """Raises DeviceLost."""
+        try:
+            self._line.settimeout(SEND_S)
+            self._line.sendall(encode(Message(kind, device, content, version=self._version)))
+        except OSError as error:
+            raise self.lost(f"the connection broke off ({_words_of(error)})") from error
+
+    def receive(self, until_ns: int) -> Arrived | None:
+        """The next wanted message, None when none was whole by then; what had come until then is always taken in.
+
+        Raises ProtocolError for one that is damaged; DeviceLost when the connection ends, nothing can be told apart in
+        it any more, or no message of any kind was whole for the deadline.
+        """
+        while (arrived := self._stream.take()) is None:
+            self._require_sound()
+            if not self._fill(until_ns):
+                self._require_life()
+                if self._clock.now_ns() >= until_ns:
+                    return None
+        return arrived
+
+    def lost(self, what: str, remedy: str = SERVER_REMEDY) -> DeviceLost:
+        return DeviceLost(what, self.where, remedy)
+
+    def _noted(self, header: Header) -> bool:
+        if len(self.received) < _MOST_NAMES:
+            self.received[f"{header.kind} '{header.device}'"] = None
+        return self._wanted(header)
+
+    def _require_sound(self) -> None:
+        try:
+            self._stream.require_sound()
+        except ProtocolError as error:
+            raise self.lost(f"the stream cannot be followed ({error.what})", "The connection is made again") from error
+
+    def _require_life(self) -> None:
+        """A peer that is gone without a word, or half of it, does not answer; one that answers is alive."""
+        silent_ns = self._clock.now_ns() - self._heard_ns
+        if silent_ns >= self._deadline_ns:
+            raise self.lost(f"the server has been silent for {silent_ns / 1e6:.0f} ms")
+        if silent_ns >= _ASK_AFTER * self._deadline_ns and not self._asked:
+            self._asked = True
+            self.send("GET_STATUS")
+
+    def _fill(self, until_ns: int) -> bool:
+        """False when nothing came until then, or until the server is to be asked or given up."""
+        now_ns = self._clock.now_ns()
+        patience_ns = self._deadline_ns * (1.0 if self._asked else _ASK_AFTER)
+        wake_ns = min(until_ns, self._heard_ns + round(patience_ns))
+        try:
+            self._line.settimeout(max(self._clock.real_s((wake_ns - now_ns) / 1e9), 0))
+            data = self._line.recv(_CHUNK_BYTES)
+        except (TimeoutError, BlockingIOError):
+            return False
+        except OSError as error:
+            raise self.lost(f"the connection broke off ({_words_of(error)})") from error
+        if not data:
+            raise self.lost("the server closed the connection")
+        self._take_in(data)
+        return self._clock.now_ns() < self._heard_ns + self._deadline_ns
+
+    def _take_in(self, data: bytes) -> None:
+        arrival_ns, whole = self._clock.now_ns(), self._stream.whole
+        self._stream.add(data, arrival_ns)
+        if self._stream.whole > whole:
+            self._heard_ns, self._asked = arrival_ns, False
+
+
+def _words_of(error: OSError) -> str:
+    return (error.strerror or "no answer").lower()

@@ -1,0 +1,78 @@
+"""Whether a server says anything new of the probe, and how long it has not."""
+
+import math
+import statistics
+from collections import deque
+
+import numpy as np
+
+from drivers.samples import Matrix4
+from drivers.trackers.staleness import FROZEN_READINGS, SLOWEST_PERIOD_NS, STALE_PERIODS
+
+_LEAST_WAIT_NS = 60_000_000
+"""Without a new transform before the pose is missing, however fast the tracker is: servers hand measurements on in
+bursts of their own loop (PLUS every 20 ms or so), and a repeated TCP segment takes the network tens of milliseconds.
+More lets an old pose stand longer, less calls a burst a loss of sight. Not measured on a server."""
+
+_STEPS = 15
+"""Newest steps of time whose median is the period: a quarter of a second at 60 Hz. Fewer follow single bursts, more
+take longer to follow a change of the rate."""
+
+
+class Freshness:
+    """count: new measurements so far. repeats: the server sent the last one again. frozen: why equal poses in a row are
+    not believed, empty while they change.
+    """
+
+    def __init__(self, now_ns: int) -> None:
+        self.count = -1
+        self.repeats = False
+        self.frozen = ""
+        self._new_ns = self._told_ns = now_ns
+        self._time_ns: int | None = None
+        self._matrix: Matrix4 | None = None
+        self._equal = 0
+        self._steps_ns: deque[int] = deque(maxlen=_STEPS)
+
+    @property
+    def rate_hz(self) -> float:
+        """Of new measurements; NaN before the second one."""
+        return 1e9 / statistics.median(self._steps_ns) if self._steps_ns else math.nan
+
+    @property
+    def due_ns(self) -> int:
+        """When word that there is nothing new is due."""
+        return max(self._new_ns + self._wait_ns, self._told_ns + self._period_ns)
+
+    def take(self, time_ns: int, matrix: Matrix4 | None, now_ns: int) -> bool:
+        """Whether a measurement is new. time_ns: of the sender, 0 where it tells none and every message is new."""
+        if time_ns and time_ns == self._time_ns:
+            self.repeats = True
+            return False
+        if self.count >= 0:
+            step_ns = time_ns - self._time_ns if time_ns and self._time_ns else now_ns - self._new_ns
+            if 0 < step_ns < SLOWEST_PERIOD_NS * STALE_PERIODS:
+                self._steps_ns.append(step_ns)
+        repeated = matrix is not None and self._matrix is not None and np.array_equal(matrix, self._matrix)
+        self._equal = self._equal + 1 if repeated else 0
+        still = self._equal >= FROZEN_READINGS - 1
+        self.frozen = f"{FROZEN_READINGS} poses in a row are equal to the last bit" if still else ""
+        self._matrix, self._time_ns, self._new_ns = matrix, time_ns, now_ns
+        self.count += 1
+        self.repeats = False
+        return True
+
+    def overdue_ms(self, now_ns: int) -> float | None:
+        """Age of what was said last, once word of it is due; None before. The word is taken as given."""
+        if now_ns < self.due_ns:
+            return None
+        self._told_ns = now_ns
+        return (now_ns - self._new_ns) / 1e6
+
+    @property
+    def _period_ns(self) -> int:
+        return round(statistics.median(self._steps_ns)) if self._steps_ns else round(SLOWEST_PERIOD_NS)
+
+    @property
+    def _wait_ns(self) -> int:
+        return max(STALE_PERIODS * self._period_ns, _LEAST_WAIT_NS)

@@ -1,0 +1,103 @@
+"""IMAGE: a picture or volume with its kind of pixel, and the grey picture that the line works on.
+
+Content: version u16, components u8, scalar type u8, byte order u8, coordinates u8, size 3 × u16, matrix 12 × f32, then
+offset and size of the part that is sent, 3 × u16 each, all big-endian; then the pixels, columns fastest, components
+together, in the byte order that it names. Source: as of drivers.openigtlink.message.
+"""
+
+import struct
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from drivers.errors import ProtocolError
+from drivers.samples import GreyImage
+
+_LAYOUT = struct.Struct(">HBBBB3H12f3H3H")
+_SCALARS = {2: "i1", 3: "u1", 4: "i2", 5: "u2", 6: "i4", 7: "u4", 10: "f4", 11: "f8"}
+"""Scalar type → NumPy's, by the specification."""
+_GREY = 3
+"""Scalar type of 8 bits without sign, which needs no conversion."""
+_ORDERS = {1: ">", 2: "<"}
+"""Byte order of the pixels, by the specification."""
+_TO_GREY = {3: cv2.COLOR_RGB2GRAY, 4: cv2.COLOR_RGBA2GRAY}
+"""Number of components → OpenCV's weights of red, green and blue (ITU-R BT.601)."""
+
+Size = tuple[int, int, int]
+Levels = tuple[float, float]
+"""What becomes black and what becomes white."""
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """size, offset, part: columns, rows, slices. matrix: 12 numbers column by column, axes times spacing, mm, and the
+    origin. data: the pixels of the part. order: 1 big-endian, 2 little. coordinates: 1 RAS, 2 LPS.
+    """
+
+    size: Size
+    data: bytes
+    scalar: int = _GREY
+    components: int = 1
+    order: int = 2
+    coordinates: int = 1
+    matrix: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    offset: Size = (0, 0, 0)
+    part: Size | None = None
+    version: int = 1
+
+    @property
+    def content(self) -> bytes:
+        head = (self.version, self.components, self.scalar, self.order, self.coordinates, *self.size)
+        return _LAYOUT.pack(*head, *self.matrix, *self.offset, *(self.part or self.size)) + self.data
+
+
+def parse_image(content: bytes) -> Image:
+    """Raises ProtocolError for a header that cannot be, or pixels that do not fill what it announces."""
+    if len(content) < _LAYOUT.size:
+        raise ProtocolError(f"IMAGE has {_LAYOUT.size} bytes or more, not {len(content)}")
+    version, components, scalar, order, coordinates, *numbers = _LAYOUT.unpack_from(content)
+    size, matrix, offset, part = (tuple(numbers[a:b]) for a, b in ((0, 3), (3, 15), (15, 18), (18, 21)))
+    if scalar not in _SCALARS or order not in _ORDERS or components < 1:
+        raise ProtocolError(f"IMAGE of scalar type {scalar}, byte order {order}, {components} components is not known")
+    pixel_bytes = components * np.dtype(_SCALARS[scalar]).itemsize
+    announced = part[0] * part[1] * part[2] * pixel_bytes
+    if len(content) - _LAYOUT.size != announced:
+        raise ProtocolError(f"IMAGE announces {announced} bytes of pixels and has {len(content) - _LAYOUT.size}")
+    if any(first + count > whole for first, count, whole in zip(offset, part, size, strict=True)):
+        raise ProtocolError(f"IMAGE of {_sides(size)} has no part of {_sides(part)} at {offset}")
+    data = content[_LAYOUT.size :]
+    return Image(size, data, scalar, components, order, coordinates, matrix, offset, part, version)
+
+
+def grey_picture(image: Image, levels: Levels | None) -> GreyImage:
+    """(height, width) uint8. levels: from where to where values are spread over black to white; needed for all but 8
+    bits, since no sender says it. Raises ValueError, which names what cannot be converted and what to do.
+    """
+    columns, rows, slices = image.size
+    if slices != 1:
+        raise ValueError(f"sends volumes of {_sides(image.size)} instead of pictures. Name its picture by image=")
+    if image.part != image.size:
+        raise ValueError(f"sends parts of {_sides(image.part or image.size)} px. Have it send whole pictures")
+    if image.components not in (1, 3, 4):
+        raise ValueError(f"sends {image.components} components a pixel. Have it send grey, RGB or RGBA")
+    if image.scalar != _GREY and levels is None:
+        kind = np.dtype(_SCALARS[image.scalar]).name
+        raise ValueError(f"sends pixels of {kind}. Say what is black and what is white, such as levels=0,4095")
+    pixels = np.frombuffer(image.data, np.dtype(_ORDERS[image.order] + _SCALARS[image.scalar]))
+    pixels = pixels.reshape((rows, columns, image.components))
+    shown = _spread(pixels, levels) if levels is not None else pixels.astype(np.uint8, copy=False)
+    if image.components == 1:
+        return np.asarray(shown[:, :, 0], np.uint8)
+    return np.asarray(cv2.cvtColor(shown, _TO_GREY[image.components]), np.uint8)
+
+
+def _spread(pixels: np.ndarray, levels: Levels) -> GreyImage:
+    """What is no number is black."""
+    black, white = levels
+    shares = np.clip((pixels.astype(np.float64) - black) / (white - black), 0.0, 1.0)
+    return np.asarray(np.rint(255 * np.nan_to_num(shares, nan=0.0)), np.uint8)
+
+
+def _sides(size: tuple[int, ...]) -> str:
+    return " x ".join(map(str, size))

@@ -1,0 +1,184 @@
+"""One OpenIGTLink message: header, extended header, content, metadata and check sum, of header versions 1 to 3.
+
+All numbers are big-endian. Header, 58 bytes: version u16, type 12 characters, device name 20 characters (both padded
+with NUL), time as seconds u32 and 2⁻³² s u32 since 1970 UTC, bytes of the body u64, CRC-64 of the body u64. From
+version 2 on the body begins with an extended header (its size u16, bytes of the metadata header u16, bytes of the
+metadata u32, number of the message u32) and ends with the metadata: a count u16, for each entry the bytes of its key
+u16, the encoding of its value u16 and the bytes of its value u32, then all keys and values. Source: the protocol's
+published specification and vectors made with its reference library, tests/data/openigtlink-vectors.json.
+"""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from fastcrc import crc64
+
+from drivers.errors import ProtocolError
+from drivers.printable import printable
+
+HEADER_BYTES = 58
+"""Of every message, by the specification."""
+
+VERSIONS = (1, 2, 3)
+"""Of the header. 3 is laid out as 2, which tells its own sizes."""
+
+MOST_BODY_BYTES = 1 << 26
+"""Of one message, 64 MiB: a picture of 4096 × 4096 in four channels. A longer body is a damaged or hostile header, and
+what it would make us wait for."""
+
+US_ASCII, UTF_8 = 3, 106
+"""Encodings by their numbers at IANA (MIBenum)."""
+
+_HEADER = struct.Struct(">H12s20sIIQQ")
+_EXTENDED = struct.Struct(">HHII")
+_ENTRY = struct.Struct(">HHI")
+_COUNT = struct.Struct(">H")
+_FRACTION_BITS = 32
+"""Of the time: its second word counts 2⁻³² s."""
+
+Entry = tuple[str, int, str]
+"""Key, encoding of the value as IANA numbers it, value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What precedes a body. time: in units of 2⁻³² s since 1970 UTC; 0 where the sender tells none."""
+
+    version: int
+    kind: str
+    device: str
+    time: int
+    body_bytes: int
+    crc: int
+
+    @property
+    def time_ns(self) -> int:
+        """Nanoseconds since 1970 UTC, by the sender's clock."""
+        return self.time * 1_000_000_000 >> _FRACTION_BITS
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """kind: TRANSFORM, IMAGE … device: whom it tells of, at most 20 bytes. content: without extended header and
+    metadata. time: see Header. number, metadata: of version 2 and later.
+    """
+
+    kind: str
+    device: str
+    content: bytes
+    time: int = 0
+    version: int = 1
+    number: int = 0
+    metadata: tuple[Entry, ...] = ()
+
+    @property
+    def time_ns(self) -> int:
+        """Nanoseconds since 1970 UTC, by the sender's clock; 0 where it tells none."""
+        return self.time * 1_000_000_000 >> _FRACTION_BITS
+
+    def said(self, key: str) -> str:
+        """A value of the metadata; empty where there is none."""
+        return next((value for name, _, value in self.metadata if name == key), "")
+
+
+def time_of(utc_ns: int) -> int:
+    """Nanoseconds since 1970 UTC → units of 2⁻³² s, rounded up, so that time_ns gives the same back."""
+    return -((-utc_ns << _FRACTION_BITS) // 1_000_000_000)
+
+
+def parse_header(data: bytes, where: str = "") -> Header:
+    """Exactly HEADER_BYTES bytes. Raises ProtocolError for what cannot be followed: a version or a size."""
+    version, kind, device, seconds, fraction, body_bytes, crc = _HEADER.unpack(data)
+    if version not in VERSIONS:
+        raise ProtocolError(f"header version {version} is not known", where, _OTHER_END)
+    if body_bytes > MOST_BODY_BYTES:
+        raise ProtocolError(f"a message announces {body_bytes} bytes", where, _OTHER_END)
+    return Header(version, _text(kind), _text(device), seconds << _FRACTION_BITS | fraction, body_bytes, crc)
+
+
+_OTHER_END = "Check that an OpenIGTLink server listens there"
+
+
+def decode_body(header: Header, body: bytes, where: str = "") -> Message:
+    """Raises ProtocolError for a body that is damaged or does not agree with itself."""
+    named = f"{header.kind} '{header.device}'"
+    if len(body) != header.body_bytes:
+        raise ProtocolError(f"{named} has {len(body)} of {header.body_bytes} bytes", where)
+    if crc64.ecma_182(body) != header.crc:
+        raise ProtocolError(f"{named} is damaged (its check sum does not fit)", where)
+    if header.version == 1:
+        return Message(header.kind, header.device, body, header.time)
+    try:
+        return _extended(header, body)
+    except (ValueError, struct.error) as error:
+        raise ProtocolError(f"{named} contradicts itself ({error})", where) from None
+
+
+def encode(message: Message) -> bytes:
+    """The bytes that decode_body reads. Raises ValueError for names that are too long."""
+    body = message.content if message.version == 1 else _extended_body(message)
+    kind, device = (_field(name, size) for name, size in ((message.kind, 12), (message.device, 20)))
+    seconds, fraction = divmod(message.time, 1 << _FRACTION_BITS)
+    crc = crc64.ecma_182(body)
+    return _HEADER.pack(message.version, kind, device, seconds, fraction, len(body), crc) + body
+
+
+def fixed(text: str, size: int) -> bytes:
+    """A name of at most so many bytes, padded with NUL. What does not fit is cut off."""
+    return _bytes(text)[:size].ljust(size, b"\0")
+
+
+def name_of(data: bytes) -> str:
+    """A name up to its first NUL, as it was sent; printable it becomes where it is shown."""
+    return _text(data)
+
+
+def _extended(header: Header, body: bytes) -> Message:
+    size, table_bytes, metadata_bytes, number = _EXTENDED.unpack_from(body)
+    end = len(body) - table_bytes - metadata_bytes
+    if size < _EXTENDED.size or end < size:
+        raise ValueError(f"{len(body)} bytes do not hold the parts that it announces")
+    metadata = tuple(_entries(body[end : end + table_bytes], body[end + table_bytes :]))
+    return Message(header.kind, header.device, body[size:end], header.time, header.version, number, metadata)
+
+
+def _entries(table: bytes, data: bytes) -> Iterator[Entry]:
+    """table: count and sizes. data: keys and values, which must fill it."""
+    (count,) = _COUNT.unpack_from(table) if table else (0,)
+    if len(table) not in (0, _COUNT.size + count * _ENTRY.size):
+        raise ValueError(f"{len(table)} bytes cannot announce {count} entries of metadata")
+    place = 0
+    for key_bytes, encoding, value_bytes in _ENTRY.iter_unpack(table[_COUNT.size :]):
+        key, value = data[place : place + key_bytes], data[place + key_bytes : place + key_bytes + value_bytes]
+        place += key_bytes + value_bytes
+        yield _decoded(key), encoding, _decoded(value)
+    if place != len(data):
+        raise ValueError(f"its metadata have {len(data)} bytes, not {place}")
+
+
+def _extended_body(message: Message) -> bytes:
+    entries = [(_bytes(key), encoding, _bytes(value)) for key, encoding, value in message.metadata]
+    table = _COUNT.pack(len(entries)) + b"".join(_ENTRY.pack(len(k), code, len(v)) for k, code, v in entries)
+    data = b"".join(key + value for key, _, value in entries)
+    return _EXTENDED.pack(_EXTENDED.size, len(table), len(data), message.number) + message.content + table + data
+
+
+def _field(text: str, size: int) -> bytes:
+    data = _bytes(text)
+    if len(data) > size:
+        raise ValueError(f"'{printable(text)}' has more than {size} bytes")
+    return data
+
+
+def _text(data: bytes) -> str:
+    return _decoded(data.partition(b"\0")[0])
+
+
+def _decoded(data: bytes) -> str:
+    """UTF-8, of which ASCII is a part; any other byte survives, so that what is sent on is what came."""
+    return data.decode(errors="surrogateescape")
+
+
+def _bytes(text: str) -> bytes:
+    return text.encode(errors="surrogateescape")

@@ -1,0 +1,39 @@
+"""When a message's measurement was true: the sender's time put on the host's clock."""
+
+from drivers.clock.counter_clock import DeviceClock
+from drivers.clock.monotonic_stamps import MonotonicStamps
+from drivers.samples import Stamp
+
+_UNTIMED_ERR_NS = 100_000_000
+"""Bound of the stamp of a message without a time, which is that of its arrival: what `opencv:` states of pictures, and
+the widest that the counter clock ever states. Not measured."""
+
+
+class SenderTime:
+    """latency_ns: known time from measurement to sending. round_trip_ns: of the network, half of which is taken off and
+    added to the bound, as its constant part shows in no arrival.
+    """
+
+    def __init__(self, latency_ns: int, round_trip_ns: int) -> None:
+        self._latency_ns, self._half_ns = latency_ns, round_trip_ns // 2
+        self._clock, self._monotonic = DeviceClock(), MonotonicStamps()
+        self.untimed = 0
+
+    @property
+    def restarts(self) -> int:
+        """How often the sender's clock jumped."""
+        return self._clock.restarts
+
+    def stamp(self, time_ns: int, arrival_ns: int) -> Stamp:
+        """time_ns: of the sender, 0 where it tells none. arrival_ns: of the first byte of the message."""
+        if time_ns == 0:
+            self.untimed += 1
+            found = Stamp(arrival_ns, _UNTIMED_ERR_NS)
+        else:
+            found = self._clock.stamp(time_ns, arrival_ns)
+        early_ns = self._latency_ns + self._half_ns
+        return self._monotonic.stamp(found.t_ns - early_ns, found.err_ns + self._half_ns)
+
+    def heard(self, t_ns: int) -> Stamp:
+        """Of word that there is no measurement."""
+        return self._monotonic.stamp(t_ns, 0)

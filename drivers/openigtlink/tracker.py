@@ -1,0 +1,286 @@
+"""Poses of an OpenIGTLink server: TRANSFORM, TDATA and QTDATA, and what STATUS says of them."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from drivers.clock.host_clock import HostClock
+from drivers.device_api import Description
+from drivers.errors import ProtocolError
+from drivers.openigtlink.client import IgtlClient
+from drivers.openigtlink.content import (
+    CODES,
+    OK,
+    UNKNOWN_INSTRUCTION,
+    UNKNOWN_VERSION,
+    StartTracking,
+    Turn,
+    parse_status,
+    parse_tools,
+    parse_transform,
+    parse_turned_tools,
+)
+from drivers.openigtlink.freshness import Freshness
+from drivers.openigtlink.message import Header, Message
+from drivers.openigtlink.options import IgtlOptions
+from drivers.openigtlink.sender_time import SenderTime
+from drivers.openigtlink.stream import Arrived
+from drivers.printable import printable
+from drivers.rigid import pose_matrix, seen_from
+from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
+from drivers.trackers.plus_transform import TransformReading, rigid_reading, without_matrix
+from drivers.trackers.pose_bounds import FURTHEST_MM, UNIT_TOLERANCE
+
+_APART_NS = 5_000_000
+"""Between the times of probe and reference that make one pose. Tools of one measurement share a time; a server that
+reads them in turn is some milliseconds apart, in which a reference that is pushed at 100 mm/s moves by half a
+millimetre. Not measured."""
+
+_RESOLUTION_MS = 10
+"""Asked of a server that sends tracking data on request: 100 poses a second at most,
+more than a scanner has pictures."""
+
+_ASK_AGAIN_NS = 1_000_000_000
+"""Between two questions whether a server that complained is well again. More lets it wait; less is idle talk."""
+
+_MOST_COMPLAINTS = 16
+"""Devices of a server whose complaints are kept. A hostile one could invent names without end."""
+
+_KINDS = ("TRANSFORM", "TDATA", "QTDATA", "STATUS")
+_BLAMELESS = (UNKNOWN_INSTRUCTION, UNKNOWN_VERSION)
+"""Codes that answer a question of ours and say nothing of the tracker."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """time_ns: of the sender, or of the arrival where it tells none."""
+
+    reading: TransformReading
+    time_ns: int
+    stamp: Stamp | None = None
+
+
+class IgtlTracker:
+    """One connection. refused: messages that were damaged or said what cannot be."""
+
+    def __init__(self, address: tuple[str, int], options: IgtlOptions, clock: HostClock) -> None:
+        """Raises DeviceLost."""
+        self._options, self._clock = options, clock
+        self.refused = 0
+        self._complaints: dict[str, str] = {}
+        self._ask_ns = 0
+        self._probe: _Measured | None = None
+        self._reference: _Measured | None = None
+        self._damage = ""
+        self._poses: deque[Pose] = deque()
+        deadline_ns = round(options.tracker_deadline_ms * 1e6)
+        self._client = IgtlClient(address, self._wanted, deadline_ns, options.version, clock)
+        self._time = SenderTime(round(options.latency_ms * 1e6), self._client.round_trip_ns)
+        self._freshness = Freshness(clock.now_ns())
+        try:
+            self._greet()
+        except BaseException:
+            self._client.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self._client.close()
+
+    def describe(self) -> Description:
+        """See drivers.device_api.Identified."""
+        remarks = (
+            (self._time.untimed, "poses had no time: they are stamped at their arrival"),
+            (self.refused, "damaged messages were refused"),
+            (self._time.restarts, "times the server's clock jumped"),
+        )
+        fixed = self._options.reference
+        return Description(
+            "OpenIGTLink server",
+            tools=(self._options.probe, *(() if fixed is None else (f"{fixed} (reference)",))),
+            rate_hz=self._freshness.rate_hz,
+            remarks=tuple(f"{count} {words}" for count, words in remarks if count),
+        )
+
+    def read(self, timeout_s: float) -> Pose | None:
+        """The next pose, or word that there is none: see drivers.device_api.
+
+        A server that lives and sends no new transform of the probe gives a pose without a number in every period.
+        Raises DeviceLost when it is silent for deadline_ms, closes the connection, or cannot be followed.
+        """
+        end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
+        while not self._poses:
+            self._listen(min(end_ns, self._freshness.due_ns))
+            self._require_news()
+            if self._clock.now_ns() >= end_ns:
+                break
+        return self._poses.popleft() if self._poses else None
+
+    def _greet(self) -> None:
+        """PLUS sends metadata, and with them the status of each tool, to those who have shown that they know them."""
+        self._client.send("GET_STATUS")
+        if self._options.ask:
+            start = StartTracking(_RESOLUTION_MS)
+            self._client.send(f"STT_{self._options.ask}", content=start.content)
+
+    def _wanted(self, header: Header) -> bool:
+        if header.kind == "TRANSFORM":
+            return header.device in (self._options.probe, self._options.reference)
+        return header.kind in _KINDS
+
+    def _listen(self, until_ns: int) -> None:
+        try:
+            arrived = self._client.receive(until_ns)
+            if arrived is not None:
+                self._take(arrived)
+        except ProtocolError as error:
+            self.refused += 1
+            self._damage = error.what
+
+    def _take(self, arrived: Arrived) -> None:
+        message = arrived.message
+        if message.kind == "STATUS":
+            self._heed(message)
+            return
+        found = _readings(message)
+        if self._options.reference in found:
+            time_ns = message.time_ns or arrived.arrival_ns
+            self._reference = _Measured(found[self._options.reference], time_ns)
+            self._pair()
+        if self._options.probe in found:
+            self._measured(found[self._options.probe], arrived)
+
+    def _heed(self, message: Message) -> None:
+        """A complaint holds until the same device says that it is OK: the poses in between are not believed."""
+        status = parse_status(message.content)
+        if status.code == OK:
+            self._complaints.pop(message.device, None)
+        if status.code in (OK, *_BLAMELESS):
+            return
+        words = ", ".join(printable(part) for part in (status.error, status.text) if part)
+        said = f"{CODES.get(status.code, f'code {status.code}')}{f' ({words})' if words else ''}"
+        if message.device in self._complaints or len(self._complaints) < _MOST_COMPLAINTS:
+            self._complaints[message.device] = f"the server reports of '{printable(message.device)}': {said}"
+        self._tell(PoseStatus.MISSING, next(iter(self._complaints.values())))
+
+    def _measured(self, reading: TransformReading, arrived: Arrived) -> None:
+        """The probe's. The one before, for which no reference of its time came, goes without a number."""
+        time_ns = arrived.message.time_ns
+        if not self._freshness.take(time_ns, reading.matrix, self._clock.now_ns()):
+            return
+        if self._probe is not None:
+            reason = f"no transform '{printable(str(self._options.reference))}' of the same time"
+            self._judge(self._probe, TransformReading(None, PoseStatus.MISSING, reason))
+        stamp = self._time.stamp(time_ns, arrived.arrival_ns)
+        self._probe = _Measured(reading, time_ns or arrived.arrival_ns, stamp)
+        self._pair()
+
+    def _pair(self) -> None:
+        """Make the pose, once everything that belongs to it is of one time."""
+        probe, reference = self._probe, self._reference
+        if probe is None:
+            return
+        if probe.reading.matrix is None or self._options.reference is None:
+            self._judge(probe, probe.reading)
+            return
+        apart_ns = abs(reference.time_ns - probe.time_ns) if reference is not None else _APART_NS + 1
+        if reference is None or apart_ns > _APART_NS:
+            return
+        reading = reference.reading
+        if reading.matrix is not None:
+            reading = TransformReading(seen_from(reading.matrix, probe.reading.matrix), PoseStatus.OK)
+        self._judge(probe, reading, apart_ns)
+
+    def _judge(self, probe: _Measured, reading: TransformReading, apart_ns: int = 0) -> None:
+        """The pose as read, unless the server complains or everything stands still."""
+        if self._complaints:
+            reading = TransformReading(None, PoseStatus.MISSING, next(iter(self._complaints.values())))
+        elif reading.matrix is not None and self._freshness.frozen:
+            reading = TransformReading(None, PoseStatus.STALE, self._freshness.frozen)
+        assert probe.stamp is not None
+        stamp = Stamp(probe.stamp.t_ns, probe.stamp.err_ns + apart_ns)
+        self._put(stamp, reading)
+
+    def _put(self, stamp: Stamp, reading: TransformReading) -> None:
+        self._probe = None
+        count = self._freshness.count
+        self._poses.append(Pose(stamp, count, reading.matrix, math.nan, reading.status, reading.reason))
+
+    def _require_news(self) -> None:
+        """Where the server lives and says nothing new of the probe, that is the word."""
+        now_ns = self._clock.now_ns()
+        self._ask_whether_well(now_ns)
+        age_ms = self._freshness.overdue_ms(now_ns)
+        if age_ms is None:
+            return
+        if self._freshness.repeats:
+            self._tell(PoseStatus.STALE, f"the server repeats an old transform for {age_ms:.0f} ms")
+            return
+        names = [self._options.probe, *([self._options.reference] if self._options.reference else [])]
+        others = ", ".join(printable(name) for name in list(self._client.received)[:8]) or "nothing"
+        wanted = " and ".join(f"'{printable(name)}'" for name in names)
+        damage = f"; damaged: {self._damage}" if self._damage else ""
+        self._tell(PoseStatus.MISSING, f"no transform {wanted} for {age_ms:.0f} ms; it sends {others}{damage}")
+
+    def _ask_whether_well(self, now_ns: int) -> None:
+        if self._complaints and now_ns >= self._ask_ns:
+            self._ask_ns = now_ns + _ASK_AGAIN_NS
+            self._client.send("GET_STATUS", next(iter(self._complaints)))
+
+    def _tell(self, status: PoseStatus, reason: str) -> None:
+        """Word of now, in place of whatever waits for its reference."""
+        self._put(self._time.heard(self._clock.now_ns()), TransformReading(None, status, reason))
+
+
+def _readings(message: Message) -> dict[str, TransformReading]:
+    """What a message says of each tool, under the name of its transform. Raises ProtocolError."""
+    if message.kind == "TRANSFORM":
+        return {message.device: _of_transform(message)}
+    if message.kind == "TDATA":
+        return _named({tool.name: _checked(tool.matrix, tool.name) for tool in parse_tools(message.content)})
+    return _named({tool.name: _of_turn(tool.turn, tool.name) for tool in parse_turned_tools(message.content)})
+
+
+def _named(readings: dict[str, TransformReading]) -> dict[str, TransformReading]:
+    """An element of tracking data has the name of a tool or of its transform."""
+    return {f"{name}ToTracker": reading for name, reading in readings.items()} | readings
+
+
+def _of_transform(message: Message) -> TransformReading:
+    """PLUS tells the status of a transform in the metadata."""
+    name, status = message.device, message.said("TransformStatus").upper()
+    matrix = parse_transform(message.content)
+    if status not in ("", "OK", *_SWITCHED):
+        return without_matrix(status, name)
+    if message.said("TransformValid").lower() in ("false", "0"):
+        return without_matrix("INVALID", name)
+    return _checked(matrix, name)
+
+
+_SWITCHED = ("SWITCH1_IS_ON", "SWITCH2_IS_ON", "SWITCH3_IS_ON")
+"""PLUS's words for a tool whose pose is good and one of whose buttons is pressed."""
+
+
+def _checked(matrix: Matrix4, name: str) -> TransformReading:
+    """Servers send the identity, or zeros, for a tool that is not seen; no tool lies in the tracker's own origin."""
+    if np.array_equal(matrix, np.eye(4)) or not matrix[:3].any():
+        return TransformReading(None, PoseStatus.MISSING, f"{printable(name)} is no measurement (identity or zeros)")
+    if np.abs(matrix[:3, 3]).max() > FURTHEST_MM:
+        return TransformReading(None, PoseStatus.FAULT, f"{printable(name)} is further away than any tool")
+    return rigid_reading(matrix, printable(name))
+
+
+def _of_turn(turn: Turn, name: str) -> TransformReading:
+    x, y, z, w = turn.quaternion
+    length = math.hypot(x, y, z, w)
+    if not abs(length - 1) <= UNIT_TOLERANCE:
+        return TransformReading(None, PoseStatus.FAULT, f"{printable(name)} has a quaternion of length {length:.4g}")
+    return _checked(pose_matrix((w, x, y, z), turn.position), name)

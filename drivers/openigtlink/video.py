@@ -1,0 +1,94 @@
+"""Pictures of an OpenIGTLink server: IMAGE, made grey, cut out and turned."""
+
+from types import TracebackType
+from typing import Self
+
+from drivers.clock.host_clock import HostClock
+from drivers.device_api import Description
+from drivers.errors import ProtocolError
+from drivers.openigtlink.client import IgtlClient
+from drivers.openigtlink.image import grey_picture, parse_image
+from drivers.openigtlink.message import Header
+from drivers.openigtlink.options import IgtlOptions
+from drivers.openigtlink.sender_time import SenderTime
+from drivers.openigtlink.stream import Arrived
+from drivers.samples import Frame
+from drivers.video.crop import LEAST_PX
+
+
+class IgtlVideo:
+    """One connection. refused: damaged pictures. repeated: dropped, because their time was that of the one before."""
+
+    def __init__(self, address: tuple[str, int], options: IgtlOptions, clock: HostClock) -> None:
+        """Raises DeviceLost."""
+        self._options, self._clock = options, clock
+        self.repeated = self.refused = 0
+        self._shown = ""
+        self._count = 0
+        self._time_ns = 0
+        deadline_ns = round(options.video_deadline_ms * 1e6)
+        self._client = IgtlClient(address, self._wanted, deadline_ns, options.version, clock)
+        self._time = SenderTime(round(options.latency_ms * 1e6), self._client.round_trip_ns)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self._client.close()
+
+    def describe(self) -> Description:
+        """See drivers.device_api.Identified."""
+        remarks = (
+            (self._time.untimed, "pictures had no time: they are stamped at their arrival"),
+            (self.refused, "damaged pictures were refused"),
+            (self.repeated, "pictures came again and were dropped"),
+        )
+        said = tuple(f"{count} {words}" for count, words in remarks if count)
+        return Description(f"OpenIGTLink, picture '{self._shown}'", remarks=said)
+
+    def read(self, timeout_s: float) -> Frame | None:
+        """Next picture, or None when none came within timeout_s of the clock. Raises DeviceLost.
+
+        A damaged picture is refused and counted; the reason why none can be used is a loss, which names it.
+        """
+        end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
+        while True:
+            try:
+                arrived = self._client.receive(end_ns)
+                frame = None if arrived is None else self._frame(arrived)
+            except ProtocolError:
+                self.refused += 1
+                frame = None
+            if frame is not None or self._clock.now_ns() >= end_ns:
+                return frame
+
+    def _wanted(self, header: Header) -> bool:
+        return header.kind == "IMAGE" and self._options.image in ("", header.device)
+
+    def _frame(self, arrived: Arrived) -> Frame | None:
+        message = arrived.message
+        self._settle_on(message.device)
+        if message.time_ns and message.time_ns == self._time_ns:
+            self.repeated += 1
+            return None
+        picture = parse_image(message.content)
+        try:
+            grey = grey_picture(picture, self._options.levels)
+        except ValueError as error:
+            what, _, remedy = str(error).partition(". ")
+            raise self._client.lost(f"'{message.device}' {what}", remedy) from None
+        shown = self._options.cut.apply(grey, self._client.where)
+        if min(shown.shape) < LEAST_PX:
+            raise ProtocolError(f"a picture of {shown.shape[1]} x {shown.shape[0]} pixels is not plausible")
+        self._time_ns = message.time_ns
+        self._count += 1
+        return Frame(self._time.stamp(message.time_ns, arrived.arrival_ns), self._count - 1, shown)
+
+    def _settle_on(self, device: str) -> None:
+        """Without image= there may be one picture only: taking turns would show two scanners as one."""
+        if self._shown and device != self._shown:
+            both = f"'{self._shown}' and '{device}'"
+            raise self._client.lost(f"the server sends several pictures, {both}", "Name one of them by image=")
+        self._shown = device

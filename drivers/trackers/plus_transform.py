@@ -1,0 +1,50 @@
+"""A transform as PLUS tells it, in a recording or over the network: a rigid matrix, or why there is none."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.printable import printable
+from drivers.samples import Matrix4, PoseStatus
+
+_ROTATION_TOLERANCE = 2e-3
+"""Largest error of RᵀR and of the last row that is rounding: PLUS prints six digits, and three would err by 1.7e-3.
+More takes a scaled matrix for a pose; an axis 2 % too long is refused (tests/drivers/recordings/test_metaimage.py).
+"""
+
+_STATUSES = {  # PLUS says MISSING of a tool or port that is not there, OUT_OF_VIEW of one that is not seen
+    "INVALID": PoseStatus.MISSING,
+    "MISSING": PoseStatus.DISABLED,
+    "OUT_OF_VIEW": PoseStatus.MISSING,
+    "OUT_OF_VOLUME": PoseStatus.OUT_OF_VOLUME,
+    "DISABLED": PoseStatus.DISABLED,
+    "REQ_TIMEOUT": PoseStatus.STALE,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TransformReading:
+    """matrix: (4, 4) rigid, mm, its rotation made exactly orthonormal; None unless OK, and then reason says why."""
+
+    matrix: Matrix4 | None
+    status: PoseStatus
+    reason: str = ""
+
+
+def without_matrix(status: str, name: str) -> TransformReading:
+    """What PLUS says of the transform `name` in place of OK, in capitals."""
+    return TransformReading(None, _STATUSES.get(status, PoseStatus.FAULT), f"{name} is {printable(status)}")
+
+
+def rigid_reading(matrix: Matrix4, name: str) -> TransformReading:
+    """Refuse what is not rigid, by a marked reading; take the rounding of the digits sent out of what is."""
+    if not np.isfinite(matrix).all():
+        return TransformReading(None, PoseStatus.FAULT, f"{name} is not finite")
+    R = matrix[:3, :3]
+    skewed = np.abs(R.T @ R - np.eye(3)).max() > _ROTATION_TOLERANCE
+    if skewed or np.linalg.det(R) < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _ROTATION_TOLERANCE:
+        return TransformReading(None, PoseStatus.FAULT, f"{name} is not a rotation and a translation")
+    u, _, vt = np.linalg.svd(R)
+    rigid = np.eye(4)
+    rigid[:3, :3], rigid[:3, 3] = u @ vt, matrix[:3, 3]
+    return TransformReading(rigid, PoseStatus.OK)
