@@ -60,9 +60,15 @@ def _fault(text: str) -> tuple[str, float]:
 @click.option("--duration", "duration_s", type=click.FloatRange(15, 86_400), help="end after so many seconds")
 @click.option("--speed", default=1.0, show_default=True, type=click.FloatRange(0.25, 4), help="cart seconds per second")
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of tissue, motion and noise")
+@click.option("--openigtlink", "served", is_flag=True, help="the service sees both through an OpenIGTLink server")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the report here too")
 def command(
-    faults: list[tuple[str, float]], duration_s: float | None, speed: float, seed: int, json_path: Path | None
+    faults: list[tuple[str, float]],
+    duration_s: float | None,
+    speed: float,
+    seed: int,
+    served: bool,
+    json_path: Path | None,
 ) -> None:
     """Watch a simulated cart while its faults are found.
 
@@ -94,7 +100,7 @@ def command(
     """
     check_writable(json_path)
     plan = chosen_plan(faults, duration_s) if faults else default_plan(duration_s)
-    settings = CartSettings(seed, speed)
+    settings = CartSettings(seed, speed, served)
     console = Console(file=sys.stdout, highlight=False)
     with _stoppable() as stop:
         script, history, counters = _run(plan, duration_s, settings, console, stop)

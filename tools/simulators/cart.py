@@ -23,7 +23,8 @@ _LOOK_S = 0.5
     "--folder", type=click.Path(file_okay=False, path_type=Path), help="of sockets, alarm log and control files"
 )
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of tissue, motion and noise")
-def command(file: Path | None, folder: Path | None, seed: int) -> None:
+@click.option("--openigtlink", "served", is_flag=True, help="an OpenIGTLink server, as PLUS, hands on both")
+def command(file: Path | None, folder: Path | None, seed: int, served: bool) -> None:
     """Simulate a whole cart until Ctrl-C: a scanner, an NDI Polaris and a relay board, each a process of its own.
 
     Prints the configuration that fits them as soon as they are ready, or writes it with --write. The service is yours
@@ -52,7 +53,7 @@ def command(file: Path | None, folder: Path | None, seed: int) -> None:
             if stop.wait(seconds):
                 raise click.Abort
 
-        with SimulatedDevices(place, CartSettings(seed), pause) as cart:
+        with SimulatedDevices(place, CartSettings(seed, served=served), pause) as cart:
             _hand_out(_head(cart) + cart.config_text, file)
             while not stop.wait(_LOOK_S):
                 cart.require_alive()

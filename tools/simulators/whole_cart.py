@@ -1,4 +1,6 @@
-"""A cart on one machine: scanner, tracker and relay board as twins, and the service, each its own process."""
+"""A cart on one machine: scanner, tracker and relay board as twins, and the service, each its own process; where it is
+wanted, an OpenIGTLink server between the first two and the service.
+"""
 
 import json
 import os
@@ -33,6 +35,8 @@ TWINS = {
     "relay_board": [*_PROBEWATCH, "simulate", "relay"],
 }
 """The command that starts each."""
+SERVER = "server"
+"""Name of the OpenIGTLink server among the twins."""
 _READY_S = 30.0
 """For which a part may take to serve: it loads its libraries beside three others. Less gives up on a busy machine."""
 _END_S = 10.0
@@ -113,10 +117,13 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class CartSettings:
-    """seed: of the world. rate: seconds of the cart per second."""
+    """seed: of the world. rate: seconds of the cart per second. served: scanner and tracker come through an OpenIGTLink
+    server, as behind PLUS.
+    """
 
     seed: int = 1
     rate: float = 1.0
+    served: bool = False
 
 
 class NotReady(DeviceLost):
@@ -140,6 +147,8 @@ class SimulatedDevices:
         self.config = folder / "probewatch.toml"
         self.config_text = ""
         self.twins: dict[str, Part] = {}
+        self._devices: dict[str, str] = {}
+        self._port = 0
 
     def __enter__(self) -> Self:
         try:
@@ -161,6 +170,10 @@ class SimulatedDevices:
         calibration = replace(calibration_from_image_to_probe(image_to_probe, (640, 480)), simulated=True)
         write_calibration(self.folder / "probe.toml", calibration, {"source": "the truth of the simulated world"})
         urls = {name: self.await_twin(name) for name in TWINS}
+        if self.settings.served:
+            self._devices = urls
+            self.launch_twin(SERVER)
+            urls = urls | dict.fromkeys(("scanner", "polaris"), self.await_twin(SERVER))
         self.config_text = self._configuration(urls)
         self.config.write_text(self.config_text)
 
@@ -175,6 +188,9 @@ class SimulatedDevices:
 
     def launch_twin(self, name: str) -> None:
         """Start the process; await_twin waits until it serves."""
+        if name == SERVER:
+            self._launch_server()
+            return
         place = self.folder / name
         options = {
             "scanner": ["--socket", str(place), "--control", f"{place}.json"],
@@ -182,8 +198,17 @@ class SimulatedDevices:
             "relay_board": ["--pty", str(place)],
         }[name]
         world = [] if name == "relay_board" else ["--seed", str(self.settings.seed)]
-        common = ["--origin-ns", str(self.clock.origin_ns), "--rate", str(self.settings.rate), *world]
-        self.twins[name] = Part(name, [*TWINS[name], *options, *common])
+        self.twins[name] = Part(name, [*TWINS[name], *options, *self._time(), *world])
+
+    def _launch_server(self) -> None:
+        """Again at the port that it had."""
+        control = ["--control", str(self.folder / f"{SERVER}.json")]
+        devices = ["--video", self._devices["scanner"], "--tracker", self._devices["polaris"]]
+        command = [*_PROBEWATCH, "simulate", "openigtlink", "--tcp", str(self._port), *devices, *control]
+        self.twins[SERVER] = Part(SERVER, [*command, *self._time()])
+
+    def _time(self) -> list[str]:
+        return ["--origin-ns", str(self.clock.origin_ns), "--rate", str(self.settings.rate)]
 
     def await_twin(self, name: str) -> str:
         """URL under which it serves. Raises DeviceLost when it ends or hangs before it is ready."""
@@ -195,6 +220,8 @@ class SimulatedDevices:
                 what = f"{name} is not ready after {_READY_S:g} s"
                 raise NotReady(what, "simulated cart", "Try again when the machine is less busy")
             self._pause(0.01)
+        if name == SERVER:
+            self._port = int(str(ready["url"]).partition("?")[0].rpartition(":")[2])
         return str(ready["url"])
 
     def show_faults(self, schedule: Schedule) -> None:

@@ -1,0 +1,337 @@
+"""A simulated OpenIGTLink server, such as PLUS: it hands on what a scanner and a tracker yield, or a world of its own.
+
+Pictures go out as IMAGE, poses as TRANSFORM; what has no matrix goes out with the last one that there was and PLUS's
+word for why. GET_STATUS is answered.
+"""
+
+import json
+import math
+import queue
+import selectors
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Event
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from drivers.clock.host_clock import HostClock
+from drivers.device_api import TrackerSource, VideoSource
+from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
+from drivers.openigtlink.content import OK, Status, transform_content
+from drivers.openigtlink.image import Image
+from drivers.openigtlink.message import UTF_8, Message, encode, time_of
+from drivers.openigtlink.stream import MessageStream
+from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
+from drivers.twins.fault_control import FaultControl
+
+IMAGE_NAME, PROBE_NAME = "Image_Tracker", "ProbeToTracker"
+"""Device names, in PLUS's manner."""
+
+FAULTS = (
+    "stall",
+    "mute",
+    "unplug",
+    "reset",
+    "bad-crc",
+    "garbage",
+    "split",
+    "clock-jump",
+    "untimed",
+    "repeat",
+    "complain",
+    "identity",
+    "left-out",
+    "old-header",
+)
+"""stall: open connections, and not a word more. mute: pictures and poses end, questions are answered. unplug:
+connections end and nobody listens. reset, clock-jump: at their beginning, the sender's clock by an hour. bad-crc,
+garbage: of every message, or between them. split: segments of 37 bytes. untimed: time 0. repeat: the last pose again
+and again. complain: STATUS says not ready. identity, left-out: what a server sends of a tool that is not seen, in
+place of PLUS's words. old-header: version 1, without metadata."""
+
+_STATUS_WORDS = {
+    PoseStatus.OK: "OK",
+    PoseStatus.PARTIAL: "OUT_OF_VOLUME",
+    PoseStatus.OUT_OF_VOLUME: "OUT_OF_VOLUME",
+    PoseStatus.MISSING: "OUT_OF_VIEW",
+    PoseStatus.STALE: "REQ_TIMEOUT",
+    PoseStatus.DISABLED: "MISSING",
+    PoseStatus.FAULT: "UNKNOWN",
+}
+"""What PLUS says of a tool."""
+
+_READ_S, _PAUSE_S = 0.1, 0.2
+"""For which a source is waited for, and between two attempts to open one. Longer ends the twin later."""
+
+_TELL_NS = 30_000_000
+"""Between two words that the tracker is lost: the pace of PLUS's loop, 33 Hz or so."""
+
+_BACKLOG_BYTES = 1 << 23
+"""For a client that does not read: a second of pictures. Then it is dropped, or this process would grow."""
+
+_WAITING = 64
+"""Samples that the sources are ahead of the server, a second of poses: then they wait for it."""
+
+_IDLE_S = 0.02
+"""Longest wait, after which faults are looked at and samples taken."""
+
+_SEGMENT_BYTES = 37
+"""Fault "split": a prime, so that no message begins where a segment does for long."""
+
+_JUMP_NS = 3_600_000_000_000
+"""Fault "clock-jump": an hour, as when daylight saving time is put right by hand."""
+
+_SEED = 53
+"""Of the garbage, so that it is the same every time."""
+
+Opener = Callable[[], VideoSource | TrackerSource]
+
+
+class _Client:
+    """One connection. version: of the last header that it sent, 1 before that."""
+
+    def __init__(self, line: socket.socket) -> None:
+        self.line, self.version = line, 1
+        self.unsent = bytearray()
+        self.stream = MessageStream(lambda header: header.kind == "GET_STATUS")
+
+    def hear(self) -> list[Message]:
+        """Questions. Raises OSError when the peer is gone, ProtocolError."""
+        data = self.line.recv(4096)
+        if not data:
+            raise ConnectionResetError
+        self.stream.add(data, 0)
+        self.stream.require_sound()
+        found = []
+        while (arrived := self.stream.take()) is not None:
+            found.append(arrived.message)
+            self.version = min(arrived.message.version, 2)
+        return found
+
+    def put(self, data: bytes) -> None:
+        """Raises OSError for a client that does not read."""
+        self.unsent += data
+        if len(self.unsent) > _BACKLOG_BYTES:
+            raise ConnectionAbortedError
+
+    def flush(self, most_bytes: int) -> None:
+        """Raises OSError."""
+        with suppress(BlockingIOError):
+            while self.unsent:
+                del self.unsent[: self.line.send(self.unsent[:most_bytes])]
+
+
+class IgtlTwin:
+    """Listens from construction until the context is left. address: (host, port), the port chosen if 0 was given.
+
+    sources: how to open what is handed on, each tried again when it is lost. faults: of FAULTS, and when.
+    """
+
+    def __init__(
+        self, address: tuple[str, int], clock: HostClock, sources: tuple[Opener, ...], faults: FaultControl
+    ) -> None:
+        self.address, self.faults = address, faults
+        self._clock, self._sources = clock, sources
+        self._utc_ns = time.time_ns() - clock.now_ns()
+        self._clients: list[_Client] = []
+        self._samples: queue.Queue[Sample] = queue.Queue(_WAITING)
+        self._active: frozenset[str] = frozenset()
+        self._last: tuple[Matrix4, int] = (np.eye(4), 0)
+        self._number = 0
+        self._tracker_is_lost = False
+        self._told_ns = 0
+        self._random = np.random.default_rng(_SEED)
+        self._door: socket.socket | None = None
+        self._listen()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self._unplug()
+
+    def run(self, stop: Event) -> None:
+        """Serve until stop is set."""
+        threads = [threading.Thread(target=self._draw, args=(opener, stop)) for opener in self._sources]
+        for thread in threads:
+            thread.start()
+        while not stop.is_set():
+            self._take_faults()
+            self._serve()
+            self._hand_on()
+        for thread in threads:
+            thread.join()
+
+    def _draw(self, opener: Opener, stop: Event) -> None:
+        """One source into the queue; a lost one is opened again, and until then a tracker's tool is not available."""
+        tracks = False
+        while not stop.is_set():
+            with suppress(DeviceLost, ProtocolError), opener() as source:
+                while not stop.is_set():
+                    sample = source.read(_READ_S)
+                    while sample is not None and not stop.is_set() and not self._queued(sample):
+                        pass
+                    if isinstance(sample, Pose):
+                        tracks, self._tracker_is_lost = True, False
+            self._tracker_is_lost = self._tracker_is_lost or tracks
+            stop.wait(_PAUSE_S)
+
+    def _queued(self, sample: Sample) -> bool:
+        try:
+            self._samples.put(sample, timeout=_READ_S)
+        except queue.Full:
+            return False
+        return True
+
+    def _listen(self) -> None:
+        if self._door is not None:
+            return
+        try:
+            self._door = socket.create_server(self.address)
+        except OSError as error:
+            what = f"cannot listen ({(error.strerror or str(error)).lower()})"
+            where = f"{self.address[0]}:{self.address[1]}"
+            raise ConfigurationError(what, where, "Choose another port, or 0 for any") from None
+        self._door.setblocking(False)
+        self.address = self._door.getsockname()[:2]
+
+    def _unplug(self) -> None:
+        if self._door is not None:
+            self._door.close()
+        self._door = None
+        for client in tuple(self._clients):
+            self._drop(client)
+
+    def _drop(self, client: _Client) -> None:
+        client.line.close()
+        self._clients.remove(client)
+        self._note("clients", len(self._clients))
+
+    def _take_faults(self) -> None:
+        """What faults do at their beginning and their end."""
+        active = self.faults.active((self._clock.now_ns() - self._clock.origin_ns) / 1e9)
+        begun, changed = active - self._active, active != self._active
+        self._active = active
+        if "clock-jump" in begun:
+            self._utc_ns += _JUMP_NS
+        if "reset" in begun:
+            for client in tuple(self._clients):
+                client.line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                self._drop(client)
+        if "complain" in begun:
+            self._complain(Status(13, 0, "", "the simulated tracker warms up"))
+        elif changed and "complain" not in active:
+            self._complain(Status(OK))
+        if "unplug" in active:
+            self._unplug()
+        else:
+            self._listen()
+        if changed:
+            self._note("faults", sorted(active))
+
+    def _complain(self, status: Status) -> None:
+        self._to_all(lambda client: self._message(client, "STATUS", "Tracker", status.content, self._clock.now_ns()))
+
+    def _serve(self) -> None:
+        """Connections, questions, and what still waits to be sent, until a sample waits."""
+        with selectors.SelectSelector() as ready:
+            if self._door is not None:
+                ready.register(self._door, selectors.EVENT_READ)
+            for client in () if "stall" in self._active else self._clients:
+                events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.unsent else 0)
+                ready.register(client.line, events, client)
+            found = ready.select(0 if not self._samples.empty() else self._clock.real_s(_IDLE_S) / 10)
+        for key, _ in found:
+            if key.data is None:
+                self._accept()
+            else:
+                self._for_client(key.data, self._answer)
+
+    def _accept(self) -> None:
+        assert self._door is not None
+        with suppress(OSError):
+            line, _ = self._door.accept()
+            line.setblocking(False)
+            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._clients.append(_Client(line))
+            self._note("clients", len(self._clients))
+
+    def _for_client(self, client: _Client, act: Callable[[_Client], object]) -> None:
+        try:
+            act(client)
+        except BlockingIOError:
+            return
+        except (OSError, ProtocolError):
+            self._drop(client)
+
+    def _answer(self, client: _Client) -> None:
+        with suppress(BlockingIOError):
+            for question in client.hear():
+                well = Status(13, 0, "", "the simulated tracker warms up") if "complain" in self._active else Status(OK)
+                client.put(self._message(client, "STATUS", question.device, well.content, self._clock.now_ns()))
+        client.flush(_SEGMENT_BYTES if "split" in self._active else 1 << 20)
+
+    def _hand_on(self) -> None:
+        now_ns = self._clock.now_ns()
+        if self._tracker_is_lost and now_ns - self._told_ns > _TELL_NS and not self._active & {"mute", "stall"}:
+            self._told_ns = now_ns
+            self._tell(Pose(Stamp(now_ns, 0), 0, None, math.nan, PoseStatus.DISABLED, "the tracker is lost"))
+        with suppress(queue.Empty):
+            for _ in range(_WAITING):
+                sample = self._samples.get_nowait()
+                if self._active & {"mute", "stall"}:
+                    continue
+                if isinstance(sample, Frame):
+                    self._show(sample)
+                else:
+                    self._tell(sample)
+
+    def _show(self, frame: Frame) -> None:
+        rows, columns = frame.image.shape
+        content = Image((columns, rows, 1), frame.image.tobytes()).content
+        self._to_all(lambda client: self._message(client, "IMAGE", IMAGE_NAME, content, frame.stamp.t_ns))
+
+    def _tell(self, pose: Pose) -> None:
+        if pose.matrix is not None and "repeat" not in self._active:
+            self._last = pose.matrix, pose.stamp.t_ns
+        if pose.matrix is None and "left-out" in self._active:
+            return
+        matrix, t_ns = self._last if "repeat" in self._active else (self._last[0], pose.stamp.t_ns)
+        if pose.matrix is None and "identity" in self._active:
+            matrix = np.eye(4)
+        status = "" if "identity" in self._active else _STATUS_WORDS[pose.status]
+        content = transform_content(matrix)
+        self._to_all(lambda client: self._message(client, "TRANSFORM", PROBE_NAME, content, t_ns, status))
+
+    def _to_all(self, made: Callable[[_Client], bytes]) -> None:
+        for client in tuple(self._clients):
+            self._for_client(client, lambda client: client.put(made(client)))
+        for client in tuple(self._clients):
+            self._for_client(
+                client, lambda client: client.flush(_SEGMENT_BYTES if "split" in self._active else 1 << 20)
+            )
+
+    def _message(self, client: _Client, kind: str, device: str, content: bytes, t_ns: int, tool: str = "") -> bytes:
+        """t_ns: of the host's clock, which goes out as UTC."""
+        version = 1 if "old-header" in self._active else client.version
+        utc = 0 if "untimed" in self._active else time_of(t_ns + self._utc_ns)
+        self._number += 1
+        metadata = (("TransformStatus", UTF_8, tool),) if tool and version > 1 else ()
+        extended = (self._number % (1 << 32), metadata) if version > 1 else (0, ())
+        data = bytearray(encode(Message(kind, device, content, utc, version, *extended)))
+        if "bad-crc" in self._active:
+            data[-1] ^= 1
+        if "garbage" in self._active:
+            data += self._random.bytes(64)
+        return bytes(data)
+
+    def _note(self, what: str, value: object) -> None:
+        print(json.dumps({"t_ns": self._clock.now_ns(), what: value}), flush=True)

@@ -1,0 +1,84 @@
+"""`probewatch simulate openigtlink`: an OpenIGTLink server that exists only as bytes, for `igtl://host:port`."""
+
+import json
+import signal
+import time
+from contextlib import suppress
+from pathlib import Path
+from threading import Event
+
+import click
+import cv2
+
+from drivers.clock.host_clock import HostClock
+from drivers.registry import check_options, open_tracker, open_video
+from drivers.twins.fault_control import FaultControl, parse_fault
+from drivers.twins.faults import Schedule
+from drivers.twins.openigtlink import FAULTS, IMAGE_NAME, IgtlTwin, Opener
+from drivers.twins.scene.world import World
+from drivers.twins.world_sources import WorldTracker, WorldVideo
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+# Bounds: of the other simulators.
+@click.command("openigtlink", epilog=f"Faults: {', '.join(FAULTS)}")
+@click.option("--tcp", "port", type=click.IntRange(0, 65535), required=True, metavar="PORT", help="0: any free one")
+@click.option("--host", default="127.0.0.1", help="address to listen at [127.0.0.1]")
+@click.option("--video", "video_url", metavar="URL", help="hand on the pictures of this source instead of the world's")
+@click.option(
+    "--tracker", "tracker_url", metavar="URL", help="hand on the poses of this tracker instead of the world's"
+)
+@click.option("--seed", type=int, default=1, help="of the world")
+@click.option("--program", default="sweep", help="how the hand moves in the world")
+@click.option("--fault", "faults", multiple=True, metavar="NAME[@FROM[..TO]]", help="in seconds; may be repeated")
+@click.option("--control", type=_FILE, help="JSON list of faults, read again whenever it changes")
+@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="world seconds per second")
+@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC of world time 0; now if not given")
+def command(
+    port: int,
+    host: str,
+    video_url: str | None,
+    tracker_url: str | None,
+    seed: int,
+    program: str,
+    faults: tuple[str, ...],
+    control: Path | None,
+    rate: float,
+    origin_ns: int | None,
+) -> None:
+    """Simulate an OpenIGTLink server until SIGTERM; prints one JSON line with its URL when it is ready.
+
+    It stands where PLUS would: --video and --tracker name devices, real or simulated, whose pictures and poses it hands
+    on. Without them it shows the simulated world.
+    """
+    stop = Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    cv2.setNumThreads(1)
+    clock = HostClock(rate, time.monotonic_ns() if origin_ns is None else origin_ns)
+    sources = (
+        _video(video_url, World(seed, program), clock),
+        _tracker(tracker_url, World(seed, program), clock),
+    )
+    given = FaultControl(FAULTS, Schedule(tuple(parse_fault(text, FAULTS) for text in faults)), control)
+    # A parent that no longer reads the events shall not be answered with a traceback.
+    with suppress(BrokenPipeError), IgtlTwin((host, port), clock, sources, given) as twin:
+        place = "{}:{}".format(*twin.address)
+        click.echo(json.dumps({"ready": True, "url": f"igtl://{place}?image={IMAGE_NAME}&probe=Probe&simulated=yes"}))
+        twin.run(stop)
+
+
+def _video(url: str | None, world: World, clock: HostClock) -> Opener:
+    if url is None:
+        world.frame(0.0, 0)
+        return lambda: WorldVideo(world, clock)
+    check_options(url, "video")
+    return lambda: open_video(url, clock)
+
+
+def _tracker(url: str | None, world: World, clock: HostClock) -> Opener:
+    if url is None:
+        return lambda: WorldTracker(world, clock)
+    check_options(url, "tracker")
+    return lambda: open_tracker(url, clock)
