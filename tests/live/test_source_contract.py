@@ -50,7 +50,8 @@ class Device:
         if self.kind == "sim":
             return open_video(self.url, HostClock())
         query = "&".join(filter(None, (f"deadline_ms={1000 * DEADLINE_S:.0f}", MORE.get(self.kind))))
-        return open_tracker(f"{self.url}{'&' if '?' in self.url else '?'}{query}", HostClock())
+        opener = open_video if self.kind in PICTURES else open_tracker
+        return opener(f"{self.url}{'&' if '?' in self.url else '?'}{query}", HostClock())
 
     def end(self) -> None:
         """Its process is gone, as when the plug is pulled."""
@@ -73,6 +74,8 @@ def _rom(folder: Path) -> list[str]:
 
 
 KINDS: dict[str, Callable[[Path], list[str]]] = {
+    "igtl": lambda f: _simulate("openigtlink", "--tcp", "0"),
+    "igtl-video": lambda f: _simulate("openigtlink", "--tcp", "0"),
     "ndi": lambda f: _simulate("ndi", "--model", "polaris-vicra", "--pty", str(f / "tracker"), *_rom(f)),
     "ndi-aurora": lambda f: _simulate("ndi", "--model", "aurora", "--pty", str(f / "tracker")),
     "ndi+tcp": lambda f: _simulate("ndi", "--model", "vega", "--tcp", "0", *_rom(f)),
@@ -81,8 +84,9 @@ KINDS: dict[str, Callable[[Path], list[str]]] = {
     "sim": _scanner,
 }
 MORE = {"optotrak-single": "mode=single&order=little&reference=2"}
-TRACKERS = [kind for kind in KINDS if kind != "sim"]
-LINES = ["ndi", "ndi+tcp", "optotrak", "sim"]
+PICTURES = ("igtl-video", "sim")
+TRACKERS = [kind for kind in KINDS if kind not in PICTURES]
+LINES = ["igtl", "igtl-video", "ndi", "ndi+tcp", "optotrak", "sim"]
 
 
 @pytest.fixture
@@ -183,7 +187,7 @@ def test_a_device_that_is_gone_is_lost_and_comes_back(kind: str, start: Callable
         samples(source, 3)
 
 
-@pytest.mark.parametrize("kind", TRACKERS)
+@pytest.mark.parametrize("kind", [*TRACKERS, "igtl-video"])
 def test_a_tracker_that_freezes_is_lost_within_its_deadline(kind: str, start: Callable[[str], Device]) -> None:
     """Stopped as a whole, it answers nothing and closes nothing: a half-open line."""
     device = start(kind)
@@ -208,6 +212,8 @@ def _reopened(device: Device) -> TrackerSource | VideoSource | None:
 
 
 URLS = {
+    "igtl": "igtl://127.0.0.1:1",
+    "igtl-video": "igtl://127.0.0.1:1",
     "ndi": "ndi:/dev/no-such-port",
     "ndi+tcp": "ndi+tcp://127.0.0.1:1",
     "optotrak": "optotrak://127.0.0.1:1",
@@ -218,14 +224,14 @@ URLS = {
 
 @pytest.mark.parametrize("kind", URLS)
 def test_an_unknown_option_is_refused_by_name_before_anything_is_opened(kind: str) -> None:
-    opener = open_video if kind == "sim" else open_tracker
+    opener = open_video if kind in PICTURES else open_tracker
     with pytest.raises(ConfigurationError, match="unknown option 'colour'"):
         opener(f"{URLS[kind]}?colour=red", HostClock())
 
 
 @pytest.mark.parametrize("kind", URLS)
 def test_what_is_not_there_is_lost_or_no_recording(kind: str) -> None:
-    opener = open_video if kind == "sim" else open_tracker
+    opener = open_video if kind in PICTURES else open_tracker
     with pytest.raises(RecordingError if kind == "replay" else DeviceLost) as refusal:
         opener(URLS[kind], HostClock())
     assert refusal.value.where

@@ -18,7 +18,7 @@ from drivers.errors import DeviceLost
 from drivers.registry import open_tracker
 from drivers.samples import Pose, PoseStatus
 from drivers.twins.ndi.models import SPECTRA, VEGA, Model
-from tests.support import simulated_ndi, simulated_optotrak
+from tests.support import simulated_igtl, simulated_ndi, simulated_optotrak
 from tests.support.polling import until
 
 RATE = 0.4
@@ -30,8 +30,9 @@ LOSSES = [
     *((line, fault) for line in ("ndi", "ndi+tcp") for fault in ("no-reply", "slow", "unplug")),
     ("ndi", "baud-mismatch"),
     *(("optotrak", fault) for fault in ("lose-tracker", "dribble", "unplug")),
+    *(("igtl", fault) for fault in ("stall", "unplug")),
 ]
-RESTARTS = [("ndi", "reset"), ("ndi+tcp", "reset"), ("optotrak", "reset")]
+RESTARTS = [("ndi", "reset"), ("ndi+tcp", "reset"), ("optotrak", "reset"), ("igtl", "reset")]
 
 
 @dataclass
@@ -40,7 +41,7 @@ class Device:
 
     url: str
     clock: HostClock
-    bench: simulated_ndi.Bench | simulated_optotrak.Bench
+    bench: simulated_ndi.Bench | simulated_optotrak.Bench | simulated_igtl.Bench
 
     def show(self, *faults: str) -> None:
         """Exactly these from now on."""
@@ -56,6 +57,10 @@ class Device:
 
 @contextmanager
 def device(line: str, folder: Path) -> Iterator[Device]:
+    if line == "igtl":
+        with simulated_igtl.bench(RATE) as relay:
+            yield Device(f"igtl://{relay.target}", relay.clock, relay)
+        return
     if line == "optotrak":
         with simulated_optotrak.bench(RATE) as server:
             yield Device(f"optotrak://{server.target}", server.clock, server)

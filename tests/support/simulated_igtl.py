@@ -1,0 +1,45 @@
+"""A simulated OpenIGTLink server in a thread of the test, with the poses of a world, and faults at its switch."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from threading import Event, Thread
+
+from drivers.clock.host_clock import HostClock
+from drivers.twins.fault_control import FaultControl
+from drivers.twins.faults import Episode, Schedule
+from drivers.twins.openigtlink import FAULTS, IgtlTwin
+from drivers.twins.scene.world import World
+from drivers.twins.world_sources import WorldTracker
+
+
+@dataclass
+class Bench:
+    """world: whose poses are sent, number n at n / 60 s after the origin of the clock."""
+
+    twin: IgtlTwin
+    clock: HostClock
+    world: World
+
+    @property
+    def target(self) -> str:
+        host, port = self.twin.address
+        return f"{host}:{port}"
+
+    def show(self, *faults: str) -> None:
+        """These faults from now on, and no others."""
+        assert set(faults) <= set(FAULTS)
+        self.twin.faults = FaultControl(FAULTS, Schedule(tuple(Episode(fault, 0.0) for fault in faults)))
+
+
+@contextmanager
+def bench(rate: float = 1.0) -> Iterator[Bench]:
+    clock, world, stop = HostClock(rate), World(2), Event()
+    with IgtlTwin(("127.0.0.1", 0), clock, (lambda: WorldTracker(world, clock),), FaultControl(FAULTS)) as twin:
+        thread = Thread(target=twin.run, args=(stop,))
+        thread.start()
+        try:
+            yield Bench(twin, clock, world)
+        finally:
+            stop.set()
+            thread.join()
