@@ -46,6 +46,7 @@ class ServiceStatus:
         assert seen.alarm is not None
         testing = self._annunciator.testing(now_ns)
         return {
+            "t_ns": now_ns,
             **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated),
             **origin_fields(config, self._configuration.file, self._references),
             "language": config.alarm.language,

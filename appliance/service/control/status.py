@@ -9,6 +9,7 @@ from appliance.core.quality.check_fields import check_fields
 from appliance.service.control.references import SOFTWARE, References
 from appliance.service.devices.output_thread import OutputThread
 from appliance.service.host.recorder import Recorder
+from appliance.storage.calibration_file import image_to_probe
 from appliance.storage.reference import Reference
 from appliance.supervision.alarms import HAZARDS, SIGNALS, operator_text
 from appliance.supervision.audio import Sound
@@ -28,7 +29,7 @@ def origin_fields(config: Config, config_file: Path, references: References) -> 
     return {
         "software": SOFTWARE,
         "configuration": configuration_fields(config, config_file),
-        "reference": None if current is None else reference_fields(current),
+        "reference": None if current is None else {**reference_fields(current), **_matrix_of(current)},
         "reference_waits": references.waits,
         "calibration_changed": references.changed,
         "simulated": [*config.simulated],
@@ -43,6 +44,11 @@ def configuration_fields(config: Config, config_file: Path) -> dict[str, str]:
 def reference_fields(reference: Reference) -> dict[str, Any]:
     """As appliance.storage.reference_store.Entry describes them."""
     return reference.entry.model_dump(mode="json")
+
+
+def _matrix_of(reference: Reference) -> dict[str, Any]:
+    """What the calibration is to PLUS."""
+    return {"image_to_probe": image_to_probe(reference.calibration).tolist()}
 
 
 def alarm_fields(now_ns: int, alarm: AlarmState, language: str, simulated: Sequence[str] = ()) -> dict[str, Any]:

@@ -1,0 +1,168 @@
+"""The server beside a service: over real sockets, with clients that ask, sleep, flood and break off."""
+
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Event
+
+import pytest
+from click.testing import CliRunner
+
+from drivers.errors import ConfigurationError
+from drivers.openigtlink.content import OK, TIMEOUT, Status, parse_status
+from drivers.openigtlink.message import Message, encode
+from tests.support.igtl import good_bytes
+from tests.support.igtl_listener import Listener
+from tests.support.polling import until
+from tests.support.told_status import OPEN, ToldService
+from tools.cli import probewatch
+from tools.openigtlink.server import StateServer
+from tools.openigtlink.status_watch import StatusWatch
+
+EVERY_S = 0.05
+
+
+class Bench:
+    def __init__(self, service: ToldService, server: StateServer, watch: StatusWatch) -> None:
+        self.service, self.server, self.watch = service, server, watch
+
+    def connect(self) -> Listener:
+        return Listener(self.server.address)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    service, stop = ToldService(tmp_path / "control"), Event()
+    with StatusWatch(service.path, EVERY_S) as watch, StateServer(("127.0.0.1", 0), watch, EVERY_S) as server:
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        try:
+            until(lambda: watch.seen().status)
+            yield Bench(service, server, watch)
+        finally:
+            stop.set()
+            thread.join()
+            service.close()
+
+
+def status_of(message: Message) -> Status:
+    return parse_status(message.content)
+
+
+def said(client: Listener, code: int) -> Message:
+    return until(lambda: (found := client.until("STATUS", "Probewatch")) and status_of(found).code == code and found)
+
+
+def test_a_client_is_told_everything_at_once_and_then_what_changes(bench: Bench) -> None:
+    with bench.connect() as client:
+        assert status_of(client.until("STATUS", "Probewatch")).code == OK
+        client.until("STRING", "ProbewatchState")
+        client.until("TRANSFORM", "ImageToProbe")
+        bench.service.changes = OPEN
+        halted = said(client, 10)
+        bench.service.changes = {}
+        closed = said(client, OK)
+        assert closed.time_ns > halted.time_ns
+        assert len([one for one in client.heard if one.kind == "STATUS"]) > len(
+            [one for one in client.heard if one.kind == "STRING"]
+        )
+
+
+def test_a_service_that_hangs_is_told_as_silent_and_comes_back(bench: Bench) -> None:
+    with bench.connect() as client:
+        said(client, OK)
+        bench.service.hangs = True
+        hung_ns = time.time_ns()
+        silent = said(client, TIMEOUT)
+        assert status_of(silent).error == "service silent"
+        last_ok = max(one.time_ns for one in client.heard if one.kind == "STATUS" and status_of(one).code == OK)
+        assert last_ok <= hung_ns + 100_000_000, "an OK has the time for which it was true"
+        bench.service.hangs = False
+        said(client, OK)
+
+
+def test_a_client_of_header_version_2_gets_metadata_and_others_none(bench: Bench) -> None:
+    with bench.connect() as old, bench.connect() as new:
+        new.ask("GET_STATUS", version=2)
+        found = until(lambda: (one := new.until("STATUS")).version == 2 and one)
+        assert found.said("State") == "monitoring"
+        assert until(lambda: (one := new.until("STRING")).version == 2 and one).said("ContactClosed") == "true"
+        assert {one.version for one in old.listen(0.2)} == {1}
+
+
+def test_questions_are_answered_on_the_same_connection(bench: Bench) -> None:
+    with bench.connect() as client:
+        for kind, reply in (("GET_CAPABIL", "CAPABILITY"), ("GET_TRANS", "TRANSFORM"), ("GET_IMAGE", "STATUS")):
+            client.ask(kind, "ImageToProbe")
+            client.until(reply)
+        client.line.sendall(b"".join(good_bytes()))
+        client.until("RTS_COMMAND", "Recorder")
+
+
+def test_clients_that_sleep_flood_or_break_off_hold_up_nobody(bench: Bench) -> None:
+    with ExitStack() as others, bench.connect() as client:
+        said(client, OK)
+        for _ in range(5):
+            others.enter_context(bench.connect())
+        for _ in range(5):
+            flood = others.enter_context(bench.connect())
+            flood.line.setblocking(False)
+            with pytest.raises(OSError, match=r".*"):
+                _flood(flood.line)
+        liar = others.enter_context(bench.connect())
+        liar.line.sendall(b"GET / HTTP/1.1\r\n\r\n" * 10)
+        bench.service.changes = OPEN
+        began_s = time.monotonic()
+        said(client, 10)
+        assert time.monotonic() - began_s < 2.0
+        until(lambda: bench.server.dropped >= 1)
+        asked, began_s = bench.service.asked, time.monotonic()
+        time.sleep(0.5)
+        assert bench.service.asked - asked <= (time.monotonic() - began_s) / EVERY_S + 2, "the service notices nothing"
+
+
+def _flood(line: socket.socket) -> None:
+    """Until nothing more is taken, or the server has had enough of it."""
+    while True:
+        line.send(b"".join(good_bytes()) * 40)
+
+
+def test_more_clients_than_places_are_sent_away(bench: Bench) -> None:
+    with ExitStack() as crowd:
+        clients = [crowd.enter_context(bench.connect()) for _ in range(32)]
+        for client in clients:
+            client.until("STATUS")
+        with bench.connect() as late:
+            late.line.settimeout(5)
+            assert late.line.recv(1) == b""
+        assert bench.server.turned_away == 1
+        clients[0].line.close()
+        until(lambda: bench.server.dropped == 1)
+        with bench.connect() as next_one:
+            next_one.until("STATUS")
+
+
+def test_one_who_never_reads_is_dropped_in_time(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.openigtlink.server._ASLEEP_S", 0.3)
+    with socket.socket() as sleeper:
+        sleeper.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+        sleeper.connect(bench.server.address)
+        sleeper.sendall(encode(Message("GET_STRING", "", b"")) * 100)
+        until(lambda: bench.server.dropped == 1, 20)
+
+
+def test_a_service_that_never_was_is_named(tmp_path: Path) -> None:
+    with StatusWatch(tmp_path / "control", EVERY_S) as watch:
+        silence = until(lambda: "no service answers" in (found := watch.seen()).silence and found)
+        assert silence.status is None
+
+
+def test_a_port_in_use_is_refused_by_name(bench: Bench) -> None:
+    with pytest.raises(ConfigurationError, match=r"cannot listen \(address already in use\)"):
+        StateServer(bench.server.address, bench.watch, EVERY_S)
+    _, port = bench.server.address
+    result = CliRunner().invoke(probewatch, ["openigtlink", "--port", str(port)])
+    assert isinstance(result.exception, ConfigurationError)

@@ -1,0 +1,215 @@
+"""The OpenIGTLink server: any number of clients up to a bound, none of which can hold up another, or the service."""
+
+import os
+import selectors
+import socket
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Event
+from types import TracebackType
+from typing import Self
+
+from drivers.errors import ConfigurationError, ProtocolError
+from drivers.openigtlink.message import Header, Message, encode
+from drivers.openigtlink.stream import MessageStream
+from tools.openigtlink.answers import answer_to
+from tools.openigtlink.status_watch import Seen, StatusWatch
+from tools.openigtlink.wording import state_message, status_message, transform_message
+
+_MOST_CLIENTS = 32
+"""At once; the next one is sent away. Each costs a descriptor, a buffer and some 0.1 ms in a round. Not measured."""
+
+_MOST_UNSENT = 1 << 18
+"""Bytes that wait for a client which asks and does not read; then it is dropped. More takes memory, less drops one that
+asks much at once: 60 whole answers."""
+
+_ASLEEP_S = 10.0
+"""For a client to take what was put to it; then it is dropped. Less drops one that a busy computer has stopped, more
+keeps a place for nobody."""
+
+_LONGEST_BODY = 8192
+"""Bytes of a question: a command and its metadata. Longer ones are passed over, as data that nobody asked for."""
+
+_SEND_BUFFER = 1 << 15
+"""Bytes that the kernel keeps for a client: a slow one finds old words there, so that few are better. Less than a round
+of messages, 5 kB, would never let one out whole."""
+
+_STATE_EVERY_S = 1.0
+"""Between two STRING and TRANSFORM while nothing changes: a reader's pace. STATUS goes out in every round."""
+
+_READ_BYTES = 1 << 14
+"""Taken from a client in one turn, so that one who floods waits for the others."""
+
+
+class _Client:
+    """version: of the headers it understands: 1 until it has shown a later one."""
+
+    def __init__(self, line: socket.socket) -> None:
+        self.line, self.version, self.number = line, 1, 0
+        self.unsent = bytearray()
+        self.stream = MessageStream(_is_question)
+        self.moved_s = time.monotonic()
+        self.told: tuple[object, ...] = ()
+        self.told_s = 0.0
+
+    def hear(self) -> list[Message]:
+        """Raises OSError when it is gone, ProtocolError when it cannot be followed."""
+        data = self.line.recv(_READ_BYTES)
+        if not data:
+            raise ConnectionResetError
+        self.stream.add(data, 0)
+        found: list[Message] = []
+        while self._take(found):
+            pass
+        self.stream.require_sound()
+        return found
+
+    def _take(self, found: list[Message]) -> bool:
+        """False when there is none left. What is damaged is counted by the stream and passed over."""
+        with suppress(ProtocolError):
+            arrived = self.stream.take()
+            if arrived is None:
+                return False
+            self.version = max(self.version, min(arrived.message.version, 2))
+            found.append(arrived.message)
+        return True
+
+    def put(self, message: Message) -> None:
+        """Raises OSError for a client that does not read."""
+        if not self.unsent:
+            self.moved_s = time.monotonic()
+        self.unsent += encode(message)
+        if len(self.unsent) > _MOST_UNSENT:
+            raise ConnectionAbortedError
+
+    def flush(self) -> None:
+        """Raises OSError, also for a client that has taken nothing for too long."""
+        with suppress(BlockingIOError):
+            while self.unsent:
+                del self.unsent[: self.line.send(self.unsent)]
+                self.moved_s = time.monotonic()
+        if self.unsent and time.monotonic() - self.moved_s > _ASLEEP_S:
+            raise ConnectionAbortedError
+
+
+class StateServer:
+    """Listens from construction until the context is left. address: (host, port), the port chosen if 0 was given.
+
+    every_s: between two rounds. turned_away, dropped: clients without a place; clients that did not read, broke off or
+    sent what is not OpenIGTLink.
+    """
+
+    def __init__(self, address: tuple[str, int], watch: StatusWatch, every_s: float) -> None:
+        """Raises ConfigurationError where nobody can listen."""
+        self._watch, self._every_s = watch, every_s
+        self._clients: list[_Client] = []
+        self.turned_away = self.dropped = 0
+        try:
+            self._door = socket.create_server(address)
+        except OSError as error:
+            what = f"cannot listen ({os.strerror(error.errno or 0).lower()})"
+            where = f"{address[0]}:{address[1]}"
+            raise ConfigurationError(what, where, "Choose another --port, or end what listens there") from None
+        self._door.setblocking(False)
+        self.address: tuple[str, int] = self._door.getsockname()[:2]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self._door.close()
+        for client in self._clients:
+            client.line.close()
+
+    def run(self, stop: Event) -> None:
+        """Serve until stop is set."""
+        next_s = time.monotonic()
+        while not stop.is_set():
+            self._serve(max(0.0, next_s - time.monotonic()))
+            if time.monotonic() >= next_s:
+                next_s = time.monotonic() + self._every_s
+                self._round()
+
+    def _round(self) -> None:
+        """STATUS to everybody, the rest to whom it is new. Who has not taken the last round is passed over."""
+        seen, utc_ns = self._watch.seen(), _utc_ns()
+        for client in tuple(self._clients):
+            self._for_client(client, lambda client: self._tell(client, seen, utc_ns))
+
+    def _tell(self, client: _Client, seen: Seen, utc_ns: int) -> None:
+        if not client.unsent:
+            client.number = (client.number + 1) % (1 << 32)
+            client.put(status_message(seen, utc_ns, client.version, client.number))
+            if client.told != (news := _news(seen)) or time.monotonic() - client.told_s >= _STATE_EVERY_S:
+                client.told, client.told_s = news, time.monotonic()
+                client.put(state_message(seen, utc_ns, client.version, client.number))
+                transform = transform_message(seen, utc_ns, client.version, client.number)
+                if transform is not None:
+                    client.put(transform)
+        client.flush()
+
+    def _serve(self, wait_s: float) -> None:
+        with selectors.DefaultSelector() as ready:
+            ready.register(self._door, selectors.EVENT_READ)
+            for client in self._clients:
+                events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.unsent else 0)
+                ready.register(client.line, events, client)
+            found = ready.select(wait_s)
+        for key, events in found:
+            if key.data is None:
+                self._accept()
+            elif events & selectors.EVENT_READ:
+                self._for_client(key.data, self._answer)
+            else:
+                self._for_client(key.data, _Client.flush)
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            line, _ = self._door.accept()
+            if len(self._clients) >= _MOST_CLIENTS:
+                self.turned_away += 1
+                line.close()
+                return
+            line.setblocking(False)
+            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+            self._clients.append(_Client(line))
+            self._watch.want(len(self._clients))
+
+    def _answer(self, client: _Client) -> None:
+        with suppress(BlockingIOError):
+            for question in client.hear():
+                if (reply := answer_to(question, self._watch.seen(), _utc_ns())) is not None:
+                    client.put(reply)
+        client.flush()
+
+    def _for_client(self, client: _Client, act: Callable[[_Client], object]) -> None:
+        try:
+            act(client)
+        except (OSError, ProtocolError):
+            self.dropped += 1
+            client.line.close()
+            self._clients.remove(client)
+            self._watch.want(len(self._clients))
+
+
+def _is_question(header: Header) -> bool:
+    asks = header.kind.startswith(("GET_", "STT_", "STP_")) or header.kind in ("COMMAND", "STRING")
+    return asks and header.body_bytes <= _LONGEST_BODY
+
+
+def _news(seen: Seen) -> tuple[object, ...]:
+    """What a change of makes worth telling at once."""
+    status = seen.status
+    if status is None:
+        return (None,)
+    reference = status["reference"]
+    return status["state"], status["energised"], status["reason"], None if reference is None else reference["sha256"]
+
+
+def _utc_ns() -> int:
+    """Nanoseconds since 1970 UTC at CLOCK_MONOTONIC 0, by the clock of the computer now."""
+    return time.time_ns() - time.monotonic_ns()

@@ -1,0 +1,90 @@
+"""What the service says of itself, asked again and again by a thread of its own, so that no client waits for it."""
+
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from appliance.service.control.client import ControlClient
+from drivers.errors import ProbewatchError
+
+_ANSWER_S = 1.0
+"""For the service to answer: twenty ticks. Longer tells later that it does not."""
+
+_AGAIN_S = 0.5
+"""Before a service that does not answer is asked again. More often is noise in its queue."""
+
+_IDLE_S = 0.25
+"""Between two questions while nobody listens, so that who comes hears something fresh: the pace of `status --watch`."""
+
+_STALE_NS = 500_000_000
+"""Age beyond which what the service said counts no more: then it is silent. Twice what a command of an alarm output
+lives, as a busy computer delays this process more than the service; more would tell an OK longer than it is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """status: as docs/control.md describes it, None where the service does not say it now; silence says why.
+
+    t_ns: CLOCK_MONOTONIC for which it is true.
+    """
+
+    status: dict[str, Any] | None
+    t_ns: int
+    silence: str = ""
+
+
+class StatusWatch:
+    """path: of the control socket. every_s: between two questions while somebody listens."""
+
+    def __init__(self, path: Path, every_s: float) -> None:
+        self._path, self._every_s = path, every_s
+        self._listened_to = False
+        self._ended = threading.Event()
+        self._last: Seen | None = None
+        self._why = "it was not asked yet"
+        self._thread = threading.Thread(target=self._run, name="status", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self._ended.set()
+        self._thread.join(2 * _ANSWER_S)
+
+    def want(self, listeners: int) -> None:
+        """How many listen now."""
+        self._listened_to = listeners > 0
+
+    def seen(self) -> Seen:
+        """The last answer while it is fresh, else why there is none."""
+        last, now_ns = self._last, time.monotonic_ns()
+        if last is None:
+            return Seen(None, now_ns, self._why)
+        age_ns = now_ns - last.t_ns
+        if age_ns > _STALE_NS:
+            return Seen(None, now_ns, self._why or f"it has said nothing for {age_ns / 1e9:.1f} s")
+        return last
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                with ControlClient(self._path, _ANSWER_S) as client:
+                    self._listen(client)
+            except (ProbewatchError, ValueError, KeyError) as error:
+                self._last, self._why = None, str(error)
+            self._ended.wait(_AGAIN_S)
+
+    def _listen(self, client: ControlClient) -> None:
+        while not self._ended.is_set():
+            asked_ns = time.monotonic_ns()
+            status = client.status()
+            t_ns = int(status["t_ns"])
+            near = asked_ns - _STALE_NS < t_ns <= time.monotonic_ns()
+            self._last, self._why = Seen(status, t_ns if near else asked_ns), ""
+            self._ended.wait(self._every_s if self._listened_to else max(self._every_s, _IDLE_S))
