@@ -20,8 +20,8 @@ class Cart(SimulatedCart):
     tests.support.stand_in_daemon.
     """
 
-    def __init__(self, folder: Path, seed: int = 3, trusting: bool = False) -> None:
-        super().__init__(folder, CartSettings(seed))
+    def __init__(self, folder: Path, seed: int = 3, trusting: bool = False, served: bool = False) -> None:
+        super().__init__(folder, CartSettings(seed, served=served))
         self._trusting = trusting
         self.fault = folder / "fault"
 

@@ -1,0 +1,259 @@
+"""OpenIGTLink software that others wrote, both ways: pyigtl, and the example programs of the reference library.
+
+The examples come with Debian's openigtlink-examples and are built here; that library knows header version 1 only.
+"""
+
+import json
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+import pytest
+
+from drivers.clock.host_clock import HostClock
+from drivers.openigtlink import content
+from drivers.openigtlink.image import parse_image
+from drivers.openigtlink.message import Message
+from drivers.registry import open_tracker, open_video
+from drivers.samples import PoseStatus
+from tests.support.igtl_listener import Listener
+from tests.support.polling import until
+from tests.support.simulated import PROBEWATCH
+from tests.support.told_status import MATRIX, OPEN, ToldService
+from tools.openigtlink.server import StateServer
+from tools.openigtlink.status_watch import StatusWatch
+
+EXAMPLES = Path("/usr/share/doc/openigtlink-examples/examples")
+PROGRAMS = {
+    "Tracker": ("TrackerServer", "TrackerClient"),
+    "Imager": ("ImagerServer", "ImagerClient"),
+    "Status": ("StatusServer", "StatusClient"),
+    "String": ("StringServer", "StringClient"),
+    "TrackingData": ("TrackingDataServer",),
+    "QuaternionTrackingData": ("QuaternionTrackingDataServer",),
+    "Receiver": ("ReceiveClient",),
+    "Capability": ("CapabilityServer", "CapabilityClient"),
+}
+needs_examples = pytest.mark.skipif(
+    not EXAMPLES.is_dir() or shutil.which("cmake") is None or shutil.which("c++") is None,
+    reason="needs libopenigtlink-dev, openigtlink-examples, cmake and a C++ compiler",
+)
+Process = subprocess.Popen[str]
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        return int(door.getsockname()[1])
+
+
+def listens(port: int) -> bool:
+    """By the kernel's table, without connecting: the examples serve one client after the other."""
+    wanted = f":{port:04X} 00000000:0000 0A"
+    return wanted in Path("/proc/net/tcp").read_text()
+
+
+@contextmanager
+def running(*command: str | Path) -> Iterator[Process]:
+    """Its output goes to a file, as nobody reads it meanwhile."""
+    process = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@contextmanager
+def peer(kind: str, port: int, seconds: float) -> Iterator[Process]:
+    with running(sys.executable, "-m", "tests.support.igtl_peer", kind, str(port), str(seconds)) as process:
+        yield process
+
+
+@contextmanager
+def relay(*arguments: str) -> Iterator[int]:
+    """The simulated server's port."""
+    with running(*PROBEWATCH, "simulate", "openigtlink", "--tcp", "0", *arguments) as process:
+        assert process.stdout is not None
+        url = json.loads(process.stdout.readline())["url"]
+        yield int(url.partition("?")[0].rpartition(":")[2])
+        process.send_signal(signal.SIGTERM)
+        process.wait(10)
+
+
+@contextmanager
+def state_server(folder: Path) -> Iterator[tuple[ToldService, StateServer]]:
+    service, stop = ToldService(folder / "control"), Event()
+    with StatusWatch(service.path, 0.05) as watch, StateServer(("127.0.0.1", 0), watch, 0.05) as server:
+        thread = threading.Thread(target=server.run, args=(stop,))
+        thread.start()
+        try:
+            until(lambda: watch.seen().status)
+            yield service, server
+        finally:
+            stop.set()
+            thread.join()
+            service.close()
+
+
+def test_pictures_and_poses_of_pyigtl_are_read() -> None:
+    port = free_port()
+    with peer("serve", port, 60):
+        until(lambda: listens(port), 20)
+        with open_tracker(f"igtl://127.0.0.1:{port}?deadline_ms=2000", HostClock()) as tracker:
+            poses = [pose for _ in range(60) if (pose := tracker.read(1.0)) and pose.status is PoseStatus.OK]
+        places = [pose.matrix[0, 3] for pose in poses if pose.matrix is not None]
+        assert len(places) > 20
+        assert places == sorted(set(places))
+        assert all(pose.matrix[2, 3] == -1600 for pose in poses if pose.matrix is not None)
+        with open_video(f"igtl://127.0.0.1:{port}?image=Image&deadline_ms=2000", HostClock()) as video:
+            frames = [frame for _ in range(20) if (frame := video.read(1.0)) is not None]
+        assert len(frames) > 10
+        assert all(frame.image.shape == (48, 64) and np.ptp(frame.image) == 0 for frame in frames)
+
+
+def test_pyigtl_reads_our_pictures_and_poses() -> None:
+    with relay() as port, peer("listen", port, 4) as listener:
+        said = json.loads(listener.communicate(timeout=30)[0].splitlines()[-1])
+    assert said["Image_Tracker"]["value"][0] == [1, 480, 640]
+    assert 1 < said["Image_Tracker"]["value"][1] < 254
+    rotation = np.array(said["ProbeToTracker"]["value"])[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-5)
+
+
+def test_pyigtl_reads_our_state(tmp_path: Path) -> None:
+    with state_server(tmp_path) as (service, server):
+        service.changes = OPEN
+        with peer("listen", server.address[1], 3) as listener:
+            said = json.loads(listener.communicate(timeout=30)[0].splitlines()[-1])
+    assert json.loads(said["ProbewatchState"]["value"])["state"] == "halt"
+    np.testing.assert_allclose(said["ImageToProbe"]["value"], MATRIX, rtol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the programs are; built in half a minute."""
+    folder = tmp_path_factory.mktemp("examples")
+    shutil.copytree(EXAMPLES, folder / "src")
+    for packed in (folder / "src").rglob("*.gz"):
+        subprocess.run(["gunzip", str(packed)], check=True)
+    configure = ["cmake", "-S", str(folder / "src"), "-B", str(folder / "b")]
+    subprocess.run(configure, check=True, capture_output=True)
+    wanted = [program for programs in PROGRAMS.values() for program in programs]
+    subprocess.run(["make", "-C", str(folder / "b"), *wanted], check=True, capture_output=True)
+    return folder / "b"
+
+
+def program(built: Path, name: str) -> Path:
+    return next(built / folder / name for folder, names in PROGRAMS.items() if name in names)
+
+
+def heard(port: int, kind: str) -> Message:
+    with Listener(("127.0.0.1", port)) as listener:
+        return listener.until(kind, deadline_s=10)
+
+
+@needs_examples
+@pytest.mark.parametrize(
+    ("name", "more", "kind"),
+    [
+        ("TrackerServer", ["50"], "TRANSFORM"),
+        ("ImagerServer", ["20", str(EXAMPLES / "Imager/img")], "IMAGE"),
+        ("StatusServer", [], "STATUS"),
+        ("StringServer", ["20"], "STRING"),
+        ("CapabilityServer", [], "CAPABILITY"),
+    ],
+)
+def test_what_the_reference_servers_send_is_understood(built: Path, name: str, more: list[str], kind: str) -> None:
+    port = free_port()
+    with running(program(built, name), str(port), *more):
+        until(lambda: listens(port), 10)
+        message = heard(port, kind)
+    match kind:
+        case "TRANSFORM":
+            assert np.abs(content.parse_transform(message.content)[:3, 3]).max() <= 50
+        case "IMAGE":
+            assert parse_image(message.content).size == (256, 256, 1)
+        case "STATUS":
+            assert content.parse_status(message.content).code == content.OK
+        case "STRING":
+            assert content.parse_words(message.content).text
+        case _:
+            assert content.parse_types(message.content)
+
+
+@needs_examples
+def test_pictures_of_the_reference_server_are_frames(built: Path) -> None:
+    port, images = free_port(), EXAMPLES / "Imager/img"
+    with running(program(built, "ImagerServer"), str(port), "20", images):
+        until(lambda: listens(port), 10)
+        with open_video(f"igtl://127.0.0.1:{port}?header=1&deadline_ms=2000", HostClock()) as video:
+            frame = until(lambda: video.read(1.0))
+    stored = {file.read_bytes() for file in images.glob("*.raw")}
+    assert frame.image.tobytes() in stored
+
+
+@needs_examples
+@pytest.mark.parametrize(
+    ("name", "ask", "wanted"),
+    [("TrackingDataServer", "tdata", PoseStatus.OK), ("QuaternionTrackingDataServer", "qtdata", PoseStatus.FAULT)],
+)
+def test_tracking_data_of_the_reference_server_come_when_asked_for(
+    built: Path, name: str, ask: str, wanted: PoseStatus
+) -> None:
+    """Those quaternions have not the length 1, so they are no poses, and said to be none."""
+    port = free_port()
+    with running(program(built, name), str(port)):
+        until(lambda: listens(port), 10)
+        url = f"igtl://127.0.0.1:{port}?probe=Channel%200&ask={ask}&header=1&deadline_ms=2000"
+        with open_tracker(url, HostClock()) as tracker:
+            pose = until(lambda: (one := tracker.read(1.0)) and one.status is not PoseStatus.MISSING and one)
+    assert pose.status is wanted
+    assert "length" in pose.reason or pose.matrix is not None
+
+
+def received(built: Path, port: int) -> str:
+    """What the reference library's receiver says of three seconds."""
+    command = ["timeout", "3", str(program(built, "ReceiveClient")), "127.0.0.1", str(port)]
+    return subprocess.run(command, capture_output=True, text=True, errors="replace", check=False).stderr
+
+
+@needs_examples
+def test_the_reference_client_understands_our_simulated_server(built: Path) -> None:
+    with relay("--fault", "old-header") as port:
+        said = received(built, port)
+    assert "Receiving TRANSFORM data type" in said
+    assert "Receiving IMAGE data type" in said
+    assert "(640, 480, 1)" in said
+
+
+@needs_examples
+def test_the_reference_client_understands_our_state(built: Path, tmp_path: Path) -> None:
+    with state_server(tmp_path) as (service, server):
+        service.changes = OPEN
+        said = received(built, server.address[1])
+    assert "Receiving STATUS data type" in said
+    assert "halt" in said
+    assert "contact open: Do not use the navigation" in said
+    assert "Receiving STRING data type" in said
+    assert "Receiving TRANSFORM data type" in said
+
+
+@needs_examples
+def test_what_the_reference_clients_send_us_disturbs_nobody(built: Path, tmp_path: Path) -> None:
+    with state_server(tmp_path) as (_, server), ExitStack() as clients:
+        place = ["127.0.0.1", str(server.address[1])]
+        for name, more in (("TrackerClient", ["50"]), ("StatusClient", []), ("StringClient", ["50"]),
+                           ("ImagerClient", ["50", str(EXAMPLES / "Imager/img")])):  # fmt: skip
+            clients.enter_context(running(program(built, name), *place, *more))
+        with Listener(server.address) as listener:
+            listener.listen(2)
+            listener.until("STATUS")
+        assert server.dropped == 0
