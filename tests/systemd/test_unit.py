@@ -9,6 +9,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "probewatch.service"
+BESIDE = FOLDER / "probewatch-openigtlink.service"
 needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze (systemd)")
 needs_udev = pytest.mark.skipif(shutil.which("udevadm") is None, reason="needs udevadm (udev)")
 
@@ -18,9 +19,9 @@ def said(*command: str) -> tuple[int, str]:
     return done.returncode, done.stdout + done.stderr
 
 
-def settings() -> dict[str, list[str]]:
+def settings(unit: Path = UNIT) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
-    for line in UNIT.read_text().splitlines():
+    for line in unit.read_text().splitlines():
         name, equals, value = line.partition("=")
         if equals and not line.startswith("#"):
             found.setdefault(name, []).append(value)
@@ -28,13 +29,15 @@ def settings() -> dict[str, list[str]]:
 
 
 @needs_systemd
-def test_systemd_accepts_the_unit() -> None:
-    assert said("systemd-analyze", "verify", str(UNIT)) == (0, "")
+@pytest.mark.parametrize("unit", [UNIT, BESIDE], ids=lambda unit: unit.stem)
+def test_systemd_accepts_the_unit(unit: Path) -> None:
+    assert said("systemd-analyze", "verify", str(unit)) == (0, "")
 
 
 @needs_systemd
-def test_the_unit_is_exposed_no_more_than_one_and_a_half() -> None:
-    _, text = said("systemd-analyze", "security", "--offline=yes", "--no-pager", str(UNIT))
+@pytest.mark.parametrize("unit", [UNIT, BESIDE], ids=lambda unit: unit.stem)
+def test_the_unit_is_exposed_no_more_than_one_and_a_half(unit: Path) -> None:
+    _, text = said("systemd-analyze", "security", "--offline=yes", "--no-pager", str(unit))
     if "unrecognized option" in text:
         pytest.skip("needs systemd-analyze security --offline (systemd 250)")
     exposure = re.search(r"exposure level for \S+: ([0-9.]+)", text)
@@ -50,6 +53,16 @@ def test_it_is_never_left_silently_dead() -> None:
     assert unit["RestartPreventExitStatus"] == ["78"]
     assert float(unit["WatchdogSec"][0]) <= 5
     assert unit["WatchdogSignal"] == ["SIGKILL"]
+
+
+def test_what_stands_beside_it_can_touch_nothing_and_is_reached_from_this_computer_alone() -> None:
+    unit = settings(BESIDE)
+    assert unit["DynamicUser"] == unit["PrivateDevices"] == ["yes"]
+    assert "DeviceAllow" not in unit
+    assert unit["IPAddressAllow"] == ["localhost"]
+    assert unit["SocketBindAllow"] == ["tcp:18944"]
+    assert int(unit["Nice"][0]) > 0
+    assert "Requires" not in settings(UNIT), "the service needs nobody"
 
 
 def test_only_the_devices_it_needs() -> None:
