@@ -21,6 +21,13 @@ _ASK_AFTER = 0.5
 """Share of the deadline after which a silent server is asked for its status: it has the other half to answer. PLUS
 sends nothing at all while the tracker sees no tool."""
 
+_MOST_MESSAGES, _MOST_BYTES = 5_000, 1 << 28
+"""In a second of the clock, of any kind. Ten messages for each measurement of the fastest tracker (400 Hz) and 40
+pictures of 1920 × 1080 in colour fit. One that sends more takes the interpreter from the tick of the service, which was
+6 to 10 ms late then, in the median, on a busy machine of two cores; it is lost, and opened again after a pause."""
+
+_SECOND_NS = 1_000_000_000
+
 _MOST_NAMES = 32
 """Of what a server sends, kept to say what there is. A hostile one could invent names without end."""
 
@@ -49,6 +56,7 @@ class IgtlClient:
         self.round_trip_ns = round_trip_ns(self._line)
         self._heard_ns = clock.now_ns()
         self._asked = False
+        self._second = (self._heard_ns, 0, 0)
 
     def close(self) -> None:
         self._line.close()
@@ -125,6 +133,17 @@ class IgtlClient:
         self._stream.add(data, arrival_ns)
         if self._stream.whole > whole:
             self._heard_ns, self._asked = arrival_ns, False
+        self._refuse_flood(arrival_ns, self._stream.whole - whole, len(data))
+
+    def _refuse_flood(self, now_ns: int, messages: int, size: int) -> None:
+        since_ns, count, total = self._second
+        if now_ns - since_ns > _SECOND_NS:
+            since_ns, count, total = now_ns, 0, 0
+        self._second = (since_ns, count + messages, total + size)
+        if count + messages > _MOST_MESSAGES or total + size > _MOST_BYTES:
+            sent = f"{count + messages} messages, {(total + size) / 1e6:.0f} MB"
+            what = f"the server sends too much: {sent} in a second"
+            raise self.lost(what, "Have it send less: only what image=, probe= and reference= name")
 
 
 def _words_of(error: OSError) -> str:

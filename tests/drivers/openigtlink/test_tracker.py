@@ -186,12 +186,19 @@ def test_that_a_server_does_not_know_our_question_is_no_complaint(cart: Server) 
 
 def test_a_server_that_invents_devices_is_not_kept(cart: Server) -> None:
     with opened(cart) as tracker:
-        for first in range(0, 5000, 500):
+        for first in range(0, 2000, 500):
             cart.send(*(status(2, f"Device{number}") for number in range(first, first + 500)))
             for _ in range(500):
                 assert next_pose(tracker).status is PoseStatus.MISSING
         assert len(tracker._complaints) == 16
         assert len(tracker._client.received) <= 32
+
+
+def test_a_server_that_floods_is_lost_by_name(cart: Server) -> None:
+    with opened(cart) as tracker:
+        cart.send(*(encode(Message("X", "", b"")) for _ in range(5001)))
+        with pytest.raises(DeviceLost, match="sends too much: 5001 messages"):
+            _read_on(tracker)
 
 
 def test_a_transform_that_comes_again_is_no_new_pose(cart: Server) -> None:
