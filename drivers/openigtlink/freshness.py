@@ -62,12 +62,12 @@ class Freshness:
         self.repeats = False
         return True
 
-    def overdue_ms(self, now_ns: int) -> float | None:
-        """Age of what was said last, once word of it is due; None before. The word is taken as given."""
+    def overdue(self, now_ns: int) -> bool:
+        """Whether word that there is nothing new is due. The word is taken as given."""
         if now_ns < self.due_ns:
-            return None
+            return False
         self._told_ns = now_ns
-        return (now_ns - self._new_ns) / 1e6
+        return True
 
     @property
     def _period_ns(self) -> int:

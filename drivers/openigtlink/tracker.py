@@ -179,6 +179,7 @@ class IgtlTracker:
         if self._probe is not None:
             reason = f"no transform '{printable(str(self._options.reference))}' of the same time"
             self._judge(self._probe, TransformReading(None, PoseStatus.MISSING, reason))
+        self._damage = ""
         stamp = self._time.stamp(time_ns, arrived.arrival_ns)
         self._probe = _Measured(reading, time_ns or arrived.arrival_ns, stamp)
         self._pair()
@@ -218,17 +219,16 @@ class IgtlTracker:
         """Where the server lives and says nothing new of the probe, that is the word."""
         now_ns = self._clock.now_ns()
         self._ask_whether_well(now_ns)
-        age_ms = self._freshness.overdue_ms(now_ns)
-        if age_ms is None:
+        if not self._freshness.overdue(now_ns):
             return
         if self._freshness.repeats:
-            self._tell(PoseStatus.STALE, f"the server repeats an old transform for {age_ms:.0f} ms")
+            self._tell(PoseStatus.STALE, "the server repeats an old transform")
             return
         names = [self._options.probe, *([self._options.reference] if self._options.reference else [])]
-        others = ", ".join(printable(name) for name in list(self._client.received)[:8]) or "nothing"
+        others = ", ".join(printable(name) for name in sorted(self._client.received)[:8]) or "nothing"
         wanted = " and ".join(f"'{printable(name)}'" for name in names)
         damage = f"; damaged: {self._damage}" if self._damage else ""
-        self._tell(PoseStatus.MISSING, f"no transform {wanted} for {age_ms:.0f} ms; it sends {others}{damage}")
+        self._tell(PoseStatus.MISSING, f"no new transform {wanted}; the server sends {others}{damage}")
 
     def _ask_whether_well(self, now_ns: int) -> None:
         if self._complaints and now_ns >= self._ask_ns:

@@ -1,9 +1,10 @@
 """The simulated world as a source of pictures and a source of poses, without a protocol between."""
 
 import math
+from abc import ABC, abstractmethod
 from math import ceil
 from types import TracebackType
-from typing import Self
+from typing import Generic, Self, TypeVar
 
 from drivers.clock.host_clock import HostClock
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
@@ -12,13 +13,20 @@ from drivers.twins.scene.world import World
 _POSE_HZ = 60.0
 """As a Polaris Spectra."""
 
+_LONGEST_COST_S = 0.2
+"""Of one sample, seconds of the clock: as of drivers.twins.scanner."""
 
-class _Paced:
-    """Numbers by time, so that one that was too late is a gap."""
+_S = TypeVar("_S", Frame, Pose)
 
-    def __init__(self, clock: HostClock, rate_hz: float) -> None:
-        self._clock, self._rate_hz = clock, rate_hz
+
+class _Paced(Generic[_S], ABC):
+    """Numbers by time, so that one that was too late is a gap. Each sample is made ahead and handed out on time."""
+
+    def __init__(self, world: World, clock: HostClock, rate_hz: float) -> None:
+        self._world, self._clock, self._rate_hz = world, clock, rate_hz
         self._number = -1
+        self._cost_s = 0.0
+        self._made: _S | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -28,42 +36,46 @@ class _Paced:
     ) -> None:
         """Nothing is open."""
 
-    def _next(self, timeout_s: float) -> tuple[int, float, Stamp] | None:
-        """(number, world seconds, stamp) of the next one once its time has come, None when that is later."""
-        now_ns, origin_ns = self._clock.now_ns(), self._clock.origin_ns
-        number = max(self._number + 1, ceil((now_ns - origin_ns) / 1e9 * self._rate_hz))
-        t_ns = origin_ns + round(number / self._rate_hz * 1e9)
-        end_ns = now_ns + round(timeout_s * 1e9)
-        self._clock.sleep_until(min(t_ns, end_ns))
-        if t_ns > end_ns:
+    @abstractmethod
+    def _make(self, number: int, t_s: float, stamp: Stamp) -> _S:
+        """The sample of t_s, seconds of the world."""
+
+    def read(self, timeout_s: float) -> _S | None:
+        """The next one once its time has come, None when that is later than timeout_s of the clock."""
+        end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
+        made = self._made = self._made or self._ahead()
+        self._clock.sleep_until(min(made.stamp.t_ns, end_ns))
+        if made.stamp.t_ns > end_ns:
             return None
-        self._number = number
-        return number, number / self._rate_hz, Stamp(t_ns, 0)
+        self._made = None
+        return made
+
+    def _ahead(self) -> _S:
+        began_ns, origin_ns = self._clock.now_ns(), self._clock.origin_ns
+        due_s = (began_ns - origin_ns) / 1e9 + self._cost_s
+        self._number = max(self._number + 1, ceil(due_s * self._rate_hz))
+        t_s = self._number / self._rate_hz
+        made = self._make(self._number, t_s, Stamp(origin_ns + round(t_s * 1e9), 0))
+        cost_s = min((self._clock.now_ns() - began_ns) / 1e9, _LONGEST_COST_S)
+        self._cost_s += 0.2 * (cost_s - self._cost_s)
+        return made
 
 
-class WorldVideo(_Paced):
+class WorldVideo(_Paced[Frame]):
     """See drivers.device_api.VideoSource."""
 
     def __init__(self, world: World, clock: HostClock) -> None:
-        super().__init__(clock, world.settings.fps)
-        self._world = world
+        super().__init__(world, clock, world.settings.fps)
 
-    def read(self, timeout_s: float) -> Frame | None:
-        """Next picture, rendered when its time has come."""
-        due = self._next(timeout_s)
-        return None if due is None else Frame(due[2], due[0], self._world.frame(due[1], due[0]))
+    def _make(self, number: int, t_s: float, stamp: Stamp) -> Frame:
+        return Frame(stamp, number, self._world.frame(t_s, number))
 
 
-class WorldTracker(_Paced):
+class WorldTracker(_Paced[Pose]):
     """See drivers.device_api.TrackerSource."""
 
     def __init__(self, world: World, clock: HostClock) -> None:
-        super().__init__(clock, _POSE_HZ)
-        self._world = world
+        super().__init__(world, clock, _POSE_HZ)
 
-    def read(self, timeout_s: float) -> Pose | None:
-        """Next pose."""
-        due = self._next(timeout_s)
-        if due is None:
-            return None
-        return Pose(due[2], due[0], self._world.measured_pose(due[1], due[0]), math.nan, PoseStatus.OK)
+    def _make(self, number: int, t_s: float, stamp: Stamp) -> Pose:
+        return Pose(stamp, number, self._world.measured_pose(t_s, number), math.nan, PoseStatus.OK)

@@ -30,7 +30,7 @@ def until(tracker: IgtlTracker, status: PoseStatus, words: str = "") -> Pose:
     ("fault", "status", "words"),
     [
         ("bad-crc", PoseStatus.MISSING, "damaged"),
-        ("mute", PoseStatus.MISSING, "no transform 'ProbeToTracker'"),
+        ("mute", PoseStatus.MISSING, "no new transform 'ProbeToTracker'"),
         ("repeat", PoseStatus.STALE, ""),
         ("complain", PoseStatus.MISSING, "warms up"),
     ],
