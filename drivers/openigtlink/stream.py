@@ -53,6 +53,11 @@ class MessageStream:
             self.refused += 1
             raise
 
+    @property
+    def waiting(self) -> bool:
+        """Whether something whole has not been taken yet."""
+        return bool(self._ready)
+
     def require_sound(self) -> None:
         """Raises ProtocolError once nothing that follows can be told apart."""
         if self._broken is not None and not self._ready:
