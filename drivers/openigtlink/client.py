@@ -26,7 +26,7 @@ _MOST_MESSAGES, _MOST_BYTES = 5_000, 1 << 28
 pictures of 1920 × 1080 in colour fit. One that sends more takes the interpreter from the tick of the service, which was
 6 to 10 ms late then, in the median, on a busy machine of two cores; it is lost, and opened again after a pause."""
 
-_SECOND_NS = 1_000_000_000
+_SECOND_NS = 1_000_000_000  # over which they are counted
 
 _MOST_NAMES = 32
 """Of what a server sends, kept to say what there is. A hostile one could invent names without end."""
