@@ -248,10 +248,11 @@ def test_the_reference_client_understands_our_state(built: Path, tmp_path: Path)
 
 @needs_examples
 def test_what_the_reference_clients_send_us_disturbs_nobody(built: Path, tmp_path: Path) -> None:
+    """Each sends for ten seconds, much longer than is listened here."""
     with state_server(tmp_path) as (_, server), ExitStack() as clients:
         place = ["127.0.0.1", str(server.address[1])]
-        for name, more in (("TrackerClient", ["50"]), ("StatusClient", []), ("StringClient", ["50"]),
-                           ("ImagerClient", ["50", str(EXAMPLES / "Imager/img")])):  # fmt: skip
+        for name, more in (("TrackerClient", ["10"]), ("StatusClient", []), ("StringClient", ["10"]),
+                           ("ImagerClient", ["10", str(EXAMPLES / "Imager/img")])):  # fmt: skip
             clients.enter_context(running(program(built, name), *place, *more))
         with Listener(server.address) as listener:
             listener.listen(2)
