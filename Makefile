@@ -46,7 +46,7 @@ invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frame
 ##@ Before a release
 
 live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about eleven minutes)
-	$(BIN)/python -m tests.rules.retried -n 2 -m "live and not slow"
+	$(BIN)/python -m tests.rules.retried -n 2 --dist loadfile -m "live and not slow"
 
 mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about eight minutes)
 	$(BIN)/python -m tests.rules.mutation

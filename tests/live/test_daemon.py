@@ -29,21 +29,15 @@ ALARM_S = 2.0
 MANUAL = Path(__file__).parents[2] / "docs" / "control.md"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", autouse=True)
 def manager(tmp_path_factory: pytest.TempPathFactory) -> Iterator[socket.socket]:
-    """The service manager's notification socket, inherited by the cart's service."""
+    """The service manager's notification socket, which whatever starts after it inherits."""
     path = tmp_path_factory.mktemp("systemd") / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager, pytest.MonkeyPatch.context() as patch:
         manager.bind(str(path))
         manager.setblocking(False)
         patch.setenv("NOTIFY_SOCKET", str(path))
         yield manager
-
-
-@pytest.fixture(scope="module")
-def cart(manager: socket.socket, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cart]:
-    with Cart(tmp_path_factory.mktemp("cart"), trusting=True) as cart:
-        yield cart
 
 
 def notifications(manager: socket.socket) -> list[str]:
