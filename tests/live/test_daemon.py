@@ -179,7 +179,7 @@ def test_an_edited_calibration_file_is_named_in_the_status(cart: Cart) -> None:
 )
 def test_a_killed_device_alarms_and_recovers_by_itself(monitoring: Cart, twin: str, fault: str, role: str) -> None:
     killed_s = time.monotonic()
-    monitoring.twins[twin].end(kill=True)
+    monitoring.kill_twin(twin)
     monitoring.open_contact(killed_s, ALARM_S)
     assert monitoring.wait_for("device lost", ALARM_S)["fault"] == fault
     monitoring.start_twin(twin)
@@ -230,7 +230,7 @@ def test_the_service_manager_is_told_how_the_estimator_ended(monitoring: Cart, m
 
 def test_a_killed_relay_board_is_an_output_failure_and_comes_back(monitoring: Cart, manager: socket.socket) -> None:
     killed_s = time.monotonic()
-    monitoring.twins["relay_board"].end(kill=True)
+    monitoring.kill_twin("relay_board")
     status = monitoring.wait_for("device lost", ALARM_S + 1)
     assert (status["fault"], status["energised"]) == ("output-failed", False)
     assert any("relay:" in name for name in status["lost"])
@@ -314,7 +314,7 @@ def test_the_real_line_verifies_again_after_every_loss(real: Cart, part: str) ->
     if part == "estimator":
         os.kill(real.estimator_pid(), signal.SIGKILL)
     else:
-        real.twins[part].end(kill=True)
+        real.kill_twin(part)
     real.open_contact(killed_s, ALARM_S)
     if part != "estimator":
         real.start_twin(part)

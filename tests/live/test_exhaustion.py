@@ -86,7 +86,7 @@ def test_a_tracker_that_cannot_be_opened_for_want_of_descriptors_is_named_and_co
     service = monitoring.daemon.process
     began_s = time.monotonic()
     for name in ("scanner", "polaris"):
-        monitoring.twins[name].end(kill=True)
+        monitoring.kill_twin(name)
     monitoring.open_contact(began_s, ALARM_S)
     until(lambda: len(monitoring.status().get("lost", ())) == 2)
     before = without_descriptors(service.pid)

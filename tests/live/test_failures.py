@@ -54,7 +54,7 @@ Undo = Callable[[], None]
 
 
 def kill_twin(cart: Cart, part: str) -> Undo:
-    cart.twins[_TWINS[part]].end(kill=True)
+    cart.kill_twin(_TWINS[part])
     return lambda: cart.start_twin(_TWINS[part])
 
 
