@@ -472,7 +472,7 @@ def test_a_tracker_only_recording_is_not_verified(calibration, tmp_path):
         (None, {"OK", "NOT_VERIFIED"}, None),
         pytest.param("flip-lateral", {"FAULT"}, "polarity", marks=pytest.mark.thorough),
         pytest.param("flip-vertical", {"FAULT"}, "polarity", marks=pytest.mark.thorough),
-        ("freeze-video", {"FAULT"}, "frozen-video"),
+        pytest.param("freeze-video", {"FAULT"}, "frozen-video", marks=pytest.mark.thorough),
     ],
 )
 def test_the_real_nwire_recording(tmp_path, fault, verdicts, named):
