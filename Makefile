@@ -40,7 +40,7 @@ thorough: $(VENV)/dev ## heavier tests that CI runs too (about two minutes)
 	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
 FRAMES ?= 100000
-invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (15 minutes, on two processors)
+invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (15 minutes of one processor)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.invariant $(FRAMES)
 
 ##@ Before a release
