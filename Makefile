@@ -40,13 +40,13 @@ thorough: $(VENV)/dev ## heavier tests that CI runs too (about two minutes)
 	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
 FRAMES ?= 100000
-invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (15 minutes)
+invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (15 minutes of one processor)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.invariant $(FRAMES)
 
 ##@ Before a release
 
-live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about eleven minutes)
-	$(BIN)/python -m tests.rules.retried -n 2 -m "live and not slow"
+live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about eight minutes)
+	$(BIN)/python -m tests.rules.retried -n 2 --dist loadfile -m "live and not slow"
 
 mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about eight minutes)
 	$(BIN)/python -m tests.rules.mutation

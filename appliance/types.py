@@ -8,6 +8,7 @@ picture, p_2 = A p_1; in the plane A is (u, α) and t_a = Λ u.
 
 from dataclasses import dataclass
 from enum import Enum, StrEnum
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,33 +103,61 @@ class Calibration:
     simulated: bool = False
 
 
+class Kind(Enum):
+    """What a hazard leads to.
+
+    CALIBRATION: warns, halts and latches. DEVICE: warns, is lost, and recovers by itself. INTERNAL: a part of
+    probewatch itself; recovers by itself. INTEGRITY: what was written down is damaged; stands until acknowledged.
+    SIGHT: there is nothing to compare, as whenever the probe is laid aside; the contact opens without an alarm.
+    ADVISORY: shown and logged, the contact stays as it is.
+    """
+
+    CALIBRATION = "calibration"
+    DEVICE = "device"
+    INTERNAL = "internal"
+    INTEGRITY = "integrity"
+    SIGHT = "sight"
+    ADVISORY = "advisory"
+
+
 class Fault(StrEnum):
     """What may be wrong, in the words of the JSON reports and of the alarm log; docs/alarms.md tells what each asks of
     the people in the room. AGREEMENT is a fact beside the others: its check never fails.
+
+    kind: what it leads to.
     """
 
-    POLARITY = "polarity"
-    SCALE = "scale"
-    ROTATION = "rotation"
-    OFFSET = "offset"
-    LATENCY = "latency"
-    AGREEMENT = "agreement"
-    FROZEN_VIDEO = "frozen-video"
-    VIDEO_LOST = "video-lost"
-    TRACKER_ALERT = "tracker-alert"
-    MARKER_BODY = "marker-body"
-    FIELD_DISTORTION = "field-distortion"
-    TRACKER_LOST = "tracker-lost"
-    TRACKER_STALE = "tracker-stale"
-    OUTPUT_FAILED = "output-failed"
-    ESTIMATOR_SILENT = "estimator-silent"
-    MEMORY_DAMAGED = "memory-damaged"
-    LOG_DAMAGED = "log-damaged"
-    LINE_OF_SIGHT = "line-of-sight"
-    NO_PICTURE = "no-picture"
-    LOG_NOT_WRITTEN = "log-not-written"
-    OVERLOADED = "overloaded"
-    CALIBRATION_FILE = "calibration-file"
+    kind: Kind
+
+    def __new__(cls, value: str, kind: Kind | None = None) -> Self:
+        """Of a member, which says its kind; Fault("scale") finds one that is there."""
+        assert kind is not None
+        member = str.__new__(cls, value)
+        member._value_, member.kind = value, kind
+        return member
+
+    POLARITY = "polarity", Kind.CALIBRATION
+    SCALE = "scale", Kind.CALIBRATION
+    ROTATION = "rotation", Kind.CALIBRATION
+    OFFSET = "offset", Kind.CALIBRATION
+    LATENCY = "latency", Kind.CALIBRATION
+    AGREEMENT = "agreement", Kind.ADVISORY
+    FROZEN_VIDEO = "frozen-video", Kind.DEVICE
+    VIDEO_LOST = "video-lost", Kind.DEVICE
+    TRACKER_ALERT = "tracker-alert", Kind.DEVICE
+    MARKER_BODY = "marker-body", Kind.DEVICE
+    FIELD_DISTORTION = "field-distortion", Kind.DEVICE
+    TRACKER_LOST = "tracker-lost", Kind.DEVICE
+    TRACKER_STALE = "tracker-stale", Kind.DEVICE
+    OUTPUT_FAILED = "output-failed", Kind.DEVICE
+    ESTIMATOR_SILENT = "estimator-silent", Kind.INTERNAL
+    MEMORY_DAMAGED = "memory-damaged", Kind.INTEGRITY
+    LOG_DAMAGED = "log-damaged", Kind.INTEGRITY
+    LINE_OF_SIGHT = "line-of-sight", Kind.SIGHT
+    NO_PICTURE = "no-picture", Kind.SIGHT
+    LOG_NOT_WRITTEN = "log-not-written", Kind.ADVISORY
+    OVERLOADED = "overloaded", Kind.ADVISORY
+    CALIBRATION_FILE = "calibration-file", Kind.ADVISORY
 
 
 class VerdictKind(Enum):

@@ -32,23 +32,6 @@ class Lamp(Enum):
     RED = "red"
 
 
-class Kind(Enum):
-    """What a hazard leads to.
-
-    CALIBRATION: warns, halts and latches. DEVICE: warns, is lost, and recovers by itself. INTERNAL: a part of
-    probewatch itself; recovers by itself. INTEGRITY: what was written down is damaged; stands until acknowledged.
-    SIGHT: there is nothing to compare, as whenever the probe is laid aside; the contact opens without an alarm.
-    ADVISORY: shown and logged, the contact stays as it is.
-    """
-
-    CALIBRATION = "calibration"
-    DEVICE = "device"
-    INTERNAL = "internal"
-    INTEGRITY = "integrity"
-    SIGHT = "sight"
-    ADVISORY = "advisory"
-
-
 class Severity(Enum):
     """How soon a calibration fault halts: GROSS misleads about the side or the place at once, the others drift."""
 
@@ -71,9 +54,10 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Hazard:
-    """One class of fault: what the operator reads and does. tested: the power-on self-test must see it absent."""
+    """One class of fault: what the operator reads and does; its kind says what follows. tested: the power-on self-test
+    must see it absent.
+    """
 
-    kind: Kind
     text: str
     remedy: str
     severity: Severity = Severity.PLAIN
@@ -113,50 +97,31 @@ SIGNALS = {
 """Flashes in Hz and pulses of a burst in the ranges of IEC 60601-1-8 that are named above."""
 
 HAZARDS: dict[Fault, Hazard] = {
-    Fault.POLARITY: Hazard(
-        Kind.CALIBRATION, "Picture is mirrored", "Reset the scanner's left/right and up/down flip", Severity.GROSS
-    ),
-    Fault.SCALE: Hazard(
-        Kind.CALIBRATION, "Picture scale has changed", "Set the scanner's depth and zoom as calibrated"
-    ),
-    Fault.ROTATION: Hazard(Kind.CALIBRATION, "Marker body has turned", "Check the marker clamp, then recalibrate"),
-    Fault.OFFSET: Hazard(Kind.CALIBRATION, "Marker body has slipped", "Check the marker clamp, then recalibrate"),
-    Fault.LATENCY: Hazard(Kind.CALIBRATION, "Tracker and picture are out of step", "Check frame rate and persistence"),
-    Fault.FROZEN_VIDEO: Hazard(Kind.DEVICE, "Picture is frozen", "Unfreeze the scanner; check the video cable"),
-    Fault.VIDEO_LOST: Hazard(Kind.DEVICE, "No picture from the scanner", "Check the scanner and the video cable"),
-    Fault.TRACKER_ALERT: Hazard(
-        Kind.DEVICE, "Tracker reports a fault", "See its remarks; check a bumped sensor, clear it"
-    ),
-    Fault.MARKER_BODY: Hazard(
-        Kind.DEVICE, "Marker body is bent or soiled", "Clean and check all markers and the clamp"
-    ),
-    Fault.FIELD_DISTORTION: Hazard(Kind.DEVICE, "Tracker's field is distorted", "Move metal and cables away from it"),
-    Fault.TRACKER_LOST: Hazard(Kind.DEVICE, "No answer from the tracker", "Check the tracker's power and cable"),
-    Fault.TRACKER_STALE: Hazard(Kind.DEVICE, "Tracker repeats old positions", "Restart tracking; check the tracker"),
-    Fault.OUTPUT_FAILED: Hazard(
-        Kind.DEVICE, "Alarm output does not respond", "Check the relay's cable and power", tested=True
-    ),
+    Fault.POLARITY: Hazard("Picture is mirrored", "Reset the scanner's left/right and up/down flip", Severity.GROSS),
+    Fault.SCALE: Hazard("Picture scale has changed", "Set the scanner's depth and zoom as calibrated"),
+    Fault.ROTATION: Hazard("Marker body has turned", "Check the marker clamp, then recalibrate"),
+    Fault.OFFSET: Hazard("Marker body has slipped", "Check the marker clamp, then recalibrate"),
+    Fault.LATENCY: Hazard("Tracker and picture are out of step", "Check frame rate and persistence"),
+    Fault.FROZEN_VIDEO: Hazard("Picture is frozen", "Unfreeze the scanner; check the video cable"),
+    Fault.VIDEO_LOST: Hazard("No picture from the scanner", "Check the scanner and the video cable"),
+    Fault.TRACKER_ALERT: Hazard("Tracker reports a fault", "See its remarks; check a bumped sensor, clear it"),
+    Fault.MARKER_BODY: Hazard("Marker body is bent or soiled", "Clean and check all markers and the clamp"),
+    Fault.FIELD_DISTORTION: Hazard("Tracker's field is distorted", "Move metal and cables away from it"),
+    Fault.TRACKER_LOST: Hazard("No answer from the tracker", "Check the tracker's power and cable"),
+    Fault.TRACKER_STALE: Hazard("Tracker repeats old positions", "Restart tracking; check the tracker"),
+    Fault.OUTPUT_FAILED: Hazard("Alarm output does not respond", "Check the relay's cable and power", tested=True),
     Fault.ESTIMATOR_SILENT: Hazard(
-        Kind.INTERNAL, "Verification has stopped", "Wait for its restart; else restart the cart", tested=True
+        "Verification has stopped", "Wait for its restart; else restart the cart", tested=True
     ),
     Fault.MEMORY_DAMAGED: Hazard(
-        Kind.INTEGRITY, "Alarm memory is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True
+        "Alarm memory is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True
     ),
-    Fault.LOG_DAMAGED: Hazard(
-        Kind.INTEGRITY, "Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True
-    ),
-    Fault.LINE_OF_SIGHT: Hazard(Kind.SIGHT, "Probe not seen by the tracker", "Bring the probe into the tracker's view"),
-    Fault.NO_PICTURE: Hazard(
-        Kind.SIGHT, "No ultrasound in the picture", "Probe on the skin, live picture on the scanner"
-    ),
-    Fault.LOG_NOT_WRITTEN: Hazard(
-        Kind.ADVISORY, "Alarm log cannot be written", "Make room on the cart's disk; check it"
-    ),
-    Fault.OVERLOADED: Hazard(
-        Kind.ADVISORY, "This computer is overloaded", "Close other programs; check a device that stays lost"
-    ),
+    Fault.LOG_DAMAGED: Hazard("Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True),
+    Fault.LINE_OF_SIGHT: Hazard("Probe not seen by the tracker", "Bring the probe into the tracker's view"),
+    Fault.NO_PICTURE: Hazard("No ultrasound in the picture", "Probe on the skin, live picture on the scanner"),
+    Fault.LOG_NOT_WRITTEN: Hazard("Alarm log cannot be written", "Make room on the cart's disk; check it"),
+    Fault.OVERLOADED: Hazard("This computer is overloaded", "Close other programs; check a device that stays lost"),
     Fault.CALIBRATION_FILE: Hazard(
-        Kind.ADVISORY,
         "Configured calibration is not in force",
         "Read 'probewatch calibration list'",
     ),
@@ -181,11 +146,6 @@ DISTURBED = "verified only before a disturbance; move the probe over tissue"
 """Why a calibration that the line has called verified does not count as verified."""
 
 ACKNOWLEDGED = "acknowledged, waiting until the calibration is verified again"
-
-
-def kind_of(fault: Fault) -> Kind:
-    """Raises KeyError for a class that has no row: a check nobody wrote an alarm for is a bug, not a state."""
-    return HAZARDS[fault].kind
 
 
 def operator_text(state: State, fault: Fault | None, language: str = "en", overloaded: bool = False) -> tuple[str, str]:

@@ -128,7 +128,7 @@ GERMAN = {
     "offset-elevational": "Versatz elevational",
     "latency": "Verzögerung",
     "motion-agreement": "Übereinstimmung",
-    "no ultrasound in the picture": "kein Ultraschall im Bild",
+    "nothing to compare: {name}": "nichts zu vergleichen: {name}",
     "no-picture": "Kein Ultraschall",
     "picture-flip": "Bild gespiegelt",
     "picture-zoom": "Bild gezoomt",

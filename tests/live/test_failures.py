@@ -6,7 +6,7 @@ import re
 import signal
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from appliance.service.control.server import ControlRefused
 from appliance.storage.alarm_chain import read_log, segments
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
+from tests.support.signals import family, stop
 
 PAGE = Path(__file__).parents[2] / "docs" / "failures.md"
 _TWINS = {"scanner": "scanner", "tracker": "polaris", "alarm output": "relay_board"}
@@ -49,40 +50,17 @@ def _row(part: str, what: str, contact: str, state: str, within: str, recovery: 
     return Row(part, what, contact_s, "stays closed" in contact, named[1], named[2], float(within.removesuffix(" s")))
 
 
-@pytest.fixture(scope="module")
-def cart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cart]:
-    with Cart(tmp_path_factory.mktemp("failing"), trusting=True) as cart:
-        yield cart
-
-
 Undo = Callable[[], None]
 
 
 def kill_twin(cart: Cart, part: str) -> Undo:
-    cart.twins[_TWINS[part]].end(kill=True)
+    cart.kill_twin(_TWINS[part])
     return lambda: cart.start_twin(_TWINS[part])
 
 
 def stop_twin(cart: Cart, part: str) -> Undo:
     pids = family(cart.twins[_TWINS[part]].process.pid)
     return stop(pids)
-
-
-def family(pid: int) -> list[int]:
-    """The process, and what it started: a twin runs under run_with_parent."""
-    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return [pid, *(one for child in children for one in family(int(child)))]
-
-
-def stop(pids: list[int]) -> Undo:
-    for pid in pids:
-        os.kill(pid, signal.SIGSTOP)
-
-    def go_on() -> None:
-        for pid in pids:
-            os.kill(pid, signal.SIGCONT)
-
-    return go_on
 
 
 def kill_estimator(cart: Cart, part: str) -> Undo:

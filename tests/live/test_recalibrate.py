@@ -7,7 +7,6 @@ import subprocess
 import threading
 import time
 import tomllib
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Self
@@ -285,12 +284,6 @@ def test_a_far_calibration_is_written_stated_and_not_taken_without_a_person(monk
         assert new.exists(), "a scan is not lost"
         assert recalibrated(*arguments, "--force", "--yes").returncode == 0
     assert "end-recalibration" in service.asked
-
-
-@pytest.fixture(scope="module")
-def cart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cart]:
-    with Cart(tmp_path_factory.mktemp("cart"), trusting=True) as cart:
-        yield cart
 
 
 @pytest.fixture

@@ -54,8 +54,11 @@ class Device:
         return opener(f"{self.url}{'&' if '?' in self.url else '?'}{query}", HostClock())
 
     def end(self) -> None:
-        """Its process is gone, as when the plug is pulled."""
+        """Its process is gone, as when the plug is pulled. The name of its pseudo-terminal goes first: the kernel gives
+        the number to whoever asks next, who would be taken for it.
+        """
         assert self.process is not None
+        (self.folder / "tracker").unlink(missing_ok=True)
         self.process.kill()
         self.process.communicate()
 

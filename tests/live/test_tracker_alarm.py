@@ -2,7 +2,6 @@
 
 import json
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,12 +14,6 @@ ALARM_S = 2.0
 """For half a second of patience, the median over a second of measurements, and a tick."""
 
 BUMPED = "the position sensor was bumped"
-
-
-@pytest.fixture(scope="module")
-def cart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cart]:
-    with Cart(tmp_path_factory.mktemp("cart"), trusting=True) as cart:
-        yield cart
 
 
 def show(cart: Cart, *faults: str) -> float:

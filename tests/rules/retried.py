@@ -1,54 +1,66 @@
-"""`python -m tests.rules.retried ARGUMENTS OF PYTEST`: a test in real time that fails is run once more, alone.
+"""`python -m tests.rules.retried OPTIONS OF PYTEST`: a module in real time in which tests fail is run once more, alone.
 
-A machine that is short of time for a moment fails such a test too; a fault of the program fails it again. Both results
-are printed, so that neither is hidden. Only a test that fails twice fails the run.
+A machine that is short of time for a moment fails such a test too; a fault of the program fails it again. The whole
+module runs again, as its tests share a simulated cart: what one of them leaves behind is found again, and failures
+that follow from one another count as one. Both results are printed, so that neither is hidden.
 """
 
 import json
 import subprocess
 import sys
 import tempfile
+from itertools import groupby
 from pathlib import Path
 
 MOST = 4
-"""So many tests may fail by chance in one run; more are no chance, and are not run again."""
+"""So many modules may fail by chance in one run; more are no chance, and are not run again."""
 _FAILED = 1
 """pytest's exit code where tests ran and some failed; every other one but 0 is no result at all."""
+_WORKERS = "-n"
+"""The option by which a whole run shares the processors; a module alone has them to itself."""
 
 
-def main(arguments: list[str]) -> int:
+def main(options: list[str]) -> int:
     """Exit code: that of pytest; 0 where everything passed at last."""
     with tempfile.TemporaryDirectory() as folder:
-        code = _pytest(arguments, folder)
-        failed = _failed(Path(folder)) if code == _FAILED else []
+        code = _pytest(options, folder)
+        failed = _failed(Path(folder)) if code == _FAILED else {}
     if not failed:
         return code
     if len(failed) > MOST:
-        print(f"\n{len(failed)} tests failed: too many for chance, so none is run again", flush=True)
+        print(f"\ntests failed in {len(failed)} modules: too many for chance, so none is run again", flush=True)
         return code
-    passed = [_again(test) for test in failed]
+    passed = [_again(module, tests, _alone(options)) for module, tests in failed.items()]
     return int(not all(passed))
 
 
-def _again(test: str) -> bool:
-    """Whether it passes with the machine to itself."""
-    print(f"\nfailed in the whole run, once more alone: {test}", flush=True)
+def _again(module: str, tests: list[str], options: list[str]) -> bool:
+    """Whether the module passes with the machine to itself."""
+    names = ", ".join(test.removeprefix(f"{module}::") for test in tests)
+    print(f"\n{module}: failed in the whole run, once more alone: {names}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
-        passed = _pytest([test], folder) == 0
-    print(f"{test}: failed in the whole run, {'passed' if passed else 'failed'} alone", flush=True)
+        passed = _pytest([*options, module], folder) == 0
+    print(f"{module}: failed in the whole run ({names}), {'passed' if passed else 'failed'} alone", flush=True)
     return passed
 
 
-def _pytest(arguments: list[str], cache: str) -> int:
+def _alone(options: list[str]) -> list[str]:
+    """Which tests are asked for stays; who shares the processors does not."""
+    at = options.index(_WORKERS) if _WORKERS in options else len(options)
+    return options[:at] + options[at + 2 :]
+
+
+def _pytest(options: list[str], cache: str) -> int:
     return subprocess.run(
-        [sys.executable, "-m", "pytest", "-o", f"cache_dir={cache}", *arguments], check=False
+        [sys.executable, "-m", "pytest", "-o", f"cache_dir={cache}", *options], check=False
     ).returncode
 
 
-def _failed(cache: Path) -> list[str]:
-    """What pytest remembers of the last run."""
+def _failed(cache: Path) -> dict[str, list[str]]:
+    """Module → its tests that failed, as pytest remembers them of the last run."""
     remembered: dict[str, bool] = json.loads((cache / "v/cache/lastfailed").read_text())
-    return list(remembered)
+    by_module = groupby(sorted(remembered), key=lambda test: test.split("::", maxsplit=1)[0])
+    return {module: list(tests) for module, tests in by_module}
 
 
 if __name__ == "__main__":

@@ -71,34 +71,52 @@ def test_this_suite_follows_the_list(pytestconfig: pytest.Config) -> None:
 
 
 FLAKY = """
-@pytest.mark.parametrize("n", range(2))
+@pytest.mark.parametrize("n", range(3))
 def test_first_time_only(n):
     mark = Path(f"ran-{n}")
     known, ran = mark.exists(), mark.touch()
     assert known or n == 0
+@pytest.mark.skip(reason="left out by the options")
+def test_left_out(): pass
 """
 
 
-def test_what_fails_once_is_run_once_more_and_both_results_are_said(tmp_path: Path) -> None:
-    code, text = run(suite(tmp_path, FLAKY), "tests.rules.retried")
+def test_a_module_that_fails_once_is_run_once_more_and_both_results_are_said(tmp_path: Path) -> None:
+    (tmp_path / "test_sound.py").write_text("def test_runs_once(): pass\n")
+    code, text = run(suite(tmp_path, FLAKY), "tests.rules.retried", "-m", "not slow", ci="")
     assert code == 0, text
-    assert "1 failed, 1 passed" in text
-    assert "test_it.py::test_first_time_only[1]: failed in the whole run, passed alone" in text
-    assert "once more alone: test_it.py::test_first_time_only[0]" not in text
+    assert "2 failed, 2 passed, 1 skipped" in text
+    assert "3 passed, 1 skipped" in text, "all tests of the module, and no other"
+    names = "test_first_time_only[1], test_first_time_only[2]"
+    assert f"test_it.py: failed in the whole run ({names}), passed alone" in text
+    assert "test_sound.py: " not in text
+
+
+def test_a_module_alone_runs_the_same_tests_without_sharing_the_processors(tmp_path: Path) -> None:
+    slow = "@pytest.mark.slow\ndef test_slow(): assert False"
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = slow\n")
+    command = ("tests.rules.retried", "-p", "xdist.plugin", "-n", "2", "-m", "not slow")
+    code, text = run(suite(tmp_path, FLAKY, slow), *command, ci="")
+    assert code == 0, text
+    assert "test_slow" not in text
+    assert text.count("2 workers [") == 1, text
 
 
 def test_what_fails_twice_fails_the_run(tmp_path: Path) -> None:
-    code, text = run(suite(tmp_path, "def test_broken(): assert False", FLAKY), "tests.rules.retried")
+    (tmp_path / "test_flaky.py").write_text("import pytest\nfrom pathlib import Path\n" + FLAKY)
+    code, text = run(suite(tmp_path, "def test_broken(): assert False"), "tests.rules.retried", ci="")
     assert code == 1, text
-    assert "test_it.py::test_broken: failed in the whole run, failed alone" in text
-    assert "test_it.py::test_first_time_only[1]: failed in the whole run, passed alone" in text
+    assert "test_it.py: failed in the whole run (test_broken), failed alone" in text
+    assert "test_flaky.py: failed in the whole run (test_first_time_only[1], test_first_time_only[2]), passed" in text
 
 
-def test_many_failures_are_no_chance(tmp_path: Path) -> None:
-    many = f"@pytest.mark.parametrize('n', range({retried.MOST + 1}))\ndef test_broken(n): assert n < 0"
-    code, text = run(suite(tmp_path, many), "tests.rules.retried")
-    assert (code, "too many for chance" in text) == (1, True), text
-    assert "once more alone" not in text
+@pytest.mark.parametrize(("modules", "again"), [(1, True), (retried.MOST + 1, False)])
+def test_many_failures_are_a_chance_in_one_module_and_none_in_many(modules: int, again: bool, tmp_path: Path) -> None:
+    many = f"import pytest\n@pytest.mark.parametrize('n', range({retried.MOST + 1}))\ndef test_broken(n): assert n < 0"
+    for number in range(modules):
+        (tmp_path / f"test_{number}.py").write_text(many)
+    code, text = run(tmp_path, "tests.rules.retried")
+    assert (code, "too many for chance" in text, "once more alone" in text) == (1, not again, again), text
 
 
 @pytest.mark.parametrize(

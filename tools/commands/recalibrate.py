@@ -32,7 +32,8 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable
 from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
 from tools.shared.tables import FittingTable
-from tools.shared.verification import accepted, await_verification, progress_bar, recalibrating, refuse_simulated
+from tools.shared.terminal import progress_bar
+from tools.shared.verification import accepted, await_verification, recalibrating, refuse_simulated
 
 _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
 

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from drivers.errors import ConfigurationError
 from tools.shared.tables import NOTHING, FittingTable
-from tools.shared.verification import progress_bar
+from tools.shared.terminal import progress_bar
 from tools.study.archive import ARCHIVE_KEYS, ArchiveTask
 from tools.study.hand import PROGRAMS
 from tools.study.hazard import STANDARD, Hazard

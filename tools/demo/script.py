@@ -4,8 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import accumulate
 
-from appliance.supervision.alarms import Kind, kind_of
-from appliance.types import Fault, State
+from appliance.types import Fault, Kind, State
 from drivers.errors import ConfigurationError
 
 HEALTHY_S = 24.0
@@ -76,7 +75,7 @@ class Injection:
     @property
     def states(self) -> tuple[State, ...]:
         """States it has to lead to, in order."""
-        return _EXPECTED[kind_of(self.fault_class)]
+        return _EXPECTED[self.fault_class.kind]
 
 
 @dataclass(frozen=True, slots=True)

@@ -112,7 +112,7 @@ def _period(pulses: int) -> str:
 def _hazards() -> list[str]:
     head = ("class", "kind", "severity", "self-test", "text", "remedy")
     rows = [
-        (f"`{name}`", row.kind.value, row.severity.value, "yes" if row.tested else "", row.text, row.remedy)
+        (f"`{name}`", name.kind.value, row.severity.value, "yes" if row.tested else "", row.text, row.remedy)
         for name, row in HAZARDS.items()
     ]
     return ["## Hazards", "", *_table(head, rows)]

@@ -1,9 +1,12 @@
-"""Where commands speak: what a device, a file or a service says cannot take the terminal over."""
+"""Where commands speak: what a device, a file or a service says cannot take the terminal over, and how far work is."""
 
 import sys
-from typing import Any, TextIO, cast
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from drivers.printable import printable_screen
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 
 class _Terminal:
@@ -28,3 +31,14 @@ def guard_terminal() -> None:
     """From now on standard output and error of this process pass on no controls but line breaks, and on a terminal
     what colours and redraws."""
     sys.stdout, sys.stderr = (cast(TextIO, _Terminal(stream)) for stream in (sys.stdout, sys.stderr))
+
+
+def progress_bar(text: str) -> "Progress":
+    """On stderr, and only where that is a terminal."""
+    # Every command loads this module, and few need the 40 ms that rich takes to load.
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
+    console = Console(stderr=True)
+    columns = TextColumn(text), BarColumn(), TimeRemainingColumn()
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)

@@ -8,23 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
 from appliance.types import State
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from tools.shared.terminal import progress_bar
 
 _LOOK_EVERY_S = 0.25
 """Between two looks at the status: a progress bar that seems alive, and five ticks of the service."""
-
-
-def progress_bar(text: str) -> Progress:
-    """On stderr, and only where that is a terminal."""
-    console = Console(stderr=True)
-    columns = TextColumn(text), BarColumn(), TimeRemainingColumn()
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 def accepted(proposal: dict[str, Any], yes: bool) -> str:

@@ -210,6 +210,15 @@ class SimulatedDevices:
     def _time(self) -> list[str]:
         return ["--origin-ns", str(self.clock.origin_ns), "--rate", str(self.settings.rate)]
 
+    def kill_twin(self, name: str) -> None:
+        """As when its power fails. The name of its pseudo-terminal goes first: the kernel gives the number of a closed
+        one to whoever asks next, and the service would open another cart's device by it.
+        """
+        place = self.folder / name
+        if place.is_symlink():
+            place.unlink()
+        self.twins[name].end(kill=True)
+
     def await_twin(self, name: str) -> str:
         """URL under which it serves. Raises DeviceLost when it ends or hangs before it is ready."""
         twin = self.twins[name]

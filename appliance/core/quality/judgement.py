@@ -3,15 +3,13 @@
 from collections import defaultdict
 
 from appliance.core.quality.verification import REQUIRED, Sign
-from appliance.types import PARAMETERS, Check, Fault, Verdict, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, Kind, Verdict, VerdictKind
 
 _ESTIMATED = frozenset({"polarity", "latency", *PARAMETERS})
 _NEAR = 0.8
 """Share of its limit from which an estimate is named, even when it is one sigma less: low enough that a drift is read
 before it fails, high enough that the noise of a good calibration, a fifth of the limits or so, is not.
 """
-_SIGHT = "no-picture"
-"""The check without which the others speak of no tissue."""
 _LASTING_NS = 1_000_000_000
 """For which a fault must last to name a whole recording. Less lets a passing sign name it, more hides short faults. The
 alarm of a cart does not wait for it.
@@ -23,7 +21,8 @@ _FIRST = (Fault.FROZEN_VIDEO, Fault.TRACKER_STALE, Fault.POLARITY, Fault.LATENCY
 def judge(
     t_ns: int, checks: tuple[Check, ...], verified_ns: int | None = None, contradicted: tuple[Sign, ...] = ()
 ) -> Verdict:
-    """FAULT if any check failed, OK if every required one is shown and none contradicted, NOT_VERIFIED otherwise.
+    """FAULT if any check failed; OK if every required one is shown, none is contradicted, and none of kind SIGHT says
+    that the others speak of no tissue; NOT_VERIFIED otherwise.
 
     verified_ns, contradicted: of the `Verification`.
     """
@@ -31,8 +30,9 @@ def judge(
     if failed:
         worst = min(failed, key=_urgency)
         return Verdict(t_ns, VerdictKind.FAULT, checks, worst.fault, _sentence(worst))
-    if any(check.name == _SIGHT and check.verdict is not VerdictKind.OK for check in checks):
-        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, "no ultrasound in the picture")
+    unseen = next((one for one in checks if one.fault.kind is Kind.SIGHT and one.verdict is not VerdictKind.OK), None)
+    if unseen is not None:
+        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, f"nothing to compare: {unseen.name}")
     if contradicted:
         return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, _contradiction(contradicted[0]))
     missing = [name for name in REQUIRED if name not in _shown(checks)]

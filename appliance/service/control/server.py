@@ -108,6 +108,7 @@ class ControlServer:
 
     def poll(self, answer: Answer) -> None:
         """Serve what is there now."""
+        self._keep_spare()
         for client in tuple(self._silent):
             self._hear(client)
         end_s = time.monotonic() + _ACCEPTING_S
@@ -219,6 +220,10 @@ class ControlServer:
         else:
             self._clients.remove(client)
         client.link.close()
+        self._keep_spare()
+
+    def _keep_spare(self) -> None:
+        """Also later: a device that is being opened may have taken it for a moment."""
         if self._spare is None:
             with contextlib.suppress(OSError):
                 self._spare = os.dup(self._lock_fd)

@@ -53,11 +53,12 @@ class DeviceThread(threading.Thread, ABC):
             self.work()
         except (DeviceLost, ProtocolError) as error:
             self._lose(error)
-        except OSError as error:
-            if error.errno not in EXHAUSTED:
+        except (OSError, ProbewatchError) as error:
+            want = _want_behind(error)
+            if want is None:
                 raise
             remedy = "Start the service again; see what else runs on this computer"
-            self._lose(DeviceLost(f"this computer has no room for it ({error.strerror})", self.url, remedy))
+            self._lose(DeviceLost(f"this computer has no room for it ({want})", self.url, remedy))
 
     def _lose(self, error: ProbewatchError) -> None:
         self._note_loss(error)
@@ -86,3 +87,14 @@ class DeviceThread(threading.Thread, ABC):
             self.lost = None
             if self._said:
                 self._log.info("device back")
+
+
+def _want_behind(error: BaseException | None) -> str | None:
+    """The kernel's word that descriptors or memory have run out, if that is what the error comes from: a driver that
+    cannot read a file of its configuration then calls it unreadable, which would be for good.
+    """
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in EXHAUSTED:
+            return error.strerror
+        error = error.__context__
+    return None

@@ -15,8 +15,8 @@ from appliance.service.host.log import get_log
 from appliance.service.host.own_files import own_files
 from appliance.storage.alarm_chain import Latch
 from appliance.storage.alarm_log import AlarmLog
-from appliance.supervision.alarms import HAZARDS, Kind
-from appliance.types import Fault
+from appliance.supervision.alarms import HAZARDS
+from appliance.types import Fault, Kind
 from drivers.clock.host_clock import HostClock
 from drivers.printable import printable_value
 
@@ -233,5 +233,5 @@ class Recorder(threading.Thread):
 
 def _integrity_class(fault: str) -> Fault:
     """Another version may have known classes that this one cannot show."""
-    known = fault in HAZARDS and HAZARDS[Fault(fault)].kind is Kind.INTEGRITY
+    known = fault in HAZARDS and Fault(fault).kind is Kind.INTEGRITY
     return Fault(fault) if known else Fault.MEMORY_DAMAGED

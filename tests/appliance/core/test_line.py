@@ -6,10 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from appliance.core.detectors.detector import Detector
 from appliance.core.line import Line
 from appliance.limits import Limits
 from appliance.storage.calibration_file import calibration_from_image_to_probe
-from appliance.types import Calibration, Verdict, VerdictKind
+from appliance.supervision.supervisor import Durations, Inputs, Supervisor
+from appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.rigid import vector_from_rotation
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.faults import Schedule
@@ -55,6 +57,25 @@ def first_fault(verdicts: list[Verdict]) -> tuple[float, str] | None:
 
 
 THOROUGH, SLOW = pytest.mark.thorough, pytest.mark.slow
+
+
+class Covered(Detector):
+    """A detector that somebody adds: the line has never heard its name."""
+
+    def checks(self) -> tuple[Check, ...]:
+        return (Check("covered", Fault.LINE_OF_SIGHT, 2.0, 0.0, "", 1.0, VerdictKind.NOT_VERIFIED),)
+
+
+def test_a_detector_of_sight_that_is_added_withholds_the_ok_and_opens_the_contact() -> None:
+    world = kept(3, settings=SMALL)
+    line, supervisor = Line(truth(world), Limits()), Supervisor(Durations())
+    verdicts = (verdict for sample in session(world, 9.0) for verdict in line.step(sample))
+    alarms = ((one, supervisor.step(one.t_ns, Inputs((one,)))) for one in verdicts)
+    assert any(alarm.energised for _, alarm in alarms)
+    line._detectors += (Covered(),)
+    verdict, alarm = next(alarms)
+    assert (verdict.kind, verdict.reason) == (VerdictKind.NOT_VERIFIED, "nothing to compare: covered")
+    assert (alarm.state, alarm.energised) == (State.NOT_VERIFIED, False)
 
 
 @pytest.mark.parametrize("seed", [3, pytest.param(1, marks=THOROUGH), pytest.param(2, marks=SLOW)])

@@ -16,7 +16,7 @@ from appliance.storage import reference_store
 from appliance.storage.alarm_log import AlarmLog
 from appliance.storage.reference import in_force
 from appliance.storage.reference_store import HISTORY, read_history, set_aside
-from appliance.types import Check, Verdict, VerdictKind
+from appliance.types import Check, Fault, Verdict, VerdictKind
 from drivers.errors import ConfigurationError
 from tests.support.polling import until
 from tests.support.stores import (
@@ -240,7 +240,7 @@ def test_every_write_is_on_the_disk_before_the_next(tmp_path, monkeypatch):
 
 
 def ok(*names):
-    checks = tuple(Check(name, "scale", 0, 0, "", 1, VerdictKind.OK) for name in names)
+    checks = tuple(Check(name, Fault.SCALE, 0, 0, "", 1, VerdictKind.OK) for name in names)
     return (Verdict(0, VerdictKind.OK, checks),)
 
 

@@ -8,14 +8,13 @@ from appliance.supervision.alarms import (
     DISPLAY_COLUMNS,
     HAZARDS,
     SIGNALS,
-    Kind,
     Priority,
     operator_text,
 )
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS, Annunciator, Role
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS, Audio, AudioMode
 from appliance.supervision.languages import GERMAN, LANGUAGES
-from appliance.types import AlarmState, Fault, State
+from appliance.types import AlarmState, Fault, Kind, State
 
 S_NS = 1_000_000_000
 MS_NS = 1_000_000
@@ -37,7 +36,7 @@ def alarm(state: State, since_ns: int = 0, acknowledged: bool = False) -> AlarmS
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("state", State)
 def test_every_hazard_in_every_state_has_a_text_that_fits(state: State, language: str) -> None:
-    faults = [name for name, row in HAZARDS.items() if state in SHOWN_IN[row.kind]]
+    faults = [name for name in HAZARDS if state in SHOWN_IN[name.kind]]
     for fault in (None, *faults):
         text, remedy = operator_text(state, fault, language)
         assert 0 < len(text) <= DISPLAY_COLUMNS, text

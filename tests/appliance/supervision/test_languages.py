@@ -13,7 +13,7 @@ from appliance.supervision.alarms import DISTURBED, HAZARDS, OUTDATED, SIGNALS
 from appliance.supervision.languages import GERMAN, told
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
-from appliance.types import PARAMETERS, Check, State, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, State, VerdictKind
 from drivers.samples import Frame, Stamp
 from tests.appliance.core.acquisition.test_input_validation import HEALTHY, noisy, verdicts
 from tests.appliance.core.test_line import truth
@@ -47,9 +47,9 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     words = {*WORDS.values(), *(state.value for state in State), OUTDATED, DISTURBED}
     reasons = {text for text in GERMAN if "{" in text and text not in words}
     units = {"deg", "axes"}
-    said = {"calibration verified", "verified only in parts", "no ultrasound in the picture"}
+    said = {"calibration verified", "verified only in parts"}
     assert set(GERMAN) == tables | words | reasons | units | said | check_names() | {"picture-size", "no-picture"}
-    assert len(reasons) == 8
+    assert len(reasons) == 9
 
 
 def test_every_word_of_the_status_is_translated_with_the_same_fields() -> None:
@@ -59,9 +59,9 @@ def test_every_word_of_the_status_is_translated_with_the_same_fields() -> None:
 
 
 def checks(**values: tuple[float, float, VerdictKind]) -> tuple[Check, ...]:
-    good = {name: Check(name, name.split("-")[0], 0.1, 0.1, "%", 5.0, VerdictKind.OK) for name in REQUIRED}
+    good = {name: Check(name, Fault(name.split("-")[0]), 0.1, 0.1, "%", 5.0, VerdictKind.OK) for name in REQUIRED}
     for name, (value, sigma, verdict) in values.items():
-        good[name.replace("_", "-")] = Check(name.replace("_", "-"), "scale", value, sigma, "%", 5.0, verdict)
+        good[name.replace("_", "-")] = Check(name.replace("_", "-"), Fault.SCALE, value, sigma, "%", 5.0, verdict)
     return tuple(good.values())
 
 
@@ -75,6 +75,7 @@ def checks(**values: tuple[float, float, VerdictKind]) -> tuple[Check, ...]:
         judge(0, checks(offset_axial=(-7.3, 0.1, NOT_VERIFIED))).reason,
         judge(0, checks(scale_axial=(7.3, 0.1, VerdictKind.FAULT))).reason,
         judge(0, checks(motion_agreement=(1.7, 0.0, NOT_VERIFIED), polarity=(0.0, 0.0, NOT_VERIFIED))).reason,
+        judge(0, (*checks(), Check("no-picture", Fault.NO_PICTURE, 600.0, 0.0, "ms", 500.0, NOT_VERIFIED))).reason,
         Judgement().overall(()).reason,
         Judgement().overall(checks()).reason,
         replace(judge(0, ()), reason=OUTDATED).reason,

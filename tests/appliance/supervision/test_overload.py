@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 
 from appliance.service.host.pressure import Pressure
-from appliance.supervision.alarms import DISPLAY_COLUMNS, HAZARDS, SILENCES, Kind, operator_text
+from appliance.supervision.alarms import DISPLAY_COLUMNS, HAZARDS, SILENCES, operator_text
 from appliance.supervision.languages import LANGUAGES, translated
 from appliance.supervision.overload import Load, Overload
 from appliance.supervision.overload_notes import OverloadNotes
 from appliance.supervision.supervisor import Durations, Inputs, Supervisor
-from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
+from appliance.types import AlarmState, Check, Fault, Kind, State, Verdict, VerdictKind
 
 S_NS, MS_NS = 1_000_000_000, 1_000_000
 TICK_NS = 50 * MS_NS
-SILENT = (Check("tracker presence", "tracker-lost", 600.0, 0.0, "ms", 500.0, VerdictKind.FAULT),)
+SILENT = (Check("tracker presence", Fault.TRACKER_LOST, 600.0, 0.0, "ms", 500.0, VerdictKind.FAULT),)
 
 
 class Computer:
@@ -103,7 +103,7 @@ def test_no_contact_state_nor_name_depends_on_it() -> None:
     rng = random.Random(14)
     plain, informed = Supervisor(Durations()), Supervisor(Durations())
     now_ns, closed, explained = 10**12, 0, 0
-    faults = [None, None, *sorted(SILENCES), "scale"]
+    faults = [None, None, *sorted(SILENCES), Fault.SCALE]
     overloaded = False
     for _ in range(1500):
         now_ns += rng.choice((50, 50, 50, 1000)) * MS_NS
@@ -120,8 +120,8 @@ def test_no_contact_state_nor_name_depends_on_it() -> None:
     assert explained > 10
 
 
-def _happening(fault: str | None, now_ns: int) -> tuple[tuple[Check, ...], tuple[Verdict, ...]]:
-    if fault is None or HAZARDS[fault].kind is Kind.CALIBRATION:
+def _happening(fault: Fault | None, now_ns: int) -> tuple[tuple[Check, ...], tuple[Verdict, ...]]:
+    if fault is None or fault.kind is Kind.CALIBRATION:
         kind = VerdictKind.OK if fault is None else VerdictKind.FAULT
         return (), (Verdict(now_ns, kind, (), fault, "", now_ns if kind is VerdictKind.OK else None),)
     return (replace(SILENT[0], fault=fault),), ()

@@ -5,16 +5,16 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
-from appliance.supervision.alarms import HAZARDS, Kind
+from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
-from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
+from appliance.types import AlarmState, Check, Fault, Kind, State, Verdict, VerdictKind
 
 MS_NS = 1_000_000
 D = Durations()
 STEPS_NS = st.sampled_from([50, 50, 50, 300, 950, 1000, 2000, 31_000]).map(lambda ms: ms * MS_NS)
-CALIBRATION = [name for name, row in HAZARDS.items() if row.kind is Kind.CALIBRATION]
-WATCHED = [name for name, row in HAZARDS.items() if row.kind in (Kind.DEVICE, Kind.INTERNAL) and name != "frozen-video"]
-DAMAGE = [name for name, row in HAZARDS.items() if row.kind is Kind.INTEGRITY]
+CALIBRATION = [name for name in HAZARDS if name.kind is Kind.CALIBRATION]
+WATCHED = [name for name in HAZARDS if name.kind in (Kind.DEVICE, Kind.INTERNAL) and name != "frozen-video"]
+DAMAGE = [name for name in HAZARDS if name.kind is Kind.INTEGRITY]
 RECALIBRATION = [Request.BEGIN_RECALIBRATION, Request.END_RECALIBRATION, Request.ABORT_RECALIBRATION]
 LATCHED = {State.HALT, State.RECALIBRATION_REQUESTED}
 ALARMED = LATCHED | {State.DEVICE_LOST, State.INTERNAL_FAULT, State.SELF_TEST, State.WAITING}
@@ -45,7 +45,7 @@ class Room(RuleBasedStateMachine):
         self.now_ns += delta_ns
         failing = [Check(name, name, 2, 0, "", 1, VerdictKind.FAULT) for name in sorted(self.watched | self.damage)]
         sight = VerdictKind.NOT_VERIFIED if self.unseen else VerdictKind.OK
-        checks = (*failing, Check("sight", "line-of-sight", 2, 0, "", 1, sight))
+        checks = (*failing, Check("sight", Fault.LINE_OF_SIGHT, 2, 0, "", 1, sight))
         if self.watched and self.watched_since_ns is None:
             self.watched_since_ns = self.now_ns
         elif not self.watched:
@@ -87,7 +87,7 @@ class Room(RuleBasedStateMachine):
     @rule(delta_ns=STEPS_NS)
     def line_says_that_the_picture_is_frozen(self, delta_ns: int) -> None:
         self.fault_since_ns, self.ok_ns, self.frozen = None, None, True
-        self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.FAULT, (), "frozen-video"))
+        self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.FAULT, (), Fault.FROZEN_VIDEO))
 
     @rule()
     def limits_change(self) -> None:

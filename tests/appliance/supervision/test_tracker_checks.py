@@ -10,10 +10,9 @@ import pytest
 
 from appliance.limits import Limits
 from appliance.service.devices.source_thread import TrackerThread
-from appliance.supervision.alarms import Kind, kind_of
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
-from appliance.types import Check, VerdictKind
+from appliance.types import Check, Kind, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.registry import open_tracker
 from drivers.samples import PoseStatus
@@ -51,7 +50,7 @@ class Watch:
             name
             for name, check in self.checks().items()
             if check.verdict is VerdictKind.FAULT
-            or (kind_of(check.fault) is Kind.SIGHT and check.verdict is not VerdictKind.OK)
+            or (check.fault.kind is Kind.SIGHT and check.verdict is not VerdictKind.OK)
         ]
 
     def healthy(self) -> bool:

@@ -7,10 +7,9 @@ from typing import Any
 import pytest
 
 from appliance.limits import Limits
-from appliance.supervision.alarms import HAZARDS, Kind
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience, Replies
-from appliance.types import VerdictKind
+from appliance.types import Fault, Kind, VerdictKind
 from drivers.samples import MarkerBody, PoseStatus
 
 NOW_NS = 1_000_000_000_000
@@ -110,7 +109,7 @@ def test_nothing_has_failed_for_longer_than_the_service_runs() -> None:
 
 def test_every_watcher_has_a_row_in_the_alarm_table() -> None:
     for check in watch_devices(NOW_NS, HEALTHY, PATIENCE):
-        assert HAZARDS[check.fault].kind is not Kind.CALIBRATION
+        assert check.fault.kind is not Kind.CALIBRATION
 
 
 def test_damage_is_an_alarm_and_a_slow_disk_an_advisory() -> None:
@@ -118,4 +117,4 @@ def test_damage_is_an_alarm_and_a_slow_disk_an_advisory() -> None:
     waits = replace(HEALTHY, log_waits_ns=PATIENCE.log_ns)
     assert failing(waits) == {}
     assert failing(replace(waits, log_waits_ns=PATIENCE.log_ns + 1)) == {"log-not-written": VerdictKind.FAULT}
-    assert HAZARDS["log-not-written"].kind is Kind.ADVISORY
+    assert Fault.LOG_NOT_WRITTEN.kind is Kind.ADVISORY

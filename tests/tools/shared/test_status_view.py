@@ -18,7 +18,7 @@ from appliance.core.quality.check_fields import check_fields
 from appliance.service.control.server import ControlServer
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
-from appliance.types import PARAMETERS, Check, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, VerdictKind
 from tests.support.simulated import PROBEWATCH
 from tools.shared.status_view import StatusView, one_line
 
@@ -35,8 +35,8 @@ SETTINGS = {
 
 def status(language: str = "en", **fields: Any) -> dict[str, Any]:
     """Every kind of check, and everything that can be remarked."""
-    line = [Check(name, "scale", 6.0, 0.5, "%", 5.0, VerdictKind.NOT_VERIFIED) for name in PARAMETERS]
-    line.append(Check("motion-agreement", "agreement", float("nan"), 0.0, "1 − r", 0.1, VerdictKind.NOT_VERIFIED))
+    line = [Check(name, Fault.SCALE, 6.0, 0.5, "%", 5.0, VerdictKind.NOT_VERIFIED) for name in PARAMETERS]
+    line.append(Check("motion-agreement", Fault.AGREEMENT, float("nan"), 0.0, "1 − r", 0.1, VerdictKind.NOT_VERIFIED))
     german = language == "de"
     return {
         "state": "not verified",

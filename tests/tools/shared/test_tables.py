@@ -10,10 +10,10 @@ from appliance.core.quality.evidence import examine_nothing
 from appliance.core.quality.judgement import judge
 from appliance.core.quality.report import LineReport
 from appliance.limits import Limits
-from appliance.types import Check, VerdictKind
+from appliance.types import Check, Fault, VerdictKind
 from tools.commands.replay import _table
 
-DOUBTFUL = Check("offset-elevational", "offset", -28.4, 1.5, "mm", 4.0, VerdictKind.NOT_VERIFIED)
+DOUBTFUL = Check("offset-elevational", Fault.OFFSET, -28.4, 1.5, "mm", 4.0, VerdictKind.NOT_VERIFIED)
 
 
 @pytest.mark.parametrize("columns", [38, 80])

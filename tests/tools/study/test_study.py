@@ -90,11 +90,13 @@ def _half(task):
     return task / 2
 
 
+@pytest.mark.thorough
 def test_a_worker_that_dies_ends_the_study_with_a_way_on():
     with pytest.raises(DeviceLost, match="a worker process died"):
         list(results(_dies, [1, 2], 1, None))
 
 
+@pytest.mark.thorough
 def test_an_existing_dask_cluster_does_the_work():
     from distributed import LocalCluster  # noqa: PLC0415  takes a second that other tests need not wait for
 
@@ -138,6 +140,7 @@ def test_an_output_that_is_a_file_is_refused(tmp_path):
     assert (tmp_path / "out").read_text() == "mine"
 
 
+@pytest.mark.thorough
 def test_an_archive_goes_on_past_a_recording_that_cannot_be_read(tmp_path):
     size_px = (48, 32)
     write_metaimage(tmp_path / "good.igs.mha", items(40, size_px), size_px)

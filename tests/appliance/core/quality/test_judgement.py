@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from appliance.core.quality.judgement import REQUIRED, Judgement, judge
-from appliance.types import Check, Verdict, VerdictKind
+from appliance.types import Check, Fault, Kind, Verdict, VerdictKind
 
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
 SECOND_NS = 1_000_000_000
 
 
 def check(name: str, verdict: VerdictKind = OK, value: float = 1.0, fault: str | None = None) -> Check:
-    return Check(name, fault or name.split("-", maxsplit=1)[0], value, 0.1, "%", 5.0, verdict)
+    return Check(name, Fault(fault or name.split("-", maxsplit=1)[0]), value, 0.1, "%", 5.0, verdict)
 
 
 HEALTHY = (*(check(name) for name in REQUIRED), check("latency"))
@@ -43,6 +43,21 @@ def test_any_failing_check_is_a_fault_with_value_and_limit(name: str) -> None:
     verdict = judge(7, failing(name))
     assert (verdict.kind, verdict.fault) == (FAULT, name.split("-", maxsplit=1)[0])
     assert verdict.reason == f"{name} +8 %, limit 5 %"
+
+
+@pytest.mark.parametrize("fault", [fault for fault in Fault if fault.kind is Kind.SIGHT])
+@pytest.mark.parametrize("name", ["no-picture", "a new detector's check"])
+def test_a_check_of_sight_withholds_the_ok_whatever_its_name(name: str, fault: str) -> None:
+    unseen = Check(name, fault, 600.0, 0.0, "ms", 500.0, NOT_VERIFIED)
+    verdict = judge(7, (*HEALTHY, unseen), verified_ns=6)
+    assert (verdict.kind, verdict.fault, verdict.verified_ns) == (NOT_VERIFIED, None, None)
+    assert verdict.reason == f"nothing to compare: {name}"
+    assert judge(7, (*HEALTHY, replace(unseen, verdict=OK))).kind is OK
+
+
+@pytest.mark.parametrize("fault", [fault for fault in Fault if fault.kind is not Kind.SIGHT])
+def test_a_check_of_another_kind_that_shows_nothing_withholds_nothing(fault: str) -> None:
+    assert judge(7, (*HEALTHY, Check("a figure", fault, np.nan, np.nan, "", 1.0, NOT_VERIFIED))).kind is OK
 
 
 def test_of_several_faults_the_one_that_spoils_the_others_is_named() -> None:
@@ -103,7 +118,7 @@ UNSHOWN = tuple(replace(one, verdict=NOT_VERIFIED, value=np.nan) for one in HEAL
 
 
 def agreement(value: float) -> Check:
-    return Check("motion-agreement", "agreement", value, 0.0, "1 − r", 0.1, OK if value <= 0.1 else NOT_VERIFIED)
+    return Check("motion-agreement", Fault.AGREEMENT, value, 0.0, "1 − r", 0.1, OK if value <= 0.1 else NOT_VERIFIED)
 
 
 @pytest.mark.parametrize("whole_session", [False, True])
@@ -130,7 +145,7 @@ def test_picture_and_tracker_that_disagree_are_told_as_such(whole_session: bool)
 def test_an_estimate_near_or_beyond_its_limit_is_named(
     value: float, sigma: float, said: str, rest: tuple[Check, ...]
 ) -> None:
-    doubtful = Check("offset-elevational", "offset", value, sigma, "mm", 4.0, NOT_VERIFIED)
+    doubtful = Check("offset-elevational", Fault.OFFSET, value, sigma, "mm", 4.0, NOT_VERIFIED)
     clauses = judge(7, (*rest, doubtful)).reason.split("; ")
     assert [clause for clause in clauses if "its limit" in clause] == ([said] if said else [])
     assert len(clauses) == 1 + bool(said), "what is verified or missing is said as well"

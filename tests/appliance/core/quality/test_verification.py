@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from appliance.core.quality.verification import REQUIRED, Verification
-from appliance.types import PARAMETERS, Check, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, VerdictKind
 
 S = 1_000_000_000
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
@@ -68,7 +68,7 @@ def test_what_is_beyond_its_limit_but_not_by_its_sigmas_contradicts_nothing() ->
 
 def test_what_names_no_parameter_contradicts_nothing() -> None:
     verification = all_shown()
-    agreement = Check("motion-agreement", "agreement", 1.7, 0.0, "1 − r", 0.1, NOT_VERIFIED)
+    agreement = Check("motion-agreement", Fault.AGREEMENT, 1.7, 0.0, "1 − r", 0.1, NOT_VERIFIED)
     verification.contradict([agreement], frozenset(), 6 * S)
     assert verification.verified_ns == 5 * S
 

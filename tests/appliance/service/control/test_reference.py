@@ -11,7 +11,7 @@ from appliance.service.control.recalibration import Recalibration, Wanted
 from appliance.service.control.server import ControlRefused
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
-from appliance.types import PARAMETERS, Calibration, Check, State, Verdict, VerdictKind
+from appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.errors import ConfigurationError
 from tests.support.polling import until
 from tests.support.stores import configuration, kept, log, settled, started, written
@@ -64,12 +64,12 @@ class Cart:
 
     def fail(self, fault: str) -> None:
         for _ in range(30):
-            self.step(Inputs(devices=(Check(fault, fault, 2, 0, "", 1, VerdictKind.FAULT),)))
+            self.step(Inputs(devices=(Check(fault, Fault(fault), 2, 0, "", 1, VerdictKind.FAULT),)))
 
     def verify(self, *names: str) -> None:
         """OK three times, with these checks shown; not before the disk has what is in force."""
         until(lambda: self.references.on_disk)
-        checks = tuple(Check(name, "scale", 0, 0, "", 1, VerdictKind.OK) for name in names)
+        checks = tuple(Check(name, Fault.SCALE, 0, 0, "", 1, VerdictKind.OK) for name in names)
         for _ in range(3):
             t_ns = self.now_ns + 50_000_000
             self.step(Inputs((Verdict(t_ns, VerdictKind.OK, checks, verified_ns=t_ns),)))

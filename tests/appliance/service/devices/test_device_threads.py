@@ -1,6 +1,7 @@
 """The threads that keep devices open, and the log writer: what hangs, breaks or is slow holds up nobody else."""
 
 import contextlib
+import errno
 import io
 import json
 import os
@@ -317,6 +318,22 @@ def test_a_url_that_can_never_work_ends_the_thread_with_its_error() -> None:
     thread.start()
     thread.join(5)
     assert isinstance(thread.failure, ConfigurationError)
+
+
+def test_a_driver_that_has_no_descriptor_for_a_file_of_its_options_is_lost_and_not_misconfigured() -> None:
+    def open_tracker(url: str, clock: HostClock) -> Tape:
+        try:
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+        except OSError as error:
+            raise ConfigurationError("the tool definition cannot be read", "probe.rom") from error
+
+    thread = TrackerThread("tracker", "ndi:/dev/x?probe=probe.rom", open_tracker, lambda pose: None, CLOCK)
+    thread.start()
+    said = until(lambda: thread.lost)
+    thread.stop()
+    thread.join()
+    assert "this computer has no room for it (Too many open files)" in said
+    assert thread.failure is None
 
 
 def test_backoff_doubles_to_its_cap_and_starts_over() -> None:

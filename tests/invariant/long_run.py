@@ -1,0 +1,39 @@
+"""The state machine for many frames, in one process or as the share of one among several."""
+
+import time
+
+import cv2
+
+from tests.invariant.cart import Cart
+from tests.invariant.machine import Room, room_test
+
+_ROOMS, _STEPS = 12, 8
+"""Of one seed."""
+
+
+def long_run(seed: int, frames: int, stride: int = 1) -> int:
+    """Every stride-th seed from `seed` on until so many frames were delivered; returns how many were. Raises what
+    breaks, with a note of the seed; the same seed fails again.
+    """
+    Room.fps = 30.0
+    first, start_s = Cart.frames, time.monotonic()
+
+    def progress() -> None:
+        done, passed_s = Cart.frames - first, time.monotonic() - start_s
+        print(f"\rseed {seed}: {done:,} of {frames:,} frames, {passed_s:.0f} s ", end="", flush=True)
+
+    Room.done = staticmethod(progress)
+    while Cart.frames - first < frames:
+        try:
+            room_test(_ROOMS, _STEPS, seed)()
+        except BaseException as error:
+            error.add_note(f"seed {seed}")
+            raise
+        print()
+        seed += stride
+    return Cart.frames - first
+
+
+def share(seed: int, frames: int, stride: int) -> int:
+    cv2.setNumThreads(1)
+    return long_run(seed, frames, stride)
