@@ -18,6 +18,7 @@ _COMMANDS = {
     "devices": "what is connected to this host, and whether it can be opened",
     "lamp-test": "light every lamp and sound the tone for five seconds",
     "log": "read, filter and verify the alarm log; export it as CSV",
+    "metrics": "serve the status to Prometheus, over HTTP or as a file of node_exporter",
     "pause": "pause the alarm sound, switch it off with a reason, or on again",
     "probe": "connect to a tracker, video source or output and say how well it does",
     "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",

@@ -27,6 +27,7 @@ ARCHITECTURE = {"amd64": "x86_64", "arm64": "aarch64"}
 LAUNCHER = "#!/opt/probewatch/bin/python3\nimport sys\nfrom tools.cli import main\nsys.exit(main())\n"
 FILES = {
     "systemd/probewatch.service": "usr/lib/systemd/system/probewatch.service",
+    "systemd/probewatch-metrics.service": "usr/lib/systemd/system/probewatch-metrics.service",
     "systemd/probewatch.sysusers": "usr/lib/sysusers.d/probewatch.conf",
     "systemd/probewatch.tmpfiles": "usr/lib/tmpfiles.d/probewatch.conf",
     "systemd/probewatch.modules-load": "usr/lib/modules-load.d/probewatch.conf",
