@@ -17,6 +17,7 @@ from pathlib import Path
 
 import click
 from documents import completions, man_pages
+from sbom import sbom
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
@@ -28,6 +29,7 @@ LAUNCHER = "#!/opt/probewatch/bin/python3\nimport sys\nfrom tools.cli import mai
 FILES = {
     "systemd/probewatch.service": "usr/lib/systemd/system/probewatch.service",
     "systemd/probewatch-metrics.service": "usr/lib/systemd/system/probewatch-metrics.service",
+    "systemd/probewatch-mqtt.service": "usr/lib/systemd/system/probewatch-mqtt.service",
     "systemd/probewatch.sysusers": "usr/lib/sysusers.d/probewatch.conf",
     "systemd/probewatch.tmpfiles": "usr/lib/tmpfiles.d/probewatch.conf",
     "systemd/probewatch.modules-load": "usr/lib/modules-load.d/probewatch.conf",
@@ -58,7 +60,10 @@ def build(suite: str, architecture: str, out: Path) -> Path:
         epoch = _run("git", "-C", str(ROOT), "log", "-1", "--format=%ct").strip()
         _environment(tree / "opt/probewatch", minor, ARCHITECTURE[architecture])
         _files(tree)
-        _documents(tree, datetime.fromtimestamp(int(epoch), UTC).date().isoformat())
+        built = datetime.fromtimestamp(int(epoch), UTC)
+        _documents(tree, built.date().isoformat())
+        (site,) = (tree / "opt/probewatch/lib").glob("python3.*/site-packages")
+        _put(tree / "usr/share/doc/probewatch/sbom.cdx.json", sbom(site, "probewatch", version, built))
         _control(tree, version, architecture, minor)
         package = out / f"probewatch_{version}_{architecture}.deb"
         _run(
