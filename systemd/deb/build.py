@@ -5,6 +5,7 @@ builds for every suite. Nothing of the target is run here.
 """
 
 import gzip
+import hashlib
 import os
 import re
 import shutil
@@ -49,6 +50,7 @@ def main(out: Path, suites: tuple[str, ...], architecture: str) -> None:
     out.mkdir(parents=True, exist_ok=True)
     for suite in suites or PYTHONS:
         click.echo(build(suite, architecture, out))
+    _sums(out)
 
 
 def build(suite: str, architecture: str, out: Path) -> Path:
@@ -71,6 +73,13 @@ def build(suite: str, architecture: str, out: Path) -> Path:
             SOURCE_DATE_EPOCH=epoch,
         )  # fmt: skip
     return package
+
+
+def _sums(out: Path) -> None:
+    """SHA-256 of every package that lies there, as `sha256sum --check` reads them; docs/security.md has it signed."""
+    packages = sorted(out.glob("probewatch_*.deb"))
+    lines = [f"{hashlib.sha256(package.read_bytes()).hexdigest()}  {package.name}\n" for package in packages]
+    _put(out / "SHA256SUMS", "".join(lines))
 
 
 def _project() -> dict[str, str]:

@@ -20,6 +20,7 @@ import yaml
 from tests.support.answering import RECORDED
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.polling import until
+from tests.tools.monitoring.test_mqtt import MOSQUITTO, Mosquitto, Program, Reader
 from tools.monitoring.reading import Exposition
 from tools.simulators.whole_cart import Part
 
@@ -188,6 +189,33 @@ def test_a_prometheus_that_vanishes_moves_no_contact_and_is_named(fleet: Fleet) 
     assert fleet.carts["well"].switched() == board
     fleet.start_prometheus()
     until(lambda: "ProbewatchHalt" in fleet.alerts().get("halted", set()), 60, 0.5, fleet.alerts)
+
+
+@pytest.mark.skipif(not Path(MOSQUITTO).exists(), reason="needs mosquitto (mosquitto)")
+def test_a_broker_that_vanishes_moves_no_contact(tmp_path: Path) -> None:
+    """Nor does the publisher, killed or hung."""
+    with Cart(tmp_path, trusting=True) as cart, ExitStack() as running:
+        cart.wait_for("monitoring")
+        until(cart.contact)
+        broker = Mosquitto(tmp_path, "allow_anonymous true")
+        running.callback(lambda: broker.end())
+        program = Program(cart.socket, "--broker", f"mqtt://127.0.0.1:{broker.port}")
+        running.enter_context(program)
+        with Reader(broker.port) as reader:
+            until(lambda: reader.state().get("verified"), 60)
+        began_s = time.monotonic()
+        broker.end()
+        until(lambda: any("no broker" in line for line in program.said), 20)
+        time.sleep(2)
+        broker.start()
+        until(lambda: program.said[-1].startswith("telling "), 60)
+        program.process.send_signal(signal.SIGSTOP)
+        time.sleep(2)
+        program.process.kill()
+        time.sleep(1)
+        status = cart.status()
+        assert (status["state"], status["energised"]) == ("monitoring", True)
+        assert cart.switched(began_s) == []
 
 
 def moments_closed(switched: list[tuple[float, bool]], from_s: float, to_s: float) -> bool:

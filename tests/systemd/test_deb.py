@@ -49,6 +49,12 @@ def test_the_packages_were_built() -> None:
     assert PACKAGES, "make deb has put none into dist/"
 
 
+def test_the_sums_are_those_of_the_packages() -> None:
+    said("sh", "-c", f"cd {ROOT / 'dist'} && sha256sum --strict --check SHA256SUMS")
+    listed = {line.split()[1] for line in (ROOT / "dist/SHA256SUMS").read_text().splitlines()}
+    assert listed == {package.name for package in PACKAGES}
+
+
 def test_every_page_of_the_documentation_is_in_it(tree: Path) -> None:
     about = tree / "usr/share/doc/probewatch"
     for folder, target in (("docs", "docs"), ("config", "examples")):
