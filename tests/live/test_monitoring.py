@@ -198,7 +198,7 @@ def test_a_broker_that_vanishes_moves_no_contact(tmp_path: Path) -> None:
         cart.wait_for("monitoring")
         until(cart.contact)
         broker = Mosquitto(tmp_path, "allow_anonymous true")
-        running.callback(lambda: broker.end())
+        running.callback(broker.end)
         program = Program(cart.socket, "--broker", f"mqtt://127.0.0.1:{broker.port}")
         running.enter_context(program)
         with Reader(broker.port) as reader:
