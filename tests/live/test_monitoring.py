@@ -150,7 +150,7 @@ def test_one_table_names_who_needs_what(fleet: Fleet) -> None:
         told = fleet.asked("--json")
         assert told.returncode in (0, 1, 69), told.stderr
         carts = json.loads(told.stdout) if told.returncode != 69 else []
-        return {by_port[cart["cart"].rpartition(":")[2]]: cart for cart in carts}
+        return {by_port[cart["instance"].rpartition(":")[2]]: cart for cart in carts}
 
     wanted = {
         "well": [],

@@ -45,12 +45,14 @@ _QUERIES = {
 class CartReport:
     """needs: what somebody should look at, worst first; empty where all is well.
 
+    instance: where Prometheus scrapes it; cart: the label of that name in its configuration, else the instance.
     state: None where it is not known. closed: the contact, None where it is not known. age_s: of the verification.
     drift: largest mean share of a limit, drifting: the check that has it. due_s: until the calibration is due, negative
     when that is over. reference: its number.
     """
 
     cart: str
+    instance: str
     needs: tuple[str, ...] = ()
     state: str | None = None
     closed: bool | None = None
@@ -89,18 +91,22 @@ def reports(base: str, job: str, over: str) -> list[CartReport]:
         for labels, value in _asked(base, query.format(over, job)):
             cart = carts.setdefault(printable(labels.get("instance", "?")), _Seen())
             cart.said.setdefault(name, []).append((labels, value))
-    return [_report(name, carts[name]) for name in sorted(carts)]
+    return sorted(
+        (_report(instance, seen) for instance, seen in carts.items()), key=lambda one: (one.cart, one.instance)
+    )
 
 
-def _report(name: str, seen: _Seen) -> CartReport:
+def _report(instance: str, seen: _Seen) -> CartReport:
+    name = _shown(seen.label("reached", "cart")) or instance
     if seen.value("reached") == 0:
-        return CartReport(name, needs=("unreachable",))
+        return CartReport(name, instance, needs=("unreachable",))
     if seen.value("up") != 1:
-        return CartReport(name, needs=("service silent",))
+        return CartReport(name, instance, needs=("service silent",))
     drifts = [(value, labels.get("check", "")) for labels, value in seen.said.get("drift", [])]
     drift, drifting = max(drifts, default=(None, None))
     report = CartReport(
         name,
+        instance,
         state=_shown(seen.label("state", "state")),
         closed=seen.value("closed") == 1,
         age_s=seen.value("age"),

@@ -116,6 +116,12 @@ def test_the_table_and_the_json(server: Server) -> None:
     assert names == ["a", "b\N{REPLACEMENT CHARACTER}[2J"]
 
 
+def test_a_cart_has_the_name_that_the_configuration_of_prometheus_gives_it(server: Server) -> None:
+    server.answers = well(**{'up{job="probewatch"}': [(cart("a", cart="theatre 2"), "1")]})
+    (report,) = reports(server.url, "probewatch", "30m")
+    assert (report.cart, report.instance, report.state) == ("theatre 2", "a", "monitoring")
+
+
 def test_no_cart_at_all_is_not_well(server: Server) -> None:
     done = CliRunner().invoke(probewatch, ["fleet", "--prometheus", server.url])
     assert done.exit_code == 1
