@@ -137,8 +137,9 @@ class Publisher:
         self._state, self._available = f"{prefix}/{cart}/state", f"{prefix}/{cart}/availability"
         self._discovery = discovery(cart, self._state, self._available, discovery_prefix) if discovery_prefix else {}
         self._connected, self._gone = threading.Event(), threading.Event()
-        self._why = ""
-        self._said: str | None = ""
+        self._why, self._refused = "", False
+        self._trouble: str | None = None
+        self._told_well = False
         self._client = self._make_client(f"probewatch-{cart}")
 
     def run(self, stop: threading.Event) -> None:
@@ -148,9 +149,10 @@ class Publisher:
             if self._connect():
                 wait_s = _FIRST_WAIT_S
                 self._tell_until_lost(stop)
+            why = self._why
             self._leave(stop.is_set())
             if not stop.is_set():
-                self._say_once(f"no broker at {self._broker.host}:{self._broker.port}: {self._why}; trying again")
+                self._say_trouble(why)
                 stop.wait(wait_s)
                 wait_s = min(2 * wait_s, _LONGEST_WAIT_S)
 
@@ -168,7 +170,7 @@ class Publisher:
 
     def _note_connect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         if reason.is_failure:
-            self._why = f"it refuses this cart ({printable(str(reason))})"
+            self._why, self._refused = f"it refuses this cart ({printable(str(reason))})", True
             self._gone.set()
         else:
             self._connected.set()
@@ -182,7 +184,7 @@ class Publisher:
         """Whether the broker has accepted this cart."""
         self._connected.clear()
         self._gone.clear()
-        self._why = "it does not answer"
+        self._why, self._refused = "it does not answer", False
         try:
             self._client.connect(self._broker.host, self._broker.port, _KEEPALIVE_S)
         except (OSError, ValueError) as error:
@@ -196,7 +198,7 @@ class Publisher:
         return False
 
     def _tell_until_lost(self, stop: threading.Event) -> None:
-        self._say_once(None)
+        self._say_well()
         self._publish(self._available, "online")
         for topic, config in self._discovery.items():
             self._publish(topic, json.dumps(config))
@@ -231,11 +233,14 @@ class Publisher:
         self._client.disconnect()
         self._client.loop_stop()
 
-    def _say_once(self, trouble: str | None) -> None:
-        """A trouble when it begins or becomes another one, and its end."""
-        if trouble != self._said:
-            if trouble is not None:
-                self._say(trouble)
-            elif self._said or self._said == "":
-                self._say(f"telling {self._state} at {self._broker.host}:{self._broker.port}")
-        self._said = trouble
+    def _say_trouble(self, why: str) -> None:
+        """Once while it lasts: that it is away, whatever the network says of it, or that it refuses this cart."""
+        kind = "refused" if self._refused else "away"
+        if self._trouble != kind:
+            self._say(f"no broker at {self._broker.host}:{self._broker.port}: {why}; trying again")
+        self._trouble, self._told_well = kind, False
+
+    def _say_well(self) -> None:
+        if not self._told_well:
+            self._say(f"telling {self._state} at {self._broker.host}:{self._broker.port}")
+        self._trouble, self._told_well = None, True

@@ -167,9 +167,7 @@ def test_a_broker_that_vanishes_is_said_once_and_comes_back_by_itself(service: A
             broker.end()
             until(lambda: len(program.said) > 1, 20)
             time.sleep(4)  # two more tries
-            assert [line.partition(":")[0] for line in program.said[1:]][:1] == ["no broker at 127.0.0.1"]
-            before = len(program.said)
-            assert before <= 3, "why it has gone, then why it cannot be reached"
+            assert [line.partition(":")[0] for line in program.said[1:]] == ["no broker at 127.0.0.1"]
             broker.start()
             until(lambda: program.said[-1].startswith("telling "), 60)
             with Reader(broker.port) as reader:
