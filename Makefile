@@ -8,7 +8,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types contracts quick thorough invariant \
-  live mutation pythons evidence test-deb test-cart soak repeat coverage bench paper deb docs lock clean
+  live mutation pythons evidence test-deb test-cart soak repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z-]+:.*## /{printf "  %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -88,7 +88,7 @@ paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: result
 deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/; SUITES=bookworm for one
 	$(BIN)/python systemd/deb/build.py dist $(SUITES)
 
-docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor
+docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor, docs/hazards.md from code and tests
 	$(BIN)/python -m tools.development.manual
 
 lock: $(VENV)/dev ## resolve the lock files again from pyproject.toml
@@ -100,8 +100,14 @@ lock: $(VENV)/dev ## resolve the lock files again from pyproject.toml
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 	  --custom-compile-command 'make lock' -c requirements-dev.lock --extra bench pyproject.toml -o requirements-bench.lock
 
+AUDIT := .venv-audit
+vulnerabilities: $(VENV)/bin/python ## pip-audit of what the package is made of; exit code 2 and "not checked" without its database
+	@[ -x $(AUDIT)/bin/pip-audit ] || { $(PYTHON) -m venv $(AUDIT) && $(AUDIT)/bin/pip install --quiet 'pip-audit>=2.7,<3'; } || \
+	  { echo "NOT CHECKED: pip-audit cannot be installed here" >&2; exit 2; }
+	$(BIN)/python -m tools.development.vulnerabilities $(AUDIT)/bin/pip-audit requirements.lock
+
 clean: ## remove what the targets made
-	rm -rf $(VENV) $(VENV)-3.* appliance/core/registration/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-3.* $(AUDIT) appliance/core/registration/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
 
 COMPILED := $(wildcard appliance/core/registration/*.[ch]) tools/development/compile_core.py
 

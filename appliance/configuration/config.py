@@ -98,12 +98,13 @@ class CalibrationPlace(_Section):
     """Where the first reference lies; a relative path counts from the folder of the configuration file.
 
     image_size_px: (width, height) of the pictures, where the file does not state it. probe: whose transform of a PLUS
-    device set it is.
+    device set it is. due_days: after which it is to be checked again; None for a cart whose due date is kept elsewhere.
     """
 
     file: _Place
     image_size_px: Annotated[tuple[_Side, _Side], Field(strict=False)] | None = None
     probe: str = Field(default="Probe", min_length=1)
+    due_days: int | None = Field(default=None, ge=1, le=3650)
 
 
 class SupervisorTimes(_Section):
@@ -148,10 +149,15 @@ class SupervisorTimes(_Section):
 
 
 class Control(_Section):
-    """The Unix socket through which tools speak to the service; its path is bounded by the kernel."""
+    """The Unix socket through which tools speak to the service; its path is bounded by the kernel.
+
+    viewers: users who may ask for the status and for nothing else, whatever group they are in; one that does not exist
+    is nobody.
+    """
 
     socket: Annotated[_Place, AfterValidator(_bindable)] = Path("/run/probewatch/control")
     group: str = ""
+    viewers: Annotated[tuple[str, ...], Field(max_length=16, strict=False)] = ("probewatch-monitor",)
 
 
 class Alarm(_Section):

@@ -12,6 +12,7 @@ from appliance.service.control.live_configuration import LiveConfiguration
 from appliance.service.control.recalibration import Recalibration
 from appliance.service.control.references import References
 from appliance.service.control.requests import Hands, Requests
+from appliance.service.control.rights import user_ids
 from appliance.service.control.server import ControlServer
 from appliance.service.control.service_status import ServiceStatus
 from appliance.service.control.status import origin_fields
@@ -89,6 +90,7 @@ class Daemon:
                 worker=self._worker,
                 now_ns=lambda: self._supervision.now_ns,
                 note=self._events.note,
+                viewers=user_ids(self._configuration.config.control.viewers),
             )
         )
 

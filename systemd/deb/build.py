@@ -5,6 +5,7 @@ builds for every suite. Nothing of the target is run here.
 """
 
 import gzip
+import hashlib
 import os
 import re
 import shutil
@@ -17,6 +18,7 @@ from pathlib import Path
 
 import click
 from documents import completions, man_pages
+from sbom import sbom
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).resolve().parent
@@ -28,6 +30,8 @@ LAUNCHER = "#!/opt/probewatch/bin/python3\nimport sys\nfrom tools.cli import mai
 FILES = {
     "systemd/probewatch.service": "usr/lib/systemd/system/probewatch.service",
     "systemd/probewatch-openigtlink.service": "usr/lib/systemd/system/probewatch-openigtlink.service",
+    "systemd/probewatch-metrics.service": "usr/lib/systemd/system/probewatch-metrics.service",
+    "systemd/probewatch-mqtt.service": "usr/lib/systemd/system/probewatch-mqtt.service",
     "systemd/probewatch.sysusers": "usr/lib/sysusers.d/probewatch.conf",
     "systemd/probewatch.tmpfiles": "usr/lib/tmpfiles.d/probewatch.conf",
     "systemd/probewatch.modules-load": "usr/lib/modules-load.d/probewatch.conf",
@@ -47,6 +51,7 @@ def main(out: Path, suites: tuple[str, ...], architecture: str) -> None:
     out.mkdir(parents=True, exist_ok=True)
     for suite in suites or PYTHONS:
         click.echo(build(suite, architecture, out))
+    _sums(out)
 
 
 def build(suite: str, architecture: str, out: Path) -> Path:
@@ -58,7 +63,10 @@ def build(suite: str, architecture: str, out: Path) -> Path:
         epoch = _run("git", "-C", str(ROOT), "log", "-1", "--format=%ct").strip()
         _environment(tree / "opt/probewatch", minor, ARCHITECTURE[architecture])
         _files(tree)
-        _documents(tree, datetime.fromtimestamp(int(epoch), UTC).date().isoformat())
+        built = datetime.fromtimestamp(int(epoch), UTC)
+        _documents(tree, built.date().isoformat())
+        (site,) = (tree / "opt/probewatch/lib").glob("python3.*/site-packages")
+        _put(tree / "usr/share/doc/probewatch/sbom.cdx.json", sbom(site, "probewatch", version, built))
         _control(tree, version, architecture, minor)
         package = out / f"probewatch_{version}_{architecture}.deb"
         _run(
@@ -66,6 +74,13 @@ def build(suite: str, architecture: str, out: Path) -> Path:
             SOURCE_DATE_EPOCH=epoch,
         )  # fmt: skip
     return package
+
+
+def _sums(out: Path) -> None:
+    """SHA-256 of every package that lies there, as `sha256sum --check` reads them; docs/security.md has it signed."""
+    packages = sorted(out.glob("probewatch_*.deb"))
+    lines = [f"{hashlib.sha256(package.read_bytes()).hexdigest()}  {package.name}\n" for package in packages]
+    _put(out / "SHA256SUMS", "".join(lines))
 
 
 def _project() -> dict[str, str]:

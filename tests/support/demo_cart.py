@@ -17,11 +17,13 @@ PROBEWATCH = Path(sys.executable).parent / "probewatch"
 
 class Cart(SimulatedCart):
     """Twins and service under folder; leave the context to end everything. trusting: see
-    tests.support.stand_in_daemon.
+    tests.support.stand_in_daemon. rate: seconds of the cart per second.
     """
 
-    def __init__(self, folder: Path, seed: int = 3, trusting: bool = False, served: bool = False) -> None:
-        super().__init__(folder, CartSettings(seed, served=served))
+    def __init__(
+        self, folder: Path, seed: int = 3, trusting: bool = False, served: bool = False, rate: float = 1.0
+    ) -> None:
+        super().__init__(folder, CartSettings(seed, rate, served=served))
         self._trusting = trusting
         self.fault = folder / "fault"
 
@@ -32,7 +34,10 @@ class Cart(SimulatedCart):
     def start_daemon(self) -> None:
         if self._trusting:
             os.environ["PROBEWATCH_STAND_IN_FAULT"] = str(self.fault)
-            self.daemon = Part("service", [sys.executable, "-m", "tests.support.stand_in_daemon", str(self.config)])
+            clock = [str(self.settings.rate), str(self.clock.origin_ns)]
+            self.daemon = Part(
+                "service", [sys.executable, "-m", "tests.support.stand_in_daemon", str(self.config), *clock]
+            )
         else:
             super().start_daemon()
 

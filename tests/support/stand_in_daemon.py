@@ -1,7 +1,8 @@
 """The service with a line that says OK of every picture a pose came with, so that recovery needs no motion.
 
-`-m tests.support.stand_in_daemon CONFIG` is the service, `-m tests.support.stand_in_daemon LINK FRAMES POSES` its
-estimator. While the file that PROBEWATCH_STAND_IN_FAULT names exists, the line says FAULT of the class written in it.
+`-m tests.support.stand_in_daemon CONFIG RATE ORIGIN_NS` is the service on that clock,
+`-m tests.support.stand_in_daemon LINK FRAMES POSES` its estimator. While the file that
+PROBEWATCH_STAND_IN_FAULT names exists, the line says FAULT of the class written in it.
 """
 
 import os
@@ -46,11 +47,12 @@ class TrustingLine:
 
 
 def main() -> None:
-    if len(sys.argv) > 2:
+    if len(sys.argv) > 4:
         return serve_estimator(sys.argv[1:], TrustingLine)
-    config = load_config(Path(sys.argv[1]))
-    estimator = EstimatorHost(None, config.limits, config.supervisor.patience().stale_ns, _COMMAND)
-    return serve(config, Path(sys.argv[1]), References(config), estimator, HostClock())
+    file, rate, origin_ns = Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3])
+    config, slowness = load_config(file), max(1.0, 1 / rate)
+    estimator = EstimatorHost(None, config.limits, config.supervisor.patience().stale_ns, _COMMAND, slowness)
+    return serve(config, file, References(config), estimator, HostClock(rate, origin_ns))
 
 
 if __name__ == "__main__":

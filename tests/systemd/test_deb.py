@@ -1,6 +1,10 @@
 """What is in the built package: `make test-deb`. Runs what it can of it on this machine, without installing it."""
 
+import hashlib
+import json
+import re
 import subprocess
+from importlib.metadata import distributions
 from pathlib import Path
 
 import pytest
@@ -45,6 +49,12 @@ def test_the_packages_were_built() -> None:
     assert PACKAGES, "make deb has put none into dist/"
 
 
+def test_the_sums_are_those_of_the_packages() -> None:
+    said("sh", "-c", f"cd {ROOT / 'dist'} && sha256sum --strict --check SHA256SUMS")
+    listed = {line.split()[1] for line in (ROOT / "dist/SHA256SUMS").read_text().splitlines()}
+    assert listed == {package.name for package in PACKAGES}
+
+
 def test_every_page_of_the_documentation_is_in_it(tree: Path) -> None:
     about = tree / "usr/share/doc/probewatch"
     for folder, target in (("docs", "docs"), ("config", "examples")):
@@ -83,6 +93,19 @@ def test_the_configuration_is_one_that_dpkg_keeps_and_that_says_it_is_to_be_adap
     configuration = (tree / "etc/probewatch/probewatch.toml").read_text()
     assert "\nconfigured = false\n" in configuration
     assert "sim:" not in configuration
+
+
+def test_its_list_of_parts_names_every_distribution_in_it(package: Path, tree: Path) -> None:
+    bom = json.loads((tree / "usr/share/doc/probewatch/sbom.cdx.json").read_text())
+    assert (bom["bomFormat"], bom["metadata"]["component"]["name"]) == ("CycloneDX", "probewatch")
+    listed = {(part["name"], part["version"]) for part in bom["components"] if part["type"] == "library"}
+    (site,) = (tree / OPT / "lib").glob("python3.*/site-packages")
+    there = {(re.sub(r"[-_.]+", "-", one.name).lower(), one.version) for one in distributions(path=[str(site)])}
+    assert listed | {("probewatch", bom["metadata"]["component"]["version"])} == there
+    libraries = [part for part in bom["components"] if part["type"] == "file"]
+    assert any("opencv" in part["name"] for part in libraries)
+    for part in libraries:
+        assert part["hashes"][0]["content"] == hashlib.sha256((site / part["name"]).read_bytes()).hexdigest()
 
 
 def test_every_command_runs_as_it_was_packed(tree: Path) -> None:

@@ -1,10 +1,14 @@
 """What the package is made from, without building it: arguments, man pages, completion, and what purging leaves."""
 
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import sysconfig
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 
 import click
@@ -15,6 +19,7 @@ DEB = ROOT / "systemd" / "deb"
 sys.path.insert(0, str(DEB))
 import build  # noqa: E402  a script beside the package's files, not a package
 import documents  # noqa: E402
+import sbom  # noqa: E402
 
 from tools.cli import _COMMANDS as COMMANDS  # noqa: E402
 from tools.commands.simulate import _DEVICES  # noqa: E402
@@ -70,6 +75,20 @@ def test_bash_completes_commands_by_the_script_that_the_package_ships(tmp_path: 
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     assert done.stdout.split() == ["recalibrate", "release", "reload", "replay"]
+
+
+def test_the_list_of_parts_is_the_same_for_the_same_tree_and_valid(tmp_path: Path) -> None:
+    """Of this environment, which holds more than the package does."""
+    site, at = Path(sysconfig.get_path("purelib")), datetime(2026, 1, 2, tzinfo=UTC)
+    text = sbom.sbom(site, "probewatch", "9.9", at)
+    assert text == sbom.sbom(site, "probewatch", "9.9", at)
+    bom = json.loads(text)
+    parts = {part["name"]: part for part in bom["components"]}
+    assert bom["metadata"]["component"]["purl"].startswith("pkg:pypi/probewatch@")
+    assert parts["numpy"]["purl"] == f"pkg:pypi/numpy@{version('numpy')}"
+    assert all(part.get("licenses") for part in parts.values() if part["type"] == "library")
+    assert not [name for name, part in parts.items() if part["type"] == "file" and not part["hashes"]]
+    assert {bom["specVersion"], bom["bomFormat"]} == {"1.6", "CycloneDX"}
 
 
 def purged(system: Path, **environment: str) -> str:

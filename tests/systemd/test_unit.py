@@ -10,6 +10,7 @@ import pytest
 FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "probewatch.service"
 BESIDE = FOLDER / "probewatch-openigtlink.service"
+UNITS = sorted(FOLDER.glob("probewatch*.service"))
 needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze (systemd)")
 needs_udev = pytest.mark.skipif(shutil.which("udevadm") is None, reason="needs udevadm (udev)")
 
@@ -29,13 +30,13 @@ def settings(unit: Path = UNIT) -> dict[str, list[str]]:
 
 
 @needs_systemd
-@pytest.mark.parametrize("unit", [UNIT, BESIDE], ids=lambda unit: unit.stem)
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
 def test_systemd_accepts_the_unit(unit: Path) -> None:
     assert said("systemd-analyze", "verify", str(unit)) == (0, "")
 
 
 @needs_systemd
-@pytest.mark.parametrize("unit", [UNIT, BESIDE], ids=lambda unit: unit.stem)
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.name)
 def test_the_unit_is_exposed_no_more_than_one_and_a_half(unit: Path) -> None:
     _, text = said("systemd-analyze", "security", "--offline=yes", "--no-pager", str(unit))
     if "unrecognized option" in text:
@@ -65,6 +66,20 @@ def test_what_stands_beside_it_can_touch_nothing_and_is_reached_from_this_comput
     assert "Requires" not in settings(UNIT), "the service needs nobody"
 
 
+@pytest.mark.parametrize("unit", [unit for unit in UNITS if unit not in (UNIT, BESIDE)], ids=lambda unit: unit.name)
+def test_who_only_reads_the_status_has_no_device_no_log_and_a_user_of_its_own(unit: Path) -> None:
+    lines = unit.read_text().splitlines()
+    for line in (
+        "User=probewatch-monitor",
+        "PrivateDevices=yes",
+        "DevicePolicy=closed",
+        "InaccessiblePaths=-/var/lib/probewatch -/etc/probewatch",
+        "OOMScoreAdjust=500",
+    ):
+        assert line in lines, line
+    assert not any(line.startswith(("DeviceAllow=", "Requires=", "BindsTo=")) for line in lines)
+
+
 def test_only_the_devices_it_needs() -> None:
     assert settings()["DevicePolicy"] == ["closed"]
     kinds = {entry.split()[0] for entry in settings()["DeviceAllow"]}
@@ -78,6 +93,7 @@ def test_users_and_folders_can_be_made(tmp_path: Path) -> None:
     assert (code, "probewatch" in (tmp_path / "etc/passwd").read_text()) == (0, True), text
     groups = (tmp_path / "etc/group").read_text()
     assert re.search(r"^gpio:.*probewatch", groups, re.M)
+    assert re.search(r"^probewatch:.*:probewatch-monitor$", groups, re.M)
 
 
 @needs_udev

@@ -1,4 +1,6 @@
-"""`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's table and the alarm table."""
+"""`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's table and the alarm table, and
+docs/hazards.md from code and tests.
+"""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,6 +15,7 @@ from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
 from appliance.supervision.ledger import Durations, Ledger
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import State
+from tools.development.hazards import PAGE, hazards
 
 MANUAL = Path(__file__).parents[2] / "docs" / "alarms.md"
 _OWN = {
@@ -133,3 +136,4 @@ def _audio() -> list[str]:
 
 if __name__ == "__main__":
     MANUAL.write_text(manual(), encoding="utf-8")
+    PAGE.write_text(hazards(), encoding="utf-8")

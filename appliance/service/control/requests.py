@@ -24,7 +24,10 @@ Body = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Hands:
-    """Everything of the service that a request may move. note: adds an entry to the alarm log."""
+    """Everything of the service that a request may move. note: adds an entry to the alarm log.
+
+    viewers: ids of the users who may ask for the status and for nothing else.
+    """
 
     ask: Callable[[Request], None]
     status: Callable[[], Reply]
@@ -35,6 +38,7 @@ class Hands:
     worker: DeadlineWorker
     now_ns: Callable[[], int]
     note: Callable[..., None]
+    viewers: frozenset[int]
 
 
 class Requests:
@@ -71,6 +75,8 @@ class Requests:
         """Fields of the reply. who: the asking process, as the kernel knows it."""
         if do not in self._table:
             raise ControlRefused(f"'{do[:40]}' is not a request of this service; it knows {', '.join(self._table)}")
+        if do != "status" and who.uid in self._hands.viewers:
+            raise ControlRefused(f"{self._name(who.uid)} may ask for the status and nothing else ([control] viewers)")
         if do == "status" or (do == "audio-on" and not self._hands.annunciator.audio.silenced):
             return self._table[do](body) or {}
         self._refuse_too_many(do, who)

@@ -55,6 +55,8 @@ class ServiceStatus:
             "outputs": output_fields(self._devices.outputs),
             "log": log_fields(self._recorder),
             "lost": self._devices.lost,
+            "losses": self._devices.losses_by_role,
+            "alarms": dict(seen.alarms),
             "estimator": self._estimator.ended,
             "remarks": list(self._devices.tracker.remarks),
             "fps": self._devices.fps,

@@ -1,6 +1,7 @@
 """The status that the control socket gives: plain numbers and words, NaN as null. docs/control.md tells every field."""
 
 from collections.abc import Sequence
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,24 @@ def origin_fields(config: Config, config_file: Path, references: References) -> 
         "software": SOFTWARE,
         "configuration": configuration_fields(config, config_file),
         "reference": None if current is None else {**reference_fields(current), **_matrix_of(current)},
+        "reference_due_utc": None if current is None else due_utc(current.entry.utc, config.calibration.due_days),
         "reference_waits": references.waits,
         "calibration_changed": references.changed,
         "simulated": [*config.simulated],
     }
+
+
+def due_utc(since_utc: str, due_days: int | None) -> str | None:
+    """When the reference in force since then is to be checked again; None where nobody asked for that.
+
+    A time that no calendar has, as a damaged clock may have written it, is due at once: at that very time.
+    """
+    if due_days is None:
+        return None
+    try:
+        return (datetime.fromisoformat(since_utc) + timedelta(days=due_days)).isoformat(timespec="seconds")
+    except (ValueError, OverflowError):
+        return since_utc
 
 
 def configuration_fields(config: Config, config_file: Path) -> dict[str, str]:
@@ -98,6 +113,7 @@ def output_fields(outputs: Sequence[OutputThread]) -> list[dict[str, Any]]:
             "energised": output.energised,
             "writes": output.writes,
             "slowest_ms": round(output.slowest_ms, 3),
+            "delays": output.delays.fields(),
         }
         for output in outputs
     ]
@@ -110,4 +126,5 @@ def log_fields(recorder: Recorder) -> dict[str, Any]:
         "waiting": recorder.waiting,
         "dropped": recorder.dropped,
         "failing": recorder.failing,
+        "free_bytes": recorder.free_bytes,
     }

@@ -1,5 +1,6 @@
 """The supervisor in service: what was judged last, the state in force, and what follows from a change of it."""
 
+from collections import Counter
 from collections.abc import Callable
 
 from appliance.service.control.event_log import EventLog
@@ -21,7 +22,7 @@ class Supervision:
 
     verdict: of the line, None while the estimator does not speak. heard_ns: last word of the present estimator process.
     devices: checks of the device watchers. alarm: the state in force, None before the first step. follow: is told of
-    every step.
+    every step. alarms: how often each hazard has come to cause the state, or to be a notice beside it.
     """
 
     def __init__(
@@ -33,6 +34,7 @@ class Supervision:
         self.devices: tuple[Check, ...] = ()
         self.alarm: AlarmState | None = None
         self.follow: Follow | None = None
+        self.alarms = Counter[Fault]()
         self._supervisor, self._events, self._overload, self._recorder = supervisor, events, overload, recorder
         self._log = get_log()
 
@@ -66,9 +68,17 @@ class Supervision:
         changed = before is None or (before.state, before.fault) != (alarm.state, alarm.fault)
         if changed and self._overload.worth_an_entry(before, alarm):
             self._events.state(before, alarm)
+        self._count(before, alarm)
         if before is not None and self.follow is not None:
             self.follow(before.state, alarm.state)
         return alarm
+
+    def _count(self, before: AlarmState | None, alarm: AlarmState) -> None:
+        """A hazard that goes from warning to halt is one."""
+        known = () if before is None else (before.fault, *before.notices)
+        for hazard in dict.fromkeys((alarm.fault, *alarm.notices)):
+            if hazard is not None and hazard not in known:
+                self.alarms[hazard] += 1
 
 
 def supervisor_after(latch: Latch | None, durations: Durations) -> Supervisor:

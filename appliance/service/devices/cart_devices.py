@@ -1,5 +1,6 @@
 """The threads of all devices of the cart: scanner, tracker, outputs."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 
 from appliance.configuration.config import Config
@@ -79,6 +80,14 @@ class CartDevices:
     def losses(self) -> int:
         """How often a device was lost since the start."""
         return sum(thread.losses for thread in self._threads)
+
+    @property
+    def losses_by_role(self) -> dict[str, int]:
+        """The same of the scanner, the tracker, and all outputs together."""
+        losses = Counter[str]()
+        for thread in self._threads:
+            losses[thread.role] += thread.losses
+        return dict(losses)
 
     @property
     def lost(self) -> dict[str, str]:

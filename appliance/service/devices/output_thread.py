@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from appliance.service.devices.device_thread import DeviceThread
+from appliance.service.host.delay_histogram import DelayHistogram
 from appliance.supervision.annunciator import Role
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import AlarmOutput
@@ -13,6 +14,10 @@ from drivers.device_api import AlarmOutput
 _COMMAND_LIFE_S = 0.25
 """How long a command holds an output: five ticks. Longer keeps the contact closed after a tick that hangs; shorter
 opens it for a tick that is late (docs/failures.md).
+"""
+_BOUNDS_MS = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 250.0, 500.0, 1000.0)
+"""Of the counts of delays: a relay on a serial port needs some ms, a late tick some ten, and 250 is the life of a
+command.
 """
 
 
@@ -29,7 +34,8 @@ class OutputThread(DeviceThread):
     """Writes the last command of the tick; without a fresh one, as when the tick hangs, it writes de-energised.
 
     signal: what it shows. written_ns: time of the last completed write. writes: how many. energised: what was written
-    last, None before and after a loss. slowest_ms: longest time from what asked for a change to the completed write.
+    last, None before and after a loss. slowest_ms, delays: longest time from what asked for a change to the completed
+    write, and all of them, counted.
     """
 
     def __init__(
@@ -45,6 +51,7 @@ class OutputThread(DeviceThread):
         self.writes = 0
         self.energised: bool | None = None
         self.slowest_ms = 0.0
+        self.delays = DelayHistogram(_BOUNDS_MS)
 
     def command(self, energised: bool, given_ns: int) -> None:
         """From the tick; never blocks. given_ns: when that was found out, from which the delay is counted."""
@@ -85,6 +92,7 @@ class OutputThread(DeviceThread):
 
     def _note_switch(self, energised: bool, delay_ms: float) -> None:
         self.slowest_ms = max(self.slowest_ms, delay_ms)
+        self.delays.note(delay_ms)
         loud = self.signal is Role.CONTACT and self.overload_ns is None
         log = self._log.info if loud else self._log.debug
         log("contact", signal=self.signal.value, energised=energised, delay_ms=round(delay_ms, 3))

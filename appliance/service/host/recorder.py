@@ -2,6 +2,7 @@
 what waits is kept.
 """
 
+import os
 import threading
 from collections import deque
 from collections.abc import Iterator
@@ -22,6 +23,10 @@ from drivers.printable import printable_value
 
 _MOST_WAITING = 10_000
 """Entries, while the disk does not take them. More takes memory, fewer lose entries sooner (docs/failures.md)."""
+_LOOK_S = 10.0
+"""Between two looks at the room on the disk while nothing is to be written: each costs a wake-up, and a disk that fills
+up takes minutes.
+"""
 RETRY_S = 1.0
 """Between two tries to write: how long room on a full disk may go unnoticed, against work for nothing."""
 OPEN_S, END_S = 2.0, 2.0
@@ -48,8 +53,8 @@ class Recorder(threading.Thread):
     Where that takes more than two seconds it is not known, which is damage.
 
     latch, damage: of the last run, see appliance.storage.alarm_log.AlarmLog. written: number of the last entry on the
-    disk. dropped: notes that did not fit into memory either. failure: an error of ours, which has ended the thread; the
-    tick raises it.
+    disk. dropped: notes that did not fit into memory either. free_bytes: room that the disk has for the log, None while
+    it is not known. failure: an error of ours, which has ended the thread; the tick raises it.
     """
 
     def __init__(self, folder: Path, clock: HostClock) -> None:
@@ -69,6 +74,7 @@ class Recorder(threading.Thread):
         self.latch: Latch | None = None
         self.damage: tuple[Fault, ...] = ()
         self.written = self.dropped = 0
+        self.free_bytes: int | None = None
         self.start()
         self._opened.wait(OPEN_S)
         with self._damage_lock:
@@ -155,9 +161,10 @@ class Recorder(threading.Thread):
                 self._wake.wait(RETRY_S)
                 self._wake.clear()
             elif not self._waiting:
-                self._wake.wait()
+                self._wake.wait(_LOOK_S)
                 self._wake.clear()
             self._write_waiting()
+            self._look_at_room()
 
     def _write_waiting(self) -> None:
         try:
@@ -182,6 +189,16 @@ class Recorder(threading.Thread):
             note = _Note(utc, t_ns, "dropped", {"entries": dropped}, self._alarm_log.latch)
             self._append(self._alarm_log, note)
             self._told_dropped += dropped
+
+    def _look_at_room(self) -> None:
+        """For people who plan; nothing depends on it, so that a look changes nothing."""
+        try:
+            with self._asking():
+                disk = os.statvfs(self._folder)
+        except OSError:
+            self.free_bytes = None
+        else:
+            self.free_bytes = disk.f_bavail * disk.f_frsize
 
     def _append(self, alarm_log: AlarmLog, note: _Note) -> None:
         alarm_log.damage = self.damage

@@ -6,8 +6,10 @@ from pathlib import Path
 
 from appliance.service.control.requests import Hands, Requests
 from appliance.service.control.status import alarm_fields, check_lists
+from appliance.supervision.alarms import HAZARDS, Kind
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import AlarmState, State
+from tools.development.hazards import CONTROLS, PAGE, hazards
 from tools.development.manual import MANUAL, manual
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -15,6 +17,20 @@ DOCS = Path(__file__).parents[3] / "docs"
 
 def test_the_page_on_alarms_is_the_one_the_code_writes() -> None:
     assert MANUAL.read_text(encoding="utf-8") == manual(), "run make docs"
+
+
+def test_the_page_on_hazards_is_the_one_the_code_writes() -> None:
+    assert PAGE.read_text(encoding="utf-8") == hazards(), "run make docs"
+
+
+def test_every_hazard_is_found_somewhere_and_tried_by_a_test() -> None:
+    rows = [line.split(" | ") for line in hazards().splitlines() if line.startswith("| `")]
+    assert [row[0].split("`")[1] for row in rows] == [*HAZARDS]
+    for name, finder, control, tests in rows:
+        assert "`appliance/" in finder, f"nothing finds {name}"
+        assert "contact" in control
+        assert "`tests/" in tests, f"no test names {name}"
+    assert {*CONTROLS} == {*Kind}
 
 
 def test_the_page_shows_every_transition() -> None:

@@ -1,6 +1,7 @@
 """What a client sends, on its way into the alarm log and the status."""
 
 import json
+import pwd
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, cast
@@ -11,11 +12,13 @@ from appliance.service.control.allowance import BURST
 from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.recalibration import Recalibration, Wanted
 from appliance.service.control.requests import Hands, Requests
+from appliance.service.control.rights import user_ids
 from appliance.service.control.server import ControlRefused, Peer
 from appliance.storage.alarm_log import ENTRIES_A_SEGMENT, SEGMENTS_KEPT
 from appliance.supervision.annunciator import Annunciator
 
 ANNA = Peer(pid=7, uid=0)
+VIEWER = Peer(pid=9, uid=4_000_001)
 NOBODY_KNOWS = Peer(pid=8, uid=4_000_000)
 DAY_NS = 86_400 * 10**9
 
@@ -42,6 +45,7 @@ class Desk:
                 worker=DeadlineWorker(),
                 now_ns=lambda: self.now_ns,
                 note=lambda event, **data: self.noted.append(data),
+                viewers=frozenset({VIEWER.uid}),
             )
         )
 
@@ -58,6 +62,20 @@ def test_whatever_a_client_gives_as_a_reason_becomes_one_plain_line(reason: obje
         assert len(said) <= 200
         said.encode()
     json.dumps(desk.noted, allow_nan=False)
+
+
+def test_a_viewer_may_ask_for_the_status_and_nothing_else() -> None:
+    desk = Desk()
+    assert desk.requests.answer("status", {}, VIEWER) == {"status": {}}
+    for name in set(desk.requests.names) - {"status"}:
+        with pytest.raises(ControlRefused, match="may ask for the status and nothing else"):
+            desk.requests.answer(name, {"number": 1, "reason": "x"}, VIEWER)
+    assert (desk.noted, desk.wanted) == ([], [])
+
+
+def test_who_is_a_viewer() -> None:
+    root = pwd.getpwuid(0).pw_name
+    assert user_ids((root, "no-such-user-here")) == {0}
 
 
 @pytest.mark.parametrize("file", ["", "\0", "a\nb", "\ud800", 7, None, ["x"]])

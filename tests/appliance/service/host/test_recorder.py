@@ -56,6 +56,25 @@ def recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Record
     recorder.close()
 
 
+def test_a_look_at_the_room_on_the_disk_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Looked at though nothing is written; a folder that is gone is no damage before an entry is missed."""
+    monkeypatch.setattr(room, "_LOOK_S", 0.02)
+    recorder = Recorder(tmp_path / "log", HostClock())
+    try:
+        until(lambda: recorder.free_bytes)
+        disk = os.statvfs(tmp_path)
+        assert recorder.free_bytes == pytest.approx(disk.f_bavail * disk.f_frsize, rel=0.1)
+        (tmp_path / "log").rename(tmp_path / "away")
+        until(lambda: recorder.free_bytes is None)
+        time.sleep(0.2)  # ten more looks
+        assert (recorder.damage, recorder.failing) == ((), None)
+        (tmp_path / "away").rename(tmp_path / "log")
+        until(lambda: recorder.free_bytes)
+    finally:
+        recorder.close()
+    assert recorder.failure is None
+
+
 def test_a_folder_that_is_taken_away_alarms_and_the_log_goes_on(recorder: Recorder, tmp_path: Path) -> None:
     recorder.note("state", HALT)
     until(lambda: recorder.written == 2)

@@ -1,0 +1,25 @@
+"""How often a delay was how long: counts since the start, from which any span of time can be asked later."""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from typing import Any
+
+
+class DelayHistogram:
+    """bounds_ms: upper bounds, rising; what is longer than the last has a count of its own. One thread notes, any other
+    may read.
+    """
+
+    def __init__(self, bounds_ms: Sequence[float]) -> None:
+        self._bounds_ms = tuple(bounds_ms)
+        self._counts = [0] * (len(self._bounds_ms) + 1)
+        self._sum_ms = 0.0
+
+    def note(self, delay_ms: float) -> None:
+        """A bound belongs to the count below it."""
+        self._counts[bisect_left(self._bounds_ms, delay_ms)] += 1
+        self._sum_ms += delay_ms
+
+    def fields(self) -> dict[str, Any]:
+        """For the status: `le_ms`, one count more than bounds in `counts`, and `sum_ms`."""
+        return {"le_ms": list(self._bounds_ms), "counts": list(self._counts), "sum_ms": round(self._sum_ms, 3)}

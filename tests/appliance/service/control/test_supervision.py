@@ -1,0 +1,29 @@
+"""How often each hazard was alarmed, as the supervisor's states follow one another."""
+
+import pytest
+
+from appliance.service.control.supervision import Supervision
+from appliance.types import AlarmState, Fault, State
+
+
+def alarm(fault: Fault | None, *notices: Fault, state: State = State.WARNING) -> AlarmState:
+    return AlarmState(state, 0, fault, "", False, None, notices=notices)
+
+
+@pytest.mark.parametrize(
+    ("seen", "counted"),
+    [
+        ([alarm(None), alarm(None)], {}),
+        ([alarm(Fault.SCALE)], {Fault.SCALE: 1}),
+        ([alarm(Fault.SCALE), alarm(Fault.SCALE, state=State.HALT)], {Fault.SCALE: 1}),
+        ([alarm(Fault.SCALE), alarm(None), alarm(Fault.SCALE)], {Fault.SCALE: 2}),
+        ([alarm(Fault.SCALE), alarm(Fault.OFFSET)], {Fault.SCALE: 1, Fault.OFFSET: 1}),
+        ([alarm(None, Fault.OVERLOADED)] * 3, {Fault.OVERLOADED: 1}),
+        ([alarm(None), alarm(Fault.SCALE, Fault.OVERLOADED)], {Fault.SCALE: 1, Fault.OVERLOADED: 1}),
+    ],
+)
+def test_a_hazard_counts_once_for_as_long_as_it_lasts(seen: list[AlarmState], counted: dict[Fault, int]) -> None:
+    supervision = Supervision(None, None, None, None, 0)  # type: ignore[arg-type]  counting needs none of them
+    for before, after in zip([None, *seen], seen, strict=False):
+        supervision._count(before, after)
+    assert supervision.alarms == counted

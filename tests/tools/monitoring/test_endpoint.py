@@ -1,0 +1,120 @@
+"""The HTTP side and the file, over real sockets: hostile and sleeping clients keep nobody out."""
+
+import contextlib
+import signal
+import socket
+import stat
+import subprocess
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import ConfigurationError
+from tests.support.answering import Answering
+from tests.support.demo_cart import PROBEWATCH
+from tests.support.polling import until
+from tools.commands.metrics import _address
+from tools.monitoring.endpoint import Endpoint
+from tools.monitoring.reading import Exposition
+
+HOSTILE = [
+    b"",
+    b"GET",
+    b"\0" * 5000,
+    b"GET /metrics HTTP/9.9\r\n\r\n",
+    b"POST /metrics HTTP/1.0\r\n\r\n",
+    b"A" * 100_000,
+]
+
+
+@pytest.fixture
+def endpoint(tmp_path: Path) -> Iterator[Endpoint]:
+    with Answering(tmp_path / "control"), Endpoint("127.0.0.1", 0, Exposition(tmp_path / "control").text) as endpoint:
+        yield endpoint
+
+
+def asked(endpoint: Endpoint, path: str = "/metrics") -> str:
+    with urllib.request.urlopen(f"http://127.0.0.1:{endpoint.server_address[1]}{path}", timeout=10) as reply:
+        assert reply.headers["Content-Type"].startswith("text/plain; version=")
+        return str(reply.read().decode())
+
+
+def test_what_prometheus_gets(endpoint: Endpoint) -> None:
+    assert "\nprobewatch_contact_closed 1.0\n" in asked(endpoint)
+    with pytest.raises(urllib.error.HTTPError, match="404"):
+        asked(endpoint, "/")
+
+
+def test_sleepers_and_hostile_clients_keep_nobody_out(endpoint: Endpoint) -> None:
+    address = endpoint.server_address[:2]
+    links = [socket.create_connection(address) for _ in range(60)]
+    for number, link in enumerate(links):
+        with contextlib.suppress(OSError):  # ended already, to make room
+            link.sendall(HOSTILE[number % len(HOSTILE)])
+    began_s = time.monotonic()
+    assert "probewatch_up 1.0" in asked(endpoint)
+    assert time.monotonic() - began_s < 5
+    until(lambda: threading.active_count() < 40)
+    for link in links:
+        link.close()
+
+
+def test_an_address_that_is_taken_is_refused(endpoint: Endpoint) -> None:
+    with pytest.raises(ConfigurationError, match="cannot listen there"):
+        Endpoint("127.0.0.1", endpoint.server_address[1], bytes)
+
+
+@pytest.mark.parametrize("listen", ["", "9797", "localhost", "a:b", "a:70000", ":1", "a:\u0663"])
+def test_what_is_no_address_is_refused(listen: str) -> None:
+    with pytest.raises(ConfigurationError, match="HOST:PORT"):
+        _address(listen)
+
+
+def test_an_ipv6_address() -> None:
+    assert _address("[::1]:9797") == ("::1", 9797)
+
+
+def run(*arguments: object) -> "subprocess.Popen[str]":
+    command = [str(PROBEWATCH), "metrics", *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def test_the_file_for_node_exporter_is_whole_and_goes_with_its_writer(tmp_path: Path) -> None:
+    file = tmp_path / "textfile" / "probewatch.prom"
+    file.parent.mkdir()
+    with Answering(tmp_path / "control") as service:
+        program = run("--socket", tmp_path / "control", "--no-http", "--textfile", file, "--every", 1)
+        try:
+            until(file.exists, 60)
+            text = file.read_text()
+            assert text.startswith("# HELP probewatch_up ")
+            assert "probewatch_contact_closed 1.0\n" in text
+            assert text.endswith("\n")
+            assert stat.S_IMODE(file.stat().st_mode) == 0o644, "node_exporter is another user"
+            service.mute = True
+            until(lambda: "probewatch_up 0.0\n" in file.read_text(), 20)
+            assert "contact_closed" not in file.read_text()
+            assert [*file.parent.iterdir()] == [file]
+        finally:
+            program.send_signal(signal.SIGTERM)
+            said = program.communicate(timeout=20)
+    assert (program.returncode, said) == (0, ("", ""))
+    assert not file.exists()
+
+
+def test_once_without_a_service(tmp_path: Path) -> None:
+    program = run("--once", "--socket", tmp_path / "nobody")
+    out, err = program.communicate(timeout=60)
+    assert (program.returncode, err) == (69, "")
+    assert "\nprobewatch_up 0.0\n" in out
+
+
+def test_nothing_to_do_is_refused(tmp_path: Path) -> None:
+    program = run("--no-http")
+    assert "leaves nothing to do" in program.communicate(timeout=60)[1]
+    assert program.returncode == 2

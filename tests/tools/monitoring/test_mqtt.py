@@ -1,0 +1,269 @@
+"""The publisher at a real mosquitto: retained state, last will, credentials, TLS, and a broker that comes and goes."""
+
+import json
+import shutil
+import signal
+import socket
+import ssl
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from paho.mqtt.client import Client, MQTTMessage
+from paho.mqtt.enums import CallbackAPIVersion
+
+from drivers.errors import ConfigurationError
+from tests.support.answering import Answering, recorded
+from tests.support.demo_cart import PROBEWATCH
+from tests.support.polling import until
+from tools.monitoring.mqtt import broker_of, message
+
+MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
+needs_mosquitto = pytest.mark.skipif(not Path(MOSQUITTO).exists(), reason="needs mosquitto (mosquitto)")
+needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl (openssl)")
+STATE, AVAILABLE = "probewatch/cart-2/state", "probewatch/cart-2/availability"
+
+
+class Mosquitto:
+    """The broker on a port of its own, as often as it is started."""
+
+    def __init__(self, folder: Path, *lines: str) -> None:
+        with socket.socket() as taken:
+            taken.bind(("127.0.0.1", 0))
+            self.port: int = taken.getsockname()[1]
+        self.file = folder / "mosquitto.conf"
+        listening = [f"listener {self.port} 127.0.0.1", "user root", "persistence false", "log_dest none"]
+        self.file.write_text("\n".join((*listening, *lines)) + "\n")
+        self.start()
+
+    def start(self) -> None:
+        self.process = subprocess.Popen([MOSQUITTO, "-c", str(self.file)])
+        until(self._listens, 20)
+
+    def _listens(self) -> bool:
+        with socket.socket() as link:
+            return link.connect_ex(("127.0.0.1", self.port)) == 0
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+
+class Reader:
+    """What somebody sees who looks on: the last message of each topic."""
+
+    def __init__(self, port: int, tls: ssl.SSLContext | None = None) -> None:
+        self.seen: dict[str, str] = {}
+        self.retained: set[str] = set()
+        self._client = Client(CallbackAPIVersion.VERSION2)
+        if tls is not None:
+            self._client.tls_set_context(tls)
+        self._client.on_message = self._note
+        self._client.on_connect = lambda client, *_: client.subscribe("#", 1)
+        self._client.username_pw_set("reader", "secret")
+        self._client.connect("localhost", port)
+        self._client.loop_start()
+
+    def __enter__(self) -> "Reader":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    def _note(self, _client: Client, _data: Any, told: MQTTMessage) -> None:
+        self.seen[told.topic] = told.payload.decode()
+        if told.retain:
+            self.retained.add(told.topic)
+
+    def state(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self.seen.get(STATE, "{}"))
+        return found
+
+
+class Program:
+    """`probewatch mqtt`; said: its lines on stderr."""
+
+    def __init__(self, control: Path, *options: object) -> None:
+        command = [str(PROBEWATCH), "mqtt", "--socket", str(control), "--cart", "cart-2", *map(str, options)]
+        self.process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+        self.said: list[str] = []
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+
+        for line in self.process.stderr:
+            self.said.append(line.strip())
+
+    def __enter__(self) -> "Program":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.process.kill()
+        self.process.wait()
+        self._reader.join()
+        assert self.process.stderr is not None
+        self.process.stderr.close()
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[Answering]:
+    with Answering(tmp_path / "control") as service:
+        yield service
+
+
+@pytest.mark.thorough
+@needs_mosquitto
+def test_who_comes_later_knows_the_state_and_who_looks_on_learns_of_the_end(service: Answering, tmp_path: Path) -> None:
+    broker = Mosquitto(tmp_path, "allow_anonymous true")
+    try:
+        with Program(tmp_path / "control", "--broker", f"mqtt://127.0.0.1:{broker.port}") as program:
+            with Reader(broker.port) as first:
+                until(lambda: first.state().get("verified") and first.seen.get(AVAILABLE) == "online", 60)
+                service.status = recorded(energised=False, state="halt", text="HALT", priority="high", fault="scale")
+                until(lambda: first.state().get("state") == "halt", 20)
+                assert (first.state()["verified"], first.state()["alarm"]) == (False, True)
+            with Reader(broker.port) as later:
+                until(lambda: later.state().get("state") == "halt", 10)
+                assert {STATE, AVAILABLE} <= later.retained
+                entities = [
+                    json.loads(text) for topic, text in later.seen.items() if topic.startswith("homeassistant/")
+                ]
+                assert {entity["state_topic"] for entity in entities} == {STATE}
+                assert {entity["availability_topic"] for entity in entities} == {AVAILABLE}
+                assert len({entity["unique_id"] for entity in entities}) == 5
+                service.mute = True
+                until(lambda: later.state().get("up") is False, 20)
+                assert later.state()["verified"] is False, "nothing old is told of a service that is silent"
+                service.mute = False
+                until(lambda: later.state().get("up"), 20)
+                program.process.kill()
+                until(lambda: later.seen[AVAILABLE] == "offline", 30)
+        again = Program(tmp_path / "control", "--broker", f"mqtt://127.0.0.1:{broker.port}")
+        with again as program, Reader(broker.port) as reader:
+            until(lambda: reader.seen.get(AVAILABLE) == "online" and reader.state().get("up"), 60)
+            program.process.send_signal(signal.SIGTERM)
+            assert program.process.wait(20) == 0
+            until(lambda: reader.seen[AVAILABLE] == "offline" and reader.state()["up"] is False, 10)
+    finally:
+        broker.end()
+    assert set(service.asked) == {"status"}, "it asks nothing else"
+
+
+@pytest.mark.thorough
+@needs_mosquitto
+def test_a_broker_that_vanishes_is_said_once_and_comes_back_by_itself(service: Answering, tmp_path: Path) -> None:
+    broker = Mosquitto(tmp_path, "allow_anonymous true")
+    try:
+        with Program(tmp_path / "control", "--broker", f"mqtt://127.0.0.1:{broker.port}") as program:
+            until(lambda: program.said, 60)
+            assert program.said == [f"telling {STATE} at 127.0.0.1:{broker.port}"]
+            broker.end()
+            until(lambda: len(program.said) > 1, 20)
+            time.sleep(4)  # two more tries
+            assert [line.partition(":")[0] for line in program.said[1:]] == ["no broker at 127.0.0.1"]
+            broker.start()
+            until(lambda: program.said[-1].startswith("telling "), 60)
+            with Reader(broker.port) as reader:
+                until(lambda: reader.state().get("verified"), 20)
+    finally:
+        broker.end()
+
+
+@pytest.mark.thorough
+@needs_mosquitto
+def test_a_wrong_password_is_said_and_a_right_one_is_taken(service: Answering, tmp_path: Path) -> None:
+    users = tmp_path / "users"
+    users.touch(0o600)
+    for name, word in (("cart", "right"), ("reader", "secret")):
+        subprocess.run(["mosquitto_passwd", "-b", users, name, word], check=True)
+    broker = Mosquitto(tmp_path, "allow_anonymous false", f"password_file {users}")
+    password = tmp_path / "password"
+    password.touch(0o600)
+    try:
+        for word, said in (("wrong", "refuses this cart"), ("right", "telling ")):
+            password.write_text(f"{word}\n")
+            options = ("--broker", f"mqtt://127.0.0.1:{broker.port}", "--user", "cart", "--password-file", password)
+            with Program(tmp_path / "control", *options) as program:
+                until(lambda: program.said, 60)
+                assert said in program.said[0]
+                assert word not in program.said[0]
+    finally:
+        broker.end()
+
+
+def authority(folder: Path) -> tuple[Path, Path, Path]:
+    """(authority, certificate, key) of a broker called localhost."""
+    ca, ca_key, request = folder / "ca.pem", folder / "ca.key", folder / "broker.csr"
+    certificate, key = folder / "broker.pem", folder / "broker.key"
+    new = ["openssl", "req", "-newkey", "rsa:2048", "-nodes"]
+    subprocess.run([*new, "-x509", "-days", "2", "-subj", "/CN=test", "-keyout", ca_key, "-out", ca], check=True)
+    subprocess.run([*new, "-subj", "/CN=localhost", "-keyout", key, "-out", request], check=True)
+    names = folder / "names"
+    names.write_text("subjectAltName=DNS:localhost\n")
+    signing = ["openssl", "x509", "-req", "-in", request, "-CA", ca, "-CAkey", ca_key, "-CAcreateserial", "-days", "2"]
+    subprocess.run([*signing, "-extfile", names, "-out", certificate], check=True)
+    return ca, certificate, key
+
+
+@pytest.mark.thorough
+@needs_mosquitto
+@needs_openssl
+@needs_openssl
+def test_tls_only_with_a_broker_whose_certificate_is_good(service: Answering, tmp_path: Path) -> None:
+    ca, certificate, key = authority(tmp_path)
+    broker = Mosquitto(tmp_path, "allow_anonymous true", f"certfile {certificate}", f"keyfile {key}", f"cafile {ca}")
+    try:
+        for host, options, said in (
+            ("localhost", ("--ca", ca), "telling "),
+            ("localhost", (), "certificate verify failed"),
+            ("127.0.0.1", ("--ca", ca), "certificate verify failed"),
+        ):
+            with Program(tmp_path / "control", "--broker", f"mqtts://{host}:{broker.port}", *options) as program:
+                until(lambda: program.said, 60)
+                assert said in program.said[0]
+        program = Program(tmp_path / "control", "--broker", f"mqtts://localhost:{broker.port}", "--ca", ca)
+        with program, Reader(broker.port, ssl.create_default_context(cafile=str(ca))) as reader:
+            until(lambda: reader.state().get("verified"), 60)
+    finally:
+        broker.end()
+
+
+@pytest.mark.parametrize(
+    "url", ["", "broker", "http://broker", "mqtt://", "mqtt://a:b", "mqtt://a:99999", "mqtts://me:word@a", "mqtt://a/b"]
+)
+def test_what_is_no_broker_is_refused(url: str) -> None:
+    with pytest.raises(ConfigurationError, match="is no address of a broker"):
+        broker_of(url, None, None, None, None, None)
+
+
+def test_a_password_is_neither_told_in_the_clear_nor_readable_by_all(tmp_path: Path) -> None:
+    file = tmp_path / "password"
+    file.write_text("word\n")
+    file.chmod(0o600)
+    with pytest.raises(ConfigurationError, match="everybody on the network"):
+        broker_of("mqtt://broker.example", "me", file, None, None, None)
+    assert broker_of("mqtts://broker.example", "me", file, None, None, None).password == "word"
+    file.chmod(0o644)
+    with pytest.raises(ConfigurationError, match="everybody may read"):
+        broker_of("mqtts://broker.example", "me", file, None, None, None)
+    with pytest.raises(ConfigurationError, match="cannot be used"):
+        broker_of("mqtts://broker.example", None, None, tmp_path / "absent", None, None)
+
+
+@pytest.mark.parametrize("status", [None, {}, {"energised": True}, recorded(outputs=None), recorded(lost=3)])
+def test_of_what_is_no_status_nothing_is_told(status: Any) -> None:
+    assert message(status) == {"up": False, "verified": False, "alarm": None}
+
+
+def test_verified_is_what_the_outputs_have_written() -> None:
+    status = recorded()
+    assert message(status)["verified"] is True
+    status["outputs"][0]["energised"] = None
+    assert message(status)["verified"] is False

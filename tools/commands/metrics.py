@@ -1,0 +1,107 @@
+"""`probewatch metrics`: the status of the service for Prometheus, from a process of its own."""
+
+import signal
+import sys
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+
+from drivers.errors import ConfigurationError
+from drivers.files.atomic_file import check_writable, replacing
+from tools.monitoring.endpoint import Endpoint
+from tools.monitoring.reading import Exposition
+from tools.shared.service_socket import socket_option
+
+_LISTEN = "127.0.0.1:9797"
+"""No port that Prometheus' list of exporters or Debian's packages gives to another program, as far as known."""
+_EVERY_S = 15.0
+"""Between two files: Prometheus asks as often, unless it is told otherwise."""
+_MOST_PORT = 65535  # of TCP
+
+
+@click.command()
+@socket_option
+@click.option("--listen", default=_LISTEN, show_default=True, help="HOST:PORT that Prometheus asks")
+@click.option("--no-http", is_flag=True, help="listen nowhere; write the file only")
+@click.option(
+    "--textfile",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="write it for node_exporter's textfile collector",
+)
+@click.option(
+    "--every",
+    "every_s",
+    default=_EVERY_S,
+    show_default=True,
+    type=click.FloatRange(1, 3600),
+    help="s between two files",
+)
+@click.option("--once", is_flag=True, help="print the metrics and end; exit code 69 where no service answers")
+def command(
+    control_socket: Path, listen: str, no_http: bool, textfile: Path | None, every_s: float, once: bool
+) -> None:
+    """Serve the status of the service as Prometheus metrics on http://127.0.0.1:9797/metrics until Ctrl-C.
+
+    It reads the status as `probewatch status` does and can ask nothing else, so whatever becomes of it, the contact
+    does not notice. While no service answers there is probewatch_up 0 and no other value.
+
+    \b
+      probewatch metrics --once | grep contact_closed
+      probewatch metrics --no-http --textfile /var/lib/prometheus/node-exporter/probewatch.prom
+
+    The file appears whole or not at all and is removed at the end. docs/monitoring.md lists the metrics, has rules for
+    alerts and a dashboard, and says how Prometheus reaches a cart from elsewhere.
+    """
+    exposition = Exposition(control_socket)
+    if once:
+        text = exposition.text()
+        click.echo(text.decode(), nl=False)
+        sys.exit(69 if b"\nprobewatch_up 0.0\n" in text else 0)
+    if no_http and textfile is None:
+        raise click.UsageError("--no-http without --textfile leaves nothing to do")
+    check_writable(textfile)
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    with ExitStack() as served:
+        if not no_http:
+            served.enter_context(Endpoint(*_address(listen), exposition.text))
+        _write_until(stop, textfile, every_s, exposition)
+
+
+def _address(listen: str) -> tuple[str, int]:
+    host, colon, port = listen.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not (host and colon and port.isascii() and port.isdecimal() and int(port) <= _MOST_PORT):
+        raise ConfigurationError("is not HOST:PORT", f"--listen {listen}", f"Such as {_LISTEN} or [::1]:9797")
+    return host, int(port)
+
+
+def _write_until(stop: threading.Event, textfile: Path | None, every_s: float, exposition: Exposition) -> None:
+    """A file of an exporter that has ended would tell old values for ever."""
+    if textfile is None:
+        stop.wait()
+        return
+    failing = False
+    try:
+        while not stop.is_set():
+            failing = _write(textfile, exposition.text(), failing)
+            stop.wait(every_s)
+    finally:
+        textfile.unlink(missing_ok=True)
+
+
+def _write(textfile: Path, text: bytes, failing: bool) -> bool:
+    """Whether it could not be written; said once, and once when it can again."""
+    try:
+        with replacing(textfile) as stream:
+            stream.write(text)
+    except OSError as error:
+        if not failing:
+            click.echo(f"{textfile}: cannot be written ({error.strerror}); trying again", err=True)
+        return True
+    if failing:
+        click.echo(f"{textfile}: is written again", err=True)
+    return False

@@ -1,0 +1,72 @@
+"""`probewatch mqtt`: the state of the cart on an MQTT broker, from a process of its own."""
+
+import re
+import signal
+import socket
+import threading
+from pathlib import Path
+
+import click
+
+from tools.monitoring.mqtt import Publisher, broker_of
+from tools.monitoring.reading import read_status
+from tools.shared.service_socket import socket_option
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+def _topic(_context: click.Context, _option: click.Parameter, text: str | None) -> str:
+    """Names that mean one level of a topic, or several; no wildcard, nothing empty."""
+    name = socket.gethostname().partition(".")[0] if text is None else text
+    if name and not re.fullmatch(r"[\w-]+(/[\w-]+)*", name, re.ASCII):
+        raise click.BadParameter("may have letters, digits, - and _")
+    return name
+
+
+@click.command()
+@socket_option
+@click.option("--broker", required=True, metavar="URL", help="mqtts://HOST[:PORT], or mqtt://HOST[:PORT] in the clear")
+@click.option("--cart", callback=_topic, help="name of this cart in the topics; the host's name unless given")
+@click.option("--user", help="as which to log in")
+@click.option("--password-file", type=_FILE, help="its first line is the password; others may not read the file")
+@click.option("--ca", type=_FILE, help="authority that has signed the broker's certificate; the system's unless given")
+@click.option("--certificate", type=_FILE, help="of this cart, PEM")
+@click.option("--key", type=_FILE, help="of that certificate, PEM")
+@click.option("--prefix", default="probewatch", show_default=True, callback=_topic, help="of the topics")
+@click.option(
+    "--discovery",
+    default="homeassistant",
+    show_default=True,
+    callback=_topic,
+    help='prefix of Home Assistant; "": none',
+)
+def command(
+    control_socket: Path,
+    broker: str,
+    cart: str,
+    user: str | None,
+    password_file: Path | None,
+    ca: Path | None,
+    certificate: Path | None,
+    key: Path | None,
+    prefix: str,
+    discovery: str,
+) -> None:
+    """Tell the state of this cart to an MQTT broker until Ctrl-C.
+
+    PREFIX/CART/state is JSON, retained, told at every change and every 15 s; PREFIX/CART/availability is online, or
+    offline as soon as the broker misses this program. Home Assistant finds the cart by itself.
+
+    It reads the status as `probewatch status` does and takes no message, so nothing that a broker does reaches the
+    contact. A broker that vanishes is said once on stderr and tried again for ever.
+
+    \b
+      probewatch mqtt --broker mqtts://broker.example --user cart-2 --password-file /etc/probewatch/mqtt-password
+    """
+    where = broker_of(broker, user, password_file, ca, certificate, key)
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    Publisher(
+        where, cart, lambda: read_status(control_socket), lambda text: click.echo(text, err=True), prefix, discovery
+    ).run(stop)

@@ -1,0 +1,2 @@
+"""What others see of a cart from outside: metrics, messages, many carts at once. It reads the status, and asks nothing
+else of the service."""

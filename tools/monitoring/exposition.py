@@ -1,0 +1,216 @@
+"""The status of a service as Prometheus metrics. docs/monitoring.md lists them.
+
+Base units, counters end in _total. What is not known is not there: a metric that is missing says nothing, and none is
+ever older than the status it is made of. `probewatch_contact_closed` is 1 only if the state allows it and every output
+that shows the contact has completed a write that closed it.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from itertools import accumulate
+from typing import Any
+
+from prometheus_client.core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    InfoMetricFamily,
+    Metric,
+)
+
+from appliance.supervision.alarms import HAZARDS
+from appliance.supervision.annunciator import Role
+from appliance.types import PARAMETERS, State
+
+Status = Mapping[str, Any]
+
+SHOWN = ("polarity", "latency", *PARAMETERS)
+"""Checks that only motion can show: their coverage is worth watching."""
+_DEVICES = ("video", "tracker", "output")
+
+
+def contact_closed(status: Status) -> bool:
+    """Whether the calibration may be relied on: the state says so, and no output is known to be late or lost."""
+    contacts = [output for output in status["outputs"] if output["signal"] == Role.CONTACT.value]
+    return status["energised"] is True and all(output["energised"] is True for output in contacts)
+
+
+def silent(now_s: float) -> list[Metric]:
+    """Of a service that does not answer: nothing but that. now_s: s since 1970."""
+    return [_up(0), _gauge("exposition_timestamp_seconds", "When this was asked, since 1970", now_s)]
+
+
+def families(status: Status, now_s: float) -> list[Metric]:
+    """All metrics of one status. Raises KeyError, TypeError, ValueError for one of another version.
+
+    now_s: when it was asked, s since 1970.
+    """
+    parts = (_state, _checks, _samples, _outputs, _losses, _host, _log, _reference)
+    found = [metric for part in parts for metric in part(status)]
+    return [_up(1), _gauge("exposition_timestamp_seconds", "When this was asked, since 1970", now_s), *found]
+
+
+def _up(value: int) -> Metric:
+    return _gauge("up", "1: the service has just answered; 0: it has not, and nothing else is known of it", value)
+
+
+def _gauge(name: str, what: str, value: float | None) -> Metric:
+    """Without a sample where the value is None."""
+    metric = GaugeMetricFamily(f"probewatch_{name}", what)
+    if value is not None:
+        metric.add_metric([], float(value))
+    return metric
+
+
+def _gauges(name: str, what: str, label: str, values: Mapping[str, float | None]) -> Metric:
+    metric = GaugeMetricFamily(f"probewatch_{name}", what, labels=[label])
+    for key, value in values.items():
+        if value is not None:
+            metric.add_metric([key], float(value))
+    return metric
+
+
+def _counter(name: str, what: str, value: float) -> Metric:
+    return CounterMetricFamily(f"probewatch_{name}", what, value=float(value))
+
+
+def _counters(name: str, what: str, label: str, values: Mapping[str, float]) -> Metric:
+    metric = CounterMetricFamily(f"probewatch_{name}", what, labels=[label])
+    for key, value in values.items():
+        metric.add_metric([key], float(value))
+    return metric
+
+
+def _histogram(name: str, what: str, labels: Sequence[str]) -> HistogramMetricFamily:
+    return HistogramMetricFamily(f"probewatch_{name}", what, labels=labels)
+
+
+def _observe(metric: HistogramMetricFamily, labels: Sequence[str], delays: Status) -> None:
+    """delays: a histogram of the status, in ms."""
+    bounds = [f"{float(bound_ms) / 1e3:g}" for bound_ms in delays["le_ms"]] + ["+Inf"]
+    counts = [float(count) for count in accumulate(delays["counts"])]
+    metric.add_metric(labels, list(zip(bounds, counts, strict=True)), float(delays["sum_ms"]) / 1e3)
+
+
+def _state(status: Status) -> Iterator[Metric]:
+    version = {"version": str(status["software"]), "configuration_sha256": str(status["configuration"]["sha256"])}
+    yield InfoMetricFamily("probewatch", "Version and configuration in force", value=version)
+    yield _gauge("simulated", "1: some source is no real device", bool(status["simulated"]))
+    yield _gauge("uptime_seconds", "Since the start of the service", status["counters"]["uptime_s"])
+    states = {state.value: float(state.value == status["state"]) for state in State}
+    yield _gauges("state", "1 for the state in force, 0 for the others", "state", states)
+    yield _gauge("state_age_seconds", "Since when it has been in force", status["since_s"])
+    causes = {hazard.value: float(hazard.value == status["fault"]) for hazard in HAZARDS}
+    yield _gauges("state_cause", "1 for the hazard that caused the state", "hazard", causes)
+    yield _gauge("contact_closed", "1: verified, and the contact has been closed", contact_closed(status))
+    yield _gauge("latched", "1: a halt holds until a person has acknowledged it", status["latched"] is not None)
+    yield _gauge("acknowledged", "1: a person has acknowledged the alarm", bool(status["acknowledged"]))
+    age_s = status["verification_age_s"]
+    yield _gauge("verification_age_seconds", "Age of the motion that the verification rests on", age_s)
+    alarms = {hazard.value: status["alarms"].get(hazard.value, 0) for hazard in HAZARDS}
+    yield _counters("alarms", "How often a hazard came to cause the state, or to be a notice", "hazard", alarms)
+
+
+def _checks(status: Status) -> Iterator[Metric]:
+    """Those of the line are gone while the estimator does not speak; then no parameter is shown."""
+    line = {check["name"]: check for check in status["checks"]}
+    checks = {**line, **{check["name"]: check for check in status["devices"]}}
+    ratios = {name: check["ratio"] for name, check in checks.items()}
+    yield _gauges("check_ratio", "Magnitude of the value divided by its limit: 1 is the limit", "check", ratios)
+    sigmas = {name: _share(check["sigma"], check["limit"]) for name, check in checks.items()}
+    yield _gauges("check_sigma_ratio", "Standard deviation of the value divided by its limit", "check", sigmas)
+    failed = {name: float(check["verdict"] == "FAULT") for name, check in checks.items()}
+    yield _gauges("check_failed", "1: outside its limit", "check", failed)
+    shown = {name: float(name in line and line[name]["verdict"] == "OK") for name in SHOWN}
+    yield _gauges("parameter_shown", "1: shown by motion to be within its limit", "parameter", shown)
+    ages = {name: line[name]["shown_age_s"] for name in SHOWN if name in line}
+    yield _gauges("parameter_age_seconds", "Age of the motion that showed the parameter", "parameter", ages)
+    latency = line.get("latency", {})
+    yield _gauge("latency_seconds", "How late the tracker's stamps are", _share(latency.get("value"), 1e3))
+    yield _gauge("latency_sigma_seconds", "Standard deviation of that", _share(latency.get("sigma"), 1e3))
+
+
+def _share(value: float | None, whole: float | None) -> float | None:
+    return None if value is None or not whole else value / whole
+
+
+def _samples(status: Status) -> Iterator[Metric]:
+    counters, rates = status["counters"], {name: status["fps"][name] for name in ("video", "tracker")}
+    yield _gauges("sample_rate_hertz", "Pictures and poses taken, per second", "source", rates)
+    taken = {"video": counters["frames"], "tracker": counters["poses"]}
+    yield _counters("samples", "Pictures and poses taken", "source", taken)
+    dropped = {"video": counters["dropped_frames"], "tracker": counters["dropped_poses"]}
+    yield _counters("dropped_samples", "Taken, and dropped before they were judged", "source", dropped)
+    yield _counter("frame_gaps", "Pictures that the device counted and nobody saw", counters["frame_gaps"])
+    yield _counter("early_stamps", "Samples refused, stamped later than they arrived", counters["early_stamps"])
+
+
+def _outputs(status: Status) -> Iterator[Metric]:
+    """By their place in the configuration, from 1 on."""
+    labels = ["output", "signal"]
+    energised = GaugeMetricFamily("probewatch_output_energised", "1: written last, 0: the other", labels=labels)
+    writes = CounterMetricFamily("probewatch_output_writes", "Completed writes", labels=labels)
+    delays = _histogram("output_delay_seconds", "From what asked for a change to the completed write", labels)
+    for number, output in enumerate(status["outputs"], 1):
+        names = [str(number), str(output["signal"])]
+        if output["energised"] is not None:
+            energised.add_metric(names, float(output["energised"]))
+        writes.add_metric(names, float(output["writes"]))
+        _observe(delays, names, output["delays"])
+    yield from (energised, writes, delays)
+
+
+def _losses(status: Status) -> Iterator[Metric]:
+    lost = {str(name).partition(" ")[0] for name in status["lost"]}
+    now = {name: float(name in lost) for name in _DEVICES}
+    yield _gauges("device_lost", "1: a device of that kind is lost now", "device", now)
+    losses = {name: status["losses"].get(name, 0) for name in _DEVICES}
+    yield _counters("device_losses", "How often a device of that kind was lost", "device", losses)
+    restarts = status["counters"]["estimator_restarts"]
+    yield _counter("estimator_restarts", "Processes that compute, started after the first", restarts)
+
+
+def _host(status: Status) -> Iterator[Metric]:
+    tick, load, counters = status["tick"], status["load"], status["counters"]
+    intervals = _histogram("tick_interval_seconds", "From one tick to the next; due after 0.05", [])
+    _observe(intervals, [], tick["histogram"])
+    yield intervals
+    yield _counter("late_ticks", "Ticks that came more than half a period late", counters["late_ticks"])
+    yield _gauge("late_ratio", "Share by which ticks of the last second were late", load["late"])
+    yield _gauge("pressure_ratio", "Share of the last second in which a program had to wait", load["pressure"])
+    yield _gauge("waiting_frames", "Pictures that wait to be judged", load["waiting_frames"])
+    yield _gauge("overloaded", "1: this computer is too short of time", load["overloaded_s"] is not None)
+    yield _counter("dropped_clients", "Clients of the control socket, dropped", counters["dropped_clients"])
+
+
+def _log(status: Status) -> Iterator[Metric]:
+    log = status["log"]
+    yield _gauge("log_last_entry", "Number of the last entry of the alarm log on the disk", log["entries"])
+    yield _gauge("log_waiting_entries", "Entries of the alarm log that are not on the disk yet", log["waiting"])
+    yield _counter("log_dropped_entries", "Entries of the alarm log that no memory was left for", log["dropped"])
+    yield _gauge("log_failing", "1: the alarm log cannot be written", log["failing"] is not None)
+    yield _gauge("log_disk_free_bytes", "Room on the disk of the alarm log", log["free_bytes"])
+
+
+def _reference(status: Status) -> Iterator[Metric]:
+    reference = status["reference"]
+    yield _gauge("reference_waits", "1: there is no reference that may be verified", _given(status, "reference_waits"))
+    changed = _given(status, "calibration_changed")
+    yield _gauge("calibration_file_changed", "1: the configured calibration file is not in force", changed)
+    if reference is None:
+        return
+    named = {name: str(reference[name]) for name in ("number", "sha256", "origin")}
+    yield InfoMetricFamily("probewatch_reference", "The calibration that is watched", value=named)
+    yield _time("reference_timestamp_seconds", "When it came in force, since 1970", reference["utc"])
+    verified = "When motion first showed it, since 1970"
+    yield _time("reference_verified_timestamp_seconds", verified, reference["verified_utc"])
+    due = "When it is to be checked again, since 1970"
+    yield _time("reference_due_timestamp_seconds", due, status["reference_due_utc"])
+
+
+def _given(status: Status, key: str) -> bool:
+    return status[key] is not None
+
+
+def _time(name: str, what: str, utc: str | None) -> Metric:
+    return _gauge(name, what, None if utc is None else datetime.fromisoformat(utc).timestamp())

@@ -1,0 +1,48 @@
+"""What Home Assistant must be told so that a cart appears there by itself: MQTT discovery, one message an entity."""
+
+from typing import Any
+
+_EXPIRE_S = 60
+"""After which a value that was not told again counts as unknown: four times as long as the publisher repeats it."""
+
+_ENTITIES: dict[str, tuple[str, dict[str, Any]]] = {
+    "verified": (
+        "binary_sensor",
+        {"name": "Calibration verified", "value_template": "{{ 'ON' if value_json.verified else 'OFF' }}"},
+    ),
+    "alarm": (
+        "binary_sensor",
+        {
+            "name": "Alarm",
+            "device_class": "problem",
+            "value_template": "{{ 'ON' if value_json.alarm or not value_json.up else 'OFF' }}",
+        },
+    ),
+    "state": (
+        "sensor",
+        {"name": "State", "value_template": "{{ value_json.state if value_json.up else 'service silent' }}"},
+    ),
+    "text": ("sensor", {"name": "What is wrong", "value_template": "{{ value_json.text | default('') }}"}),
+    "due": (
+        "sensor",
+        {
+            "name": "Calibration due",
+            "device_class": "timestamp",
+            "value_template": "{{ value_json.reference_due_utc | default(none) }}",
+        },
+    ),
+}
+
+
+def discovery(cart: str, state: str, available: str, prefix: str) -> dict[str, dict[str, Any]]:
+    """Topic → configuration. state, available: topics of the cart. prefix: of Home Assistant's own topics."""
+    device = {"identifiers": [f"probewatch_{cart}"], "name": f"probewatch {cart}", "manufacturer": "probewatch"}
+    common = {"state_topic": state, "availability_topic": available, "expire_after": _EXPIRE_S, "device": device}
+    return {
+        f"{prefix}/{kind}/probewatch_{cart}/{name}/config": {
+            **common,
+            **entity,
+            "unique_id": f"probewatch_{cart}_{name}",
+        }
+        for name, (kind, entity) in _ENTITIES.items()
+    }

@@ -1,0 +1,246 @@
+"""The state of a cart on an MQTT broker: retained, with a last will, so that who comes later knows it, and who looks on
+learns that nobody tells it any more.
+
+Nothing is subscribed to. A broker that vanishes is said once and tried again; the service knows nothing of it.
+"""
+
+import json
+import ssl
+import stat
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
+
+from drivers.errors import ConfigurationError
+from drivers.printable import printable
+from tools.monitoring.exposition import Status, contact_closed
+from tools.monitoring.home_assistant import discovery
+
+_PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
+_KEEPALIVE_S = 10
+"""The broker tells the last will after one and a half of it: how long a dead cart may look alive, against traffic."""
+_CONNECT_S = 5.0
+"""For which a broker may take to accept. Longer finds a slow one, shorter is sooner at the next try. Not measured."""
+_FIRST_WAIT_S, _LONGEST_WAIT_S = 1.0, 30.0
+"""Before the next try, doubled each time: how late a broker that is back is noticed, against knocking on its door."""
+_LOOK_S = 1.0
+"""Between two looks at the service. Shorter tells a change sooner, and takes an answer of the service each time."""
+_REPEAT_S = 15.0
+"""After which the state is told again though it is the same, so that who looks on may call a silence one."""
+_GOODBYE_S = 2.0
+"""For which the last message may take at the end."""
+_MOST_QUEUED = 100
+"""Messages for a broker that does not take them: more is memory for what is old already."""
+_OTHERS = stat.S_IROTH | stat.S_IWOTH
+_LOCAL = ("localhost", "127.0.0.1", "::1")
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Broker:
+    """Where and as whom. tls: None for a connection in the clear. password: None for a user without one."""
+
+    host: str
+    port: int
+    tls: ssl.SSLContext | None = None
+    user: str | None = None
+    password: str | None = None
+
+
+def broker_of(
+    url: str, user: str | None, password_file: Path | None, ca: Path | None, certificate: Path | None, key: Path | None
+) -> Broker:
+    """mqtt://HOST[:PORT] or mqtts://HOST[:PORT]. Raises ConfigurationError, also for a password in the clear."""
+    try:
+        parts = urlsplit(url)
+        port = parts.port or _PORTS.get(parts.scheme)
+    except ValueError:
+        parts, port = urlsplit(""), None
+    if port is None or not parts.hostname or parts.path.strip("/") or parts.username is not None:
+        remedy = "Such as mqtts://broker.example or mqtt://127.0.0.1:1883; who logs in is --user and --password-file"
+        raise ConfigurationError("is no address of a broker", printable(url), remedy)
+    secure = parts.scheme == "mqtts"
+    if not secure and password_file is not None and parts.hostname not in _LOCAL:
+        remedy = "Use mqtts://, or a broker on this computer"
+        raise ConfigurationError("everybody on the network could read the password", printable(url), remedy)
+    if not secure and (ca or certificate or key):
+        raise ConfigurationError("does not use the certificates that are named", printable(url), "Use mqtts://")
+    password = None if password_file is None else _password(password_file)
+    return Broker(parts.hostname, port, _tls(ca, certificate, key) if secure else None, user, password)
+
+
+def _password(file: Path) -> str:
+    try:
+        if file.stat().st_mode & _OTHERS:
+            raise ConfigurationError("everybody may read the password", str(file), f"chmod o= {file}")
+        return file.read_text().split("\n")[0]
+    except OSError as error:
+        raise ConfigurationError(
+            f"cannot be read ({error.strerror})", str(file), "Check the path and its rights"
+        ) from None
+    except UnicodeDecodeError:
+        raise ConfigurationError("is no text", str(file), "Write the password into its first line") from None
+
+
+def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
+    """Of a broker whose name its certificate must bear. ca: None for the system's authorities."""
+    where = ", ".join(str(file) for file in (ca, certificate, key) if file is not None)
+    try:
+        context = ssl.create_default_context(cafile=None if ca is None else str(ca))
+        if certificate is not None:
+            context.load_cert_chain(certificate, key)
+    except (OSError, ValueError) as error:
+        raise ConfigurationError(f"cannot be used ({error})", where, "Check the files; PEM is expected") from None
+    return context
+
+
+def message(status: Status | None) -> dict[str, Any]:
+    """What is told of a service; of one that does not answer, or is of another version, nothing but that."""
+    try:
+        return {"up": False, "verified": False, "alarm": None} if status is None else _told(status)
+    except (KeyError, TypeError, ValueError):
+        return message(None)
+
+
+def _told(status: Status) -> dict[str, Any]:
+    reference = status["reference"]
+    return {
+        "up": True,
+        "verified": contact_closed(status),
+        "alarm": status["priority"] in ("high", "medium"),
+        **{name: status[name] for name in ("state", "text", "remedy", "fault", "priority", "notices", "software")},
+        "lost": sorted(status["lost"]),
+        "simulated": bool(status["simulated"]),
+        "reference": None if reference is None else {name: reference[name] for name in ("number", "sha256", "utc")},
+        "reference_due_utc": status["reference_due_utc"],
+    }
+
+
+class Publisher:
+    """cart: its name in the topics. read: the status, None where there is none. say: for the journal. prefix: of the
+    topics. discovery_prefix: of Home Assistant, empty where nobody wants it.
+    """
+
+    def __init__(
+        self, broker: Broker, cart: str, read: Callable[[], Status | None], say: Say, prefix: str, discovery_prefix: str
+    ) -> None:
+        self._broker, self._read, self._say = broker, read, say
+        self._state, self._available = f"{prefix}/{cart}/state", f"{prefix}/{cart}/availability"
+        self._discovery = discovery(cart, self._state, self._available, discovery_prefix) if discovery_prefix else {}
+        self._connected, self._gone = threading.Event(), threading.Event()
+        self._why, self._refused = "", False
+        self._trouble: str | None = None
+        self._told_well = False
+        self._client = self._make_client(f"probewatch-{cart}")
+
+    def run(self, stop: threading.Event) -> None:
+        """Until told to stop; then the cart is told to be offline."""
+        wait_s = _FIRST_WAIT_S
+        while not stop.is_set():
+            if self._connect():
+                wait_s = _FIRST_WAIT_S
+                self._tell_until_lost(stop)
+            why = self._why
+            self._leave(stop.is_set())
+            if not stop.is_set():
+                self._say_trouble(why)
+                stop.wait(wait_s)
+                wait_s = min(2 * wait_s, _LONGEST_WAIT_S)
+
+    def _make_client(self, name: str) -> Client:
+        client = Client(CallbackAPIVersion.VERSION2, client_id=name, reconnect_on_failure=False)
+        client.will_set(self._available, "offline", qos=1, retain=True)
+        client.max_queued_messages_set(_MOST_QUEUED)
+        client.connect_timeout = _CONNECT_S
+        if self._broker.user is not None:
+            client.username_pw_set(self._broker.user, self._broker.password)
+        if self._broker.tls is not None:
+            client.tls_set_context(self._broker.tls)
+        client.on_connect, client.on_disconnect = self._note_connect, self._note_disconnect
+        return client
+
+    def _note_connect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
+        if reason.is_failure:
+            self._why, self._refused = f"it refuses this cart ({printable(str(reason))})", True
+            self._gone.set()
+        else:
+            self._connected.set()
+
+    def _note_disconnect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
+        if not self._gone.is_set():
+            self._why = f"it has gone ({printable(str(reason))})"
+        self._gone.set()
+
+    def _connect(self) -> bool:
+        """Whether the broker has accepted this cart."""
+        self._connected.clear()
+        self._gone.clear()
+        self._why, self._refused = "it does not answer", False
+        try:
+            self._client.connect(self._broker.host, self._broker.port, _KEEPALIVE_S)
+        except (OSError, ValueError) as error:
+            self._why = printable(str(error))
+            return False
+        self._client.loop_start()
+        end_s = time.monotonic() + _CONNECT_S
+        while not self._gone.is_set() and time.monotonic() < end_s:
+            if self._connected.wait(0.05):  # a refusal is seen as soon as that
+                return True
+        return False
+
+    def _tell_until_lost(self, stop: threading.Event) -> None:
+        self._say_well()
+        self._publish(self._available, "online")
+        for topic, config in self._discovery.items():
+            self._publish(topic, json.dumps(config))
+        told: dict[str, Any] | None = None
+        told_s = 0.0
+        while not (stop.is_set() or self._gone.is_set()):
+            now = message(self._read())
+            if now != told or time.monotonic() - told_s >= _REPEAT_S:
+                told, told_s = now, time.monotonic()
+                self._tell(now)
+            self._wait(stop)
+
+    def _tell(self, now: dict[str, Any]) -> None:
+        utc = datetime.now(UTC).isoformat(timespec="seconds")
+        self._publish(self._state, json.dumps({**now, "utc": utc}, ensure_ascii=False))
+
+    def _wait(self, stop: threading.Event) -> None:
+        """Until the next look; the end is not kept waiting."""
+        end_s = time.monotonic() + _LOOK_S
+        while time.monotonic() < end_s and not self._gone.is_set() and not stop.wait(0.05):
+            pass
+
+    def _publish(self, topic: str, payload: str) -> None:
+        self._client.publish(topic, payload, qos=1, retain=True)
+
+    def _leave(self, meant: bool) -> None:
+        if meant and self._connected.is_set() and not self._gone.is_set():
+            self._tell(message(None))
+            last = self._client.publish(self._available, "offline", qos=1, retain=True)
+            if last.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
+                last.wait_for_publish(_GOODBYE_S)
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    def _say_trouble(self, why: str) -> None:
+        """Once while it lasts: that it is away, whatever the network says of it, or that it refuses this cart."""
+        kind = "refused" if self._refused else "away"
+        if self._trouble != kind:
+            self._say(f"no broker at {self._broker.host}:{self._broker.port}: {why}; trying again")
+        self._trouble, self._told_well = kind, False
+
+    def _say_well(self) -> None:
+        if not self._told_well:
+            self._say(f"telling {self._state} at {self._broker.host}:{self._broker.port}")
+        self._trouble, self._told_well = None, True

@@ -1,0 +1,65 @@
+"""Reading the status for others: one question at a time, and an answer that is never older than what was asked."""
+
+import threading
+import time
+from pathlib import Path
+
+from prometheus_client import CollectorRegistry, Metric, generate_latest
+from prometheus_client.registry import Collector
+
+from appliance.service.control.client import ControlClient
+from drivers.errors import ProbewatchError
+from tools.monitoring.exposition import Status, families, silent
+
+PATIENCE_S = 2.0
+"""For which the service may be silent: it answers within a tick of 0.05 s. Prometheus gives up after 10 s by default;
+this must be less, so that it hears that the service is away.
+"""
+
+
+def read_status(socket: Path) -> Status | None:
+    """None where no service answers within PATIENCE_S, or what answers is none."""
+    try:
+        with ControlClient(socket, PATIENCE_S) as client:
+            return client.status()
+    except (ProbewatchError, OSError, ValueError, KeyError, TypeError, AssertionError, RecursionError):
+        return None
+
+
+class Exposition(Collector):
+    """socket: of the service. Whoever asks while another's question is under way shares the next answer."""
+
+    def __init__(self, socket: Path) -> None:
+        self._socket = socket
+        self._lock = threading.Lock()
+        self._asked_s = float("-inf")
+        self._found: list[Metric] = []
+
+    def collect(self) -> list[Metric]:
+        """All metrics, or that the service is silent."""
+        came_s = time.monotonic()
+        with self._lock:
+            if self._asked_s < came_s:
+                self._asked_s = time.monotonic()
+                self._found = found(read_status(self._socket), time.time())
+            return self._found
+
+    def describe(self) -> list[Metric]:
+        """Nothing is asked when it is registered."""
+        return []
+
+    def text(self) -> bytes:
+        """In the text format 0.0.4, which every reader of metrics understands."""
+        registry = CollectorRegistry()
+        registry.register(self)
+        return generate_latest(registry)
+
+
+def found(status: Status | None, now_s: float) -> list[Metric]:
+    """A status of another version counts as none: half of it would look as if the rest were well."""
+    if status is None:
+        return silent(now_s)
+    try:
+        return families(status, now_s)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return silent(now_s)
