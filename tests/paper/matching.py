@@ -64,7 +64,6 @@ def keyframe_chain(seen: Sweep) -> PathSamples:
         earlier_poses=seen.poses[before],
         later_poses=seen.poses[after],
         apart_s=2 * _APART_FRAMES / FPS,
-        hidden_mm=np.zeros(len(path)),
     )
 
 
@@ -78,5 +77,4 @@ def first_pictures(samples: PathSamples, n: int) -> PathSamples:
         samples.alpha_rad[:n],
         *around,
         samples.apart_s,
-        samples.hidden_mm[:n],
     )

@@ -70,7 +70,7 @@ def samples(
     wander = _wander(frames, random, noise)
     around = [_measured(path(t_s + shift) @ wander @ X, random, noise) for shift in (0.0, -_APART_S / 2, _APART_S / 2)]
     u_px = u_px + random.normal(0, noise.picture_px, u_px.shape)
-    return PathSamples(t_s, np.zeros(frames, dtype=np.int64), u_px, alpha, *around, _APART_S, np.zeros(frames))
+    return PathSamples(t_s, np.zeros(frames, dtype=np.int64), u_px, alpha, *around, _APART_S)
 
 
 def _wander(frames: int, random: np.random.Generator, noise: Noise) -> Array:

@@ -7,8 +7,8 @@ import ast
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from appliance.supervision.alarms import HAZARDS, Kind
-from appliance.types import Fault
+from appliance.supervision.alarms import HAZARDS
+from appliance.types import Fault, Kind
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "hazards.md"
@@ -55,7 +55,7 @@ def hazards() -> str:
         cells = (
             f"`{hazard}`: {row.text}",
             _listed(finders[hazard]),
-            CONTROLS[row.kind],
+            CONTROLS[hazard.kind],
             _listed(one for one in tests[hazard] if not one.startswith(_GENERAL)),
         )
         lines.append(f"| {' | '.join(cells)} |")

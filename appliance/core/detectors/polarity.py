@@ -6,8 +6,9 @@ that leaves the rotation nearest its reference (docs/method.md, equation 7).
 
 from dataclasses import replace
 
+from appliance.core.path.noise import Noise
 from appliance.core.path.samples import PathSamples
-from appliance.core.path.solver import path_agreement, path_misfit
+from appliance.core.path.solver import PathFit
 from appliance.types import Calibration, Check, Fault, VerdictKind
 
 POLARITIES = ((1, 1), (-1, 1), (1, -1), (-1, -1))
@@ -23,19 +24,20 @@ solution, as a reference whose rotation is off by 45° still has this; less deci
 """
 
 
-def weigh_polarity(samples: PathSamples, reference: Calibration) -> tuple[tuple[int, int], Check]:
-    """Best polarity and the check on it. Raises ValueError where the samples are too few.
+def weigh_polarity(samples: PathSamples, reference: Calibration, noise: Noise) -> tuple[tuple[int, int], Check]:
+    """Best polarity, decided or not, and the check on it. Raises ValueError where the samples are too few.
 
-    The check's value is the number of flipped axes. It is OK only if every flip is worse than the reference by
-    `_WORSE` in −2 log likelihood, so with motion along one axis alone it stays not verified;
-    and nothing is decided where even the best explanation does not resemble what the picture did.
+    noise: of a solution near the reference. The check's value is the number of flipped axes. It is OK only if every
+    flip is worse than the reference by `_WORSE` in −2 log likelihood, so with motion along one axis alone it stays not
+    verified; and nothing is decided where even the best explanation does not resemble what the picture did.
     """
-    misfits = {p: path_misfit(samples, flipped(reference, p)) for p in POLARITIES}
+    fit = PathFit(samples, reference, noise)
+    misfits = {p: fit.misfit(flipped(reference, p)) for p in POLARITIES}
     best = min(misfits, key=lambda p: misfits[p])
     margin = (min(misfits[p] for p in POLARITIES if p != best) - misfits[best]) * samples.t_s.size
-    agreement = path_agreement(samples, flipped(reference, best))
+    agreement = fit.agreement(flipped(reference, best))
     if margin < _WORSE or not agreement > _LEAST_RESEMBLANCE:
-        return (1, 1), _check(float("nan"), VerdictKind.NOT_VERIFIED, None)
+        return best, _check(float("nan"), VerdictKind.NOT_VERIFIED, None)
     axes = float(best.count(-1))
     return best, _check(axes, VerdictKind.FAULT if axes else VerdictKind.OK, samples.moved_ns)
 

@@ -45,10 +45,11 @@ class SecondOpinion:
 def second_opinion(samples: PathSamples, reference: Calibration) -> SecondOpinion | None:
     """From the path of one session; None where it is too short or does not determine X."""
     try:
-        lag = max(1, round(_STEP_S / samples.times.period_s))
+        lag = max(1, round(_STEP_S / samples.period_s))
     except ValueError:
         return None
-    told = np.flatnonzero(samples.times.quiet(lag))
+    chain = samples.chain[samples.kept]
+    told = np.flatnonzero(chain[lag:] == chain[:-lag])
     if len(told) < _LEAST_PAIRS:
         return None
     u, v, t_s = _pairs(samples, reference, told, lag)

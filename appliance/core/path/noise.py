@@ -1,168 +1,255 @@
-"""Noise of the residual path: white tracker noise and a random walk, on an offset of its own for each chain.
+"""Noise of the residual path as a sum of parts, whose variances are learned from the path itself.
 
-Within a chain the differences of successive residuals are free of the offset; their covariance is tridiagonal, so
-whitening costs time in proportion to the pictures.
+A row of the path (lateral, axial, turn) is white tracker noise, a walk in time, what leaving the plane adds, breathing
+and pulse, and one offset for each chain (docs/method.md, section 7). The parts are dense covariances over blocks of a
+tenth of a second: half a minute is a few hundred blocks, small enough to be factorised for every solution.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpbtrf, dtbtrs
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotri
 
-from drivers.rigid import Array, ComplexArray
+from drivers.rigid import Array
 
 SD_PER_MEDIAN = 1.4826
 """Standard deviation ÷ median of the size of a normal variable with mean 0."""
-_SAME_NOISE = 0.1
-"""Share by which two estimates of the noise may differ and count as the same. Less costs rounds of the solver; the
-estimates themselves scatter by about as much in a window of seconds.
+_BLOCK_S, _MOST_BLOCKS = 0.1, 200
+"""Pictures of one chain within this time count as one, at their mean. Longer loses the quick part of a tremor, which
+ends at 8 Hz; shorter costs time with the third power of the blocks, so a long window has longer ones.
 """
-_LEAST_QUIET = 8
-"""Steps without hidden way below which all steps tell the noise: the median of fewer is chance."""
-_LOST_MM = 2.0
-"""mm² of random walk per mm out of the picture plane: a slanted structure moves through the picture as fast as the
-probe leaves its plane, and goes on doing so for about two millimetres.
+LATERAL, AXIAL, TURN, ELEVATIONAL = range(4)
+"""Rows of a residual. Where the motion is known to be planar, elevational position and the two tilts follow."""
+POSITIONS = (LATERAL, AXIAL, ELEVATIONAL)
+WHITE, WALK, WAY, SLANT, BREATHING, PULSE = range(6)
+"""The parts, in the order of `Noise.variances`."""
+PARTS = 6
+_SLANT_MM = 2.0
+"""Way out of the plane over which a slanted structure goes on shifting the picture alike: about the thickness of the
+slice. Not measured.
 """
-_LONG_LAG_S = 0.7
-"""Where drift is told from white noise. Longer leaves few steps in the short window of `Evidence`, 3.5 s; shorter lets
-white noise cover the drift. Not measured.
+_SMOOTH_BLOCKS = 5
+"""Over which the way out of the plane is smoothed before its length is taken: tracker noise alone would go 3 mm/s."""
+_BREATHING_S, _PULSE_S = 1.0, 0.15
+"""After which the tissue's own motion no longer knows its way: a quarter of a quiet breath, and of a beat. A rhythm
+fitted over half a minute draws the axial scale by ten of its sigmas once breaths differ by a tenth from one another
+(four seeds of the study's tissue); this does not.
 """
-_CHANCE = 2.5
-"""Standard deviations by which chance may let white noise look like drift. Less finds drift in every quiet path, which
-widens the sigmas of the scales; more overlooks it, which draws the scales. Not measured.
+_AGREEMENT_LAG_S = 0.5
+"""Over which the two paths are compared. Shorter, tracker noise spoils the correlation of good calibrations; longer,
+few steps are independent in a window of 3.5 s. Not measured.
 """
-_SHORT_WAY_S = 1.0
-"""Drift is an error of the picture's path, on which the scales are regressed: over ways shorter than this it shrinks
-them. White noise as large as the drift over that time lets the longer ways count.
-"""
-_POSITION_FLOOR_MM, _ANGLE_FLOOR_RAD = 0.02, np.deg2rad(0.01)
-_POSITION_DRIFT_FLOOR, _ANGLE_DRIFT_FLOOR = 0.01, np.deg2rad(0.02)
-"""Least noise that is believed, and least drift per √s: well below any tracker's, so that a window which happens to fit
-does not count as certain, and equal poses do not divide by zero.
+_LEAST_MOVED_MM = 0.2
+"""Standard deviation of those steps along an axis, below which it has not moved and its correlation would be noise."""
+_FASTEST = 3.0
+"""By which a variance may grow or shrink in one round: a part that the motion does not tell would run away."""
+_TINY = 1e-12
+"""Instead of zero where it divides: less than any motion tells of a variance."""
+_OFFSET_MM, _OFFSET_RAD = 1e3, 10.0
+"""Standard deviation of a chain's unknown offset: as good as unknown, and small enough for double precision."""
+POSITION_FLOORS = np.square([0.02, 0.01, 0.01, 0.012, 1e-3, 1e-3])
+ANGLE_FLOORS = np.square(np.deg2rad([0.01, 0.02, 0.02, 0.02, 1e-4, 1e-4]))
+"""Least noise that is believed, of each part (mm, mm/√s, mm/√mm, rad, mm; rad for the turn): well below any tracker's,
+so that a window which happens to fit does not count as certain, and equal poses do not divide by zero.
 """
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Noise:
-    """White sd and random-walk sd per √s, of positions (mm) and angles (rad)."""
+    """variances: (rows, PARTS), mm² or rad², in the units of `Blocks.parts`."""
 
-    position_mm: float
-    position_drift: float
-    angle_rad: float
-    angle_drift: float
-
-    def like(self, other: "Noise") -> bool:
-        """Whether another round with this noise would give the same answer."""
-        return all(abs(own - others) <= _SAME_NOISE * others for own, others in zip(self._all, other._all, strict=True))
-
-    @property
-    def _all(self) -> tuple[float, float, float, float]:
-        return self.position_mm, self.position_drift, self.angle_rad, self.angle_drift
+    variances: Array
 
 
 @dataclass(frozen=True, eq=False)
-class Times:
-    """t_s, chain (n,) of the residuals, in time order; hidden_mm (n,): way out of the picture plane before each."""
+class Blocks:
+    """m blocks of a path: t_s, chain, count of pictures (m,), in time order; elevation_mm (m,): place out of the plane.
+
+    starts: index of each block's first picture.
+    """
 
     t_s: Array
     chain: NDArray[np.int64]
-    hidden_mm: Array
+    count: Array
+    starts: NDArray[np.intp]
 
-    @cached_property
-    def period_s(self) -> float:
-        """Usual time between two pictures."""
-        return max(float(np.median(np.diff(self.t_s))), 1e-3)
+    @classmethod
+    def of(cls, t_s: Array, chain: NDArray[np.int64]) -> "Blocks":
+        """t_s, chain: (n,) of pictures in time order, those of a chain side by side."""
+        block_s = max(_BLOCK_S, float(np.ptp(t_s)) / _MOST_BLOCKS)
+        tick = np.floor(t_s / block_s).astype(np.int64)
+        starts = np.flatnonzero(np.diff(tick, prepend=tick[0] - 1) | np.diff(chain, prepend=chain[0] - 1))
+        count = np.diff(starts, append=t_s.size).astype(np.float64)
+        return cls(np.add.reduceat(t_s, starts) / count, chain[starts], count, starts)
 
-    @cached_property
-    def walk(self) -> tuple[NDArray[np.intp], Array, Array, NDArray[np.bool_]]:
-        """Of the m differences of successive residuals in one chain: index of the later one; time s and mm² of random
-        walk between the two; and, (m − 1,), whether one shares a residual with the next: no chain ended there.
+    def __len__(self) -> int:
+        return int(self.t_s.size)
+
+    def means(self, columns: Array) -> Array:
+        """(…, n) of pictures → (…, m) of blocks."""
+        return np.asarray(np.add.reduceat(columns, self.starts, axis=-1) / self.count)
+
+    def without_offsets(self, values: Array) -> Array:
+        """(…, m) less the mean of each chain."""
+        left = np.array(values)
+        for chain in np.unique(self.chain):
+            own = self.chain == chain
+            left[..., own] -= values[..., own].mean(axis=-1, keepdims=True)
+        return left
+
+    def agreement(self, seen_mm: Array, missed_mm: Array) -> float:
+        """Correlation of a measured path (m,) with the predicted, of which it differs by what was missed, over about
+        half a second; NaN where the probe has not moved.
         """
-        later = np.flatnonzero(self.chain[1:] == self.chain[:-1]) + 1
-        return later, self.t_s[later] - self.t_s[later - 1], _LOST_MM * self.hidden_mm[later], np.diff(later) == 1
+        lag = max(1, round(_AGREEMENT_LAG_S / max(float(np.median(np.diff(self.t_s))), 1e-3)))
+        same = self.chain[lag:] == self.chain[:-lag]
+        moved, missed = ((path[lag:] - path[:-lag])[same] for path in (seen_mm, missed_mm))
+        if len(moved) <= 2 or moved.std() <= _LEAST_MOVED_MM:
+            return float("nan")
+        return float(np.corrcoef(moved, moved - missed)[0, 1])
 
     @cached_property
-    def _quiet(self) -> dict[int, NDArray[np.bool_]]:
-        return {}
+    def same(self) -> NDArray[np.bool_]:
+        """(m, m) of one chain."""
+        return np.asarray(self.chain[:, None] == self.chain)
 
-    def quiet(self, lag: int) -> NDArray[np.bool_]:
-        """(n − lag,) whether nothing was hidden between a residual and the one `lag` later in its chain."""
-        if lag not in self._quiet:
-            hidden = np.cumsum(self.hidden_mm)
-            self._quiet[lag] = (self.chain[lag:] == self.chain[:-lag]) & (hidden[lag:] - hidden[:-lag] <= 1e-9)
-        return self._quiet[lag]
+    @cached_property
+    def apart_s(self) -> Array:
+        """(m, m)"""
+        return np.asarray(np.abs(self.t_s[:, None] - self.t_s))
 
-    def estimated_noise(self, in_plane_mm: ComplexArray, angle_rad: Array) -> Noise:
-        """Of a residual path (n,), by its structure function, which outliers spare."""
-        white, drift = self._structure(in_plane_mm, _POSITION_FLOOR_MM, _POSITION_DRIFT_FLOOR)
-        position = max(white, drift * sqrt(_SHORT_WAY_S)), drift
-        angle = self._structure(angle_rad, _ANGLE_FLOOR_RAD, _ANGLE_DRIFT_FLOOR)
-        return Noise(*position, *angle)
+    def parts(self, elevation_mm: Array) -> Array:
+        """(PARTS, m, m): covariance of each part for variance 1. elevation_mm: (m,) place out of the plane.
 
-    def _structure(self, path: Array | ComplexArray, floor: float, drift_floor: float) -> tuple[float, float]:
-        """White noise and drift from the squared differences at one frame and at `_LONG_LAG_S`."""
-        long_lag = max(2, min(round(_LONG_LAG_S / self.period_s), path.size // 3))
-        short, long = (self._lagged_variance(path, lag) for lag in (1, long_lag))
-        axes = 2 if np.iscomplexobj(path) else 1
-        chance = 1 + _CHANCE * sqrt(3 / max((path.size - long_lag) * axes, 1))
-        drift_variance = max((long - short * chance) / ((long_lag - 1) * self.period_s), drift_floor**2)
-        white = max((short - drift_variance * self.period_s) / 2, floor**2)
-        return sqrt(white), sqrt(drift_variance)
+        White: mm² of one picture. Walks: mm² per s and per mm of way out of the plane. Slant: rad² of the slope.
+        Breathing and pulse: mm² of their size.
+        """
+        smooth = _smoothed(elevation_mm)
+        way_mm = np.abs(np.diff(smooth, prepend=smooth[0])).cumsum()
+        parts = np.empty((PARTS, len(self), len(self)))
+        parts[WHITE] = np.diag(1 / self.count)
+        parts[WALK] = self._walk(self.t_s)
+        parts[WAY] = self._walk(way_mm)
+        parts[SLANT] = _slant(smooth)
+        for part, memory_s in ((BREATHING, _BREATHING_S), (PULSE, _PULSE_S)):
+            parts[part] = np.exp(-np.square(self.apart_s / memory_s) / 2)
+        return parts
 
-    def _lagged_variance(self, path: Array | ComplexArray, lag: int) -> float:
-        told = self.quiet(lag)
-        if np.count_nonzero(told) < _LEAST_QUIET:
-            told = self.chain[lag:] == self.chain[:-lag]
-        change = np.abs((path[lag:] - path[:-lag])[told].view(np.float64))
-        middle = change.size // 2
-        return float((SD_PER_MEDIAN * np.partition(change, middle)[middle]) ** 2) if change.size else 0.0
+    def _walk(self, along: Array) -> Array:
+        """A walk that begins with each chain."""
+        first = np.searchsorted(self.chain, self.chain) if np.all(np.diff(self.chain) >= 0) else _firsts(self.chain)
+        since = along - along[first]
+        return np.where(self.same, np.minimum(since[:, None], since), 0.0)
+
+
+def _firsts(chain: NDArray[np.int64]) -> NDArray[np.intp]:
+    _, first, index = np.unique(chain, return_index=True, return_inverse=True)
+    return np.asarray(first[index])
+
+
+def _smoothed(values: Array) -> Array:
+    half = _SMOOTH_BLOCKS // 2
+    padded = np.pad(values, half, mode="edge")
+    return np.convolve(padded, np.full(_SMOOTH_BLOCKS, 1 / _SMOOTH_BLOCKS), mode="valid")
+
+
+def _slant(elevation_mm: Array) -> Array:
+    """Integral of a slope that forgets itself over `_SLANT_MM`: what is passed twice shifts the picture alike twice."""
+
+    def structure(way_mm: Array) -> Array:
+        way = np.abs(way_mm) / _SLANT_MM
+        return np.asarray(_SLANT_MM**2 * (way - 1 + np.exp(-way)))
+
+    z = elevation_mm - elevation_mm.min()
+    return structure(z[:, None]) + structure(z) - structure(z[:, None] - z)
 
 
 class Whitener:
-    """Turns the steps of a residual path into innovations of unit variance, one fewer than pictures in each chain.
+    """Of one row with one set of variances.
 
-    position_log_volume, angle_log_volume: log det of the covariance of one row of each.
+    inverse: (m, m) of the covariance. log_volume: its log det.
     """
 
-    def __init__(self, times: Times, noise: Noise) -> None:
-        self._later, dt_s, lost_mm2, shared = times.walk
-        self._position = _factor(noise.position_drift**2 * dt_s + lost_mm2, shared, noise.position_mm)
-        self._angle = _factor(noise.angle_drift**2 * dt_s, shared, noise.angle_rad)
-        self.position_log_volume = 2 * float(np.log(self._position[0]).sum())
-        self.angle_log_volume = 2 * float(np.log(self._angle[0]).sum())
+    def __init__(self, parts: Array, offsets: Array, variances: Array) -> None:
+        self._per_picture = np.diag(parts[WHITE])
+        flat = parts.reshape(len(parts), -1)
+        self._tissue = (variances[BREATHING:] @ flat[BREATHING:]).reshape(offsets.shape)
+        C = (variances[:BREATHING] @ flat[:BREATHING]).reshape(offsets.shape)
+        C += self._tissue
+        C += offsets
+        self._factor, refused = dpotrf(C, lower=True, clean=True, overwrite_a=True)
+        if refused:
+            raise ValueError("the noise of the path leaves its covariance not positive definite")
+        self.log_volume = 2 * float(np.log(np.diag(self._factor)).sum())
 
-    def positions(self, steps: Array | ComplexArray) -> Array | ComplexArray:
-        """(…, n), of which the first of each chain is left out → (…, m). Complex: lateral + i · axial."""
-        return self._innovations(self._position, steps)
+    @cached_property
+    def inverse(self) -> Array:
+        """(m, m)."""
+        lower, _ = dpotri(self._factor, lower=True)
+        whole = lower + lower.T
+        np.fill_diagonal(whole, np.diag(lower))
+        return np.asarray(whole)
 
-    def angles(self, steps: Array | ComplexArray) -> Array | ComplexArray:
-        """(…, n), of which the first of each chain is left out → (…, m)."""
-        return self._innovations(self._angle, steps)
+    @cached_property
+    def counted(self) -> float:
+        """What white noise of variance 1 in each picture pretends as information."""
+        return float(np.diag(self.inverse) @ self._per_picture)
 
-    def _innovations(self, factor: Array, steps: Array | ComplexArray) -> Array | ComplexArray:
-        if np.iscomplexobj(steps):
-            lateral, axial = (self._innovations(factor, part) for part in (steps.real, steps.imag))
-            return np.asarray(lateral + 1j * axial)
-        white, _ = dtbtrs(factor, np.take(steps, self._later, axis=-1).T, uplo="L", overwrite_b=True)
-        return np.asarray(white.T)
+    @cached_property
+    def pretended(self) -> float:
+        """What the tissue's own motion, which is in the picture's path, pretends as information on its scale."""
+        return float(np.vdot(self.inverse, self._tissue))
+
+    def white(self, columns: Array) -> Array:
+        """(…, m) → innovations (…, m), of unit variance and in time order."""
+        flat = columns.reshape(-1, columns.shape[-1])
+        return np.asarray(solve_triangular(self._factor, flat.T, lower=True, check_finite=False).T).reshape(
+            columns.shape
+        )
+
+    def coloured(self, innovations: Array) -> Array:
+        """(m,) innovations → (m,) of the row."""
+        return np.asarray(self._factor @ innovations)
 
 
-def position_weight(noise: Noise, period_s: float) -> float:
-    """1/mm²: what one picture's position counts beside its neighbours, the mean diagonal of the inverse covariance."""
-    walk = noise.position_drift**2 * period_s
-    white = noise.position_mm**2
-    return float((1 - np.sqrt(walk / (walk + 4 * white))) / white)
+class LearnedNoise:
+    """The noise of the rows of one residual, learned by restricted maximum likelihood (REML): variances rise or fall
+    by the MM algorithm (Zhou, Hu, Zhou and Lange 2019), which never leaves the positive.
+    """
 
+    def __init__(self, blocks: Blocks, elevation_mm: Array, noise: Noise) -> None:
+        self._parts = blocks.parts(elevation_mm)
+        positions = np.isin(np.arange(len(noise.variances)), POSITIONS)
+        self._floors = np.where(positions[:, None], POSITION_FLOORS, ANGLE_FLOORS)
+        self._offsets = [blocks.same * np.square(_OFFSET_MM if is_mm else _OFFSET_RAD) for is_mm in positions]
+        self.noise = replace(noise, variances=np.maximum(noise.variances, self._floors))
+        self.rows = self._whiteners()
 
-def _factor(walk: Array, shared: NDArray[np.bool_], white: float) -> Array:
-    """(2, m) banded Cholesky factor of the covariance of differences: 2 w² + walk, and −w² between neighbours."""
-    banded = np.zeros((2, walk.size))
-    banded[0] = 2 * white**2 + walk
-    banded[1, :-1] = np.where(shared, -(white**2), 0.0)
-    factor, refused = dpbtrf(banded, lower=True)
-    if refused:
-        raise ValueError("the noise of the path leaves its covariance not positive definite")
-    return np.asarray(factor)
+    def _whiteners(self) -> list[Whitener]:
+        rows = zip(self._offsets, self.noise.variances, strict=True)
+        return [Whitener(self._parts, offsets, variances) for offsets, variances in rows]
+
+    def learn(self, residual: Array, J: Array, covariance: Array) -> None:
+        """residual: (rows, m) at the estimate, free of outliers. J: (rows, 9, m).
+
+        covariance: (9, 9) of θ, by the noise as it is.
+        """
+        variances = np.empty_like(self.noise.variances)
+        for k, row in enumerate(self.rows):
+            pulled = row.inverse @ residual[k]
+            lever = row.inverse @ J[k].T
+            P = row.inverse - lever @ covariance @ lever.T
+            told = self._parts @ pulled @ pulled
+            expected = self._parts.reshape(PARTS, -1) @ P.ravel()
+            ratio = np.clip(told / np.maximum(expected, _TINY), _FASTEST**-2, _FASTEST**2)
+            variances[k] = self.noise.variances[k] * np.sqrt(ratio)
+        self.noise = replace(self.noise, variances=np.maximum(variances, self._floors))
+        self.rows = self._whiteners()
+
+    def without_tissue(self, k: int, path: Array) -> Array:
+        """Row k less the most likely breathing and pulse in it."""
+        own = np.tensordot(self.noise.variances[k, BREATHING:], self._parts[BREATHING:], axes=1)
+        return np.asarray(path - own @ (self.rows[k].inverse @ path))

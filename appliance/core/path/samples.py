@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.noise import Times
+from appliance.core.path.noise import Blocks
 from appliance.core.path.steps import SensorSteps
 from drivers.rigid import Array
 
@@ -23,9 +23,8 @@ class PathSamples:
 
     t_s: (n,). chain: (n,) int. u_px: (n, 2), alpha_rad: (n,) path within the chain. poses: (n, 4, 4) sensor → tracker
     at t_s + latency; earlier_poses, later_poses: the same, half of `apart_s` before and after, for the derivative by
-    latency. apart_s spans several pose periods, or tracker noise would drown the velocity. hidden_mm: (n,) ≥ 0, way of
-    the probe since the picture before that the picture does not show, where that is most of it; 0 elsewhere.
-    origin_ns: stamp that t_s counts from.
+    latency. apart_s spans several pose periods, or tracker noise would drown the velocity. origin_ns: stamp that t_s
+    counts from.
     """
 
     t_s: Array
@@ -36,7 +35,6 @@ class PathSamples:
     earlier_poses: Array
     later_poses: Array
     apart_s: float
-    hidden_mm: Array
     origin_ns: int = 0
 
     @cached_property
@@ -54,24 +52,30 @@ class PathSamples:
         """Stamp of a time of t_s."""
         return self.origin_ns + round(t_s * 1e9)
 
-    @property
-    def in_plane_share(self) -> float:
-        """Share of pictures before which little was hidden."""
-        return float(np.mean(self.hidden_mm == 0.0)) if len(self.hidden_mm) else 0.0
-
     @cached_property
     def moved_ns(self) -> int:
         """Stamp at and after which half of the picture's way along each axis was gone, the older of the two."""
-        later, *_ = self.times.walk
+        later = np.flatnonzero(self.continues)
         u_px = self.u_px[self.kept]
         way = np.square(u_px[later] - u_px[later - 1]).cumsum(axis=0)
         half = min(int(np.searchsorted(along, along[-1] / 2)) for along in way.T)
-        return self.stamp_ns(float(self.times.t_s[later[half]]))
+        return self.stamp_ns(float(self.t_s[self.kept][later[half]]))
 
     @cached_property
-    def times(self) -> Times:
-        """Of the kept pictures, as are the steps."""
-        return Times(self.t_s[self.kept], self.chain[self.kept], self.hidden_mm[self.kept])
+    def continues(self) -> NDArray[np.bool_]:
+        """Of the kept pictures: whether the one before is of the same chain."""
+        chain = self.chain[self.kept]
+        return np.asarray(np.diff(chain, prepend=chain[0] - 1) == 0)
+
+    @cached_property
+    def period_s(self) -> float:
+        """Usual time between two kept pictures."""
+        return max(float(np.median(np.diff(self.t_s[self.kept]))), 1e-3)
+
+    @cached_property
+    def blocks(self) -> Blocks:
+        """Of the kept pictures."""
+        return Blocks.of(self.t_s[self.kept], self.chain[self.kept])
 
     @cached_property
     def steps(self) -> SensorSteps:

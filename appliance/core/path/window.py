@@ -3,7 +3,6 @@ tracker.
 """
 
 from collections import deque
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +21,6 @@ turns of a hand are smoothed away.
 """
 _BEFORE_S = 0.5
 """Poses before the first picture that the search for the latency gets: more than the .38 s that it looks back."""
-_SORT_S = 0.3
-"""Time over which the ways of picture and tracker are compared. Shorter, tracker noise looks like hidden way; longer, a
-short way out of the plane is spread over pictures that saw all. Not measured.
-"""
-_OUT_RATIO, _OUT_FLOOR_MM = 1.5, 0.3
-"""How far the hidden way must exceed the one that is seen, and tracker noise, before it counts. Less weakens tilted
-sweeps, which show all; more lets what nobody saw count in full. Not measured.
-"""
 _SPARE_NS = 2_000_000_000
 """Poses kept for longer than pictures: the latency search and the velocity reach beyond both ends of the window."""
 _MOST_NEW = 1000
@@ -113,7 +104,7 @@ class PathWindow:
         self._seen: deque[Motion] = deque()
         self.poses = PoseTrack(span_ns + _SPARE_NS)
         self._arrays_known: tuple[Array, NDArray[np.int64], Array, Array] | None = None
-        self._samples_known: dict[float, tuple[PathSamples, PathSamples]] = {}
+        self._samples_known: dict[float, PathSamples] = {}
 
     def __len__(self) -> int:
         return len(self._seen)
@@ -181,29 +172,22 @@ class PathWindow:
         path = self._picture_path(u_px, alpha)
         return estimate_latency(t_s, chain, np.stack([path.real, path.imag]), times[reach], sensor_path)
 
-    def samples(self, latency_s: float, weigh_hidden: bool) -> PathSamples:
-        """The pictures whose poses are bracketed at the given latency.
-
-        weigh_hidden: where the probe moved mostly out of the picture plane, what the picture did counts less.
-        """
+    def samples(self, latency_s: float) -> PathSamples:
+        """The pictures whose poses are bracketed at the given latency."""
         if not self._seen:
             return _NOTHING
         if latency_s not in self._samples_known:
             self._samples_known[latency_s] = self._samples(latency_s)
-        return self._samples_known[latency_s][weigh_hidden]
+        return self._samples_known[latency_s]
 
-    def _samples(self, latency_s: float) -> tuple[PathSamples, PathSamples]:
-        """Without and with the weight of what was hidden; the same where nothing was."""
+    def _samples(self, latency_s: float) -> PathSamples:
         t_s, chain, u_px, alpha = self._arrays()
         asked_s = t_s + latency_s + np.array([[0.0], [-_APART_S / 2], [_APART_S / 2]])
         around, known = self.poses.at(asked_s, self._seen[0].stamp.t_ns)
         keep = known.all(axis=0)
         poses, earlier, later = around[:, keep]
         seen = t_s[keep], chain[keep], u_px[keep], alpha[keep]
-        origin_ns = self._seen[0].stamp.t_ns
-        samples = PathSamples(*seen, poses, earlier, later, _APART_S, np.zeros_like(seen[0]), origin_ns)
-        hidden_mm = self._hidden_mm(t_s, chain, u_px, alpha, around[0])[keep]
-        return samples, replace(samples, hidden_mm=hidden_mm) if hidden_mm.any() else samples
+        return PathSamples(*seen, poses, earlier, later, _APART_S, self._seen[0].stamp.t_ns)
 
     def _arrays(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         if self._arrays_known is None:
@@ -219,22 +203,6 @@ class PathWindow:
         lateral, axial = (u_px * self._reference.scale_mm_per_px).T
         return np.asarray(-np.exp(-1j * alpha) * (lateral + 1j * axial))
 
-    def _hidden_mm(self, t_s: Array, chain: NDArray[np.int64], u_px: Array, alpha: Array, poses: Array) -> Array:
-        """(n,) way between each picture and the one before that is absent from the picture, 0 where most of it is seen.
-
-        Only lengths are compared, so a wrong rotation of X cannot make in-plane motion look out-of-plane.
-        """
-        centre = -self._reference.rotation.T @ self._reference.offset_mm
-        where = poses[:, :3, :3] @ centre + poses[:, :3, 3]
-        path = self._picture_path(u_px, alpha)
-        first = np.searchsorted(t_s, t_s - _SORT_S / 2)
-        last = np.minimum(np.searchsorted(t_s, t_s + _SORT_S / 2), t_s.size - 1)
-        tracker = np.linalg.norm(where[last] - where[first], axis=1)
-        picture = np.abs(path[last] - path[first])
-        hidden = np.sqrt(np.maximum(tracker**2 - picture**2, 0)) - _OUT_RATIO * picture - _OUT_FLOOR_MM
-        share = np.diff(t_s, prepend=t_s[0]) / np.maximum(t_s[last] - t_s[first], 1e-3)
-        return np.asarray(np.where(chain[first] == chain[last], np.maximum(hidden, 0) * share, 0.0))
-
 
 _NO_POSES = np.zeros((0, 4, 4))  # no times, of (4, 4)
 _NOTHING = PathSamples(
@@ -246,7 +214,6 @@ _NOTHING = PathSamples(
     earlier_poses=_NO_POSES,
     later_poses=_NO_POSES,
     apart_s=_APART_S,
-    hidden_mm=np.zeros(0),
 )
 """Samples of no picture."""
 

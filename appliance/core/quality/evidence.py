@@ -1,5 +1,6 @@
 """What the last seconds of motion show of the calibration: latency first, then polarity, then every parameter of X."""
 
+from collections import deque
 from dataclasses import dataclass, replace
 from math import isnan, nan, sqrt
 
@@ -9,8 +10,9 @@ from appliance.core.detectors.calibration_change import agreement_check, calibra
 from appliance.core.detectors.polarity import MOST_FLIPPED, flipped, weigh_polarity
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.latency import Latency
+from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
-from appliance.core.path.solver import Prior, Solution, path_misfit, solve
+from appliance.core.path.solver import PathFit, Prior, Solution, solve
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.verification import Sign, Verification
 from appliance.limits import Limits
@@ -20,9 +22,13 @@ _SHORT_NS = 3_500_000_000
 """The window that finds a change. Longer names it later: a scale is named within 4 s
 (tests/appliance/core/quality/test_evidence.py). Shorter shows too little to be sure by three sigmas.
 """
-_LONG_NS = 10_000_000_000
-"""The window that measures. Longer measures better, and lets what has slowly changed count for longer as what was; 10 s
-of a hand's tilt show rotation, scales and offset (tests/appliance/core/path/test_solver.py; mathematics, section 3).
+_LONG_NS = 30_000_000_000
+"""The window that measures. Longer measures better, and lets what has slowly changed count for longer as what was; half
+a minute of an elevational sweep with a hand's tremor shows what is required (docs/study.md).
+"""
+_LONG_EVERY_NS, _GROWN_NS = 1_000_000_000, 10_000_000_000
+"""Between two solutions of the long window, once it is so long that a second changes little: it costs three times the
+short one. Where anything speaks against its last solution it is solved each time.
 """
 _UNKNOWN_LATENCY_S = 0.05
 """Standard deviation of a latency that the paths alone do not tell. More lets scales hide in it, less lets it hide in
@@ -43,10 +49,6 @@ misfit; a tracker that is later still is named once the paths tell it.
 _FAR_BETTER = 30.0
 """By how much, in −2 log likelihood, a far latency must beat none: it excuses the calibration. Less excuses scale
 faults as latency; more leaves a late tracker unnamed for longer. Not measured.
-"""
-_MOSTLY = 0.7
-"""Share of pictures that saw all of the way, from which the solver's latency counts beside that of the paths: hidden
-way looks like one. Not measured.
 """
 _LEAST_FAR_NS = 3_000_000_000
 """A shorter window is not asked for a far latency: over so little motion chance finds one. Not measured."""
@@ -115,6 +117,8 @@ class Evidence:
         self._culprits: frozenset[str] = frozenset()
         self._valid_ns = self._settled_ns = 0
         self._failing_ns: int | None = None
+        self._noises: deque[tuple[int, Noise]] = deque()
+        self._long_ns = 0
 
     @property
     def estimate(self) -> Calibration | None:
@@ -134,6 +138,8 @@ class Evidence:
         self._suspects = frozenset()
         self._settled_ns = 0
         self._failing_ns = None
+        self._noises.clear()
+        self._long_ns = 0
 
     def forget(self, since_ns: int) -> None:
         """Motion at or after since_ns was stamped wrongly."""
@@ -141,6 +147,7 @@ class Evidence:
         self._verification.forget(since_ns)
         self._latest = self._nothing
         self._valid_ns, self._settled_ns = (min(t_ns, since_ns) for t_ns in (self._valid_ns, self._settled_ns))
+        self._long_ns = 0
         self._failing_ns = None
 
     def checks(self) -> tuple[Check, ...]:
@@ -176,7 +183,7 @@ class Evidence:
         """The closed forms on everything remembered since the last change."""
         window = self.window.since(self._valid_ns)
         latency = window.latency()
-        samples = window.samples(0.0 if latency is None else latency.value_s, weigh_hidden=True)
+        samples = window.samples(0.0 if latency is None else latency.value_s)
         return second_opinion(samples, self._reference)
 
     def _premature(self, failed: frozenset[str], now_ns: int) -> frozenset[str]:
@@ -195,17 +202,23 @@ class Evidence:
         now_ns: time of the latest picture, which may have shown no motion.
         """
         recent = self.window.since(now_ns - _SHORT_NS)
-        finding = examine(recent, self._reference, self._limits)
+        finding = examine(recent, self._reference, self._limits, self._noise_until(now_ns - _SHORT_NS))
         short = _without(finding, _SLOW)
         confirmed = short.failed & self._suspects
         if confirmed and now_ns >= self._settled_ns:
             self._valid_ns, self._settled_ns, self._culprits = now_ns - _SHORT_NS, now_ns + _SHORT_NS, confirmed
         start_ns = max(self._valid_ns, now_ns - _LONG_NS)
         long = self.window.since(start_ns)
+        if not self._due(long, short, now_ns):
+            self._contradict(_quick(short), frozenset())
+            return
+        self._long_ns = now_ns
         if len(long) > len(recent):
-            finding = examine(long, self._reference, self._limits)
+            finding = examine(long, self._reference, self._limits, self._noise_until(now_ns))
         else:
             long = recent
+        if finding.solution is not None:
+            self._noises.append((now_ns, finding.solution.noise))
         doubtful = finding.failed - self._suspects
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits - {"latency"}
@@ -213,21 +226,34 @@ class Evidence:
         doubtful |= self._premature(finding.failed & early, now_ns)
         self._suspects = finding.failed | short.failed
         self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful)
-        self._latest = self._accepted(_without(finding, doubtful), long)
+        self._latest = self._accepted(_without(finding, doubtful), long, now_ns)
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
+
+    def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
+        """Whether the long window is worth another solution: it grows still, or something speaks against its last."""
+        doubted = bool(short.failed or self._suspects or self._verification.contradicted)
+        return doubted or long.span_ns < _GROWN_NS or now_ns - self._long_ns >= _LONG_EVERY_NS
+
+    def _noise_until(self, t_ns: int) -> Noise | None:
+        """As last learned not after t_ns. A short window is held against noise from before it, into which a change
+        within it has not gone.
+        """
+        while len(self._noises) > 1 and self._noises[1][0] <= self._noises[-1][0] - _SHORT_NS:
+            self._noises.popleft()
+        return next((noise for learned_ns, noise in reversed(self._noises) if learned_ns <= t_ns), None)
 
     def _contradict(self, checks: tuple[Check, ...], named: frozenset[str]) -> None:
         self._verification.contradict(checks, named, self.window.now_ns)
 
-    def _accepted(self, finding: Finding, window: PathWindow) -> Finding:
+    def _accepted(self, finding: Finding, window: PathWindow, now_ns: int) -> Finding:
         """What the finding shows, or where its window reaches back to the last sign of a fault, what motion after the
         sign shows.
         """
         last_sign_ns = self._verification.last_sign_ns
         if window.start_ns <= last_sign_ns and not finding.failed:
             window = window.since(last_sign_ns + 1)
-            finding = examine(window, self._reference, self._limits)
+            finding = examine(window, self._reference, self._limits, self._noise_until(now_ns))
             self._contradict(finding.checks, frozenset())
             finding = _without(finding, finding.failed)
         return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))
@@ -238,22 +264,27 @@ def _quick(finding: Finding) -> tuple[Check, ...]:
     return tuple(check for check in finding.checks if check.name not in _SLOW)
 
 
-def examine(window: PathWindow, reference: Calibration, limits: Limits) -> Finding:
-    """Latency from the two paths, polarity by likelihood, X by maximum likelihood on the in-plane motion.
+def examine(window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None = None) -> Finding:
+    """Latency from the two paths, X by maximum likelihood on the in-plane motion, polarity by likelihood.
 
     A late tracker looks like a wrong scale: no parameter of X is at fault before the latency is known to be in order.
+    start: as in `appliance.core.path.solver.solve`.
     """
     lag = window.latency()
-    lag_s = 0.0 if lag is None else lag.value_s
-    try:
-        polarity_samples = window.samples(lag_s, weigh_hidden=False)
-        polarity, polarity_check = weigh_polarity(polarity_samples, reference)
-    except ValueError:
+    solution, solved_lag = _solved(window, reference, lag, start)
+    if solution is None:
         return examine_nothing(limits)
-    solution, solved_lag = _solved(window, flipped(reference, polarity), lag)
-    mostly_in_plane = solution is not None and window.samples(lag_s, weigh_hidden=True).in_plane_share >= _MOSTLY
-    sharper = _sharper(lag, solved_lag if mostly_in_plane else None)
-    lateness = latency_check(sharper, limits, window.stamps_err_s, polarity_samples.moved_ns)
+    samples = window.samples(0.0 if lag is None else lag.value_s)
+    polarity, polarity_check = weigh_polarity(samples, reference, solution.noise)
+    if polarity != (1, 1):
+        # The noise that a wrong polarity asks for hides much of what speaks against it.
+        mirrored, mirrored_lag = _solved(window, flipped(reference, polarity), lag, None)
+        polarity_check = _UNWEIGHED
+        if mirrored is not None:
+            again, check = weigh_polarity(samples, reference, mirrored.noise)
+            if again == polarity and check.verdict is VerdictKind.FAULT:
+                solution, solved_lag, polarity_check = mirrored, mirrored_lag, check
+    lateness = latency_check(_sharper(lag, solved_lag), limits, window.stamps_err_s, samples.moved_ns)
     parameters = Finding(calibration_checks(solution, limits), solution)
     if lateness.verdict is not VerdictKind.OK:
         parameters = _without(parameters, parameters.failed)
@@ -287,27 +318,30 @@ def examine_nothing(limits: Limits) -> Finding:
     return Finding(checks)
 
 
-def _solved(window: PathWindow, reference: Calibration, lag: Latency | None) -> tuple[Solution | None, Latency | None]:
+def _solved(
+    window: PathWindow, reference: Calibration, lag: Latency | None, start: Noise | None
+) -> tuple[Solution | None, Latency | None]:
     """Solution and the latency it found; None for what could not be found."""
     try:
         if lag is not None:
-            solution, lag_s = _solved_near(window, reference, lag.value_s, max(lag.sigma_s, _LEAST_LATENCY_SIGMA_S))
+            doubt_s = max(lag.sigma_s, _LEAST_LATENCY_SIGMA_S)
+            solution, lag_s = _solved_near(window, reference, lag.value_s, doubt_s, start)
             return solution, _solved_latency(solution, lag_s)
-        return _solved_far(window, reference)
+        return _solved_far(window, reference, start)
     except ValueError:
         return None, None
 
 
-def _solved_far(window: PathWindow, reference: Calibration) -> tuple[Solution, Latency | None]:
+def _solved_far(window: PathWindow, reference: Calibration, start: Noise | None) -> tuple[Solution, Latency | None]:
     """Where the paths alone tell no latency: from zero, and from where the reference fits best if that is elsewhere."""
-    solution, _ = _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S)
+    solution, _ = _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S, start)
     if window.span_ns < _LEAST_FAR_NS:
         return solution, None
-    misfits = [path_misfit(window.samples(lag, weigh_hidden=True), reference) for lag in _LAGS_S]
+    misfits = [PathFit(window.samples(lag), reference, solution.noise).misfit(reference) for lag in _LAGS_S]
     best_s = _LAGS_S[int(np.argmin(misfits))]
     if best_s == 0.0:
         return solution, None
-    other, other_s = _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S)
+    other, other_s = _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S, None)
     gain = (solution.misfit - other.misfit) * other.motions
     if gain < _FAR_BETTER or not _unchanged(other):
         return solution, None
@@ -319,16 +353,18 @@ def _unchanged(solution: Solution) -> bool:
     return bool(np.all(np.abs(solution.change[:5]) < _SAME_X))
 
 
-def _solved_near(window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float) -> tuple[Solution, float]:
+def _solved_near(
+    window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float, start: Noise | None
+) -> tuple[Solution, float]:
     """Solution about one latency, solved again where the first asks for it, and the latency it is linear about."""
     prior = replace(_NEAR, latency_s=doubt_s)
-    solution = solve(window.samples(lag_s, weigh_hidden=True), reference, prior)
+    solution = solve(window.samples(lag_s), reference, prior, start)
     tilted = all(solution.calibration.observed[:2])
     late = abs(float(solution.change[TAU])) > _RELINEARISE_S
     if late or not tilted:
         lag_s += float(solution.change[TAU]) if late else 0.0
         prior = prior if tilted else replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
-        solution = solve(window.samples(lag_s, weigh_hidden=True), reference, prior)
+        solution = solve(window.samples(lag_s), reference, prior, solution.noise)
     return solution, lag_s
 
 

@@ -10,9 +10,19 @@ from math import isfinite
 
 from appliance.types import PARAMETERS, Check, VerdictKind
 
-REQUIRED = ("polarity", "scale-lateral", "scale-axial", "rotation-elevational")
-"""What must be shown within its limit before the calibration counts as verified. The other parameters are shown only by
-tilt and turn, which an ordinary sweep may lack; a sign against one of them withdraws the OK, their absence does not."""
+REQUIRED = (
+    "polarity",
+    "scale-lateral",
+    "scale-axial",
+    "rotation-lateral",
+    "rotation-axial",
+    "rotation-elevational",
+    "latency",
+)
+"""What must be shown within its limit before the calibration counts as verified: each of them can be spoiled by a bent
+marker body, a depth setting or a cable. The offsets are shown only by turns and tilts, which an ordinary sweep may
+lack; a sign against one of them withdraws the OK, their absence does not.
+"""
 
 _ROOM = 0.8
 """Share of its limit that a contradicted parameter must be shown within. More gives an OK to a fault that lies at its

@@ -10,7 +10,7 @@ from appliance.core.line import Line
 from appliance.core.quality.report import LineReport
 from appliance.limits import Limits
 from appliance.storage.calibration_file import calibration_from_image_to_probe, read_calibration
-from appliance.types import Calibration, VerdictKind
+from appliance.types import Calibration, Fault, VerdictKind
 from drivers.recordings.replay import open_recording
 from drivers.rigid import vector_from_rotation
 from tests.support.recordings import plus_file
@@ -60,11 +60,16 @@ def run(name: str) -> Run:
     return Run(line.report(), nominal)
 
 
-@pytest.mark.parametrize(("name", "scale_percent"), [(FCAL, 8.0), pytest.param(NWIRE, 5.0, marks=THOROUGH)])
-def test_the_estimate_is_near_the_published_calibration(name: str, scale_percent: float) -> None:
+@pytest.mark.parametrize("name", [FCAL, pytest.param(NWIRE, marks=THOROUGH)])
+def test_the_estimate_covers_the_published_calibration(name: str) -> None:
+    """Wires in water wander as the plane leaves them: seven seconds of that leave sigmas of 5 to 13 %."""
     found = run(name)
     assert found.report.motions >= 40
-    assert np.all(np.abs(found.scale_percent) < scale_percent), found.scale_percent
+    assert found.report.estimate is not None
+    assert found.report.estimate.covariance is not None
+    sigma_percent = 100 * np.sqrt(np.diag(found.report.estimate.covariance)[3:5])
+    assert np.all(sigma_percent < 15), sigma_percent
+    assert np.all(np.abs(found.scale_percent) < 2 * sigma_percent), (found.scale_percent, sigma_percent)
     assert found.turn_deg < 9.0
 
 
@@ -76,11 +81,23 @@ def test_latency_is_found_before_anything_else_is_judged(name: str, latency_ms: 
 
 
 @pytest.mark.parametrize("name", [FCAL, pytest.param(NWIRE, marks=THOROUGH)])
-def test_seven_seconds_of_mostly_elevational_motion_are_not_verified_and_say_why(name: str) -> None:
-    """Their estimate is good, but its sigma of 5–11 % cannot show a limit of 5 %: neither OK nor FAULT may be said."""
+def test_seven_seconds_of_mostly_elevational_motion_show_neither_scale(name: str) -> None:
+    """Their sigma cannot show a limit of 5 %: of the scales neither OK nor FAULT may be said."""
     report = run(name).report
-    assert report.verdict.kind is VerdictKind.NOT_VERIFIED
-    assert "scale-lateral" in report.verdict.reason
     verdicts = {check.name: check.verdict for check in report.checks}
     assert verdicts["scale-lateral"] is verdicts["scale-axial"] is VerdictKind.NOT_VERIFIED
     assert verdicts["polarity"] is VerdictKind.OK
+
+
+def test_a_recording_without_a_fault_is_not_verified_and_says_why() -> None:
+    verdict = run(FCAL).report.verdict
+    assert verdict.kind is VerdictKind.NOT_VERIFIED
+    assert "scale-lateral" in verdict.reason
+
+
+@pytest.mark.thorough
+def test_a_tracker_that_is_later_than_the_limit_is_a_fault_and_the_only_one() -> None:
+    """By the two paths alone it is about 75 ms late; the limit is 60."""
+    report = run(NWIRE).report
+    failed = {check.name for check in report.checks if check.verdict is VerdictKind.FAULT}
+    assert (report.verdict.fault, failed) == (Fault.LATENCY, {"latency"})

@@ -15,9 +15,7 @@ from tests.tools.commands.test_replay import line_report
 
 
 def asked(path, reference: Calibration = TRUTH, seconds: float = 10.0, seed: int = 1, **world) -> SecondOpinion | None:  # type: ignore[no-untyped-def]
-    return second_opinion(
-        filled(path, seconds, seed, reference=reference, **world).samples(0.0, weigh_hidden=True), reference
-    )
+    return second_opinion(filled(path, seconds, seed, reference=reference, **world).samples(0.0), reference)
 
 
 def turn_deg(found: SecondOpinion) -> float:

@@ -1,88 +1,124 @@
-"""Noise of the residual path: whitening against the dense covariance, and what the structure function finds."""
+"""Noise of the residual path: whitening, its parts against closed forms, and what is learned of them."""
 
 import numpy as np
 import pytest
 
-from appliance.core.path.noise import Noise, Times, Whitener, position_weight
+from appliance.core.path.noise import (
+    BREATHING,
+    PARTS,
+    SLANT,
+    WALK,
+    WAY,
+    WHITE,
+    Blocks,
+    LearnedNoise,
+    Noise,
+)
+from drivers.rigid import Array
 
-NOISE = Noise(position_mm=0.12, position_drift=0.05, angle_rad=4e-4, angle_drift=3e-4)
+SIZES = np.array([0.12, 0.05, 0.04, 0.02, 0.5, 0.05])
+"""Standard deviations of the parts of a position."""
 
 
-def times(n: int = 40, parts: int = 2, seed: int = 0) -> Times:
+def blocks(n: int = 90, chains: int = 2) -> Blocks:
+    return Blocks.of(np.arange(n) / 30, np.repeat(np.arange(chains), n // chains))
+
+
+def noise(sizes: Array = SIZES) -> Noise:
+    return Noise(np.tile(np.square(sizes), (2, 1)))
+
+
+def drawn(given: Blocks, elevation_mm: Array, sizes: Array, seed: int) -> Array:
+    """(2, m) rows with noise of the given sizes and an offset of 30 mm for each chain."""
     random = np.random.default_rng(seed)
-    t_s = np.cumsum(random.uniform(0.02, 0.05, n))
-    return Times(t_s, np.repeat(np.arange(parts), n // parts), np.zeros(n))
+    C = np.tensordot(np.square(sizes), given.parts(elevation_mm), axes=1) + 1e-12 * np.eye(len(given))
+    return random.normal(size=(2, len(given))) @ np.linalg.cholesky(C).T + 30.0 * given.chain
 
 
-def innovations(given: Times, steps: np.ndarray) -> np.ndarray:
-    """(3, n) in-plane position mm and turn rad → (3, m)."""
-    whiten = Whitener(given, NOISE)
-    return np.concatenate([whiten.positions(steps[:2]), whiten.angles(steps[2:])])
-
-
-def test_complex_positions_are_whitened_like_real_ones() -> None:
-    given, whiten = times(), Whitener(times(), NOISE)
-    steps = np.random.default_rng(4).normal(0, 0.2, (2, 5, 40))
-    both = whiten.positions(steps[0] + 1j * steps[1])
-    np.testing.assert_array_equal([both.real, both.imag], [whiten.positions(part) for part in steps])
-    assert both.shape == (5, 40 - len(np.unique(given.chain)))
+def test_a_block_is_the_mean_of_the_pictures_of_a_tenth_of_a_second_in_one_chain() -> None:
+    given = Blocks.of(np.array([0.0, 0.03, 0.07, 0.11, 0.14, 0.18, 0.21]), np.array([0, 0, 0, 0, 1, 1, 1]))
+    assert given.count.tolist() == [3, 1, 2, 1]
+    assert given.chain.tolist() == [0, 0, 1, 1]
+    np.testing.assert_allclose(given.means(np.arange(7.0)), [1, 3, 4.5, 6])
+    assert len(blocks(1800, 1)) <= 201, "a long window has longer blocks"
 
 
 def test_whitening_is_generalised_least_squares_with_a_free_offset_per_chain() -> None:
-    """rᵀ Σ⁻¹ r with Σ = white + walk + 10⁶ · offsets, computed densely, equals the sum of squared innovations."""
-    given = times()
-    path = np.random.default_rng(1).normal(0, 0.2, (3, 40))
-    found = np.sum(innovations(given, np.diff(path, axis=1, prepend=path[:, :1])) ** 2, axis=1)
-    for column, (white, drift) in enumerate([(0.12, 0.05), (0.12, 0.05), (4e-4, 3e-4)]):
-        expected = 0.0
-        for chain in (0, 1):
-            rows = given.chain == chain
-            t_s = given.t_s[rows]
-            sigma = white**2 * np.eye(len(t_s)) + drift**2 * np.minimum.outer(t_s - t_s[0], t_s - t_s[0])
-            weight = np.linalg.inv(sigma)
-            r = path[column, rows]
-            offset = weight.sum(axis=0) @ r / weight.sum()
-            expected += (r - offset) @ weight @ (r - offset)
-        assert found[column] == pytest.approx(expected, rel=1e-9)
+    """rᵀ Σ⁻¹ r, computed apart with each chain's best offset taken off, equals the sum of squared innovations."""
+    given, elevation_mm = blocks(), np.linspace(0, 4, 30)
+    sizes = SIZES.copy()
+    sizes[BREATHING:] = 1e-3, 1e-3
+    learned = LearnedNoise(given, elevation_mm, noise(sizes))
+    path = drawn(given, elevation_mm, sizes, 1)[0]
+    weight = np.linalg.inv(np.tensordot(np.square(sizes), given.parts(elevation_mm), axes=1))
+    chains = np.stack([given.chain == 0, given.chain == 1]).astype(float)
+    offsets = np.linalg.solve(chains @ weight @ chains.T, chains @ weight @ path)
+    left = path - offsets @ chains
+    assert np.sum(learned.rows[0].white(path) ** 2) == pytest.approx(left @ weight @ left, rel=1e-4)
 
 
-def test_innovations_of_paths_drawn_from_the_model_are_white() -> None:
-    given = times(400, 1)
-    random = np.random.default_rng(2)
-    walk = np.cumsum(random.normal(0, 1, (3, 400)) * np.sqrt(np.diff(given.t_s, prepend=given.t_s[0])), axis=1)
-    drift, white = np.array([[0.05, 0.05, 3e-4], [0.12, 0.12, 4e-4]])[..., None]
-    path = walk * drift + random.normal(0, 1, (3, 400)) * white
-    found = innovations(given, np.diff(path, axis=1, prepend=path[:, :1]))
-    np.testing.assert_allclose(np.var(found, axis=1), 1, atol=0.25)
-    np.testing.assert_allclose(np.mean(found[:, 1:] * found[:, :-1], axis=1), 0, atol=0.15)
-    found = given.estimated_noise(path[0] + 1j * path[1], path[2])
-    assert found.position_mm == pytest.approx(0.12, rel=0.15)
-    assert found.angle_rad == pytest.approx(4e-4, rel=0.2)
+def test_innovations_of_paths_drawn_from_the_model_are_white_and_colour_undoes_it() -> None:
+    given, elevation_mm = blocks(600, 1), 5 * np.sin(np.arange(200) / 20)
+    row = LearnedNoise(given, elevation_mm, noise()).rows[0]
+    path = drawn(given, elevation_mm, SIZES, 2)[0]
+    white = row.white(path)[1:]
+    assert np.var(white) == pytest.approx(1, abs=0.2)
+    assert np.mean(white[1:] * white[:-1]) == pytest.approx(0, abs=0.15)
+    np.testing.assert_allclose(row.coloured(row.white(path)), path, atol=1e-6)
 
 
-def test_a_step_out_of_the_plane_may_move_the_picture() -> None:
-    """After 2 mm of hidden way a jump of 2 mm is no surprise; without it, it is."""
-    given = times(40, 1)
-    steps = np.zeros((3, 40))
-    steps[0, 20] = 2.0
-    hidden = np.zeros(40)
-    hidden[20] = 2.0
-    surprised = np.abs(innovations(given, steps)).max()
-    calm = np.abs(innovations(Times(given.t_s, given.chain, hidden), steps)).max()
-    assert surprised > 8
-    assert calm < 1.5
+def test_the_walks_begin_with_each_chain_and_grow_with_time_and_way() -> None:
+    given = blocks()
+    parts = given.parts(np.linspace(0, 30, 30))
+    same = given.chain[:, None] == given.chain
+    assert not parts[WALK][~same].any()
+    assert parts[WALK][14, 14] == pytest.approx(1.4, abs=0.02)
+    assert parts[WAY][14, 14] == pytest.approx(given.t_s[14] * 10, rel=0.15)
 
 
-def test_outliers_do_not_inflate_the_noise() -> None:
-    path = np.random.default_rng(3).normal(0, 0.1, (3, 120))
-    path[:, ::20] += 5.0
-    found = times(120, 1).estimated_noise(path[0] + 1j * path[1], path[2])
-    assert found.position_mm == pytest.approx(0.1, rel=0.25)
+def test_a_slant_is_the_double_integral_of_a_slope_that_forgets_itself_over_two_millimetres() -> None:
+    """Numerically, between places 3 and 5 mm from the lowest."""
+    z_mm = np.repeat([0.0, 3.0, 5.0, 3.0], 30)
+    parts = Blocks.of(np.arange(360) / 30, np.zeros(360, dtype=np.int64)).parts(z_mm)
+    step = 0.005
+    a, b = (np.arange(step / 2, end, step) for end in (3.0, 5.0))
+    expected = np.exp(-np.abs(a[:, None] - b) / 2.0).sum() * step**2
+    assert parts[SLANT][45, 75] == pytest.approx(expected, rel=1e-3)
+    np.testing.assert_allclose(parts[SLANT][45], parts[SLANT][105], atol=1e-9, err_msg="the same place shifts alike")
 
 
-def test_the_weight_of_a_picture_is_the_diagonal_of_the_inverse_covariance() -> None:
-    period_s = 1 / 30
-    t_s = np.arange(400) * period_s
-    sigma = 0.12**2 * np.eye(400) + 0.05**2 * np.minimum.outer(t_s, t_s)
-    middle = np.diag(np.linalg.inv(sigma))[100:300]
-    assert position_weight(NOISE, period_s) == pytest.approx(middle.mean(), rel=1e-3)
+@pytest.mark.parametrize(
+    ("part", "size"), [(WHITE, 0.2), (WALK, 0.2), (WAY, 0.1), (BREATHING, 2.0)], ids=["white", "walk", "way", "breath"]
+)
+def test_the_size_of_a_part_is_learned_from_paths_that_hold_it(part: int, size: float) -> None:
+    """Twenty seconds, from a start that is wrong by five times; the mean of eight rows."""
+    given, elevation_mm = blocks(600, 1), 10 * np.sin(np.arange(200) / 25)
+    sizes = np.array([0.05, 0.01, 0.01, 0.012, 1e-3, 1e-3])
+    sizes[part] = size
+    found = []
+    for seed in range(4):
+        learned = LearnedNoise(given, elevation_mm, noise(np.where(np.arange(PARTS) == part, 5 * size, 0.1)))
+        path = drawn(given, elevation_mm, sizes, seed)
+        for _ in range(30):
+            learned.learn(path, np.zeros((2, 9, len(given))), np.eye(9))
+        found.append(np.sqrt(learned.noise.variances[:, part]))
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(size, rel=0.25)
+
+
+def test_no_part_is_believed_to_be_nothing() -> None:
+    given = blocks(600, 1)
+    learned = LearnedNoise(given, np.zeros(200), noise())
+    for _ in range(40):
+        learned.learn(np.zeros((2, 200)), np.zeros((2, 9, 200)), np.eye(9))
+    assert np.sqrt(learned.noise.variances[0, WHITE]) == pytest.approx(0.02)
+    assert np.all(learned.noise.variances > 0)
+
+
+def test_breathing_is_taken_out_of_a_path_and_motion_is_left() -> None:
+    given = blocks(600, 1)
+    breath = 2 * np.sin(2 * np.pi * given.t_s / 4)
+    quick = 0.3 * np.sign(np.sin(40 * given.t_s))
+    learned = LearnedNoise(given, np.zeros(200), noise(np.array([0.3, 0.01, 0.01, 0.012, 2.0, 1e-3])))
+    clean = learned.without_tissue(0, breath + quick)
+    assert np.std(clean - quick) < 0.15
+    assert np.std(clean) > 0.2

@@ -5,36 +5,37 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.noise import Noise, Whitener
-from appliance.core.path.residual import OFFSET, SCALE, TAU, PathResidual, side_by_side
-from drivers.rigid import rotation_from_vector
+from appliance.core.path.residual import OFFSET, SCALE, TAU, VALUE, PathResidual
+from drivers.rigid import Array, rotation_from_vector
 from tests.support import motions
 from tests.support.motions import TRUTH, planar_path, samples, tilting_path
 
 QUIET = motions.Noise(position_mm=0.0, angle_deg=0.0, picture_px=0.0, drift_mm=0.0, drift_deg=0.0)
-NOISE = Noise(position_mm=0.12, position_drift=0.05, angle_rad=4e-4, angle_drift=3e-4)
 
 
-@pytest.mark.parametrize(("path", "planar", "rows"), [(planar_path, True, 6), (planar_path, False, 3)])
+def values(residual: PathResidual, theta: Array | None = None) -> Array:
+    """(rows, m) less the offset of each chain."""
+    return residual.blocks.without_offsets(residual.linear(np.zeros(9) if theta is None else theta)[:, VALUE])
+
+
+@pytest.mark.parametrize(("planar", "rows"), [(True, 6), (False, 3)])
 @pytest.mark.parametrize("polarity", [(1, 1), (-1, 1)])
-def test_nothing_is_left_at_the_truth(path, planar: bool, rows: int, polarity: tuple[int, int]) -> None:  # type: ignore[no-untyped-def]
+def test_nothing_is_left_at_the_truth(planar: bool, rows: int, polarity: tuple[int, int]) -> None:
     truth = replace(TRUTH, polarity=polarity)
-    left = PathResidual(samples(path, 60, 1, QUIET, truth), truth, planar).steps(np.zeros(9))
-    assert side_by_side(left).size == 60 * rows
-    np.testing.assert_allclose(side_by_side(left), 0, atol=1e-5)
+    left = values(PathResidual(samples(planar_path, 60, 1, QUIET, truth), truth, planar))
+    assert left.shape == (rows, 20)
+    np.testing.assert_allclose(left, 0, atol=1e-4)
 
 
 @pytest.mark.parametrize("planar", [False, True])
-def test_slopes_are_the_derivative_of_the_innovations(planar: bool) -> None:
+def test_slopes_are_the_derivative_of_the_rows(planar: bool) -> None:
     """By each parameter at θ = 0, with the rotation about the reference; the rate is that of the steps by latency."""
-    given = samples(tilting_path, 40, 2, motions.Noise())
-    residual, whiten = PathResidual(given, TRUTH, planar), Whitener(given.times, NOISE)
+    residual = PathResidual(samples(tilting_path, 40, 2, motions.Noise()), TRUTH, planar)
     residual.linearise_latency(np.zeros(9))
-    whitened = residual.whitened(whiten)
-    slopes = residual.linear(np.zeros(9), whitened)[:9]
+    slopes = residual.linear(np.zeros(9))[:, :VALUE]
     for index, change in enumerate(np.eye(9) * 1e-5):
-        after, before = (side_by_side(residual.innovations(residual.steps(sign * change), whiten)) for sign in (1, -1))
-        np.testing.assert_allclose(slopes[index], (after - before) / 2e-5, rtol=1e-6, atol=1e-4)
+        after, before = (residual.linear(sign * change)[:, VALUE] for sign in (1, -1))
+        np.testing.assert_allclose(slopes[:, index], (after - before) / 2e-5, rtol=1e-6, atol=1e-4)
 
 
 def test_scale_offset_and_rotation_move_the_reference() -> None:
@@ -47,10 +48,8 @@ def test_scale_offset_and_rotation_move_the_reference() -> None:
         scale_mm_per_px=TRUTH.scale_mm_per_px * (1 + theta[SCALE]),
         offset_mm=TRUTH.offset_mm + theta[OFFSET],
     )
-    expected = PathResidual(given, moved, planar=True).steps(np.zeros(9))
-    np.testing.assert_allclose(
-        side_by_side(PathResidual(given, TRUTH, planar=True).steps(theta)), side_by_side(expected), atol=1e-12
-    )
+    expected = PathResidual(given, moved, planar=True).linear(np.zeros(9))[:, VALUE]
+    np.testing.assert_allclose(PathResidual(given, TRUTH, planar=True).linear(theta)[:, VALUE], expected, atol=1e-12)
 
 
 def test_a_late_tracker_is_a_residual_that_the_latency_takes_away() -> None:
@@ -59,6 +58,13 @@ def test_a_late_tracker_is_a_residual_that_the_latency_takes_away() -> None:
     residual = PathResidual(replace(late, u_px=on_time.u_px, alpha_rad=on_time.alpha_rad), TRUTH, planar=False)
     residual.linearise_latency(np.zeros(9))
     theta = np.zeros(9)
-    uncorrected = np.abs(residual.steps(theta)[0][1:]).max()
+    uncorrected = np.abs(values(residual)).max()
     theta[TAU] = -0.005
-    assert np.abs(residual.steps(theta)[0][1:]).max() < 0.1 * uncorrected
+    assert np.abs(values(residual, theta)).max() < 0.1 * uncorrected
+
+
+def test_the_way_out_of_the_plane_is_the_trackers() -> None:
+    """±3 mm of elevational motion, seen from the middle of the picture."""
+    given = samples(tilting_path, 300, 5, QUIET)
+    found = PathResidual(given, TRUTH, planar=False).elevation_mm
+    assert np.ptp(found) == pytest.approx(6, abs=1.5)

@@ -1,6 +1,4 @@
-"""The window of the two paths: interpolation, what is forgotten, what is hidden, what the calibration predicts."""
-
-from dataclasses import replace
+"""The window of the two paths: interpolation, what is forgotten, what the calibration predicts."""
 
 import numpy as np
 import pytest
@@ -10,7 +8,7 @@ from appliance.core.path.steps import SensorSteps, picture_steps, predicted_path
 from appliance.core.path.window import PathWindow, PoseTrack, sensor_jump
 from drivers.rigid import rigid, rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
-from tests.support.windows import ORIGIN_NS, elevational_path, filled, motion
+from tests.support.windows import ORIGIN_NS, filled, motion
 
 X = rigid(TRUTH.rotation, TRUTH.offset_mm)
 
@@ -74,27 +72,15 @@ def test_the_window_forgets_by_time_and_a_part_of_it_shares_the_poses() -> None:
     window.restart()
     assert (len(window), window.now_ns, window.span_ns) == (0, 0, 0)
     assert window.latency() is None
-    assert window.samples(0.0, weigh_hidden=True).t_s.size == 0
+    assert window.samples(0.0).t_s.size == 0
 
 
 def test_samples_follow_the_window_and_not_an_earlier_question() -> None:
     window = filled(planar_path, 2.0)
-    before = window.samples(0.0, weigh_hidden=False)
-    assert window.samples(0.0, weigh_hidden=False) is before
+    before = window.samples(0.0)
+    assert window.samples(0.0) is before
     window.add(motion(2.0, 60, np.ones(2), 0.0))
-    assert window.samples(0.0, weigh_hidden=False).t_s.size == before.t_s.size + 1
-
-
-def test_hidden_way_is_counted_where_the_picture_shows_little_of_it() -> None:
-    hidden = filled(elevational_path, 4.0, position_mm=0.02).samples(0.0, weigh_hidden=True)
-    way = np.abs(np.diff(4 * np.sin(1.5 * hidden.t_s))).sum()
-    assert 0.6 * way < hidden.hidden_mm.sum() < way
-    assert hidden.in_plane_share < 0.3
-    seen = filled(planar_path, 4.0).samples(0.0, weigh_hidden=True)
-    assert seen.in_plane_share > 0.98
-    turned = replace(TRUTH, rotation=rotation_from_vector(np.array([1.0, 0, 0])) @ TRUTH.rotation)
-    window = filled(planar_path, 4.0, reference=turned)
-    assert window.samples(0.0, weigh_hidden=True).in_plane_share > 0.9, "a wrong X must not hide the motion"
+    assert window.samples(0.0).t_s.size == before.t_s.size + 1
 
 
 def test_the_predicted_path_is_that_of_the_picture() -> None:
