@@ -6,9 +6,9 @@ from pathlib import Path
 
 from appliance.service.control.requests import Hands, Requests
 from appliance.service.control.status import alarm_fields, check_lists
-from appliance.supervision.alarms import HAZARDS, Kind
+from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.supervisor import AlarmTable
-from appliance.types import AlarmState, State
+from appliance.types import AlarmState, Kind, State
 from tools.development.hazards import CONTROLS, PAGE, hazards
 from tools.development.manual import MANUAL, manual
 
