@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.noise import SD_PER_MEDIAN
 from appliance.types import Vector
 from drivers.samples import GreyImage
 
@@ -38,6 +37,8 @@ _NOISE_CELL_PX = 9
 """Pixels over which noise is one grain of speckle; more widens sigma. With it the stated sigma is .7 to 1.6 times the
 scatter (tests/appliance/crosswire/test_crossing.py).
 """
+_SD_PER_MEDIAN = 1.4826
+"""Standard deviation ÷ median of the size of a normal variable with mean 0."""
 _ROUGH_SHARE = 1.2
 """Noise ÷ what of it is rough over 1 px, for noise of the size of speckle: part of it is smooth. See `_NOISE_CELL_PX`.
 """
@@ -168,4 +169,4 @@ def _measured(grey: Vector, inside: NDArray[np.bool_], floor: float, corner_px: 
 def _noise_grey(grey: Vector, inside: NDArray[np.bool_]) -> float:
     """Standard deviation of what a smooth spot does not explain, grey levels."""
     rough = grey - cv2.GaussianBlur(grey, (0, 0), 1.0)
-    return float(np.hypot(_ROUGH_SHARE * SD_PER_MEDIAN * np.median(np.abs(rough[inside])), _QUANTISATION_GREY))
+    return float(np.hypot(_ROUGH_SHARE * _SD_PER_MEDIAN * np.median(np.abs(rough[inside])), _QUANTISATION_GREY))

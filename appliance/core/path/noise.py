@@ -2,7 +2,7 @@
 
 A row of the path (lateral, axial, turn) is white tracker noise, a walk in time, what leaving the plane adds, breathing
 and pulse, and one offset for each chain (docs/method.md, section 7). The parts are dense covariances over blocks of a
-tenth of a second: half a minute is a few hundred blocks, small enough to be factorised for every solution.
+tenth of a second or more: half a minute is two hundred blocks, few enough to be factorised for every solution.
 """
 
 from dataclasses import dataclass, replace
@@ -15,8 +15,6 @@ from scipy.linalg.lapack import dpotrf, dpotri
 
 from drivers.rigid import Array
 
-SD_PER_MEDIAN = 1.4826
-"""Standard deviation ÷ median of the size of a normal variable with mean 0."""
 _BLOCK_S, _MOST_BLOCKS = 0.1, 200
 """Pictures of one chain within this time count as one, at their mean. Longer loses the quick part of a tremor, which
 ends at 8 Hz; shorter costs time with the third power of the blocks, so a long window has longer ones.
@@ -66,10 +64,7 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """m blocks of a path: t_s, chain, count of pictures (m,), in time order; elevation_mm (m,): place out of the plane.
-
-    starts: index of each block's first picture.
-    """
+    """m blocks of a path, in time order: t_s, chain and count of pictures (m,); starts: index of each one's first."""
 
     t_s: Array
     chain: NDArray[np.int64]
@@ -140,14 +135,9 @@ class Blocks:
 
     def _walk(self, along: Array) -> Array:
         """A walk that begins with each chain."""
-        first = np.searchsorted(self.chain, self.chain) if np.all(np.diff(self.chain) >= 0) else _firsts(self.chain)
-        since = along - along[first]
+        _, first, index = np.unique(self.chain, return_index=True, return_inverse=True)
+        since = along - along[first[index]]
         return np.where(self.same, np.minimum(since[:, None], since), 0.0)
-
-
-def _firsts(chain: NDArray[np.int64]) -> NDArray[np.intp]:
-    _, first, index = np.unique(chain, return_index=True, return_inverse=True)
-    return np.asarray(first[index])
 
 
 def _smoothed(values: Array) -> Array:

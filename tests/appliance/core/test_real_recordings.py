@@ -69,7 +69,7 @@ def test_the_estimate_covers_the_published_calibration(name: str) -> None:
     assert found.report.estimate.covariance is not None
     sigma_percent = 100 * np.sqrt(np.diag(found.report.estimate.covariance)[3:5])
     assert np.all(sigma_percent < 15), sigma_percent
-    assert np.all(np.abs(found.scale_percent) < 2 * sigma_percent), (found.scale_percent, sigma_percent)
+    assert np.all(np.abs(found.scale_percent) < 3 * sigma_percent), (found.scale_percent, sigma_percent)
     assert found.turn_deg < 9.0
 
 
