@@ -34,7 +34,7 @@ class Room(RuleBasedStateMachine):
     @initialize(
         seed=st.integers(0, 999),
         wrong=st.sampled_from([NONE, NONE, NONE, *CHANGES]),
-        tilt_deg=st.sampled_from([1.4, 1.4, 0.0]),
+        tilt_deg=st.sampled_from([1.4, 1.4, 1.0]),  # without any tilt two of the rotations are never shown
         seconds=st.sampled_from([7.0, 7.0, 16.0]),
         rows=st.sampled_from([ROWS, TALL_ROWS]),
     )
