@@ -32,7 +32,7 @@ _DEVICES = ("video", "tracker", "output")
 def contact_closed(status: Status) -> bool:
     """Whether the calibration may be relied on: the state says so, and no output is known to be late or lost."""
     contacts = [output for output in status["outputs"] if output["signal"] == Role.CONTACT.value]
-    return status["energised"] is True and all(output["energised"] is True for output in contacts)
+    return status["energised"] is True and bool(contacts) and all(output["energised"] is True for output in contacts)
 
 
 def silent(now_s: float) -> list[Metric]:

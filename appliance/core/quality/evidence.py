@@ -14,7 +14,7 @@ from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
 from appliance.core.path.solver import PathFit, Prior, Solution, solve
 from appliance.core.path.window import PathWindow
-from appliance.core.quality.verification import Sign, Verification
+from appliance.core.quality.verification import REQUIRED, Sign, Verification
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 
@@ -22,9 +22,10 @@ _SHORT_NS = 3_500_000_000
 """The window that finds a change. Longer names it later: a scale is named within 4 s
 (tests/appliance/core/quality/test_evidence.py). Shorter shows too little to be sure by three sigmas.
 """
-_LONG_NS = 30_000_000_000
-"""The window that measures. Longer measures better, and lets what has slowly changed count for longer as what was; half
-a minute of an elevational sweep with a hand's tremor shows what is required (docs/study.md).
+_LIVELY_NS, _LONG_NS = 10_000_000_000, 30_000_000_000
+"""The window that measures. Longer measures better, and lets what has slowly changed count for longer as what was: what
+it shows is half as old as it is long. Ten seconds of lively motion in the plane show what is required, as do thirty of
+an elevational sweep with a hand's tremor (docs/study.md).
 """
 _LONG_EVERY_NS, _GROWN_NS = 1_000_000_000, 10_000_000_000
 """Between two solutions of the long window, once it is so long that a second changes little: it costs three times the
@@ -95,6 +96,11 @@ class Finding:
     def failed(self) -> frozenset[str]:
         """Names of the checks that are shown to be outside their limit."""
         return frozenset(check.name for check in self.checks if check.verdict is VerdictKind.FAULT)
+
+    @property
+    def verified(self) -> bool:
+        """Whether everything required is shown."""
+        return {check.name for check in self.checks if check.verdict is VerdictKind.OK}.issuperset(REQUIRED)
 
     @property
     def shown(self) -> int:
@@ -212,16 +218,11 @@ class Evidence:
         confirmed = short.failed & self._suspects
         if confirmed and now_ns >= self._settled_ns:
             self._valid_ns, self._settled_ns, self._culprits = now_ns - _SHORT_NS, now_ns + _SHORT_NS, confirmed
-        start_ns = max(self._valid_ns, now_ns - _LONG_NS)
-        long = self.window.since(start_ns)
-        if not self._due(long, short, now_ns):
+        if not self._due(self.window.since(max(self._valid_ns, now_ns - _LONG_NS)), short, now_ns):
             self._contradict(_quick(short), frozenset())
             return
         self._long_ns = now_ns
-        if len(long) > len(recent):
-            finding = examine(long, self._reference, self._limits, self._noise_until(now_ns))
-        else:
-            long = recent
+        long, finding = self._measured(recent, finding, now_ns)
         if finding.solution is not None and long.span_ns >= _BREATHS_NS:
             self._noises.append((now_ns, finding.solution.noise))
         doubtful = finding.failed - self._suspects
@@ -234,6 +235,21 @@ class Evidence:
         self._latest = self._accepted(_without(finding, doubtful), long, now_ns)
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
+
+    def _measured(self, recent: PathWindow, finding: Finding, now_ns: int) -> tuple[PathWindow, Finding]:
+        """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
+
+        finding: of the recent window, where there is nothing before it.
+        """
+        window = recent
+        for span_ns in (_LIVELY_NS, _LONG_NS):
+            longer = self.window.since(max(self._valid_ns, now_ns - span_ns))
+            if len(longer) > len(window):
+                window = longer
+                finding = examine(window, self._reference, self._limits, self._noise_until(now_ns))
+            if finding.failed or finding.verified:
+                break
+        return window, finding
 
     def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
         """Whether the long window is worth another solution: it grows still, or something speaks against its last."""
