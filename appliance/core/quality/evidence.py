@@ -232,17 +232,23 @@ class Evidence:
         doubtful |= self._premature(finding.failed & early, now_ns)
         self._suspects = finding.failed | short.failed
         self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful)
+        last_sign_ns = self._verification.last_sign_ns
         self._latest = self._accepted(_without(finding, doubtful), long, now_ns)
+        if not self._verification.contradicted:
+            # An answered sign must not come back with the motion that it was of.
+            self._valid_ns = max(self._valid_ns, last_sign_ns)
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
 
     def _measured(self, recent: PathWindow, finding: Finding, now_ns: int) -> tuple[PathWindow, Finding]:
         """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
 
-        finding: of the recent window, where there is nothing before it.
+        finding: of the recent window, where there is nothing before it. While a sign stands, the longest is left out:
+        it would hold what made the sign for three times as long.
         """
         window = recent
-        for span_ns in (_LIVELY_NS, _LONG_NS):
+        doubted = bool(self._verification.contradicted)
+        for span_ns in (_LIVELY_NS,) if doubted else (_LIVELY_NS, _LONG_NS):
             longer = self.window.since(max(self._valid_ns, now_ns - span_ns))
             if len(longer) > len(window):
                 window = longer
