@@ -1,11 +1,59 @@
 """The bounds of the checks. One place; the configuration file overrides them within the stated ranges."""
 
-from pydantic import BaseModel, ConfigDict, Field
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 TRACKER_STALE_MS = 500.0
 """For which a tracker may repeat one measurement where the configuration (supervisor.tracker_stale_ms) does not say.
 More verifies against old poses for longer; less takes the pauses of a slow tracker for a standstill. Not measured.
 """
+
+
+def _as_check(field: str) -> str:
+    """Checks have hyphens in their names, as in the JSON reports; so have their keys in the configuration file."""
+    return field.replace("_", "-")
+
+
+class RequiredAges(BaseModel):
+    """How old, s, the motion may be that showed each parameter; None: as old as max_verification_age_s; 0: the contact
+    does not ask for it.
+
+    The offsets are shown only by rocking and twisting, which an ordinary sweep may lack, so they are not asked for by
+    default; a sign against one of them opens the contact all the same. Each of the others can be spoiled by a bent
+    marker body, a depth setting or a cable. A longer age closes the contact for longer on what motion showed once; a
+    shorter one asks for that motion more often.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, alias_generator=_as_check)
+
+    polarity: float | None = Field(default=None, ge=0, le=600)
+    scale_lateral: float | None = Field(default=None, ge=0, le=600)
+    scale_axial: float | None = Field(default=None, ge=0, le=600)
+    rotation_lateral: float | None = Field(default=None, ge=0, le=600)
+    rotation_axial: float | None = Field(default=None, ge=0, le=600)
+    rotation_elevational: float | None = Field(default=None, ge=0, le=600)
+    offset_lateral: float | None = Field(default=0.0, ge=0, le=600)
+    offset_axial: float | None = Field(default=0.0, ge=0, le=600)
+    offset_elevational: float | None = Field(default=0.0, ge=0, le=600)
+    latency: float | None = Field(default=None, ge=0, le=600)
+
+    @model_validator(mode="after")
+    def _asks_for_something(self) -> Self:
+        if self.polarity == 0 or self.latency == 0:
+            raise PydanticCustomError("refused", "without polarity and latency no other parameter means anything")
+        return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameters that the contact asks for."""
+        return tuple(self.ages_s)
+
+    @property
+    def ages_s(self) -> dict[str, float | None]:
+        """Of each parameter that is asked for, by the name of its check."""
+        return {_as_check(name): age_s for name, age_s in self if age_s != 0}
 
 
 class Limits(BaseModel):
@@ -24,3 +72,4 @@ class Limits(BaseModel):
     confidence_sigma: float = Field(
         default=3.0, ge=1, le=6, description="standard deviations between 'seen' and 'shown'"
     )
+    required_age_s: RequiredAges = RequiredAges()

@@ -200,6 +200,7 @@ class Verdict:
     t_ns: sample time it holds for. reason: one sentence for the operator.
     verified_ns: the oldest of the times at which motion last showed a required parameter; None where one was never
     shown or has been contradicted since. Only new motion makes it younger, whatever the time of the verdict.
+    expires_ns: when the first of them exceeds an age limit of its own; None where none has one.
     """
 
     t_ns: int
@@ -208,6 +209,7 @@ class Verdict:
     fault: Fault | None = None
     reason: str = ""
     verified_ns: int | None = None
+    expires_ns: int | None = None
 
 
 class State(Enum):
@@ -232,7 +234,8 @@ class AlarmState:
     energised: contact closed, which means safe. fault: class that caused the state, None where none. verified_ns: when
     the calibration was last verified, None when it is not. latched, latched_fault: the state that holds until a person
     acknowledges and the calibration is verified again, also through recalibration, loss of a device and restart; and
-    its cause. acknowledged: a person has. notices: classes of advisories, shown besides.
+    its cause. acknowledged: a person has. notices: classes of advisories, shown besides. barrier_ns: only motion after
+    it verifies anything.
     """
 
     state: State
@@ -245,3 +248,4 @@ class AlarmState:
     latched_fault: Fault | None = None
     acknowledged: bool = False
     notices: tuple[Fault, ...] = ()
+    barrier_ns: int = -1

@@ -4,7 +4,7 @@ import hashlib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from appliance.configuration.mistakes import Mistakes
@@ -173,6 +173,16 @@ class Log(_Section):
     level: Literal["debug", "info", "warning", "error"] = "info"
 
 
+def _bounded_ages(config: "Config") -> "Config":
+    """No parameter's own age may be longer than the supervisor grants to any."""
+    most_s = config.supervisor.max_verification_age_s
+    for name, age_s in config.limits.required_age_s.ages_s.items():
+        if age_s is not None and age_s > most_s:
+            what = f"[limits.required_age_s] {name} = {age_s:g} is longer than [supervisor] max_verification_age_s"
+            raise _refused(f"{what} = {most_s:g}, which bounds them all. Raise that one, or shorten this")
+    return config
+
+
 class Config(_Section):
     """The whole file. configured: False until a person has adapted it. output holds one or more alarm outputs."""
 
@@ -188,11 +198,19 @@ class Config(_Section):
     log: Log = Log()
 
     _sha256: str = PrivateAttr(default="")
+    _check_ages = model_validator(mode="after")(_bounded_ages)
 
     @property
     def sha256(self) -> str:
         """Of the file's content, in hexadecimal; empty where there was no file."""
         return self._sha256
+
+    @property
+    def required_ages_ns(self) -> dict[str, int]:
+        """Of each parameter that the contact asks for, how old the motion may be that showed it."""
+        most_s = self.supervisor.max_verification_age_s
+        ages_s = self.limits.required_age_s.ages_s
+        return {name: _ns(most_s if age_s is None else age_s) for name, age_s in ages_s.items()}
 
     @property
     def simulated(self) -> tuple[str, ...]:

@@ -124,7 +124,7 @@ def _known(section: Place, model: type[BaseModel]) -> list[str]:
     for part in section:
         if isinstance(part, str) and here is not None:
             here = _model_of(here, part)
-    return [] if here is None else list(here.model_fields)
+    return [] if here is None else [field.alias or name for name, field in here.model_fields.items()]
 
 
 def _model_of(model: type[BaseModel], name: str) -> type[BaseModel] | None:

@@ -63,7 +63,7 @@ class Line:
             NoPicture(),
             FrozenTracker(stale_ns),
         )
-        self._judgement = Judgement()
+        self._judgement = Judgement(limits.required_age_s.names)
         self._known_poses: tuple[tuple[int, Matrix4], ...] = ()
         self._solve_ns: int | None = None
         self._frames = self._poses = self._paired = 0
@@ -138,8 +138,9 @@ class Line:
         self._paired += isinstance(item, StampedPair)
         if refusal := refused_picture(item.frame.image):
             self._lose_sight(t_ns)
-            verified_ns = self._evidence.verified_ns
-            verdict = Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._facts(), None, refusal, verified_ns)
+            standing = self._evidence.standing
+            shown_ns = standing.verified_ns, standing.expires_ns
+            verdict = Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._facts(), None, refusal, *shown_ns)
             self._judgement.note(verdict)
             return verdict
         height, width = item.frame.image.shape
@@ -159,7 +160,7 @@ class Line:
         return (*self._evidence.checks(), *self._facts())
 
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
-        verdict = judge(t_ns, checks, self._evidence.verified_ns, self._evidence.contradicted)
+        verdict = judge(t_ns, checks, self._evidence.standing)
         self._judgement.note(verdict)
         return verdict
 

@@ -29,6 +29,7 @@ class Ledger:
         self.now_ns = 0
         self.started_ns: int | None = None
         self.verified_ns: int | None = None
+        self._expires_ns: int | None = None
         self.last: Verdict | None = None
         self.sight: Fault | None = None
         self.notices: tuple[Fault, ...] = ()
@@ -41,7 +42,7 @@ class Ledger:
         self._unseen = Condition()
         self._accepted: frozenset[Fault] = frozenset()
         self._untested = False
-        self._barrier_ns: int | None = None
+        self.barrier_ns = -1
 
     def note(self, now_ns: int, verdicts: tuple[Verdict, ...], devices: tuple[Check, ...]) -> None:
         """Fold in what came since the last tick. verdicts are in the order in which the line spoke."""
@@ -105,7 +106,7 @@ class Ledger:
 
     def forget_verification(self) -> None:
         """Only what is measured from now on can verify anything."""
-        self.verified_ns, self._barrier_ns = None, self.now_ns
+        self.verified_ns, self.barrier_ns = None, self.now_ns
 
     def _note_verdict(self, verdict: Verdict) -> None:
         self.last = verdict
@@ -113,7 +114,7 @@ class Ledger:
         if verdict.kind is VerdictKind.OK:
             self._note_ok(verdict)
         elif verdict.fault is not None and verdict.fault.kind is Kind.CALIBRATION:
-            self._barrier_ns = max(min(verdict.t_ns, self.now_ns), self._barrier_ns or 0)
+            self.barrier_ns = max(min(verdict.t_ns, self.now_ns), self.barrier_ns)
             self.acknowledged = self.acknowledged and self.calibration.active
             self.calibration.show(self.now_ns, verdict.fault, verdict.reason or HAZARDS[verdict.fault].text)
         else:
@@ -124,9 +125,9 @@ class Ledger:
         be of the future, verifies nothing.
         """
         shown_ns = verdict.verified_ns
-        after_ns = -1 if self._barrier_ns is None else self._barrier_ns
-        stands = shown_ns is not None and after_ns < shown_ns <= self.now_ns
+        stands = shown_ns is not None and self.barrier_ns < shown_ns <= self.now_ns
         self.verified_ns = shown_ns if stands else None
+        self._expires_ns = verdict.expires_ns
 
     def _note_ok(self, verdict: Verdict) -> None:
         if self.verified_ns is not None:
@@ -211,9 +212,11 @@ class Ledger:
     @property
     def verified(self) -> bool:
         """Motion not older than max_verification_age has shown all that is required, nothing has contradicted it, and
-        probe and tissue are in sight.
+        probe and tissue are in sight. What has an age limit of its own in the configuration is not older than that.
         """
         if self.verified_ns is None or self.sight is not None:
+            return False
+        if self._expires_ns is not None and self.now_ns > self._expires_ns:
             return False
         return self.now_ns - self.verified_ns <= self.durations.max_verification_age_ns
 

@@ -234,6 +234,7 @@ class Supervisor:
             latched_fault=ledger.latched_fault,
             acknowledged=ledger.acknowledged,
             notices=ledger.notices,
+            barrier_ns=ledger.barrier_ns,
         )
 
     def _cause(self) -> tuple[Fault | None, str]:

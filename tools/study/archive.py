@@ -6,7 +6,6 @@ from pathlib import Path
 
 from appliance.core.line import Line
 from appliance.core.quality.report import LineReport
-from appliance.core.quality.verification import REQUIRED
 from appliance.limits import Limits
 from appliance.storage.calibration_file import read_calibration
 from appliance.supervision.timeline import Judging
@@ -66,4 +65,4 @@ _COLUMNS = ("duration_s", "frames", "paired", "closed", "verdict", "fault", "rea
 def missing(report: LineReport) -> list[str]:
     """Required parameters that nothing in the recording showed."""
     shown = {check.name for check in report.checks if check.verdict is VerdictKind.OK and isfinite(check.value)}
-    return [name for name in REQUIRED if name not in shown]
+    return [name for name in Limits().required_age_s.names if name not in shown]

@@ -1,6 +1,7 @@
 """What the last seconds of motion show of the calibration: latency first, then polarity, then every parameter of X."""
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import isnan, nan, sqrt
 
@@ -14,7 +15,7 @@ from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
 from appliance.core.path.solver import PathFit, Prior, Solution, solve
 from appliance.core.path.window import PathWindow
-from appliance.core.quality.verification import REQUIRED, Sign, Verification
+from appliance.core.quality.verification import Standing, Verification
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 
@@ -97,10 +98,9 @@ class Finding:
         """Names of the checks that are shown to be outside their limit."""
         return frozenset(check.name for check in self.checks if check.verdict is VerdictKind.FAULT)
 
-    @property
-    def verified(self) -> bool:
-        """Whether everything required is shown."""
-        return {check.name for check in self.checks if check.verdict is VerdictKind.OK}.issuperset(REQUIRED)
+    def shows(self, names: Iterable[str]) -> bool:
+        """Whether every one of these checks is shown to be in order."""
+        return {check.name for check in self.checks if check.verdict is VerdictKind.OK}.issuperset(names)
 
     @property
     def shown(self) -> int:
@@ -122,7 +122,7 @@ class Evidence:
         self._limits = limits
         self.window = window
         self._nothing = examine_nothing(limits)
-        self._verification = Verification(limits.confidence_sigma)
+        self._verification = Verification(limits)
         self._latest = self._best = self._nothing
         self._suspects: frozenset[str] = frozenset()
         self._culprits: frozenset[str] = frozenset()
@@ -166,19 +166,13 @@ class Evidence:
         return self._latest.checks
 
     @property
-    def contradicted(self) -> tuple[Sign, ...]:
-        """Signs against the calibration that nothing has answered yet, the worst first."""
-        return self._verification.contradicted
-
-    @property
-    def verified_ns(self) -> int | None:
-        """As in `Verdict`."""
-        return self._verification.verified_ns
+    def standing(self) -> Standing:
+        """What was shown of the calibration so far, and what speaks against it."""
+        return self._verification.standing
 
     def shows(self, fault: Fault) -> bool:
         """True where the latest solution verified every parameter of that class."""
-        good = {check.name for check in self._latest.checks if check.verdict is VerdictKind.OK}
-        return good.issuperset(_REQUIRED_FOR[fault])
+        return self._latest.shows(_REQUIRED_FOR[fault])
 
     def final(self) -> tuple[Check, ...]:
         """Checks of the solution that showed most, the one over everything remembered among them."""
@@ -253,7 +247,7 @@ class Evidence:
             if len(longer) > len(window):
                 window = longer
                 finding = examine(window, self._reference, self._limits, self._noise_until(now_ns))
-            if finding.failed or finding.verified:
+            if finding.failed or finding.shows(self._limits.required_age_s.names):
                 break
         return window, finding
 

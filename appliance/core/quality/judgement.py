@@ -1,8 +1,9 @@
 """Quality Control: from checks to one verdict, and from many verdicts to the verdict on a session."""
 
 from collections import defaultdict
+from collections.abc import Sequence
 
-from appliance.core.quality.verification import REQUIRED, Sign
+from appliance.core.quality.verification import Sign, Standing
 from appliance.types import PARAMETERS, Check, Fault, Kind, Verdict, VerdictKind
 
 _ESTIMATED = frozenset({"polarity", "latency", *PARAMETERS})
@@ -18,13 +19,11 @@ _FIRST = (Fault.FROZEN_VIDEO, Fault.TRACKER_STALE, Fault.POLARITY, Fault.LATENCY
 """Faults that spoil everything measured after them, in the order in which they are named."""
 
 
-def judge(
-    t_ns: int, checks: tuple[Check, ...], verified_ns: int | None = None, contradicted: tuple[Sign, ...] = ()
-) -> Verdict:
+def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing) -> Verdict:
     """FAULT if any check failed; OK if every required one is shown, none is contradicted, and none of kind SIGHT says
     that the others speak of no tissue; NOT_VERIFIED otherwise.
 
-    verified_ns, contradicted: of the `Verification`.
+    standing: of the `Verification`.
     """
     failed = [check for check in checks if check.verdict is VerdictKind.FAULT]
     if failed:
@@ -33,20 +32,23 @@ def judge(
     unseen = next((one for one in checks if one.fault.kind is Kind.SIGHT and one.verdict is not VerdictKind.OK), None)
     if unseen is not None:
         return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, f"nothing to compare: {unseen.name}")
-    if contradicted:
-        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, _contradiction(contradicted[0]))
-    missing = [name for name in REQUIRED if name not in _shown(checks)]
-    if missing:
-        reason = _unverified(checks, "not shown yet", missing)
-        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, reason, verified_ns)
-    reason = "; ".join(["calibration verified", *_doubts(checks)])
-    return Verdict(t_ns, VerdictKind.OK, checks, None, reason, verified_ns)
+    if standing.contradicted:
+        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, _contradiction(standing.contradicted[0]))
+    missing = [name for name in standing.required if name not in _shown(checks)]
+    kind = VerdictKind.NOT_VERIFIED if missing else VerdictKind.OK
+    verified = "; ".join(["calibration verified", *_doubts(checks)])
+    reason = _unverified(checks, "not shown yet", missing) if missing else verified
+    return Verdict(t_ns, kind, checks, None, reason, standing.verified_ns, standing.expires_ns)
 
 
 class Judgement:
-    """Remembers whether a fault lasted and whether the calibration was ever verified."""
+    """Remembers whether a fault lasted and whether the calibration was ever verified.
 
-    def __init__(self) -> None:
+    required: names of the checks that the contact asks for.
+    """
+
+    def __init__(self, required: Sequence[str]) -> None:
+        self._required = required
         self._since_ns: dict[Fault, int] = {}
         self._lasted_ns: defaultdict[Fault, int] = defaultdict(int)
         self._failing: dict[Fault, Verdict] = {}
@@ -78,7 +80,7 @@ class Judgement:
             return Verdict(self._last_ns, VerdictKind.FAULT, checks, fault, failing.reason)
         if self._verified_ns is not None:
             return Verdict(self._last_ns, VerdictKind.OK, checks, None, "calibration verified")
-        missing = [name for name in REQUIRED if name not in _shown(checks)]
+        missing = [name for name in self._required if name not in _shown(checks)]
         reason = _unverified(checks, "too little in-plane motion to show", missing)
         return Verdict(self._last_ns, VerdictKind.NOT_VERIFIED, checks, None, reason)
 

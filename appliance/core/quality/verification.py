@@ -8,21 +8,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 
+from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, VerdictKind
-
-REQUIRED = (
-    "polarity",
-    "scale-lateral",
-    "scale-axial",
-    "rotation-lateral",
-    "rotation-axial",
-    "rotation-elevational",
-    "latency",
-)
-"""What must be shown within its limit before the calibration counts as verified: each of them can be spoiled by a bent
-marker body, a depth setting or a cable. The offsets are shown only by turns and tilts, which an ordinary sweep may
-lack; a sign against one of them withdraws the OK, their absence does not.
-"""
 
 _ROOM = 0.8
 """Share of its limit that a contradicted parameter must be shown within. More gives an OK to a fault that lies at its
@@ -42,11 +29,26 @@ class Sign:
     named: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Where a calibration stands with all that was shown of it.
+
+    required: names of the checks that the contact asks for. verified_ns, expires_ns: as in `Verdict`. contradicted:
+    signs that nothing has answered yet, the worst first.
+    """
+
+    required: tuple[str, ...]
+    verified_ns: int | None = None
+    expires_ns: int | None = None
+    contradicted: tuple[Sign, ...] = ()
+
+
 class Verification:
     """Keeps, for each parameter, when motion last showed it and the last sign against it."""
 
-    def __init__(self, confidence_sigma: float) -> None:
-        self._confidence_sigma = confidence_sigma
+    def __init__(self, limits: Limits) -> None:
+        self._confidence_sigma = limits.confidence_sigma
+        self._ages_s = limits.required_age_s.ages_s
         self._shown_ns: dict[str, int] = {}
         self._signs: dict[str, Sign] = {}
 
@@ -72,13 +74,14 @@ class Verification:
         return max((sign.until_ns for sign in self._signs.values()), default=0)
 
     @property
-    def verified_ns(self) -> int | None:
-        """Time of the oldest motion that a required parameter was last shown by; None while one was never shown, or
-        any parameter is contradicted.
-        """
-        if self._signs or not self._shown_ns.keys() >= set(REQUIRED):
-            return None
-        return min(self._shown_ns[name] for name in REQUIRED)
+    def standing(self) -> Standing:
+        """As of now: verified where each required parameter was shown, and none, required or not, is contradicted."""
+        required = tuple(self._ages_s)
+        if self._signs or not self._shown_ns.keys() >= self._ages_s.keys():
+            return Standing(required, contradicted=self.contradicted)
+        own = {name: age_s for name, age_s in self._ages_s.items() if age_s is not None}
+        own_ns = (self._shown_ns[name] + round(age_s * 1e9) for name, age_s in own.items())
+        return Standing(required, min(self._shown_ns[name] for name in required), min(own_ns, default=None))
 
     def contradict(self, checks: Iterable[Check], named: frozenset[str], until_ns: int) -> None:
         """Take the signs among the checks, which are of motion up to until_ns. named: those that are told as FAULT."""

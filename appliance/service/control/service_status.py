@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from appliance.core.quality.gesture import gestures
 from appliance.service.control.live_configuration import LiveConfiguration
 from appliance.service.control.references import References
 from appliance.service.control.status import (
@@ -12,6 +13,7 @@ from appliance.service.control.status import (
     log_fields,
     origin_fields,
     output_fields,
+    unshown,
 )
 from appliance.service.control.supervision import Supervision
 from appliance.service.devices.cart_devices import CartDevices
@@ -45,12 +47,15 @@ class ServiceStatus:
         now_ns, seen, config = self._supervision.now_ns, self._supervision, self._configuration.config
         assert seen.alarm is not None
         testing = self._annunciator.testing(now_ns)
+        ages_ns = config.required_ages_ns
+        lacking = unshown(now_ns, seen.alarm, seen.verdict, ages_ns)
         return {
             "t_ns": now_ns,
-            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated),
+            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, gestures(lacking)),
             **origin_fields(config, self._configuration.file, self._references),
             "language": config.alarm.language,
-            **check_lists(now_ns, seen.verdict, seen.devices),
+            "missing": list(lacking),
+            **check_lists(now_ns, seen.verdict, seen.devices, ages_ns),
             "audio": audio_fields(now_ns, self._annunciator.sound, testing),
             "outputs": output_fields(self._devices.outputs),
             "log": log_fields(self._recorder),

@@ -1,12 +1,14 @@
 """The status that the control socket gives: plain numbers and words, NaN as null. docs/control.md tells every field."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from appliance.configuration.config import Config
 from appliance.core.quality.check_fields import check_fields
+from appliance.core.quality.gesture import Gesture, missing
 from appliance.service.control.references import SOFTWARE, References
 from appliance.service.devices.output_thread import OutputThread
 from appliance.service.host.recorder import Recorder
@@ -15,7 +17,7 @@ from appliance.storage.reference import Reference
 from appliance.supervision.alarms import HAZARDS, SIGNALS, operator_text
 from appliance.supervision.audio import Sound
 from appliance.supervision.languages import translated
-from appliance.types import AlarmState, Check, Fault, Verdict
+from appliance.types import AlarmState, Check, Fault, State, Verdict
 
 _SIMULATED = {"en": "SIMULATED · ", "de": "SIMULIERT · "}
 """Before the text of every state while a source is no real device."""
@@ -66,9 +68,16 @@ def _matrix_of(reference: Reference) -> dict[str, Any]:
     return {"image_to_probe": image_to_probe(reference.calibration).tolist()}
 
 
-def alarm_fields(now_ns: int, alarm: AlarmState, language: str, simulated: Sequence[str] = ()) -> dict[str, Any]:
-    """What the room is told, in its language. simulated: URLs of the sources that are no real device."""
+def alarm_fields(
+    now_ns: int, alarm: AlarmState, language: str, simulated: Sequence[str] = (), wanted: Sequence[Gesture] = ()
+) -> dict[str, Any]:
+    """What the room is told, in its language. simulated: URLs of the sources that are no real device. wanted: motion
+    that is still asked for.
+    """
     text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
+    told = [translated(gesture.value, language) for gesture in wanted]
+    if alarm.state is State.NOT_VERIFIED and alarm.fault is None and told:
+        remedy = "; ".join([translated("Probe on tissue", language), *told])
     signal = SIGNALS[alarm.state]
     return {
         "state": alarm.state.value,
@@ -81,19 +90,36 @@ def alarm_fields(now_ns: int, alarm: AlarmState, language: str, simulated: Seque
         "energised": alarm.energised,
         "latched": None if alarm.latched is None else alarm.latched.value,
         "acknowledged": alarm.acknowledged,
+        "gesture": told,
         "notices": [translated(HAZARDS[fault].text, language) for fault in alarm.notices],
         "since_s": (now_ns - alarm.since_ns) / 1e9,
         "verification_age_s": None if alarm.verified_ns is None else (now_ns - alarm.verified_ns) / 1e9,
     }
 
 
-def check_lists(now_ns: int, verdict: Verdict | None, devices: tuple[Check, ...]) -> dict[str, Any]:
-    """What the line and the device watchers see."""
+def unshown(now_ns: int, alarm: AlarmState, verdict: Verdict | None, ages_ns: Mapping[str, int]) -> tuple[str, ...]:
+    """Parameters that are asked for and that motion has not shown since the last disturbance, or too long ago.
+
+    ages_ns: of each that is asked for, how old that motion may be.
+    """
+    since_ns = {name: max(alarm.barrier_ns + 1, now_ns - age_ns) for name, age_ns in ages_ns.items()}
+    return missing(() if verdict is None else verdict.checks, since_ns)
+
+
+def check_lists(
+    now_ns: int, verdict: Verdict | None, devices: tuple[Check, ...], ages_ns: Mapping[str, int] = MappingProxyType({})
+) -> dict[str, Any]:
+    """What the line and the device watchers see. ages_ns: as `unshown` has it."""
+    shown = () if verdict is None else verdict.checks
     return {
         "verdict": None if verdict is None else verdict.kind.value,
-        "checks": [] if verdict is None else [check_fields(now_ns, check) for check in verdict.checks],
+        "checks": [{**check_fields(now_ns, check), "max_age_s": _seconds(ages_ns.get(check.name))} for check in shown],
         "devices": [check_fields(now_ns, check) for check in devices],
     }
+
+
+def _seconds(t_ns: int | None) -> float | None:
+    return None if t_ns is None else t_ns / 1e9
 
 
 def audio_fields(now_ns: int, sound: Sound | None, testing: bool) -> dict[str, Any]:

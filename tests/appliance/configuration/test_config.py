@@ -12,6 +12,7 @@ from appliance.configuration.toml_lines import key_lines, line_of
 from appliance.limits import Limits
 from appliance.supervision.ledger import Durations
 from appliance.supervision.watchers.facts import Patience
+from appliance.types import PARAMETERS
 from drivers.errors import ConfigurationError
 from drivers.registry import _DRIVERS, device_kinds
 
@@ -68,11 +69,29 @@ def test_the_commented_example_is_valid_and_names_every_key_with_its_default() -
     text = EXAMPLE.read_text()
     for model in (Limits(), SupervisorTimes()):
         for name, value in model:
+            if name == "required_age_s":
+                continue
             line = next(line for line in text.splitlines() if line.startswith(f"# {name} = "))
             assert float(line.split("=")[1].split("#")[0]) == value
             bounds = {type(bound).__name__: bound for bound in type(model).model_fields[name].metadata}
             low, high = (float(part) for part in line.split("#")[-1].split("…"))
             assert (low, high) == (bounds["Ge"].ge, bounds["Le"].le)
+
+
+def test_the_commented_example_names_every_parameter_with_how_old_its_motion_may_be() -> None:
+    section = EXAMPLE.read_text().split("[limits.required_age_s]")[1].split("[supervisor]")[0]
+    told = dict(re.findall(r"^# ([a-z-]+) = (\d+)$", section, re.M))
+    ages_ns = load_config(EXAMPLE).required_ages_ns
+    assert {*told} == {*PARAMETERS, "polarity", "latency"}
+    assert {name: int(age_s) * 10**9 for name, age_s in told.items() if age_s != "0"} == ages_ns
+
+
+def test_a_parameter_may_be_asked_for_with_an_age_of_its_own(tmp_path: Path) -> None:
+    text = GOOD + "[supervisor]\nmax_verification_age_s = 120\n[limits.required_age_s]\n"
+    config = load_config(written(tmp_path, text + "offset-axial = 90.5\nscale-axial = 20\nrotation-axial = 0\n"))
+    ages_ns = config.required_ages_ns
+    assert (ages_ns["offset-axial"], ages_ns["scale-axial"], ages_ns["latency"]) == (90.5e9, 20e9, 120e9)
+    assert not {"rotation-axial", "offset-lateral", "offset-elevational"} & {*ages_ns}
 
 
 def test_two_outputs(tmp_path: Path) -> None:
@@ -97,6 +116,12 @@ def test_two_outputs(tmp_path: Path) -> None:
             ["[output] entry 2 url = 'relais:/dev/x'", "Did you mean relay:/dev/x?"],
         ),
         ("[[output]]\nport = 1\n", ["[output] entry 2 url is missing", "[output] entry 2 port is not known"]),
+        ("[limits.required_age_s]\npolarity = 0\n", ["[limits] required_age_s", "without polarity and latency"]),
+        ("[limits.required_age_s]\nlatency = 0.0\n", ["[limits] required_age_s", "without polarity and latency"]),
+        ("[limits.required_age_s]\noffset-axial = 31\n", ["offset-axial = 31", "max_verification_age_s = 30"]),
+        ("[limits.required_age_s]\noffset-axial = -1\n", ["[limits] required_age_s offset-axial = -1"]),
+        ("[limits.required_age_s]\noffset-axail = 1\n", ["offset-axail", "did you mean 'offset-axial'?"]),
+        ("[limits.required_age_s]\noffset_axial = 1\n", ["offset_axial", "did you mean 'offset-axial'?"]),
         (f"[control]\nsocket = '/run/{'x' * 100}'\n", ["[control] socket", "100 bytes"]),
     ],
 )

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from appliance.core.line import Line
-from appliance.core.quality.judgement import REQUIRED, Judgement, judge
+from appliance.core.quality.gesture import Gesture
+from appliance.core.quality.judgement import Judgement, judge
+from appliance.core.quality.verification import Standing
 from appliance.limits import Limits
 from appliance.supervision.alarms import DISTURBED, HAZARDS, OUTDATED, SIGNALS
 from appliance.supervision.languages import GERMAN, told
@@ -20,6 +22,8 @@ from tests.appliance.core.test_line import truth
 from tools.shared.status_view import WORDS
 
 NOT_VERIFIED = VerdictKind.NOT_VERIFIED
+REQUIRED = Limits().required_age_s.names
+STANDING = Standing(REQUIRED)
 LONGEST_NAME = 20
 """Two columns of checks fit 80 columns."""
 
@@ -47,7 +51,8 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     words = {*WORDS.values(), *(state.value for state in State), OUTDATED, DISTURBED}
     reasons = {text for text in GERMAN if "{" in text and text not in words}
     units = {"deg", "axes"}
-    said = {"calibration verified", "verified only in parts"}
+    said = {"calibration verified", "verified only in parts", "Probe on tissue"}
+    said |= {gesture.value for gesture in Gesture}
     assert set(GERMAN) == tables | words | reasons | units | said | check_names() | {"picture-size", "no-picture"}
     assert len(reasons) == 9
 
@@ -68,17 +73,19 @@ def checks(**values: tuple[float, float, VerdictKind]) -> tuple[Check, ...]:
 @pytest.mark.parametrize(
     "reason",
     [
-        judge(0, ()).reason,
-        judge(0, checks()).reason,
-        judge(0, checks(scale_lateral=(4.6, 0.1, NOT_VERIFIED))).reason,
-        judge(0, checks(scale_lateral=(-7.3, 0.1, NOT_VERIFIED))).reason,
-        judge(0, checks(offset_axial=(-7.3, 0.1, NOT_VERIFIED))).reason,
-        judge(0, checks(scale_axial=(7.3, 0.1, VerdictKind.FAULT))).reason,
-        judge(0, checks(motion_agreement=(1.7, 0.0, NOT_VERIFIED), polarity=(0.0, 0.0, NOT_VERIFIED))).reason,
-        judge(0, (*checks(), Check("no-picture", Fault.NO_PICTURE, 600.0, 0.0, "ms", 500.0, NOT_VERIFIED))).reason,
-        Judgement().overall(()).reason,
-        Judgement().overall(checks()).reason,
-        replace(judge(0, ()), reason=OUTDATED).reason,
+        judge(0, (), STANDING).reason,
+        judge(0, checks(), STANDING).reason,
+        judge(0, checks(scale_lateral=(4.6, 0.1, NOT_VERIFIED)), STANDING).reason,
+        judge(0, checks(scale_lateral=(-7.3, 0.1, NOT_VERIFIED)), STANDING).reason,
+        judge(0, checks(offset_axial=(-7.3, 0.1, NOT_VERIFIED)), STANDING).reason,
+        judge(0, checks(scale_axial=(7.3, 0.1, VerdictKind.FAULT)), STANDING).reason,
+        judge(0, checks(motion_agreement=(1.7, 0.0, NOT_VERIFIED), polarity=(0.0, 0.0, NOT_VERIFIED)), STANDING).reason,
+        judge(
+            0, (*checks(), Check("no-picture", Fault.NO_PICTURE, 600.0, 0.0, "ms", 500.0, NOT_VERIFIED)), STANDING
+        ).reason,
+        Judgement(REQUIRED).overall(()).reason,
+        Judgement(REQUIRED).overall(checks()).reason,
+        replace(judge(0, (), STANDING), reason=OUTDATED).reason,
     ],
 )
 def test_every_reason_is_told_in_german(reason: str) -> None:

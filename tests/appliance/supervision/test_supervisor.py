@@ -418,6 +418,22 @@ def test_verification_expires_at_its_bound() -> None:
     assert not room.alarm.energised
 
 
+def test_what_has_an_age_limit_of_its_own_expires_before_the_others() -> None:
+    room = room_in(State.MONITORING)
+    expires_ns = room.now_ns + 2 * S_NS
+    verified = Verdict(room.now_ns, VerdictKind.OK, (), verified_ns=room.now_ns, expires_ns=expires_ns)
+    assert room.at(0, Inputs((verified,))) is M
+    assert room.at(2 * S_NS) is M
+    assert room.at(1) is N
+
+
+def test_an_age_limit_of_its_own_never_lengthens_a_verification() -> None:
+    room = room_in(State.MONITORING)
+    verified = Verdict(room.now_ns, VerdictKind.OK, (), verified_ns=room.now_ns, expires_ns=room.now_ns + 600 * S_NS)
+    assert room.at(0, Inputs((verified,))) is M
+    assert room.at(DURATIONS.max_verification_age_ns + 1) is N
+
+
 def test_start_waits_for_devices_and_gives_up_at_its_bound() -> None:
     room = room_in(State.WAITING)
     assert room.at(DURATIONS.starting_ns - 1, device()) is A

@@ -9,6 +9,7 @@ from rich.console import Console
 from appliance.core.quality.evidence import examine_nothing
 from appliance.core.quality.judgement import judge
 from appliance.core.quality.report import LineReport
+from appliance.core.quality.verification import Standing
 from appliance.limits import Limits
 from appliance.types import Check, Fault, VerdictKind
 from tools.commands.replay import _table
@@ -19,7 +20,7 @@ DOUBTFUL = Check("offset-elevational", Fault.OFFSET, -28.4, 1.5, "mm", 4.0, Verd
 @pytest.mark.parametrize("columns", [38, 80])
 def test_the_report_of_a_replay_fits(columns: int) -> None:
     checks = (DOUBTFUL, *examine_nothing(Limits()).checks)
-    report = LineReport(1, 1, 1, {}, None, None, 0, checks, judge(0, checks))
+    report = LineReport(1, 1, 1, {}, None, None, 0, checks, judge(0, checks, Standing(())))
     stream = io.StringIO()
     Console(file=stream, width=columns).print(_table(report))
     lines = stream.getvalue().splitlines()

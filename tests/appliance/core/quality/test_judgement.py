@@ -5,11 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.quality.judgement import REQUIRED, Judgement, judge
+from appliance.core.quality.judgement import Judgement, judge
+from appliance.core.quality.verification import Standing
+from appliance.limits import Limits
 from appliance.types import Check, Fault, Kind, Verdict, VerdictKind
 
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
 SECOND_NS = 1_000_000_000
+REQUIRED = Limits().required_age_s.names
+STANDING = Standing(REQUIRED)
 
 
 def check(name: str, verdict: VerdictKind = OK, value: float = 1.0, fault: str | None = None) -> Check:
@@ -24,8 +28,10 @@ def failing(name: str, value: float = 8.0, fault: str | None = None) -> tuple[Ch
 
 
 def test_all_required_checks_shown_is_ok() -> None:
-    assert judge(7, HEALTHY).kind is OK
-    assert judge(7, (*HEALTHY, check("offset-axial", NOT_VERIFIED))).kind is OK, "an ordinary sweep may lack this one"
+    assert judge(7, HEALTHY, STANDING).kind is OK
+    assert judge(7, (*HEALTHY, check("offset-axial", NOT_VERIFIED)), STANDING).kind is OK, (
+        "an ordinary sweep may lack this one"
+    )
 
 
 @pytest.mark.parametrize("name", REQUIRED)
@@ -33,14 +39,14 @@ def test_a_required_check_that_is_not_shown_withholds_the_ok_and_is_named(name: 
     unseen = tuple(replace(c, verdict=NOT_VERIFIED, value=np.nan) if c.name == name else c for c in HEALTHY)
     absent = tuple(c for c in HEALTHY if c.name != name)
     for checks in (unseen, absent):
-        verdict = judge(7, checks)
+        verdict = judge(7, checks, STANDING)
         assert (verdict.kind, verdict.fault) == (NOT_VERIFIED, None)
         assert name in verdict.reason
 
 
 @pytest.mark.parametrize("name", [*REQUIRED, "latency", "rotation-lateral", "offset-axial"])
 def test_any_failing_check_is_a_fault_with_value_and_limit(name: str) -> None:
-    verdict = judge(7, failing(name))
+    verdict = judge(7, failing(name), STANDING)
     assert (verdict.kind, verdict.fault) == (FAULT, name.split("-", maxsplit=1)[0])
     assert verdict.reason == f"{name} +8 %, limit 5 %"
 
@@ -49,15 +55,15 @@ def test_any_failing_check_is_a_fault_with_value_and_limit(name: str) -> None:
 @pytest.mark.parametrize("name", ["no-picture", "a new detector's check"])
 def test_a_check_of_sight_withholds_the_ok_whatever_its_name(name: str, fault: str) -> None:
     unseen = Check(name, fault, 600.0, 0.0, "ms", 500.0, NOT_VERIFIED)
-    verdict = judge(7, (*HEALTHY, unseen), verified_ns=6)
+    verdict = judge(7, (*HEALTHY, unseen), replace(STANDING, verified_ns=6))
     assert (verdict.kind, verdict.fault, verdict.verified_ns) == (NOT_VERIFIED, None, None)
     assert verdict.reason == f"nothing to compare: {name}"
-    assert judge(7, (*HEALTHY, replace(unseen, verdict=OK))).kind is OK
+    assert judge(7, (*HEALTHY, replace(unseen, verdict=OK)), STANDING).kind is OK
 
 
 @pytest.mark.parametrize("fault", [fault for fault in Fault if fault.kind is not Kind.SIGHT])
 def test_a_check_of_another_kind_that_shows_nothing_withholds_nothing(fault: str) -> None:
-    assert judge(7, (*HEALTHY, Check("a figure", fault, np.nan, np.nan, "", 1.0, NOT_VERIFIED))).kind is OK
+    assert judge(7, (*HEALTHY, Check("a figure", fault, np.nan, np.nan, "", 1.0, NOT_VERIFIED)), STANDING).kind is OK
 
 
 def test_of_several_faults_the_one_that_spoils_the_others_is_named() -> None:
@@ -65,18 +71,18 @@ def test_of_several_faults_the_one_that_spoils_the_others_is_named() -> None:
     polarity = check("polarity", FAULT, 6.0)
     frozen = check("frozen", FAULT, 6.0, "frozen-video")
     rotation = check("rotation-axial", FAULT, 20.0)
-    assert judge(0, (scale, rotation)).fault == "scale"
-    assert judge(0, (scale, latency)).fault == "latency"
-    assert judge(0, (latency, polarity, scale)).fault == "polarity"
-    assert judge(0, (polarity, frozen, latency)).fault == "frozen-video"
+    assert judge(0, (scale, rotation), STANDING).fault == "scale"
+    assert judge(0, (scale, latency), STANDING).fault == "latency"
+    assert judge(0, (latency, polarity, scale), STANDING).fault == "polarity"
+    assert judge(0, (polarity, frozen, latency), STANDING).fault == "frozen-video"
 
 
 def session(*spans: tuple[float, tuple[Check, ...]]) -> Verdict:
     """Verdicts every tenth of a second over spans of (seconds, checks)."""
-    judgement, t_ns = Judgement(), 0
+    judgement, t_ns = Judgement(REQUIRED), 0
     for seconds, checks in spans:
         for _ in range(round(seconds * 10)):
-            judgement.note(judge(t_ns, checks))
+            judgement.note(judge(t_ns, checks, STANDING))
             t_ns += SECOND_NS // 10
     return judgement.overall(HEALTHY)
 
@@ -106,12 +112,12 @@ def test_of_two_lasting_faults_the_longer_one_names_the_session() -> None:
 
 
 def test_nothing_shown_is_not_verified_with_what_was_missing() -> None:
-    judgement = Judgement()
-    judgement.note(judge(0, UNSEEN))
+    judgement = Judgement(REQUIRED)
+    judgement.note(judge(0, UNSEEN, STANDING))
     verdict = judgement.overall(UNSEEN)
     assert verdict.kind is NOT_VERIFIED
     assert all(name in verdict.reason for name in REQUIRED)
-    assert Judgement().overall(HEALTHY).kind is NOT_VERIFIED, "shown in parts, never at once"
+    assert Judgement(REQUIRED).overall(HEALTHY).kind is NOT_VERIFIED, "shown in parts, never at once"
 
 
 UNSHOWN = tuple(replace(one, verdict=NOT_VERIFIED, value=np.nan) for one in HEALTHY)
@@ -124,11 +130,13 @@ def agreement(value: float) -> Check:
 @pytest.mark.parametrize("whole_session", [False, True])
 def test_picture_and_tracker_that_disagree_are_told_as_such(whole_session: bool) -> None:
     checks = (*UNSHOWN, agreement(1.7))
-    verdict = Judgement().overall(checks) if whole_session else judge(7, checks)
+    verdict = Judgement(REQUIRED).overall(checks) if whole_session else judge(7, checks, STANDING)
     assert verdict.kind is NOT_VERIFIED
     assert verdict.reason == "picture and tracker disagree: motion-agreement 17 × its limit"
     agreed = (*UNSHOWN, agreement(0.05))
-    assert "disagree" not in (Judgement().overall(agreed) if whole_session else judge(7, agreed)).reason
+    assert (
+        "disagree" not in (Judgement(REQUIRED).overall(agreed) if whole_session else judge(7, agreed, STANDING)).reason
+    )
 
 
 @pytest.mark.parametrize(
@@ -146,6 +154,6 @@ def test_an_estimate_near_or_beyond_its_limit_is_named(
     value: float, sigma: float, said: str, rest: tuple[Check, ...]
 ) -> None:
     doubtful = Check("offset-elevational", Fault.OFFSET, value, sigma, "mm", 4.0, NOT_VERIFIED)
-    clauses = judge(7, (*rest, doubtful)).reason.split("; ")
+    clauses = judge(7, (*rest, doubtful), STANDING).reason.split("; ")
     assert [clause for clause in clauses if "its limit" in clause] == ([said] if said else [])
     assert len(clauses) == 1 + bool(said), "what is verified or missing is said as well"

@@ -7,12 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.quality.verification import REQUIRED, Verification
+from appliance.core.quality.verification import Verification
+from appliance.limits import Limits, RequiredAges
 from appliance.types import PARAMETERS, Check, Fault, VerdictKind
 
 S = 1_000_000_000
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
 LIMIT = 4.0
+REQUIRED = Limits().required_age_s.names
 
 
 def check(name: str, value: float = 0.2, sigma: float = 0.1, shown_s: float | None = 5.0) -> Check:
@@ -29,17 +31,17 @@ def weigh(verification: Verification, *checks: Check, since_s: float = 0.0) -> t
 
 
 def all_shown(at_s: float = 5.0) -> Verification:
-    verification = Verification(3.0)
+    verification = Verification(Limits())
     weigh(verification, *(check(name, shown_s=at_s) for name in REQUIRED))
     return verification
 
 
 def test_it_is_verified_once_every_required_parameter_was_shown_and_as_old_as_the_oldest() -> None:
-    verification = Verification(3.0)
+    verification = Verification(Limits())
     for at_s, name in enumerate(REQUIRED, start=2):
-        assert verification.verified_ns is None
+        assert verification.standing.verified_ns is None
         weigh(verification, check(name, shown_s=at_s))
-    assert verification.verified_ns == 2 * S
+    assert verification.standing.verified_ns == 2 * S
 
 
 def test_what_is_not_shown_again_keeps_its_age_and_nothing_makes_it_younger_but_motion() -> None:
@@ -48,7 +50,7 @@ def test_what_is_not_shown_again_keeps_its_age_and_nothing_makes_it_younger_but_
         (seen,) = weigh(verification, check("polarity", value=nan, sigma=nan, shown_s=None))
         assert (seen.verdict, seen.shown_ns) == (NOT_VERIFIED, 5 * S)
         weigh(verification, *(check(name, shown_s=4.0) for name in REQUIRED))
-    assert verification.verified_ns == 5 * S
+    assert verification.standing.verified_ns == 5 * S
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
@@ -56,21 +58,21 @@ def test_one_measurement_beyond_its_limit_withdraws_the_ok_at_once_whether_or_no
     verification = all_shown()
     unnamed = replace(check(name, value=-28.4, sigma=1.5), verdict=NOT_VERIFIED)
     verification.contradict([unnamed], frozenset(), 6 * S)
-    assert verification.verified_ns is None
+    assert verification.standing.verified_ns is None
     assert [sign.check.name for sign in verification.contradicted] == [name]
 
 
 def test_what_is_beyond_its_limit_but_not_by_its_sigmas_contradicts_nothing() -> None:
     verification = all_shown()
     verification.contradict([check("offset-lateral", value=5.0, sigma=0.5)], frozenset(), 6 * S)
-    assert verification.verified_ns == 5 * S
+    assert verification.standing.verified_ns == 5 * S
 
 
 def test_what_names_no_parameter_contradicts_nothing() -> None:
     verification = all_shown()
     agreement = Check("motion-agreement", Fault.AGREEMENT, 1.7, 0.0, "1 − r", 0.1, NOT_VERIFIED)
     verification.contradict([agreement], frozenset(), 6 * S)
-    assert verification.verified_ns == 5 * S
+    assert verification.standing.verified_ns == 5 * S
 
 
 @pytest.mark.parametrize("since_s", [0.0, 6.0])
@@ -79,7 +81,7 @@ def test_motion_from_before_the_sign_or_with_it_does_not_answer_it(since_s: floa
     verification.contradict([check("scale-axial", value=9.0)], frozenset({"scale-axial"}), 6 * S)
     (seen,) = weigh(verification, check("scale-axial", shown_s=8.0), since_s=since_s)
     assert seen.verdict is NOT_VERIFIED
-    assert verification.verified_ns is None
+    assert verification.standing.verified_ns is None
 
 
 @pytest.mark.parametrize(("value", "answered"), [(2.8, True), (3.0, False)])
@@ -91,7 +93,7 @@ def test_an_ok_after_a_fault_needs_room(value: float, answered: bool) -> None:
     assert again.verdict is OK
     (seen,) = weigh(verification, again, since_s=6.1)
     assert (seen.verdict is OK) == answered
-    assert (verification.verified_ns is not None) == answered
+    assert (verification.standing.verified_ns is not None) == answered
 
 
 @pytest.mark.parametrize(
@@ -121,14 +123,14 @@ def test_a_change_of_geometry_forgets_what_was_shown_and_keeps_the_signs() -> No
     verification.restart()
     assert verification.contradicted != ()
     weigh(verification, *(check(name, shown_s=8.0) for name in REQUIRED), since_s=7.0)
-    assert verification.verified_ns == 8 * S
+    assert verification.standing.verified_ns == 8 * S
 
 
 def test_motion_of_the_future_shows_nothing_and_holds_nothing_up() -> None:
     verification = all_shown(500.0)
     verification.contradict([check("offset-axial", value=9.0)], frozenset(), 500 * S)
     verification.forget(6 * S)
-    assert verification.verified_ns is None
+    assert verification.standing.verified_ns is None
     assert verification.last_sign_ns == 6 * S - 1
 
 
@@ -147,7 +149,7 @@ def test_motion_of_the_future_shows_nothing_and_holds_nothing_up() -> None:
 def test_verified_means_shown_and_not_contradicted_since(
     events: list[tuple[str, float, float, int, bool]],
 ) -> None:
-    verification = Verification(3.0)
+    verification = Verification(Limits())
     shown: dict[str, int] = {}
     for now_s, (name, value, sigma, back_s, sign) in enumerate(events, start=30):
         seen = check(name, value, sigma, shown_s=now_s)
@@ -159,5 +161,20 @@ def test_verified_means_shown_and_not_contradicted_since(
         elif accepted.verdict is OK:
             assert abs(value) + 3 * sigma <= LIMIT
             shown[name] = now_s
-        if verification.verified_ns is not None:
-            assert verification.verified_ns <= min(shown[one] for one in REQUIRED) * S
+        if verification.standing.verified_ns is not None:
+            assert verification.standing.verified_ns <= min(shown[one] for one in REQUIRED) * S
+
+
+def test_an_age_limit_of_its_own_bounds_what_was_shown_and_what_is_not_asked_for_does_not_count() -> None:
+    ages = RequiredAges.model_validate({"offset-axial": 60.0, "scale-axial": 10.0, "rotation-axial": 0.0})
+    verification = Verification(Limits(required_age_s=ages))
+    asked = set(ages.names)
+    assert asked == {*REQUIRED, "offset-axial"} - {"rotation-axial"}
+    weigh(verification, *(check(name, shown_s=8.0) for name in asked - {"offset-axial"}))
+    assert verification.standing.verified_ns is None
+    weigh(verification, check("offset-axial", shown_s=3.0))
+    assert (verification.standing.verified_ns, verification.standing.expires_ns) == (3 * S, 18 * S)
+    weigh(verification, check("scale-axial", shown_s=70.0))
+    assert verification.standing.expires_ns == 63 * S, "three seconds and a minute"
+    verification.contradict([check("rotation-axial", value=20.0)], frozenset(), 71 * S)
+    assert verification.standing.verified_ns is None, "not asked for, and still a contradiction"

@@ -1,0 +1,54 @@
+"""The shortest motion that shows what is still missing: a verification gesture, told to whoever holds the probe.
+
+By the Cramér–Rao bounds of each motion alone (docs/method.md, section 11): 5 s of it at .1 mm of tracker noise show the
+parameters named beside it within their limits, by three sigmas, unless said otherwise.
+"""
+
+from collections.abc import Iterable, Mapping
+from enum import Enum
+
+from appliance.types import Check, VerdictKind
+
+
+class Gesture(Enum):
+    """One motion of the hand over tissue; the text is the operator's, and has a translation."""
+
+    SIDEWAYS = "slide it sideways, 10 mm to and fro"
+    PRESS = "press and release, 4 mm"
+    ROCK = "rock it in the picture's plane, 8° each way"
+    TWIST = "twist it about its long axis, 8° each way"
+    TILT = "fan it out of the picture's plane, 8° each way"
+
+
+_SHOWS: Mapping[Gesture, tuple[str, ...]] = {
+    Gesture.SIDEWAYS: ("polarity", "latency", "scale-lateral", "rotation-elevational"),
+    Gesture.PRESS: ("scale-axial",),
+    Gesture.ROCK: ("offset-axial", "offset-lateral"),
+    Gesture.TWIST: ("rotation-lateral", "offset-elevational"),
+    Gesture.TILT: ("rotation-axial",),
+}
+"""offset-lateral is shown by rocking while the probe slides sideways, not by rocking alone."""
+_WITH = {"offset-lateral": Gesture.SIDEWAYS}
+
+
+def gestures(missing: Iterable[str]) -> tuple[Gesture, ...]:
+    """What to do so that motion shows every one of these parameters, in the order in which one does it."""
+    names = set(missing)
+    wanted = {gesture for gesture, shows in _SHOWS.items() if names.intersection(shows)}
+    wanted |= {gesture for name, gesture in _WITH.items() if name in names}
+    return tuple(gesture for gesture in Gesture if gesture in wanted)
+
+
+def missing(checks: Iterable[Check], since_ns: Mapping[str, int]) -> tuple[str, ...]:
+    """Parameters that are asked for and were not shown to be in order by motion that counts.
+
+    since_ns: of each that is asked for, from when on motion counts.
+    """
+    by_name = {check.name: check for check in checks}
+    return tuple(name for name, first_ns in since_ns.items() if not _shown(by_name.get(name), first_ns))
+
+
+def _shown(check: Check | None, first_ns: int) -> bool:
+    if check is None or check.shown_ns is None or check.verdict is VerdictKind.FAULT:
+        return False
+    return check.shown_ns >= first_ns
