@@ -12,12 +12,12 @@ from drivers.errors import ConfigurationError
 from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
 from tools.study.archive import ARCHIVE_KEYS, ArchiveTask
-from tools.study.hand import PROGRAMS
+from tools.study.hand import ALL, PROGRAMS
 from tools.study.hazard import STANDARD, Hazard
 from tools.study.outcome import CHECKS
 from tools.study.page import check_page, write_page
 from tools.study.plan import Task, planned, tasks
-from tools.study.samples import KEYS, Conditions
+from tools.study.samples import ASKED, DEFAULT, KEYS, Conditions
 from tools.study.session import TISSUES, Tissue
 from tools.study.summary import Coverage, Detection, coverages, detections
 from tools.study.table import StudyTable
@@ -29,14 +29,16 @@ Examples:
   probewatch study --seeds 3                         how often healthy scanning is verified
   probewatch study --sessions fan,hold --tissues still
   probewatch study --hazards bend-lateral=6@start,latency=450@sudden
+  probewatch study --sessions gesture-in-plane,gesture-fan --asked everything
   probewatch study --hazards all --scheduler tcp://dask:8786
   probewatch study LIVER1.igs.mha LIVER2.igs.mha --calibration probe.toml
 """
 
 
 def _listed(_context: click.Context, option: click.Parameter, text: str) -> tuple[str, ...]:
-    known = {"sessions": tuple(PROGRAMS), "tissues": TISSUES}[str(option.name)]
-    chosen = known if text == "all" else tuple(text.split(","))
+    known = {"sessions": tuple(ALL), "tissues": TISSUES}[str(option.name)]
+    usual = {"sessions": tuple(PROGRAMS), "tissues": TISSUES}[str(option.name)]
+    chosen = usual if text == "all" else tuple(text.split(","))
     if unknown := [name for name in chosen if name not in known]:
         raise click.BadParameter(f"'{unknown[0]}' is none of {', '.join(known)}")
     return chosen
@@ -65,7 +67,13 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
     type=click.Path(path_type=Path, file_okay=False),
     help="folder for study.csv and study.html; rows that are there are not done again",
 )
-@click.option("--sessions", default="all", show_default=True, callback=_listed, help=", ".join(PROGRAMS))
+@click.option(
+    "--sessions",
+    default="all",
+    show_default=True,
+    callback=_listed,
+    help=f"{', '.join(ALL)}; all: those without a gesture",
+)
 @click.option("--tissues", default="all", show_default=True, callback=_listed, help=", ".join(TISSUES))
 @click.option("--seeds", default=10, show_default=True, type=click.IntRange(1, 10_000), help="of each session")
 @click.option("--duration", "duration_s", type=click.FloatRange(5, 3600), help="of each session, s [60; mixed 90]")
@@ -83,6 +91,13 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
     show_default=True,
     callback=_hazards,
     help="none, all, or KIND=SIZE@MANNER,…: sizes in deg, mm, % and ms; manners start, sudden, creeping, unseen",
+)
+@click.option(
+    "--asked",
+    type=click.Choice(list(ASKED)),
+    default=DEFAULT,
+    show_default=True,
+    help="what the contact asks for: as shipped, or the offsets besides, which may be two minutes old",
 )
 @click.option(
     "--motions",
@@ -109,6 +124,7 @@ def command(
     duration_s: float | None,
     noises_mm: tuple[float, ...],
     hazards: tuple[Hazard, ...],
+    asked: str,
     motions: Path | None,
     jobs: int,
     scheduler: str | None,
@@ -135,10 +151,10 @@ def command(
     page = output / "study.html"
     check_page(page)
     folder = None if motions is None else motions.absolute()
-    plan = planned(sessions, tissues, seeds, noises_mm, hazards, duration_s)
+    plan = planned(sessions, tissues, seeds, noises_mm, hazards, duration_s, asked)
     _do(plan, table, folder, jobs, scheduler)
-    asked = {one.key for one in plan}
-    rows = [row for row in table.rows if tuple(row[key] for key in KEYS) in asked]
+    keys = {one.key for one in plan}
+    rows = [row for row in table.rows if tuple(row[key] for key in KEYS) in keys]
     _print(rows)
     write_page(page, rows)
     click.echo(f"written: {table.path}, {page}")

@@ -28,6 +28,11 @@ _FAN_DEG, _FAN_S = 20.0, 8.0
 """Either way, and to and fro: as one looks along an organ from one window."""
 _DRIFT_MM = ((1.0, 11.0), (0.6, 7.0))
 """Amplitude, mm, and period, s, of the slow in-plane drift of a sweep, lateral and axial."""
+_GESTURE = ((0, 5.0, 2.0), (1, 2.0, 2.0), (5, 8.0, 1.5), (4, 8.0, 1.7), (3, 8.0, 1.9))
+"""Row, amplitude, mm or deg, and period, s, of each motion of the verification gesture. Slower shows less in its time;
+quicker blurs the registration."""
+GESTURE_S = 6.0
+"""For which it lasts: as long as a person is asked to go on."""
 _PHASES_S = (14.0, 14.0, 10.0, 4.0)
 """Of a mixed session, again and again: search, sweep, hold, lifted off the skin."""
 
@@ -77,6 +82,26 @@ def hold(t_s: Array, random: np.random.Generator) -> Array:
     return tremor(t_s, random, 0.6)
 
 
+def gesture(t_s: Array, random: np.random.Generator) -> Array:
+    """Everything at once that `appliance.core.quality.gesture` asks for, as a person does it who has been shown it."""
+    rows = tremor(t_s, random)
+    for row, amplitude, period_s in _GESTURE:
+        turn = 2 * np.pi * t_s / (period_s * random.uniform(0.9, 1.1)) + random.uniform(0, 2 * np.pi)
+        rows[row] += amplitude * np.sin(turn)
+    return rows
+
+
+def begun_with_gesture(program: Program) -> Program:
+    """The gesture for GESTURE_S, then the program."""
+
+    def begun(t_s: Array, random: np.random.Generator) -> Array:
+        first, rest = gesture(t_s, random), program(t_s - GESTURE_S, random)
+        share = np.clip((t_s - GESTURE_S) / _EASE_S, 0, 1)
+        return np.asarray((1 - share) * first + share * rest)
+
+    return begun
+
+
 def mixed(t_s: Array, random: np.random.Generator) -> Array:
     """Search, sweep at 10 mm/s, hold, and off the skin, with half a second from one to the next."""
     search, sweep, still = in_plane(t_s, random), elevational(10.0)(t_s, random), hold(t_s, random)
@@ -88,7 +113,10 @@ def mixed(t_s: Array, random: np.random.Generator) -> Array:
 
 def lifted(name: str, t_s: Array) -> NDArray[np.bool_]:
     """(n,) whether off the skin."""
-    return _phase(t_s) == len(_PHASES_S) - 1 if name == "mixed" else np.zeros(t_s.shape, dtype=bool)
+    if name.removeprefix(_BEGUN) != "mixed":
+        return np.zeros(t_s.shape, dtype=bool)
+    begun_s = t_s - GESTURE_S if name.startswith(_BEGUN) else t_s
+    return np.asarray((begun_s >= 0) & (_phase(begun_s) == len(_PHASES_S) - 1))
 
 
 PROGRAMS: Mapping[str, tuple[Program, float]] = {
@@ -102,6 +130,13 @@ PROGRAMS: Mapping[str, tuple[Program, float]] = {
     "mixed": (mixed, 90.0),
 }
 """Session → how the hand moves, and for how long, s: twice as long as a verification lasts, and two rounds of mixed."""
+_BEGUN = "gesture-"
+GESTURED: Mapping[str, tuple[Program, float]] = {
+    "gesture": (gesture, 10.0),
+    **{_BEGUN + name: (begun_with_gesture(program), GESTURE_S + 120.0) for name, (program, _) in PROGRAMS.items()},
+}
+"""The gesture alone, and two minutes of each session after it."""
+ALL: Mapping[str, tuple[Program, float]] = {**PROGRAMS, **GESTURED}
 
 
 def _to_and_fro(t_s: Array, speed_mm_s: float) -> Array:

@@ -87,12 +87,11 @@ class Outcome:
         return row
 
 
-def run(conditions: Conditions, pictures: list[GreyImage], limits: Limits | None = None) -> Outcome:
+def run(conditions: Conditions, pictures: list[GreyImage]) -> Outcome:
     """pictures: of `tools.study.samples.rendered`."""
-    limits = limits or Limits()
-    session = conditions.session
+    session, judging, limits = conditions.session, conditions.judging, conditions.judging.limits
     line, outcome = Line(session.reference, limits), Outcome()
-    timeline = Timeline(stamp_ns(0.0), stamp_ns(0.0), stamp_ns(session.duration_s))
+    timeline = Timeline(stamp_ns(0.0), stamp_ns(0.0), stamp_ns(session.duration_s), judging)
     notes, costs_ms = _Notes(conditions, limits, outcome), [0.0]
     for sample in samples(conditions, pictures):
         began_s = time.process_time()

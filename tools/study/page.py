@@ -145,7 +145,7 @@ def _hazard_plot(sick: list[Detection]) -> Figure:
 
 
 def _title(one: Coverage) -> str:
-    return f"{one.session}, {one.tissue}, {one.noise_mm} mm"
+    return f"{one.session}, {one.tissue}, {one.noise_mm} mm, {one.asked}"
 
 
 def _coverage_table(healthy: list[Coverage]) -> str:

@@ -5,10 +5,10 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tools.study.hand import PROGRAMS
+from tools.study.hand import ALL
 from tools.study.hazard import Hazard
 from tools.study.outcome import run
-from tools.study.samples import KEYS, Conditions, Tracker, rendered
+from tools.study.samples import DEFAULT, KEYS, Conditions, Tracker, rendered
 from tools.study.session import Session, Tissue
 
 _MOST_RUNS = 4
@@ -37,13 +37,14 @@ def planned(
     noises_mm: Sequence[float],
     hazards: Sequence[Hazard],
     duration_s: float | None = None,
+    asked: str = DEFAULT,
 ) -> list[Conditions]:
     """Every run, those on the same pictures side by side; the first seed of everything first.
 
-    duration_s: of every session instead of its own.
+    duration_s: of every session instead of its own. asked: one of ASKED.
     """
     return [
-        Conditions(Session(name, tissue, seed, duration_s or PROGRAMS[name][1]), hazard, tracker_of(noise_mm))
+        Conditions(Session(name, tissue, seed, duration_s or ALL[name][1]), hazard, tracker_of(noise_mm), asked)
         for seed, name, tissue in itertools.product(range(1, seeds + 1), sessions, tissues)
         for noise_mm, hazard in itertools.product(noises_mm, hazards)
     ]

@@ -7,6 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from appliance.limits import Limits, RequiredAges
+from appliance.supervision.ledger import Durations
+from appliance.supervision.timeline import Judging
+from appliance.types import PARAMETERS
 from drivers.recordings.metaimage import SequenceItem, read_metaimage, write_metaimage
 from drivers.rigid import Array, rigid, rotation_from_vector
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
@@ -32,23 +36,44 @@ class Tracker:
     noise_deg: float = 0.02
 
 
-KEYS = ("session", "tissue", "seed", "duration_s", "noise_mm", "hazard")
+KEYS = ("session", "tissue", "seed", "duration_s", "noise_mm", "asked", "hazard")
 """Columns that name a run."""
+
+
+def _everything() -> Judging:
+    """The offsets may be as old as the two minutes that a gesture is to last for; all else as shipped."""
+    shipped_s, offsets_s = Durations().max_verification_age_ns / 1e9, 120.0
+    ages_s = dict.fromkeys(Limits().required_age_s.names, shipped_s)
+    ages_s |= {name: offsets_s for name in PARAMETERS if name.startswith("offset")}
+    durations = Durations(max_verification_age_ns=round(offsets_s * 1e9))
+    return Judging(Limits(required_age_s=RequiredAges.model_validate(ages_s)), durations)
+
+
+DEFAULT = "shipped"
+ASKED = {DEFAULT: Judging(), "everything": _everything()}
+"""What the contact asks for: as the configuration is shipped, or the offsets besides."""
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """One run of the study."""
+    """One run of the study. asked: one of ASKED."""
 
     session: Session
     hazard: Hazard = field(default_factory=Hazard)
     tracker: Tracker = field(default_factory=Tracker)
+    asked: str = DEFAULT
+
+    @property
+    def judging(self) -> Judging:
+        """How strictly the run is judged."""
+        return ASKED[self.asked]
 
     @property
     def key(self) -> tuple[str, ...]:
         """What names the run in the table, one for each of KEYS."""
-        session, noise_mm = self.session, f"{self.tracker.noise_mm:g}"
-        return session.name, session.tissue, str(session.seed), f"{session.duration_s:g}", noise_mm, str(self.hazard)
+        session = self.session
+        length, noise_mm = f"{session.duration_s:g}", f"{self.tracker.noise_mm:g}"
+        return session.name, session.tissue, str(session.seed), length, noise_mm, self.asked, str(self.hazard)
 
 
 def samples(conditions: Conditions, pictures: list[GreyImage]) -> Iterator[Sample]:

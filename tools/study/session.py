@@ -11,7 +11,7 @@ from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.rigid import Array, ComplexArray, inverse, rigid, rotation_from_vector
 from drivers.twins.scene.world import World, WorldSettings
-from tools.study.hand import PROGRAMS, lifted
+from tools.study.hand import ALL, lifted
 
 Tissue = Literal["still", "breathing"]
 TISSUES: tuple[Tissue, ...] = ("still", "breathing")
@@ -31,7 +31,7 @@ _PULSE_MM, _PULSE_HZ = 0.3, 1.1
 
 @dataclass(frozen=True)
 class Session:
-    """name: one of PROGRAMS. Times are s since its start; duration_s is its length."""
+    """name: one of ALL. Times are s since its start; duration_s is its length."""
 
     name: str
     tissue: Tissue
@@ -56,7 +56,7 @@ class Session:
 
     def probe(self, t_s: Array) -> Array:
         """(n,) → (n, 4, 4) picture → room, mm: what the tracker could see."""
-        rows = PROGRAMS[self.name][0](t_s, np.random.default_rng((self.seed, 53)))
+        rows = ALL[self.name][0](t_s, np.random.default_rng((self.seed, 53)))
         R = rotation_from_vector(np.deg2rad(rows[3:]).T)
         skin = np.array([0.0, -SETTINGS.height_px * SETTINGS.scale_mm_per_px[1] / 2, 0.0])
         return rigid(R, skin + rows[:3].T - np.einsum("nij,j->ni", R, skin))

@@ -5,7 +5,7 @@ import pytest
 
 from appliance.core.path.steps import predicted_path
 from drivers.rigid import inverse, rigid
-from tools.study.hand import PROGRAMS, lifted, tremor
+from tools.study.hand import ALL, GESTURE_S, lifted, tremor
 from tools.study.hazard import Hazard
 from tools.study.session import SETTINGS, TISSUES, Session, picture_path
 
@@ -36,7 +36,7 @@ def test_a_fan_tilts_about_the_skin():
     assert np.all(np.std(poses @ skin, axis=0) < 1)
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("tissue", TISSUES)
 def test_motion_is_smooth_and_follows_from_the_seed(name, tissue):
     one = session(name, tissue).pictures(T_S)
@@ -56,7 +56,8 @@ def test_tissue_breathes_along_the_axis_and_no_breath_is_like_the_next():
 
 
 def test_only_a_mixed_session_leaves_the_skin():
-    assert [name for name in PROGRAMS if lifted(name, T_S).any()] == ["mixed"]
+    assert [name for name in ALL if lifted(name, T_S).any()] == ["mixed", "gesture-mixed"]
+    assert not lifted("gesture-mixed", T_S[T_S < GESTURE_S + 38]).any()
     assert lifted("mixed", T_S).mean() == pytest.approx(4 / 60, abs=0.02)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from appliance.storage.calibration_file import write_calibration
-from appliance.types import Calibration
+from appliance.types import PARAMETERS, Calibration
 from drivers.errors import DeviceLost
 from drivers.recordings.metaimage import write_metaimage
 from drivers.recordings.replay import open_recording
@@ -50,6 +50,16 @@ def test_a_healthy_sweep_is_verified_and_its_figures_are_near_the_truth(motions)
     row = told.row()
     assert row["scale-lateral last"]
     assert not {"nan", "inf"} & set(row.values())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("tissue", ["still", "breathing"])
+def test_the_gesture_alone_shows_everything_that_can_be_asked_for(tissue):
+    session = Session("gesture", tissue, 1, 8.0)
+    told = run(Conditions(session, asked="everything"), rendered(session, None))
+    assert (told.faults, told.closed_s <= 6.0) == ("", True)
+    assert all(told.scores[name].shown for name in PARAMETERS)
+    assert all(abs(told.scores[name].last) < 4 * told.scores[name].sigma for name in PARAMETERS)
 
 
 @pytest.mark.thorough

@@ -31,7 +31,14 @@ def row(session="in-plane", seed=1, hazard="none", tissue="still", **changed):
     for name in CHECKS:
         scores = outcome.scores[name]
         scores.last, scores.sigma, scores.bound, scores.looks, scores.squares, scores.worst = 0.1, 0.2, 0.1, 50, 200, 4
-    key = {"session": session, "tissue": tissue, "seed": str(seed), "duration_s": "60", "noise_mm": "0.1"}
+    key = {
+        "session": session,
+        "tissue": tissue,
+        "seed": str(seed),
+        "duration_s": "60",
+        "noise_mm": "0.1",
+        "asked": "shipped",
+    }
     return key | {"hazard": hazard} | outcome.row() | {"code": "abc"}
 
 
