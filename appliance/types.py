@@ -155,6 +155,7 @@ class Fault(StrEnum):
     LOG_DAMAGED = "log-damaged", Kind.INTEGRITY
     LINE_OF_SIGHT = "line-of-sight", Kind.SIGHT
     NO_PICTURE = "no-picture", Kind.SIGHT
+    USER_FREEZE = "user-freeze", Kind.SIGHT
     LOG_NOT_WRITTEN = "log-not-written", Kind.ADVISORY
     OVERLOADED = "overloaded", Kind.ADVISORY
     CALIBRATION_FILE = "calibration-file", Kind.ADVISORY

@@ -118,6 +118,7 @@ HAZARDS: dict[Fault, Hazard] = {
     ),
     Fault.LOG_DAMAGED: Hazard("Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True),
     Fault.LINE_OF_SIGHT: Hazard("Probe not seen by the tracker", "Bring the probe into the tracker's view"),
+    Fault.USER_FREEZE: Hazard("Picture is paused by the user", "Unfreeze the scanner to go on"),
     Fault.NO_PICTURE: Hazard("No ultrasound in the picture", "Probe on the skin, live picture on the scanner"),
     Fault.LOG_NOT_WRITTEN: Hazard("Alarm log cannot be written", "Make room on the cart's disk; check it"),
     Fault.OVERLOADED: Hazard("This computer is overloaded", "Close other programs; check a device that stays lost"),

@@ -34,14 +34,15 @@ PICTURE_FAULTS = (
     "flip-vertical",
     "depth",
     "freeze-video",
+    "user-freeze",
     "lose-video",
     "flicker-blank",
     "future-stamp",
 )
 """Those that the scanner shows; the tracker shows the others.
 
-flicker-blank: every second picture is black but for faint noise. future-stamp: the first picture, and no other, has a
-stamp FUTURE_S ahead."""
+user-freeze: the freeze key: the picture stands, with a mark beside it. flicker-blank: every second picture is black but
+for faint noise. future-stamp: the first picture, and no other, has a stamp FUTURE_S ahead."""
 
 _LATEST_S = 1e9
 """Thirty years: later is a slip, and refused. Nanoseconds of it fit 64 bits."""
@@ -51,6 +52,8 @@ LATENCY_S = 0.100
 """Past the default limits (appliance/limits.py: 5 %, 60 ms), so that they must be found, and no more than twice."""
 FUTURE_S = 60.0
 """Twice as long as a verification lasts (max_verification_age), so that a stamp taken for true would outlast it."""
+_MARK_PX, _MARK_INSET_PX, _MARK_GREY = 12, 4, 230
+"""A freeze symbol: smaller than any scanner's, in the corner that no sector reaches."""
 _FAINT_GREY = 4
 """Grey levels of a blank picture's noise, as a grabber without a signal shows; speckle spans ten times as many."""
 
@@ -147,6 +150,15 @@ def spoil_image(image: GreyImage, active: Collection[str], top_row_px: float = 0
     if "flip-vertical" in active:
         image = image[::-1]
     return np.ascontiguousarray(image)
+
+
+def frozen_image(image: GreyImage) -> GreyImage:
+    """The picture with the mark of the freeze key: a ring in its upper right corner."""
+    marked = image.copy()
+    radius = _MARK_PX // 2
+    centre = (image.shape[1] - _MARK_INSET_PX - radius, _MARK_INSET_PX + radius)
+    cv2.circle(marked, centre, radius, _MARK_GREY, 3)
+    return marked
 
 
 def blank_image(shape: tuple[int, ...], index: int) -> GreyImage:

@@ -13,7 +13,7 @@ from typing import Self
 from drivers.clock.host_clock import HostClock
 from drivers.samples import GreyImage
 from drivers.twins.fault_control import FaultControl
-from drivers.twins.faults import FUTURE_S, blank_image
+from drivers.twins.faults import FUTURE_S, blank_image, frozen_image
 from drivers.twins.scene.world import World
 from drivers.video.sim import pack_frame
 
@@ -144,9 +144,9 @@ class Scanner:
     def _rendered(self, number: int, t_s: float, t_ns: int, active: frozenset[str]) -> bytes:
         """The frame as the socket carries it; remembers how long rendering takes, in seconds of the clock."""
         began_s = time.monotonic()
-        if self._held is None or "freeze-video" not in active:
+        if self._held is None or not active & {"freeze-video", "user-freeze"}:
             self._held = self._world.frame(t_s, number, active)
-        image = self._held
+        image = frozen_image(self._held) if "user-freeze" in active else self._held
         if "flicker-blank" in active and number % 2:
             image = blank_image(image.shape, number)
         ahead_ns = round(FUTURE_S * 1e9) if "future-stamp" in active - self._active else 0

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from functools import cache
 
 from drivers.samples import Frame, GreyImage, Matrix4, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.faults import Schedule, pose_time_s, spoil_pose
+from drivers.twins.faults import Schedule, frozen_image, pose_time_s, spoil_pose
 from drivers.twins.scene.world import World, WorldSettings
 
 ORIGIN_NS = 5_000_000_000
@@ -49,6 +49,6 @@ def session(
             measured = world.measured_pose(pose_time_s(t_s, active), index)
             yield Pose(stamp, index, spoil_pose(measured, active), 0.1, PoseStatus.OK)
         else:
-            if image is None or "freeze-video" not in active:
+            if image is None or not active & {"freeze-video", "user-freeze"}:
                 image = world.frame(t_s, index, active)
-            yield Frame(stamp, index, image)
+            yield Frame(stamp, index, frozen_image(image) if "user-freeze" in active else image)

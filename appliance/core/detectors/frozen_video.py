@@ -1,8 +1,10 @@
-"""A live picture is never the same twice: noise alone changes it. One that is has been frozen."""
+"""A live picture is never the same twice: noise alone changes it. One that is was frozen, by a fault or by a hand."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from appliance.core.detectors.detector import Detector
+from appliance.core.detectors.screen_change import ScreenChange, sparse_of
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import GreyImage
 
@@ -19,16 +21,19 @@ _CHANGED_SHARE = 1e-3
 class FrozenVideo(Detector):
     """Counts for how long successive pictures have been equal, up to a ticking clock in a corner.
 
-    The line asks it first: what repeats the picture before is not registered. repeats: whether the latest did.
+    The line asks it first: what repeats the picture before is not registered. repeats: whether the latest did. Where
+    the screen changed beside the picture that stands, the user froze it: there is nothing to compare, and no fault.
     """
 
     def __init__(self, limit_ns: int) -> None:
         self._limit_ns = limit_ns
+        self._screen = ScreenChange()
         self.forget_pictures(0)
 
     def forget_pictures(self, since_ns: int) -> None:
         """See Detector; the picture before is forgotten as well."""
-        self._image: GreyImage | None = None
+        self._image: NDArray[np.int16] | None = None
+        self._screen.restart()
         self._since_ns = self._now_ns = 0
         self.repeats = False
 
@@ -39,23 +44,26 @@ class FrozenVideo(Detector):
 
     def compare(self, t_ns: int, image: GreyImage) -> None:
         """Take the next picture, (h, w) uint8, of t_ns."""
-        self.repeats = self._image is not None and _same(self._image, image)
+        sparse = sparse_of(image)
+        known = self._image is not None and self._image.shape == sparse.shape
+        change = np.abs(sparse - self._image) if known else None
+        self.repeats = change is not None and _same(change)
+        self._screen.step(sparse, change, self.repeats)
         if not self.repeats:
             self._since_ns = t_ns
-        self._image, self._now_ns = image, t_ns
+        self._image, self._now_ns = sparse, t_ns
 
     def checks(self) -> tuple[Check, ...]:
         """Age of the picture's content, ms."""
         if self._image is None:
             return ()
-        verdict = VerdictKind.FAULT if self.repeats_ns > self._limit_ns else VerdictKind.OK
-        limit_ms = self._limit_ns / 1e6
-        return (Check("frozen-video", Fault.FROZEN_VIDEO, self.repeats_ns / 1e6, 0.0, "ms", limit_ms, verdict),)
+        name, fault, verdict = "frozen-video", Fault.FROZEN_VIDEO, VerdictKind.OK
+        if self.repeats_ns > self._limit_ns and self._screen.seen:
+            name, fault, verdict = "user-freeze", Fault.USER_FREEZE, VerdictKind.NOT_VERIFIED
+        elif self.repeats_ns > self._limit_ns:
+            verdict = VerdictKind.FAULT
+        return (Check(name, fault, self.repeats_ns / 1e6, 0.0, "ms", self._limit_ns / 1e6, verdict),)
 
 
-def _same(before: GreyImage, now: GreyImage) -> bool:
-    if before.shape != now.shape:
-        return False
-    sparse_before, sparse_now = before[::2, ::2].astype(np.int16), now[::2, ::2].astype(np.int16)
-    changed = np.count_nonzero(np.abs(sparse_now - sparse_before) > _SAME_GREY)
-    return bool(changed <= _CHANGED_SHARE * sparse_now.size)
+def _same(change: NDArray[np.int16]) -> bool:
+    return bool(np.count_nonzero(change > _SAME_GREY) <= _CHANGED_SHARE * change.size)

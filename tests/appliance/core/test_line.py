@@ -14,7 +14,7 @@ from appliance.supervision.supervisor import Durations, Inputs, Supervisor
 from appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.rigid import vector_from_rotation
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from drivers.twins.faults import Schedule
+from drivers.twins.faults import Episode, Schedule
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.sessions import ORIGIN_NS, kept, session
 from tools.demo.script import FAULT_CLASS
@@ -103,6 +103,26 @@ def test_a_sudden_fault_is_named_at_once(fault: str, within_s: float) -> None:
     assert found is not None
     assert found[1] == FAULT_CLASS[fault]
     assert 3.0 <= found[0] <= 3.0 + within_s
+
+
+@THOROUGH
+def test_the_freeze_key_pauses_and_is_no_fault_and_the_contact_is_open_while_it_lasts() -> None:
+    world = kept(3, settings=SMALL)
+    line, supervisor = Line(truth(world), Limits()), Supervisor(Durations())
+    plan = Schedule((Episode("user-freeze", 9.0, 11.0),))
+    closed_s, told = [], set[tuple[float, str]]()
+    for sample in session(world, 12.0, plan):
+        for verdict in line.step(sample):
+            t_s = round((verdict.t_ns - ORIGIN_NS) / 1e9, 3)
+            alarm = supervisor.step(verdict.t_ns, Inputs((verdict,)))
+            assert verdict.fault is None
+            assert alarm.state in (State.SELF_TEST, State.WAITING, State.NOT_VERIFIED, State.MONITORING)
+            closed_s += [t_s] if alarm.energised else []
+            told |= {(t_s, verdict.reason)} if "user-freeze" in verdict.reason else set()
+    assert 9.5 <= min(told)[0] <= 9.6
+    assert 10.9 <= max(told)[0] <= 11.0
+    assert any(t_s < 9.0 for t_s in closed_s)
+    assert not any(9.6 < t_s < 11.0 for t_s in closed_s)
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,11 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     units = {"deg", "axes"}
     said = {"calibration verified", "verified only in parts", "Probe on tissue"}
     said |= {gesture.value for gesture in Gesture}
-    assert set(GERMAN) == tables | words | reasons | units | said | check_names() | {"picture-size", "no-picture"}
+    assert set(GERMAN) == tables | words | reasons | units | said | check_names() | {
+        "picture-size",
+        "no-picture",
+        "user-freeze",
+    }
     assert len(reasons) == 9
 
 

@@ -232,6 +232,61 @@ def test_a_frozen_picture_fails_past_its_limit_even_with_a_ticking_clock() -> No
     assert detector.checks()[0].verdict is OK
 
 
+def screens(mark: tuple[int, int, int, int], grey: int = 230) -> tuple[FrozenVideo, list[str]]:
+    """Three seconds of live tissue on a black screen with a clock of seconds, then a frozen second with a mark; mark:
+    (row, column, height, width). Returns the names of the checks that were not OK.
+    """
+    random = np.random.default_rng(0)
+    detector, told = FrozenVideo(500 * MS), list[str]()
+    picture = np.zeros((480, 640), np.uint8)
+    for k in range(120):
+        if k < 90:
+            picture[40:440, 120:520] = random.integers(0, 256, (400, 400), dtype=np.uint8)
+        shown = picture.copy()
+        shown[450:460, :16] = 200 * (k // 30 % 2)
+        if k >= 90:
+            row, column, height, width = mark
+            shown[row : row + height, column : column + width] = grey
+        detector.compare(round(k * 1e9 / 30), shown)
+        told += [check.name for check in detector.checks() if check.verdict is not OK]
+    return detector, told
+
+
+@pytest.mark.parametrize("mark", [(5, 600, 12, 12), (200, 560, 20, 60), (462, 100, 6, 440)])
+def test_a_mark_beside_the_picture_tells_the_freeze_key_from_a_dead_grabber(mark) -> None:
+    detector, told = screens(mark)
+    assert set(told) == {"user-freeze"}
+    assert {check.verdict for check in detector.checks()} == {NOT_VERIFIED}
+
+
+@pytest.mark.parametrize(
+    ("mark", "grey"),
+    [
+        pytest.param((0, 0, 0, 0), 0, id="nothing but the clock"),
+        pytest.param((5, 600, 4, 4), 230, id="too small"),
+        pytest.param((5, 600, 20, 20), 20, id="a codec's ripple"),
+        pytest.param((100, 200, 60, 60), 0, id="in the tissue alone"),
+        pytest.param((0, 0, 480, 110), 230, id="a menu over a sixth of the screen"),
+    ],
+)
+def test_without_a_mark_a_picture_that_stands_is_a_fault(mark, grey) -> None:
+    assert set(screens(mark, grey)[1]) == {"frozen-video"}
+
+
+def test_a_live_picture_ends_the_pause() -> None:
+    detector, _ = screens((5, 600, 12, 12))
+    detector.compare(5_000 * MS, np.random.default_rng(1).integers(0, 256, (480, 640), dtype=np.uint8))
+    (check,) = detector.checks()
+    assert (check.name, check.verdict) == ("frozen-video", OK)
+
+
+def test_pictures_of_another_size_forget_the_screen() -> None:
+    detector, _ = screens((5, 600, 12, 12))
+    for k in range(30):
+        detector.compare(round((5 + k / 30) * 1e9), np.full((240, 320), 9, np.uint8))
+    assert [(check.name, check.verdict) for check in detector.checks()] == [("frozen-video", FAULT)]
+
+
 def test_a_live_picture_of_a_resting_probe_is_not_frozen() -> None:
     random = np.random.default_rng(0)
     still = random.integers(20, 200, (480, 640)).astype(np.int16)
