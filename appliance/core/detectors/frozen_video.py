@@ -45,8 +45,8 @@ class FrozenVideo(Detector):
     def compare(self, t_ns: int, image: GreyImage) -> None:
         """Take the next picture, (h, w) uint8, of t_ns."""
         sparse = sparse_of(image)
-        known = self._image is not None and self._image.shape == sparse.shape
-        change = np.abs(sparse - self._image) if known else None
+        before = self._image
+        change = None if before is None or before.shape != sparse.shape else np.abs(sparse - before)
         self.repeats = change is not None and _same(change)
         self._screen.step(sparse, change, self.repeats)
         if not self.repeats:

@@ -73,4 +73,4 @@ def sparse_of(image: GreyImage) -> _Sparse:
 def _marked(now: _Sparse, live: _Sparse, moved: _Sparse) -> bool:
     screen = cv2.dilate(moved, _AROUND) <= _STILL_GREY
     share = np.count_nonzero((np.abs(now - live) > _MARK_GREY) & screen) / now.size
-    return _LEAST_SHARE <= share <= _MOST_SHARE
+    return bool(_LEAST_SHARE <= share <= _MOST_SHARE)
