@@ -42,7 +42,7 @@ def shown_by(wanted: tuple[Gesture, ...], monkeypatch: pytest.MonkeyPatch) -> se
             rows[row] += amplitude * np.sin(2 * np.pi * t_s / period_s + phase)
         return rows
 
-    monkeypatch.setitem(hand.PROGRAMS, "gesture", (program, 5.0))  # type: ignore[arg-type]
+    monkeypatch.setitem(hand.ALL, "gesture", (program, 5.0))  # type: ignore[arg-type]
     sigmas = bounds.__wrapped__(Session("gesture", "still", 1, 5.0), 0.1, 0.02, 5.0)
     found = dict(zip(MOST, sigmas, strict=True))
     return {name for name, most in MOST.items() if LIMITS.confidence_sigma * found[name] <= most}
