@@ -81,7 +81,7 @@ def test_an_empty_window_has_every_check_undecided() -> None:
 
 
 def fed(
-    evidence: Evidence, whole: PathWindow, start_s: float, stop_s: float, scale: float = 1.0
+    evidence: Evidence, whole: PathWindow, start_s: float, stop_s: float, scale: float = 1.0, lateral: bool = True
 ) -> list[frozenset[str]]:
     """Pictures of `whole` between two times, mirrored into `evidence` with a solution each third of a second."""
     shown = []
@@ -89,25 +89,33 @@ def fed(
         t_s = (seen.stamp.t_ns - whole._seen[0].stamp.t_ns) / 1e9
         if not start_s <= t_s < stop_s:
             continue
-        evidence.window.add(motion(t_s, index, seen.path_px / scale, seen.path_rad, chain=1 if scale == 1.0 else 2))
+        evidence.window.add(
+            motion(
+                t_s,
+                index,
+                seen.path_px / (scale if lateral else np.array([1.0, scale])),
+                seen.path_rad,
+                chain=1 if scale == 1.0 else 2,
+            )
+        )
         if index % 10 == 9:
             evidence.solve(evidence.window.now_ns)
             shown.append(frozenset(c.name for c in evidence.checks() if c.verdict is FAULT))
     return shown
 
 
-def watched() -> tuple[Evidence, PathWindow]:
-    whole = filled(tilting_path, 16.0, 6)
+def watched(duration_s: float = 16.0) -> tuple[Evidence, PathWindow]:
+    whole = filled(tilting_path, duration_s, 6)
     window = PathWindow(TRUTH)
     window.poses = whole.poses
     return Evidence(TRUTH, LIMITS, window), whole
 
 
 def test_a_change_of_scale_is_named_within_four_seconds_and_only_by_its_name() -> None:
-    evidence, whole = watched()
-    assert set().union(*fed(evidence, whole, 0, 8)) == set()
+    evidence, whole = watched(20.0)
+    assert set().union(*fed(evidence, whole, 0, 12)) == set()
     assert evidence.shows("scale")
-    after = fed(evidence, whole, 8, 15, scale=1.15)
+    after = fed(evidence, whole, 12, 19, scale=1.15)
     named = [index for index, names in enumerate(after) if names]
     assert named
     assert named[0] <= 11, "a solution comes each third of a second"
@@ -115,6 +123,17 @@ def test_a_change_of_scale_is_named_within_four_seconds_and_only_by_its_name() -
     assert after[-1] >= {"scale-lateral", "scale-axial"}
     value = by_name(evidence.checks())["scale-axial"].value
     assert value == pytest.approx(15, abs=4), "what came before the change is not mixed in"
+
+
+def test_before_breathing_is_known_a_wrong_scale_is_named_by_the_lateral_one_alone() -> None:
+    evidence, whole = watched()
+    named = fed(evidence, whole, 0, 9, scale=1.15)
+    assert set().union(*named) == {"scale-lateral"}
+    assert not evidence.shows("scale")
+    evidence, whole = watched()
+    assert set().union(*fed(evidence, whole, 0, 9, scale=1.15, lateral=False)) == set()
+    assert not evidence.shows("scale")
+    assert fed(evidence, whole, 9, 15, scale=1.15, lateral=False)[-1] == {"scale-axial"}
 
 
 def test_one_solution_alone_accuses_nobody() -> None:
