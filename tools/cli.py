@@ -30,6 +30,7 @@ _COMMANDS = {
     "replay": "run a recording through the line and print a report",
     "run": "the service: watch the devices named in the configuration",
     "simulate": "a tracker or a whole cart that exists only as bytes, with faults at run time",
+    "trend": "where the calibration is going, from what was noted of it over days",
     "study": "judge the instrument: simulated sessions with known truth, or an archive",
     "status": "what the service sees now; --watch keeps it on the screen",
 }

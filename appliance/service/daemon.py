@@ -7,6 +7,7 @@ from typing import Self
 
 from appliance.configuration.config import Config
 from appliance.service.control.deadline_worker import DeadlineWorker
+from appliance.service.control.estimate_notes import EstimateNotes
 from appliance.service.control.event_log import EventLog
 from appliance.service.control.live_configuration import LiveConfiguration
 from appliance.service.control.recalibration import Recalibration
@@ -121,6 +122,7 @@ class Daemon:
             configuration=self._configuration,
             annunciator=self._annunciator,
             notifier=self._notifier,
+            estimates=EstimateNotes(self._events),
         )
 
     def __enter__(self) -> Self:

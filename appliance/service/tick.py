@@ -1,5 +1,6 @@
 """One tick of the service, 20 times a second and whenever the estimator speaks. It waits for nobody."""
 
+from appliance.service.control.estimate_notes import EstimateNotes
 from appliance.service.control.live_configuration import LiveConfiguration
 from appliance.service.control.references import References
 from appliance.service.control.requests import Requests
@@ -34,11 +35,12 @@ class Tick:
         configuration: LiveConfiguration,
         annunciator: Annunciator,
         notifier: Notifier,
+        estimates: EstimateNotes,
     ) -> None:
         self._clock, self._host, self._estimator, self._references = clock, host, estimator, references
         self._devices, self._supervision, self._recorder, self._control = devices, supervision, recorder, control
         self._requests, self._configuration = requests, configuration
-        self._annunciator, self._notifier = annunciator, notifier
+        self._annunciator, self._notifier, self._estimates = annunciator, notifier, estimates
         self._fed_writes = 0
 
     def step(self) -> None:
@@ -56,6 +58,7 @@ class Tick:
         self._command(now_ns, self._supervision.alarm or alarm, bool(verdicts))
         self._references.see(self._devices.video.size_px)
         self._devices.note_rates(now_ns)
+        self._estimates.step(now_ns, alarm, self._supervision.verdict, self._references.current)
         self._feed_watchdog(alarm)
 
     def _raise_failures(self) -> None:

@@ -11,17 +11,14 @@ from typing import Any
 
 import click
 
-from appliance.service.control.rights import join_group
-from appliance.storage.alarm_chain import BEGUN, Entry, Reading, read_log
-from drivers.errors import ConfigurationError
+from appliance.storage.alarm_chain import BEGUN, Entry, Reading
 from drivers.files.atomic_file import check_writable, writing
 from drivers.printable import LONGEST_TEXT, printable
+from tools.shared.alarm_history import settled_log
 
 _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
 _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
 _COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "latched", "digest")
-_LOOKS = 3
-"""A write of the service is soon over, so damage that a fourth reading still finds is damage."""
 _FORMULA = ("=", "+", "-", "@")
 
 
@@ -57,7 +54,7 @@ def command(
     Exit code 0: the chain is whole. 65: it is not; what is wrong is said on stderr. 78: the folder cannot be read.
     """
     check_writable(csv_path)
-    reading = _read(folder)
+    reading = settled_log(folder)
     if not verify:
         wanted = [
             entry for entry in reading.entries if _within(entry, since, until) and _named(entry, state, fault, event)
@@ -70,26 +67,6 @@ def command(
             _export(csv_path, shown)
             click.echo(f"{len(shown)} entries written to {csv_path}")
     sys.exit(_verified(reading))
-
-
-def _read(folder: Path) -> Reading:
-    try:
-        if folder.is_dir():
-            return _settled(folder)
-    except OSError as error:
-        remedy = join_group(folder) if isinstance(error, PermissionError) else "Check its disk"
-        raise ConfigurationError(f"cannot be read ({error.strerror})", str(folder), remedy) from None
-    raise ConfigurationError("is not a folder", str(folder), "Name [alarm] folder of the service's configuration")
-
-
-def _settled(folder: Path) -> Reading:
-    """Damage that another look does not find was the service, which writes meanwhile."""
-    reading = read_log(folder)
-    for _ in range(_LOOKS):
-        if not reading.damages:
-            break
-        reading = read_log(folder)
-    return reading
 
 
 def _within(entry: Entry, since: datetime | None, until: datetime | None) -> bool:

@@ -1,0 +1,146 @@
+"""`probewatch trend`: where the calibration is going, from what the service noted of it over days."""
+
+import json
+import sys
+from collections import defaultdict
+from datetime import datetime
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+
+from appliance.core.quality.trend import Estimate, Trend, trend
+from appliance.service.control.estimate_notes import EVENT
+from appliance.storage.alarm_chain import Entry
+from appliance.types import PARAMETERS
+from tools.shared.alarm_history import settled_log
+from tools.shared.tables import NOTHING, FittingTable
+
+_UNITS = {"rotation": "deg", "scale": "%", "offset": "mm", "latency": "ms"}
+_HEADINGS = ("parameter", "estimates", "now", "limit", "since the first", "per day", "reaches the limit", "is")
+_FAR_DAYS = 3650
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("/var/lib/probewatch"))
+@click.option("--reference", type=click.IntRange(1), metavar="N", help="of the history; without it the latest")
+@click.option("--json", "as_json", is_flag=True, help="JSON, null for what is not known")
+def command(folder: Path, reference: int | None, as_json: bool) -> None:
+    """Tell where each parameter of the calibration is going, long before it meets its limit.
+
+    While the calibration is verified the service notes every five minutes what motion showed of it, in the alarm log of
+    FOLDER, [alarm] folder of the configuration. A weighted mean of these estimates (EWMA) that leaves its control
+    limits is moving: something bends, slides or is exchanged, though each estimate by itself is still in order.
+
+    \b
+    Examples:
+      probewatch trend
+      probewatch trend --reference 3 --json
+
+    Exit code 0: all steady. 1: something is moving or near its limit. 3: fewer than 13 estimates, nothing can be said.
+    65: the alarm log is damaged; what it still holds is told. 78: the folder cannot be read.
+    """
+    reading = settled_log(folder)
+    entries = reading.entries
+    number = reference if reference is not None else _latest(entries)
+    found = {} if number is None else trends(entries, number)
+    if as_json:
+        click.echo(json.dumps({"reference": number, "parameters": [_fields(*one) for one in found.items()]}, indent=2))
+    elif found:
+        styles = ["yellow" if one.moving or one.near else "" for one in found.values()]
+        rows = [_row(*one) for one in found.items()]
+        Console(highlight=False).print(FittingTable(_HEADINGS, rows, styles, right_from=1))
+    else:
+        click.echo(f"{folder} holds no estimates yet: the service notes one every five minutes while it is verified")
+    sys.exit(65 if reading.damages else _code(found))
+
+
+def trends(entries: tuple[Entry, ...], reference: int) -> dict[str, Trend]:
+    """Name of a parameter → its trend, from the estimates under that reference."""
+    known = defaultdict[str, list[Estimate]](list)
+    limits = dict[str, float]()
+    for entry in entries:
+        if entry.event == EVENT and entry.data.get("reference") == reference:
+            utc_s = datetime.fromisoformat(entry.utc).timestamp()
+            for name, (value, sigma, limit) in _figures(entry.data.get("checks")).items():
+                known[name].append(Estimate(utc_s, value, sigma))
+                limits[name] = limit
+    return {name: trend(estimates, limits[name]) for name, estimates in known.items()}
+
+
+def _figures(checks: object) -> dict[str, list[float]]:
+    """Of the parameters that we know; what another version wrote otherwise is left out."""
+    rows = checks if isinstance(checks, dict) else {}
+    return {
+        name: row
+        for name, row in rows.items()
+        if name in (*PARAMETERS, "latency")
+        and isinstance(row, list)
+        and [type(one) in (int, float) for one in row] == [True] * 3
+        and row[2] > 0
+    }
+
+
+def unit_of(name: str) -> str:
+    """Of a parameter's estimates."""
+    return _UNITS[name.split("-", maxsplit=1)[0]]
+
+
+def _latest(entries: tuple[Entry, ...]) -> int | None:
+    numbers = (entry.data.get("reference") for entry in reversed(entries) if entry.event == EVENT)
+    return next((number for number in numbers if isinstance(number, int)), None)
+
+
+def _code(found: dict[str, Trend]) -> int:
+    if any(one.moving or one.near for one in found.values()):
+        return 1
+    return 0 if any(isfinite(one.high[-1]) for one in found.values()) else 3
+
+
+def state_of(one: Trend) -> str:
+    """In a word, for people."""
+    if one.near:
+        return "near its limit"
+    if one.moving:
+        return "moving"
+    return "steady" if isfinite(one.high[-1]) else "not known yet"
+
+
+def _row(name: str, one: Trend) -> tuple[str, ...]:
+    unit, mean = unit_of(name), float(one.mean[-1])
+    base = float(one.mean[-1] - (one.low[-1] + one.high[-1]) / 2) if isfinite(one.high[-1]) else inf
+    since = f"{base:+.2f} {unit}" if isfinite(base) else NOTHING
+    day = f"{one.per_day:+.3f} ± {one.per_day_sigma:.3f}" if isfinite(one.per_day_sigma) else NOTHING
+    left = f"in {one.days_left:.0f} days" if one.days_left < _FAR_DAYS else NOTHING
+    return (
+        name,
+        str(len(one.estimates)),
+        f"{mean:+.2f} {unit}",
+        f"{one.limit:g} {unit}",
+        since,
+        day,
+        left,
+        state_of(one),
+    )
+
+
+def _fields(name: str, one: Trend) -> dict[str, Any]:
+    return {
+        "name": name,
+        "unit": unit_of(name),
+        "limit": one.limit,
+        "estimates": len(one.estimates),
+        "mean": float(one.mean[-1]),
+        "control": [_known(float(one.low[-1])), _known(float(one.high[-1]))],
+        "per_day": one.per_day if isfinite(one.per_day_sigma) else None,
+        "per_day_sigma": _known(one.per_day_sigma),
+        "days_left": _known(one.days_left),
+        "moving": one.moving,
+        "near": one.near,
+    }
+
+
+def _known(value: float) -> float | None:
+    return value if isfinite(value) else None

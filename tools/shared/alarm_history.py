@@ -1,0 +1,31 @@
+"""The alarm log as a tool reads it, while the service may be writing."""
+
+from pathlib import Path
+
+from appliance.service.control.rights import join_group
+from appliance.storage.alarm_chain import Reading, read_log
+from drivers.errors import ConfigurationError
+
+_LOOKS = 3
+"""A write of the service is soon over, so damage that a fourth reading still finds is damage."""
+
+
+def settled_log(folder: Path) -> Reading:
+    """[alarm] folder of the configuration, also of a running service. Raises ConfigurationError."""
+    try:
+        if folder.is_dir():
+            return _settled(folder)
+    except OSError as error:
+        remedy = join_group(folder) if isinstance(error, PermissionError) else "Check its disk"
+        raise ConfigurationError(f"cannot be read ({error.strerror})", str(folder), remedy) from None
+    raise ConfigurationError("is not a folder", str(folder), "Name [alarm] folder of the service's configuration")
+
+
+def _settled(folder: Path) -> Reading:
+    """Damage that another look does not find was the service, which writes meanwhile."""
+    reading = read_log(folder)
+    for _ in range(_LOOKS):
+        if not reading.damages:
+            break
+        reading = read_log(folder)
+    return reading
