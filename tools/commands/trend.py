@@ -21,6 +21,7 @@ from tools.shared.tables import NOTHING, FittingTable
 _UNITS = {"rotation": "deg", "scale": "%", "offset": "mm", "latency": "ms"}
 _HEADINGS = ("parameter", "estimates", "now", "limit", "since the first", "per day", "reaches the limit", "is")
 _FAR_DAYS = 3650
+"""Ten years: a day later than that says nothing to anybody."""
 
 
 @click.command()

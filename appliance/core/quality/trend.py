@@ -24,6 +24,7 @@ drift into it that was there from the start."""
 _NEAR = 0.7
 """Share of its limit from which a parameter is near it, as `probewatch fleet` has it."""
 _DAY_S = 86_400.0
+"""Seconds of a day."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,10 @@ from appliance.storage.reference import Reference
 from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from tests.support.polling import until
-from tests.support.stores import configuration, started, written
+from tests.support.stores import configuration, log, started, written
 
+__all__ = ["log"]
+pytestmark = pytest.mark.usefixtures("log")
 S = 1_000_000_000
 CHECKS = (
     Check("scale-axial", Fault.SCALE, 0.51234567, 0.3, "%", 5.0, VerdictKind.OK, 1),
