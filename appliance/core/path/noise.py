@@ -10,8 +10,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
 
 from drivers.rigid import Array
 
@@ -196,9 +195,8 @@ class Whitener:
     def white(self, columns: Array) -> Array:
         """(…, m) → innovations (…, m), of unit variance and in time order."""
         flat = columns.reshape(-1, columns.shape[-1])
-        return np.asarray(solve_triangular(self._factor, flat.T, lower=True, check_finite=False).T).reshape(
-            columns.shape
-        )
+        innovations, _ = dtrtrs(self._factor, flat.T, lower=True)
+        return np.asarray(innovations.T).reshape(columns.shape)
 
     def coloured(self, innovations: Array) -> Array:
         """(m,) innovations → (m,) of the row."""

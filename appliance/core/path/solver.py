@@ -107,17 +107,17 @@ def solve(
 class PathFit:
     """How well references explain samples by themselves, where noise has the given parts and, for the misfit, any size.
 
-    reference: that whose way out of the plane counts; its polarity does not.
+    reference: that whose way out of the plane counts; those that are weighed differ from it in polarity alone.
     """
 
     def __init__(self, samples: PathSamples, reference: Calibration, noise: Noise) -> None:
-        self._samples = samples
-        residual = PathResidual(samples, reference, planar=False)
+        self._samples, self._known = samples, dict[tuple[int, int], PathResidual]()
+        residual = self._residual(reference)
         self._noise = LearnedNoise(residual.blocks, residual.elevation_mm, noise)
 
     def misfit(self, reference: Calibration) -> float:
         """−2 log likelihood per picture."""
-        path = PathResidual(self._samples, reference, planar=False).linear(np.zeros(9))[:, VALUE]
+        path = self._residual(reference).linear(np.zeros(9))[:, VALUE]
         cost = 0.0
         for row, one in zip(self._noise.rows, path, strict=True):
             cost += len(one) * np.log(_huber_cost(row.white(one)) / len(one)) + row.log_volume
@@ -125,7 +125,12 @@ class PathFit:
 
     def agreement(self, reference: Calibration) -> float:
         """As `Solution.correlation`, under the reference itself."""
-        return _agreement(PathResidual(self._samples, reference, planar=False), self._noise, np.zeros(9))
+        return _agreement(self._residual(reference), self._noise, np.zeros(9))
+
+    def _residual(self, reference: Calibration) -> PathResidual:
+        if reference.polarity not in self._known:
+            self._known[reference.polarity] = PathResidual(self._samples, reference, planar=False)
+        return self._known[reference.polarity]
 
 
 class _Problem:
