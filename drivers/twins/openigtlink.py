@@ -7,9 +7,7 @@ word for why. GET_STATUS is answered.
 import json
 import math
 import queue
-import selectors
 import socket
-import struct
 import threading
 import time
 from collections.abc import Callable
@@ -22,13 +20,14 @@ import numpy as np
 
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import TrackerSource, VideoSource
-from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
+from drivers.errors import DeviceLost, ProtocolError
 from drivers.openigtlink.content import OK, Status, transform_content
 from drivers.openigtlink.image import Image
 from drivers.openigtlink.message import UTF_8, Message, encode, time_of
 from drivers.openigtlink.stream import MessageStream
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.fault_control import FaultControl
+from drivers.twins.tcp_server import TcpServer
 
 IMAGE_NAME, PROBE_NAME = "Image_Tracker", "ProbeToTracker"
 """Device names, in PLUS's manner."""
@@ -128,7 +127,7 @@ class _Client:
 
 
 class IgtlTwin:
-    """Listens from construction until the context is left. address: (host, port), the port chosen if 0 was given.
+    """Listens from construction until the context is left. address: as `TcpServer` has it.
 
     sources: how to open what is handed on, each tried again when it is lost. faults: of FAULTS, and when.
     """
@@ -136,10 +135,9 @@ class IgtlTwin:
     def __init__(
         self, address: tuple[str, int], clock: HostClock, sources: tuple[Opener, ...], faults: FaultControl
     ) -> None:
-        self.address, self.faults = address, faults
+        self.faults = faults
         self._clock, self._sources = clock, sources
         self._utc_ns = time.time_ns() - clock.now_ns()
-        self._clients: list[_Client] = []
         self._samples: queue.Queue[Sample] = queue.Queue(_WAITING)
         self._active: frozenset[str] = frozenset()
         self._last: tuple[Matrix4, int] = (np.eye(4), 0)
@@ -147,8 +145,12 @@ class IgtlTwin:
         self._tracker_is_lost = False
         self._told_ns = 0
         self._random = np.random.default_rng(_SEED)
-        self._door: socket.socket | None = None
-        self._listen()
+        self._server = TcpServer(address, _Client, self._note)
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """(host, port) where it listens."""
+        return self._server.address
 
     def __enter__(self) -> Self:
         return self
@@ -156,7 +158,7 @@ class IgtlTwin:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
     ) -> None:
-        self._unplug()
+        self._server.unplug()
 
     def run(self, stop: Event) -> None:
         """Serve until stop is set."""
@@ -191,30 +193,6 @@ class IgtlTwin:
             return False
         return True
 
-    def _listen(self) -> None:
-        if self._door is not None:
-            return
-        try:
-            self._door = socket.create_server(self.address)
-        except OSError as error:
-            what = f"cannot listen ({(error.strerror or str(error)).lower()})"
-            where = f"{self.address[0]}:{self.address[1]}"
-            raise ConfigurationError(what, where, "Choose another port, or 0 for any") from None
-        self._door.setblocking(False)
-        self.address = self._door.getsockname()[:2]
-
-    def _unplug(self) -> None:
-        if self._door is not None:
-            self._door.close()
-        self._door = None
-        for client in tuple(self._clients):
-            self._drop(client)
-
-    def _drop(self, client: _Client) -> None:
-        client.line.close()
-        self._clients.remove(client)
-        self._note("clients", len(self._clients))
-
     def _take_faults(self) -> None:
         """What faults do at their beginning and their end."""
         active = self.faults.active((self._clock.now_ns() - self._clock.origin_ns) / 1e9)
@@ -223,17 +201,15 @@ class IgtlTwin:
         if "clock-jump" in begun:
             self._utc_ns += _JUMP_NS
         if "reset" in begun:
-            for client in tuple(self._clients):
-                client.line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-                self._drop(client)
+            self._server.reset()
         if "complain" in begun:
             self._complain(Status(13, 0, "", "the simulated tracker warms up"))
         elif changed and "complain" not in active:
             self._complain(Status(OK))
         if "unplug" in active:
-            self._unplug()
+            self._server.unplug()
         else:
-            self._listen()
+            self._server.listen()
         if changed:
             self._note("faults", sorted(active))
 
@@ -242,35 +218,10 @@ class IgtlTwin:
 
     def _serve(self) -> None:
         """Connections, questions, and what still waits to be sent, until a sample waits."""
-        with selectors.SelectSelector() as ready:
-            if self._door is not None:
-                ready.register(self._door, selectors.EVENT_READ)
-            for client in () if "stall" in self._active else self._clients:
-                events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.unsent else 0)
-                ready.register(client.line, events, client)
-            found = ready.select(0 if not self._samples.empty() else self._clock.real_s(_IDLE_S) / 10)
-        for key, _ in found:
-            if key.data is None:
-                self._accept()
-            else:
-                self._for_client(key.data, self._answer)
-
-    def _accept(self) -> None:
-        assert self._door is not None
-        with suppress(OSError):
-            line, _ = self._door.accept()
-            line.setblocking(False)
-            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._clients.append(_Client(line))
-            self._note("clients", len(self._clients))
-
-    def _for_client(self, client: _Client, act: Callable[[_Client], object]) -> None:
-        try:
-            act(client)
-        except BlockingIOError:
-            return
-        except (OSError, ProtocolError):
-            self._drop(client)
+        wait_s = 0.0 if not self._samples.empty() else self._clock.real_s(_IDLE_S) / 10
+        heard = () if "stall" in self._active else tuple(self._server.clients)
+        for client in self._server.wait(wait_s, heard, lambda client: bool(client.unsent)):
+            self._server.act(client, self._answer)
 
     def _answer(self, client: _Client) -> None:
         with suppress(BlockingIOError):
@@ -312,12 +263,9 @@ class IgtlTwin:
         self._to_all(lambda client: self._message(client, "TRANSFORM", PROBE_NAME, content, t_ns, status))
 
     def _to_all(self, made: Callable[[_Client], bytes]) -> None:
-        for client in tuple(self._clients):
-            self._for_client(client, lambda client: client.put(made(client)))
-        for client in tuple(self._clients):
-            self._for_client(
-                client, lambda client: client.flush(_SEGMENT_BYTES if "split" in self._active else 1 << 20)
-            )
+        most_bytes = _SEGMENT_BYTES if "split" in self._active else 1 << 20
+        self._server.act_for_all(lambda client: client.put(made(client)))
+        self._server.act_for_all(lambda client: client.flush(most_bytes))
 
     def _message(self, client: _Client, kind: str, device: str, content: bytes, t_ns: int, tool: str = "") -> bytes:
         """t_ns: of the host's clock, which goes out as UTC."""

@@ -2,11 +2,9 @@
 
 import json
 import random
-import selectors
 import signal
 import socket
 import struct
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from math import floor
@@ -15,7 +13,6 @@ from types import TracebackType
 from typing import Self
 
 from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, ProtocolError
 from drivers.trackers.optotrak.rtc3d import (
     HEADER_BYTES,
     ByteOrder,
@@ -32,6 +29,7 @@ from drivers.trackers.optotrak.rtc3d import (
 )
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.optotrak.first_principles import Device, Session
+from drivers.twins.tcp_server import TcpServer
 
 FAULTS = (
     "bend-marker",
@@ -124,23 +122,26 @@ class _Client:
 
 
 class OptotrakTwin:
-    """Listens from construction until the context is left. address: (host, port), the port chosen if 0 was given.
+    """Listens from construction until the context is left. address: as `TcpServer` has it.
 
     faults: of FAULTS, and when.
     """
 
     def __init__(self, address: tuple[str, int], clock: HostClock, device: Device, faults: FaultControl) -> None:
-        self.address, self.device, self.faults = address, device, faults
+        self.device, self.faults = device, faults
         self._clock = clock
-        self._clients: list[_Client] = []
         self._random = random.Random(0)
         self._active: frozenset[str] = frozenset()
         self._sent = -1
         self._held: int | None = None
         self._ready: tuple[int, frozenset[str], DataFrame] | None = None
         self._shift_frames, self._shift_us, self._begin_number = 0, 0, 0
-        self._door: socket.socket | None = None
-        self._listen()
+        self._server = TcpServer(address, lambda line: _Client(line, Session(device)), self._note)
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """(host, port) where it listens."""
+        return self._server.address
 
     def __enter__(self) -> Self:
         return self
@@ -148,7 +149,7 @@ class OptotrakTwin:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
     ) -> None:
-        self._unplug()
+        self._server.unplug()
 
     def run(self, stop: Event) -> None:
         """Serve until stop is set."""
@@ -167,37 +168,11 @@ class OptotrakTwin:
         """A microsecond late, so that rounding does not wake us just before it."""
         return self._clock.origin_ns + round((self._sent + 1) / self.device.frame_hz * 1e9) + 1000
 
-    def _listen(self) -> None:
-        if self._door is not None:
-            return
-        try:
-            self._door = socket.create_server(self.address)
-        except OSError as error:
-            what = f"cannot listen ({(error.strerror or str(error)).lower()})"
-            where = f"{self.address[0]}:{self.address[1]}"
-            raise ConfigurationError(what, where, "Choose another port, or 0 for any") from None
-        self._door.setblocking(False)
-        self.address = self._door.getsockname()[:2]
-
-    def _unplug(self) -> None:
-        if self._door is not None:
-            self._door.close()
-        self._door = None
-        for client in tuple(self._clients):
-            self._drop(client)
-
     def _reset(self) -> None:
         """Connections end with RST, numbers and times start again."""
         self._begin_number = self._number()
         self._shift_frames = self._shift_us = 0
-        for client in tuple(self._clients):
-            client.line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-            self._drop(client)
-
-    def _drop(self, client: _Client) -> None:
-        client.line.close()
-        self._clients.remove(client)
-        self._note("clients", len(self._clients))
+        self._server.reset()
 
     def _take_faults(self) -> None:
         """What faults do at their beginning and their end."""
@@ -210,43 +185,17 @@ class OptotrakTwin:
         if "reset" in begun:
             self._reset()
         if "unplug" in active:
-            self._unplug()
+            self._server.unplug()
         else:
-            self._listen()
+            self._server.listen()
         if changed:
             self._note("faults", sorted(active))
 
     def _serve(self, wake_ns: int) -> None:
-        """Wait for connections and commands until wake_ns. Only select() does not round that to milliseconds."""
-        with selectors.SelectSelector() as ready:
-            if self._door is not None:
-                ready.register(self._door, selectors.EVENT_READ)
-            for client in () if "lose-tracker" in self._active else self._clients:
-                ready.register(client.line, selectors.EVENT_READ, client)
-            wait_s = self._clock.real_s(max(wake_ns - self._clock.now_ns(), 0) / 1e9)
-            found = ready.select(wait_s)
-        for key, _ in found:
-            if key.data is None:
-                self._accept()
-            else:
-                self._for_client(key.data, self._hear)
-
-    def _accept(self) -> None:
-        assert self._door is not None
-        with suppress(OSError):
-            line, _ = self._door.accept()
-            line.setblocking(False)
-            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._clients.append(_Client(line, Session(self.device)))
-            self._note("clients", len(self._clients))
-
-    def _for_client(self, client: _Client, act: Callable[[_Client], object]) -> None:
-        try:
-            act(client)
-        except BlockingIOError:
-            return
-        except (OSError, ProtocolError):
-            self._drop(client)
+        """Wait for connections and commands until wake_ns."""
+        wait_s = self._clock.real_s(max(wake_ns - self._clock.now_ns(), 0) / 1e9)
+        for client in self._server.wait(wait_s, () if "lose-tracker" in self._active else self._server.clients):
+            self._server.act(client, self._hear)
 
     def _hear(self, client: _Client) -> None:
         for request in client.commands():
@@ -258,13 +207,11 @@ class OptotrakTwin:
         previous, self._sent = self._sent, number
 
         def put(client: _Client) -> None:
-            turn = number - number % client.session.divisor
-            if turn > previous:
+            divisor = client.session.divisor
+            if divisor and (turn := number - number % divisor) > previous:
                 client.put(self._bytes(client, self._frame(client.session.wanted, turn)))
 
-        for client in tuple(self._clients):
-            if client.session.divisor:
-                self._for_client(client, put)
+        self._server.act_for_all(put)
 
     def _frame(self, wanted: frozenset[ComponentType], number: int) -> Packet:
         active = self._active
@@ -320,8 +267,7 @@ class OptotrakTwin:
         if "dribble" in self._active:
             size, pause_ns = 1, _DRIBBLE_NS
         times_ns = [now_ns + _IDLE_NS]
-        for client in tuple(self._clients):
-            self._for_client(client, lambda client: times_ns.append(client.flush(now_ns, size, pause_ns)))
+        self._server.act_for_all(lambda client: times_ns.append(client.flush(now_ns, size, pause_ns)))
         return min(times_ns)
 
     def _note(self, what: str, value: object) -> None:

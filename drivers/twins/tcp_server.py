@@ -1,0 +1,111 @@
+"""What a twin with any number of TCP clients needs: listen, accept, act for each, drop, unplug and reset."""
+
+import selectors
+import socket
+import struct
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from typing import Generic, Protocol, TypeVar
+
+from drivers.errors import ConfigurationError, ProtocolError
+
+_ABORT = struct.pack("ii", 1, 0)
+"""SO_LINGER: closing sends RST and not FIN, as a server does that dies."""
+
+
+class Client(Protocol):
+    """One connection."""
+
+    line: socket.socket
+
+
+C = TypeVar("C", bound=Client)
+
+
+class TcpServer(Generic[C]):
+    """Listens from construction on. address: (host, port), the port chosen if 0 was given; clients: those connected.
+
+    made: a client of an accepted connection. note: is told how many there are, whenever that changes. Raises
+    ConfigurationError where the port is taken.
+    """
+
+    def __init__(
+        self, address: tuple[str, int], made: Callable[[socket.socket], C], note: Callable[[str, object], None]
+    ) -> None:
+        self.address = address
+        self.clients: list[C] = []
+        self._made, self._note = made, note
+        self._listener: socket.socket | None = None
+        self.listen()
+
+    def listen(self) -> None:
+        """Once more after unplug; otherwise nothing."""
+        if self._listener is not None:
+            return
+        try:
+            self._listener = socket.create_server(self.address)
+        except OSError as error:
+            what = f"cannot listen ({(error.strerror or str(error)).lower()})"
+            where = f"{self.address[0]}:{self.address[1]}"
+            raise ConfigurationError(what, where, "Choose another port, or 0 for any") from None
+        self._listener.setblocking(False)
+        self.address = self._listener.getsockname()[:2]
+
+    def unplug(self) -> None:
+        """Every connection ends, and nobody listens."""
+        if self._listener is not None:
+            self._listener.close()
+        self._listener = None
+        for client in tuple(self.clients):
+            self.drop(client)
+
+    def reset(self) -> None:
+        """Every connection ends with RST."""
+        for client in tuple(self.clients):
+            client.line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _ABORT)
+            self.drop(client)
+
+    def drop(self, client: C) -> None:
+        """End one connection."""
+        client.line.close()
+        self.clients.remove(client)
+        self._note("clients", len(self.clients))
+
+    def wait(self, wait_s: float, heard: Collection[C], to_write: Callable[[C], bool] = lambda _: False) -> list[C]:
+        """Those of `heard` that have sent something, or can be written to where to_write says that they want to be.
+
+        Accepts who has come. Only select() does not round the wait to milliseconds.
+        """
+        with selectors.SelectSelector() as ready:
+            if self._listener is not None:
+                ready.register(self._listener, selectors.EVENT_READ)
+            for client in heard:
+                events = selectors.EVENT_READ | (selectors.EVENT_WRITE if to_write(client) else 0)
+                ready.register(client.line, events, client)
+            found = [key.data for key, _ in ready.select(wait_s)]
+        if None in found:
+            self._accept()
+        return [client for client in found if client is not None]
+
+    def act(self, client: C, work: Callable[[C], object]) -> None:
+        """Do work for a client; one that is gone, or talks nonsense, is dropped."""
+        try:
+            work(client)
+        except BlockingIOError:
+            return
+        except (OSError, ProtocolError):
+            self.drop(client)
+
+    def act_for_all(self, work: Callable[[C], object]) -> None:
+        """For those that are connected now."""
+        for client in tuple(self.clients):
+            self.act(client, work)
+
+    def _accept(self) -> None:
+        assert self._listener is not None
+        with suppress(OSError):
+            line, _ = self._listener.accept()
+            line.setblocking(False)
+            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self.clients.append(self._made(line))
+            self._note("clients", len(self.clients))
