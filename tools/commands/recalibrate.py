@@ -185,12 +185,13 @@ def _scanned(scan_input: ScanInput, latency_ms: float) -> CrosswireScan:
         for sample in scan_input.samples:
             scan.step(sample)
             progress.update(task, advance=1, seen=scan.sightings, pictures=scan.pictures)
+    scan.finish()
     return scan
 
 
 def _solved(scan: CrosswireScan, before: Calibration, solve: str, demand: Demand) -> OffsetSolution:
     """Raises ScanRefused, with what the pictures showed where the crossing was hardly seen."""
-    views = scan.views()
+    views = scan.views
     click.echo(f"{scan.pictures} pictures, crossing seen in {scan.sightings}, {len(views)} passages through its plane")
     for reason, number in scan.refused.most_common():
         click.echo(f"  {number} without: {reason}")
