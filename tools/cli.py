@@ -22,6 +22,7 @@ _COMMANDS = {
     "metrics": "serve the status to Prometheus, over HTTP or as a file of node_exporter",
     "mqtt": "tell the state to an MQTT broker, and Home Assistant what it means",
     "openigtlink": "tell OpenIGTLink clients, such as 3D Slicer, what the service sees",
+    "page": "the web page of the cart: its status for the room, the live recalibration",
     "pause": "pause the alarm sound, switch it off with a reason, or on again",
     "probe": "connect to a tracker, video source or output and say how well it does",
     "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",
