@@ -35,7 +35,7 @@ class WebPage:
     def start(self) -> None:
         """Where it was, if it has been."""
         self.part = Part("page", [*self._command, "--listen", self._listen])
-        until(lambda: self.part.noise, 60, otherwise=lambda: self.part.require())
+        until(lambda: self.part.noise, 60, otherwise=self.part.require)
         self.url = self.part.noise[0].strip()
         self._listen = self.url.removeprefix("http://").rstrip("/")
 

@@ -2,9 +2,10 @@
 
 import threading
 import time
+from collections import deque
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -23,8 +24,18 @@ _QUALITY = 80
 _LOOKED_AT_S = 3.0
 """After the last request for a picture before the feed is left alone. Longer keeps it for nobody; shorter leaves and
 joins again between two requests of a slow tablet."""
+_KEPT = 12
+"""Of the last: a second, so that one is there in which the crossing has been looked for."""
 _AGAIN_S = 0.5
 """Before a service that offers nothing is asked again."""
+
+
+class Picture(NamedTuple):
+    """number: counts those of this page."""
+
+    number: int
+    t_ns: int
+    jpeg: bytes
 
 
 class Pictures:
@@ -34,7 +45,7 @@ class Pictures:
         self._feed = feed
         self._wanted_s = -_LOOKED_AT_S
         self._ended, self._wanted = threading.Event(), threading.Event()
-        self._newest: tuple[int, int, bytes] | None = None
+        self._last: deque[Picture] = deque(maxlen=_KEPT)
         self._number = 0
         self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
         self.trouble = ""
@@ -50,16 +61,17 @@ class Pictures:
         self._wanted.set()
         self._thread.join(2 * _LOOKED_AT_S)
 
-    def newest(self) -> tuple[int, int, bytes] | None:
-        """(number, t_ns, JPEG); None while there is none. Asking keeps them coming."""
+    def newest(self, looked_ns: int | None = None) -> Picture | None:
+        """None while there is none; looked_ns: none that is newer. Asking keeps them coming."""
         self._wanted_s = time.monotonic()
         self._wanted.set()
-        return self._newest
+        known = tuple(self._last)
+        return next((one for one in reversed(known) if looked_ns is None or one.t_ns <= looked_ns), None)
 
     def _run(self) -> None:
         while not self._ended.is_set():
             if not self._looked_at:
-                self._newest = None
+                self._last.clear()
                 self._wanted.clear()
                 self._wanted.wait()
                 continue
@@ -67,7 +79,8 @@ class Pictures:
                 with Feed(self._feed, FeedRequest(every=_EVERY, most_px=_MOST_PX)) as feed:
                     self._listen(feed)
             except ProbewatchError as error:
-                self._newest, self.trouble = None, error.what
+                self._last.clear()
+                self.trouble = error.what
                 self._ended.wait(_AGAIN_S)
 
     @property
@@ -79,7 +92,7 @@ class Pictures:
             message = feed.next(_AGAIN_S)
             if isinstance(message, Taken) and isinstance(message.sample, Frame):
                 self._number += 1
-                self._newest = self._number, message.sample.stamp.t_ns, jpeg(message.sample.image)
+                self._last.append(Picture(self._number, message.sample.stamp.t_ns, jpeg(message.sample.image)))
                 self.trouble = ""
 
 

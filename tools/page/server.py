@@ -128,13 +128,13 @@ class Page:
         after = request.query_params.get("after", "0")
         known = int(after) if after.isascii() and after.isdecimal() and len(after) < 16 else 0
         end_s = time.monotonic() + _PICTURE_S
-        while (newest := self._parts.pictures.newest()) is None or newest[0] == known:
+        while (newest := self._parts.pictures.newest(self._parts.session.looked_ns)) is None or newest.number == known:
             if time.monotonic() > end_s:
                 return Response(None, 204)
             await asyncio.sleep(_LOOK_S)
-        number, t_ns, content = newest
-        headers = {"Cache-Control": "no-store", "X-Number": str(number), "X-Time-Ns": str(t_ns)}
-        return Response(content, media_type="image/jpeg", headers=headers)
+        look = await run_in_threadpool(self._parts.session.look_at, newest.t_ns)
+        headers = {"Cache-Control": "no-store", "X-Number": str(newest.number), "X-Look": json.dumps(look)}
+        return Response(newest.jpeg, media_type="image/jpeg", headers=headers)
 
     async def _view(self, request: Request) -> Response:
         """What was around the crossing of one view."""

@@ -39,6 +39,7 @@ class Scanned:
     thumbnails: list[GreyImage] = field(default_factory=list)
     lost: int = 0
     pose_trouble: str = ""
+    _looks: deque[Look] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     _recent: deque[Frame] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     _seen_ns: int | None = None
     _state: Running | None = None
@@ -61,12 +62,18 @@ class Scanned:
             self._note_pose(sample)
         for view in self.scan.step(sample):
             self.settle(view)
+        if self.scan.last is not None and (not self._looks or self._looks[-1] is not self.scan.last):
+            self._looks.append(self.scan.last)
 
     def settle(self, view: View) -> None:
         """A passage of the scan, which is as good as over."""
         self._running().add(view)
         self._stale = True
         self.thumbnails.append(self._cut(view.t_ns, view.centre_px))
+
+    def look_at(self, t_ns: int) -> dict[str, Any] | None:
+        """What was found in the picture of that time, None where it was not one of the last."""
+        return next((look_fields(look) for look in self._looks if look.t_ns == t_ns), None)
 
     def strike(self, index: int, struck: bool) -> None:
         """Leave a view out, or take it back. Raises IndexError."""
@@ -150,17 +157,24 @@ def look_fields(look: Look | None) -> dict[str, Any] | None:
     return {"t_ns": look.t_ns, "centre_px": None, "confidence": 0.0, "spots_px": spots, "why": found.reason.value}
 
 
-def state_fields(scanned: Scanned) -> dict[str, Any]:
-    """The running result in plain numbers, None where nothing is known."""
-    state, scan = scanned.state, scanned.scan
-    fields: dict[str, Any] = {
-        "wanted": scanned.wanted,
+def counts_of(scanned: Scanned) -> dict[str, Any]:
+    """What changes with every picture."""
+    scan = scanned.scan
+    return {
         "pictures": scan.pictures,
         "sightings": scan.sightings,
         "look": look_fields(scan.last),
         "size_px": scan.size_px,
         "lost": scanned.lost,
         "missed": [{"why": why, "pictures": number} for why, number in scan.refused.most_common(4)],
+    }
+
+
+def state_fields(scanned: Scanned) -> dict[str, Any]:
+    """The running result in plain numbers, None where nothing is known."""
+    state = scanned.state
+    fields: dict[str, Any] = {
+        "wanted": scanned.wanted,
         "refusals": [
             {"reason": one.reason.value, "what": one.what, "remedy": one.remedy} for one in scanned.refusals()
         ],

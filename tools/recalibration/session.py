@@ -24,7 +24,7 @@ from appliance.storage.calibration_file import write_calibration
 from appliance.types import Calibration, State
 from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.printable import printable
-from tools.recalibration.scanning import Scanned, marked, state_fields
+from tools.recalibration.scanning import Scanned, counts_of, marked, state_fields
 from tools.shared.feed import Feed
 from tools.shared.status_watch import Seen, StatusWatch
 
@@ -118,6 +118,7 @@ class ScanSession:
         self._touched_s = now_s()
         self._fields: dict[str, Any] = {}
         self._solved_s = 0.0
+        self._asked_ns = 0
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -152,8 +153,21 @@ class ScanSession:
                 "probe": "" if begin is None else begin.probe,
                 "preset": "" if begin is None else begin.preset,
                 "file": None if self._file is None else str(self._file),
-                "scan": self._fields or None,
+                "scan": {**self._fields, **counts_of(self._scanned)} if self._fields and self._scanned else None,
             }
+
+    def look_at(self, t_ns: int) -> dict[str, Any] | None:
+        """What was found in the picture of that time; None while nothing is scanned, or it was not one of the last."""
+        with self._lock:
+            scanned = self._scanned if self._phase is Phase.SCANNING else None
+            return None if scanned is None else scanned.look_at(t_ns)
+
+    @property
+    def looked_ns(self) -> int | None:
+        """Of the newest picture that was looked at; None while nothing is scanned."""
+        scanned = self._scanned if self._phase is Phase.SCANNING else None
+        look = None if scanned is None else scanned.scan.last
+        return None if look is None else look.t_ns
 
     def thumbnail(self, index: int) -> Any:
         """(h, w) uint8 around the crossing of a view, None where there is no such view."""
@@ -317,7 +331,7 @@ class ScanSession:
         """The service recalibrates, or is asked to again. Raises ProbewatchError, in words."""
         if seen.status is None:
             raise ControlRefused(f"the service does not answer ({seen.silence}). The scan is kept")
-        if seen.status["state"] == State.RECALIBRATING.value:
+        if seen.status["state"] == State.RECALIBRATING.value or self._is_old(seen):
             return
         try:
             self._ask(lambda client: client.begin_recalibration())
@@ -328,6 +342,8 @@ class ScanSession:
 
     def _prove(self, seen: Seen) -> None:
         status = seen.status
+        if self._is_old(seen):
+            return
         if status is None:
             self._trouble = f"the service does not answer ({seen.silence})"
             return
@@ -349,6 +365,7 @@ class ScanSession:
                 self._file = None
                 raise Asked(str(proposal["text"]))
             client.end_recalibration(file, str(proposal["text"]))
+        self._asked_ns = time.monotonic_ns()
         return proposal
 
     def _write(self, calibration: Calibration, sign_off: SignOff) -> Path:
@@ -385,8 +402,7 @@ class ScanSession:
 
     def _abort(self, why: str) -> None:
         """Raises ProbewatchError where the service does not answer; then nothing has changed here either."""
-        seen = self._watch.seen()
-        if seen.status is None or seen.status["state"] == State.RECALIBRATING.value:
+        with contextlib.suppress(ControlRefused):  # it does not recalibrate any more
             self._ask(lambda client: client.abort_recalibration())
         self._phase, self._message, self._trouble = Phase.ENDED, why, ""
 
@@ -397,6 +413,11 @@ class ScanSession:
     def _ask(self, request: Callable[[ControlClient], None]) -> None:
         with self._client() as client:
             request(client)
+        self._asked_ns = time.monotonic_ns()
+
+    def _is_old(self, seen: Seen) -> bool:
+        """Whether that was said before the service did what it was asked last."""
+        return seen.status is not None and seen.t_ns <= self._asked_ns
 
     def _client(self) -> ControlClient:
         return ControlClient(self._control, _ANSWER_S)

@@ -71,7 +71,7 @@ function showState(status, silence) {
   set("state-title", status.text);
   const age = status.verification_age_s;
   const verified = age === null ? say("not verified now") : `${say("verified")}: ${aged(age)}`;
-  const what = status.fault ? status.remedy : status.reason === status.text ? "" : status.reason;
+  const what = status.fault ? status.remedy : status.text.endsWith(status.reason) ? "" : status.reason;
   set("state-text", [what, verified, `${say("Contact")} ${say(status.energised ? "closed (safe)" : "OPEN")}`].filter(Boolean).join(" · "));
 }
 
@@ -120,7 +120,7 @@ async function follow(canvas, why, drawn) {
         context.drawImage(bitmap, 0, 0);
         bitmap.close();
         why.hidden = true;
-        if (drawn) drawn(context, canvas);
+        if (drawn) drawn(context, canvas, JSON.parse(answer.headers.get("X-Look")));
         continue;
       }
       number = 0;

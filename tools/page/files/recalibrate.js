@@ -98,10 +98,10 @@ function found(scan) {
   set("counts", scan ? `${scan.views.length} views · crossing in ${scan.sightings} of ${scan.pictures} pictures${missed}` : "");
 }
 
-// What was found in the newest picture, over the picture that is shown; both are of the same tenth of a second.
-function marks(context, canvas) {
-  const scan = latest && latest.scan, look = scan && scan.look;
-  if (!look || !scan.size_px) return;
+// What was found in the very picture that is shown.
+function marks(context, canvas, look) {
+  const scan = latest && latest.scan;
+  if (!look || !scan || !scan.size_px) return;
   const scale = canvas.width / scan.size_px[0];
   context.lineWidth = 3;
   context.strokeStyle = "#22c3dd";
