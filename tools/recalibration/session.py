@@ -177,7 +177,6 @@ class ScanSession:
 
     def begin(self, begin: Begin) -> None:
         """Ask the service to recalibrate, and scan."""
-        begin = _checked(begin)
         with self._lock:
             if self._phase in _OPEN:
                 who = "" if self._begin is None else self._begin.technician
