@@ -30,6 +30,7 @@ _COMMANDS = {
     "reload": "have the service take its changed configuration",
     "replay": "run a recording through the line and print a report",
     "run": "the service: watch the devices named in the configuration",
+    "self-test": "before the clinic opens: devices, rates, noise, outputs, disk; green or red",
     "simulate": "a tracker or a whole cart that exists only as bytes, with faults at run time",
     "study": "judge the instrument: simulated sessions with known truth, or an archive",
     "status": "what the service sees now; --watch keeps it on the screen",
