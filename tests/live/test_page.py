@@ -89,7 +89,7 @@ def begun(page: Page, wanted: str = "whole", technician: str = "A. Smith") -> No
         page.fill(f"#{name}", value)
     page.select_option("#wanted", wanted)
     page.click("text=Begin to scan")
-    page.wait_for_selector("body[data-phase=scanning]")
+    until(lambda: page.get_attribute("body", "data-phase") == "scanning", 60, 0.1, lambda: page.inner_text("body"))
 
 
 def views(page: Page) -> int:

@@ -183,6 +183,7 @@ class ScanSession:
                 raise ControlRefused(
                     f"{who} recalibrates already", "recalibration", "Look on, or have it rejected first"
                 )
+            begin = _checked(begin)
             self._ask(lambda client: client.begin_recalibration())
             self._begin, self._scanned, self._file, self._sha256 = begin, None, None, ""
             self._heard_order, self._reference, self._fields = False, None, {}

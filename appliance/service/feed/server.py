@@ -114,6 +114,7 @@ class FeedServer:
         self._order: Order | None = None
         self._next: int | None = None
         self._lost = self._dropped = 0
+        self._stopping = False
         self._selector = selectors.DefaultSelector()
         for source in (listener, packets):
             source.setblocking(False)
@@ -124,7 +125,7 @@ class FeedServer:
         alone_s = time.monotonic()
         sweep_s = 0.0
         self._note()
-        while time.monotonic() - alone_s < _IDLE_S:
+        while not self._stopping and time.monotonic() - alone_s < _IDLE_S:
             for key, events in self._selector.select(_SWEEP_S):
                 self._turn(key, events)
             now_s = time.monotonic()
@@ -133,6 +134,10 @@ class FeedServer:
             if now_s - sweep_s >= _SWEEP_S:
                 sweep_s = now_s
                 self._sweep(now_s)
+
+    def stop(self) -> None:
+        """Have run() return within a second; from any thread."""
+        self._stopping = True
 
     def close(self) -> None:
         """Nobody is told anything any more."""
