@@ -1,7 +1,6 @@
 """Where the tool asks the page for a one-time token: a Unix socket that the group of the control socket may use."""
 
 import json
-import os
 import pwd
 import threading
 from collections.abc import Callable
@@ -69,8 +68,3 @@ def _name(uid: int) -> str:
         return pwd.getpwuid(uid).pw_name
     except KeyError:
         return f"uid {uid}"
-
-
-def usual_door() -> Path:
-    """Of the unit; of this user where it is started by hand."""
-    return Path("/run/probewatch-page/door") if os.geteuid() == 0 else Path(f"/tmp/probewatch-page-{os.geteuid()}")
