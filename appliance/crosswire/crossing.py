@@ -38,13 +38,13 @@ _DEPTH_OF_SPOT = 0.25
 """Share of that contrast, from the top, that is the spot. More joins what is beside it; less leaves few pixels for the
 centre. Not measured.
 """
-_RIVAL_SHARE = 0.6
-"""Of the strongest contrast, from which on another spot may be the other wire: one that lies in a shadow of 12 dB where
+_RIVAL_SHARE = 0.7
+"""Of the strongest contrast, from which on another spot may be the other wire: one that lies in a shadow of 10 dB where
 60 dB are shown still is. Less takes clutter for the other wire, more takes one wire for the crossing.
 """
-_SAME_SIZE, _SAME_SIZE_NEAR, _NEAR_MM = 0.5, 0.3, 8.0
+_SAME_SIZE, _SAME_SIZE_NEAR, _NEAR_MM, _FAR_MM = 0.6, 0.3, 8.0, 14.0
 """Area of the other wire's spot ÷ that of the strongest, at least, where it is weaker, too: far from it, and as near as
-wires come before they meet. A bubble beside wires at 45° has a third. More takes a wire that stands straight for a
+wires come before they meet. What is weaker and further off than the last does not count. A bubble beside wires at 45° has a third. More takes a wire that stands straight for a
 bubble, less a bubble for a wire (make crosswire).
 """
 _STEEP, _STEEP_MM = 0.8, 1.5
@@ -55,7 +55,7 @@ _DIP_GREY = 4
 """A spot with a deeper dip is two. More measures wires that are apart, less parts one spot by its noise. Also the step
 in which dips are looked for.
 """
-_LOBES_MM = 1.2
+_LOBES_MM = 1.6
 """Two tops of one spot nearer than this may be one crossing, whose echoes meet in opposite phase. More measures wires
 that are apart; less loses such crossings.
 """
@@ -68,10 +68,8 @@ _LARGEST_MM = (9.0, 4.0)
 _LATERAL_REACH_MM = 1.0
 """How far beside a stronger echo its reverberation may lie."""
 _WEAKER_GREY = 8
-"""By how much reverberation is weaker than its echo, 2 dB: it has passed the wire once more."""
-_BUBBLE_GREY = 20
-"""By how much a bubble is weaker than the crossing, 5 dB of 60: one as bright as a wire cannot be told from a wire that
-stands steep on the picture. Less takes such a wire for a bubble.
+"""By how much reverberation or a bubble is weaker than the crossing, at least: 2 dB. A bubble as bright as a wire cannot
+be told from one. More takes clutter for the other wire.
 """
 _EDGE_GREY = 40
 """Beside a black pixel: no spot is so sharp, and what is, is cut off. Less finds edges in noise that just shows."""
@@ -320,11 +318,12 @@ def _rivals(wires: list[_Spot], scale_mm_per_px: tuple[float, float]) -> list[_S
     rivals = []
     for spot in wires[1:]:
         aside_mm, below_mm = (spot.place_px - best.place_px) * scale_mm_per_px
-        echo = abs(aside_mm) < _LATERAL_REACH_MM and below_mm > 0 and best.peak - spot.peak > _WEAKER_GREY
+        echo = abs(aside_mm) < _LATERAL_REACH_MM and below_mm > 0
         steep = abs(below_mm) > _STEEP * abs(aside_mm) + _STEEP_MM
-        alike = _SAME_SIZE_NEAR if np.hypot(aside_mm, below_mm) < _NEAR_MM else _SAME_SIZE
-        bubble = best.peak - spot.peak > _BUBBLE_GREY and (steep or spot.inside.sum() < alike * size)
-        if not (echo or bubble):
+        distance_mm = float(np.hypot(aside_mm, below_mm))
+        alike = _SAME_SIZE_NEAR if distance_mm < _NEAR_MM else _SAME_SIZE
+        bubble = steep or distance_mm > _FAR_MM or spot.inside.sum() < alike * size
+        if best.peak - spot.peak <= _WEAKER_GREY or not (echo or bubble):
             rivals.append(spot)
     return rivals
 
