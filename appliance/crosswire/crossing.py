@@ -38,14 +38,18 @@ _DEPTH_OF_SPOT = 0.25
 """Share of that contrast, from the top, that is the spot. More joins what is beside it; less leaves few pixels for the
 centre. Not measured.
 """
-_RIVAL_SHARE = 0.7
+_RIVAL_SHARE = 0.6
 """Of the strongest contrast, from which on another spot may be the other wire: one that lies in a shadow of 10 dB where
 60 dB are shown still is. Less takes clutter for the other wire, more takes one wire for the crossing.
 """
-_SAME_SIZE, _SAME_SIZE_NEAR, _NEAR_MM, _FAR_MM = 0.6, 0.3, 8.0, 14.0
+_SAME_SIZE, _SAME_SIZE_NEAR, _NEAR_MM = 0.6, 0.3, 8.0
 """Area of the other wire's spot ÷ that of the strongest, at least, where it is weaker, too: far from it, and as near as
-wires come before they meet. What is weaker and further off than the last does not count. A bubble beside wires at 45° has a third. More takes a wire that stands straight for a
+wires come before they meet. A bubble beside wires at 45° has a third. More takes a wire that stands straight for a
 bubble, less a bubble for a wire (make crosswire).
+"""
+_FAR_SHARE, _FAR_MM = 0.7, 14.0
+"""Of the strongest contrast, from which on a spot that is not near may be the other wire, and the distance beyond which
+none is, if it is weaker. See `_RIVAL_SHARE`.
 """
 _STEEP, _STEEP_MM = 0.8, 1.5
 """Slope of the line to a weaker spot, and what is added to it, beyond which it is no wire: both are stretched across
@@ -68,8 +72,8 @@ _LARGEST_MM = (9.0, 4.0)
 _LATERAL_REACH_MM = 1.0
 """How far beside a stronger echo its reverberation may lie."""
 _WEAKER_GREY = 8
-"""By how much reverberation or a bubble is weaker than the crossing, at least: 2 dB. A bubble as bright as a wire cannot
-be told from one. More takes clutter for the other wire.
+"""By how much reverberation or a bubble is weaker than the crossing, at least: 2 dB. A bubble as bright as a wire
+cannot be told from one. More takes clutter for the other wire.
 """
 _EDGE_GREY = 40
 """Beside a black pixel: no spot is so sharp, and what is, is cut off. Less finds edges in noise that just shows."""
@@ -322,7 +326,8 @@ def _rivals(wires: list[_Spot], scale_mm_per_px: tuple[float, float]) -> list[_S
         steep = abs(below_mm) > _STEEP * abs(aside_mm) + _STEEP_MM
         distance_mm = float(np.hypot(aside_mm, below_mm))
         alike = _SAME_SIZE_NEAR if distance_mm < _NEAR_MM else _SAME_SIZE
-        bubble = steep or distance_mm > _FAR_MM or spot.inside.sum() < alike * size
+        far = distance_mm > _FAR_MM or (distance_mm > _NEAR_MM and spot.contrast < _FAR_SHARE * best.contrast)
+        bubble = steep or far or spot.inside.sum() < alike * size
         if best.peak - spot.peak <= _WEAKER_GREY or not (echo or bubble):
             rivals.append(spot)
     return rivals

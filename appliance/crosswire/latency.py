@@ -2,7 +2,7 @@
 
 The bottom is one bright line whose depth follows the probe. Its depth over time must be a linear map of the probe's
 position, at the right lag; appliance.core.path.latency finds that lag, as it does for the path of tissue. This is the
-published way of temporal calibration (Rousseau, Hellier, Barillot 2006; the PLUS toolkit) with its own estimate of sigma.
+published way of temporal calibration (Rousseau, Hellier, Barillot 2006; the PLUS toolkit) with a sigma of its own.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ _SMOOTH_ROWS = 2.0
 _HALF_LINE_PX = 12
 """Rows about the brightest that give the line's depth. Not varied."""
 _LEAST_GREY = 12.0
-"""By which the line must stand out of its own usual profile. Less follows noise, more loses weak bottoms. Not varied."""
+"""By which the line must stand out of its own usual profile. Less follows noise, more loses weak bottoms."""
 _ROUGH_MM_PER_PX = 0.075
 """Only makes the unit of the depth a sensible one; the map to the probe's position finds the scale itself."""
 _LEAST_PICTURES = 30
@@ -46,6 +46,11 @@ class BottomLine:
     @property
     def pictures(self) -> int:
         return len(self._times_ns)
+
+    @property
+    def seen(self) -> int:
+        """Pictures with a line."""
+        return int(np.isfinite(self.depth_px()).sum())
 
     def depth_px(self) -> Vector:
         """(n,) row of the line in each picture, NaN where there is none."""
