@@ -18,6 +18,7 @@ _COMMANDS = {
     "devices": "what is connected to this host, and whether it can be opened",
     "fleet": "which carts need somebody, from the Prometheus that watches them",
     "lamp-test": "light every lamp and sound the tone for five seconds",
+    "latency": "how late the tracker is against the pictures, from a recording",
     "log": "read, filter and verify the alarm log; export it as CSV",
     "metrics": "serve the status to Prometheus, over HTTP or as a file of node_exporter",
     "mqtt": "tell the state to an MQTT broker, and Home Assistant what it means",

@@ -6,8 +6,8 @@ sightings is the passage through the crossing.
 
 Spots are judged by how far they stand out of what surrounds them, not of the whole picture, so that speckle, haze and
 the dark below a shadow do not count. Walls and reverberation lines are too wide for a wire; an echo straight below a
-stronger one is its reverberation; what is smaller than the strongest spot at the same drop from its top is a grain or a
-bubble, for an oblique wire is drawn out by the thickness of the slice.
+stronger one is its reverberation; what is weaker and smaller than the strongest spot is a bubble, for an oblique wire
+is drawn out by the thickness of the slice.
 """
 
 from dataclasses import dataclass
@@ -39,32 +39,41 @@ _DEPTH_OF_SPOT = 0.25
 centre. Not measured.
 """
 _RIVAL_SHARE = 0.6
-"""Of the strongest contrast, from which on another spot may be the other wire: one that lies in a shadow of 12 dB where
+"""Of the strongest contrast, from which on another spot may be the other wire: one that lies in a shadow of 10 dB where
 60 dB are shown still is. Less takes clutter for the other wire, more takes one wire for the crossing.
 """
-_SAME_SIZE = 0.55
-"""Area of the other wire's spot ÷ that of the strongest, at the same drop, at least: a bubble beside wires at 45° has
-half of theirs. More takes a wire that lies straight for a bubble.
+_SAME_SIZE, _SAME_SIZE_NEAR, _NEAR_MM = 0.6, 0.3, 8.0
+"""Area of the other wire's spot ÷ that of the strongest, at least, where it is weaker, too: far from it, and as near as
+wires come before they meet. A bubble beside wires at 45° has a third. More takes a wire that stands straight for a
+bubble, less a bubble for a wire (make crosswire).
 """
-_DROP_GREY = 20
-"""At which areas are compared, 5 dB of 60: lower ones are of few pixels, higher ones meet the surroundings."""
+_FAR_SHARE, _FAR_MM = 0.7, 14.0
+"""Of the strongest contrast, from which on a spot that is not near may be the other wire, and the distance beyond which
+none is, if it is weaker. See `_RIVAL_SHARE`.
+"""
+_STEEP, _STEEP_MM = 0.8, 1.5
+"""Slope of the line to a weaker spot, and what is added to it, beyond which it is no wire: both are stretched across
+the tank, so they part sideways, however the probe is leant (by 30° at most).
+"""
 _DIP_GREY = 4
 """A spot with a deeper dip is two. More measures wires that are apart, less parts one spot by its noise. Also the step
 in which dips are looked for.
+"""
+_LOBES_MM = 1.6
+"""Two tops of one spot nearer than this may be one crossing, whose echoes meet in opposite phase. More measures wires
+that are apart; less loses such crossings.
 """
 _LEAST_AREA_PX = 12
 """Smaller spots are specks, not wires, which are smooth over `_SMOOTH_PX`. Not measured."""
 _SURROUNDINGS_MM = 8.0
 """Side of the square whose median is what surrounds a spot: wider than a spot by four, narrower than a shadow."""
-_LARGEST_MM = (7.0, 3.5)
-"""Width and height of a spot, at most: two oblique wires of a slice 2 mm thick make 4 × 2. Larger is a wall."""
+_LARGEST_MM = (9.0, 4.0)
+"""Width and height of a spot, at most: two wires at 65° to the slice's normal make 8 mm. Larger is a wall."""
 _LATERAL_REACH_MM = 1.0
 """How far beside a stronger echo its reverberation may lie."""
 _WEAKER_GREY = 8
-"""By how much reverberation is weaker than its echo, 2 dB: it has passed the wire once more."""
-_BUBBLE_GREY = 20
-"""By how much a bubble is weaker than the crossing, 5 dB of 60: one as bright as a wire cannot be told from a wire that
-stands steep on the picture. Less takes such a wire for a bubble.
+"""By how much reverberation or a bubble is weaker than the crossing, at least: 2 dB. A bubble as bright as a wire
+cannot be told from one. More takes clutter for the other wire.
 """
 _EDGE_GREY = 40
 """Beside a black pixel: no spot is so sharp, and what is, is cut off. Less finds edges in noise that just shows."""
@@ -72,7 +81,7 @@ _MOST_SPOTS = 12
 """Looked at in one picture, strongest first: with more than two of equal rank nothing is decided anyway."""
 _NOISE_CELL_PX = 9
 """Pixels over which noise is one grain of speckle; more widens sigma. With it the stated sigma is .7 to 1.6 times the
-scatter (tests/appliance/crosswire/test_crossing.py).
+scatter of noise (tests/appliance/crosswire/test_crossing.py).
 """
 _SD_PER_MEDIAN = 1.4826
 """Standard deviation ÷ median of the size of a normal variable with mean 0."""
@@ -81,6 +90,10 @@ _ROUGH_SHARE = 1.2
 """
 _QUANTISATION_GREY = 0.29
 """1 ÷ √12: standard deviation of rounding to whole greys."""
+_KNOWN_SHARE = 0.2
+"""Of a spot's own width, by which its centre is not known anyway: two wires that are not equally bright, the phase in
+which their echoes meet, a plane that misses the crossing by a tenth of a millimetre (make crosswire).
+"""
 _SPECKLE_DB = 5.57
 """Standard deviation of fully developed speckle in dB, so that its scatter in greys tells how many greys are 1 dB."""
 
@@ -146,7 +159,10 @@ class Drawings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Spot:
-    """peak, contrast: greys, of the smoothed picture. inside: (h, w) within the crop, whose corner is corner_px."""
+    """peak, contrast: greys, of the smoothed picture. inside: (h, w) within the crop, whose corner is corner_px.
+
+    wall: it goes on to both sides, further than any wire.
+    """
 
     peak: float
     contrast: float
@@ -154,6 +170,7 @@ class _Spot:
     inside: NDArray[np.bool_]
     corner_px: tuple[int, int]
     refusal: NoCrossing | None
+    wall: bool
 
     @property
     def floor(self) -> float:
@@ -192,15 +209,18 @@ def find_crossing(
     wires = [spot for spot in spots if spot.refusal is None]
     if not wires:
         return Missed(spots[0].refusal or NoCrossing.ABSENT if spots else NoCrossing.ABSENT, np.empty((0, 2)))
+    spots = [spot for spot in spots if not spot.wall]
     best = wires[0]
+    if any(spot.refusal is NoCrossing.UNCLEAR and spot.contrast > best.contrast for spot in spots):
+        return Missed(NoCrossing.UNCLEAR, best.place_px[None])
     # A wire that is cut off by the border cannot be measured, but it is the other wire.
-    rivals = _rivals(smooth, [best, *(spot for spot in spots if _may_be_wire(spot, best))], scale_mm_per_px)
+    rivals = _rivals([best, *(spot for spot in spots if _may_be_wire(spot, best))], scale_mm_per_px)
     if rivals:
         reason = NoCrossing.PARTED if len(rivals) == 1 else NoCrossing.UNCLEAR
         return Missed(reason, np.array([spot.place_px for spot in (best, *rivals)]))
-    tops = _parted(np.where(best.inside, smooth[best.crop], 0), best.floor, best.peak)
-    if tops:
-        return Missed(NoCrossing.PARTED, np.array(tops, float) + best.corner_px)
+    tops = np.array(_parted(np.where(best.inside, smooth[best.crop], 0), best.floor, best.peak), float)
+    if len(tops) and np.linalg.norm((tops[1] - tops[0]) * scale_mm_per_px) > _LOBES_MM:
+        return Missed(NoCrossing.PARTED, tops + best.corner_px)
     next_best = max((spot.contrast for spot in spots if spot is not best), default=0.0)
     return _measured(image, best, scatter, next_best)
 
@@ -287,31 +307,30 @@ def _spot(
         refusal = NoCrossing.UNCLEAR
     elif _cut(inside, corner, smooth.shape, drawn):
         refusal = NoCrossing.CUT
-    return _Spot(peak, height, np.array([column, row], float), inside, corner, refusal)
+    wall = x == 0 and x + width == right - left
+    return _Spot(peak, height, np.array([column, row], float), inside, corner, refusal, wall)
 
 
 def _may_be_wire(spot: _Spot, best: _Spot) -> bool:
     return spot is not best and spot.refusal in (None, NoCrossing.CUT)
 
 
-def _rivals(smooth: GreyImage, wires: list[_Spot], scale_mm_per_px: tuple[float, float]) -> list[_Spot]:
+def _rivals(wires: list[_Spot], scale_mm_per_px: tuple[float, float]) -> list[_Spot]:
     """Spots that may be the other wire: strong, as large as the strongest, and not its reverberation."""
     best = wires[0]
-    size = _area(smooth, best)
+    size = best.inside.sum()
     rivals = []
     for spot in wires[1:]:
         aside_mm, below_mm = (spot.place_px - best.place_px) * scale_mm_per_px
-        echo = abs(aside_mm) < _LATERAL_REACH_MM and below_mm > 0 and best.peak - spot.peak > _WEAKER_GREY
-        bubble = best.peak - spot.peak > _BUBBLE_GREY and _area(smooth, spot) < _SAME_SIZE * size
-        if not (echo or bubble):
+        echo = abs(aside_mm) < _LATERAL_REACH_MM and below_mm > 0
+        steep = abs(below_mm) > _STEEP * abs(aside_mm) + _STEEP_MM
+        distance_mm = float(np.hypot(aside_mm, below_mm))
+        alike = _SAME_SIZE_NEAR if distance_mm < _NEAR_MM else _SAME_SIZE
+        far = distance_mm > _FAR_MM or (distance_mm > _NEAR_MM and spot.contrast < _FAR_SHARE * best.contrast)
+        bubble = steep or far or spot.inside.sum() < alike * size
+        if best.peak - spot.peak <= _WEAKER_GREY or not (echo or bubble):
             rivals.append(spot)
     return rivals
-
-
-def _area(smooth: GreyImage, spot: _Spot) -> int:
-    """Pixels of the spot within `_DROP_GREY` of its top."""
-    level = spot.peak - min(_DROP_GREY, _DEPTH_OF_SPOT * spot.contrast)
-    return int(np.count_nonzero(spot.inside & (smooth[spot.crop] > level)))
 
 
 def _cut(
@@ -354,10 +373,14 @@ def _measured(image: GreyImage, spot: _Spot, scatter: float, next_best: float) -
     arms = np.einsum("ij,ijk,ijl->kl", spot.inside, away, away) / total**2
     noise = _noise_grey(grey, spot.inside) ** 2 * _NOISE_CELL_PX * arms
     clutter = _clutter_grey(spot.contrast, scatter) ** 2 * spread * np.sum(spot.inside) ** 2 / total**2
+    blurred = _KNOWN_SHARE**2 * spread
     share = 1 - next_best / spot.contrast
     confidence = min(1.0, spot.contrast / (2 * _LEAST_CONTRAST_GREY)) * min(1.0, 0.5 + share / (2 * (1 - _RIVAL_SHARE)))
     return Crossing(
-        np.array(spot.corner_px) + centre, noise + clutter, float(np.sqrt(np.linalg.eigvalsh(spread)[-1])), confidence
+        np.array(spot.corner_px) + centre,
+        noise + clutter + blurred,
+        float(np.sqrt(np.linalg.eigvalsh(spread)[-1])),
+        confidence,
     )
 
 

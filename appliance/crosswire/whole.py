@@ -60,7 +60,7 @@ class WholeSolution:
 
     crossing_mm: (3,) tracker axes. covariance: (12, 12) of the eight, the crossing and the latency. latency_s: beyond
     what the poses were taken with, positive where the tracker is later still; latency_sigma_s: as large as the prior
-    where the scan does not show it. noise_mm: (3,) standard deviation of one view along the picture's axes: lateral,
+    where the scan does not show it. noise_mm: (3,) scatter of one view along the picture's axes: lateral,
     axial, elevational. residual_mm: (N, 3) along them. points_mm: (N, 3) where each view puts the crossing, tracker
     axes. kept: (N,) bool.
     expected_mm: RMS error that the covariance promises for points all over the picture.
@@ -116,6 +116,17 @@ class _Scene:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Noise:
+    """Of one view along the picture's axes. all_mm: (3,) standard deviation beside what its picture states.
+
+    trust: (2,) share of the variance that pictures state which the scatter of the views bears out, 0 … 1.
+    """
+
+    all_mm: Vector
+    trust: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Guess:
     """R_x, t_x, Λ with sign, crossing and latency."""
 
@@ -154,18 +165,18 @@ def solve_whole(
         )
     scene = _scene(views, image_size_px)
     guess, inliers_mm = _linear_start(scene, np.array(polarity))
-    noise_mm = np.full(3, max(inliers_mm, _LEAST_SD_MM))
-    guess = _fitted(scene, guess, noise_mm, latency_sigma_s, "soft_l1")
+    noise = _Noise(np.full(3, max(inliers_mm, _LEAST_SD_MM)), np.ones(2))
+    guess = _fitted(scene, guess, noise, latency_sigma_s, "soft_l1")
     kept = np.ones(len(views), np.bool_)
     for _ in range(_ROUNDS):
         before = kept
-        kept = _consistent(scene, guess, noise_mm)
-        guess = _fitted(scene.only(kept), guess, noise_mm, latency_sigma_s, "linear")
-        last, noise_mm = noise_mm, _noise_mm(scene.only(kept), guess, noise_mm, latency_sigma_s)
-        if np.array_equal(kept, before) and np.allclose(last, noise_mm, rtol=0.02):
+        kept = _consistent(scene, guess, noise)
+        guess = _fitted(scene.only(kept), guess, noise, latency_sigma_s, "linear")
+        last, noise = noise, _estimated(scene.only(kept), guess, noise, latency_sigma_s)
+        if np.array_equal(kept, before) and np.allclose(last.all_mm, noise.all_mm, rtol=0.02):
             break
-    covariance = np.asarray(np.linalg.inv(_information(scene.only(kept), guess, noise_mm, latency_sigma_s)))
-    return _stated(scene, guess, noise_mm, kept, covariance, image_size_px, polarity)
+    covariance = np.asarray(np.linalg.inv(_information(scene.only(kept), guess, noise, latency_sigma_s)))
+    return _stated(scene, guess, noise, kept, covariance, image_size_px, polarity)
 
 
 def _scene(views: Sequence[View], image_size_px: tuple[int, int]) -> _Scene:
@@ -251,10 +262,11 @@ def _slopes(scene: _Scene, guess: _Guess) -> Vector:
     return slopes
 
 
-def _whitening(scene: _Scene, guess: _Guess, noise_mm: Vector) -> Vector:
+def _whitening(scene: _Scene, guess: _Guess, noise: _Noise) -> Vector:
     """(N, 3, 3): inverse root of each view's covariance, mm: noise of all views, and of its own picture."""
-    covariance = np.tile(np.diag(np.square(noise_mm)), (len(scene.place_px), 1, 1))
-    covariance[:, :2, :2] += scene.spot * np.outer(guess.scale_mm_per_px, guess.scale_mm_per_px)
+    covariance = np.tile(np.diag(np.square(noise.all_mm)), (len(scene.place_px), 1, 1))
+    borne = guess.scale_mm_per_px * np.sqrt(noise.trust)
+    covariance[:, :2, :2] += scene.spot * np.outer(borne, borne)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
 
@@ -265,9 +277,9 @@ def _prior(latency_sigma_s: float) -> Vector:
     return prior
 
 
-def _fitted(scene: _Scene, guess: _Guess, noise_mm: Vector, latency_sigma_s: float, loss: _Loss) -> _Guess:
+def _fitted(scene: _Scene, guess: _Guess, noise: _Noise, latency_sigma_s: float, loss: _Loss) -> _Guess:
     """Least squares from there. Steps are counted from the guess, in natural units."""
-    white, prior = _whitening(scene, guess, noise_mm), _prior(latency_sigma_s)
+    white, prior = _whitening(scene, guess, noise), _prior(latency_sigma_s)
     prior_step = np.zeros(_UNKNOWN)
     prior_step[_LATENCY] = guess.latency_s
 
@@ -297,30 +309,31 @@ def _left_jacobian(rotvec: Vector) -> Vector:
     return np.asarray(np.eye(3) + (1 - np.cos(angle)) / angle * K + (1 - np.sin(angle) / angle) * (K @ K))
 
 
-def _information(scene: _Scene, guess: _Guess, noise_mm: Vector, latency_sigma_s: float) -> Vector:
-    slopes = _whitening(scene, guess, noise_mm) @ _slopes(scene, guess)
+def _information(scene: _Scene, guess: _Guess, noise: _Noise, latency_sigma_s: float) -> Vector:
+    slopes = _whitening(scene, guess, noise) @ _slopes(scene, guess)
     return np.asarray(np.einsum("nki,nkj->ij", slopes, slopes) + np.diag(_prior(latency_sigma_s) ** 2))
 
 
-def _noise_mm(scene: _Scene, guess: _Guess, noise_mm: Vector, latency_sigma_s: float) -> Vector:
-    """(3,) standard deviation of a view along each axis of the picture, beside the noise of the picture itself.
+def _estimated(scene: _Scene, guess: _Guess, noise: _Noise, latency_sigma_s: float) -> _Noise:
+    """The scatter of the views along each axis, and how much of it their own pictures may explain: half at most.
 
     Each axis has as many degrees of freedom as views, less what the unknowns took of it.
     """
-    white, slopes = _whitening(scene, guess, noise_mm), _slopes(scene, guess)
-    covariance = np.linalg.inv(_information(scene, guess, noise_mm, latency_sigma_s))
+    white, slopes = _whitening(scene, guess, noise), _slopes(scene, guess)
+    covariance = np.linalg.inv(_information(scene, guess, noise, latency_sigma_s))
     reach = white @ slopes
     spent = np.einsum("nki,ij,nkj->k", reach, covariance, reach)
     free = np.maximum(len(slopes) - spent, 1.0)
-    own = np.zeros(3)
-    own[:2] = np.einsum("nii->i", scene.spot) * guess.scale_mm_per_px**2
-    variance = (np.square(_misfit(scene, guess)).sum(axis=0) - own) / free
-    return np.asarray(np.sqrt(np.maximum(variance, _LEAST_SD_MM**2)))
+    variance = np.maximum(np.square(_misfit(scene, guess)).sum(axis=0) / free, _LEAST_SD_MM**2)
+    own = np.einsum("nii->i", scene.spot) / len(slopes) * guess.scale_mm_per_px**2
+    trust = np.minimum(1.0, variance[:2] / (2 * own))
+    variance[:2] -= trust * own
+    return _Noise(np.sqrt(variance), trust)
 
 
-def _consistent(scene: _Scene, guess: _Guess, noise_mm: Vector) -> NDArray[np.bool_]:
+def _consistent(scene: _Scene, guess: _Guess, noise: _Noise) -> NDArray[np.bool_]:
     """(N,) False for views too far off. Raises ScanRefused where too many are."""
-    white = _whitening(scene, guess, noise_mm)
+    white = _whitening(scene, guess, noise)
     distance = np.linalg.norm(np.einsum("nij,nj->ni", white, _misfit(scene, guess)), axis=1)
     scale = float(np.median(distance)) / _MEDIAN_OF_CHI3
     kept = distance <= _CUT_SIGMA * max(scale, 1e-9)
@@ -336,7 +349,7 @@ def _consistent(scene: _Scene, guess: _Guess, noise_mm: Vector) -> NDArray[np.bo
 def _stated(
     scene: _Scene,
     guess: _Guess,
-    noise_mm: Vector,
+    noise: _Noise,
     kept: NDArray[np.bool_],
     covariance: Vector,
     image_size_px: tuple[int, int],
@@ -353,6 +366,8 @@ def _stated(
         covariance=eight,
         observed=observed,
     )
+    own = np.einsum("nii->i", scene.spot) / len(scene.spot) * guess.scale_mm_per_px**2
+    scatter_mm = np.sqrt(np.square(noise.all_mm) + np.array([*(noise.trust * own), 0.0]))
     turn, move = scene.late(guess.latency_s)
     in_picture = np.column_stack([scene.place_px * guess.scale_mm_per_px, np.zeros(len(turn))])
     in_sensor = (in_picture - guess.offset_mm) @ guess.rotation
@@ -362,7 +377,7 @@ def _stated(
         covariance=covariance,
         latency_s=guess.latency_s,
         latency_sigma_s=float(np.sqrt(covariance[_LATENCY, _LATENCY])),
-        noise_mm=noise_mm,
+        noise_mm=scatter_mm,
         residual_mm=_misfit(scene, guess),
         points_mm=np.einsum("nji,nj->ni", turn, in_sensor - move),
         kept=kept,

@@ -166,7 +166,7 @@ def test_the_whole_procedure_by_the_page_alone(bench: Bench) -> None:
     page.fill("#signer", "A. SMITH")
     page.fill("#role", "technician")
     page.click("#accept")
-    page.wait_for_selector("#refused >> text=the second person is the one who scanned")
+    page.wait_for_selector("#refused >> text=made it and cannot sign it as well")
     page.fill("#signer", "B. Jones")
     page.fill("#role", "clinical engineer")
     page.fill("#comment", "good scan")
@@ -178,13 +178,15 @@ def test_the_whole_procedure_by_the_page_alone(bench: Bench) -> None:
     assert str(file) in page.inner_text("#over-file")
     said = tomllib.loads(file.read_text())
     assert said["simulated"]
-    signed = {name: said["provenance"][name] for name in ("who", "signed_by", "signed_role", "signed_comment", "probe")}
+    signed = {
+        name: said["provenance"][name] for name in ("made_by", "signed_by", "signed_role", "comment", "probe_serial")
+    }
     assert signed == {
-        "who": "A. Smith",
+        "made_by": "A. Smith",
         "signed_by": "B. Jones",
         "signed_role": "clinical engineer",
-        "signed_comment": "good scan",
-        "probe": "L12-5",
+        "comment": "good scan",
+        "probe_serial": "L12-5",
     }
     until(bench.cart.contact)
 
@@ -222,10 +224,8 @@ def test_a_reload_and_a_second_technician_find_the_scan_as_it_is(bench: Bench) -
     assert onlooker.is_disabled("#finish")
     assert onlooker.is_visible("#part-token")
     drawn(onlooker, "phone-scan", whole=True)
-    assert asked(second, "begin", probe="p", preset="d", technician="C", wanted="zeta") == (
-        409,
-        "A. Smith recalibrates already",
-    )
+    status, error = asked(second, "begin", probe="p", preset="d", technician="C", wanted="zeta")
+    assert (status, "A. Smith recalibrates already" in error) == (409, True), error
     ended(second)
     phase(page, "ended")
     phase(onlooker, "ended")
@@ -324,7 +324,7 @@ def test_a_token_is_good_once_and_guessing_is_soon_over(bench: Bench) -> None:
     for _ in range(9):
         asked(page, "token", token="wrong")
     assert asked(page, "token", token=bench.web.token())[0] == 429
-    assert bench.cart.status()["state"] == "monitoring"
+    assert bench.cart.status()["state"] != "recalibrating"
 
 
 def status_of(request: Callable[[], Any]) -> int:

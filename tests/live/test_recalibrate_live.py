@@ -11,7 +11,7 @@ from tests.support.polling import until
 
 def started(folder: Path, cart: Cart, *arguments: str) -> "subprocess.Popen[str]":
     command = [str(PROBEWATCH), "recalibrate", "--live", "--config", str(cart.config), "--folder", str(folder)]
-    options = ["--probe", "L12-5", "--preset", "4 cm", "--technician", "A. Smith", *arguments]
+    options = ["--probe", "L12-5", "--preset", "4 cm", "--made-by", "A. Smith", *arguments]
     return subprocess.Popen(
         [*command, *options], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -20,7 +20,7 @@ def started(folder: Path, cart: Cart, *arguments: str) -> "subprocess.Popen[str]
 def test_a_scan_that_two_people_have_signed_is_proved_and_in_force(cart: Cart, tmp_path: Path) -> None:
     cart.wait_for("monitoring", 60)
     cart.tank.touch()
-    process = started(tmp_path, cart, "--solve", "zeta", "--signed-by", "B. Jones, clinical engineer")
+    process = started(tmp_path, cart, "--solve", "zeta", "--signed-by", "B. Jones", "--role", "clinical engineer")
     cart.wait_for("recalibrating", 30)
     until(lambda: cart.contact() is False)
     until(lambda: process.poll() is not None or cart.status()["reference"]["number"] == 2, 180, 0.2)

@@ -25,7 +25,7 @@ from drivers.printable import printable_value
 from tools.page.alarms import LastAlarms
 from tools.page.pictures import Pictures, jpeg
 from tools.page.tokens import Tokens, Visitor
-from tools.recalibration.session import Asked, Begin, ScanSession, SignOff
+from tools.recalibration.session import Asked, Begin, ScanSession, Signature
 from tools.shared.status_watch import StatusWatch
 
 _FILES = Path(__file__).parent / "files"
@@ -270,7 +270,7 @@ _ACTS: dict[str, Callable[[ScanSession, dict[str, Any]], None]] = {
         _whole(body, "index"), (_number(body, "column"), _number(body, "row"))
     ),
     "accept": lambda session, body: session.accept(
-        SignOff(*(_text(body, name) for name in ("name", "role", "comment", "confirm")))
+        Signature(*(_text(body, name) for name in ("name", "role", "comment", "confirm")))
     ),
     "reject": lambda session, body: session.reject(_text(body, "reason")),
     "dismiss": lambda session, _: session.dismiss(),

@@ -3,6 +3,7 @@
 Not safe for two threads at once; the session has the lock.
 """
 
+import hashlib
 from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -88,6 +89,14 @@ class Scanned:
             raise IndexError(f"there is no view {index + 1}")
         self._running().correct(index, centre_px)
         self._stale = True
+
+    @property
+    def sha256(self) -> str:
+        """Of all views, struck out or not: time, place in the picture, pose."""
+        digest = hashlib.sha256()
+        for view in () if self.running is None else self.running.views:
+            digest.update(f"{view.t_ns} {view.centre_px.tolist()} {view.matrix.tolist()}\n".encode())
+        return digest.hexdigest()
 
     @property
     def state(self) -> Running | None:

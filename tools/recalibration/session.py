@@ -13,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
@@ -26,6 +25,7 @@ from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.printable import printable
 from tools.recalibration.scanning import Scanned, counts_of, marked, state_fields
 from tools.shared.feed import Feed
+from tools.shared.sign_off import SignOff, whole_record
 from tools.shared.status_watch import Seen, StatusWatch
 
 _LOOK_S = 0.5
@@ -70,7 +70,7 @@ class Begin:
 
 
 @dataclass(frozen=True, slots=True)
-class SignOff:
+class Signature:
     """Who accepts it. confirm: the difference from the calibration in force, repeated where it must be accepted."""
 
     name: str
@@ -219,22 +219,20 @@ class ScanSession:
         with self._lock:
             self._change(lambda scanned: scanned.correct(index, centre_px))
 
-    def accept(self, sign_off: SignOff) -> None:
+    def accept(self, signature: Signature) -> None:
         """Write it, give it to the service, and have that prove it. Raises Asked for a difference to be accepted."""
-        sign_off = _signed(sign_off)
+        signature = _signed(signature)
         with self._lock:
             self._require(Phase.REVIEW)
             assert self._scanned is not None
             assert self._begin is not None
-            if sign_off.name.casefold() == self._begin.technician.casefold():
-                what = "the second person is the one who scanned"
-                raise ControlRefused(what, sign_off.name, "Have somebody else look at it and sign")
+            _sign_off(self._begin, signature).check()
             seen = self._watch.seen()
             simulated = bool(seen.status and seen.status.get("simulated"))
             calibration = marked(self._scanned.calibration(), simulated)
             self._hold(seen)
-            self._file = self._write(calibration, sign_off)
-            proposal = self._given(self._file, sign_off.confirm)
+            self._file = self._write(calibration, signature)
+            proposal = self._given(self._file, signature.confirm)
             self._sha256 = str(proposal["sha256"])
             self._phase, self._message = Phase.PROVING, ""
         self._changed.set()
@@ -368,37 +366,26 @@ class ScanSession:
         self._asked_ns = time.monotonic_ns()
         return proposal
 
-    def _write(self, calibration: Calibration, sign_off: SignOff) -> Path:
+    def _write(self, calibration: Calibration, signature: Signature) -> Path:
         assert self._begin is not None
         words = "-".join(filter(None, (_plain(self._begin.probe), _plain(self._begin.preset))))
         file = self._folder / f"{words or 'probe'}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.toml"
         if file.exists():
             raise ConfigurationError("exists already", str(file), "Try again in a second")
-        write_calibration(file, calibration, self._provenance(sign_off))
+        write_calibration(file, calibration, self._provenance(signature))
         file.chmod(0o640)  # the service, of the same group, reads it
         return file
 
-    def _provenance(self, sign_off: SignOff) -> dict[str, str]:
+    def _provenance(self, signature: Signature) -> dict[str, str]:
         begin, scanned = self._begin, self._scanned
         assert begin is not None
         assert scanned is not None
         state = scanned.state
         assert state is not None
-        assert state.whole is not None
-        return {
-            "who": begin.technician,
-            "when": datetime.now(UTC).isoformat(timespec="seconds"),
-            "how": f"probewatch {version('probewatch')} recalibrate, live cross-wire, {begin.wanted}",
-            "probe": begin.probe,
-            "preset": begin.preset,
-            "reason": begin.reason,
-            "solved": f"zeta {state.zeta_mm:.4f} ± {state.zeta_sigma_mm:.4f} mm",
-            "views": f"{int(state.used.sum())} used, {len(state.rejected)} rejected, {len(state.struck)} struck out",
-            "localisation_mm": f"{state.whole.localisation_mm:.4f}",
-            "signed_by": sign_off.name,
-            "signed_role": sign_off.role,
-            "signed_comment": sign_off.comment,
-        }
+        solved = "all eight parameters" if begin.wanted == "whole" else "ζ alone, closed form"
+        source = f"live scan on the cart, {scanned.scan.pictures} pictures, {scanned.lost} samples lost"
+        record = whole_record(state, _sign_off(begin, signature), source, scanned.sha256)
+        return {**record, "solved": solved}
 
     def _abort(self, why: str) -> None:
         """Raises ProbewatchError where the service does not answer; then nothing has changed here either."""
@@ -434,13 +421,25 @@ def _checked(begin: Begin) -> Begin:
     return Begin(probe, preset, technician, reason, begin.wanted)
 
 
-def _signed(sign_off: SignOff) -> SignOff:
+def _signed(signature: Signature) -> Signature:
     name, role, comment = (
-        printable(text.strip(), _LONGEST_WORDS) for text in (sign_off.name, sign_off.role, sign_off.comment)
+        printable(text.strip(), _LONGEST_WORDS) for text in (signature.name, signature.role, signature.comment)
     )
     if not (name and role):
         raise ControlRefused("name and role of the second person are needed", "sign-off", "Fill them in")
-    return SignOff(name, role, comment, sign_off.confirm)
+    return Signature(name, role, comment, signature.confirm)
+
+
+def _sign_off(begin: Begin, signature: Signature) -> SignOff:
+    return SignOff(
+        made_by=begin.technician,
+        signed_by=signature.name,
+        role=signature.role,
+        comment=signature.comment,
+        reason=begin.reason,
+        probe_serial=begin.probe,
+        preset=begin.preset,
+    )
 
 
 def _plain(text: str) -> str:

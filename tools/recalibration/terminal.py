@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from appliance.service.control.server import ControlRefused
-from tools.recalibration.session import Asked, Begin, Phase, ScanSession, SignOff
+from tools.recalibration.session import Asked, Begin, Phase, ScanSession, Signature
 
 _EVERY_S = 0.25
 """Between two pictures, as of `probewatch status --watch`; how late a line is heard."""
@@ -22,8 +22,8 @@ _MOST_REFUSALS = 4
 Fields = Mapping[str, Any]
 
 
-def run(session: ScanSession, begin: Begin, sign_off: SignOff | None) -> None:
-    """The whole procedure. sign_off: of the second person, where he need not be asked; then nobody is asked anything,
+def run(session: ScanSession, begin: Begin, signature: Signature | None) -> None:
+    """The whole procedure. signature: of the second person, where he need not be asked; then nobody is asked anything,
     the scan ends as soon as nothing stands against it, and a difference is not accepted.
 
     Raises ProbewatchError where it ends without a new calibration, click.Abort for Ctrl-C; a scan is then rejected.
@@ -31,8 +31,8 @@ def run(session: ScanSession, begin: Begin, sign_off: SignOff | None) -> None:
     session.begin(begin)
     try:
         while session.phase in (Phase.SCANNING, Phase.REVIEW):
-            _scan(session, alone=sign_off is not None)
-            _review(session, sign_off)
+            _scan(session, alone=signature is not None)
+            _review(session, signature)
         _prove(session)
     except BaseException:
         if session.phase in (Phase.SCANNING, Phase.REVIEW, Phase.PROVING):
@@ -87,15 +87,15 @@ def _finish(session: ScanSession, live: Live) -> None:
         live.console.print(str(error))
 
 
-def _review(session: ScanSession, sign_off: SignOff | None) -> None:
+def _review(session: ScanSession, signature: Signature | None) -> None:
     """Until it is accepted, rejected or scanned on."""
     console = Console(file=sys.stdout, highlight=False)
     while session.phase is Phase.REVIEW:
         session.touch()
         fields = session.fields()
         console.print(picture(fields), _views(fields["scan"]))
-        if sign_off is not None:
-            session.accept(sign_off)
+        if signature is not None:
+            session.accept(signature)
             continue
         said = click.prompt("accept, scan on, reject, or numbers of views to strike out or take back").strip()
         try:
@@ -122,11 +122,11 @@ def _accept(session: ScanSession) -> None:
     name, role = click.prompt("name of the second person"), click.prompt("role")
     comment = click.prompt("comment", default="", show_default=False)
     try:
-        session.accept(SignOff(name, role, comment))
+        session.accept(Signature(name, role, comment))
     except Asked as question:
         click.echo(f"against the calibration in force: {question.text}")
         if click.confirm("Accept that? Nothing of it is verified then."):
-            session.accept(SignOff(name, role, comment, question.text))
+            session.accept(Signature(name, role, comment, question.text))
 
 
 def _prove(session: ScanSession) -> None:

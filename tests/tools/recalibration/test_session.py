@@ -11,17 +11,17 @@ import pytest
 from appliance.service.control.server import ControlRefused
 from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.types import Calibration
-from drivers.errors import ProbewatchError
+from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.live_scan import RecalibratingService, Scan
 from tests.support.polling import until
-from tools.recalibration.session import Asked, Begin, Phase, ScanSession, SignOff
+from tools.recalibration.session import Asked, Begin, Phase, ScanSession, Signature
 from tools.shared.status_watch import StatusWatch
 
 SIZE_PX = (320, 240)
 CHOSEN = Begin("L12-5", "4 cm", "A. Smith", "check", "whole")
-SIGNED = SignOff("B. Jones", "engineer", "good")
+SIGNED = Signature("B. Jones", "engineer", "good")
 
 
 def world() -> World:
@@ -139,7 +139,12 @@ def test_the_end_of_the_page_gives_the_scan_up(tmp_path: Path) -> None:
 def test_a_whole_scan_is_reviewed_signed_taken_and_proved(bench: Bench, tmp_path: Path) -> None:
     bench.feed(wires(600))
     bench.session.begin(CHOSEN)
-    until(lambda: (scan := bench.fields["scan"]) and scan["result"] and not scan["refusals"], 60, 0.1, lambda: bench.fields["scan"])
+    until(
+        lambda: (scan := bench.fields["scan"]) and scan["result"] and not scan["refusals"],
+        60,
+        0.1,
+        lambda: bench.fields["scan"],
+    )
     bench.session.finish()
     found = bench.fields["scan"]
     assert abs(found["result"]["zeta_mm"] - 14) < 3.5 * found["result"]["zeta_sigma_mm"] < 2
@@ -157,8 +162,8 @@ def test_a_whole_scan_is_reviewed_signed_taken_and_proved(bench: Bench, tmp_path
     for index in range(len(found["views"]) - 5):
         bench.session.strike(index, struck=False)
     assert bench.fields["scan"]["result"] == found["result"]
-    for wrong in (SignOff("", "role"), SignOff("a. SMITH", "role"), SignOff("B", " ")):
-        with pytest.raises(ControlRefused):
+    for wrong in (Signature("", "role"), Signature("a. SMITH", "role"), Signature("B", " ")):
+        with pytest.raises((ControlRefused, ConfigurationError)):
             bench.session.accept(wrong)
     bench.service.proposal["confirm"] = True
     with pytest.raises(Asked) as question:
@@ -166,11 +171,11 @@ def test_a_whole_scan_is_reviewed_signed_taken_and_proved(bench: Bench, tmp_path
     assert question.value.text == "hardly"
     assert list(tmp_path.glob("*.toml")) == []
     assert bench.service.taken is None
-    bench.session.accept(SignOff(SIGNED.name, SIGNED.role, SIGNED.comment, "hardly"))
+    bench.session.accept(Signature(SIGNED.name, SIGNED.role, SIGNED.comment, "hardly"))
     assert bench.session.phase is Phase.PROVING
     said = tomllib.loads(bench.service.taken.decode())
     assert said["simulated"]
-    assert [said["provenance"][name] for name in ("who", "signed_by", "signed_role", "signed_comment")] == [
+    assert [said["provenance"][name] for name in ("made_by", "signed_by", "signed_role", "comment")] == [
         "A. Smith",
         "B. Jones",
         "engineer",
@@ -185,7 +190,12 @@ def test_a_whole_scan_is_reviewed_signed_taken_and_proved(bench: Bench, tmp_path
 def test_a_calibration_that_the_service_went_back_on_is_told(bench: Bench) -> None:
     bench.feed(wires(600))
     bench.session.begin(Begin("p", "d", "t", wanted="zeta"))
-    until(lambda: (scan := bench.fields["scan"]) and scan["result"] and not scan["refusals"], 60, 0.1, lambda: bench.fields["scan"])
+    until(
+        lambda: (scan := bench.fields["scan"]) and scan["result"] and not scan["refusals"],
+        60,
+        0.1,
+        lambda: bench.fields["scan"],
+    )
     bench.session.finish()
     bench.session.accept(SIGNED)
     bench.service.state, bench.service.sha256 = "device lost", "before"
