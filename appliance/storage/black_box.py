@@ -178,13 +178,19 @@ class BlackBox:
         return "; ".join(self.damage[:_MOST_NAMED]) + (f"; and {more} more" if more > 0 else "")
 
     def items(self) -> Iterator[Told]:
-        """In the order in which they were written; what cannot be understood is left out and told as damage."""
+        """In the order in which they were written; what cannot be understood is left out, told as damage, and there is
+        a Gap in its place.
+        """
+        known = 0
         for entry in self._mcap.entries():
             try:
                 item = item_of(entry.topic, entry.fields)
             except ValueError as error:
                 self.damage.append(str(error))
-                continue
+                item = None
+            if len(self.damage) > known:
+                known = len(self.damage)
+                yield Told(Gap(self.damage[-1]), entry.t_ns)
             if item is not None:
                 yield Told(item, entry.t_ns)
 

@@ -1,11 +1,11 @@
-"""Messages of a black box: what a line is given and says, as JSON and back, bit for bit; docs/black-box.md has them all.
+"""Messages of a black box: what a line is given and says, as JSON and back, bit for bit; docs/black-box.md has them.
 
 JSON has no NaN and no infinity: null and the words "inf" and "-inf" stand for them. Every other number comes back as
 the same 64 bits, because Python writes the shortest decimal that does.
 """
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan
 from typing import Any
@@ -73,23 +73,8 @@ Item = Begun | Order | Frame | Pose | Verdict | State | Gap | Mark
 
 def fields_of(item: Item) -> tuple[str, dict[str, Any]]:
     """(topic, message)."""
-    match item:
-        case Frame():
-            return "/picture", _picture(item)
-        case Pose():
-            return "/pose", _pose(item)
-        case Verdict():
-            return "/verdict", verdict_fields(item)
-        case Order():
-            return "/order", _order(item)
-        case State():
-            return "/state", dict(item.status)
-        case Begun():
-            return "/begun", {name: getattr(item, name) for name in Begun.__slots__} | {"simulated": [*item.simulated]}
-        case Gap():
-            return "/gap", {name: getattr(item, name) for name in Gap.__slots__}
-        case Mark():
-            return "/mark", {"kind": item.kind, "reason": item.reason}
+    topic, fields = _WRITTEN[type(item)]
+    return topic, fields(item)
 
 
 def item_of(topic: str, fields: Mapping[str, Any]) -> Item | None:
@@ -248,7 +233,22 @@ def _gap(fields: Mapping[str, Any]) -> Gap:
     return Gap(str(fields["reason"]), *(_int(fields[name]) for name in ("pictures", "poses", "verdicts")))
 
 
-_READ = {
+def _own(item: Any) -> dict[str, Any]:
+    """Of plain values, under their own names."""
+    return {name: [*value] if isinstance(value := getattr(item, name), tuple) else value for name in item.__slots__}
+
+
+_WRITTEN: dict[type, tuple[str, Callable[[Any], dict[str, Any]]]] = {
+    Begun: ("/begun", _own),
+    Order: ("/order", _order),
+    Frame: ("/picture", _picture),
+    Pose: ("/pose", _pose),
+    Verdict: ("/verdict", verdict_fields),
+    State: ("/state", lambda item: dict(item.status)),
+    Gap: ("/gap", _own),
+    Mark: ("/mark", _own),
+}
+_READ: dict[str, Callable[[Mapping[str, Any]], Item]] = {
     "/begun": _begun,
     "/order": _read_order,
     "/picture": _frame,

@@ -44,7 +44,7 @@ class Entry(NamedTuple):
 
 
 class McapWriter:
-    """schemas: topic → JSON schema of its messages, an object with a title. Every call raises OSError as stream does."""
+    """schemas: topic → JSON schema of its messages, with a title. Each call raises OSError as the stream does."""
 
     def __init__(self, stream: BinaryIO, schemas: Mapping[str, Mapping[str, Any]], library: str) -> None:
         self._writer = Writer(

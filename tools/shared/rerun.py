@@ -1,0 +1,142 @@
+"""A black box through lines made as its orders say, and whether they say what was said live, bit for bit."""
+
+import json
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+from appliance.core.line import Line
+from appliance.core.order import Order
+from appliance.core.quality.report import LineReport
+from appliance.limits import Limits
+from appliance.storage.black_box import Series
+from appliance.storage.black_box_fields import Gap, Item, verdict_fields
+from appliance.types import Calibration, Verdict
+from drivers.samples import Frame, Pose, Sample
+
+
+class Repeating(Protocol):
+    """The line, as this module needs it."""
+
+    def step(self, sample: Sample) -> tuple[Verdict, ...]: ...
+
+    def report(self) -> LineReport: ...
+
+
+class Step(NamedTuple):
+    """One item of the file, when it was written, and what the line says to it now: nothing but to a sample."""
+
+    item: Item
+    now_ns: int
+    verdicts: tuple[Verdict, ...]
+
+
+@dataclass
+class Comparison:
+    """recorded, equal: verdicts in the file, and how many of them came again bit for bit. difference: the first that
+    did not, in words. gaps: what is missing in the file, in words. amid: the recording begins when a line had already
+    worked, so that its past is missing. text: as of `Begun`.
+    """
+
+    recorded: int = 0
+    equal: int = 0
+    difference: str = ""
+    gaps: list[str] = field(default_factory=list)
+    amid: bool = False
+    text: str = "kept"
+
+    @property
+    def exact(self) -> bool:
+        """Everything that the file has of what was said came again."""
+        return self.recorded == self.equal and not self.difference
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        if self.recorded == 0:
+            return "the recording holds no verdicts to compare with"
+        if self.exact:
+            return f"all {self.recorded} verdicts are those of the live run, bit for bit"
+        why = [f"{len(self.gaps)} gaps"] if self.gaps else []
+        why += ["text was blackened"] if self.text == "blackened" else []
+        why += ["it begins amid the work of a line"] if self.amid else []
+        cause = f"; no wonder: {', '.join(why)}" if why else "; nothing is missing in the file: another version?"
+        return f"{self.equal} of {self.recorded} verdicts are those of the live run{cause}. First: {self.difference}"
+
+
+class Rerun:
+    """line: the latest, None before the first order. lines: how many were made."""
+
+    def __init__(self, series: Series, make_line: Callable[[Calibration, Limits, int], Repeating] = Line) -> None:
+        self._series, self._make_line = series, make_line
+        self._said: deque[Verdict] = deque()
+        self._again: deque[Verdict] = deque()
+        self.line: Repeating | None = None
+        self.lines = 0
+        self.orders: list[Order] = []
+        self.comparison = Comparison(amid=series.begun.part > 1, text=series.begun.text)
+
+    def steps(self) -> Iterator[Step]:
+        """Everything in order; `comparison` is complete once it has ended. Raises RecordingError for a failing disk."""
+        for item, now_ns in self._series.items():
+            verdicts: tuple[Verdict, ...] = ()
+            if isinstance(item, Order):
+                self._obey(item)
+            elif isinstance(item, Frame | Pose) and self.line is not None:
+                verdicts = self.line.step(item)
+                self._again += verdicts
+            elif isinstance(item, Verdict):
+                self.comparison.recorded += 1
+                self._said.append(item)
+            elif isinstance(item, Gap):
+                self.comparison.gaps.append(item.reason)
+            self._compare()
+            yield Step(item, now_ns, verdicts)
+        self._left_over()
+
+    def _obey(self, order: Order) -> None:
+        """What the line before said and is not in the file was said when the order had come already."""
+        self._left_over()
+        self.line = self._make_line(order.reference, order.limits, order.stale_ns)
+        self.lines += 1
+        self.orders.append(order)
+
+    def _compare(self) -> None:
+        while self._said and self._again:
+            said, again = self._said[0], self._again[0]
+            if said.t_ns >= again.t_ns:
+                self._again.popleft()
+            if said.t_ns <= again.t_ns:
+                self._said.popleft()
+            if said.t_ns < again.t_ns:
+                self._differs(f"at {said.t_ns} ns, there was one that does not come again")
+            elif said.t_ns > again.t_ns:
+                if not self.comparison.gaps:
+                    self._differs(f"at {again.t_ns} ns, there comes one that was not there")
+            elif json.dumps(verdict_fields(said)) == json.dumps(verdict_fields(again)):
+                self.comparison.equal += 1
+            else:
+                self._differs(f"at {said.t_ns} ns, {_difference(said, again)}")
+
+    def _left_over(self) -> None:
+        if self._said:
+            self._differs(f"at {self._said[0].t_ns} ns, there was one that does not come again")
+        self._said.clear()
+        self._again.clear()
+
+    def _differs(self, how: str) -> None:
+        self.comparison.difference = self.comparison.difference or how
+
+
+def _difference(said: Verdict, again: Verdict) -> str:
+    """The first field that is not the same."""
+    before, now = verdict_fields(said), verdict_fields(again)
+    for name in ("kind", "fault", "reason", "verified_ns"):
+        if before[name] != now[name]:
+            return f"{name} was {before[name]!r}, now {now[name]!r}"
+    for one, other in zip(before["checks"], now["checks"], strict=False):
+        for name in one:
+            if one[name] != other[name]:
+                return f"{name} of {one['name']} was {one[name]!r}, now {other[name]!r}"
+    return f"there were {len(before['checks'])} checks, now {len(now['checks'])}"
