@@ -160,6 +160,16 @@ class Control(_Section):
     viewers: Annotated[tuple[str, ...], Field(max_length=16, strict=False)] = ("probewatch-monitor",)
 
 
+class Feed(_Section):
+    """What the service sees, pictures included, for programs of the same group on this computer; docs/feed.md.
+
+    socket: None for `feed` beside the control socket. offered: whether there is one.
+    """
+
+    offered: bool = True
+    socket: Annotated[_Place, AfterValidator(_bindable)] | None = None
+
+
 class Alarm(_Section):
     """How the operator is spoken to, and the folder of the alarm log, which must outlive a power cut."""
 
@@ -184,6 +194,7 @@ class Config(_Section):
     limits: Limits = Limits()
     supervisor: SupervisorTimes = SupervisorTimes()
     control: Control = Control()
+    feed: Feed = Feed()
     alarm: Alarm = Alarm()
     log: Log = Log()
 
@@ -193,6 +204,13 @@ class Config(_Section):
     def sha256(self) -> str:
         """Of the file's content, in hexadecimal; empty where there was no file."""
         return self._sha256
+
+    @property
+    def feed_socket(self) -> Path | None:
+        """Where the feed is offered, None where it is not."""
+        if not self.feed.offered:
+            return None
+        return self.feed.socket or self.control.socket.with_name("feed")
 
     @property
     def simulated(self) -> tuple[str, ...]:
@@ -210,6 +228,9 @@ def load_config(path: Path) -> Config:
         raise Mistakes.found(error, Config, text, path, f"Mend it; {_EXAMPLE}") from None
     config._sha256 = hashlib.sha256(text.encode()).hexdigest()
     place = config.calibration.model_copy(update={"file": path.parent / config.calibration.file})
+    if config.feed_socket == config.control.socket:
+        where = f"[feed] socket = '{config.feed.socket}'"
+        raise ConfigurationError("is the control socket", where, "Choose another path; the usual one is beside it")
     alarm = config.alarm.model_copy(update={"folder": path.parent / config.alarm.folder})
     return config.model_copy(update={"calibration": place, "alarm": alarm})
 
