@@ -9,9 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-from appliance.core.order import Order
 from appliance.limits import Limits
-from appliance.storage.black_box_fields import Begun, Gap, Item, fields_of, item_of
+from appliance.storage.black_box_fields import Begun, Gap, Item, Made, fields_of, item_of
 from drivers.errors import RecordingError
 from drivers.recordings.mcap_file import McapReader, McapWriter
 
@@ -30,7 +29,7 @@ def _object(title: str, **properties: Mapping[str, Any]) -> dict[str, Any]:
 
 
 _INTEGER, _TEXT, _FLAG = {"type": "integer"}, {"type": "string"}, {"type": "boolean"}
-_NUMBER = {"type": ["number", "string", "null"], "description": "null: NaN; inf, -inf: infinite"}
+_NUMBER = {"type": ["number", "string"], "description": "nan, inf and -inf are strings"}
 _PERHAPS_INTEGER = {"type": ["integer", "null"]}
 _NUMBERS = {"type": "array", "items": _NUMBER}
 _PERHAPS_NUMBERS = {"type": ["array", "null"], "items": _NUMBER}
@@ -62,6 +61,13 @@ _REFERENCE = _object(
     observed={"type": "array", "items": _FLAG},
     simulated=_FLAG,
 )
+_ORDER = _object(
+    "probewatch.Order",
+    generation=_INTEGER,
+    stale_ns=_INTEGER,
+    limits={"type": "object", "properties": {name: {"type": "number"} for name in Limits.model_fields}},
+    reference=_REFERENCE,
+)
 
 SCHEMAS: dict[str, dict[str, Any]] = {
     "/begun": _object(
@@ -74,14 +80,9 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         part=_INTEGER,
         simulated={"type": "array", "items": _TEXT},
         text={"enum": ["kept", "blackened"]},
+        every=_INTEGER,
     ),
-    "/order": _object(
-        "probewatch.Order",
-        generation=_INTEGER,
-        stale_ns=_INTEGER,
-        limits={"type": "object", "properties": {name: {"type": "number"} for name in Limits.model_fields}},
-        reference=_REFERENCE,
-    ),
+    "/order": _object("probewatch.Made", step=_INTEGER, order={"anyOf": [_ORDER, {"type": "null"}]}),
     "/picture": _object(
         "probewatch.Picture",
         **_STAMP,
@@ -93,7 +94,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     "/pose": _object(
         "probewatch.Pose",
         **_STAMP,
-        matrix={**_PERHAPS_NUMBERS, "description": "4 x 4 by rows, sensor to tracker, mm; null unless status is ok"},
+        matrix={**_PERHAPS_NUMBERS, "description": "4 x 4 by rows, sensor to tracker, mm; null unless status is OK"},
         rms_mm=_NUMBER,
         status=_TEXT,
         reason=_TEXT,
@@ -101,14 +102,14 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     "/verdict": _object(
         "probewatch.Verdict",
         t_ns=_INTEGER,
-        kind={"enum": ["OK", "FAULT", "NOT_VERIFIED"]},
+        verdict={"enum": ["OK", "FAULT", "NOT_VERIFIED"]},
         fault={"type": ["string", "null"]},
         reason=_TEXT,
         verified_ns=_PERHAPS_INTEGER,
         checks={"type": "array", "items": _CHECK},
     ),
     "/state": {"title": "probewatch.Status", "type": "object", "description": "the status of docs/control.md"},
-    "/gap": _object("probewatch.Gap", reason=_TEXT, pictures=_INTEGER, poses=_INTEGER, verdicts=_INTEGER),
+    "/gap": _object("probewatch.Gap", reason=_TEXT, samples=_INTEGER),
     "/mark": _object("probewatch.Mark", kind={"enum": ["alarm", "start", "stop"]}, reason=_TEXT),
 }
 """Topic → JSON schema of its messages, as it stands in every file."""
@@ -229,7 +230,7 @@ def _resumed(box: BlackBox) -> Iterator[Told]:
     """Without its /begun and the order that follows it."""
     head = True
     for told in box.items():
-        if head and isinstance(told.item, Begun | Order):
+        if head and isinstance(told.item, Begun | Made):
             head = isinstance(told.item, Begun)
             continue
         head = False

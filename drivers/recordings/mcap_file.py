@@ -64,11 +64,11 @@ class McapWriter:
 
     def flush(self) -> None:
         """End the chunk, if anything is in it, and hand it to the kernel."""
-        self._writer.flush()
+        self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
         """Write what makes a whole file: indexes and checksums. The stream stays open."""
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _channel(self, topic: str, schema: Mapping[str, Any]) -> int:
         named = self._writer.register_schema(str(schema["title"]), "jsonschema", json.dumps(schema).encode())

@@ -6,7 +6,7 @@ from pathlib import Path
 from appliance.core.line import Line
 from appliance.core.order import Order
 from appliance.storage.black_box import FORMAT, BlackBoxWriter
-from appliance.storage.black_box_fields import Begun, Item
+from appliance.storage.black_box_fields import Begun, Item, Made
 from appliance.types import Verdict
 from drivers.samples import Sample
 
@@ -22,7 +22,7 @@ def record(path: Path, order: Order, samples: Iterable[Sample], finish: bool = T
     first, *rest = samples
     with path.open("wb") as stream:
         writer = BlackBoxWriter(stream, begun(first.stamp.t_ns))
-        writer.put(order, first.stamp.t_ns)
+        writer.put(Made(order, 0), first.stamp.t_ns)
         for sample in (first, *rest):
             verdicts = line.step(sample)
             items: list[Item] = [sample, *verdicts]

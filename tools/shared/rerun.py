@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
+from appliance.core.exact_fields import verdict_fields
 from appliance.core.line import Line
 from appliance.core.order import Order
 from appliance.core.quality.report import LineReport
 from appliance.limits import Limits
 from appliance.storage.black_box import Series
-from appliance.storage.black_box_fields import Gap, Item, verdict_fields
+from appliance.storage.black_box_fields import Gap, Item, Made
 from appliance.types import Calibration, Verdict
 from drivers.samples import Frame, Pose, Sample
 
@@ -36,7 +37,7 @@ class Step(NamedTuple):
 class Comparison:
     """recorded, equal: verdicts in the file, and how many of them came again bit for bit. difference: the first that
     did not, in words. gaps: what is missing in the file, in words. amid: the recording begins when a line had already
-    worked, so that its past is missing. text: as of `Begun`.
+    worked, so that its past is missing. text, every: as of `Begun`.
     """
 
     recorded: int = 0
@@ -45,6 +46,7 @@ class Comparison:
     gaps: list[str] = field(default_factory=list)
     amid: bool = False
     text: str = "kept"
+    every: int = 1
 
     @property
     def exact(self) -> bool:
@@ -60,28 +62,28 @@ class Comparison:
             return f"all {self.recorded} verdicts are those of the live run, bit for bit"
         why = [f"{len(self.gaps)} gaps"] if self.gaps else []
         why += ["text was blackened"] if self.text == "blackened" else []
+        why += [f"only one of {self.every} pictures was recorded"] if self.every > 1 else []
         why += ["it begins amid the work of a line"] if self.amid else []
         cause = f"; no wonder: {', '.join(why)}" if why else "; nothing is missing in the file: another version?"
         return f"{self.equal} of {self.recorded} verdicts are those of the live run{cause}. First: {self.difference}"
 
 
 class Rerun:
-    """line: the latest, None before the first order. lines: how many were made."""
+    """line: the latest, None before the first order. orders: one for each line that was made."""
 
     def __init__(self, series: Series, make_line: Callable[[Calibration, Limits, int], Repeating] = Line) -> None:
         self._series, self._make_line = series, make_line
         self._said: deque[Verdict] = deque()
         self._again: deque[Verdict] = deque()
         self.line: Repeating | None = None
-        self.lines = 0
         self.orders: list[Order] = []
-        self.comparison = Comparison(amid=series.begun.part > 1, text=series.begun.text)
+        self.comparison = Comparison(text=series.begun.text, every=series.begun.every)
 
     def steps(self) -> Iterator[Step]:
         """Everything in order; `comparison` is complete once it has ended. Raises RecordingError for a failing disk."""
         for item, now_ns in self._series.items():
             verdicts: tuple[Verdict, ...] = ()
-            if isinstance(item, Order):
+            if isinstance(item, Made):
                 self._obey(item)
             elif isinstance(item, Frame | Pose) and self.line is not None:
                 verdicts = self.line.step(item)
@@ -95,12 +97,14 @@ class Rerun:
             yield Step(item, now_ns, verdicts)
         self._left_over()
 
-    def _obey(self, order: Order) -> None:
+    def _obey(self, made: Made) -> None:
         """What the line before said and is not in the file was said when the order had come already."""
         self._left_over()
-        self.line = self._make_line(order.reference, order.limits, order.stale_ns)
-        self.lines += 1
-        self.orders.append(order)
+        order = made.order
+        self.line = None if order is None else self._make_line(order.reference, order.limits, order.stale_ns)
+        if order is not None:
+            self.orders.append(order)
+            self.comparison.amid = self.comparison.amid or made.step > 0
 
     def _compare(self) -> None:
         while self._said and self._again:
@@ -132,7 +136,7 @@ class Rerun:
 def _difference(said: Verdict, again: Verdict) -> str:
     """The first field that is not the same."""
     before, now = verdict_fields(said), verdict_fields(again)
-    for name in ("kind", "fault", "reason", "verified_ns"):
+    for name in ("verdict", "fault", "reason", "verified_ns"):
         if before[name] != now[name]:
             return f"{name} was {before[name]!r}, now {now[name]!r}"
     for one, other in zip(before["checks"], now["checks"], strict=False):

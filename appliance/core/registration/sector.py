@@ -25,7 +25,7 @@ the scanner has made smaller for longer; less loses the tissue in a shadow."""
 _OFTEN = 0.1
 """Share of the comparisons in which a pixel of the sector changes; a clock's digit changes in fewer. Not measured."""
 _CLOSE, _OPEN, _GROW = np.ones((9, 9), np.uint8), np.ones((5, 5), np.uint8), np.ones((5, 5), np.uint8)
-"""Of the half-sized picture: what joins speckle to a piece, what cuts strokes of letters off it, what keeps its edge."""
+"""Of the half-sized picture: they join speckle to one piece, cut strokes of letters off it, and keep its edge."""
 _JUMP_GREY, _JUMP_SHARE = 40, 0.02
 """Change of one picture to the next beside the sector, and how much of that may change so: from there on the scanner
 shows another screen, such as its list of patients, and nothing is known of it. A clock's tick is a tenth of that."""
@@ -35,7 +35,12 @@ class Sector:
     """One picture after the other, (h, w) uint8. inside: (h, w) bool, None until it is known."""
 
     def __init__(self) -> None:
-        self._forget()
+        self._before: GreyImage | None = None
+        self._earlier: GreyImage | None = None
+        self._activity: Array32 | None = None
+        self._half: Bits | None = None
+        self._inside: Bits | None = None
+        self._count, self._seen, self._weight = 0, 0, 0.0
 
     def step(self, image: GreyImage) -> Bits | None:
         """Where tissue may be seen in this very picture; None while nobody knows. A picture of another size, or another
@@ -53,19 +58,15 @@ class Sector:
         return self._inside
 
     def _forget(self) -> None:
-        self._before: GreyImage | None = None
-        self._earlier: GreyImage | None = None
-        self._activity: Array32 | None = None
-        self._half: Bits | None = None
-        self._inside: Bits | None = None
+        self._earlier = self._activity = self._half = self._inside = None
         self._count, self._seen, self._weight = 0, 0, 0.0
 
     def _another_screen(self, now: GreyImage) -> bool:
         if self._half is None or self._before is None:
             return False
         outside = ~self._half
-        jumped = np.count_nonzero((cv2.absdiff(now, self._before) > _JUMP_GREY) & outside)
-        return bool(jumped > _JUMP_SHARE * max(np.count_nonzero(outside), outside.size // 20))
+        jumped = int(np.count_nonzero((cv2.absdiff(now, self._before) > _JUMP_GREY) & outside))
+        return jumped > _JUMP_SHARE * max(int(np.count_nonzero(outside)), outside.size // 20)
 
     def _learn(self, now: GreyImage, earlier: GreyImage) -> bool:
         changed = cv2.absdiff(now, earlier) > _CHANGED_GREY
