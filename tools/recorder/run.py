@@ -34,8 +34,9 @@ _QUEUED = 256
 """Messages between hearing and writing, 85 pictures or 3 s: so long may a disk pause. More takes memory."""
 _STATUS_EVERY_S = 0.25
 """Between two questions: a change of the state is known as soon, and an alarm is minutes long in the files."""
-_AGAIN_S = 1.0
-"""Before a service that is not there is asked again. Sooner finds its first second, longer spares the processor."""
+_AGAIN_S = 0.2
+"""Before a service that is not there is asked again: an estimator that was replaced takes a second to begin, and its
+line is recorded from its first sample. Longer misses that; shorter takes the processor for nothing."""
 _ANSWER_S = 2.0
 """For either side of the recorder's own socket to say its line."""
 _LONGEST_LINE = 4096  # as of the control socket
