@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
+from appliance.core.order import Order
 from appliance.limits import Limits
 from appliance.storage.black_box_fields import Begun, Gap, Item, Made, fields_of, item_of
 from drivers.errors import RecordingError
@@ -178,6 +179,13 @@ class BlackBox:
         more = len(self.damage) - _MOST_NAMED
         return "; ".join(self.damage[:_MOST_NAMED]) + (f"; and {more} more" if more > 0 else "")
 
+    def stamps(self) -> Iterator[tuple[str, int]]:
+        """(topic, when it was true, ns) of pictures and poses, without decoding them."""
+        for entry in self._mcap.entries():
+            t_ns = entry.fields.get("t_ns")
+            if entry.topic in ("/picture", "/pose") and isinstance(t_ns, int):
+                yield entry.topic, t_ns
+
     def items(self) -> Iterator[Told]:
         """In the order in which they were written; what cannot be understood is left out, told as damage, and there is
         a Gap in its place.
@@ -196,6 +204,14 @@ class BlackBox:
                 yield Told(item, entry.t_ns)
 
 
+class Span(NamedTuple):
+    """How many there are, and when the first and the last was true, ns."""
+
+    number: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+
+
 class Series:
     """Files of one session as one recording. paths: of one session, in any order. Raises RecordingError.
 
@@ -212,6 +228,20 @@ class Series:
     def damage_text(self) -> str:
         """What is wrong with any of them; complete once `items` has ended."""
         return "; ".join(f"{box.path.name} {box.damage_text}" for box in self.boxes if box.damage)
+
+    def spans(self) -> tuple[Span, Span]:
+        """Of pictures and of poses."""
+        found = {"/picture": Span(), "/pose": Span()}
+        for topic, t_ns in (stamp for box in self.boxes for stamp in box.stamps()):
+            span = found[topic]
+            first_ns = t_ns if span.number == 0 else min(span.first_ns, t_ns)
+            found[topic] = Span(span.number + 1, first_ns, max(span.last_ns, t_ns))
+        return found["/picture"], found["/pose"]
+
+    def first_order(self) -> Order | None:
+        """What the first line was made by; None where there was none."""
+        orders = (item.order for item, _ in self.items() if isinstance(item, Made))
+        return next((order for order in orders if order is not None), None)
 
     def items(self) -> Iterator[Told]:
         """As one file would have them: what each later part repeats so that it can be read alone is left out, and where

@@ -18,7 +18,7 @@ import numpy as np
 from drivers.errors import RecordingError
 from drivers.files.regular_file import read_bounded, refuse_irregular
 from drivers.recordings.metaimage import MAX_STAMP_S, unreadable
-from drivers.rigid import rotation_from_vector
+from drivers.rigid import pose_matrix
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 from drivers.trackers.plus_transform import TransformReading, rigid_reading, without_matrix
 from drivers.video.crop import FLIPS
@@ -30,8 +30,8 @@ _MOST_TABLE_BYTES = 256_000_000
 _MATRIX = tuple(f"m{row}{column}" for row in range(3) for column in range(4))
 _QUATERNION = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
 _NAME = "ProbeToTracker"
-_LEAST_TURN_RAD = 1e-9
-"""Below which a quaternion's axis is nothing but rounding; the rotation is none then, to the last digit written."""
+_SHORTEST, _LONGEST = 0.9, 1.1
+"""Length of a quaternion that was rounded; others are no rotation, but columns in another order."""
 
 
 class Film:
@@ -185,15 +185,7 @@ def _from_rows(values: list[float]) -> Matrix4:
 
 
 def _from_quaternion(values: list[float]) -> Matrix4:
-    x_mm, y_mm, z_mm, w, *axis = values
-    length = math.sqrt(w * w + sum(one * one for one in axis))
-    matrix = np.eye(4)
-    matrix[:3, 3] = x_mm, y_mm, z_mm
-    if not 0.9 < length < 1.1:
-        matrix[:] = np.nan  # told as a pose that is none, like every matrix that is no rotation
-        return matrix
-    sine = math.sqrt(sum(one * one for one in axis)) / length
-    if sine > _LEAST_TURN_RAD:
-        angle_rad = 2 * math.atan2(sine, w / length)
-        matrix[:3, :3] = rotation_from_vector(np.array(axis) / (sine * length) * angle_rad)
-    return matrix
+    x_mm, y_mm, z_mm, w, x, y, z = values
+    if not _SHORTEST < math.hypot(w, x, y, z) < _LONGEST:
+        return np.full((4, 4), np.nan)  # told as a pose that is none, like every matrix that is no rotation
+    return pose_matrix((w, x, y, z), (x_mm, y_mm, z_mm))
