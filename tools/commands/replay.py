@@ -231,10 +231,11 @@ def _box_fields(comparison: Comparison, damage: str) -> dict[str, object]:
     return {
         "recorded_verdicts": comparison.recorded,
         "equal_verdicts": comparison.equal,
-        "bit_for_bit": comparison.exact,
+        "bit_for_bit": comparison.exact if comparison.recorded else None,
         "first_difference": comparison.difference or None,
         "gaps": comparison.gaps,
-        "begins_amid": comparison.amid,
+        "verdicts_without_past": comparison.without_past,
+        "equal_anyway": comparison.equal_anyway,
         "text": comparison.text,
         "damage": damage or None,
     }

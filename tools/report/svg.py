@@ -2,6 +2,7 @@
 
 import html
 from collections.abc import Sequence
+from itertools import groupby
 from math import ceil, floor, isfinite, log10
 
 _WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM = 900, 64, 12, 8, 34
@@ -45,13 +46,17 @@ class Plot:
             self._names.append((kind, name))
 
     def band(self, xs: Sequence[float], low: Sequence[float], high: Sequence[float], kind: str) -> None:
-        """Between two lines, where both are finite."""
-        there = [(x, one, two) for x, one, two in zip(xs, low, high, strict=True) if isfinite(one) and isfinite(two)]
+        """Between two lines, broken where either is not finite."""
+        points = list(zip(xs, low, high, strict=True))
+        for finite, run in groupby(points, lambda point: isfinite(point[1]) and isfinite(point[2])):
+            if finite:
+                self._polygon(list(run), kind)
+
+    def _polygon(self, there: list[tuple[float, float, float]], kind: str) -> None:
         there = there[:: max(1, -(-len(there) // _MOST_POINTS))]
-        if len(there) > 1:
-            edge = [(x, high) for x, _, high in there] + [(x, low) for x, low, _ in reversed(there)]
-            points = " ".join(f"{self._at_x(x):.1f},{self._at_y(y):.1f}" for x, y in edge)
-            self._parts.append(f'<polygon class="band {kind}" points="{points}"/>')
+        edge = [(x, high) for x, _, high in there] + [(x, low) for x, low, _ in reversed(there)]
+        points = " ".join(f"{self._at_x(x):.1f},{self._at_y(y):.1f}" for x, y in edge)
+        self._parts.append(f'<polygon class="band {kind}" points="{points}"/>')
 
     def level(self, y: float, kind: str = "limit") -> None:
         """A line across."""

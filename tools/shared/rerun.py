@@ -1,4 +1,8 @@
-"""A black box through lines made as its orders say, and whether they say what was said live, bit for bit."""
+"""A black box through lines made as its orders say, and whether they say what was said live, bit for bit.
+
+That holds for the same version on the same kind of processor with one thread of BLAS, as the service and every command
+have it: libraries add numbers up in an order that suits the processor.
+"""
 
 import json
 from collections import deque
@@ -35,37 +39,52 @@ class Step(NamedTuple):
 
 @dataclass
 class Comparison:
-    """recorded, equal: verdicts in the file, and how many of them came again bit for bit. difference: the first that
-    did not, in words. gaps: what is missing in the file, in words. amid: the recording begins when a line had already
-    worked, so that its past is missing. text, every: as of `Begun`.
+    """recorded, equal: verdicts of lines that are in the file from their first sample on and without a gap, and how
+    many of them came again bit for bit. difference: the first that did not, in words. without_past, equal_anyway: the
+    same of lines some of whose past is not in the file. gaps: what is missing, in words. text, every: as of `Begun`.
     """
 
     recorded: int = 0
     equal: int = 0
     difference: str = ""
+    without_past: int = 0
+    equal_anyway: int = 0
     gaps: list[str] = field(default_factory=list)
-    amid: bool = False
     text: str = "kept"
     every: int = 1
 
     @property
     def exact(self) -> bool:
-        """Everything that the file has of what was said came again."""
+        """Everything that could come again did."""
         return self.recorded == self.equal and not self.difference
 
     @property
     def sentence(self) -> str:
         """For people."""
-        if self.recorded == 0:
+        if self.recorded + self.without_past == 0:
             return "the recording holds no verdicts to compare with"
+        said = self._of_whole_lines() if self.recorded else ""
+        if not self.without_past:
+            return said
+        partial = (
+            f"{self.without_past} verdicts are of lines some of whose past is not in the file ({self._why()}); "
+            f"{self.equal_anyway} came again all the same"
+        )
+        return f"{said}; {partial}" if said else partial
+
+    def _of_whole_lines(self) -> str:
         if self.exact:
             return f"all {self.recorded} verdicts are those of the live run, bit for bit"
-        why = [f"{len(self.gaps)} gaps"] if self.gaps else []
+        said = f"{self.equal} of {self.recorded} verdicts are those of the live run"
+        if self.text == "kept" and self.every == 1:
+            return f"{said}; nothing is missing in the file: another version, or processor? First: {self.difference}"
+        return f"{said}; no wonder: {self._why()}. First: {self.difference}"
+
+    def _why(self) -> str:
+        why = [f"gaps: {len(self.gaps)}"] if self.gaps else []
         why += ["text was blackened"] if self.text == "blackened" else []
         why += [f"only one of {self.every} pictures was recorded"] if self.every > 1 else []
-        why += ["it begins amid the work of a line"] if self.amid else []
-        cause = f"; no wonder: {', '.join(why)}" if why else "; nothing is missing in the file: another version?"
-        return f"{self.equal} of {self.recorded} verdicts are those of the live run{cause}. First: {self.difference}"
+        return ", ".join(why) or "recorded from amid its work on"
 
 
 class Rerun:
@@ -75,6 +94,7 @@ class Rerun:
         self._series, self._make_line = series, make_line
         self._said: deque[Verdict] = deque()
         self._again: deque[Verdict] = deque()
+        self._whole = False
         self.line: Repeating | None = None
         self.orders: list[Order] = []
         self.comparison = Comparison(text=series.begun.text, every=series.begun.every)
@@ -89,9 +109,11 @@ class Rerun:
                 verdicts = self.line.step(item)
                 self._again += verdicts
             elif isinstance(item, Verdict):
-                self.comparison.recorded += 1
+                self._count()
                 self._said.append(item)
             elif isinstance(item, Gap):
+                self._left_over()
+                self._whole = False
                 self.comparison.gaps.append(item.reason)
             self._compare()
             yield Step(item, now_ns, verdicts)
@@ -104,7 +126,13 @@ class Rerun:
         self.line = None if order is None else self._make_line(order.reference, order.limits, order.stale_ns)
         if order is not None:
             self.orders.append(order)
-            self.comparison.amid = self.comparison.amid or made.step > 0
+        self._whole = made.step == 0
+
+    def _count(self) -> None:
+        if self._whole:
+            self.comparison.recorded += 1
+        else:
+            self.comparison.without_past += 1
 
     def _compare(self) -> None:
         while self._said and self._again:
@@ -116,12 +144,13 @@ class Rerun:
             if said.t_ns < again.t_ns:
                 self._differs(f"at {said.t_ns} ns, there was one that does not come again")
             elif said.t_ns > again.t_ns:
-                if not self.comparison.gaps:
-                    self._differs(f"at {again.t_ns} ns, there comes one that was not there")
-            elif json.dumps(verdict_fields(said)) == json.dumps(verdict_fields(again)):
+                self._differs(f"at {again.t_ns} ns, there comes one that was not there")
+            elif json.dumps(verdict_fields(said)) != json.dumps(verdict_fields(again)):
+                self._differs(f"at {said.t_ns} ns, {_difference(said, again)}")
+            elif self._whole:
                 self.comparison.equal += 1
             else:
-                self._differs(f"at {said.t_ns} ns, {_difference(said, again)}")
+                self.comparison.equal_anyway += 1
 
     def _left_over(self) -> None:
         if self._said:
@@ -130,7 +159,8 @@ class Rerun:
         self._again.clear()
 
     def _differs(self, how: str) -> None:
-        self.comparison.difference = self.comparison.difference or how
+        if self._whole:
+            self.comparison.difference = self.comparison.difference or how
 
 
 def _difference(said: Verdict, again: Verdict) -> str:

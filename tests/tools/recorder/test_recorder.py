@@ -288,7 +288,7 @@ def test_blackened_pictures_do_not_say_the_same_bit_for_bit_and_that_is_told(tmp
     run = Rerun(*series_of(BlackBox(path) for path in (tmp_path / "ring").glob("*.mcap")))
     for _ in run.steps():
         pass
-    assert not run.comparison.exact
+    assert run.comparison.equal_anyway + run.comparison.equal < run.comparison.without_past + run.comparison.recorded
     assert "text was blackened" in run.comparison.sentence
 
 
