@@ -16,6 +16,7 @@ _COMMANDS = {
     "check": "check a configuration and its calibration, and start nothing",
     "demo": "a simulated cart with injected faults, from bytes to alarm",
     "devices": "what is connected to this host, and whether it can be opened",
+    "export": "a black box as .igs.mha or .igs.nrrd, table or film, for other programs",
     "fleet": "which carts need somebody, from the Prometheus that watches them",
     "lamp-test": "light every lamp and sound the tone for five seconds",
     "log": "read, filter and verify the alarm log; export it as CSV",
