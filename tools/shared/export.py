@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from appliance.core.acquisition.pairing import MOST_APART_NS
 from appliance.storage.black_box import Series
 from appliance.storage.black_box_fields import Made, State
 from appliance.types import Verdict, VerdictKind
@@ -22,8 +23,6 @@ from drivers.samples import Frame, GreyImage, Matrix4, Pose
 
 FORMS = (".igs.mha", ".igs.nrrd", "csv", "mp4")
 _NAME = "ProbeToTracker"
-_GAP_NS = 200_000_000
-"""Between two poses, beyond which a picture between them gets none: as the line pairs them (`Pairing`)."""
 _FPS = 30.0
 """Of a film whose pictures say no other."""
 _SLOWEST_FPS, _FASTEST_FPS = 1.0, 120.0
@@ -181,7 +180,7 @@ def _pose_at(poses: list[tuple[int, Matrix4]], times: list[int], t_ns: int) -> M
     place = bisect(times, t_ns)
     if place and times[place - 1] == t_ns:
         return poses[place - 1][1]
-    if not 0 < place < len(poses) or times[place] - times[place - 1] > _GAP_NS:
+    if not 0 < place < len(poses) or times[place] - times[place - 1] > MOST_APART_NS:
         return None
     (before_ns, before), (after_ns, after) = poses[place - 1], poses[place]
     return interpolate(before, after, (t_ns - before_ns) / (after_ns - before_ns))
