@@ -32,6 +32,7 @@ FILES = {
     "systemd/probewatch-openigtlink.service": "usr/lib/systemd/system/probewatch-openigtlink.service",
     "systemd/probewatch-metrics.service": "usr/lib/systemd/system/probewatch-metrics.service",
     "systemd/probewatch-mqtt.service": "usr/lib/systemd/system/probewatch-mqtt.service",
+    "systemd/probewatch-page.service": "usr/lib/systemd/system/probewatch-page.service",
     "systemd/probewatch.sysusers": "usr/lib/sysusers.d/probewatch.conf",
     "systemd/probewatch.tmpfiles": "usr/lib/tmpfiles.d/probewatch.conf",
     "systemd/probewatch.modules-load": "usr/lib/modules-load.d/probewatch.conf",

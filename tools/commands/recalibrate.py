@@ -30,11 +30,16 @@ from appliance.storage.reference import candidate_from_content, in_force
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable
+from tools.recalibration.session import Begin, ScanSession, SignOff
+from tools.recalibration.terminal import run
 from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
+from tools.shared.status_watch import StatusWatch
 from tools.shared.tables import FittingTable
 from tools.shared.terminal import progress_bar
 from tools.shared.verification import accepted, await_verification, recalibrating, refuse_simulated
 
+_LOOK_S = 0.2
+"""Between two questions to the service during a live scan: four of its ticks."""
 _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
 
 _HELP = """Scan a cross-wire, solve ζ, write a new calibration, and let the service verify it.
@@ -86,9 +91,19 @@ class _Reference:
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of the simulated scan")
 @click.option("--duration", default=30.0, show_default=True, type=click.FloatRange(1, 600), help="of it, in s")
 @click.option(
-    "--solve", default="zeta", show_default=True, type=click.Choice(["zeta", "offset"]), help="ζ, or all of t_x"
+    "--solve",
+    default="zeta",
+    show_default=True,
+    type=click.Choice(["zeta", "offset", "whole"]),
+    help="ζ; t_x; live, all eight",
 )
 @click.option("--sigma-mm", default=0.5, show_default=True, type=click.FloatRange(0.01, 5), help="largest ± accepted")
+@click.option("--live", is_flag=True, help="scan on the running cart; asks for the rest, or takes the next five")
+@click.option("--preset", help="with --live: depth or preset of the scanner")
+@click.option("--technician", help="with --live: who scans")
+@click.option("--signed-by", help="with --live: the second person, NAME, ROLE; then nobody is asked")
+@click.option("--feed", type=click.Path(path_type=Path), help="with --live: the feed's socket, if not the service's")
+@click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="with --live: for the new file [.]")
 @click.option("--yes", is_flag=True, help="accept a difference beyond the limits of the checks without being asked")
 @click.option("--wait", "wait_s", default=120.0, show_default=True, type=click.FloatRange(1, 3600), help="for it, in s")
 def command(
@@ -107,11 +122,24 @@ def command(
     duration: float,
     solve: str,
     sigma_mm: float,
+    live: bool,
+    preset: str | None,
+    technician: str | None,
+    signed_by: str | None,
+    feed: Path | None,
+    folder: Path | None,
     yes: bool,
     wait_s: float,
 ) -> None:
+    if live:
+        if simulate or recording is not None:
+            raise click.UsageError("--live scans on the cart itself; leave --simulated and --recording out")
+        _live(config_file, socket, feed, folder, _chosen(probe, preset, technician, solve, signed_by))
+        return
+    if solve == "whole":
+        raise click.UsageError("--solve whole is for --live")
     if simulate == (recording is not None):
-        raise click.UsageError("give the scan: either --recording FILE or --simulated")
+        raise click.UsageError("give the scan: --live, or either --recording FILE or --simulated")
     scan_input = simulated(seed, duration) if recording is None else recorded(recording, probe, reference, orientation)
     before, socket = _in_force(config_file, socket, calibration, simulate, scan_input.size_px, probe)
     target = output or _dated(before)
@@ -131,6 +159,46 @@ def command(
         if socket is not None:
             _hand_over(socket, target, yes)
     _conclude(socket, target, wait_s)
+
+
+def _chosen(
+    probe: str | None, preset: str | None, technician: str | None, solve: str, signed_by: str | None
+) -> tuple[Begin, SignOff | None]:
+    """What is not given is asked for, unless the second person is named."""
+
+    def given(value: str | None, question: str) -> str:
+        return value or ("" if signed_by is not None else str(click.prompt(question)))
+
+    begin = Begin(
+        given(probe, "probe"),
+        given(preset, "depth or preset of the scanner"),
+        given(technician, "your name"),
+        wanted="zeta" if solve == "zeta" else "whole",
+    )
+    if signed_by is None:
+        return begin, None
+    name, _, role = signed_by.partition(",")
+    return begin, SignOff(name, role)
+
+
+def _live(
+    config_file: Path | None,
+    socket: Path | None,
+    feed: Path | None,
+    folder: Path | None,
+    chosen: tuple[Begin, SignOff | None],
+) -> None:
+    config = None if config_file is None else load_config(config_file)
+    control = socket or (None if config is None else config.control.socket)
+    if control is None:
+        raise click.UsageError("name the service: --config FILE, or --socket")
+    pictures = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
+    begin, sign_off = chosen
+    with (
+        StatusWatch(control, _LOOK_S) as watch,
+        ScanSession(control, pictures, (folder or Path()).absolute(), watch) as session,
+    ):
+        run(session, begin, sign_off)
 
 
 def _in_force(
@@ -185,12 +253,13 @@ def _scanned(scan_input: ScanInput, latency_ms: float) -> CrosswireScan:
         for sample in scan_input.samples:
             scan.step(sample)
             progress.update(task, advance=1, seen=scan.sightings, pictures=scan.pictures)
+    scan.finish()
     return scan
 
 
 def _solved(scan: CrosswireScan, before: Calibration, solve: str, demand: Demand) -> OffsetSolution:
     """Raises ScanRefused, with what the pictures showed where the crossing was hardly seen."""
-    views = scan.views()
+    views = scan.views
     click.echo(f"{scan.pictures} pictures, crossing seen in {scan.sightings}, {len(views)} passages through its plane")
     for reason, number in scan.refused.most_common():
         click.echo(f"  {number} without: {reason}")

@@ -32,10 +32,11 @@ def scanned(samples: Iterator[Sample]) -> CrosswireScan:
     scan = CrosswireScan()
     for sample in samples:
         scan.step(sample)
+    scan.finish()
     return scan
 
 
-def arrays(views: tuple[View, ...]) -> tuple[np.ndarray, np.ndarray]:
+def arrays(views: list[View]) -> tuple[np.ndarray, np.ndarray]:
     return np.array([view.centre_px for view in views]), np.array([view.matrix for view in views])
 
 
@@ -55,7 +56,7 @@ def recover(seed: int, seconds: float, settings: WorldSettings = SMALL) -> tuple
     """(error of ζ, its stated sigma) in mm, having started 5 mm off."""
     scan, true = rendered_scan(seed, seconds, settings), truth(cross_wire(seed, settings=settings))
     wrong = replace(true, offset_mm=true.offset_mm + np.array([0, 0, 5.0]))
-    solution = solve_zeta(*arrays(scan.views()), wrong)
+    solution = solve_zeta(*arrays(scan.views), wrong)
     return solution.zeta_mm - float(true.offset_mm[2]), solution.zeta_sigma_mm, scan
 
 
@@ -81,7 +82,7 @@ def test_zeta_is_within_its_sigma_in_nineteen_of_twenty_scans() -> None:
 @pytest.mark.parametrize(("seed", "seconds"), [(1, 14), pytest.param(4, 12, marks=pytest.mark.thorough)])
 def test_a_view_is_taken_where_the_plane_meets_the_crossing(seed: int, seconds: float) -> None:
     world = cross_wire(seed)
-    depths_mm = [depth_mm(world, view) for view in rendered_scan(seed, seconds, SMALL).views()]
+    depths_mm = [depth_mm(world, view) for view in rendered_scan(seed, seconds, SMALL).views]
     assert len(depths_mm) >= 8
     assert np.abs(depths_mm).max() < 0.08
     assert abs(np.mean(depths_mm)) < 0.02
@@ -92,7 +93,7 @@ def test_the_whole_offset_is_recovered_after_the_marker_slid() -> None:
     world = cross_wire(5)
     true = truth(world)
     slid = replace(true, offset_mm=true.offset_mm + np.array([6.0, -7.0, 4.0]))
-    solution = solve_offset(*arrays(scanned(session(world, 16)).views()), slid)
+    solution = solve_offset(*arrays(scanned(session(world, 16)).views), slid)
     assert np.all(np.abs(solution.offset_mm - true.offset_mm) < 3 * solution.sigma_mm)
     assert solution.sigma_mm.max() < 0.2
 
@@ -103,18 +104,18 @@ def test_moving_through_the_crossing_without_tilt_gives_views_but_no_zeta() -> N
     true = truth(world)
     # The drawings are learnt while the wires move sideways, which this motion never does; so no overlay here.
     scan = scanned(session(cross_wire(1, "elevational", replace(SMALL, overlay=False)), 40, fps=15))
-    assert len(scan.views()) >= 8
+    assert len(scan.views) >= 8
     with pytest.raises(ScanRefused, match=r"tilt spread is 0\.\d° .* 5° is needed"):
-        solve_zeta(*arrays(scan.views()), true)
+        solve_zeta(*arrays(scan.views), true)
 
 
 def test_a_probe_that_stands_still_gives_no_view() -> None:
-    assert scanned(session(cross_wire(1, program="still"), 3, fps=10)).views() == ()
+    assert scanned(session(cross_wire(1, program="still"), 3, fps=10)).views == []
 
 
 def test_tissue_is_no_cross_wire() -> None:
     scan = scanned(session(World(1, "freehand", "tissue", SMALL), 3, fps=10))
-    assert scan.views() == ()
+    assert scan.views == []
 
 
 def test_pictures_without_poses_are_counted_by_reason() -> None:
@@ -142,5 +143,6 @@ def test_a_known_latency_of_the_tracker_is_taken_out() -> None:
         scan = CrosswireScan(latency_ms)
         for sample in sorted(samples, key=lambda sample: sample.stamp.t_ns):
             scan.step(sample)
-        clouds_mm.append(solve_zeta(*arrays(scan.views()), truth(world)).localisation_mm)
+        scan.finish()
+        clouds_mm.append(solve_zeta(*arrays(scan.views), truth(world)).localisation_mm)
     assert clouds_mm[1] < 0.1 < 3 * clouds_mm[1] < clouds_mm[0]
