@@ -59,8 +59,8 @@ def test_what_was_recorded_of_the_demos_cart_says_the_same_bit_for_bit(tmp_path:
             until(lambda: cart.status()["counters"]["frames"] > 30, 30)
             subprocess.run(["kill", "-9", str(pid)], check=True)
             until(lambda: cart.status()["counters"]["estimator_restarts"] > 0, 30)
-            cart.wait_for("monitoring", 60)
-            time.sleep(3)
+            seen = cart.status()["counters"]["frames"]
+            until(lambda: cart.status()["counters"]["frames"] > seen + 300, 60)
             assert process.poll() is None
         said = replayed(cart)
         assert said["recorded_verdicts"] > 150
