@@ -31,6 +31,7 @@ _COMMANDS = {
     "release": "de-energise every alarm output, for a service that has ended",
     "reload": "have the service take its changed configuration",
     "replay": "run a recording through the line and print a report",
+    "report": "what this cart did in a day, week or month, as a page to file",
     "run": "the service: watch the devices named in the configuration",
     "self-test": "before the clinic opens: devices, rates, noise, outputs, disk; green or red",
     "simulate": "a tracker or a whole cart that exists only as bytes, with faults at run time",

@@ -22,6 +22,7 @@ from drivers.errors import RecordingError
 from drivers.files.atomic_file import check_writable
 from drivers.recordings.replay import Recording, open_recording
 from drivers.twins.faults import CART_FAULTS, Episode, Schedule
+from tools.report.pdf import check_pdf, write_pdf
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
 from tools.shared.estimate import check_new, write_estimate
@@ -62,6 +63,7 @@ def _episode(text: str) -> Episode:
 @click.option("--inject", "schedule", multiple=True, callback=_episodes, metavar="FAULT[@SECONDS]", help="repeatable")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the report here too")
 @click.option("--html", "html_path", type=click.Path(path_type=Path), help="write a page to look at, with plots")
+@click.option("--pdf", "pdf_path", type=click.Path(path_type=Path), help="that page as PDF, by chromium")
 @click.option(
     "--estimate", "estimate_path", type=click.Path(path_type=Path), help="write the estimated calibration here"
 )
@@ -79,6 +81,7 @@ def command(
     schedule: Schedule,
     json_path: Path | None,
     html_path: Path | None,
+    pdf_path: Path | None,
     estimate_path: Path | None,
     probe: str | None,
     reference: str | None,
@@ -109,8 +112,11 @@ def command(
     Exit code 0 says that a report was made; the verdict is in the report. 65: the recording cannot be used, or shows
     too little for --estimate; 78: the calibration or an option cannot.
     """
-    for path in (json_path, html_path):
+    for path in (json_path, html_path, pdf_path):
         check_writable(path)
+    check_pdf(pdf_path)
+    if pdf_path is not None and html_path is None:
+        raise click.UsageError("--pdf prints the page of --html")
     check_new(estimate_path)
     if estimate_path is not None and calibration is None:
         raise click.UsageError("--estimate needs --calibration")
@@ -134,6 +140,9 @@ def command(
         kept = outcome.path.name, trace, outcome.report, outcome.timeline, outcome.comparison, outcome.damage
         write_recording_page(html_path, *kept)
         click.echo(f"written: {html_path}")
+        if pdf_path is not None:
+            write_pdf(html_path, pdf_path)
+            click.echo(f"written: {pdf_path}")
     if estimate_path is not None:
         assert outcome.nominal is not None
         write_estimate(estimate_path, outcome.report.estimate, outcome.nominal, outcome.path)

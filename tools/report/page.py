@@ -18,6 +18,7 @@ _STYLE = """
   --good: #2e7d32; --wait: #00838f; --warn: #b98900; }
 @media (prefers-color-scheme: dark) { :root { --text: #e8e6ea; --ground: #16151a; --faint: #34323a; --soft: #aaa;
   --a: #7db4ea; --b: #f0ae52; --bad: #ff8a80; --good: #81c784; --wait: #4dd0e1; --warn: #ffd54f; } }
+@page { size: A4; margin: 15mm; }
 @media print { :root { color-scheme: light; } body { margin: 0; } section { break-inside: avoid; } }
 body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: var(--text); background: var(--ground); }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }
