@@ -170,6 +170,25 @@ class Feed(_Section):
     socket: Annotated[_Place, AfterValidator(_bindable)] | None = None
 
 
+class Recorder(_Section):
+    """What `probewatch record` keeps of the feed; the service takes no notice of it. docs/black-box.md.
+
+    ring_gb, kept_gb: 10⁹ bytes of the latest, and of what is kept of alarms and of stretches that a person marked.
+    leave_free_gb: of the disk, below which nothing is written. before_alarm_s, after_alarm_s: what is kept of an alarm.
+    every: one of so many pictures. text: whether what lies outside the sector is made black.
+    """
+
+    folder: _Place = Path("/var/lib/probewatch-recorder")
+    socket: Annotated[_Place, AfterValidator(_bindable)] = Path("/run/probewatch-recorder/control")
+    ring_gb: float = Field(default=20.0, ge=0.05, le=100_000)
+    kept_gb: float = Field(default=10.0, ge=0.05, le=100_000)
+    leave_free_gb: float = Field(default=2.0, ge=0.1, le=100_000)
+    before_alarm_s: float = Field(default=120.0, ge=10, le=3600)
+    after_alarm_s: float = Field(default=60.0, ge=0, le=3600)
+    every: int = Field(default=1, ge=1, le=1000)
+    text: Literal["blacken", "keep"] = "blacken"
+
+
 class Alarm(_Section):
     """How the operator is spoken to, and the folder of the alarm log, which must outlive a power cut."""
 
@@ -195,6 +214,7 @@ class Config(_Section):
     supervisor: SupervisorTimes = SupervisorTimes()
     control: Control = Control()
     feed: Feed = Feed()
+    recorder: Recorder = Recorder()
     alarm: Alarm = Alarm()
     log: Log = Log()
 
@@ -232,7 +252,8 @@ def load_config(path: Path) -> Config:
         where = f"[feed] socket = '{config.feed.socket}'"
         raise ConfigurationError("is the control socket", where, "Choose another path; the usual one is beside it")
     alarm = config.alarm.model_copy(update={"folder": path.parent / config.alarm.folder})
-    return config.model_copy(update={"calibration": place, "alarm": alarm})
+    recorder = config.recorder.model_copy(update={"folder": path.parent / config.recorder.folder})
+    return config.model_copy(update={"calibration": place, "alarm": alarm, "recorder": recorder})
 
 
 def is_configured(path: Path) -> bool:

@@ -11,6 +11,7 @@ FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "probewatch.service"
 BESIDE = FOLDER / "probewatch-openigtlink.service"
 PAGE = FOLDER / "probewatch-page.service"
+RECORDER, REPORT = FOLDER / "probewatch-recorder.service", FOLDER / "probewatch-report.service"
 UNITS = sorted(FOLDER.glob("probewatch*.service"))
 needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze (systemd)")
 needs_udev = pytest.mark.skipif(shutil.which("udevadm") is None, reason="needs udevadm (udev)")
@@ -78,8 +79,24 @@ def test_the_page_is_a_user_of_its_own_without_devices_and_reached_from_this_com
     assert not {"DeviceAllow", "Requires", "BindsTo"} & unit.keys()
 
 
+@pytest.mark.parametrize("unit", [RECORDER, REPORT], ids=lambda unit: unit.name)
+def test_who_writes_of_it_has_no_device_no_network_and_a_folder_of_its_own(unit: Path) -> None:
+    found = settings(unit)
+    assert found["PrivateDevices"] == found["PrivateNetwork"] == ["yes"]
+    assert found["RestrictAddressFamilies"] == ["AF_UNIX"]
+    assert found["User"] == found["StateDirectory"]
+    assert int(found["Nice"][0]) > 0
+    assert found["OOMScoreAdjust"] == ["500"]
+    assert not {"DeviceAllow", "Requires", "BindsTo"} & found.keys()
+
+
+@needs_systemd
+def test_systemd_accepts_the_timer() -> None:
+    assert said("systemd-analyze", "verify", str(FOLDER / "probewatch-report.timer")) == (0, "")
+
+
 @pytest.mark.parametrize(
-    "unit", [unit for unit in UNITS if unit not in (UNIT, BESIDE, PAGE)], ids=lambda unit: unit.name
+    "unit", [unit for unit in UNITS if unit not in (UNIT, BESIDE, PAGE, RECORDER, REPORT)], ids=lambda unit: unit.name
 )
 def test_who_only_reads_the_status_has_no_device_no_log_and_a_user_of_its_own(unit: Path) -> None:
     lines = unit.read_text().splitlines()
@@ -107,7 +124,7 @@ def test_users_and_folders_can_be_made(tmp_path: Path) -> None:
     assert (code, "probewatch" in (tmp_path / "etc/passwd").read_text()) == (0, True), text
     groups = (tmp_path / "etc/group").read_text()
     assert re.search(r"^gpio:.*probewatch", groups, re.M)
-    assert re.search(r"^probewatch:.*:probewatch-monitor,probewatch-page$", groups, re.M)
+    assert re.search(r"^probewatch:.*:probewatch-monitor,probewatch-page,probewatch-recorder$", groups, re.M)
 
 
 @needs_udev

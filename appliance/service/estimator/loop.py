@@ -8,8 +8,9 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+from appliance.core.order import Order
 from appliance.limits import Limits
-from appliance.service.estimator.link import LinkClosed, Order, Word, receive, send
+from appliance.service.estimator.link import LinkClosed, Word, receive, send
 from appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
 from appliance.service.estimator.tap import Tap, TapFds
 from appliance.service.host.child_process import end_with_parent

@@ -11,8 +11,9 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from appliance.core.order import Order
 from appliance.limits import Limits
-from appliance.service.estimator.link import LinkClosed, Order, Word, link_pair, receive, send
+from appliance.service.estimator.link import LinkClosed, Word, link_pair, receive, send
 from appliance.service.estimator.ring import FRAMES, POSES, Ring
 from appliance.service.estimator.tap import TapFds
 from appliance.service.host.child_process import ONE_THREAD

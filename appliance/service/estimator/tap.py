@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
-from appliance.service.estimator.link import Order
+from appliance.core.order import Order
 from appliance.service.estimator.ring import FRAMES, Ring, RingFds
 from appliance.types import Verdict
 from drivers.samples import Frame, Pose, Sample, Stamp

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from appliance.service.estimator.link import Order
+from appliance.core.order import Order
 from appliance.service.estimator.ring import Ring
 from appliance.service.estimator.tap import NOTHING, PICTURES, WORDS, Begun, FeedCounts, Picture, Taken, Wish, received
 from appliance.service.feed import message

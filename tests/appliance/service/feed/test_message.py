@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from appliance.core.order import Order
 from appliance.limits import Limits
-from appliance.service.estimator.link import Order
 from appliance.service.feed import message
 from appliance.service.feed.message import HEAD_BYTES, Judged, Lost, Ordered, Taken, lengths, unpacked
 from appliance.service.feed.request import FeedRequest, request_of
