@@ -2,28 +2,49 @@
 
 import os
 import signal
-import threading
+import sys
 import time
-import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from appliance.service.feed.request import FeedRequest
 from drivers.errors import DeviceLost
 from tests.support.answers import answered
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
 from tests.support.web_page import WebPage
 from tools.shared.feed import Feed
+from tools.simulators.whole_cart import Part
 
-ALARMS = 12
+ALARMS = 24
 """In each half of a run; a turn takes some 1.5 s."""
 _MORE_S = 0.05
-"""One tick: by how much the worst delay may differ between two halves of a run on a machine with other work."""
+"""One tick: by how much the delays may differ between two halves of a run on a machine with other work."""
+NICE = ["/usr/bin/nice", "-n", "10"]
+READER = """
+import sys
+from pathlib import Path
+from appliance.service.feed.request import FeedRequest
+from tools.shared.feed import Feed
+for message in Feed(Path(sys.argv[1]), FeedRequest(every=int(sys.argv[2]))):
+    pass
+"""
+SLEEPER = """
+import sys, time
+from pathlib import Path
+from tools.shared.feed import Feed
+feed = Feed(Path(sys.argv[1]))
+time.sleep(600)
+"""
+LOOKER = """
+import sys, urllib.request
+while True:
+    with urllib.request.urlopen(sys.argv[1], timeout=10) as answer:
+        answer.read()
+"""
 
 
 def opened_after_s(cart: Cart) -> float:
@@ -40,29 +61,13 @@ def opened_after_s(cart: Cart) -> float:
 
 @contextmanager
 def onlookers(cart: Cart, web: WebPage) -> Iterator[None]:
-    """Two who read everything, one who never reads, and the page with its picture."""
-    path, ended = cart.socket.with_name("feed"), threading.Event()
-    feeds = [Feed(path), Feed(path, FeedRequest(every=2, most_px=320)), Feed(path)]
-
-    def read(feed: Feed) -> None:
-        with suppress(DeviceLost):
-            while not ended.is_set():
-                feed.next(0.2)
-
-    def look() -> None:
-        while not ended.is_set():
-            with urllib.request.urlopen(f"{web.url}picture", timeout=10) as answer:
-                answer.read()
-
-    threads = [threading.Thread(target=read, args=(feed,)) for feed in feeds[:2]] + [threading.Thread(target=look)]
-    for thread in threads:
-        thread.start()
-    yield
-    ended.set()
-    for thread in threads:
-        thread.join()
-    for feed in feeds:
-        feed.close()
+    """Two who read, one who never does, and one who looks at the page's picture; niced, as their units are."""
+    path = str(cart.socket.with_name("feed"))
+    with ExitStack() as running:
+        for how in ((READER, path, "1"), (READER, path, "2"), (SLEEPER, path), (LOOKER, f"{web.url}picture")):
+            viewer = Part("viewer", [*NICE, sys.executable, "-c", *how])
+            running.callback(viewer.end, kill=True)
+        yield
 
 
 def test_the_alarm_is_not_later_with_two_viewers_a_sleeper_and_the_page(cart: Cart, tmp_path: Path) -> None:
@@ -74,13 +79,14 @@ def test_the_alarm_is_not_later_with_two_viewers_a_sleeper_and_the_page(cart: Ca
         for _ in range(3):
             without += [opened_after_s(cart) for _ in range(ALARMS // 3)]
             with onlookers(cart, web):
-                until(lambda: cart.status()["feed"]["clients"] >= 3)
+                until(lambda: cart.status()["feed"]["clients"] >= 4, 30)
                 beside += [opened_after_s(cart) for _ in range(ALARMS // 3)]
-            until(lambda: cart.status()["feed"]["clients"] <= 1)
-    told = [f"{np.median(one) * 1e3:.0f} ms, at most {max(one) * 1e3:.0f}" for one in (without, beside)]
-    print(f"\nthe contact opened after: alone {told[0]}; looked on {told[1]}; {len(without)} alarms each")
-    assert np.median(beside) <= np.median(without) + _MORE_S
-    assert max(beside) <= max(without) + 2 * _MORE_S
+            until(lambda: cart.status()["feed"]["clients"] == 0, 30)
+    most = {share: [float(np.quantile(one, share)) for one in (without, beside)] for share in (0.5, 0.9, 1.0)}
+    told = "; ".join(f"{share:.0%}: {a * 1e3:.0f} and {b * 1e3:.0f} ms" for share, (a, b) in most.items())
+    print(f"\nthe contact opened after, without and with: {told}; {len(without)} alarms each")
+    for share in (0.5, 0.9):
+        assert most[share][1] <= most[share][0] + _MORE_S, told
 
 
 def test_a_feed_that_is_killed_or_hangs_is_felt_by_those_who_listen_alone(cart: Cart) -> None:

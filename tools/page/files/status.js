@@ -5,7 +5,7 @@ const MARKS = { OK: ["✓", "good"], FAULT: ["✗", "bad"], NOT_VERIFIED: ["?", 
 function value(check) {
   if (check.value === null) return "–";
   const sigma = check.sigma ? ` ± ${check.sigma.toPrecision(2)}` : "";
-  return `${check.value.toPrecision(3)}${sigma} ${check.unit}`;
+  return `${check.value.toPrecision(3)}${sigma} ${check.unit}`.replaceAll(" ", "\u00a0");
 }
 
 function showChecks(status) {
