@@ -215,6 +215,9 @@ def find_crossing(
         return Missed(NoCrossing.UNCLEAR, best.place_px[None])
     # A wire that is cut off by the border cannot be measured, but it is the other wire.
     rivals = _rivals([best, *(spot for spot in spots if _may_be_wire(spot, best))], scale_mm_per_px)
+    lobes = [spot for spot in rivals if _holds(spot, *best.place_px.astype(int)) and _near(spot, best, scale_mm_per_px)]
+    if lobes and len(lobes) == len(rivals):
+        best, rivals = lobes[-1], []
     if rivals:
         reason = NoCrossing.PARTED if len(rivals) == 1 else NoCrossing.UNCLEAR
         return Missed(reason, np.array([spot.place_px for spot in (best, *rivals)]))
@@ -309,6 +312,10 @@ def _spot(
         refusal = NoCrossing.CUT
     wall = x == 0 and x + width == right - left
     return _Spot(peak, height, np.array([column, row], float), inside, corner, refusal, wall)
+
+
+def _near(spot: _Spot, best: _Spot, scale_mm_per_px: tuple[float, float]) -> bool:
+    return bool(np.linalg.norm((spot.place_px - best.place_px) * scale_mm_per_px) <= _LOBES_MM)
 
 
 def _may_be_wire(spot: _Spot, best: _Spot) -> bool:
