@@ -191,21 +191,7 @@ def find_crossing(
 
     drawn: of Drawings, for this picture. scale_mm_per_px: (lateral, axial), right within a factor of two.
     """
-    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX), np.uint8)
-    around = _surroundings(smooth, scale_mm_per_px)
-    if drawn is not None:
-        smooth[drawn > 0] = 0
-    contrast = np.asarray(cv2.subtract(smooth, around), np.uint8)
-    scatter = _scatter(smooth, around, drawn)
-    if drawn is None:
-        drawn = np.zeros_like(smooth)
-    spots = _spots(
-        smooth,
-        contrast,
-        _edges(image) | drawn,
-        max(_LEAST_CONTRAST_GREY, _LEAST_CONTRAST_SD * scatter),
-        scale_mm_per_px,
-    )
+    smooth, scatter, spots = _looked(image, drawn, scale_mm_per_px, _RIVAL_SHARE)
     wires = [spot for spot in spots if spot.refusal is None]
     if not wires:
         return Missed(spots[0].refusal or NoCrossing.ABSENT if spots else NoCrossing.ABSENT, np.empty((0, 2)))
@@ -228,6 +214,36 @@ def find_crossing(
     return _measured(image, best, scatter, next_best)
 
 
+def find_echoes(
+    image: GreyImage,
+    drawn: NDArray[np.uint8] | None = None,
+    scale_mm_per_px: tuple[float, float] = ROUGH_SCALE_MM_PER_PX,
+    share: float = 0.25,
+) -> list[Crossing]:
+    """Every echo that may be of a wire, the strongest first, such as those of an N-wire phantom.
+
+    share: least contrast against the strongest. Arguments else as for find_crossing.
+    """
+    _smooth, scatter, spots = _looked(image, drawn, scale_mm_per_px, share)
+    measured = [_measured(image, spot, scatter, 0.0) for spot in spots if spot.refusal is None]
+    return [one for one in measured if isinstance(one, Crossing)]
+
+
+def _looked(
+    image: GreyImage, drawn: NDArray[np.uint8] | None, scale_mm_per_px: tuple[float, float], share: float
+) -> tuple[GreyImage, float, list[_Spot]]:
+    """The smoothed picture, the scatter of the surroundings in greys, and the spots, the strongest first."""
+    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX), np.uint8)
+    around = _surroundings(smooth, scale_mm_per_px)
+    if drawn is None:
+        drawn = np.zeros_like(smooth)
+    smooth[drawn > 0] = 0
+    contrast = np.asarray(cv2.subtract(smooth, around), np.uint8)
+    scatter = _scatter(smooth, around, drawn)
+    least = max(_LEAST_CONTRAST_GREY, _LEAST_CONTRAST_SD * scatter)
+    return smooth, scatter, _spots(smooth, contrast, _edges(image) | drawn, least, share, scale_mm_per_px)
+
+
 def _edges(image: GreyImage) -> NDArray[np.uint8]:
     """(h, w) non-zero where grey falls to nothing from one pixel to the next: the border of the sector."""
     dark = np.asarray(cv2.erode(image, np.ones((3, 3), np.uint8)), np.uint8) == 0
@@ -242,12 +258,10 @@ def _surroundings(smooth: GreyImage, scale_mm_per_px: tuple[float, float]) -> Gr
     return np.asarray(cv2.resize(median, smooth.shape[::-1], interpolation=cv2.INTER_LINEAR), np.uint8)
 
 
-def _scatter(smooth: GreyImage, around: GreyImage, drawn: NDArray[np.uint8] | None) -> float:
+def _scatter(smooth: GreyImage, around: GreyImage, drawn: NDArray[np.uint8]) -> float:
     """Standard deviation of the surroundings, grey levels: of where there are any."""
     apart = cv2.absdiff(smooth, around)[::4, ::4]
-    seen = around[::4, ::4] > 0
-    if drawn is not None:
-        seen &= drawn[::4, ::4] == 0
+    seen = (around[::4, ::4] > 0) & (drawn[::4, ::4] == 0)
     return float(_SD_PER_MEDIAN * np.median(apart[seen])) if seen.any() else 0.0
 
 
@@ -256,13 +270,14 @@ def _spots(
     contrast: GreyImage,
     drawn: NDArray[np.uint8],
     least: float,
+    share: float,
     scale_mm_per_px: tuple[float, float],
 ) -> list[_Spot]:
     """The strongest spots, by contrast; each with why it cannot be a wire, if so."""
     strongest = float(contrast.max())
     if strongest < least:
         return []
-    least = max(least, _RIVAL_SHARE * strongest)
+    least = max(least, share * strongest)
     tops = (contrast == cv2.dilate(contrast, np.ones((5, 9), np.uint8))) & (contrast >= least)
     *_, centres = cv2.connectedComponentsWithStats(tops.astype(np.uint8))
     places = np.rint(centres[1:]).astype(int)
