@@ -75,8 +75,6 @@ _WEAKER_GREY = 8
 """By how much reverberation or a bubble is weaker than the crossing, at least: 2 dB. A bubble as bright as a wire
 cannot be told from one. More takes clutter for the other wire.
 """
-_EDGE_GREY = 40
-"""Beside a black pixel: no spot is so sharp, and what is, is cut off. Less finds edges in noise that just shows."""
 _MOST_SPOTS = 12
 """Looked at in one picture, strongest first: with more than two of equal rank nothing is decided anyway."""
 _NOISE_CELL_PX = 9
@@ -241,13 +239,13 @@ def _looked(
     contrast = np.asarray(cv2.subtract(smooth, around), np.uint8)
     scatter = _scatter(smooth, around, drawn)
     least = max(_LEAST_CONTRAST_GREY, _LEAST_CONTRAST_SD * scatter)
-    return smooth, scatter, _spots(smooth, contrast, _edges(image) | drawn, least, share, scale_mm_per_px)
+    return smooth, scatter, _spots(image, smooth, contrast, drawn, least, share, scale_mm_per_px)
 
 
-def _edges(image: GreyImage) -> NDArray[np.uint8]:
-    """(h, w) non-zero where grey falls to nothing from one pixel to the next: the border of the sector."""
+def _beside_black(image: GreyImage, level: float) -> NDArray[np.bool_]:
+    """(h, w) brighter than level and next to a pixel of 0: no spot is so sharp; the border of the sector is."""
     dark = np.asarray(cv2.erode(image, np.ones((3, 3), np.uint8)), np.uint8) == 0
-    return np.asarray(dark & (image > _EDGE_GREY), np.uint8)
+    return np.asarray(dark & (image > level))
 
 
 def _surroundings(smooth: GreyImage, scale_mm_per_px: tuple[float, float]) -> GreyImage:
@@ -266,6 +264,7 @@ def _scatter(smooth: GreyImage, around: GreyImage, drawn: NDArray[np.uint8]) -> 
 
 
 def _spots(
+    image: GreyImage,
     smooth: GreyImage,
     contrast: GreyImage,
     drawn: NDArray[np.uint8],
@@ -286,7 +285,7 @@ def _spots(
     for index in np.argsort(-heights, kind="stable"):
         column, row = (int(value) for value in places[index])
         if not any(_holds(spot, column, row) for spot in found):
-            found.append(_spot(smooth, contrast, drawn, (column, row), scale_mm_per_px))
+            found.append(_spot(image, smooth, contrast, drawn, (column, row), scale_mm_per_px))
         if len(found) == _MOST_SPOTS:
             break
     return found
@@ -300,6 +299,7 @@ def _holds(spot: _Spot, column: int, row: int) -> bool:
 
 
 def _spot(
+    image: GreyImage,
     smooth: GreyImage,
     contrast: GreyImage,
     drawn: NDArray[np.uint8],
@@ -323,7 +323,10 @@ def _spot(
         refusal = NoCrossing.ABSENT
     elif width * scale_mm_per_px[0] > _LARGEST_MM[0] or tall * scale_mm_per_px[1] > _LARGEST_MM[1]:
         refusal = NoCrossing.UNCLEAR
-    elif _cut(inside, corner, smooth.shape, drawn):
+    elif _cut(inside, corner, smooth.shape, drawn) or np.any(
+        inside
+        & _beside_black(image[top:bottom, left:right], peak - _DEPTH_OF_SPOT * height)[y : y + tall, x : x + width]
+    ):
         refusal = NoCrossing.CUT
     wall = x == 0 and x + width == right - left
     return _Spot(peak, height, np.array([column, row], float), inside, corner, refusal, wall)
