@@ -75,8 +75,6 @@ _WEAKER_GREY = 8
 """By how much reverberation or a bubble is weaker than the crossing, at least: 2 dB. A bubble as bright as a wire
 cannot be told from one. More takes clutter for the other wire.
 """
-_EDGE_GREY = 40
-"""Beside a black pixel: no spot is so sharp, and what is, is cut off. Less finds edges in noise that just shows."""
 _MOST_SPOTS = 12
 """Looked at in one picture, strongest first: with more than two of equal rank nothing is decided anyway."""
 _NOISE_CELL_PX = 9
@@ -191,21 +189,7 @@ def find_crossing(
 
     drawn: of Drawings, for this picture. scale_mm_per_px: (lateral, axial), right within a factor of two.
     """
-    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX), np.uint8)
-    around = _surroundings(smooth, scale_mm_per_px)
-    if drawn is not None:
-        smooth[drawn > 0] = 0
-    contrast = np.asarray(cv2.subtract(smooth, around), np.uint8)
-    scatter = _scatter(smooth, around, drawn)
-    if drawn is None:
-        drawn = np.zeros_like(smooth)
-    spots = _spots(
-        smooth,
-        contrast,
-        _edges(image) | drawn,
-        max(_LEAST_CONTRAST_GREY, _LEAST_CONTRAST_SD * scatter),
-        scale_mm_per_px,
-    )
+    smooth, scatter, spots = _looked(image, drawn, scale_mm_per_px, _RIVAL_SHARE)
     wires = [spot for spot in spots if spot.refusal is None]
     if not wires:
         return Missed(spots[0].refusal or NoCrossing.ABSENT if spots else NoCrossing.ABSENT, np.empty((0, 2)))
@@ -215,6 +199,9 @@ def find_crossing(
         return Missed(NoCrossing.UNCLEAR, best.place_px[None])
     # A wire that is cut off by the border cannot be measured, but it is the other wire.
     rivals = _rivals([best, *(spot for spot in spots if _may_be_wire(spot, best))], scale_mm_per_px)
+    lobes = [spot for spot in rivals if _holds(spot, *best.place_px.astype(int)) and _near(spot, best, scale_mm_per_px)]
+    if lobes and len(lobes) == len(rivals):
+        best, rivals = lobes[-1], []
     if rivals:
         reason = NoCrossing.PARTED if len(rivals) == 1 else NoCrossing.UNCLEAR
         return Missed(reason, np.array([spot.place_px for spot in (best, *rivals)]))
@@ -225,10 +212,40 @@ def find_crossing(
     return _measured(image, best, scatter, next_best)
 
 
-def _edges(image: GreyImage) -> NDArray[np.uint8]:
-    """(h, w) non-zero where grey falls to nothing from one pixel to the next: the border of the sector."""
+def find_echoes(
+    image: GreyImage,
+    drawn: NDArray[np.uint8] | None = None,
+    scale_mm_per_px: tuple[float, float] = ROUGH_SCALE_MM_PER_PX,
+    share: float = 0.25,
+) -> list[Crossing]:
+    """Every echo that may be of a wire, the strongest first, such as those of an N-wire phantom.
+
+    share: least contrast against the strongest. Arguments else as for find_crossing.
+    """
+    _smooth, scatter, spots = _looked(image, drawn, scale_mm_per_px, share)
+    measured = [_measured(image, spot, scatter, 0.0) for spot in spots if spot.refusal is None]
+    return [one for one in measured if isinstance(one, Crossing)]
+
+
+def _looked(
+    image: GreyImage, drawn: NDArray[np.uint8] | None, scale_mm_per_px: tuple[float, float], share: float
+) -> tuple[GreyImage, float, list[_Spot]]:
+    """The smoothed picture, the scatter of the surroundings in greys, and the spots, the strongest first."""
+    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX), np.uint8)
+    around = _surroundings(smooth, scale_mm_per_px)
+    if drawn is None:
+        drawn = np.zeros_like(smooth)
+    smooth[drawn > 0] = 0
+    contrast = np.asarray(cv2.subtract(smooth, around), np.uint8)
+    scatter = _scatter(smooth, around, drawn)
+    least = max(_LEAST_CONTRAST_GREY, _LEAST_CONTRAST_SD * scatter)
+    return smooth, scatter, _spots(image, smooth, contrast, drawn, least, share, scale_mm_per_px)
+
+
+def _beside_black(image: GreyImage, level: float) -> NDArray[np.bool_]:
+    """(h, w) brighter than level and next to a pixel of 0: no spot is so sharp; the border of the sector is."""
     dark = np.asarray(cv2.erode(image, np.ones((3, 3), np.uint8)), np.uint8) == 0
-    return np.asarray(dark & (image > _EDGE_GREY), np.uint8)
+    return np.asarray(dark & (image > level))
 
 
 def _surroundings(smooth: GreyImage, scale_mm_per_px: tuple[float, float]) -> GreyImage:
@@ -239,27 +256,27 @@ def _surroundings(smooth: GreyImage, scale_mm_per_px: tuple[float, float]) -> Gr
     return np.asarray(cv2.resize(median, smooth.shape[::-1], interpolation=cv2.INTER_LINEAR), np.uint8)
 
 
-def _scatter(smooth: GreyImage, around: GreyImage, drawn: NDArray[np.uint8] | None) -> float:
+def _scatter(smooth: GreyImage, around: GreyImage, drawn: NDArray[np.uint8]) -> float:
     """Standard deviation of the surroundings, grey levels: of where there are any."""
     apart = cv2.absdiff(smooth, around)[::4, ::4]
-    seen = around[::4, ::4] > 0
-    if drawn is not None:
-        seen &= drawn[::4, ::4] == 0
+    seen = (around[::4, ::4] > 0) & (drawn[::4, ::4] == 0)
     return float(_SD_PER_MEDIAN * np.median(apart[seen])) if seen.any() else 0.0
 
 
 def _spots(
+    image: GreyImage,
     smooth: GreyImage,
     contrast: GreyImage,
     drawn: NDArray[np.uint8],
     least: float,
+    share: float,
     scale_mm_per_px: tuple[float, float],
 ) -> list[_Spot]:
     """The strongest spots, by contrast; each with why it cannot be a wire, if so."""
     strongest = float(contrast.max())
     if strongest < least:
         return []
-    least = max(least, _RIVAL_SHARE * strongest)
+    least = max(least, share * strongest)
     tops = (contrast == cv2.dilate(contrast, np.ones((5, 9), np.uint8))) & (contrast >= least)
     *_, centres = cv2.connectedComponentsWithStats(tops.astype(np.uint8))
     places = np.rint(centres[1:]).astype(int)
@@ -268,7 +285,7 @@ def _spots(
     for index in np.argsort(-heights, kind="stable"):
         column, row = (int(value) for value in places[index])
         if not any(_holds(spot, column, row) for spot in found):
-            found.append(_spot(smooth, contrast, drawn, (column, row), scale_mm_per_px))
+            found.append(_spot(image, smooth, contrast, drawn, (column, row), scale_mm_per_px))
         if len(found) == _MOST_SPOTS:
             break
     return found
@@ -282,6 +299,7 @@ def _holds(spot: _Spot, column: int, row: int) -> bool:
 
 
 def _spot(
+    image: GreyImage,
     smooth: GreyImage,
     contrast: GreyImage,
     drawn: NDArray[np.uint8],
@@ -305,10 +323,17 @@ def _spot(
         refusal = NoCrossing.ABSENT
     elif width * scale_mm_per_px[0] > _LARGEST_MM[0] or tall * scale_mm_per_px[1] > _LARGEST_MM[1]:
         refusal = NoCrossing.UNCLEAR
-    elif _cut(inside, corner, smooth.shape, drawn):
+    elif _cut(inside, corner, smooth.shape, drawn) or np.any(
+        inside
+        & _beside_black(image[top:bottom, left:right], peak - _DEPTH_OF_SPOT * height)[y : y + tall, x : x + width]
+    ):
         refusal = NoCrossing.CUT
     wall = x == 0 and x + width == right - left
     return _Spot(peak, height, np.array([column, row], float), inside, corner, refusal, wall)
+
+
+def _near(spot: _Spot, best: _Spot, scale_mm_per_px: tuple[float, float]) -> bool:
+    return bool(np.linalg.norm((spot.place_px - best.place_px) * scale_mm_per_px) <= _LOBES_MM)
 
 
 def _may_be_wire(spot: _Spot, best: _Spot) -> bool:

@@ -24,6 +24,11 @@ _LARGEST_STEP_NS = 150_000_000
 """Between the three pictures of a passage: further apart its instant is guessed. Shorter loses those beside a picture
 without a spot; at 20 Hz two in a row may be missing.
 """
+_WIDENS = 1.35
+"""By which the squared spread must grow to either side of a passage within the window: at 2 mm/s that of wires at 45°
+grows by half, at 4 mm/s they part. More loses slow passages, less takes bubbles, whose spread wavers as they fade
+(tests/appliance/crosswire/test_scan.py).
+"""
 _AROUND_NS = 100_000_000
 """How far from a passage the poses lie that tell its speed, at most. Further apart they tell the hand's turning back,
 nearer the tracker's noise. Not varied.
@@ -144,8 +149,15 @@ class CrosswireScan:
             return False
         if max(here.t_ns - before.t_ns, after.t_ns - here.t_ns) > _LARGEST_STEP_NS:
             return False
-        spreads = [look.spread for look in self._around(index) if isinstance(look.found, Crossing)]
-        return before.spread > here.spread <= after.spread and here.spread <= min(spreads)
+        around = self._around(index)
+        spreads = [look.spread for look in around if isinstance(look.found, Crossing)]
+        if not (before.spread > here.spread <= after.spread and here.spread <= min(spreads)):
+            return False
+        # Wires part on either side; what stays one spot until it is gone is a bubble or the end of something.
+        wider = here.spread * _WIDENS
+        return any(look.spread > wider for look in around if look.t_ns < here.t_ns) and any(
+            look.spread > wider for look in around if look.t_ns > here.t_ns
+        )
 
     def _is_miss(self, index: int) -> bool:
         """The wires come nearest here, and part again on either side without having met."""

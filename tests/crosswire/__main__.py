@@ -24,8 +24,8 @@ def main(views: int, scans: int) -> None:
 
 def _told(one) -> str:
     return (
-        f"{one.views} views, found {one.found:.1%}, error {one.error_mm:.3f} mm RMS (lateral {one.axis_mm[0]:.3f}, axial "
-        f"{one.axis_mm[1]:.3f}), wrong {one.false:.2%}, within one stated sigma {one.covered:.0%}"
+        f"{one.views} views, found {one.found:.1%}, error {one.error_mm:.3f} mm RMS (lateral {one.axis_mm[0]:.3f}, "
+        f"axial {one.axis_mm[1]:.3f}), wrong {one.false:.2%}, within one stated sigma {one.covered:.0%}"
     )
 
 

@@ -34,8 +34,8 @@ class Scanned:
 
 
 def scanned(seed: int) -> Scanned:
-    """Noise as of an optical tracker, 0.1 mm and 0.02° per axis of each pose, and half a pixel of the crossing; one view
-    in forty is of something else.
+    """Noise as of an optical tracker, 0.1 mm and 0.02° per axis of each pose, and half a pixel of the crossing; one
+    view in forty is of something else.
     """
     random = np.random.default_rng((seed, 91))
     views = guided_views(seed, PASSAGES, late_s=random.uniform(-0.08, 0.08))

@@ -13,7 +13,8 @@ from appliance.crosswire.offset import ScanRefused, solve_offset, solve_zeta
 from appliance.crosswire.scan import CrosswireScan, View
 from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.types import Calibration
-from drivers.samples import Frame, Pose, Sample
+from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from drivers.twins.scene.wires import Clutter
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.sessions import ORIGIN_NS, session
 
@@ -126,6 +127,32 @@ def test_pictures_without_poses_are_counted_by_reason() -> None:
     assert scan.refused[NEVER] + scan.refused[NO_POSE] == 11
     assert scan.refused[NEVER] == 3, "those that had waited .7 s when the first pose came"
     assert scan.pictures == 20
+
+
+def test_a_bubble_that_comes_and_goes_is_no_crossing() -> None:
+    """One bright spot, as a crossing shows for an instant; but it never parts."""
+    random = np.random.default_rng(3)
+    rows, columns = np.indices((240, 320))
+    scan = CrosswireScan()
+    for index in range(200):
+        level = 200 * max(0.0, np.sin(index / 9))
+        place = 160 + 0.8 * index - 80, 120 + 0.2 * index
+        bell = np.exp(-(((columns - place[0]) / 7) ** 2) - ((rows - place[1]) / 3) ** 2)
+        image = np.clip(level * bell + random.normal(0, 4, bell.shape) + 12, 0, 255).astype(np.uint8)
+        stamp = Stamp(ORIGIN_NS + index * 50_000_000, 100_000)
+        scan.step(Pose(stamp, index, np.eye(4), 0.1, PoseStatus.OK))
+        scan.step(Frame(stamp, index, image))
+    scan.finish()
+    assert scan.sightings > 40
+    assert scan.views == []
+
+
+def test_wires_that_never_meet_are_told_with_their_distance() -> None:
+    world = World(1, "freehand", "cross-wire", SMALL, Clutter(gap_mm=2.5))
+    scan = scanned(session(world, 14, fps=20))
+    assert len(scan.misses_mm) > len(scan.views)
+    assert len(scan.misses_mm) >= 4
+    assert 1.5 < np.median(scan.misses_mm) < 3.5
 
 
 @pytest.mark.thorough
