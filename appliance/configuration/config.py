@@ -95,13 +95,14 @@ class Output(_Section):
 
 
 class CalibrationPlace(_Section):
-    """Where the first reference lies; a relative path counts from the folder of the configuration file.
+    """Where the first reference lies; a relative path counts from the folder of the configuration file. file: None for
+    a cart that has none yet, whose first one is scanned on it.
 
     image_size_px: (width, height) of the pictures, where the file does not state it. probe: whose transform of a PLUS
     device set it is. due_days: after which it is to be checked again; None for a cart whose due date is kept elsewhere.
     """
 
-    file: _Place
+    file: _Place | None = None
     image_size_px: Annotated[tuple[_Side, _Side], Field(strict=False)] | None = None
     probe: str = Field(default="Probe", min_length=1)
     due_days: int | None = Field(default=None, ge=1, le=3650)
@@ -209,7 +210,7 @@ class Config(_Section):
     video: Video
     tracker: Tracker
     output: Annotated[tuple[Output, ...], Field(min_length=1, max_length=8, strict=False), AfterValidator(_watched)]
-    calibration: CalibrationPlace
+    calibration: CalibrationPlace = CalibrationPlace()
     limits: Limits = Limits()
     supervisor: SupervisorTimes = SupervisorTimes()
     control: Control = Control()
@@ -247,7 +248,8 @@ def load_config(path: Path) -> Config:
     except ValidationError as error:
         raise Mistakes.found(error, Config, text, path, f"Mend it; {_EXAMPLE}") from None
     config._sha256 = hashlib.sha256(text.encode()).hexdigest()
-    place = config.calibration.model_copy(update={"file": path.parent / config.calibration.file})
+    file = config.calibration.file
+    place = config.calibration.model_copy(update={"file": None if file is None else path.parent / file})
     if config.feed_socket == config.control.socket:
         where = f"[feed] socket = '{config.feed.socket}'"
         raise ConfigurationError("is the control socket", where, "Choose another path; the usual one is beside it")

@@ -5,6 +5,8 @@ import subprocess
 import tomllib
 from pathlib import Path
 
+import pytest
+
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.polling import until
 
@@ -46,3 +48,25 @@ def test_an_interrupted_scan_leaves_the_calibration_before_in_force(cart: Cart, 
     cart.wait_for("monitoring", 40)
     assert cart.status()["reference"]["sha256"] == before
     assert list(tmp_path.glob("*.toml")) == []
+
+
+@pytest.mark.slow
+def test_a_new_cart_comes_to_monitoring_by_its_own_first_calibration(tmp_path: Path) -> None:
+    """No calibration is known to it; the real line proves all eight parameters of the scan."""
+    with Cart(tmp_path) as cart:
+        cart.daemon.end()
+        lines = [line for line in cart.config_text.splitlines(True) if "calibration.file" not in line]
+        cart.config.write_text("".join(lines))
+        cart.start_daemon()
+        until(lambda: "no calibration yet" in (cart.status().get("reference_waits") or ""), 60)
+        cart.tank.touch()
+        process = started(tmp_path, cart, "--solve", "all", "--signed-by", "B. Jones", "--role", "engineer")
+        cart.wait_for("recalibrating", 60)
+        until(lambda: process.poll() is not None or cart.status()["reference"], 300, 0.2)
+        assert not cart.contact(), "nothing has been proved"
+        cart.tank.unlink()
+        out, err = process.communicate(timeout=300)
+        assert process.returncode == 0, f"{out}\n{err}\n{cart.status()['reason']}"
+        status = cart.wait_for("monitoring", 30)
+        assert status["reference"]["number"] == 1
+        until(cart.contact)
