@@ -74,7 +74,7 @@ def test_bash_completes_commands_by_the_script_that_the_package_ships(tmp_path: 
     command = ["bash", "-c", f"source {script}; {typed}"]
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert done.stdout.split() == ["recalibrate", "release", "reload", "replay"]
+    assert done.stdout.split() == ["recalibrate", "record", "release", "reload", "replay", "report"]
 
 
 def test_the_list_of_parts_is_the_same_for_the_same_tree_and_valid(tmp_path: Path) -> None:
