@@ -22,6 +22,7 @@ from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.scene.world import WorldSettings
 from tests.support.sessions import kept, session
 from tools.recorder import ring as ring_module
+from tools.recorder import run
 from tools.recorder.recorder import Keeping, Recorder
 from tools.recorder.ring import PART_NS, Bounds, DiskRing
 from tools.shared.rerun import Rerun
@@ -249,11 +250,11 @@ def test_parts_of_a_recording_say_the_same_bit_for_bit(tmp_path: Path, monkeypat
     files = sorted((tmp_path / "ring").glob("*.mcap"))
     assert len(files) >= 3
     (series,) = series_of(BlackBox(path) for path in files)
-    run = Rerun(series)
-    for _ in run.steps():
+    rerun = Rerun(series)
+    for _ in rerun.steps():
         pass
-    assert run.comparison.exact, run.comparison.sentence
-    assert run.comparison.recorded == verdicts
+    assert rerun.comparison.exact, rerun.comparison.sentence
+    assert rerun.comparison.recorded == verdicts
     assert series.damage_text == ""
 
 
@@ -285,11 +286,14 @@ def test_blackened_pictures_do_not_say_the_same_bit_for_bit_and_that_is_told(tmp
     recording = recorder(tmp_path, blacken=True)
     live(recording, 6.0)
     recording.close()
-    run = Rerun(*series_of(BlackBox(path) for path in (tmp_path / "ring").glob("*.mcap")))
-    for _ in run.steps():
+    rerun = Rerun(*series_of(BlackBox(path) for path in (tmp_path / "ring").glob("*.mcap")))
+    for _ in rerun.steps():
         pass
-    assert run.comparison.equal_anyway + run.comparison.equal < run.comparison.without_past + run.comparison.recorded
-    assert "text was blackened" in run.comparison.sentence
+    assert (
+        rerun.comparison.equal_anyway + rerun.comparison.equal
+        < rerun.comparison.without_past + rerun.comparison.recorded
+    )
+    assert "text was blackened" in rerun.comparison.sentence
 
 
 def test_another_screen_is_not_written(tmp_path: Path) -> None:
@@ -306,6 +310,24 @@ def test_another_screen_is_not_written(tmp_path: Path) -> None:
     written = [item.sequence for item in items(tmp_path / "ring") if isinstance(item, Frame)]
     assert max(written) < 150
     assert max(written) > 140
+
+
+def test_what_json_cannot_hold_is_told_as_missing(tmp_path: Path) -> None:
+    recording = recorder(tmp_path)
+    recording.state({**QUIET, "fps": float("nan")}, START)
+    fed(recording, range(2))
+    recording.close()
+    found = [*items(tmp_path / "ring")]
+    assert [item.samples for item in found if isinstance(item, Gap)] == [1]
+    assert sum(isinstance(item, Frame) for item in found) == 2
+
+
+def test_a_folder_has_one_recorder(tmp_path: Path) -> None:
+    held = run._locked(tmp_path)
+    with pytest.raises(OSError, match="another recorder"):
+        run._locked(tmp_path)
+    os.close(held)
+    os.close(run._locked(tmp_path))
 
 
 def test_status_of_a_disk(tmp_path: Path) -> None:
