@@ -128,3 +128,11 @@ def test_purging_deletes_the_audit_trail_where_that_is_asked_for(system: Path) -
 def test_purging_leaves_no_empty_folder(system: Path) -> None:
     assert purged(system) == ""
     assert not (system / "var/lib/probewatch").exists()
+
+
+def test_purging_keeps_recordings_and_says_where_they_are(system: Path) -> None:
+    recording = system / "var/lib/probewatch-recorder/kept/a.mcap"
+    recording.parent.mkdir(parents=True)
+    recording.write_bytes(b"x")
+    assert "pictures of patients" in purged(system, PROBEWATCH_PURGE_AUDIT_TRAIL="yes")
+    assert recording.exists()
