@@ -24,6 +24,7 @@ import sbom  # noqa: E402
 from tools.cli import _COMMANDS as COMMANDS  # noqa: E402
 from tools.commands.simulate import _DEVICES  # noqa: E402
 
+_CALIBRATION = ("back", "diff", "export", "import", "list", "reset", "show", "use")
 PAGES = documents.man_pages("9.9", "2026-01-02")
 
 
@@ -40,7 +41,7 @@ def test_an_unknown_suite_is_refused_by_name() -> None:
 
 def test_every_command_and_subcommand_has_a_man_page() -> None:
     below = {f"probewatch-simulate-{name}.1" for name in _DEVICES}
-    below |= {f"probewatch-calibration-{name}.1" for name in ("back", "diff", "list", "reset", "show", "use")}
+    below |= {f"probewatch-calibration-{name}.1" for name in _CALIBRATION}
     assert set(PAGES) == {"probewatch.1"} | {f"probewatch-{name}.1" for name in COMMANDS} | below
 
 

@@ -77,7 +77,7 @@ def test_alarms_are_told_once_with_their_worst(tmp_path: Path) -> None:
         ("device lost", "tracker-lost", 3600.0),
     ]
     assert dict(found.requests) == {"acknowledge": 1}
-    assert [said for _, said in found.software] == ["probewatch 2"]
+    assert [said for _, said in found.software] == ["probewatch 1", "probewatch 2"]
     assert len(found.references) == 1
 
 
