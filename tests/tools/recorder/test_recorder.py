@@ -35,6 +35,12 @@ QUIET = {"state": "monitoring", "priority": "none", "simulated": ["sim:x"]}
 ALARM = {"state": "halt", "priority": "high", "reason": "mirrored", "simulated": ["sim:x"]}
 
 
+@pytest.fixture(autouse=True)
+def disk_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hours of simulated time sync thousands of times; that it syncs is tried by the disk that fails."""
+    monkeypatch.setattr(ring_module.os, "fsync", lambda _: None)
+
+
 def recorder(folder: Path, bounds: Bounds | None = None, blacken: bool = False, **keeping: int) -> Recorder:
     ring = DiskRing(folder, bounds or Bounds(1 << 30, 1 << 30, 0))
     span = {"before_ns": 120 * S, "after_ns": 60 * S, "every": 1} | keeping
@@ -73,14 +79,14 @@ def items(folder: Path) -> Iterator[Item]:
         yield from (told.item for told in BlackBox(path).items())
 
 
-def test_a_day_and_more_stays_inside_the_bounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """26 hours of simulated time with an alarm every two hours; the folders are looked at every minute."""
-    monkeypatch.setattr(ring_module.os, "fsync", lambda _: None)
+@pytest.mark.parametrize("hours", [7, pytest.param(26, marks=pytest.mark.thorough)])
+def test_a_day_and_more_stays_inside_the_bounds(hours: int, tmp_path: Path) -> None:
+    """Hours of simulated time with an alarm every two hours; the folders are looked at every minute."""
     bounds = Bounds(2_000_000, 1_000_000, 0)
     recording = recorder(tmp_path, bounds, before_ns=300 * S)
     recording.take(Ordered(ORDER, 0), START)
     most = {"ring": 0, "kept": 0}
-    for number in range(0, 26 * 3600, 6):
+    for number in range(0, hours * 3600, 6):
         fed(recording, range(number, number + 1))
         recording.state(ALARM if number % 7200 == 3600 else QUIET, START + number * S)
         if number % 60 == 0:
@@ -89,10 +95,10 @@ def test_a_day_and_more_stays_inside_the_bounds(tmp_path: Path, monkeypatch: pyt
     assert most["ring"] <= bounds.ring
     assert most["kept"] <= bounds.kept
     assert most["ring"] > 0.8 * bounds.ring, "the bound was put to the test"
-    assert most["kept"] > 0.5 * bounds.kept
-    assert recording.fields()["evicted_files"] > 100
+    assert hours < 26 or most["kept"] > 0.5 * bounds.kept
+    assert recording.fields()["evicted_files"] > 3 * hours
     newest = [item for item in items(tmp_path / "ring") if isinstance(item, Frame)]
-    assert newest[-1].stamp.t_ns == START + (26 * 3600 - 6) * S
+    assert newest[-1].stamp.t_ns == START + (hours * 3600 - 6) * S
 
 
 def test_the_minutes_around_an_alarm_are_kept_and_no_others(tmp_path: Path) -> None:
