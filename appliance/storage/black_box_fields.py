@@ -22,7 +22,7 @@ from appliance.core.exact_fields import (
     whole,
 )
 from appliance.core.order import Order
-from appliance.types import Verdict
+from appliance.types import Calibration, Verdict
 from drivers.samples import Frame, Pose
 
 _PNG = [
@@ -34,7 +34,13 @@ _PNG = [
 long for 49 %, zstd of the bare pixels .6 ms for 62 %."""
 _MOST_NS = 1 << 62
 """A century and a half: what is computed of it fits 64 bits."""
-_MOST_SIDE_PX = 16_384  # as the drivers take a picture, and as a configuration may name it
+_LEAST_SIDE_PX, _MOST_SIDE_PX = 1, 16_384  # as the drivers take a picture, and as a configuration may name it
+_MOST_PIXELS = 1 << 24
+"""Of one picture: twice the largest screen that scanners have. A damaged size asks for any memory."""
+_ROTATION_TOLERANCE = 1e-3
+"""Of RᵀR. A rotation of a service is orthonormal to rounding; more digits would refuse one that a person typed."""
+_LEAST_SCALE, _MOST_SCALE = 1e-4, 1e2
+"""mm per px between which every scanner is: from an acoustic microscope to a screen that shows a whole body."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +137,8 @@ def _picture(frame: Frame) -> dict[str, Any]:
 def _frame(fields: Mapping[str, Any]) -> Frame:
     height, width = whole(fields["height"]), whole(fields["width"])
     data = np.frombuffer(base64.b64decode(fields["data"], validate=True), np.uint8)
-    if not (0 < height <= _MOST_SIDE_PX and 0 < width <= _MOST_SIDE_PX) or _png_size(data) != (width, height):
+    possible = 0 < height <= _MOST_SIDE_PX and 0 < width <= _MOST_SIDE_PX and height * width <= _MOST_PIXELS
+    if not possible or _png_size(data) != (width, height):
         raise ValueError("a picture of /picture is not of the size that it says")
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint8 or image.shape != (height, width):
@@ -161,8 +168,23 @@ def _made(made: Made) -> dict[str, Any]:
 
 
 def _read_made(fields: Mapping[str, Any]) -> Made:
-    order = fields["order"]
-    return Made(None if order is None else order_of(order), whole(fields["step"]))
+    order = None if fields["order"] is None else order_of(fields["order"])
+    if order is not None and not _sane(order.reference):
+        raise ValueError("the reference of /order is no calibration of a probe")
+    return Made(order, whole(fields["step"]))
+
+
+def _sane(reference: Calibration) -> bool:
+    """Whether a line can be made of it: what an order of the service is by its making, and a file may not be."""
+    R, scale, sides = reference.rotation, reference.scale_mm_per_px, reference.image_size_px
+    numbers = [R, scale, reference.offset_mm, np.eye(1) if reference.covariance is None else reference.covariance]
+    return (
+        all(np.isfinite(one).all() for one in numbers)
+        and bool(np.abs(R.T @ R - np.eye(3)).max() < _ROTATION_TOLERANCE and np.linalg.det(R) > 0)
+        and set(reference.polarity) <= {-1, 1}
+        and bool((scale > _LEAST_SCALE).all() and (scale < _MOST_SCALE).all())
+        and all(_LEAST_SIDE_PX <= side <= _MOST_SIDE_PX for side in sides)
+    )
 
 
 def _own(item: Any) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from drivers.video.crop import FLIPS
 MAGIC = b"NRRD"
 _GZIP = 31  # window bits of zlib: the largest window, in gzip's wrapping
 _GREY = ("uchar", "unsigned char", "uint8", "uint8_t")
-_MOST_AXES = 4
+_MOST_AXES = 4  # of PLUS and 3D Slicer: a third spatial axis of one plane
 
 
 def read_nrrd(path: Path, orientation: str | None = None) -> MetaImage:

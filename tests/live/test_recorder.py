@@ -1,6 +1,7 @@
 """The recorder beside a whole cart: its files say again what the service said, and its death is not felt."""
 
 import json
+import resource
 import signal
 import subprocess
 import time
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from appliance.storage.black_box import BlackBox
-from appliance.storage.black_box_fields import Mark, State
+from appliance.storage.black_box_fields import Gap, Mark, State
 from drivers.errors import DeviceLost
 from drivers.samples import Pose
 from tests.support.demo_cart import PROBEWATCH, Cart
@@ -109,3 +110,23 @@ def test_an_alarm_of_the_cart_is_kept_with_what_was_asked_for(tmp_path: Path) ->
         assert {mark.kind for mark in marks} == {"alarm", "start", "stop"}
         states = [told.item for path in kept for told in BlackBox(path).items() if isinstance(told.item, State)]
         assert {"monitoring", "recalibration requested"} <= {state.status["state"] for state in states}
+
+
+def test_a_disk_that_takes_nothing_is_told_and_moves_no_contact(tmp_path: Path) -> None:
+    """A file size limit of zero: every write of the recorder fails, as on a full disk; then it is lifted."""
+    with Cart(tmp_path, trusting=True) as cart:
+        cart.wait_for("monitoring")
+        until(cart.contact)
+        began_s = time.monotonic()
+        with recording(cart, "keep") as process:
+            until(lambda: told(cart).get("recording"), 30)
+            before = resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+            until(lambda: told(cart).get("failing"), 30)
+            resource.prlimit(process.pid, resource.RLIMIT_FSIZE, before)
+            until(lambda: told(cart).get("recording"), 30)
+            time.sleep(2)
+        assert cart.status()["energised"]
+        assert cart.switched(began_s) == []
+        paths = [*(cart.config.parent / "recorder").rglob("*.mcap")]
+        items = [one.item for path in paths for one in BlackBox(path).items()]
+        assert [item for item in items if isinstance(item, Gap) and "the disk failed" in item.reason]

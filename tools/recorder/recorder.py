@@ -177,6 +177,8 @@ class Recorder:
             return
         try:
             self._write(item, now_ns)
+        except ValueError as error:
+            self._miss(f"something could not be written down ({error})")
         except OSError as error:
             self._miss()
             self._fail(error.strerror or str(error), now_ns)
@@ -208,9 +210,9 @@ class Recorder:
         if self._status is not None:
             self._ring.put(State(self._status), now_ns)
 
-    def _miss(self) -> None:
+    def _miss(self, why: str = "the disk failed or was full") -> None:
         number = 0 if self._missing is None else self._missing.samples
-        self._missing = Gap("the disk failed or was full", number + 1)
+        self._missing = Gap(why, number + 1)
 
     def _fail(self, why: str, now_ns: int) -> None:
         self._ring.close_part()

@@ -4,7 +4,10 @@ Three threads hear, one writes; whatever the disk does, the service is not made 
 queue stays with the feed, which leaves samples out and says how many.
 """
 
+import errno
+import fcntl
 import json
+import os
 import queue
 import secrets
 import socket
@@ -25,13 +28,15 @@ from appliance.service.feed.message import FeedMessage
 from appliance.service.feed.request import FeedRequest
 from appliance.service.host.unix_socket import connected, listening
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from drivers.files.atomic_file import make_folder
 from drivers.printable import printable
 from tools.recorder.recorder import Keeping, Recorder
 from tools.recorder.ring import Bounds, DiskRing
 from tools.shared.feed import Feed
 
-_QUEUED = 256
-"""Messages between hearing and writing, 85 pictures or 3 s: so long may a disk pause. More takes memory."""
+_QUEUED = 96
+"""Messages between hearing and writing, 32 pictures or 1 s, and 16 MB more wait in the feed: so long may a disk pause.
+More takes memory, of which the largest pictures need 4 MB each."""
 _STATUS_EVERY_S = 0.25
 """Between two questions: a change of the state is known as soon, and an alarm is minutes long in the files."""
 _AGAIN_S = 0.2
@@ -56,6 +61,7 @@ class RecorderService:
             raise ConfigurationError("the service offers no feed to record", "[feed]", remedy)
         self._feed_path = config.feed_socket
         try:
+            self._lock = _locked(self._settings.folder)
             self.recorder = _recorder(config, say)
             self._listener = listening(self._settings.socket, config.control.group, 8)
         except (OSError, LookupError) as error:
@@ -87,6 +93,7 @@ class RecorderService:
         self.recorder.close()
         self._listener.close()
         self._settings.socket.unlink(missing_ok=True)
+        os.close(self._lock)
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Write until ended() says so."""
@@ -190,6 +197,18 @@ def _line(link: socket.socket) -> bytes:
             break
         line += part
     return line
+
+
+def _locked(folder: Path) -> int:
+    """Descriptor of a lock that another recorder of this folder would hold. Raises OSError."""
+    make_folder(folder, 0o750)
+    descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise OSError(errno.EBUSY, "another recorder writes there") from None
+    return descriptor
 
 
 def _recorder(config: Config, say: Callable[[str], None]) -> Recorder:

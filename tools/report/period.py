@@ -111,7 +111,9 @@ def summary(wanted: Period, reading: Reading, self_tests: Iterable[dict[str, Any
     found.alarms = [alarm for alarm in _alarms(spells) if wanted.start <= alarm.begun < end]
     for entry in reading.entries:
         at = _time(entry)
-        if wanted.start <= at < end:
+        if at < wanted.start and entry.event == "started":
+            found.software = [(entry.utc, str(entry.data.get("software", "?")))]
+        elif wanted.start <= at < end:
             _note(found, entry)
     found.damages = [str(damage) for damage in reading.damages]
     found.self_tests = [

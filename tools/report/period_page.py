@@ -71,6 +71,7 @@ def _verification(found: Summary) -> str:
     return (
         text(f"The service ran for {_hours(found.on_s)}; {verified}.")
         + plot.svg("hours in each state, day by day")
+        + text("Green: monitoring; blue: not verified; yellow: warning; red: halt, or a device or a part lost.", "note")
         + coverage.svg("share of the time verified, day by day")
         + table(("state", "time", "of the time on"), rows)
     )

@@ -54,7 +54,6 @@ class Trace:
         self._frames: dict[int, GreyImage] = {}
         self._motion: Motion | None = None
         self._before: tuple[Motion, Matrix4] | None = None
-        self._turn_rad = 0.0
         self._at = np.zeros(2)
         self.curves: dict[str, Curve] = defaultdict(Curve)
         self.verdicts: list[tuple[float, VerdictKind]] = []
@@ -114,7 +113,7 @@ class Trace:
             return
         scale = reference.scale_mm_per_px * reference.polarity
         if self._before is None or self._before[0].chain != motion.chain:
-            self._at, self._turn_rad = motion.path_px * scale, 0.0
+            self._at = motion.path_px * scale
             self._add(motion, (np.nan, np.nan), (np.nan, np.nan))
         else:
             X = rigid(reference.rotation, reference.offset_mm)

@@ -24,7 +24,9 @@ from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from tests.support.recordings import picture, turn
 
 BEGUN = Begun(1, "probewatch 0", "2026-01-02T03:04:05+00:00", 5_000_000_000, "abc", 1, ("sim:x",), "kept")
-REFERENCE = Calibration(np.eye(3), (1, -1), np.array([0.1, 1 / 3]), np.array([1.0, nan, -0.0]), (7, 5), np.eye(8) / 3)
+REFERENCE = Calibration(
+    np.eye(3), (1, -1), np.array([0.1, 1 / 3]), np.array([1.0, 1e-300, -0.0]), (7, 5), np.eye(8) / 3
+)
 CHECK = Check("latency", Fault.LATENCY, nan, inf, "ms", 60.0, VerdictKind.NOT_VERIFIED, 12)
 VERDICT = Verdict(77, VerdictKind.FAULT, (CHECK, replace(CHECK, value=0.1 + 0.2)), Fault.LATENCY, "late", None)
 
@@ -176,6 +178,9 @@ def test_a_later_format_is_refused_by_its_number(tmp_path: Path) -> None:
         BlackBox(path)
 
 
+_ORDER = fields_of(Made(Order(1, REFERENCE, Limits(), 500), 0))[1]["order"]
+
+
 @pytest.mark.parametrize(
     ("topic", "change"),
     [
@@ -191,6 +196,20 @@ def test_a_later_format_is_refused_by_its_number(tmp_path: Path) -> None:
         ("/pose", {"t_ns": 1 << 70}),
         ("/order", {"order": {}}),
         ("/order", {"step": None}),
+        *(
+            ("/order", {"order": {**_ORDER, "reference": {**_ORDER["reference"], name: value}}})
+            for name, value in (
+                ("rotation", [2.0, 0, 0, 0, 2.0, 0, 0, 0, 2.0]),
+                ("rotation", ["nan"] * 9),
+                ("scale_mm_per_px", [0.0, 0.1]),
+                ("scale_mm_per_px", ["inf", 0.1]),
+                ("offset_mm", [1.0]),
+                ("polarity", [0, 1]),
+                ("polarity", [1]),
+                ("image_size_px", [0, 5]),
+                ("covariance", ["nan"] * 64),
+            )
+        ),
     ],
 )
 def test_a_message_that_is_not_as_documented_is_refused(topic: str, change: dict[str, object]) -> None:

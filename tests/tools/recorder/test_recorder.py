@@ -22,6 +22,7 @@ from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.scene.world import WorldSettings
 from tests.support.sessions import kept, session
 from tools.recorder import ring as ring_module
+from tools.recorder import run
 from tools.recorder.recorder import Keeping, Recorder
 from tools.recorder.ring import PART_NS, Bounds, DiskRing
 from tools.shared.rerun import Rerun
@@ -32,6 +33,12 @@ REFERENCE = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), (6
 ORDER = Order(1, REFERENCE, Limits(), 500)
 QUIET = {"state": "monitoring", "priority": "none", "simulated": ["sim:x"]}
 ALARM = {"state": "halt", "priority": "high", "reason": "mirrored", "simulated": ["sim:x"]}
+
+
+@pytest.fixture(autouse=True)
+def disk_without_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hours of simulated time sync thousands of times; that it syncs is tried by the disk that fails."""
+    monkeypatch.setattr(ring_module.os, "fsync", lambda _: None)
 
 
 def recorder(folder: Path, bounds: Bounds | None = None, blacken: bool = False, **keeping: int) -> Recorder:
@@ -72,14 +79,14 @@ def items(folder: Path) -> Iterator[Item]:
         yield from (told.item for told in BlackBox(path).items())
 
 
-def test_a_day_and_more_stays_inside_the_bounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """26 hours of simulated time with an alarm every two hours; the folders are looked at every minute."""
-    monkeypatch.setattr(ring_module.os, "fsync", lambda _: None)
+@pytest.mark.parametrize("hours", [7, pytest.param(26, marks=pytest.mark.thorough)])
+def test_a_day_and_more_stays_inside_the_bounds(hours: int, tmp_path: Path) -> None:
+    """Hours of simulated time with an alarm every two hours; the folders are looked at every minute."""
     bounds = Bounds(2_000_000, 1_000_000, 0)
     recording = recorder(tmp_path, bounds, before_ns=300 * S)
     recording.take(Ordered(ORDER, 0), START)
     most = {"ring": 0, "kept": 0}
-    for number in range(0, 26 * 3600, 6):
+    for number in range(0, hours * 3600, 6):
         fed(recording, range(number, number + 1))
         recording.state(ALARM if number % 7200 == 3600 else QUIET, START + number * S)
         if number % 60 == 0:
@@ -88,10 +95,10 @@ def test_a_day_and_more_stays_inside_the_bounds(tmp_path: Path, monkeypatch: pyt
     assert most["ring"] <= bounds.ring
     assert most["kept"] <= bounds.kept
     assert most["ring"] > 0.8 * bounds.ring, "the bound was put to the test"
-    assert most["kept"] > 0.5 * bounds.kept
-    assert recording.fields()["evicted_files"] > 100
+    assert hours < 26 or most["kept"] > 0.5 * bounds.kept
+    assert recording.fields()["evicted_files"] > 3 * hours
     newest = [item for item in items(tmp_path / "ring") if isinstance(item, Frame)]
-    assert newest[-1].stamp.t_ns == START + (26 * 3600 - 6) * S
+    assert newest[-1].stamp.t_ns == START + (hours * 3600 - 6) * S
 
 
 def test_the_minutes_around_an_alarm_are_kept_and_no_others(tmp_path: Path) -> None:
@@ -249,11 +256,11 @@ def test_parts_of_a_recording_say_the_same_bit_for_bit(tmp_path: Path, monkeypat
     files = sorted((tmp_path / "ring").glob("*.mcap"))
     assert len(files) >= 3
     (series,) = series_of(BlackBox(path) for path in files)
-    run = Rerun(series)
-    for _ in run.steps():
+    rerun = Rerun(series)
+    for _ in rerun.steps():
         pass
-    assert run.comparison.exact, run.comparison.sentence
-    assert run.comparison.recorded == verdicts
+    assert rerun.comparison.exact, rerun.comparison.sentence
+    assert rerun.comparison.recorded == verdicts
     assert series.damage_text == ""
 
 
@@ -285,11 +292,14 @@ def test_blackened_pictures_do_not_say_the_same_bit_for_bit_and_that_is_told(tmp
     recording = recorder(tmp_path, blacken=True)
     live(recording, 6.0)
     recording.close()
-    run = Rerun(*series_of(BlackBox(path) for path in (tmp_path / "ring").glob("*.mcap")))
-    for _ in run.steps():
+    rerun = Rerun(*series_of(BlackBox(path) for path in (tmp_path / "ring").glob("*.mcap")))
+    for _ in rerun.steps():
         pass
-    assert run.comparison.equal_anyway + run.comparison.equal < run.comparison.without_past + run.comparison.recorded
-    assert "text was blackened" in run.comparison.sentence
+    assert (
+        rerun.comparison.equal_anyway + rerun.comparison.equal
+        < rerun.comparison.without_past + rerun.comparison.recorded
+    )
+    assert "text was blackened" in rerun.comparison.sentence
 
 
 def test_another_screen_is_not_written(tmp_path: Path) -> None:
@@ -306,6 +316,24 @@ def test_another_screen_is_not_written(tmp_path: Path) -> None:
     written = [item.sequence for item in items(tmp_path / "ring") if isinstance(item, Frame)]
     assert max(written) < 150
     assert max(written) > 140
+
+
+def test_what_json_cannot_hold_is_told_as_missing(tmp_path: Path) -> None:
+    recording = recorder(tmp_path)
+    recording.state({**QUIET, "fps": float("nan")}, START)
+    fed(recording, range(2))
+    recording.close()
+    found = [*items(tmp_path / "ring")]
+    assert [item.samples for item in found if isinstance(item, Gap)] == [1]
+    assert sum(isinstance(item, Frame) for item in found) == 2
+
+
+def test_a_folder_has_one_recorder(tmp_path: Path) -> None:
+    held = run._locked(tmp_path)
+    with pytest.raises(OSError, match="another recorder"):
+        run._locked(tmp_path)
+    os.close(held)
+    os.close(run._locked(tmp_path))
 
 
 def test_status_of_a_disk(tmp_path: Path) -> None:

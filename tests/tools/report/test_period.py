@@ -77,7 +77,7 @@ def test_alarms_are_told_once_with_their_worst(tmp_path: Path) -> None:
         ("device lost", "tracker-lost", 3600.0),
     ]
     assert dict(found.requests) == {"acknowledge": 1}
-    assert [said for _, said in found.software] == ["probewatch 2"]
+    assert [said for _, said in found.software] == ["probewatch 1", "probewatch 2"]
     assert len(found.references) == 1
 
 
@@ -115,13 +115,13 @@ def test_periods_of_the_calendar(kind: str, day: str, name: str, days: int) -> N
 def cart(tmp_path: Path) -> Path:
     """Its configuration; the log lies in alarms, with two self-tests and one file that is none."""
     folder = logged(tmp_path / "alarms", MONTH)
-    tests = folder / "self-tests"
-    tests.mkdir()
+    kept = folder / "self-tests"
+    kept.mkdir()
     for name, passed in (("a", True), ("b", False)):
         item = {"name": "disk", "green": passed}
         record = {"utc": "2026-01-05T07:00:00+00:00", "passed": passed, "operator": "anna", "items": [item]}
-        (tests / f"{name}.json").write_text(json.dumps(record))
-    (tests / "c.json").write_text("[]")
+        (kept / f"{name}.json").write_text(json.dumps(record))
+    (kept / "c.json").write_text("[]")
     config = tmp_path / "probewatch.toml"
     config.write_text(f'{GOOD}[alarm]\nfolder = "{folder}"\n')
     return config

@@ -95,20 +95,24 @@ def test_a_picture_that_is_missing_is_told_as_the_cause(short: tuple[Path, list[
     assert "gaps: 1" in comparison.sentence
 
 
-def test_one_bit_of_one_verdict_is_seen(recorded: tuple[Path, list[Verdict]], tmp_path: Path) -> None:
+def test_one_bit_of_one_verdict_is_seen(short: tuple[Path, list[Verdict]], tmp_path: Path) -> None:
     def spoiled(rest):
-        last = max(
-            k for k, told in enumerate(rest) if isinstance(told.item, Verdict) and told.item.kind is VerdictKind.OK
-        )
+        measured = [
+            (k, place)
+            for k, told in enumerate(rest)
+            if isinstance(told.item, Verdict)
+            for place, check in enumerate(told.item.checks)
+            if check.sigma > 0
+        ]
+        last, place = measured[-1]
         verdict = rest[last].item
-        place = next(k for k, check in enumerate(verdict.checks) if check.sigma > 0)
         check = verdict.checks[place]
         nudged = replace(check, sigma=check.sigma * (1 + 2**-52))
         checks = (*verdict.checks[:place], nudged, *verdict.checks[place + 1 :])
         rest[last] = replace(verdict, checks=checks), rest[last].now_ns
         return rest
 
-    comparison, _ = rerun(rewritten(recorded[0], tmp_path / "bit.mcap", spoiled))
+    comparison, _ = rerun(rewritten(short[0], tmp_path / "bit.mcap", spoiled))
     assert comparison.equal == comparison.recorded - 1
     assert "sigma of" in comparison.difference
 
