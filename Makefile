@@ -8,7 +8,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types contracts quick thorough invariant \
-  live mutation pythons evidence test-deb test-cart soak repeat coverage bench paper deb docs lock vulnerabilities clean
+  live mutation pythons evidence crosswire test-deb test-cart soak repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z-]+:.*## /{printf "  %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -79,6 +79,11 @@ coverage: $(VENV)/dev ## which lines the quick tests reach: a table, and results
 
 bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of the line and of the way to it: tables and results/bench.json
 	$(BIN)/python -m tests.bench
+
+VIEWS ?= 2000
+SCANS ?= 200
+crosswire: $(VENV)/dev ## the cross-wire tool on 2,000 rendered views and 200 scans: tables (about fifteen minutes of one processor)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.crosswire $(VIEWS) $(SCANS)
 
 paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
 	$(BIN)/python -m tests.paper

@@ -95,13 +95,14 @@ class Output(_Section):
 
 
 class CalibrationPlace(_Section):
-    """Where the first reference lies; a relative path counts from the folder of the configuration file.
+    """Where the first reference lies; a relative path counts from the folder of the configuration file. file: None for
+    a cart that has none yet, whose first one is scanned on it.
 
     image_size_px: (width, height) of the pictures, where the file does not state it. probe: whose transform of a PLUS
     device set it is. due_days: after which it is to be checked again; None for a cart whose due date is kept elsewhere.
     """
 
-    file: _Place
+    file: _Place | None = None
     image_size_px: Annotated[tuple[_Side, _Side], Field(strict=False)] | None = None
     probe: str = Field(default="Probe", min_length=1)
     due_days: int | None = Field(default=None, ge=1, le=3650)
@@ -160,6 +161,35 @@ class Control(_Section):
     viewers: Annotated[tuple[str, ...], Field(max_length=16, strict=False)] = ("probewatch-monitor",)
 
 
+class Feed(_Section):
+    """What the service sees, pictures included, for programs of the same group on this computer; docs/feed.md.
+
+    socket: None for `feed` beside the control socket. offered: whether there is one.
+    """
+
+    offered: bool = True
+    socket: Annotated[_Place, AfterValidator(_bindable)] | None = None
+
+
+class Recorder(_Section):
+    """What `probewatch record` keeps of the feed; the service takes no notice of it. docs/black-box.md.
+
+    ring_gb, kept_gb: 10⁹ bytes of the latest, and of what is kept of alarms and of stretches that a person marked.
+    leave_free_gb: of the disk, below which nothing is written. before_alarm_s, after_alarm_s: what is kept of an alarm.
+    every: one of so many pictures. text: whether what lies outside the sector is made black.
+    """
+
+    folder: _Place = Path("/var/lib/probewatch-recorder")
+    socket: Annotated[_Place, AfterValidator(_bindable)] = Path("/run/probewatch-recorder/control")
+    ring_gb: float = Field(default=20.0, ge=0.05, le=100_000)
+    kept_gb: float = Field(default=10.0, ge=0.05, le=100_000)
+    leave_free_gb: float = Field(default=2.0, ge=0.1, le=100_000)
+    before_alarm_s: float = Field(default=120.0, ge=10, le=3600)
+    after_alarm_s: float = Field(default=60.0, ge=0, le=3600)
+    every: int = Field(default=1, ge=1, le=1000)
+    text: Literal["blacken", "keep"] = "blacken"
+
+
 class Alarm(_Section):
     """How the operator is spoken to, and the folder of the alarm log, which must outlive a power cut."""
 
@@ -190,10 +220,12 @@ class Config(_Section):
     video: Video
     tracker: Tracker
     output: Annotated[tuple[Output, ...], Field(min_length=1, max_length=8, strict=False), AfterValidator(_watched)]
-    calibration: CalibrationPlace
+    calibration: CalibrationPlace = CalibrationPlace()
     limits: Limits = Limits()
     supervisor: SupervisorTimes = SupervisorTimes()
     control: Control = Control()
+    feed: Feed = Feed()
+    recorder: Recorder = Recorder()
     alarm: Alarm = Alarm()
     log: Log = Log()
 
@@ -213,6 +245,13 @@ class Config(_Section):
         return {name: _ns(most_s if age_s is None else age_s) for name, age_s in ages_s.items()}
 
     @property
+    def feed_socket(self) -> Path | None:
+        """Where the feed is offered, None where it is not."""
+        if not self.feed.offered:
+            return None
+        return self.feed.socket or self.control.socket.with_name("feed")
+
+    @property
     def simulated(self) -> tuple[str, ...]:
         """URLs of the sources that are no real device; with none of them it is a real cart."""
         return tuple(device.url for device in (self.video, self.tracker) if is_simulated(device.url))
@@ -227,9 +266,14 @@ def load_config(path: Path) -> Config:
     except ValidationError as error:
         raise Mistakes.found(error, Config, text, path, f"Mend it; {_EXAMPLE}") from None
     config._sha256 = hashlib.sha256(text.encode()).hexdigest()
-    place = config.calibration.model_copy(update={"file": path.parent / config.calibration.file})
+    file = config.calibration.file
+    place = config.calibration.model_copy(update={"file": None if file is None else path.parent / file})
+    if config.feed_socket == config.control.socket:
+        where = f"[feed] socket = '{config.feed.socket}'"
+        raise ConfigurationError("is the control socket", where, "Choose another path; the usual one is beside it")
     alarm = config.alarm.model_copy(update={"folder": path.parent / config.alarm.folder})
-    return config.model_copy(update={"calibration": place, "alarm": alarm})
+    recorder = config.recorder.model_copy(update={"folder": path.parent / config.recorder.folder})
+    return config.model_copy(update={"calibration": place, "alarm": alarm, "recorder": recorder})
 
 
 def is_configured(path: Path) -> bool:

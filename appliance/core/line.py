@@ -17,6 +17,7 @@ from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import Judgement, judge
 from appliance.core.quality.report import LineReport
+from appliance.core.registration.pyramid import Bits
 from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
 from appliance.limits import TRACKER_STALE_MS, Limits
 from appliance.types import Calibration, Check, Fault, Motion, StampedPair, Verdict, VerdictKind
@@ -69,6 +70,16 @@ class Line:
         self._frames = self._poses = self._paired = 0
         self.motion: Motion | None = None
 
+    @property
+    def mask(self) -> Bits | None:
+        """(h, w) bool, True where the registration looks; None until it has learnt what never moves."""
+        return self._tracker.mask
+
+    @property
+    def reference(self) -> Calibration:
+        """The calibration that is watched."""
+        return self._reference
+
     def step(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
         """Take the next sample; one verdict for each frame that it settles."""
         gate = self._count(sample)
@@ -97,6 +108,7 @@ class Line:
             second_opinion=self._evidence.second_opinion(),
             checks=verdict.checks,
             verdict=verdict,
+            required=self._evidence.required,
         )
 
     def _count(self, sample: Frame | Pose) -> StampGate:

@@ -3,6 +3,11 @@
 Away from their crossing the plane cuts the wires in two spots; nearer, the spots melt into one V or X; at the crossing
 they lie on one another, point-symmetric about it. So one compact spot is a sighting, and the narrowest of a series of
 sightings is the passage through the crossing.
+
+Spots are judged by how far they stand out of what surrounds them, not of the whole picture, so that speckle, haze and
+the dark below a shadow do not count. Walls and reverberation lines are too wide for a wire; an echo straight below a
+stronger one is its reverberation; what is weaker and smaller than the strongest spot is a bubble, for an oblique wire
+is drawn out by the thickness of the slice.
 """
 
 from dataclasses import dataclass
@@ -15,27 +20,66 @@ from numpy.typing import NDArray
 from appliance.types import Vector
 from drivers.samples import GreyImage
 
+ROUGH_SCALE_MM_PER_PX = (0.075, 0.075)
+"""Of a picture of which nothing is known: 5 cm deep in 640 rows. It only sets how large a wire may be, and a factor of
+two either way leaves the finder's promise as it is (tests).
+"""
 _SMOOTH_PX = 1.5
 """Sigma, before a spot is looked for: a single hot pixel keeps 7 % of its height. More melts near wires into one."""
 _LEAST_CONTRAST_GREY = 60
-"""Of the brightest spot over the background. Less takes echoes of the tank for wires: one of 12 dB over the noise is 51
-greys of 60 dB (tests/appliance/crosswire/test_crossing.py); more asks for gain.
+"""Of the brightest spot over what surrounds it. Less takes echoes of the tank for wires: one of 12 dB over the noise is
+51 greys of 60 dB (tests/appliance/crosswire/test_crossing.py); more asks for gain.
+"""
+_LEAST_CONTRAST_SD = 3.5
+"""The same in standard deviations of the surroundings: the brightest of ten thousand grains of speckle stands 2.1 of
+them over their median. Less takes grains for wires, more loses wires in haze.
 """
 _DEPTH_OF_SPOT = 0.25
 """Share of that contrast, from the top, that is the spot. More joins what is beside it; less leaves few pixels for the
 centre. Not measured.
 """
+_RIVAL_SHARE = 0.6
+"""Of the strongest contrast, from which on another spot may be the other wire: one that lies in a shadow of 10 dB where
+60 dB are shown still is. Less takes clutter for the other wire, more takes one wire for the crossing.
+"""
+_SAME_SIZE, _SAME_SIZE_NEAR, _NEAR_MM = 0.6, 0.3, 8.0
+"""Area of the other wire's spot ÷ that of the strongest, at least, where it is weaker, too: far from it, and as near as
+wires come before they meet. A bubble beside wires at 45° has a third. More takes a wire that stands straight for a
+bubble, less a bubble for a wire (make crosswire).
+"""
+_FAR_SHARE, _FAR_MM = 0.7, 14.0
+"""Of the strongest contrast, from which on a spot that is not near may be the other wire, and the distance beyond which
+none is, if it is weaker. See `_RIVAL_SHARE`.
+"""
+_STEEP, _STEEP_MM = 0.8, 1.5
+"""Slope of the line to a weaker spot, and what is added to it, beyond which it is no wire: both are stretched across
+the tank, so they part sideways, however the probe is leant (by 30° at most).
+"""
 _DIP_GREY = 4
 """A spot with a deeper dip is two. More measures wires that are apart, less parts one spot by its noise. Also the step
 in which dips are looked for.
 """
+_LOBES_MM = 1.6
+"""Two tops of one spot nearer than this may be one crossing, whose echoes meet in opposite phase. More measures wires
+that are apart; less loses such crossings.
+"""
 _LEAST_AREA_PX = 12
 """Smaller spots are specks, not wires, which are smooth over `_SMOOTH_PX`. Not measured."""
-_LARGEST_SHARE = 0.02
-"""Of the picture: larger is no wire but a wall (tests/appliance/crosswire/test_crossing.py)."""
+_SURROUNDINGS_MM = 8.0
+"""Side of the square whose median is what surrounds a spot: wider than a spot by four, narrower than a shadow."""
+_LARGEST_MM = (9.0, 4.0)
+"""Width and height of a spot, at most: two wires at 65° to the slice's normal make 8 mm. Larger is a wall."""
+_LATERAL_REACH_MM = 1.0
+"""How far beside a stronger echo its reverberation may lie."""
+_WEAKER_GREY = 8
+"""By how much reverberation or a bubble is weaker than the crossing, at least: 2 dB. A bubble as bright as a wire
+cannot be told from one. More takes clutter for the other wire.
+"""
+_MOST_SPOTS = 12
+"""Looked at in one picture, strongest first: with more than two of equal rank nothing is decided anyway."""
 _NOISE_CELL_PX = 9
 """Pixels over which noise is one grain of speckle; more widens sigma. With it the stated sigma is .7 to 1.6 times the
-scatter (tests/appliance/crosswire/test_crossing.py).
+scatter of noise (tests/appliance/crosswire/test_crossing.py).
 """
 _SD_PER_MEDIAN = 1.4826
 """Standard deviation ÷ median of the size of a normal variable with mean 0."""
@@ -44,6 +88,12 @@ _ROUGH_SHARE = 1.2
 """
 _QUANTISATION_GREY = 0.29
 """1 ÷ √12: standard deviation of rounding to whole greys."""
+_KNOWN_SHARE = 0.2
+"""Of a spot's own width, by which its centre is not known anyway: two wires that are not equally bright, the phase in
+which their echoes meet, a plane that misses the crossing by a tenth of a millimetre (make crosswire).
+"""
+_SPECKLE_DB = 5.57
+"""Standard deviation of fully developed speckle in dB, so that its scatter in greys tells how many greys are 1 dB."""
 
 _DRAWN_GREY = 30
 _DRAWN_RANGE_GREY = 16
@@ -62,16 +112,26 @@ class NoCrossing(Enum):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Missed:
+    """A picture without a crossing. spots_px: (k, 2) where the wires seem to be; two where they are apart."""
+
+    reason: NoCrossing
+    spots_px: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Crossing:
     """One spot. centre_px: (2,) (column, row), 0 at the middle of the corner pixel.
 
-    sigma_px: (2,) standard deviation of the centre from the noise of the picture alone. spread_px: standard deviation
-    of the spot along its longest axis; smallest where the wires lie on one another.
+    covariance_px: (2, 2) of the centre, from the noise and the surroundings of this picture alone. spread_px: standard
+    deviation of the spot along its longest axis; smallest where the wires lie on one another. confidence: 0 … 1, no
+    probability: how far the spot is from being refused, by its contrast and by its strongest rival.
     """
 
     centre_px: Vector
-    sigma_px: Vector
+    covariance_px: Vector
     spread_px: float
+    confidence: float
 
 
 class Drawings:
@@ -95,78 +155,270 @@ class Drawings:
         return np.asarray(cv2.dilate(drawn, np.ones((5, 5), np.uint8)), np.uint8)
 
 
-def find_crossing(image: GreyImage, drawn: NDArray[np.uint8] | None = None) -> Crossing | NoCrossing:
-    """The crossing in one picture (h, w) uint8, or why there is none. drawn: of Drawings, for this picture."""
-    smooth = cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX)
-    if drawn is not None:
-        smooth[drawn > 0] = 0
-    background, peak = float(np.median(smooth[::4, ::4])), float(smooth.max())
-    if peak - background < _LEAST_CONTRAST_GREY:
-        return NoCrossing.ABSENT
-    floor = peak - _DEPTH_OF_SPOT * (peak - background)
-    bright = (smooth > floor).astype(np.uint8)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Spot:
+    """peak, contrast: greys, of the smoothed picture. inside: (h, w) within the crop, whose corner is corner_px.
+
+    wall: it goes on to both sides, further than any wire.
+    """
+
+    peak: float
+    contrast: float
+    place_px: Vector
+    inside: NDArray[np.bool_]
+    corner_px: tuple[int, int]
+    refusal: NoCrossing | None
+    wall: bool
+
+    @property
+    def floor(self) -> float:
+        return self.peak - _DEPTH_OF_SPOT * self.contrast
+
+    @property
+    def crop(self) -> tuple[slice, slice]:
+        (left, top), (height, width) = self.corner_px, self.inside.shape
+        return slice(top, top + height), slice(left, left + width)
+
+
+def find_crossing(
+    image: GreyImage,
+    drawn: NDArray[np.uint8] | None = None,
+    scale_mm_per_px: tuple[float, float] = ROUGH_SCALE_MM_PER_PX,
+) -> Crossing | Missed:
+    """The crossing in one picture (h, w) uint8, or why there is none.
+
+    drawn: of Drawings, for this picture. scale_mm_per_px: (lateral, axial), right within a factor of two.
+    """
+    smooth, scatter, spots = _looked(image, drawn, scale_mm_per_px, _RIVAL_SHARE)
+    wires = [spot for spot in spots if spot.refusal is None]
+    if not wires:
+        return Missed(spots[0].refusal or NoCrossing.ABSENT if spots else NoCrossing.ABSENT, np.empty((0, 2)))
+    spots = [spot for spot in spots if not spot.wall]
+    best = wires[0]
+    if any(spot.refusal is NoCrossing.UNCLEAR and spot.contrast > best.contrast for spot in spots):
+        return Missed(NoCrossing.UNCLEAR, best.place_px[None])
+    # A wire that is cut off by the border cannot be measured, but it is the other wire.
+    rivals = _rivals([best, *(spot for spot in spots if _may_be_wire(spot, best))], scale_mm_per_px)
+    lobes = [spot for spot in rivals if _holds(spot, *best.place_px.astype(int)) and _near(spot, best, scale_mm_per_px)]
+    if lobes and len(lobes) == len(rivals):
+        best, rivals = lobes[-1], []
+    if rivals:
+        reason = NoCrossing.PARTED if len(rivals) == 1 else NoCrossing.UNCLEAR
+        return Missed(reason, np.array([spot.place_px for spot in (best, *rivals)]))
+    tops = np.array(_parted(np.where(best.inside, smooth[best.crop], 0), best.floor, best.peak), float)
+    if len(tops) and np.linalg.norm((tops[1] - tops[0]) * scale_mm_per_px) > _LOBES_MM:
+        return Missed(NoCrossing.PARTED, tops + best.corner_px)
+    next_best = max((spot.contrast for spot in spots if spot is not best), default=0.0)
+    return _measured(image, best, scatter, next_best)
+
+
+def find_echoes(
+    image: GreyImage,
+    drawn: NDArray[np.uint8] | None = None,
+    scale_mm_per_px: tuple[float, float] = ROUGH_SCALE_MM_PER_PX,
+    share: float = 0.25,
+) -> list[Crossing]:
+    """Every echo that may be of a wire, the strongest first, such as those of an N-wire phantom.
+
+    share: least contrast against the strongest. Arguments else as for find_crossing.
+    """
+    _smooth, scatter, spots = _looked(image, drawn, scale_mm_per_px, share)
+    measured = [_measured(image, spot, scatter, 0.0) for spot in spots if spot.refusal is None]
+    return [one for one in measured if isinstance(one, Crossing)]
+
+
+def _looked(
+    image: GreyImage, drawn: NDArray[np.uint8] | None, scale_mm_per_px: tuple[float, float], share: float
+) -> tuple[GreyImage, float, list[_Spot]]:
+    """The smoothed picture, the scatter of the surroundings in greys, and the spots, the strongest first."""
+    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX), np.uint8)
+    around = _surroundings(smooth, scale_mm_per_px)
+    if drawn is None:
+        drawn = np.zeros_like(smooth)
+    smooth[drawn > 0] = 0
+    contrast = np.asarray(cv2.subtract(smooth, around), np.uint8)
+    scatter = _scatter(smooth, around, drawn)
+    least = max(_LEAST_CONTRAST_GREY, _LEAST_CONTRAST_SD * scatter)
+    return smooth, scatter, _spots(image, smooth, contrast, drawn, least, share, scale_mm_per_px)
+
+
+def _beside_black(image: GreyImage, level: float) -> NDArray[np.bool_]:
+    """(h, w) brighter than level and next to a pixel of 0: no spot is so sharp; the border of the sector is."""
+    dark = np.asarray(cv2.erode(image, np.ones((3, 3), np.uint8)), np.uint8) == 0
+    return np.asarray(dark & (image > level))
+
+
+def _surroundings(smooth: GreyImage, scale_mm_per_px: tuple[float, float]) -> GreyImage:
+    """(h, w) median over a square of the picture, at a quarter of its resolution."""
+    small = smooth[::4, ::4]
+    side = round(_SURROUNDINGS_MM / (4 * float(np.mean(scale_mm_per_px)))) // 2 * 2 + 1
+    median = cv2.medianBlur(np.ascontiguousarray(small), max(3, side))
+    return np.asarray(cv2.resize(median, smooth.shape[::-1], interpolation=cv2.INTER_LINEAR), np.uint8)
+
+
+def _scatter(smooth: GreyImage, around: GreyImage, drawn: NDArray[np.uint8]) -> float:
+    """Standard deviation of the surroundings, grey levels: of where there are any."""
+    apart = cv2.absdiff(smooth, around)[::4, ::4]
+    seen = (around[::4, ::4] > 0) & (drawn[::4, ::4] == 0)
+    return float(_SD_PER_MEDIAN * np.median(apart[seen])) if seen.any() else 0.0
+
+
+def _spots(
+    image: GreyImage,
+    smooth: GreyImage,
+    contrast: GreyImage,
+    drawn: NDArray[np.uint8],
+    least: float,
+    share: float,
+    scale_mm_per_px: tuple[float, float],
+) -> list[_Spot]:
+    """The strongest spots, by contrast; each with why it cannot be a wire, if so."""
+    strongest = float(contrast.max())
+    if strongest < least:
+        return []
+    least = max(least, share * strongest)
+    tops = (contrast == cv2.dilate(contrast, np.ones((5, 9), np.uint8))) & (contrast >= least)
+    *_, centres = cv2.connectedComponentsWithStats(tops.astype(np.uint8))
+    places = np.rint(centres[1:]).astype(int)
+    heights = np.array([contrast[row, column] for column, row in places])
+    found: list[_Spot] = []
+    for index in np.argsort(-heights, kind="stable"):
+        column, row = (int(value) for value in places[index])
+        if not any(_holds(spot, column, row) for spot in found):
+            found.append(_spot(image, smooth, contrast, drawn, (column, row), scale_mm_per_px))
+        if len(found) == _MOST_SPOTS:
+            break
+    return found
+
+
+def _holds(spot: _Spot, column: int, row: int) -> bool:
+    left, top = spot.corner_px
+    height, width = spot.inside.shape
+    inside = 0 <= row - top < height and 0 <= column - left < width
+    return inside and bool(spot.inside[row - top, column - left])
+
+
+def _spot(
+    image: GreyImage,
+    smooth: GreyImage,
+    contrast: GreyImage,
+    drawn: NDArray[np.uint8],
+    top_px: tuple[int, int],
+    scale_mm_per_px: tuple[float, float],
+) -> _Spot:
+    """What hangs together with a top, down to a share of its contrast."""
+    column, row = top_px
+    peak, height = float(smooth[row, column]), float(contrast[row, column])
+    reach = [int(np.ceil(size / scale)) + 2 for size, scale in zip(_LARGEST_MM, scale_mm_per_px, strict=True)]
+    top, bottom = max(0, row - reach[1]), min(smooth.shape[0], row + reach[1] + 1)
+    left, right = max(0, column - reach[0]), min(smooth.shape[1], column + reach[0] + 1)
+    bright = (smooth[top:bottom, left:right] > peak - _DEPTH_OF_SPOT * height).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(bright)
-    spots = [label for label in range(1, len(stats)) if stats[label, cv2.CC_STAT_AREA] >= _LEAST_AREA_PX]
-    refusal = _judge([int(stats[spot, cv2.CC_STAT_AREA]) for spot in spots], image.size)
-    if refusal is not None:
-        return refusal
-    left, top, width, height = stats[spots[0], :4]
-    crop = np.s_[top : top + height, left : left + width]
-    inside = labels[crop] == spots[0]
-    if _cut(inside, crop, image.shape, drawn):
-        return NoCrossing.CUT
-    if _parted(np.where(inside, smooth[crop], 0), floor, peak):
-        return NoCrossing.PARTED
-    return _measured(image[crop].astype(float), inside, floor, np.array([left, top], float))
+    label = int(labels[row - top, column - left])
+    x, y, width, tall, area = (int(value) for value in stats[label])
+    inside = labels[y : y + tall, x : x + width] == label
+    corner = (left + x, top + y)
+    refusal = None
+    if area < _LEAST_AREA_PX:
+        refusal = NoCrossing.ABSENT
+    elif width * scale_mm_per_px[0] > _LARGEST_MM[0] or tall * scale_mm_per_px[1] > _LARGEST_MM[1]:
+        refusal = NoCrossing.UNCLEAR
+    elif _cut(inside, corner, smooth.shape, drawn) or np.any(
+        inside
+        & _beside_black(image[top:bottom, left:right], peak - _DEPTH_OF_SPOT * height)[y : y + tall, x : x + width]
+    ):
+        refusal = NoCrossing.CUT
+    wall = x == 0 and x + width == right - left
+    return _Spot(peak, height, np.array([column, row], float), inside, corner, refusal, wall)
 
 
-def _judge(areas_px: list[int], pixels: int) -> NoCrossing | None:
-    if not areas_px:
-        return NoCrossing.ABSENT
-    if len(areas_px) > 2 or max(areas_px) > _LARGEST_SHARE * pixels:
-        return NoCrossing.UNCLEAR
-    return NoCrossing.PARTED if len(areas_px) == 2 else None
+def _near(spot: _Spot, best: _Spot, scale_mm_per_px: tuple[float, float]) -> bool:
+    return bool(np.linalg.norm((spot.place_px - best.place_px) * scale_mm_per_px) <= _LOBES_MM)
+
+
+def _may_be_wire(spot: _Spot, best: _Spot) -> bool:
+    return spot is not best and spot.refusal in (None, NoCrossing.CUT)
+
+
+def _rivals(wires: list[_Spot], scale_mm_per_px: tuple[float, float]) -> list[_Spot]:
+    """Spots that may be the other wire: strong, as large as the strongest, and not its reverberation."""
+    best = wires[0]
+    size = best.inside.sum()
+    rivals = []
+    for spot in wires[1:]:
+        aside_mm, below_mm = (spot.place_px - best.place_px) * scale_mm_per_px
+        echo = abs(aside_mm) < _LATERAL_REACH_MM and below_mm > 0
+        steep = abs(below_mm) > _STEEP * abs(aside_mm) + _STEEP_MM
+        distance_mm = float(np.hypot(aside_mm, below_mm))
+        alike = _SAME_SIZE_NEAR if distance_mm < _NEAR_MM else _SAME_SIZE
+        far = distance_mm > _FAR_MM or (distance_mm > _NEAR_MM and spot.contrast < _FAR_SHARE * best.contrast)
+        bubble = steep or far or spot.inside.sum() < alike * size
+        if best.peak - spot.peak <= _WEAKER_GREY or not (echo or bubble):
+            rivals.append(spot)
+    return rivals
 
 
 def _cut(
-    inside: NDArray[np.bool_], crop: tuple[slice, slice], shape: tuple[int, ...], drawn: NDArray[np.uint8] | None
+    inside: NDArray[np.bool_], corner_px: tuple[int, int], shape: tuple[int, ...], drawn: NDArray[np.uint8]
 ) -> bool:
-    if any(part.start == 0 or part.stop == side for part, side in zip(crop, shape, strict=True)):
+    left, top = corner_px
+    bottom, right = top + inside.shape[0], left + inside.shape[1]
+    if left == 0 or top == 0 or bottom == shape[0] or right == shape[1]:
         return True
-    if drawn is None:
-        return False
-    grown = tuple(slice(part.start - 1, part.stop + 1) for part in crop)
     near = cv2.dilate(np.pad(inside, 1).astype(np.uint8), np.ones((3, 3), np.uint8))
-    return bool(np.any((near > 0) & (drawn[grown] > 0)))
+    return bool(np.any((near > 0) & (drawn[top - 1 : bottom + 1, left - 1 : right + 1] > 0)))
 
 
-def _parted(spot: NDArray[np.uint8], floor: float, peak: float) -> bool:
-    """True if at some level the spot falls into two that both rise higher."""
+def _parted(spot: NDArray[np.uint8], floor: float, peak: float) -> list[tuple[int, int]]:
+    """The two highest tops, (column, row), if at some level the spot falls into two that both rise higher."""
     for level in np.arange(floor, peak - _DIP_GREY, _DIP_GREY):
         count, labels = cv2.connectedComponents((spot > level).astype(np.uint8))
-        tops = [spot[labels == label].max() for label in range(1, count)]
-        if sum(top >= level + _DIP_GREY for top in tops) > 1:
-            return True
-    return False
+        if count <= 2:
+            continue
+        parts = [np.where(labels == label, spot, 0) for label in range(1, count)]
+        parts = sorted((part for part in parts if part.max() >= level + _DIP_GREY), key=lambda part: -int(part.max()))
+        if len(parts) > 1:
+            rows, columns = zip(*(np.unravel_index(int(part.argmax()), part.shape) for part in parts[:2]), strict=True)
+            return [(int(column), int(row)) for column, row in zip(columns, rows, strict=True)]
+    return []
 
 
-def _measured(grey: Vector, inside: NDArray[np.bool_], floor: float, corner_px: Vector) -> Crossing | NoCrossing:
+def _measured(image: GreyImage, spot: _Spot, scatter: float, next_best: float) -> Crossing | Missed:
     """Moments of what rises above the floor. Compression and saturation keep a symmetric spot symmetric."""
-    weight = np.where(inside, np.clip(grey - floor, 0, None), 0.0)
+    grey = image[spot.crop].astype(float)
+    weight = np.where(spot.inside, np.clip(grey - spot.floor, 0, None), 0.0)
     total = weight.sum()
     if total <= 0:
-        return NoCrossing.ABSENT
+        return Missed(NoCrossing.ABSENT, spot.place_px[None])
     rows, columns = np.indices(grey.shape)
     place = np.stack([columns, rows], axis=-1).astype(float)
     centre = np.einsum("ij,ijk->k", weight, place) / total
     away = place - centre
     spread = np.einsum("ij,ijk,ijl->kl", weight, away, away) / total
-    noise_grey = _noise_grey(grey, inside)
-    sigma = noise_grey * np.sqrt(_NOISE_CELL_PX * np.einsum("ij,ijk->k", inside, away**2)) / total
-    return Crossing(corner_px + centre, sigma, float(np.sqrt(np.linalg.eigvalsh(spread)[-1])))
+    arms = np.einsum("ij,ijk,ijl->kl", spot.inside, away, away) / total**2
+    noise = _noise_grey(grey, spot.inside) ** 2 * _NOISE_CELL_PX * arms
+    clutter = _clutter_grey(spot.contrast, scatter) ** 2 * spread * np.sum(spot.inside) ** 2 / total**2
+    blurred = _KNOWN_SHARE**2 * spread
+    share = 1 - next_best / spot.contrast
+    confidence = min(1.0, spot.contrast / (2 * _LEAST_CONTRAST_GREY)) * min(1.0, 0.5 + share / (2 * (1 - _RIVAL_SHARE)))
+    return Crossing(
+        np.array(spot.corner_px) + centre,
+        noise + clutter + blurred,
+        float(np.sqrt(np.linalg.eigvalsh(spread)[-1])),
+        confidence,
+    )
 
 
 def _noise_grey(grey: Vector, inside: NDArray[np.bool_]) -> float:
     """Standard deviation of what a smooth spot does not explain, grey levels."""
     rough = grey - cv2.GaussianBlur(grey, (0, 0), 1.0)
     return float(np.hypot(_ROUGH_SHARE * _SD_PER_MEDIAN * np.median(np.abs(rough[inside])), _QUANTISATION_GREY))
+
+
+def _clutter_grey(contrast: float, scatter: float) -> float:
+    """By how much speckle below the spot shifts its greys: an echo so much stronger turns the sum by their ratio."""
+    grey_per_db = scatter / _SPECKLE_DB
+    if grey_per_db <= 0:
+        return 0.0
+    ratio = 10 ** (-contrast / (20 * grey_per_db))
+    return float(grey_per_db * 8.686 * ratio / np.sqrt(2))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from appliance.core.acquisition.pairing import Pairing
-from appliance.crosswire.crossing import Crossing, Drawings, NoCrossing, find_crossing
+from appliance.crosswire.crossing import ROUGH_SCALE_MM_PER_PX, Crossing, Drawings, Missed, NoCrossing, find_crossing
 from appliance.types import StampedPair, Vector
 from drivers.rigid import interpolate
 from drivers.samples import Frame, Matrix4, Pose
@@ -24,45 +24,79 @@ _LARGEST_STEP_NS = 150_000_000
 """Between the three pictures of a passage: further apart its instant is guessed. Shorter loses those beside a picture
 without a spot; at 20 Hz two in a row may be missing.
 """
+_WIDENS = 1.35
+"""By which the squared spread must grow to either side of a passage within the window: at 2 mm/s that of wires at 45°
+grows by half, at 4 mm/s they part. More loses slow passages, less takes bubbles, whose spread wavers as they fade
+(tests/appliance/crosswire/test_scan.py).
+"""
+_AROUND_NS = 100_000_000
+"""How far from a passage the poses lie that tell its speed, at most. Further apart they tell the hand's turning back,
+nearer the tracker's noise. Not varied.
+"""
+_PARTS_MM = 1.0
+"""By how much wires must part again on either side for their nearest approach to be one: three of a spot's widths."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """The crossing seen once. centre_px, sigma_px: (2,) as in Crossing. matrix: (4, 4) sensor → tracker, mm."""
+    """The crossing seen once. centre_px, covariance_px: as in Crossing. matrix: (4, 4) sensor → tracker, mm.
+
+    earlier, later: (4, 4) poses of pictures around it, apart_s between them, for the derivative by latency; None where
+    unknown. confidence: of its picture, 0 … 1.
+    """
 
     t_ns: int
     centre_px: Vector
-    sigma_px: Vector
+    covariance_px: Vector
     matrix: Matrix4
+    earlier: Matrix4 | None = None
+    later: Matrix4 | None = None
+    apart_s: float = 0.0
+    confidence: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Look:
-    """One paired picture. spread: of the spot squared, px², infinite where the wires show apart, NaN without spot."""
+class Look:
+    """One paired picture and what was found in it. matrix: (4, 4) sensor → tracker, mm."""
 
     t_ns: int
     matrix: Matrix4
-    crossing: Crossing | None
-    spread: float
+    found: Crossing | Missed
+    gap_mm: float
+
+    @property
+    def spread(self) -> float:
+        """Of the spot squared, px²; infinite where the wires show apart, NaN without spot."""
+        if isinstance(self.found, Crossing):
+            return self.found.spread_px**2
+        return np.inf if self.found.reason is NoCrossing.PARTED else np.nan
 
 
 class CrosswireScan:
     """Takes frames and poses in time order. latency_ms: of the tracker, positive where it is late.
 
+    scale_mm_per_px: (lateral, axial) of the pictures, right within a factor of two.
     pictures, sightings: counts so far. refused: reason → pictures without a sighting. size_px: (width, height).
+    views: one for each passage so far. misses_mm: how far the wires stayed apart where they came nearest and did not
+    meet. last: what the newest paired picture showed.
     """
 
-    def __init__(self, latency_ms: float = 0.0) -> None:
+    def __init__(self, latency_ms: float = 0.0, scale_mm_per_px: tuple[float, float] = ROUGH_SCALE_MM_PER_PX) -> None:
         self._pairing = Pairing()
         self._pairing.latency_ns = round(latency_ms * 1e6)
         self._drawings = Drawings()
-        self._looks: list[_Look] = []
+        self._scale = scale_mm_per_px
+        self._looks: list[Look] = []
+        self._settled = 0
         self.pictures = self.sightings = 0
         self.refused: Counter[str] = Counter()
         self.size_px: tuple[int, int] | None = None
+        self.views: list[View] = []
+        self.misses_mm: list[float] = []
+        self.last: Look | None = None
 
-    def step(self, sample: Frame | Pose) -> None:
-        """Take the next sample."""
+    def step(self, sample: Frame | Pose) -> tuple[View, ...]:
+        """Take the next sample; the views that it settles, a quarter of a second after their passage."""
         if isinstance(sample, Frame):
             self.pictures += 1
             self.size_px = sample.image.shape[1], sample.image.shape[0]
@@ -71,53 +105,95 @@ class CrosswireScan:
                 self._look(item)
             else:
                 self.refused[item.reason] += 1
+        return self._settle(_HALF_WINDOW_NS)
 
-    def views(self) -> tuple[View, ...]:
-        """One view for every passage that was seen from both sides."""
-        narrowest = (index for index in range(1, len(self._looks) - 1) if self._is_passage(index))
-        return tuple(self._view(index) for index in narrowest)
+    def finish(self) -> tuple[View, ...]:
+        """The scan has ended: the views of its last quarter of a second."""
+        return self._settle(0)
 
     def _look(self, pair: StampedPair) -> None:
         drawn = self._drawings.step(pair.frame.image)
-        found = find_crossing(pair.frame.image, drawn)
+        found = find_crossing(pair.frame.image, drawn, self._scale)
+        gap_mm = np.nan
         if isinstance(found, Crossing):
             self.sightings += 1
-            self._looks.append(_Look(pair.stamp.t_ns, pair.matrix, found, found.spread_px**2))
         else:
-            self.refused[found.value] += 1
-            spread = np.inf if found is NoCrossing.PARTED else np.nan
-            self._looks.append(_Look(pair.stamp.t_ns, pair.matrix, None, spread))
+            self.refused[found.reason.value] += 1
+            if found.reason is NoCrossing.PARTED and len(found.spots_px) == 2:
+                gap_mm = float(np.linalg.norm((found.spots_px[1] - found.spots_px[0]) * self._scale))
+        self.last = Look(pair.stamp.t_ns, pair.matrix, found, gap_mm)
+        self._looks.append(self.last)
+
+    def _settle(self, younger_ns: int) -> tuple[View, ...]:
+        """Decide on the looks that are old enough, and forget those that no passage can need any more."""
+        new = []
+        while self._settled < len(self._looks) and self._looks[-1].t_ns - self._looks[self._settled].t_ns >= younger_ns:
+            if self._is_passage(self._settled):
+                new.append(self._view(self._settled))
+            elif self._is_miss(self._settled):
+                self.misses_mm.append(self._looks[self._settled].gap_mm)
+            self._settled += 1
+        while self._settled > 1 and self._looks[self._settled - 1].t_ns - self._looks[0].t_ns > 2 * _HALF_WINDOW_NS:
+            del self._looks[0]
+            self._settled -= 1
+        self.views += new
+        return tuple(new)
 
     def _is_passage(self, index: int) -> bool:
         """Narrower than the pictures next to it and than all within the window; NaN compares false."""
+        if not 0 < index < len(self._looks) - 1:
+            return False
         here = self._looks[index]
         before, after = self._looks[index - 1], self._looks[index + 1]
-        if here.crossing is None or max(here.t_ns - before.t_ns, after.t_ns - here.t_ns) > _LARGEST_STEP_NS:
+        if not isinstance(here.found, Crossing):
             return False
-        return before.spread > here.spread <= after.spread and here.spread <= self._least_around(index)
+        if max(here.t_ns - before.t_ns, after.t_ns - here.t_ns) > _LARGEST_STEP_NS:
+            return False
+        around = self._around(index)
+        spreads = [look.spread for look in around if isinstance(look.found, Crossing)]
+        if not (before.spread > here.spread <= after.spread and here.spread <= min(spreads)):
+            return False
+        # Wires part on either side; what stays one spot until it is gone is a bubble or the end of something.
+        wider = here.spread * _WIDENS
+        return any(look.spread > wider for look in around if look.t_ns < here.t_ns) and any(
+            look.spread > wider for look in around if look.t_ns > here.t_ns
+        )
 
-    def _least_around(self, index: int) -> float:
+    def _is_miss(self, index: int) -> bool:
+        """The wires come nearest here, and part again on either side without having met."""
+        around, here = self._around(index), self._looks[index]
+        if not here.gap_mm <= np.nanmin([look.gap_mm for look in around] + [np.inf]):
+            return False
+        if any(isinstance(look.found, Crossing) for look in around):
+            return False
+        before = [look.gap_mm for look in around if look.t_ns < here.t_ns]
+        after = [look.gap_mm for look in around if look.t_ns > here.t_ns]
+        return all(len(side) > 0 and np.nanmax([*side, 0.0]) > here.gap_mm + _PARTS_MM for side in (before, after))
+
+    def _around(self, index: int, within_ns: int = _HALF_WINDOW_NS) -> list[Look]:
         here_ns = self._looks[index].t_ns
         first, last = index, index
-        while first > 0 and here_ns - self._looks[first - 1].t_ns <= _HALF_WINDOW_NS:
+        while first > 0 and here_ns - self._looks[first - 1].t_ns <= within_ns:
             first -= 1
-        while last < len(self._looks) - 1 and self._looks[last + 1].t_ns - here_ns <= _HALF_WINDOW_NS:
+        while last < len(self._looks) - 1 and self._looks[last + 1].t_ns - here_ns <= within_ns:
             last += 1
-        return min(look.spread for look in self._looks[first : last + 1] if look.crossing is not None)
+        return self._looks[first : last + 1]
 
     def _view(self, index: int) -> View:
         before, here, after = self._looks[index - 1 : index + 2]
-        assert here.crossing is not None
-        crossing, fraction = here.crossing, _vertex(before.spread, here.spread, after.spread)
+        assert isinstance(here.found, Crossing)
+        crossing, part, t_ns, matrix, centre = here.found, 0.0, here.t_ns, here.matrix, here.found.centre_px
+        fraction = _vertex(before.spread, here.spread, after.spread)
         other = after if fraction > 0 else before
-        if other.crossing is None:
-            return View(here.t_ns, crossing.centre_px, crossing.sigma_px, here.matrix)
-        part = abs(fraction)
+        if isinstance(other.found, Crossing):
+            part = abs(fraction)
+            t_ns = here.t_ns + round(part * (other.t_ns - here.t_ns))
+            centre = (1 - part) * crossing.centre_px + part * other.found.centre_px
+            matrix = interpolate(here.matrix, other.matrix, part)
+        near = self._around(index, _AROUND_NS)
+        apart_s = (near[-1].t_ns - near[0].t_ns) / 1e9
         return View(
-            here.t_ns + round(part * (other.t_ns - here.t_ns)),
-            (1 - part) * crossing.centre_px + part * other.crossing.centre_px,
-            crossing.sigma_px,
-            interpolate(here.matrix, other.matrix, part),
+            t_ns, centre, crossing.covariance_px, matrix, near[0].matrix, near[-1].matrix, apart_s, crossing.confidence
         )
 
 

@@ -20,6 +20,7 @@ from appliance.service.control.status import origin_fields
 from appliance.service.control.supervision import Supervision, supervisor_after
 from appliance.service.devices.cart_devices import CartDevices
 from appliance.service.estimator.process_host import EstimatorHost
+from appliance.service.feed.process_host import FeedHost
 from appliance.service.host.host_watch import HostWatch
 from appliance.service.host.log import get_log
 from appliance.service.host.recorder import Recorder
@@ -55,6 +56,8 @@ class Daemon:
         self._events = EventLog(self._recorder, config.simulated)
         self._host = HostWatch(TICK_NS, self._recorder, self._events.note)
         self._devices = CartDevices(config, estimator.put, clock)
+        self._feed = FeedHost(config.feed_socket, config.control.group, user_ids(config.control.viewers))
+        estimator.tap = self._feed.tap
         self._notifier, self._worker, self._annunciator = Notifier(), DeadlineWorker(), Annunciator()
         self._supervisor = supervisor_after(self._recorder.latch, config.supervisor.durations())
         self._supervision = Supervision(
@@ -105,6 +108,7 @@ class Daemon:
             estimator=self._estimator,
             recorder=self._recorder,
             host=self._host,
+            feed=self._feed,
             dropped_clients=lambda: self._control.dropped_clients,
         )
 
@@ -123,6 +127,7 @@ class Daemon:
             annunciator=self._annunciator,
             notifier=self._notifier,
             estimates=EstimateNotes(self._events),
+            feed=self._feed,
         )
 
     def __enter__(self) -> Self:
@@ -136,6 +141,7 @@ class Daemon:
         """Outputs first."""
         self._devices.close()
         self._estimator.close()
+        self._feed.close()
         self._notifier.close()
         self._host.overload.close(self._supervision.now_ns, self._devices.losses)
         self._events.note("stopped")

@@ -8,6 +8,7 @@ from appliance.service.control.server import ControlServer
 from appliance.service.control.supervision import Supervision
 from appliance.service.devices.cart_devices import CartDevices
 from appliance.service.estimator.process_host import EstimatorHost
+from appliance.service.feed.process_host import FeedHost
 from appliance.service.host.host_watch import HostWatch
 from appliance.service.host.recorder import Recorder
 from appliance.service.host.systemd_notify import Notifier
@@ -36,11 +37,13 @@ class Tick:
         annunciator: Annunciator,
         notifier: Notifier,
         estimates: EstimateNotes,
+        feed: FeedHost,
     ) -> None:
         self._clock, self._host, self._estimator, self._references = clock, host, estimator, references
         self._devices, self._supervision, self._recorder, self._control = devices, supervision, recorder, control
         self._requests, self._configuration = requests, configuration
         self._annunciator, self._notifier, self._estimates = annunciator, notifier, estimates
+        self._feed = feed
         self._fed_writes = 0
 
     def step(self) -> None:
@@ -60,6 +63,7 @@ class Tick:
         self._devices.note_rates(now_ns)
         self._estimates.step(now_ns, alarm, self._supervision.verdict, self._references.current)
         self._feed_watchdog(alarm)
+        self._feed.look_after()
 
     def _raise_failures(self) -> None:
         failures = (self._recorder.failure, self._references.failure, *self._devices.failures)

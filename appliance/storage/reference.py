@@ -7,6 +7,7 @@ from appliance.configuration.config import CalibrationPlace, Config
 from appliance.storage.calibration_file import calibration_bytes, is_device_set, parse_calibration
 from appliance.storage.reference_store import Entry, content_of, read_history, sha256_of
 from appliance.types import Calibration
+from drivers.errors import ConfigurationError
 
 Size = tuple[int, int]
 
@@ -66,5 +67,8 @@ def in_force(config: Config, seen_px: Size | None = None) -> Candidate:
     if history is not None and history.in_force is not None:
         return candidate_of_entry(config.alarm.folder, history.in_force)
     place = config.calibration
+    if place.file is None:
+        what = "names no calibration, and none was scanned yet"
+        raise ConfigurationError(what, "[calibration] file", "Scan the first one: probewatch recalibrate --live")
     content = calibration_bytes(place.file)
     return candidate_from_content(content, str(place.file), size_for(content, place, seen_px), place.probe)

@@ -6,19 +6,14 @@ from drivers.errors import RecordingError
 
 HEAD_BYTES = 160
 """What is read of a file to know its kind: DICOM says its own at byte 128, the others before."""
-_FILM = "A film has no poses: record pictures and poses together with PLUS; watch the film alone as opencv:FILE"
 _PICTURE = "Give the whole sequence with its poses, as PLUS records it (.igs.mha or .mhd)"
-_CONVERT = "Convert it to .igs.mha with EditSequenceFile of PLUS, or store it as that in 3D Slicer"
 _REPLAY = "Play it back while PLUS records pictures and poses into .igs.mha"
+_BLACK_BOX = "A black box: probewatch replay FILE, or probewatch export it to .igs.mha; a ROS bag: play it into PLUS"
 _UNPACK = "Unpack it, and give the .igs.mha or .mhd that is in it"
 
 _KINDS = (
-    (4, b"ftyp", "a film (MP4 or MOV)", _FILM),
-    (0, b"RIFF", "a film (AVI)", _FILM),
-    (0, b"\x1a\x45\xdf\xa3", "a film (MKV or WebM)", _FILM),
-    (0, b"NRRD", "an NRRD sequence", _CONVERT),
     (0, b"#ROSBAG", "a ROS bag", _REPLAY),
-    (0, b"\x89MCAP", "a ROS bag (MCAP)", _REPLAY),
+    (0, b"\x89MCAP", "a black box or a ROS bag (MCAP)", _BLACK_BOX),
     (0, b"SQLite format 3", "a database, perhaps a ROS bag (db3)", _REPLAY),
     (128, b"DICM", "a DICOM file", "It has no poses: record pictures and poses together with PLUS"),
     (0, b"\x89HDF", "an HDF5 file", "Write its pictures and poses as a PLUS sequence (.igs.mha)"),

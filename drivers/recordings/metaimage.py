@@ -26,23 +26,23 @@ from drivers.samples import GreyImage, Matrix4, PoseStatus
 from drivers.trackers.plus_transform import TransformReading, rigid_reading, without_matrix
 from drivers.video.crop import FLIPS
 
-_MAX_LINE_BYTES = 65_536
+MAX_LINE_BYTES = 65_536
 """Of the header; lines of PLUS take some hundred. More reads on in a file that has no lines, and is no header."""
 
 _MAX_SIDE_PX, _MAX_PIXELS = 16_384, 1 << 24
 """Of one picture, which is in memory two or three times: the largest screen that scanners have, twice."""
 
-_MAX_HEADER_LINES, _MAX_HEADER_BYTES = 2_000_000, 256_000_000
+MAX_HEADER_LINES, MAX_HEADER_BYTES = 2_000_000, 256_000_000
 """All of it is kept, 500 bytes a line or so; PLUS writes about ten lines and 1 kB a frame: an hour and more."""
 
-_MAX_STAMP_S = 9_000_000_000
+MAX_STAMP_S = 9_000_000_000
 """Seconds whose nanoseconds still fit 64 bits; Unix time gets there in the year 2255."""
 
-_BLOCK_BYTES = 262_144
+BLOCK_BYTES = 262_144
 """Copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls. Not
 measured."""
 
-_FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
+FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +69,10 @@ class MetaImage:
     _data_path: Path
     _data_offset: int
     _compressed: bool
+    _window_bits: int = zlib.MAX_WBITS
+
+    def __len__(self) -> int:
+        return len(self.frames)
 
     def transform_names(self) -> list[str]:
         """Sorted `<A>To<B>` of every transform that occurs in the sequence."""
@@ -82,7 +86,7 @@ class MetaImage:
             seconds = Decimal(text)
         except InvalidOperation:
             seconds = Decimal("NaN")
-        if not seconds.is_finite() or not -_MAX_STAMP_S <= seconds <= _MAX_STAMP_S:
+        if not seconds.is_finite() or not -MAX_STAMP_S <= seconds <= MAX_STAMP_S:
             raise _refusal(self.path, key, f"{text!r} is not a time in seconds", "Record again, or mend this line")
         return round(seconds * 1_000_000_000)
 
@@ -128,10 +132,13 @@ class MetaImage:
         try:
             with reading(self._data_path) as stream:
                 stream.seek(self._data_offset)
-                read = _inflated if self._compressed else _raw
-                yield from read(stream, self._data_path, len(self.frames), frame_bytes)
+                if self._compressed:
+                    inflator = zlib.decompressobj(self._window_bits)
+                    yield from _inflated(inflator, stream, self._data_path, len(self.frames), frame_bytes)
+                else:
+                    yield from _raw(stream, self._data_path, len(self.frames), frame_bytes)
         except OSError as error:
-            raise _unreadable(self._data_path, error) from error
+            raise unreadable(self._data_path, error) from error
 
 
 def read_metaimage(path: Path, orientation: str | None = None) -> MetaImage:
@@ -146,9 +153,9 @@ def read_metaimage(path: Path, orientation: str | None = None) -> MetaImage:
             stream.seek(0)
             general, frames = _read_header(stream, path)
             offset = stream.tell()
-        return _checked(path, general, frames, offset, orientation)
+        return checked_header(path, general, frames, offset, orientation)
     except OSError as error:
-        raise _unreadable(path, error) from error
+        raise unreadable(path, error) from error
 
 
 def write_metaimage(
@@ -169,24 +176,24 @@ def write_metaimage(
     for place in (path, data_path) if detached else (path,):
         refuse_irregular(place)
     with tempfile.TemporaryFile(dir=path.parent) as data:
-        lines = _spool(data, items, size_px, compressed, FLIPS[orientation[:2]])
+        lines = spooled(data, items, size_px, zlib.MAX_WBITS if compressed else None, FLIPS[orientation[:2]])
         head = _general_lines(size_px, lines.count, data.tell() if compressed else None, orientation)
         target = data_path.name if detached else "LOCAL"
         header = "\n".join([*head, *lines.text, f"ElementDataFile = {target}\n"]).encode()
         data.seek(0)
         if detached:
             with replacing(data_path) as stream:
-                shutil.copyfileobj(data, stream, _BLOCK_BYTES)
+                shutil.copyfileobj(data, stream, BLOCK_BYTES)
         with replacing(path) as stream:
             stream.write(header)
-            shutil.copyfileobj(data, stream, _BLOCK_BYTES)
+            shutil.copyfileobj(data, stream, BLOCK_BYTES)
 
 
 def _refusal(path: Path, key: str, what: str, remedy: str) -> RecordingError:
     return RecordingError(f"{key} {what}", str(path), remedy)
 
 
-def _unreadable(path: Path, error: OSError) -> RecordingError:
+def unreadable(path: Path, error: OSError) -> RecordingError:
     where = str(error.filename or path)
     return RecordingError(f"cannot be read: {error.strerror}", where, "Check the name and the permissions")
 
@@ -197,10 +204,10 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int
     lines = 0
     while "ElementDataFile" not in general:
         lines += 1
-        if lines > _MAX_HEADER_LINES or (lines % 1000 == 0 and stream.tell() > _MAX_HEADER_BYTES):
+        if lines > MAX_HEADER_LINES or (lines % 1000 == 0 and stream.tell() > MAX_HEADER_BYTES):
             raise RecordingError("the header is longer than any of PLUS", str(path), "Record in shorter parts")
         key, value = _header_line(stream, path)
-        match = _FRAME_KEY.fullmatch(key)
+        match = FRAME_KEY.fullmatch(key)
         if match:
             frames.setdefault(int(match[1]), {})[match[2]] = value
         elif key:
@@ -210,10 +217,10 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int
 
 def _header_line(stream: BinaryIO, path: Path) -> tuple[str, str]:
     """Next (key, value); both empty for a blank line."""
-    line = stream.readline(_MAX_LINE_BYTES)
+    line = stream.readline(MAX_LINE_BYTES)
     text = line.decode("utf-8", errors="replace").strip()
     key, equals, value = text.partition("=")
-    if len(line) == _MAX_LINE_BYTES or (line.endswith(b"\n") and text and not equals):
+    if len(line) == MAX_LINE_BYTES or (line.endswith(b"\n") and text and not equals):
         what = f"header line {text[:40]!r} is not 'key = value'"
         raise RecordingError(what, str(path), "Give a PLUS sequence (.igs.mha or .mhd)")
     if not line.endswith(b"\n") and not equals:
@@ -221,9 +228,17 @@ def _header_line(stream: BinaryIO, path: Path) -> tuple[str, str]:
     return printable(key.strip()), value.strip()
 
 
-def _checked(
-    path: Path, general: dict[str, str], frames: dict[int, dict[str, str]], offset: int, orientation: str | None
+def checked_header(
+    path: Path,
+    general: dict[str, str],
+    frames: dict[int, dict[str, str]],
+    offset: int,
+    orientation: str | None,
+    window_bits: int = zlib.MAX_WBITS,
 ) -> MetaImage:
+    """A sequence by the fields of its header, in the names of MetaImage; its pictures begin at offset, or in the file
+    that ElementDataFile names. window_bits: as zlib has them for compressed pictures. Raises RecordingError, OSError.
+    """
     width, height, count = _dimensions(path, general)
     if len(frames) != count or max(frames, default=-1) != count - 1:
         what = f"says {count} frames, the header has fields of {len(frames)}"
@@ -239,6 +254,7 @@ def _checked(
         _data_path=data_path,
         _data_offset=offset if local else 0,
         _compressed=compressed,
+        _window_bits=window_bits,
     )
     if sequence.size_px is not None:
         _check_pictures(sequence, general, orientation)
@@ -316,9 +332,10 @@ def _raw(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator
         yield block
 
 
-def _inflated(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[bytes]:
+def _inflated(
+    inflator: "zlib._Decompress", stream: BinaryIO, path: Path, count: int, frame_bytes: int
+) -> Iterator[bytes]:
     """Frames out of one zlib stream; the last read goes past the pictures, so that zlib verifies its checksum."""
-    inflator = zlib.decompressobj()
     for index in range(count):
         block = _inflate(inflator, stream, path, frame_bytes)
         if len(block) < frame_bytes:
@@ -334,7 +351,7 @@ def _inflate(inflator: "zlib._Decompress", stream: BinaryIO, path: Path, wanted:
     parts, missing = [], wanted
     try:
         while missing and not inflator.eof:
-            source = inflator.unconsumed_tail or stream.read(_BLOCK_BYTES)
+            source = inflator.unconsumed_tail or stream.read(BLOCK_BYTES)
             part = inflator.decompress(source, missing)
             parts.append(part)
             missing -= len(part)
@@ -346,21 +363,23 @@ def _inflate(inflator: "zlib._Decompress", stream: BinaryIO, path: Path, wanted:
 
 
 @dataclass(slots=True)
-class _Lines:
+class HeaderLines:
+    """Of the entries, `key = value`, and how many entries there are."""
+
     text: list[str] = field(default_factory=list)
     count: int = 0
 
 
-def _spool(
+def spooled(
     data: BinaryIO,
     items: Iterable[SequenceItem],
     size_px: tuple[int, int] | None,
-    compressed: bool,
+    window_bits: int | None,
     flips: tuple[bool, bool],
-) -> _Lines:
-    """Write the pictures to data; return the header lines of the entries."""
-    lines = _Lines()
-    deflator = zlib.compressobj(6) if compressed else None
+) -> HeaderLines:
+    """Write the pictures to data, compressed where window_bits says how; return the header lines of the entries."""
+    lines = HeaderLines()
+    deflator = None if window_bits is None else zlib.compressobj(6, zlib.DEFLATED, window_bits)
     for item in items:
         lines.text += _item_lines(lines.count, item)
         lines.count += 1

@@ -15,7 +15,7 @@ import numpy as np
 
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError, DeviceLost, RecordingError
-from drivers.recordings.metaimage import MetaImage, read_metaimage
+from drivers.recordings.sequence import Sequence, read_sequence
 from drivers.registry import refuse_unknown
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 from drivers.trackers.plus_transform import TransformReading
@@ -39,8 +39,8 @@ class Recording:
     where the session has no poses. left_out: reason → number of frames not passed on.
     """
 
-    pictures: MetaImage
-    poses: MetaImage
+    pictures: Sequence
+    poses: Sequence
     tool: str | None
     reference: str | None
     frame_order: tuple[tuple[int, int], ...]
@@ -114,8 +114,8 @@ def open_recording(
     "Probe" and reference "Reference" unless named; the name "Tracker" asks for poses without a reference tool.
     Raises RecordingError, also where need_poses and the transforms are not there.
     """
-    pictures = read_metaimage(path, orientation)
-    pose_source = pictures if poses is None else read_metaimage(poses)
+    pictures = read_sequence(path, orientation)
+    pose_source = pictures if poses is None else read_sequence(poses)
     tool, fixed = _transform_names(pose_source, probe or "Probe", reference, need_poses)
     frame_order, disordered = _in_time_order(pictures) if pictures.size_px else ((), 0)
     shown = tuple(entry for entry in frame_order if pictures.image_ok(entry[1]))
@@ -220,7 +220,7 @@ def _start_s(text: str, target: str) -> float:
 
 
 def _transform_names(
-    poses: MetaImage, probe: str, reference: str | None, required: bool
+    poses: Sequence, probe: str, reference: str | None, required: bool
 ) -> tuple[str | None, str | None]:
     """(transform of the tool, transform of the reference or None) for open_recording's rule."""
     there = poses.transform_names()
@@ -240,16 +240,16 @@ def _transform_names(
     )
 
 
-def _in_time_order(sequence: MetaImage) -> tuple[tuple[tuple[int, int], ...], int]:
+def _in_time_order(sequence: Sequence) -> tuple[tuple[tuple[int, int], ...], int]:
     """((t_ns, index), …) of the entries that are later than all before them, and the number of the others."""
     kept: list[tuple[int, int]] = []
-    for index in range(len(sequence.frames)):
+    for index in range(len(sequence)):
         t_ns = sequence.stamp_ns(index)
         if not kept or t_ns > kept[-1][0]:
             kept.append((t_ns, index))
-    dropped = len(sequence.frames) - len(kept)
-    if dropped > _MAX_DISORDER * len(sequence.frames):
-        what = f"the Timestamp of {dropped} of {len(sequence.frames)} frames is not later than the one before"
+    dropped = len(sequence) - len(kept)
+    if dropped > _MAX_DISORDER * len(sequence):
+        what = f"the Timestamp of {dropped} of {len(sequence)} frames is not later than the one before"
         raise RecordingError(what, str(sequence.path), "Record again; without true times nothing can be verified")
     return tuple(kept), dropped
 

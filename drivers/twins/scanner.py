@@ -14,6 +14,7 @@ from drivers.clock.host_clock import HostClock
 from drivers.samples import GreyImage
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import FUTURE_S, blank_image, frozen_image
+from drivers.twins.scene.tank import PlaceOfWork
 from drivers.twins.scene.world import World
 from drivers.video.sim import pack_frame
 
@@ -94,7 +95,7 @@ class VideoPlug:
 class Scanner:
     """Renders ahead, sends on time, and numbers the frames by time, so one that was too late is a visible gap."""
 
-    def __init__(self, world: World, plug: VideoPlug, clock: HostClock, faults: FaultControl) -> None:
+    def __init__(self, world: World | PlaceOfWork, plug: VideoPlug, clock: HostClock, faults: FaultControl) -> None:
         self._world, self._plug, self._clock, self._faults = world, plug, clock, faults
         self._period_s = 1 / world.settings.fps
         self._cost_s = 0.0

@@ -23,6 +23,7 @@ from drivers.files.regular_file import reading
 from drivers.recordings.replay import open_recording
 from drivers.samples import Matrix4
 from drivers.trackers.pose_bounds import UNIT_TOLERANCE
+from drivers.twins.scene.tank import PlaceOfWork
 from drivers.twins.scene.world import World
 
 PROBE, REFERENCE = "probe", "reference"
@@ -53,7 +54,7 @@ class Track:
         return _between(first, second, (t_s - begin_s) / (end_s - begin_s))
 
 
-def world_motion(world: World) -> PoseAt:
+def world_motion(world: World | PlaceOfWork) -> PoseAt:
     """Poses of the shared world: its probe, and every other tool lying still beside it."""
     still = np.eye(4)
     still[:3, 3] = _REFERENCE_POSE_MM

@@ -29,7 +29,7 @@ from tests.support.polling import until
 from tests.support.simulated import PROBEWATCH
 from tests.support.told_status import MATRIX, OPEN, ToldService
 from tools.openigtlink.server import StateServer
-from tools.openigtlink.status_watch import StatusWatch
+from tools.shared.status_watch import StatusWatch
 
 EXAMPLES = Path("/usr/share/doc/openigtlink-examples/examples")
 PROGRAMS = {

@@ -23,10 +23,10 @@ class Answering:
         self.status = recorded()
         self.mute = False
         self.asked: list[str] = []
-        self._path, self._end = path, threading.Event()
+        self.path, self._end = path, threading.Event()
 
     def __enter__(self) -> "Answering":
-        self._server = ControlServer(self._path)
+        self._server = ControlServer(self.path)
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
         return self

@@ -24,6 +24,7 @@ import sbom  # noqa: E402
 from tools.cli import _COMMANDS as COMMANDS  # noqa: E402
 from tools.commands.simulate import _DEVICES  # noqa: E402
 
+_CALIBRATION = ("back", "diff", "export", "import", "list", "reset", "show", "use")
 PAGES = documents.man_pages("9.9", "2026-01-02")
 
 
@@ -40,7 +41,7 @@ def test_an_unknown_suite_is_refused_by_name() -> None:
 
 def test_every_command_and_subcommand_has_a_man_page() -> None:
     below = {f"probewatch-simulate-{name}.1" for name in _DEVICES}
-    below |= {f"probewatch-calibration-{name}.1" for name in ("back", "diff", "list", "reset", "show", "use")}
+    below |= {f"probewatch-calibration-{name}.1" for name in _CALIBRATION}
     assert set(PAGES) == {"probewatch.1"} | {f"probewatch-{name}.1" for name in COMMANDS} | below
 
 
@@ -74,7 +75,7 @@ def test_bash_completes_commands_by_the_script_that_the_package_ships(tmp_path: 
     command = ["bash", "-c", f"source {script}; {typed}"]
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert done.stdout.split() == ["recalibrate", "release", "reload", "replay"]
+    assert done.stdout.split() == ["recalibrate", "record", "release", "reload", "replay", "report"]
 
 
 def test_the_list_of_parts_is_the_same_for_the_same_tree_and_valid(tmp_path: Path) -> None:
@@ -128,3 +129,11 @@ def test_purging_deletes_the_audit_trail_where_that_is_asked_for(system: Path) -
 def test_purging_leaves_no_empty_folder(system: Path) -> None:
     assert purged(system) == ""
     assert not (system / "var/lib/probewatch").exists()
+
+
+def test_purging_keeps_recordings_and_says_where_they_are(system: Path) -> None:
+    recording = system / "var/lib/probewatch-recorder/kept/a.mcap"
+    recording.parent.mkdir(parents=True)
+    recording.write_bytes(b"x")
+    assert "pictures of patients" in purged(system, PROBEWATCH_PURGE_AUDIT_TRAIL="yes")
+    assert recording.exists()

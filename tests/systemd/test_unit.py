@@ -10,6 +10,8 @@ import pytest
 FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "probewatch.service"
 BESIDE = FOLDER / "probewatch-openigtlink.service"
+PAGE = FOLDER / "probewatch-page.service"
+RECORDER, REPORT = FOLDER / "probewatch-recorder.service", FOLDER / "probewatch-report.service"
 UNITS = sorted(FOLDER.glob("probewatch*.service"))
 needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd-analyze (systemd)")
 needs_udev = pytest.mark.skipif(shutil.which("udevadm") is None, reason="needs udevadm (udev)")
@@ -66,7 +68,36 @@ def test_what_stands_beside_it_can_touch_nothing_and_is_reached_from_this_comput
     assert "Requires" not in settings(UNIT), "the service needs nobody"
 
 
-@pytest.mark.parametrize("unit", [unit for unit in UNITS if unit not in (UNIT, BESIDE)], ids=lambda unit: unit.name)
+def test_the_page_is_a_user_of_its_own_without_devices_and_reached_from_this_computer_alone() -> None:
+    unit = settings(PAGE)
+    assert (unit["User"], unit["Group"]) == (["probewatch-page"], ["probewatch"])
+    assert unit["PrivateDevices"] == ["yes"]
+    assert unit["IPAddressAllow"] == ["localhost"]
+    assert unit["SocketBindAllow"] == ["tcp:9780"]
+    assert (unit["StateDirectory"], unit["StateDirectoryMode"]) == (["probewatch-page"], ["0750"])
+    assert int(unit["Nice"][0]) > 0
+    assert not {"DeviceAllow", "Requires", "BindsTo"} & unit.keys()
+
+
+@pytest.mark.parametrize("unit", [RECORDER, REPORT], ids=lambda unit: unit.name)
+def test_who_writes_of_it_has_no_device_no_network_and_a_folder_of_its_own(unit: Path) -> None:
+    found = settings(unit)
+    assert found["PrivateDevices"] == found["PrivateNetwork"] == ["yes"]
+    assert found["RestrictAddressFamilies"] == ["AF_UNIX"]
+    assert found["User"] == found["StateDirectory"]
+    assert int(found["Nice"][0]) > 0
+    assert found["OOMScoreAdjust"] == ["500"]
+    assert not {"DeviceAllow", "Requires", "BindsTo"} & found.keys()
+
+
+@needs_systemd
+def test_systemd_accepts_the_timer() -> None:
+    assert said("systemd-analyze", "verify", str(FOLDER / "probewatch-report.timer")) == (0, "")
+
+
+@pytest.mark.parametrize(
+    "unit", [unit for unit in UNITS if unit not in (UNIT, BESIDE, PAGE, RECORDER, REPORT)], ids=lambda unit: unit.name
+)
 def test_who_only_reads_the_status_has_no_device_no_log_and_a_user_of_its_own(unit: Path) -> None:
     lines = unit.read_text().splitlines()
     for line in (
@@ -93,7 +124,7 @@ def test_users_and_folders_can_be_made(tmp_path: Path) -> None:
     assert (code, "probewatch" in (tmp_path / "etc/passwd").read_text()) == (0, True), text
     groups = (tmp_path / "etc/group").read_text()
     assert re.search(r"^gpio:.*probewatch", groups, re.M)
-    assert re.search(r"^probewatch:.*:probewatch-monitor$", groups, re.M)
+    assert re.search(r"^probewatch:.*:probewatch-monitor,probewatch-page,probewatch-recorder$", groups, re.M)
 
 
 @needs_udev

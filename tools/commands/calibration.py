@@ -1,5 +1,6 @@
 """`probewatch calibration`: which reference is in force, which were, how they differ, and back to an earlier one."""
 
+import hashlib
 import json
 import sys
 from pathlib import Path
@@ -13,11 +14,14 @@ from rich.table import Table
 from appliance.core.quality.calibration_difference import Difference, difference
 from appliance.limits import Limits
 from appliance.service.control.client import ControlClient
-from appliance.storage.calibration_file import calibration_bytes, is_device_set
+from appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
+from appliance.storage.calibration_file import calibration_bytes, is_device_set, read_calibration, write_calibration
 from appliance.storage.reference import candidate_from_content, candidate_of_entry
 from appliance.storage.reference_store import FOLDER, Entry, History, content_of, read_history, set_aside
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError, DeviceLost
+from drivers.files.atomic_file import writing
+from tools.shared.estimate import check_new
 from tools.shared.service_socket import socket_option
 from tools.shared.verification import accepted, ask, await_verification, recalibrating
 
@@ -47,6 +51,7 @@ def command() -> None:
       probewatch calibration diff 1 2
       probewatch calibration back 1           # states the difference and asks
       probewatch calibration use new.toml     # a file; --yes where nobody can be asked
+      probewatch calibration export 2 --output probe.xml
     """
 
 
@@ -131,6 +136,54 @@ def back(number: int, control_socket: Path, yes: bool, wait_s: float) -> None:
     Exit codes are those of `use`.
     """
     _change(number, control_socket, yes, wait_s)
+
+
+@command.command(short_help="write a reference for PLUS (.xml) or 3D Slicer (.tfm)")
+@click.argument("source")
+@click.option("--output", required=True, type=click.Path(path_type=Path), help="new file, .xml or .tfm")
+@click.option("--probe", default="Probe", show_default=True, help="name of the marker body in the device set")
+@click.option("--image-size", nargs=2, type=click.IntRange(16, 16_384), help="of SOURCE, where it does not say")
+@_WHERE
+def export(source: str, output: Path, probe: str, image_size: tuple[int, int] | None, folder: Path) -> None:
+    """Write SOURCE, the number of a reference or a file, for another program.
+
+    .xml is a device set of the PLUS toolkit with the transform Image to Probe, .tfm an ITK text transform that 3D
+    Slicer loads; HDF5 (.h5) is not written. Both keep every number to 1e-9; neither holds sigmas or who signed.
+
+    \b
+    Example:
+      probewatch calibration export 3 --output probe.xml
+    """
+    if output.suffix not in (".xml", ".tfm"):
+        raise click.UsageError("--output ends in .xml or .tfm")
+    check_new(output)
+    calibration = _Named(source, folder).calibration(image_size)
+    text = device_set_text(calibration, probe) if output.suffix == ".xml" else itk_text(calibration)
+    with writing(output) as stream:
+        stream.write(text.encode())
+    click.echo(f"written: {output}")
+
+
+@command.command(name="import", short_help="make our file of a PLUS .xml or a .tfm of 3D Slicer")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--output", required=True, type=click.Path(path_type=Path), help="new file, .toml")
+@click.option("--image-size", nargs=2, required=True, type=click.IntRange(16, 16_384), help="width and height, px")
+@click.option("--probe", default="Probe", show_default=True, help="name of the marker body in the device set")
+def import_file(file: Path, output: Path, image_size: tuple[int, int], probe: str) -> None:
+    """Make our calibration file of FILE, a device set of PLUS or an ITK text transform (.tfm).
+
+    Neither states the size of the pictures, to which the origin refers, nor any sigma: give --image-size of the
+    pictures as the service will see them. `probewatch calibration use` gives the new file to the service.
+
+    \b
+    Example:
+      probewatch calibration import probe.tfm --image-size 640 480 --output probe.toml
+    """
+    check_new(output)
+    calibration = read_itk(file, image_size) if file.suffix == ".tfm" else read_calibration(file, image_size, probe)
+    digest = hashlib.sha256(calibration_bytes(file)).hexdigest()
+    write_calibration(output, calibration, {"input": str(file.absolute()), "input_sha256": digest})
+    click.echo(f"written: {output}")
 
 
 @command.command(short_help="set a damaged history aside and start again")

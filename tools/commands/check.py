@@ -39,7 +39,8 @@ def command(file: Path) -> None:
         click.echo(mistake, err=True)
     if mistakes:
         sys.exit(ConfigurationError.exit_code)
-    click.echo(f"{file} and {config.calibration.file} can be used")
+    named = config.calibration.file
+    click.echo(f"{file} can be used; it names no calibration" if named is None else f"{file} and {named} can be used")
     if not is_configured(file):
         click.echo("but the service waits until it says configured = true")
 
@@ -61,6 +62,8 @@ def _options(config: Config, file: Path) -> Iterator[str]:
 
 def _calibration(config: Config) -> list[str]:
     place = config.calibration
+    if place.file is None:
+        return []
     try:
         content = calibration_bytes(place.file)
         # Of a device set the first picture may tell the size; any stands for it while nothing is started.

@@ -8,8 +8,8 @@ from threading import Event
 import click
 
 from tools.openigtlink.server import StateServer
-from tools.openigtlink.status_watch import StatusWatch
 from tools.shared.service_socket import socket_option
+from tools.shared.status_watch import StatusWatch
 
 _PORT = 18944
 """TCP port of OpenIGTLink, by its specification."""

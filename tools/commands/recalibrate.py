@@ -1,10 +1,9 @@
-"""`probewatch recalibrate`: a cross-wire scan, ζ in closed form, a new calibration file, and the service told of it."""
+"""`probewatch recalibrate`: a cross-wire scan, ζ or all of a calibration, a new file, and the service told of it."""
 
-import getpass
-import os
 import sys
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from appliance.crosswire.offset import (
     solve_zeta,
 )
 from appliance.crosswire.scan import CrosswireScan
+from appliance.crosswire.water import RANGE_C, SCANNER_M_S
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
 from appliance.storage.calibration_file import calibration_bytes, is_device_set, write_calibration
@@ -30,11 +30,18 @@ from appliance.storage.reference import candidate_from_content, in_force
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable
+from tools.recalibration.session import Begin, ScanSession, Signature
+from tools.recalibration.terminal import run
 from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
+from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
+from tools.shared.sign_off import SignOff, user
+from tools.shared.status_watch import StatusWatch
 from tools.shared.tables import FittingTable
 from tools.shared.terminal import progress_bar
 from tools.shared.verification import accepted, await_verification, recalibrating, refuse_simulated
 
+_LOOK_S = 0.2
+"""Between two questions to the service during a live scan: four of its ticks."""
 _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
 
 _HELP = """Scan a cross-wire, solve ζ, write a new calibration, and let the service verify it.
@@ -49,6 +56,14 @@ How to scan
   3. Tilt the probe between passages: left, right, forwards, backwards, 10° and more. At least 8 passages, 20 are
      better. Let the crossing appear in different places of the picture.
   4. If the marker body may have slid: turn the probe in the picture's plane, too, and give --solve offset.
+  5. For a first calibration: three minutes, the crossing also in every corner of the picture, and --solve all. It needs
+     no calibration in force, finds the tracker's latency itself, and lists the views; --strike 7 leaves one out.
+  6. --check takes a second scan, of the crossing elsewhere: the new calibration must put it in one place.
+
+\b
+Example of a first calibration, signed:
+  probewatch recalibrate --recording scan.igs.mha --solve all --water-c 47.5 --output probe.toml
+    --check other.igs.mha --signed-by "R. Gray" --role physicist --reason "new cart" --due 2027-05-01
 
 With --config or --socket the service is told: its contact opens, and closes again only after the service itself has
 verified the new calibration on moving tissue, for which the command waits (--wait). When the scan is refused or
@@ -81,14 +96,53 @@ class _Reference:
 @click.option("--probe", help="tool on the probe, as the recording names it [Probe]")
 @click.option("--reference", help="reference tool of the recording; Tracker for none")
 @click.option("--orientation", help="how pictures are stored, e.g. MF, where the recording does not say")
-@click.option("--latency-ms", default=0.0, type=click.FloatRange(-500, 500), help="of the tracker, as replay finds it")
+@click.option(
+    "--latency-ms",
+    type=click.FloatRange(-500, 500),
+    help="of the tracker, as `latency` finds it [0; --solve all: sought]",
+)
 @click.option("--simulated", "simulate", is_flag=True, help="a simulated scan instead of a recorded one")
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of the simulated scan")
 @click.option("--duration", default=30.0, show_default=True, type=click.FloatRange(1, 600), help="of it, in s")
 @click.option(
-    "--solve", default="zeta", show_default=True, type=click.Choice(["zeta", "offset"]), help="ζ, or all of t_x"
+    "--solve",
+    default="zeta",
+    show_default=True,
+    type=click.Choice(["zeta", "offset", "all"]),
+    help="ζ, all of t_x, or all eight parameters",
 )
+@click.option(
+    "--strike", multiple=True, type=click.IntRange(0), help="view to leave out, by number; repeatable; with all"
+)
+@click.option("--review", is_flag=True, help="list every view, not the furthest off alone; with all")
+@click.option("--estimate", type=click.Path(path_type=Path), help="of replay --estimate, to compare with; with all")
+@click.option("--check", "check_file", type=click.Path(path_type=Path), help="scan of the crossing elsewhere; with all")
+@click.option("--check-point", nargs=3, type=float, help="where that crossing is, tracker mm, if measured otherwise")
+@click.option("--water-c", type=click.FloatRange(*RANGE_C), help="temperature of the water, °C")
+@click.option(
+    "--scanner-m-s", default=SCANNER_M_S, show_default=True, type=click.FloatRange(1400, 1700), help="its setting"
+)
+@click.option(
+    "--correct-sound", is_flag=True, help="correct depths for the water's speed of sound; linear arrays; with all"
+)
+@click.option(
+    "--face-row", default=0.0, show_default=True, type=click.FloatRange(0), help="row of the probe's face, for that"
+)
+@click.option("--made-by", help="who scanned [user of this computer]")
+@click.option("--signed-by", default="", help="second person, who signs")
+@click.option("--role", default="", help="of that person")
+@click.option("--comment", default="", help="of that person")
+@click.option("--reason", default="", help="for the calibration")
+@click.option("--probe-serial", default="", help="serial number of the probe")
+@click.option("--preset", default="", help="preset of the scanner")
+@click.option("--due", type=click.DateTime(["%Y-%m-%d"]), help="day on which to calibrate again")
+@click.option("--expires", type=click.DateTime(["%Y-%m-%d"]), help="day after which not to use it")
 @click.option("--sigma-mm", default=0.5, show_default=True, type=click.FloatRange(0.01, 5), help="largest ± accepted")
+@click.option(
+    "--live", is_flag=True, help="scan on the running cart; asks for what is not given, or with --signed-by nobody"
+)
+@click.option("--feed", type=click.Path(path_type=Path), help="with --live: the feed's socket, if not the service's")
+@click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="with --live: for the new file [.]")
 @click.option("--yes", is_flag=True, help="accept a difference beyond the limits of the checks without being asked")
 @click.option("--wait", "wait_s", default=120.0, show_default=True, type=click.FloatRange(1, 3600), help="for it, in s")
 def command(
@@ -101,36 +155,116 @@ def command(
     probe: str | None,
     reference: str | None,
     orientation: str | None,
-    latency_ms: float,
+    latency_ms: float | None,
     simulate: bool,
     seed: int,
     duration: float,
     solve: str,
+    strike: tuple[int, ...],
+    review: bool,
+    estimate: Path | None,
+    check_file: Path | None,
+    check_point: tuple[float, float, float] | None,
+    water_c: float | None,
+    scanner_m_s: float,
+    correct_sound: bool,
+    face_row: float,
+    made_by: str | None,
+    signed_by: str,
+    role: str,
+    comment: str,
+    reason: str,
+    probe_serial: str,
+    preset: str,
+    due: datetime | None,
+    expires: datetime | None,
     sigma_mm: float,
+    live: bool,
+    feed: Path | None,
+    folder: Path | None,
     yes: bool,
     wait_s: float,
 ) -> None:
+    if live:
+        if simulate or recording is not None:
+            raise click.UsageError("--live scans on the cart itself; leave --simulated and --recording out")
+        asked = "" if signed_by else "yes"
+        begin = Begin(
+            probe or probe_serial or (asked and click.prompt("probe")),
+            preset or (asked and click.prompt("depth or preset of the scanner")),
+            made_by or (asked and click.prompt("your name")) or user(),
+            reason,
+            "zeta" if solve == "zeta" else "whole",
+        )
+        _live(config_file, socket, feed, folder, begin, Signature(signed_by, role, comment) if signed_by else None)
+        return
     if simulate == (recording is not None):
-        raise click.UsageError("give the scan: either --recording FILE or --simulated")
-    scan_input = simulated(seed, duration) if recording is None else recorded(recording, probe, reference, orientation)
-    before, socket = _in_force(config_file, socket, calibration, simulate, scan_input.size_px, probe)
+        raise click.UsageError("give the scan: --live, or either --recording FILE or --simulated")
+    sign_off = SignOff(
+        made_by or user(), signed_by, role, comment, reason, probe_serial, preset, _day(due), _day(expires)
+    )
+    sign_off.check()
+    whole = WholeOptions(
+        strike, review, estimate, check_file, check_point, water_c, scanner_m_s, correct_sound, face_row, latency_ms
+    )
+    if solve != "all":
+        whole.refuse_used()
+    program = "guided" if solve == "all" else "freehand"
+    scan_input = (
+        simulated(seed, duration, program) if recording is None else recorded(recording, probe, reference, orientation)
+    )
+    before, socket = _in_force(config_file, socket, calibration, simulate, scan_input.size_px, probe, solve == "all")
     target = output or _dated(before)
     _check_target(target, force)
-    _check_size(before, scan_input)
+    if before is not None:
+        _check_size(before, scan_input)
     if simulate and socket is not None:
         refuse_simulated(socket)
+    sound(water_c, scanner_m_s, correct_sound)
     with recalibrating(socket):
-        scan = _scanned(scan_input, latency_ms)
-        solution = _solved(scan, before.calibration, solve, Demand(sigma_mm=sigma_mm))
-        _print(solution, before.calibration)
+        scan = _scanned(scan_input, latency_ms or 0.0)
+        if solve == "all":
+            reading = partial(recorded, probe=probe, reference=reference, orientation=orientation)
+            after, record = solve_all(
+                scan, scan_input, before.calibration if before else None, whole, sign_off, sigma_mm, reading
+            )
+        else:
+            assert before is not None
+            solution = _solved(scan, before.calibration, solve, Demand(sigma_mm=sigma_mm))
+            _print(solution, before.calibration)
+            after = renewed(before.calibration, solution)
+            record = {**_provenance(solution, before, scan_input), **sign_off.fields()}
         _check_target(target, force)
-        after = renewed(before.calibration, solution)
-        after = replace(after, simulated=simulate or before.calibration.simulated)
-        write_calibration(target, after, _provenance(solution, before, scan_input))
+        after = replace(after, simulated=simulate or (before is not None and before.calibration.simulated))
+        write_calibration(target, after, {**record, **_previous(before)})
         click.echo(f"written: {target}")
         if socket is not None:
             _hand_over(socket, target, yes)
     _conclude(socket, target, wait_s)
+
+
+def _day(moment: datetime | None) -> date | None:
+    return None if moment is None else moment.date()
+
+
+def _live(
+    config_file: Path | None,
+    socket: Path | None,
+    feed: Path | None,
+    folder: Path | None,
+    begin: Begin,
+    signature: Signature | None,
+) -> None:
+    config = None if config_file is None else load_config(config_file)
+    control = socket or (None if config is None else config.control.socket)
+    if control is None:
+        raise click.UsageError("name the service: --config FILE, or --socket")
+    pictures = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
+    with (
+        StatusWatch(control, _LOOK_S) as watch,
+        ScanSession(control, pictures, (folder or Path()).absolute(), watch) as session,
+    ):
+        run(session, begin, signature)
 
 
 def _in_force(
@@ -140,10 +274,11 @@ def _in_force(
     simulate: bool,
     size_px: tuple[int, int],
     probe: str | None,
-) -> tuple[_Reference, Path | None]:
+    may_lack: bool,
+) -> tuple[_Reference | None, Path | None]:
     """The calibration in force and the socket of the service; explicit options go before the configuration.
 
-    size_px: (width, height) of the scan's pictures, which a device set does not state.
+    size_px: (width, height) of the scan's pictures, which a device set does not state. may_lack: none is needed.
     """
     config = None if config_file is None else load_config(config_file)
     socket = socket if config is None else socket or config.control.socket
@@ -155,13 +290,15 @@ def _in_force(
         before = in_force(config, size_px)
     elif simulate:
         return _Reference(simulated_reference()), socket
+    elif may_lack:
+        return None, socket
     else:
         raise click.UsageError("give the calibration in force: --calibration FILE, or --config FILE of the service")
     return _Reference(before.calibration, Path(before.file), before.sha256), socket
 
 
-def _dated(before: _Reference) -> Path:
-    file = before.file or Path("simulated.toml")
+def _dated(before: _Reference | None) -> Path:
+    file = Path("probe.toml") if before is None else before.file or Path("simulated.toml")
     return file.with_name(f"{file.stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.toml")
 
 
@@ -185,12 +322,13 @@ def _scanned(scan_input: ScanInput, latency_ms: float) -> CrosswireScan:
         for sample in scan_input.samples:
             scan.step(sample)
             progress.update(task, advance=1, seen=scan.sightings, pictures=scan.pictures)
+    scan.finish()
     return scan
 
 
 def _solved(scan: CrosswireScan, before: Calibration, solve: str, demand: Demand) -> OffsetSolution:
     """Raises ScanRefused, with what the pictures showed where the crossing was hardly seen."""
-    views = scan.views()
+    views = scan.views
     click.echo(f"{scan.pictures} pictures, crossing seen in {scan.sightings}, {len(views)} passages through its plane")
     for reason, number in scan.refused.most_common():
         click.echo(f"  {number} without: {reason}")
@@ -226,7 +364,6 @@ def _provenance(solution: OffsetSolution, before: _Reference, scan_input: ScanIn
         if np.isfinite(sigma)
     ]
     return {
-        "who": _user(),
         "when": datetime.now(UTC).isoformat(timespec="seconds"),
         "how": f"probewatch {version('probewatch')} recalibrate, cross-wire, closed form",
         "input": scan_input.name,
@@ -234,16 +371,14 @@ def _provenance(solution: OffsetSolution, before: _Reference, scan_input: ScanIn
         "views": f"{solution.views} used, {solution.rejected} rejected",
         "tilt_spread_deg": f"{solution.tilt_sd_deg:.2f}",
         "localisation_mm": f"{solution.localisation_mm:.4f}",
-        "previous_file": "simulated" if before.file is None else str(before.file.absolute()),
-        "previous_sha256": before.sha256,
     }
 
 
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):
-        return f"uid {os.getuid()}"
+def _previous(before: _Reference | None) -> dict[str, str]:
+    if before is None:
+        return {"who": user(), "previous_file": "none"}
+    file = "simulated" if before.file is None else str(before.file.absolute())
+    return {"who": user(), "previous_file": file, "previous_sha256": before.sha256}
 
 
 def _hand_over(socket: Path, target: Path, yes: bool) -> None:

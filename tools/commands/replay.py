@@ -1,8 +1,10 @@
 """`probewatch replay`: a recording through the same line as live data, and a report of what it shows."""
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import click
 from rich.console import Console
@@ -11,18 +13,29 @@ from rich.progress import track
 from appliance.configuration.config import load_config
 from appliance.core.handeye.second_opinion import SecondOpinion
 from appliance.core.line import Line
-from appliance.core.quality.report import Change, LineReport, report_json
+from appliance.core.quality.report import VERSION, Change, LineReport, report_json
+from appliance.storage.black_box import Series
 from appliance.storage.calibration_file import read_calibration
 from appliance.supervision.timeline import Judging
-from appliance.types import Check
+from appliance.types import Calibration, Check
+from drivers.errors import RecordingError
 from drivers.files.atomic_file import check_writable
-from drivers.recordings.replay import open_recording
-from drivers.samples import Sample
+from drivers.recordings.replay import Recording, open_recording
 from drivers.twins.faults import CART_FAULTS, Episode, Schedule
+from tools.report.pdf import check_pdf, write_pdf
+from tools.report.recording_page import write_recording_page
+from tools.report.trace import Trace
 from tools.shared.estimate import check_new, write_estimate
+from tools.shared.found_recordings import found
 from tools.shared.json_report import write_json
-from tools.shared.recording_run import run
+from tools.shared.recording_run import BlackBoxSession, Seen, nobody, run, run_series
+from tools.shared.rerun import Comparison
 from tools.shared.tables import NOTHING, FittingTable
+from tools.shared.terminal import progress_bar
+from tools.study.archive import ArchiveTask, archive_table
+from tools.study.workers import results
+
+_Item = TypeVar("_Item")
 
 
 def _episodes(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> Schedule:
@@ -43,31 +56,52 @@ def _episode(text: str) -> Episode:
 
 
 @click.command(name="replay")
-@click.argument("recording", type=click.Path(path_type=Path))
-@click.option("--calibration", required=True, type=click.Path(path_type=Path), help="our .toml or a PLUS device set")
+@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--calibration", type=click.Path(path_type=Path), help="our .toml or a PLUS device set")
 @click.option("--config", "config_path", type=click.Path(path_type=Path), help="judge as the cart with this file would")
-@click.option("--poses", type=click.Path(path_type=Path), help="sequence with the poses, if recorded apart")
+@click.option("--poses", type=click.Path(path_type=Path), help="sequence or .csv with the poses, if recorded apart")
 @click.option("--inject", "schedule", multiple=True, callback=_episodes, metavar="FAULT[@SECONDS]", help="repeatable")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the report here too")
+@click.option("--html", "html_path", type=click.Path(path_type=Path), help="write a page to look at, with plots")
+@click.option("--pdf", "pdf_path", type=click.Path(path_type=Path), help="that page as PDF, by chromium")
 @click.option(
     "--estimate", "estimate_path", type=click.Path(path_type=Path), help="write the estimated calibration here"
 )
 @click.option("--probe", help="tool on the probe, as the transforms name it [Probe]")
 @click.option("--reference", help="reference tool; Tracker for none [Reference, where recorded]")
 @click.option("--orientation", help="how pictures are stored, e.g. MF, where the file does not say")
+@click.option(
+    "--jobs", default=1, show_default=True, type=click.IntRange(1, 512), help="processes for several recordings"
+)
 def command(
-    recording: Path,
-    calibration: Path,
+    recordings: tuple[Path, ...],
+    calibration: Path | None,
     config_path: Path | None,
     poses: Path | None,
     schedule: Schedule,
     json_path: Path | None,
+    html_path: Path | None,
+    pdf_path: Path | None,
     estimate_path: Path | None,
     probe: str | None,
     reference: str | None,
     orientation: str | None,
+    jobs: int,
 ) -> None:
-    """Run RECORDING (PLUS .igs.mha or .mhd) through the line and print a report.
+    """Run RECORDINGS through the line and print a report; of several, or of a folder of them, a table.
+
+    It reads PLUS sequences (.igs.mha, .mhd, .igs.nrrd, .nrrd), black boxes of probewatch record (.mcap, whose files of
+    one run are one recording), and films with a table of poses beside them (docs/black-box.md has its columns).
+
+    \b
+    Examples:
+      probewatch replay LIVER.igs.mha --calibration probe.toml --html liver.html
+      probewatch replay /var/lib/probewatch-recorder/kept
+      probewatch replay film.mp4 --poses poses.csv --calibration probe.toml
+      probewatch replay archive/ --calibration probe.toml --jobs 2
+
+    A black box needs no --calibration: it is judged by what was in force, and the report says whether every verdict is
+    that of the live run, bit for bit. With --calibration it is judged by that one.
 
     --config takes limits, durations and patience from a cart's configuration, so that the recording is judged as that
     cart would have judged it; without it they are those that probewatch ships with.
@@ -78,19 +112,142 @@ def command(
     Exit code 0 says that a report was made; the verdict is in the report. 65: the recording cannot be used, or shows
     too little for --estimate; 78: the calibration or an option cannot.
     """
-    check_writable(json_path)
+    for path in (json_path, html_path, pdf_path):
+        check_writable(path)
+    check_pdf(pdf_path)
+    if pdf_path is not None and html_path is None:
+        raise click.UsageError("--pdf prints the page of --html")
     check_new(estimate_path)
-    session = open_recording(recording, poses=poses, probe=probe, reference=reference, orientation=orientation)
-    nominal = read_calibration(calibration, session.size_px, probe or "Probe")
-    judging = Judging() if config_path is None else _judging(config_path)
-    line = Line(nominal, judging.limits, judging.patience.stale_ns)
-    report, timeline = run(session, line, schedule, judging, lambda samples: _progress(samples, len(session)))
-    _print(report, timeline, recording)
+    if estimate_path is not None and calibration is None:
+        raise click.UsageError("--estimate needs --calibration")
+    judging = None if config_path is None else _judging(config_path)
+    several, refused = found(recordings)
+    _tell_refused(refused, several, recordings)
+    if len(several) > 1:
+        _refuse_for_several(poses=poses, inject=schedule.episodes, estimate=estimate_path, html=html_path)
+        named = (probe, reference, orientation)
+        tasks = [ArchiveTask(_path(one), calibration, judging, _parts(one), *named) for one in several]
+        _print_several(tasks, jobs, json_path)
+        return
+    (one,) = several
+    trace = Trace()
+    names = _Names(poses, probe, reference, orientation)
+    outcome = _replayed(one, calibration, judging, schedule, names, nobody if html_path is None else trace)
+    _print(outcome)
     if json_path is not None:
-        write_json(json_path, report_json(report, timeline))
+        write_json(json_path, outcome.fields())
+    if html_path is not None:
+        kept = outcome.path.name, trace, outcome.report, outcome.timeline, outcome.comparison, outcome.damage
+        write_recording_page(html_path, *kept)
+        click.echo(f"written: {html_path}")
+        if pdf_path is not None:
+            write_pdf(html_path, pdf_path)
+            click.echo(f"written: {pdf_path}")
     if estimate_path is not None:
-        write_estimate(estimate_path, report.estimate, nominal, recording)
+        assert outcome.nominal is not None
+        write_estimate(estimate_path, outcome.report.estimate, outcome.nominal, outcome.path)
         click.echo(f"written: {estimate_path}")
+
+
+@dataclass(frozen=True)
+class _Names:
+    """Options that open a recording."""
+
+    poses: Path | None
+    probe: str | None
+    reference: str | None
+    orientation: str | None
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """nominal: the calibration that was named, None for a black box judged by its own. damage: of the file."""
+
+    path: Path
+    report: LineReport
+    timeline: list[Change]
+    nominal: Calibration | None = None
+    comparison: Comparison | None = None
+    damage: str = ""
+
+    def fields(self) -> dict[str, object]:
+        """The public contract; black_box stands in it where one was judged by its own."""
+        fields = report_json(self.report, self.timeline)
+        found = self.comparison
+        return fields if found is None else {**fields, "black_box": _box_fields(found, self.damage)}
+
+
+def _replayed(
+    one: Path | Series, calibration: Path | None, judging: Judging | None, schedule: Schedule, names: _Names, seen: Seen
+) -> _Outcome:
+    if isinstance(one, Series) and calibration is None:
+        if schedule.episodes:
+            raise click.UsageError("--inject needs --calibration")
+        report, timeline, comparison = run_series(one, judging, _progress(None), seen)
+        return _Outcome(_path(one), report, timeline, None, comparison, one.damage_text)
+    if calibration is None:
+        raise click.UsageError("Missing option '--calibration': only a black box brings its own")
+    session: BlackBoxSession | Recording
+    if isinstance(one, Series):
+        session = BlackBoxSession(one)
+    else:
+        session = open_recording(
+            one, poses=names.poses, probe=names.probe, reference=names.reference, orientation=names.orientation
+        )
+    nominal = read_calibration(calibration, session.size_px, names.probe or "Probe")
+    judged = judging or Judging()
+    line = Line(nominal, judged.limits, judged.patience.stale_ns)
+    report, timeline = run(session, line, schedule, judged, _progress(len(session)), seen)
+    damage = one.damage_text if isinstance(one, Series) else ""
+    return _Outcome(_path(one), report, timeline, nominal, None, damage)
+
+
+def _tell_refused(refused: list[str], several: list[Path | Series], recordings: tuple[Path, ...]) -> None:
+    for what in refused:
+        click.secho(what, err=True, fg="yellow")
+    if not several:
+        raise RecordingError("none of them can be read", str(recordings[0]), "Copy them again")
+
+
+def _refuse_for_several(**given: object) -> None:
+    if named := [f"--{name}" for name, value in given.items() if value]:
+        raise click.UsageError(f"{named[0]} is for one recording, these are several")
+
+
+def _path(one: Path | Series) -> Path:
+    return one.boxes[0].path if isinstance(one, Series) else one
+
+
+def _parts(one: Path | Series) -> tuple[Path, ...]:
+    return tuple(box.path for box in one.boxes) if isinstance(one, Series) else ()
+
+
+def _print_several(tasks: list[ArchiveTask], jobs: int, json_path: Path | None) -> None:
+    rows: list[dict[str, str]] = []
+    with progress_bar("replay {task.completed:.0f} of {task.total:.0f}") as progress:
+        bar = progress.add_task("replay", total=len(tasks))
+        done = results(ArchiveTask.rows, tasks, jobs, None) if jobs > 1 else (task.rows() for task in tasks)
+        for found_rows in done:
+            rows += found_rows
+            progress.advance(bar)
+    rows.sort(key=lambda row: row["recording"])
+    Console(file=sys.stdout, highlight=False).print(archive_table(rows))
+    if json_path is not None:
+        write_json(json_path, {"version": VERSION, "recordings": rows})
+
+
+def _box_fields(comparison: Comparison, damage: str) -> dict[str, object]:
+    return {
+        "recorded_verdicts": comparison.recorded,
+        "equal_verdicts": comparison.equal,
+        "bit_for_bit": comparison.exact if comparison.recorded else None,
+        "first_difference": comparison.difference or None,
+        "gaps": comparison.gaps,
+        "verdicts_without_past": comparison.without_past,
+        "equal_anyway": comparison.equal_anyway,
+        "text": comparison.text,
+        "damage": damage or None,
+    }
 
 
 def _judging(config_path: Path) -> Judging:
@@ -98,22 +255,32 @@ def _judging(config_path: Path) -> Judging:
     return Judging(config.limits, config.supervisor.durations(), config.supervisor.patience())
 
 
-def _progress(samples: Iterable[Sample], total: int) -> Iterator[Sample]:
+def _progress(total: int | None) -> Callable[[Iterable[_Item]], Iterator[_Item]]:
+    """total: None where it is not known."""
     console = Console(stderr=True)
-    if not console.is_terminal:
-        return iter(samples)
-    return iter(track(samples, "replay", total, transient=True, console=console))
+
+    def shown(items: Iterable[_Item]) -> Iterator[_Item]:
+        if not console.is_terminal:
+            return iter(items)
+        return iter(track(items, "replay", total, transient=True, console=console))
+
+    return shown
 
 
-def _print(report: LineReport, timeline: list[Change], recording: Path) -> None:
-    click.echo(f"{recording.name}: {report.frames} frames, {report.poses} poses, {report.paired} paired")
+def _print(outcome: _Outcome) -> None:
+    report = outcome.report
+    click.echo(f"{outcome.path.name}: {report.frames} frames, {report.poses} poses, {report.paired} paired")
+    if outcome.damage:
+        click.secho(f"  damaged: {outcome.damage}", fg="yellow")
+    if outcome.comparison is not None:
+        click.echo(f"  {outcome.comparison.sentence}")
     for reason, number in report.unpaired.items():
         click.echo(f"  {number} not paired: {reason}")
     Console(file=sys.stdout, highlight=False).print(_table(report))
     click.echo(f"{report.motions} motions of the probe went into the estimate")
     if report.second_opinion is not None:
         click.echo(_second_opinion(report.second_opinion))
-    for change in timeline:
+    for change in outcome.timeline:
         click.echo(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}")
     fault = f" · {report.verdict.fault}" if report.verdict.fault else ""
     click.echo(f"verdict: {report.verdict.kind.value}{fault}  {report.verdict.reason}")

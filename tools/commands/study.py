@@ -11,7 +11,7 @@ from rich.console import Console
 from drivers.errors import ConfigurationError
 from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
-from tools.study.archive import ARCHIVE_KEYS, ArchiveTask
+from tools.study.archive import ARCHIVE_KEYS, ArchiveTask, archive_table
 from tools.study.hand import ALL, PROGRAMS
 from tools.study.hazard import STANDARD, Hazard
 from tools.study.outcome import CHECKS
@@ -176,13 +176,7 @@ def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, sched
         click.echo(f"{len(archive) - len(left)} of {len(archive)} recordings are in {table.path} already")
     for rows in _progress(results(ArchiveTask.rows, left, jobs, scheduler), len(left)):
         table.add(rows)
-    heads = ("recording", "verdict", "fault", "closed", "not shown", "")
-    cells = [
-        (Path(row["recording"]).name, row["verdict"] or "not usable", row["fault"] or NOTHING,
-         f"{100 * float(row['closed'] or 0):.0f} %", row["missing"] or NOTHING, row["error"])
-        for row in table.rows
-    ]  # fmt: skip
-    Console(highlight=False).print(FittingTable(heads, cells))
+    Console(highlight=False).print(archive_table(table.rows))
     click.echo(f"written: {table.path}")
 
 

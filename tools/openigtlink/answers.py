@@ -18,7 +18,6 @@ from drivers.openigtlink.content import (
 )
 from drivers.openigtlink.message import UTF_8, Message
 from drivers.printable import printable
-from tools.openigtlink.status_watch import Seen
 from tools.openigtlink.wording import (
     NAMES,
     STATUS_NAME,
@@ -29,6 +28,7 @@ from tools.openigtlink.wording import (
     status_of,
     transform_message,
 )
+from tools.shared.status_watch import Seen
 
 TYPES = (
     "STATUS", "STRING", "TRANSFORM", "CAPABILITY", "GET_STATUS", "GET_STRING", "GET_TRANS", "GET_CAPABIL", "COMMAND",

@@ -14,8 +14,8 @@ from drivers.errors import ConfigurationError, ProtocolError
 from drivers.openigtlink.message import Header, Message, encode
 from drivers.openigtlink.stream import MessageStream
 from tools.openigtlink.answers import answer_to
-from tools.openigtlink.status_watch import Seen, StatusWatch
 from tools.openigtlink.wording import state_message, status_message, transform_message
+from tools.shared.status_watch import Seen, StatusWatch
 
 _MOST_CLIENTS = 32
 """At once; the next one is sent away. Each costs a descriptor, a buffer and some 0.1 ms in a round. Not measured."""

@@ -22,7 +22,7 @@ from drivers.openigtlink.content import (
     transform_content,
 )
 from drivers.openigtlink.message import US_ASCII, UTF_8, Entry, Message, time_of
-from tools.openigtlink.status_watch import Seen
+from tools.shared.status_watch import Seen
 
 STATUS_NAME, STATE_NAME, TRANSFORM_NAME = "Probewatch", "ProbewatchState", "ImageToProbe"
 """Device names of STATUS, STRING and TRANSFORM: each its own, as some clients keep one message of a name."""

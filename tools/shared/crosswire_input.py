@@ -24,17 +24,24 @@ _SPOILED_MM = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ScanInput:
-    """samples: in time order, `total` of them. size_px: (width, height) of the pictures. name: for the provenance."""
+    """samples: in time order, `total` of them. size_px: (width, height) of the pictures. name: for the provenance.
+
+    file: where they come from, None where they are simulated.
+    """
 
     samples: Iterator[Sample]
     total: int
     size_px: tuple[int, int]
     name: str
+    file: Path | None = None
 
 
-def simulated(seed: int, duration_s: float) -> ScanInput:
-    """A hand that tilts the probe over a cross-wire in water, without devices and faster than it would take."""
-    world = World(seed, "freehand", "cross-wire")
+def simulated(seed: int, duration_s: float, program: str = "freehand") -> ScanInput:
+    """A hand that tilts the probe over a cross-wire in water, without devices and faster than it would take.
+
+    program: "guided" where the crossing is to appear all over the picture.
+    """
+    world = World(seed, program, "cross-wire")
     frames = round(duration_s * 1e9 / _FRAME_NS)
     size_px = world.settings.width_px, world.settings.height_px
     return ScanInput(
@@ -56,7 +63,7 @@ def recorded(path: Path, probe: str | None, reference: str | None, orientation: 
     session = open_recording(path, probe=probe, reference=reference, orientation=orientation)
     if session.size_px is None:
         raise RecordingError("holds no pictures", str(path), "Give a recording of the cross-wire with its pictures")
-    return ScanInput(session.samples(), len(session), session.size_px, str(path.absolute()))
+    return ScanInput(session.samples(), len(session), session.size_px, str(path.absolute()), path)
 
 
 def _simulated(world: World, frames: int) -> Iterator[Sample]:

@@ -2,23 +2,50 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from typing import Protocol
 
 from appliance.core.line import Line
 from appliance.core.quality.report import Change, LineReport
+from appliance.storage.black_box import Series
 from appliance.supervision.timeline import Judging, Timeline
 from appliance.types import Verdict, VerdictKind
-from drivers.recordings.replay import Recording
-from drivers.samples import Sample
+from drivers.errors import RecordingError
+from drivers.samples import Frame, Pose, Sample
 from drivers.twins.faults import Schedule
 from tools.shared.inject import inject
+from tools.shared.rerun import Comparison, Rerun, Step
+
+
+class Session(Protocol):
+    """What is asked of a recording; drivers.recordings.replay.Recording is one, a black box another."""
+
+    @property
+    def start_ns(self) -> int: ...
+
+    @property
+    def overlap_ns(self) -> tuple[int, int]: ...
+
+    @property
+    def left_out(self) -> dict[str, int]: ...
+
+    def samples(self) -> Iterator[Sample]: ...
+
+
+Seen = Callable[[Sample, tuple[Verdict, ...], Line], None]
+"""(sample, what the line said to it, the line), for whoever draws it."""
+
+
+def nobody(sample: Sample, verdicts: tuple[Verdict, ...], line: Line) -> None:
+    """Sees nothing."""
 
 
 def run(
-    session: Recording,
+    session: Session,
     line: Line,
     schedule: Schedule,
     judging: Judging,
     watched: Callable[[Iterable[Sample]], Iterator[Sample]] = iter,
+    seen: Seen = nobody,
 ) -> tuple[LineReport, list[Change]]:
     """Every sample through line and supervisor; the report counts the frames that the reader left out, too.
 
@@ -26,12 +53,79 @@ def run(
     """
     timeline = Timeline(session.start_ns, *session.overlap_ns, judging)
     for sample in watched(inject(session.samples(), schedule, session.start_ns)):
-        timeline.step(sample, line.step(sample))
+        verdicts = line.step(sample)
+        timeline.step(sample, verdicts)
+        seen(sample, verdicts, line)
     timeline.finish()
     report = line.report()
     left_out = sum(session.left_out.values())
     report = replace(report, frames=report.frames + left_out, unpaired={**report.unpaired, **session.left_out})
     return _with_devices(report, timeline), timeline.changes
+
+
+def run_series(
+    series: Series,
+    judging: Judging | None,
+    watched: Callable[[Iterable[Step]], Iterator[Step]] = iter,
+    seen: Seen = nobody,
+) -> tuple[LineReport, list[Change], Comparison]:
+    """A black box through lines made as its own orders say; the report is the last line's. judging: None for the limits
+    of the first order, and the times that probewatch ships with. Raises RecordingError where nothing was ordered.
+    """
+    order = series.first_order()
+    if order is None:
+        what = "holds no reference that was in force, so nothing was judged"
+        raise RecordingError(what, str(series.boxes[0].path), "Give --calibration")
+    judging = judging or Judging(order.limits)
+    rerun, session = Rerun(series), BlackBoxSession(series)
+    timeline = Timeline(session.start_ns, *session.overlap_ns, judging)
+    for step in watched(rerun.steps()):
+        if isinstance(step.item, Frame | Pose) and rerun.line is not None:
+            timeline.step(step.item, step.verdicts)
+            assert isinstance(rerun.line, Line)
+            seen(step.item, step.verdicts, rerun.line)
+    timeline.finish()
+    if rerun.line is None:
+        raise RecordingError("ends before there was a reference", str(series.boxes[0].path), "Give --calibration")
+    return _with_devices(rerun.line.report(), timeline), timeline.changes, rerun.comparison
+
+
+class BlackBoxSession:
+    """The samples of a black box as a session, whatever lines there were."""
+
+    left_out: dict[str, int] = {}  # noqa: RUF012  what is missing is told by its gaps
+
+    def __init__(self, series: Series) -> None:
+        self._series = series
+        self._pictures, self._poses = series.spans()
+        first = next(self.frames(), None)
+        self.size_px = None if first is None else (first.image.shape[1], first.image.shape[0])
+
+    def __len__(self) -> int:
+        return self._pictures.number + self._poses.number
+
+    @property
+    def start_ns(self) -> int:
+        """Earliest stamp, CLOCK_MONOTONIC of the cart."""
+        return min((span.first_ns for span in (self._pictures, self._poses) if span.number), default=0)
+
+    @property
+    def overlap_ns(self) -> tuple[int, int]:
+        """As of Recording."""
+        if not self._pictures.number or not self._poses.number:
+            return self.start_ns, self.start_ns - 1
+        first_ns = max(self._pictures.first_ns, self._poses.first_ns)
+        return first_ns, min(self._pictures.last_ns, self._poses.last_ns)
+
+    def samples(self) -> Iterator[Sample]:
+        """In the order in which the line took them."""
+        for item, _ in self._series.items():
+            if isinstance(item, Frame | Pose):
+                yield item
+
+    def frames(self) -> Iterator[Frame]:
+        """The pictures alone."""
+        return (sample for sample in self.samples() if isinstance(sample, Frame))
 
 
 def _with_devices(report: LineReport, timeline: Timeline) -> LineReport:

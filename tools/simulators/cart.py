@@ -74,6 +74,7 @@ def _head(cart: SimulatedDevices) -> str:
         '# Faults: write a JSON list such as ["flip-lateral"] into these files; [] ends them.\n'
         f"# {cart.folder}/scanner.json: {', '.join(PICTURE_FAULTS)}\n"
         f"# {cart.folder}/polaris.json: {', '.join(NDI_FAULTS)}\n"
+        f"# While {cart.tank} exists, the probe is tilted over a cross-wire in water: touch it, scan, remove it.\n"
     )
 
 

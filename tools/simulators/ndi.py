@@ -19,6 +19,7 @@ from drivers.twins.ndi.models import MODELS, Model
 from drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
 from drivers.twins.ndi.tracker import NDI_FAULTS, NdiTwin
 from drivers.twins.pty_line import PtyLine, TwinLine
+from drivers.twins.scene.tank import PlaceOfWork
 from drivers.twins.scene.world import World
 from drivers.twins.tcp_line import TcpLine
 from drivers.twins.tool_motion import PoseAt, pose_file, recorded_motion, world_motion
@@ -40,6 +41,7 @@ _OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
     click.option("--recording", type=_FILE, help="PLUS sequence whose poses are shown instead of the world"),
     click.option("--seed", type=int, default=1, help="of the world"),
     click.option("--program", default="sweep", help="how the hand moves in the world"),
+    click.option("--tank", type=_FILE, help="over a cross-wire in water while this file exists"),
     click.option("--fault", "faults", multiple=True, metavar="NAME[@FROM[..TO]]", help="in seconds; may be repeated"),
     click.option("--control", type=_FILE, help="JSON list of faults, read again whenever it changes"),
     click.option("--freeze-tag", help="firmware name, such as 'AURORA Rev 009'; decides how clients ask for poses"),
@@ -77,6 +79,7 @@ def command(
     recording: Path | None,
     seed: int,
     program: str,
+    tank: Path | None,
     faults: tuple[str, ...],
     control: Path | None,
     freeze_tag: str | None,
@@ -89,7 +92,9 @@ def command(
     _check_rate(model, track_hz)
     clock = HostClock(rate, time.monotonic_ns() if origin_ns is None else origin_ns)
     cables = wired or (("probe", "reference") if model.electromagnetic else ())
-    device = CombinedApi(_motion(poses, recording, seed, program), model, track_hz, skew_ppm, cables)
+    device = CombinedApi(
+        _motion(poses, recording, PlaceOfWork(World(seed, program), tank)), model, track_hz, skew_ppm, cables
+    )
     given = Schedule(tuple(parse_fault(text, NDI_FAULTS) for text in faults))
     roms = _write_roms(rom, reference_rom)
     stop = Event()
@@ -111,12 +116,12 @@ def _check_rate(model: Model, track_hz: int | None) -> None:
         raise ConfigurationError(f"{model.title} does not track at {track_hz} Hz", "--track-hz", f"Use {rates}")
 
 
-def _motion(poses: Path | None, recording: Path | None, seed: int, program: str) -> PoseAt:
+def _motion(poses: Path | None, recording: Path | None, world: PlaceOfWork) -> PoseAt:
     if poses is not None and recording is not None:
         raise ConfigurationError("a pose file and a recording exclude each other", "--poses, --recording", "Give one")
     if poses is not None:
         return pose_file(poses)
-    return world_motion(World(seed, program)) if recording is None else recorded_motion(recording)
+    return world_motion(world) if recording is None else recorded_motion(recording)
 
 
 def _write_roms(probe: Path | None, reference: Path | None) -> str:

@@ -14,6 +14,7 @@ from drivers.clock.host_clock import HostClock
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import PICTURE_FAULTS
 from drivers.twins.scanner import Scanner, VideoPlug
+from drivers.twins.scene.tank import PlaceOfWork
 from drivers.twins.scene.trajectory import PROGRAMS
 from drivers.twins.scene.world import SCENES, World, WorldSettings
 
@@ -28,6 +29,7 @@ from drivers.twins.scene.world import SCENES, World, WorldSettings
 @click.option(
     "--control", type=click.Path(dir_okay=False, path_type=Path), help="JSON list of faults, read again when it changes"
 )
+@click.option("--tank", type=click.Path(path_type=Path), help="over a cross-wire in water while this file exists")
 @click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="world seconds per second")
 @click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC of world time 0; now if not given")
 def command(
@@ -37,6 +39,7 @@ def command(
     program: str,
     scene: str,
     control: Path | None,
+    tank: Path | None,
     rate: float,
     origin_ns: int | None,
 ) -> None:
@@ -51,6 +54,6 @@ def command(
     # A parent that no longer reads the events shall not be answered with a traceback.
     with suppress(BrokenPipeError), VideoPlug(socket) as plug:
         click.echo(json.dumps({"ready": True, "url": f"sim:{socket}"}))
-        scanner = Scanner(world, plug, clock, FaultControl(PICTURE_FAULTS, file=control))
+        scanner = Scanner(PlaceOfWork(world, tank), plug, clock, FaultControl(PICTURE_FAULTS, file=control))
         scanner.run(stop)
         click.echo(json.dumps({"account": scanner.account}))

@@ -135,7 +135,8 @@ class SimulatedDevices:
     object.
 
     pause: how to wait for some seconds; what it raises ends the start. twins: the processes, once started. config: the
-    configuration of a service that fits them, also as config_text.
+    configuration of a service that fits them, also as config_text. tank: while this file exists, the probe is held over
+    a cross-wire in water.
     """
 
     def __init__(
@@ -145,6 +146,7 @@ class SimulatedDevices:
         self.clock = HostClock(self.settings.rate, time.monotonic_ns())
         self.socket = folder / "control"
         self.config = folder / "probewatch.toml"
+        self.tank = folder / "tank"
         self.config_text = ""
         self.twins: dict[str, Part] = {}
         self._devices: dict[str, str] = {}
@@ -197,7 +199,7 @@ class SimulatedDevices:
             "polaris": ["--pty", str(place), "--rom", str(self.folder / "probe.rom"), "--control", f"{place}.json"],
             "relay_board": ["--pty", str(place)],
         }[name]
-        world = [] if name == "relay_board" else ["--seed", str(self.settings.seed)]
+        world = ["--seed", str(self.settings.seed), "--tank", str(self.tank)] if name != "relay_board" else []
         self.twins[name] = Part(name, [*TWINS[name], *options, *self._time(), *world])
 
     def _launch_server(self) -> None:

@@ -1,19 +1,20 @@
 """What the instrument says of real recordings, a row for each; no truth is known there."""
 
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 
 from appliance.core.line import Line
-from appliance.core.quality.report import LineReport
+from appliance.core.quality.report import Change, LineReport
 from appliance.limits import Limits
+from appliance.storage.black_box import BlackBox, series_of
 from appliance.storage.calibration_file import read_calibration
 from appliance.supervision.timeline import Judging
-from appliance.types import VerdictKind
-from drivers.errors import ProbewatchError
+from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.recordings.replay import open_recording
 from drivers.twins.faults import Schedule
-from tools.shared.recording_run import run
+from tools.shared.recording_run import BlackBoxSession, Session, run, run_series
+from tools.shared.rerun import Comparison
+from tools.shared.tables import NOTHING, FittingTable
 from tools.study.outcome import CHECKS, cell, closed_share
 
 ARCHIVE_KEYS = ("recording",)
@@ -22,10 +23,18 @@ ARCHIVE_KEYS = ("recording",)
 
 @dataclass(frozen=True)
 class ArchiveTask:
-    """One recording, and the calibration of its probe."""
+    """One recording, and the calibration of its probe: None for a black box, which has its own.
+
+    parts: the files of a black box. probe, reference, orientation: as open_recording takes them.
+    """
 
     recording: Path
-    calibration: Path
+    calibration: Path | None
+    judging: Judging | None = None
+    parts: tuple[Path, ...] = ()
+    probe: str | None = None
+    reference: str | None = None
+    orientation: str | None = None
 
     def rows(self) -> list[dict[str, str]]:
         """One row; what cannot be used has its error in it, so that the rest of an archive goes on."""
@@ -36,10 +45,7 @@ class ArchiveTask:
             return [row | {"error": str(error)}]
 
     def _said(self) -> dict[str, str]:
-        session = open_recording(self.recording)
-        calibration = read_calibration(self.calibration, session.size_px, "Probe")
-        judging = Judging(Limits())
-        report, changes = run(session, Line(calibration, judging.limits), Schedule(), judging)
+        report, changes, session, comparison = self._run()
         start_ns, end_ns = session.overlap_ns
         duration_s = max(end_ns - start_ns, 0) / 1e9
         row = {
@@ -50,19 +56,60 @@ class ArchiveTask:
             "verdict": report.verdict.kind.value,
             "fault": report.verdict.fault or "",
             "reason": report.verdict.reason,
-            "missing": " ".join(missing(report)),
+            "missing": " ".join(report.missing),
+            "live": "" if comparison is None else f"{comparison.equal} of {comparison.recorded}",
         }
         for check in report.checks:
             if check.name in CHECKS:
                 row |= {f"{check.name} last": cell(check.value), f"{check.name} sigma": cell(check.sigma)}
         return row
 
+    def _run(self) -> tuple[LineReport, list[Change], Session, Comparison | None]:
+        if self.parts:
+            (series,) = series_of(BlackBox(path) for path in self.parts)
+            box = BlackBoxSession(series)
+            if self.calibration is None:
+                report, changes, comparison = run_series(series, self.judging)
+                return report, changes, box, comparison
+            session: Session = box
+            size_px = box.size_px
+        else:
+            session = recording = open_recording(
+                self.recording, probe=self.probe, reference=self.reference, orientation=self.orientation
+            )
+            size_px = recording.size_px
+        if self.calibration is None:
+            raise ConfigurationError("its calibration is not known", str(self.recording), "Give --calibration")
+        calibration = read_calibration(self.calibration, size_px, self.probe or "Probe")
+        judging = self.judging or Judging(Limits())
+        report, changes = run(
+            session, Line(calibration, judging.limits, judging.patience.stale_ns), Schedule(), judging
+        )
+        return report, changes, session, None
+
+
+def archive_table(rows: list[dict[str, str]]) -> FittingTable:
+    """For the terminal."""
+    heads = ("recording", "verdict", "fault", "closed", "not shown", "as live", "")
+    cells = [
+        (Path(row["recording"]).name, row["verdict"] or "not usable", row["fault"] or NOTHING,
+         f"{100 * float(row['closed'] or 0):.0f} %", row["missing"] or NOTHING, row["live"] or NOTHING, row["error"])
+        for row in rows
+    ]  # fmt: skip
+    return FittingTable(heads, cells)
+
 
 _OF_EACH = tuple(f"{name} {what}" for name in CHECKS for what in ("last", "sigma"))
-_COLUMNS = ("duration_s", "frames", "paired", "closed", "verdict", "fault", "reason", "missing", "error", *_OF_EACH)
-
-
-def missing(report: LineReport) -> list[str]:
-    """Required parameters that nothing in the recording showed."""
-    shown = {check.name for check in report.checks if check.verdict is VerdictKind.OK and isfinite(check.value)}
-    return [name for name in Limits().required_age_s.names if name not in shown]
+_COLUMNS = (
+    "duration_s",
+    "frames",
+    "paired",
+    "closed",
+    "verdict",
+    "fault",
+    "reason",
+    "missing",
+    "live",
+    "error",
+    *_OF_EACH,
+)

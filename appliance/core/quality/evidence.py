@@ -175,6 +175,11 @@ class Evidence:
         return self._latest.checks
 
     @property
+    def required(self) -> tuple[str, ...]:
+        """Names of the checks that the contact asks for."""
+        return self._limits.required_age_s.names
+
+    @property
     def standing(self) -> Standing:
         """What was shown of the calibration so far, and what speaks against it."""
         return self._verification.standing
@@ -257,7 +262,7 @@ class Evidence:
             if len(longer) > len(window):
                 window = longer
                 finding = self._examined(window, self._noise_until(now_ns))
-            if finding.failed or finding.shows(self._limits.required_age_s.names):
+            if finding.failed or finding.shows(self.required):
                 break
         return window, finding
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ class LineReport:
 
     unpaired: reason → number of frames without a pose. latency: Check in ms, None where never estimated. estimate: X
     as solved, None where nothing was observed. motions: registered pairs that went into it. second_opinion: by closed
-    forms, without the reference.
+    forms, without the reference. required: names of the checks that the contact asked for.
     """
 
     frames: int
@@ -37,6 +38,13 @@ class LineReport:
     checks: tuple[Check, ...]
     verdict: Verdict
     second_opinion: SecondOpinion | None = None
+    required: tuple[str, ...] = ()
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Required parameters that nothing in the recording showed."""
+        shown = {one.name for one in self.checks if one.verdict is VerdictKind.OK and isfinite(one.value)}
+        return tuple(name for name in self.required if name not in shown)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from appliance.core.registration.keyframe import Keyframe, Registration, compose
 from appliance.core.registration.overlay import OverlayMask
-from appliance.core.registration.pyramid import Pyramid, pyramid
+from appliance.core.registration.pyramid import Bits, Pyramid, pyramid
 from drivers.rigid import Array
 from drivers.samples import GreyImage
 
@@ -71,6 +71,11 @@ class RealTimeTracker:
     def settled(self) -> bool:
         """False while static overlay may still hold the registration back."""
         return self._overlay.settled
+
+    @property
+    def mask(self) -> Bits | None:
+        """(h, w) bool, True where tissue may be seen; None until enough motion was seen."""
+        return self._overlay.mask
 
     def step(self, image: GreyImage, sequence: int) -> Tracked:
         """Follow the next picture, (h, w) uint8. Raises ValueError where its size is not that of the first."""

@@ -1,14 +1,13 @@
 """The asking end of the control socket, for the commands of the operator and for other software."""
 
 import json
-import socket
-import struct
 from pathlib import Path
 from typing import Self
 
 from appliance.service.control.refusal import why_silent
 from appliance.service.control.rights import join_group
 from appliance.service.control.server import VERSION, ControlRefused, Reply
+from appliance.service.host.unix_socket import connected
 from drivers.errors import DeviceLost, ProbewatchError
 from drivers.printable import printable_value
 
@@ -20,21 +19,11 @@ class ControlClient:
 
     def __init__(self, path: Path, timeout_s: float = 2.0) -> None:
         self._path = path
-        self._link = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            self._connect(timeout_s)
+            self._link = connected(path, timeout_s)
         except OSError as error:
-            self._link.close()
             raise self._gone(error) from None
-        self._link.settimeout(timeout_s)
         self._lines = self._link.makefile("rb")
-
-    def _connect(self, timeout_s: float) -> None:
-        """Blocking, so that the kernel keeps the place in the queue where a crowd waits to be accepted."""
-        seconds, fraction = divmod(timeout_s, 1)
-        limit = struct.pack("@ll", int(seconds), int(fraction * 1e6))
-        self._link.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
-        self._link.connect(str(self._path))
 
     def __enter__(self) -> Self:
         return self

@@ -13,7 +13,8 @@ from appliance.service.host.log import get_log
 from appliance.supervision.supervisor import Supervisor
 from drivers.errors import ConfigurationError
 
-_TAKEN = {"limits", "supervisor", "alarm"}
+_TAKEN = {"limits", "supervisor", "alarm", "recorder"}
+"""The recorder's is of another process, which takes it when it starts."""
 
 
 class LiveConfiguration:

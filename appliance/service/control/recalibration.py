@@ -21,6 +21,10 @@ Ask = Callable[[Request], None]
 """Puts a request to the supervisor. Raises ControlRefused."""
 
 _EVERYTHING = ("polarity", *PARAMETERS)
+_COMPARED = (
+    "rotation_deg", "scale_percent", "offset_mm", "offset_along_mm", "same_polarity", "same_image_size",
+)  # fmt: skip
+"""Fields of a proposal that need a reference to compare with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +69,8 @@ class Recalibration:
         candidate = self._candidate(wanted)
         change = self._change(candidate)
         if change is None:
-            raise ControlRefused(f"there is no reference to compare with yet: {self._references.waits}")
+            text = "the first calibration, with none before to compare it with"
+            return {**dict.fromkeys(_COMPARED), "text": text, "confirm": False, "sha256": candidate.sha256}
         asked = self._must_confirm(wanted, change)
         return {**change.fields(), "text": change.text, "confirm": asked, "sha256": candidate.sha256}
 
@@ -121,7 +126,7 @@ class Recalibration:
         return wanted.number is not None or change.beyond(self._limits())
 
     def _take(self, candidate: Candidate, origin: str, who: str, change: Difference | None) -> None:
-        far = change is not None and change.beyond(self._limits())
+        far = change is None or change.beyond(self._limits())
         text = "" if change is None else change.text
         self._refer(self._references.take(candidate, origin, who, text, _EVERYTHING if far else ()))
 

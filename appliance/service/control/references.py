@@ -88,6 +88,8 @@ class References(threading.Thread):
         """What must happen before there is a reference, or before the one in force may be verified; None: nothing."""
         if not self._opened.is_set():
             return f"{self._folder} has not answered yet"
+        if self.current is None and self._place.file is None:
+            return "there is no calibration yet. Scan a cross-wire: on the page, or probewatch recalibrate --live"
         if self.current is None:
             return "no picture has come yet, whose size the device set does not state"
         if not self.on_disk:
@@ -192,6 +194,8 @@ class References(threading.Thread):
             return
         if history is None:
             _refuse_lost(self._folder)
+        if self._place.file is None:
+            return
         content = calibration_bytes(self._place.file)
         if is_device_set(content) and self._size_for(content) is None:
             self._unsized = content
@@ -219,6 +223,8 @@ class References(threading.Thread):
     def _compare_configured(self) -> None:
         """Notice a configured file that is neither in force nor what it was when a person last decided."""
         file = self._place.file
+        if file is None:
+            return
         try:
             sha256, trouble = sha256_of(calibration_bytes(file)), "was changed"
         except ConfigurationError as error:

@@ -13,11 +13,9 @@ nobody else who asks needs it. One descriptor is kept for a person who asks what
 import contextlib
 import errno
 import fcntl
-import grp
 import json
 import os
 import socket
-import stat
 import struct
 import time
 from collections import Counter
@@ -26,6 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from appliance.service.host.unix_socket import listening
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from drivers.printable import printable_value
 
@@ -121,18 +120,14 @@ class ControlServer:
                 return
 
     def _listen(self) -> socket.socket:
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
         try:
-            _remove_socket(self._path)
-            listener.bind(str(self._path))
-            self._path.chmod(0o660)
-            if self._group:
-                os.chown(self._path, -1, _group_id(self._group))
-            listener.listen(_BACKLOG)
+            return listening(self._path, self._group, _BACKLOG)
+        except LookupError:
+            where = f"[control] group = '{self._group}'"
+            remedy = f"Make it: groupadd --system {self._group}"
+            raise ConfigurationError("there is no such group", where, remedy) from None
         except OSError as error:
-            listener.close()
             raise _unusable(self._path, error) from None
-        return listener
 
     def _accept(self) -> bool:
         """Take the next one of the queue and hear what it has said so far; False when there is none, or no place."""
@@ -232,24 +227,6 @@ class ControlServer:
 def _line(reply: Reply) -> bytes:
     """What a device or a client said by a way on which nobody made it printable is made so here."""
     return json.dumps(printable_value(reply), ensure_ascii=False).encode() + b"\n"
-
-
-def _remove_socket(path: Path) -> None:
-    """What a killed service left. Raises OSError; what is no socket is not ours to remove."""
-    try:
-        if not stat.S_ISSOCK(path.lstat().st_mode):
-            raise FileExistsError(17, "there is another file of that name")
-        path.unlink()
-    except FileNotFoundError:
-        pass
-
-
-def _group_id(name: str) -> int:
-    try:
-        return grp.getgrnam(name).gr_gid
-    except KeyError:
-        where = f"[control] group = '{name}'"
-        raise ConfigurationError("there is no such group", where, f"Make it: groupadd --system {name}") from None
 
 
 def _locked(path: Path) -> int:

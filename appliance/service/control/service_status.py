@@ -18,6 +18,7 @@ from appliance.service.control.status import (
 from appliance.service.control.supervision import Supervision
 from appliance.service.devices.cart_devices import CartDevices
 from appliance.service.estimator.process_host import EstimatorHost
+from appliance.service.feed.process_host import FeedHost
 from appliance.service.host.host_watch import HostWatch
 from appliance.service.host.recorder import Recorder
 from appliance.supervision.annunciator import Annunciator
@@ -36,11 +37,12 @@ class ServiceStatus:
         estimator: EstimatorHost,
         recorder: Recorder,
         host: HostWatch,
+        feed: FeedHost,
         dropped_clients: Callable[[], int],
     ) -> None:
         self._supervision, self._configuration, self._references = supervision, configuration, references
         self._annunciator, self._devices, self._estimator = annunciator, devices, estimator
-        self._recorder, self._host, self._dropped_clients = recorder, host, dropped_clients
+        self._recorder, self._host, self._feed, self._dropped_clients = recorder, host, feed, dropped_clients
 
     def fields(self) -> dict[str, Any]:
         """As docs/control.md tells them."""
@@ -63,6 +65,7 @@ class ServiceStatus:
             "losses": self._devices.losses_by_role,
             "alarms": dict(seen.alarms),
             "estimator": self._estimator.ended,
+            "feed": {"refused": self._feed.refused, **self._feed.counts._asdict()},
             "remarks": list(self._devices.tracker.remarks),
             "fps": self._devices.fps,
             **self._host.fields(now_ns),

@@ -4,26 +4,13 @@ import pickle
 import socket
 from dataclasses import dataclass
 
-from appliance.limits import Limits
-from appliance.types import Calibration, Verdict
+from appliance.core.order import Order
+from appliance.types import Verdict
 
 _LONGEST = 1 << 17
 """Bytes of a message; a longer one would be cut. 64 verdicts, as many as `Pairing` lets wait, of 19 checks each came to
 85 kB.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """Hardware process → estimator: work with this reference from now on. generation marks what is said of it.
-
-    stale_ns: how long a tracker may repeat one pose while the picture moves.
-    """
-
-    generation: int
-    reference: Calibration
-    limits: Limits
-    stale_ns: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,11 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+from appliance.core.order import Order
 from appliance.limits import Limits
-from appliance.service.estimator.link import LinkClosed, Order, Word, receive, send
+from appliance.service.estimator.link import LinkClosed, Word, receive, send
 from appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
+from appliance.service.estimator.tap import Tap, TapFds
 from appliance.service.host.child_process import end_with_parent
 from appliance.types import Calibration, Verdict
 from drivers.samples import Sample
@@ -32,11 +34,14 @@ MakeLine = Callable[[Calibration, Limits, int], Stepper]
 class Estimator:
     """The loop around the line. A sample or an order wakes it.
 
-    It speaks at once when there is a verdict, and every 0.1 s when there is none.
+    It speaks at once when there is a verdict, and every 0.1 s when there is none. tap: is told of every step after
+    that; None where nobody may look on.
     """
 
-    def __init__(self, link: socket.socket, frames: Ring, poses: Ring, make_line: MakeLine) -> None:
-        self._link, self._frames, self._poses, self._make_line = link, frames, poses, make_line
+    def __init__(
+        self, link: socket.socket, frames: Ring, poses: Ring, make_line: MakeLine, tap: Tap | None = None
+    ) -> None:
+        self._link, self._frames, self._poses, self._make_line, self._tap = link, frames, poses, make_line, tap
         self._line: Stepper | None = None
         self._generation = 0
         self._counts = [0, 0]
@@ -66,14 +71,19 @@ class Estimator:
                 self._discard()
             self._line = self._make_line(order.reference, order.limits, order.stale_ns)
             self._generation = order.generation
+            if self._tap is not None:
+                self._tap.begin(order)
 
     def _compute(self) -> None:
-        line = self._line
-        if line is None:
+        line, tap = self._line, self._tap
+        if line is None and (tap is None or not tap.wanted):
             self._discard()
             return
         for sample in self._take():
-            self._speak(line.step(sample))
+            verdicts = () if line is None else line.step(sample)
+            self._speak(verdicts)
+            if tap is not None:
+                tap.tell(sample, verdicts)
 
     def _discard(self) -> None:
         """What came before there was anyone to take it is old, and not counted."""
@@ -105,13 +115,16 @@ class Estimator:
 
 
 def serve(arguments: list[str], make_line: MakeLine) -> None:
-    """Body of the process. arguments: the file descriptors of the link, then three of each ring, frames first."""
+    """Body of the process. arguments: the file descriptors of the link, then three of each ring, frames first; then
+    those of the tap, if anybody may look on.
+    """
     link_fd, *ring_fds = (int(argument) for argument in arguments)
+    tap = Tap(TapFds.of(ring_fds[6:])) if ring_fds[6:] else None
     end_with_parent(signal.SIGKILL)  # a parent that died before has closed the link
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with (
         socket.socket(fileno=link_fd) as link,
         Ring(FRAMES, RingFds(*ring_fds[:3])) as frames,
-        Ring(POSES, RingFds(*ring_fds[3:])) as poses,
+        Ring(POSES, RingFds(*ring_fds[3:6])) as poses,
     ):
-        Estimator(link, frames, poses, make_line).run()
+        Estimator(link, frames, poses, make_line, tap).run()

@@ -8,12 +8,14 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
+from appliance.core.order import Order
 from appliance.limits import Limits
-from appliance.service.estimator.link import LinkClosed, Order, Word, link_pair, receive, send
+from appliance.service.estimator.link import LinkClosed, Word, link_pair, receive, send
 from appliance.service.estimator.ring import FRAMES, POSES, Ring
+from appliance.service.estimator.tap import TapFds
 from appliance.service.host.child_process import ONE_THREAD
 from appliance.service.host.log import get_log
 from appliance.types import Calibration, Verdict
@@ -45,7 +47,7 @@ class EstimatorHost:
 
     restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
     before any did. last: what it said last, None before its first word. said_ns: when the first verdict of the last
-    poll was said.
+    poll was said. tap: makes, for each new process, what it tells those through who look on; None: nobody may.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class EstimatorHost:
         self.ended: str | None = None
         self.last: Word | None = None
         self.said_ns = 0
+        self.tap: Callable[[], TapFds | None] = lambda: None
 
     @property
     def pid(self) -> int | None:
@@ -180,8 +183,9 @@ class EstimatorHost:
         """Raises OSError where this process may open no more files, or the machine has no room for another one."""
         self._link, theirs = link_pair()
         self._link.setblocking(False)
-        fds = (theirs.fileno(), *self._frames.fds, *self._poses.fds)
         with theirs:
+            tap = self.tap()
+            fds = (theirs.fileno(), *self._frames.fds, *self._poses.fds, *(() if tap is None else tap.flat))
             command = [*self._command, *(str(fd) for fd in fds)]
             return subprocess.Popen(command, pass_fds=fds, env=os.environ | ONE_THREAD)
 

@@ -36,6 +36,14 @@ _PROGRAMS: dict[str, dict[str, tuple[tuple[float, float], ...]]] = {
         "tilt_axial_deg": ((15.0, 9.5),),
         "turn_deg": ((8.0, 17.0),),
     },
+    "guided": {
+        "lateral_mm": ((14.0, 37.0),),
+        "axial_mm": ((9.0, 23.0),),
+        "elevational_mm": ((2.5, 2.3),),
+        "tilt_lateral_deg": ((17.0, 29.0),),
+        "tilt_axial_deg": ((15.0, 17.5),),
+        "turn_deg": ((14.0, 43.0),),
+    },
 }
 """Program → axis → (amplitude, period in s) of each wave; tilts and turn are a rotation vector about x, y, z."""
 

@@ -14,6 +14,7 @@ from drivers.samples import GreyImage, Matrix4
 from drivers.twins.faults import spoil_image
 from drivers.twins.scene.tissue import PERIOD_MM, Beam, Floats, Renderer, Tissue, grown
 from drivers.twins.scene.trajectory import Trajectory
+from drivers.twins.scene.wires import Clutter, wire_intensity
 
 SCENES = ("tissue", "speckle", "cross-wire")
 
@@ -25,9 +26,6 @@ give the same numbers; 64 mm, as between a clamped marker body and the middle of
 _TRACKER_ROTATION_VECTOR = (1.9, 0.7, -0.5)
 _TRACKER_ORIGIN_MM = (64.0, -87.0, -1520.0)
 """Tissue → tracker: oblique likewise, and 1.5 m in front of it (negative z), where a Polaris measures."""
-
-_WIRES = ((0.72, 0.05, 0.69), (-0.66, 0.04, 0.75))
-"""Directions of the two wires in the tissue frame; they cross at its origin."""
 
 _HALF_ANGLE_DEG = 17.0
 """Of the sector that is drawn. Wider ones are cut off by the sides of the picture, narrower ones show less tissue."""
@@ -75,16 +73,23 @@ class World:
     """Truth and what the devices see of it.
 
     program: one of trajectory.PROGRAMS. scene: one of SCENES; "speckle" is tissue without any structure.
+    clutter: what the tank of a cross-wire holds besides, if not clean water.
     Tissue is grown at the first picture, so a world that is only asked for poses costs nothing.
     Raises ConfigurationError for unknown names.
     """
 
     def __init__(
-        self, seed: int = 1, program: str = "sweep", scene: str = "tissue", settings: WorldSettings | None = None
+        self,
+        seed: int = 1,
+        program: str = "sweep",
+        scene: str = "tissue",
+        settings: WorldSettings | None = None,
+        clutter: Clutter | None = None,
     ) -> None:
         if scene not in SCENES:
             raise ConfigurationError(f"'{scene}' is not a known scene", "simulated world", f"Use {', '.join(SCENES)}")
         self.seed, self.scene, self.settings = seed, scene, settings or WorldSettings()
+        self.clutter = clutter or Clutter()
         self.trajectory = Trajectory(seed, program)
         self.sensor_to_picture = _rigid(_SENSOR_ROTATION_VECTOR, _SENSOR_OFFSET_MM)
         self.tissue_to_tracker = _rigid(_TRACKER_ROTATION_VECTOR, _TRACKER_ORIGIN_MM)
@@ -141,7 +146,11 @@ class World:
         if self.scene != "cross-wire":
             return self._renderer.field(self._tissue, picture_pose)
         amplitude = self._wire_echoes(picture_pose)
-        return amplitude, np.zeros_like(amplitude)
+        if not np.isfinite(self.clutter.haze_db):
+            return amplitude, np.zeros_like(amplitude)
+        haze = np.float32(10 ** (self.clutter.haze_db / 20))
+        real, imaginary = self._renderer.field(self._tissue, picture_pose)
+        return amplitude + haze * real, haze * imaginary
 
     @cached_property
     def _tissue(self) -> Tissue:
@@ -182,21 +191,11 @@ class World:
         return np.asarray(grey, np.uint8)
 
     def _wire_echoes(self, pose: Matrix4) -> Floats:
-        """Amplitude of two thin wires: their intensity summed along each wire over the thickness of the slice."""
-        settings, beam = self.settings, Beam()
+        """(h, w) float32 amplitude of the two wires and what is in the tank besides."""
+        settings = self.settings
         x_mm = ((np.arange(settings.width_px) - (settings.width_px - 1) / 2) * settings.scale_mm_per_px[0])[None, :]
         y_mm = ((np.arange(settings.height_px) - (settings.height_px - 1) / 2) * settings.scale_mm_per_px[1])[:, None]
-        crossing_mm = -pose[:3, :3].T @ pose[:3, 3]
-        intensity = np.zeros((settings.height_px, settings.width_px))
-        for wire in _WIRES:
-            direction = pose[:3, :3].T @ wire
-            slope = direction[:2] / direction[2]
-            spot_mm = crossing_mm[:2] - slope * crossing_mm[2]
-            spread = np.diag([beam.lateral_mm**2, beam.axial_mm**2]) + beam.elevational_mm**2 * np.outer(slope, slope)
-            sharp = np.linalg.inv(spread)
-            x, y = x_mm - spot_mm[0], y_mm - spot_mm[1]
-            intensity += np.exp(-(sharp[0, 0] * x * x + 2 * sharp[0, 1] * x * y + sharp[1, 1] * y * y))
-        return np.sqrt(300 * intensity).astype(np.float32)
+        return np.sqrt(wire_intensity(pose, x_mm, y_mm, self.clutter, Beam()))
 
 
 class _Screen:

@@ -133,7 +133,7 @@ def test_refusals(tmp_path: Path, addition: str, parts: list[str]) -> None:
 
 def test_missing_sections_are_all_named(tmp_path: Path) -> None:
     message = refusal(tmp_path, "")
-    for section in ("video", "tracker", "output", "calibration"):
+    for section in ("video", "tracker", "output"):
         assert f"'{section}' is missing" in message
 
 

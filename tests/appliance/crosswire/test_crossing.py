@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.crosswire.crossing import Crossing, Drawings, NoCrossing, find_crossing
+from appliance.crosswire.crossing import Crossing, Drawings, Missed, NoCrossing, find_crossing
 from drivers.twins.scene.world import World, WorldSettings
 
 SHAPE = (240, 320)
@@ -18,6 +18,12 @@ def spot(centre_px, peak_db=55.0, turn_deg=0.0):
     x, y = columns - centre_px[0], rows - centre_px[1]
     along, across = cos * x + sin * y, -sin * x + cos * y
     return 10 ** (peak_db / 10) * np.exp(-((along / SIGMA_PX[0]) ** 2) - (across / SIGMA_PX[1]) ** 2)
+
+
+def refusal(image, drawn=None) -> NoCrossing:
+    missed = find_crossing(image, drawn)
+    assert isinstance(missed, Missed), missed
+    return missed.reason
 
 
 def picture(*intensities, noise_grey=0.0, seed=0, gain_db=0.0):
@@ -47,12 +53,13 @@ def test_centre_is_found_to_a_twentieth_of_a_pixel_also_when_saturated(centre_px
 
 
 @pytest.mark.thorough
-def test_stated_sigma_is_the_scatter_that_noise_makes() -> None:
+def test_stated_sigma_covers_the_scatter_that_noise_makes_and_a_fifth_of_the_width() -> None:
     centres = np.array([found(crossed((160.4, 100.8), noise_grey=6, seed=seed)).centre_px for seed in range(150)])
-    stated = found(crossed((160.4, 100.8), noise_grey=6, seed=1)).sigma_px
+    example = found(crossed((160.4, 100.8), noise_grey=6, seed=1))
+    stated = np.sqrt(np.diag(example.covariance_px))
     assert np.all(np.abs(centres.mean(axis=0) - [160.4, 100.8]) < 0.1)
-    ratio = stated / centres.std(axis=0)
-    assert np.all((ratio > 0.7) & (ratio < 1.6)), ratio
+    assert np.all(stated > centres.std(axis=0))
+    assert stated.max() < 0.2 * example.spread_px + 1.6 * centres.std(axis=0).max()
 
 
 def test_the_spot_is_narrowest_when_the_wires_lie_on_one_another() -> None:
@@ -67,27 +74,27 @@ def test_the_spot_is_narrowest_when_the_wires_lie_on_one_another() -> None:
 @pytest.mark.parametrize("weaker_db", [0, 6])
 def test_two_wires_apart_are_no_crossing(apart_px, weaker_db) -> None:
     image = picture(spot((160 - apart_px, 120)), spot((160 + apart_px, 118), 55.0 - weaker_db))
-    assert find_crossing(image) is NoCrossing.PARTED
+    assert refusal(image) is NoCrossing.PARTED
 
 
 def test_an_empty_tank_holds_no_crossing() -> None:
-    assert find_crossing(np.zeros(SHAPE, np.uint8)) is NoCrossing.ABSENT
-    assert find_crossing(np.full(SHAPE, 255, np.uint8)) is NoCrossing.ABSENT
-    assert find_crossing(picture(noise_grey=8)) is NoCrossing.ABSENT
-    assert find_crossing(picture(spot((150, 120), 12))) is NoCrossing.ABSENT
+    assert refusal(np.zeros(SHAPE, np.uint8)) is NoCrossing.ABSENT
+    assert refusal(np.full(SHAPE, 255, np.uint8)) is NoCrossing.ABSENT
+    assert refusal(picture(noise_grey=8)) is NoCrossing.ABSENT
+    assert refusal(picture(spot((150, 120), 12))) is NoCrossing.ABSENT
 
 
 def test_many_echoes_or_a_wall_are_unclear() -> None:
     three = picture(*(spot((80 + 80 * step, 120)) for step in range(3)))
-    assert find_crossing(three) is NoCrossing.UNCLEAR
+    assert refusal(three) is NoCrossing.UNCLEAR
     wall = np.zeros(SHAPE, np.uint8)
     wall[150:170] = 220
-    assert find_crossing(wall) is NoCrossing.UNCLEAR
+    assert refusal(wall) is NoCrossing.UNCLEAR
 
 
 @pytest.mark.parametrize("centre_px", [(5, 120), (315, 120), (160, 1), (160, 238)])
 def test_half_a_spot_at_the_edge_is_refused(centre_px) -> None:
-    assert find_crossing(crossed(centre_px)) is NoCrossing.CUT
+    assert refusal(crossed(centre_px)) is NoCrossing.CUT
 
 
 def test_single_hot_pixels_do_not_disturb() -> None:
@@ -109,16 +116,17 @@ def test_drawings_are_learnt_and_the_wires_are_found_beside_them() -> None:
     drawings = Drawings()
     masks = [drawings.step(lettered(crossed((100 + 4 * step, 90 + 2 * step), noise_grey=3))) for step in range(25)]
     image = lettered(crossed((200.3, 140.6)))
-    assert isinstance(find_crossing(image), NoCrossing)
+    blind = find_crossing(image)
+    assert isinstance(blind, Missed) or np.linalg.norm(blind.centre_px - [200.3, 140.6]) > 50, "the logo is brighter"
     np.testing.assert_allclose(found(image, masks[-1]).centre_px, (200.3, 140.6), atol=0.05)
 
 
 def test_wires_that_have_not_moved_yet_are_not_measured() -> None:
     drawings = Drawings()
-    refusals = [find_crossing(image, drawings.step(image)) for image in [crossed((160, 120))] * 3]
+    refusals = [refusal(image, drawings.step(image)) for image in [crossed((160, 120))] * 3]
     assert refusals == [NoCrossing.ABSENT] * 3
     near = crossed((163, 121))
-    assert isinstance(find_crossing(near, drawings.step(near)), NoCrossing), "half of it lies where nothing changed"
+    assert isinstance(find_crossing(near, drawings.step(near)), Missed), "half of it lies where nothing changed"
 
 
 def test_a_spot_that_touches_a_drawing_is_refused() -> None:
@@ -126,7 +134,7 @@ def test_a_spot_that_touches_a_drawing_is_refused() -> None:
     for step in range(25):
         drawings.step(lettered(crossed((100 + 4 * step, 90))))
     image = lettered(crossed((62, 198)))
-    assert isinstance(find_crossing(image, drawings.step(image)), NoCrossing)
+    assert isinstance(find_crossing(image, drawings.step(image)), Missed)
 
 
 def test_a_change_of_picture_size_starts_the_drawings_again() -> None:
@@ -145,7 +153,7 @@ def test_rendered_crossings_are_found_where_they_are(noise_db) -> None:
         image = world.frame(t_s, index)
         result = find_crossing(image, drawings.step(image))
         if abs(crossing_mm[2]) > 1.3:
-            assert isinstance(result, NoCrossing)
+            assert isinstance(result, Missed)
         elif abs(crossing_mm[2]) < 0.3 and index > 15:
             assert isinstance(result, Crossing)
             off_mm = (result.centre_px - [319.5, 239.5]) * settings.scale_mm_per_px - crossing_mm[:2]

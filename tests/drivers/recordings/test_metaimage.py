@@ -345,12 +345,8 @@ def test_real_pictures_are_upright():
 @pytest.mark.parametrize(
     ("name", "head", "kind", "way"),
     [
-        ("scan.mp4", b"\x00\x00\x00\x18ftypmp42", "a film", "record pictures and poses together with PLUS"),
-        ("scan.avi", b"RIFF\x00\x00\x00\x00AVI ", "a film", "opencv:FILE"),
-        ("scan.mkv", b"\x1a\x45\xdf\xa3", "a film", "opencv:FILE"),
-        ("scan.seq.nrrd", b"NRRD0004\n", "an NRRD sequence", "EditSequenceFile"),
         ("scan.bag", b"#ROSBAG V2.0\n", "a ROS bag", "while PLUS records"),
-        ("scan.mcap", b"\x89MCAP0\r\n", "a ROS bag", "while PLUS records"),
+        ("scan.mcap", b"\x89MCAP0\r\n", "a black box or a ROS bag", "probewatch replay"),
         ("scan.dcm", bytes(128) + b"DICM", "a DICOM file", "record pictures and poses"),
         ("device.xml", b"<PlusConfiguration>", "an XML file", "--calibration"),
         ("scan.zip", b"PK\x03\x04", "a ZIP archive", "Unpack"),

@@ -27,8 +27,8 @@ from drivers.openigtlink.content import (
 from drivers.openigtlink.message import HEADER_BYTES, Message, decode_body, encode, parse_header
 from tests.support.told_status import MATRIX, OPEN, told_status
 from tools.openigtlink.answers import TYPES, answer_to
-from tools.openigtlink.status_watch import Seen
 from tools.openigtlink.wording import fields_of, metadata_of, state_message, status_message, status_of
+from tools.shared.status_watch import Seen
 
 UTC_NS = 1_700_000_000_000_000_000
 

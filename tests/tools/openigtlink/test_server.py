@@ -20,7 +20,7 @@ from tests.support.polling import until
 from tests.support.told_status import OPEN, ToldService
 from tools.cli import probewatch
 from tools.openigtlink.server import StateServer
-from tools.openigtlink.status_watch import StatusWatch
+from tools.shared.status_watch import StatusWatch
 
 EVERY_S = 0.05
 

@@ -5,6 +5,7 @@ from typing import cast
 
 import pytest
 
+from appliance.configuration.config import load_config
 from appliance.limits import Limits
 from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.recalibration import Recalibration, Wanted
@@ -203,3 +204,22 @@ def test_a_simulated_scan_is_refused_by_a_cart_with_real_devices(config, tmp_pat
         cart.recalibration.end(Wanted(file=written(tmp_path / "sim.toml", 0, 0, 1, simulated=True)))
     assert cart.estimator.reference is cart.old
     settled(cart.references)
+
+
+def test_a_cart_without_a_calibration_waits_and_takes_the_first_one_only_when_everything_is_shown(tmp_path) -> None:
+    """From then on it is the reference, also after a restart, and the history may not be lost."""
+    configuration(tmp_path)
+    path = tmp_path / "probewatch.toml"
+    path.write_text("".join(line for line in path.read_text().splitlines(True) if "calibration.file" not in line))
+    config = load_config(path)
+    assert config.calibration.file is None
+    references = started(config)
+    assert references.current is None
+    assert "there is no calibration yet" in references.waits
+    candidate = references.from_content((tmp_path / "probe.toml").read_bytes(), "scan.toml")
+    references.take(candidate, "recalibration", to_show=("latency",))
+    settled(references)
+    assert references.current.entry.number == 1
+    assert "is not shown yet: latency" in references.waits
+    again = started(config)
+    assert again.current.entry.sha256 == references.current.entry.sha256

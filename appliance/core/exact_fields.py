@@ -1,0 +1,175 @@
+"""What a line is given and says, as JSON and back, bit for bit: the words of the feed and of the black box.
+
+Integers are as they are, floats in the shortest digits that give the same double; what is not finite is a string,
+"nan", "inf" or "-inf". Whatever reads raises ValueError, KeyError, TypeError or AttributeError for what is none of it.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from appliance.core.order import Order
+from appliance.limits import Limits
+from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
+from drivers.samples import Frame, Pose, PoseStatus, Stamp
+
+Header = dict[str, Any]
+
+
+def order_fields(order: Order) -> Header:
+    """What a line is made of."""
+    return {
+        "generation": order.generation,
+        "stale_ns": order.stale_ns,
+        "limits": order.limits.model_dump(by_alias=True),
+        "reference": calibration_fields(order.reference),
+    }
+
+
+def calibration_fields(calibration: Calibration) -> Header:
+    """All of it; the covariance row by row."""
+    covariance = calibration.covariance
+    return {
+        "rotation": _numbers(calibration.rotation),
+        "polarity": list(calibration.polarity),
+        "scale_mm_per_px": _numbers(calibration.scale_mm_per_px),
+        "offset_mm": _numbers(calibration.offset_mm),
+        "image_size_px": list(calibration.image_size_px),
+        "covariance": None if covariance is None else _numbers(covariance),
+        "observed": list(calibration.observed),
+        "simulated": calibration.simulated,
+    }
+
+
+def verdict_fields(verdict: Verdict) -> Header:
+    """All of it, with every check."""
+    return {
+        "t_ns": verdict.t_ns,
+        "verdict": verdict.kind.value,
+        "fault": None if verdict.fault is None else verdict.fault.value,
+        "reason": verdict.reason,
+        "verified_ns": verdict.verified_ns,
+        "expires_ns": verdict.expires_ns,
+        "checks": [_check_fields(check) for check in verdict.checks],
+    }
+
+
+def stamp_fields(sample: Frame | Pose) -> Header:
+    """When it was true, and the device's counter."""
+    return {"t_ns": sample.stamp.t_ns, "err_ns": sample.stamp.err_ns, "sequence": sample.sequence}
+
+
+def pose_fields(pose: Pose) -> Header:
+    """All of it."""
+    return {
+        **stamp_fields(pose),
+        "status": pose.status.name,
+        "matrix": None if pose.matrix is None else _numbers(pose.matrix),
+        "rms_mm": _number(pose.rms_mm),
+        "reason": pose.reason,
+    }
+
+
+def order_of(fields: Header) -> Order:
+    """Of order_fields."""
+    limits = Limits.model_validate(fields["limits"])
+    return Order(whole(fields["generation"]), calibration_of(fields["reference"]), limits, whole(fields["stale_ns"]))
+
+
+def calibration_of(fields: Header) -> Calibration:
+    """Of calibration_fields."""
+    covariance = fields["covariance"]
+    lateral, axial = map(whole, fields["polarity"])
+    width, height = map(whole, fields["image_size_px"])
+    return Calibration(
+        rotation=_array(fields["rotation"], (3, 3)),
+        polarity=(lateral, axial),
+        scale_mm_per_px=_array(fields["scale_mm_per_px"], (2,)),
+        offset_mm=_array(fields["offset_mm"], (3,)),
+        image_size_px=(width, height),
+        covariance=None if covariance is None else _array(covariance, (8, 8)),
+        observed=tuple(bool(one) for one in fields["observed"]),
+        simulated=bool(fields["simulated"]),
+    )
+
+
+def verdict_of(fields: Header) -> Verdict:
+    """Of verdict_fields."""
+    return Verdict(
+        t_ns=whole(fields["t_ns"]),
+        kind=VerdictKind(fields["verdict"]),
+        checks=tuple(_check(check) for check in fields["checks"]),
+        fault=None if fields["fault"] is None else Fault(fields["fault"]),
+        reason=str(fields["reason"]),
+        verified_ns=_whole_or_none(fields["verified_ns"]),
+        expires_ns=_whole_or_none(fields["expires_ns"]),
+    )
+
+
+def stamp_of(fields: Header) -> Stamp:
+    """Of stamp_fields."""
+    return Stamp(whole(fields["t_ns"]), whole(fields["err_ns"]))
+
+
+def pose_of(fields: Header) -> Pose:
+    """Of pose_fields."""
+    matrix = fields["matrix"]
+    return Pose(
+        stamp_of(fields),
+        whole(fields["sequence"]),
+        None if matrix is None else _array(matrix, (4, 4)),
+        float(fields["rms_mm"]),
+        PoseStatus[fields["status"]],
+        str(fields["reason"]),
+    )
+
+
+def whole(value: Any) -> int:
+    """The same number; a flag is none."""
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise ValueError(f"{value!r} is not a whole number")
+    return value
+
+
+def _check_fields(check: Check) -> Header:
+    return {
+        "name": check.name,
+        "fault": check.fault.value,
+        "value": _number(check.value),
+        "sigma": _number(check.sigma),
+        "unit": check.unit,
+        "limit": _number(check.limit),
+        "verdict": check.verdict.value,
+        "shown_ns": check.shown_ns,
+    }
+
+
+def _check(fields: Header) -> Check:
+    return Check(
+        name=str(fields["name"]),
+        fault=Fault(fields["fault"]),
+        value=float(fields["value"]),
+        sigma=float(fields["sigma"]),
+        unit=str(fields["unit"]),
+        limit=float(fields["limit"]),
+        verdict=VerdictKind(fields["verdict"]),
+        shown_ns=_whole_or_none(fields["shown_ns"]),
+    )
+
+
+def _number(value: float) -> float | str:
+    value = float(value)
+    return value if math.isfinite(value) else str(value)
+
+
+def _numbers(values: Any) -> list[float | str]:
+    return [_number(value) for value in np.asarray(values, np.float64).ravel().tolist()]
+
+
+def _array(values: list[Any], shape: tuple[int, ...]) -> Any:
+    return np.array([float(value) for value in values], np.float64).reshape(shape)
+
+
+def _whole_or_none(value: Any) -> int | None:
+    return None if value is None else whole(value)

@@ -1,0 +1,92 @@
+"""How late the tracker is, from a probe moved up and down over the bottom of a water tank. Pure.
+
+The bottom is one bright line whose depth follows the probe. Its depth over time must be a linear map of the probe's
+position, at the right lag; appliance.core.path.latency finds that lag, as it does for the path of tissue. This is the
+published way of temporal calibration (Rousseau, Hellier, Barillot 2006; the PLUS toolkit) with a sigma of its own.
+"""
+
+import numpy as np
+
+from appliance.core.path.latency import Latency, estimate_latency
+from appliance.types import Vector
+from drivers.samples import Frame, GreyImage, Pose
+
+_BAND = 0.1
+"""Share of the width, about the middle, whose columns are averaged: a line aslant by 10° blurs by a few pixels only."""
+_SMOOTH_ROWS = 2.0
+"""Sigma, px: speckle goes, the line of five to ten pixels stays."""
+_HALF_LINE_PX = 12
+"""Rows about the brightest that give the line's depth. Not varied."""
+_LEAST_GREY = 12.0
+"""By which the line must stand out of its own usual profile. Less follows noise, more loses weak bottoms."""
+_ROUGH_MM_PER_PX = 0.075
+"""Only makes the unit of the depth a sensible one; the map to the probe's position finds the scale itself."""
+_LEAST_PICTURES = 30
+"""With fewer the usual profile is the line's own."""
+
+
+class BottomLine:
+    """Takes the frames and poses of the session in any order, then tells the latency."""
+
+    def __init__(self) -> None:
+        self._times_ns: list[int] = []
+        self._profiles: list[Vector] = []
+        self._pose_ns: list[int] = []
+        self._places: list[Vector] = []
+
+    def step(self, sample: Frame | Pose) -> None:
+        """Take the next sample; poses that are not OK are left out."""
+        if isinstance(sample, Frame):
+            self._times_ns.append(sample.stamp.t_ns)
+            self._profiles.append(_profile(sample.image))
+        elif sample.matrix is not None:
+            self._pose_ns.append(sample.stamp.t_ns)
+            self._places.append(sample.matrix[:3, 3])
+
+    @property
+    def pictures(self) -> int:
+        return len(self._times_ns)
+
+    @property
+    def seen(self) -> int:
+        """Pictures with a line."""
+        return int(np.isfinite(self.depth_px()).sum())
+
+    def depth_px(self) -> Vector:
+        """(n,) row of the line in each picture, NaN where there is none."""
+        if len(self._profiles) < _LEAST_PICTURES:
+            return np.full(len(self._profiles), np.nan)
+        profiles = np.array(self._profiles)
+        moved = profiles - np.median(profiles, axis=0)
+        return np.array([_peak(row) for row in moved])
+
+    def latency(self) -> Latency | None:
+        """None where the line or the motion does not show it."""
+        depth = self.depth_px()
+        seen = np.isfinite(depth)
+        if seen.sum() < _LEAST_PICTURES or len(self._pose_ns) < _LEAST_PICTURES:
+            return None
+        origin_ns = self._times_ns[0]
+        t_s = (np.array(self._times_ns)[seen] - origin_ns) / 1e9
+        pose_t_s = (np.array(self._pose_ns) - origin_ns) / 1e9
+        path_mm = np.stack([np.zeros(seen.sum()), depth[seen] * _ROUGH_MM_PER_PX])
+        return estimate_latency(t_s, np.zeros(len(t_s), np.int64), path_mm, pose_t_s, np.array(self._places).T)
+
+
+def _profile(image: GreyImage) -> Vector:
+    """(h,) mean grey of the middle columns, smoothed along the rows."""
+    width = image.shape[1]
+    band = image[:, round(width * (0.5 - _BAND / 2)) : round(width * (0.5 + _BAND / 2)) + 1].mean(axis=1)
+    reach = round(3 * _SMOOTH_ROWS)
+    weights = np.exp(-((np.arange(-reach, reach + 1) / _SMOOTH_ROWS) ** 2) / 2)
+    return np.convolve(band, weights / weights.sum(), mode="same")
+
+
+def _peak(profile: Vector) -> float:
+    """Centre of what stands out about the highest row; NaN where nothing does."""
+    top = int(np.argmax(profile))
+    if profile[top] < _LEAST_GREY:
+        return np.nan
+    first, last = max(0, top - _HALF_LINE_PX), min(len(profile), top + _HALF_LINE_PX + 1)
+    weight = np.clip(profile[first:last] - profile[top] / 2, 0, None)
+    return float(np.sum(weight * np.arange(first, last)) / weight.sum())

@@ -1,0 +1,197 @@
+"""The feed's messages, version 1, to bytes and back; docs/feed.md lists their fields.
+
+A message is two lengths, u32 big-endian, then a header of so many bytes, JSON, then so many bytes of pixels. Numbers
+are exact: integers as they are, floats in the shortest digits that give the same double; what is not finite is a
+string, "nan", "inf" or "-inf". What the line was given comes back as it was given, bit for bit.
+"""
+
+import json
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from appliance.core.exact_fields import (
+    Header,
+    order_fields,
+    order_of,
+    pose_fields,
+    pose_of,
+    stamp_fields,
+    stamp_of,
+    verdict_fields,
+    verdict_of,
+    whole,
+)
+from appliance.core.order import Order
+from appliance.types import Verdict
+from drivers.errors import ProtocolError
+from drivers.samples import Frame, GreyImage, Pose, Sample
+
+VERSION = 1
+_LENGTHS = struct.Struct(">II")
+_LONGEST_HEADER, _LONGEST_PIXELS = 1 << 18, 1 << 26
+"""Bytes. A verdict of 19 checks takes 5 kB; the largest picture of a ring 4 MB. More lets whoever is at the other end
+take as much memory.
+"""
+_PLACE, _REMEDY = "feed", "Is it the feed's socket, of this version of probewatch?"
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """The first message: version of the protocol and of the software."""
+
+    version: int
+    software: str
+
+
+@dataclass(frozen=True, slots=True)
+class Ordered:
+    """From here on the line works by this order; step: samples that this very line has taken before, 0 for a new one.
+
+    order: None while there is no reference; then samples come without verdicts.
+    """
+
+    order: Order | None
+    step: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Taken:
+    """Step number `step` of the line took this sample. reduced_by: 1 for a whole picture, else so many pixels of either
+    axis were averaged to one.
+    """
+
+    step: int
+    sample: Sample
+    reduced_by: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """A verdict that step number `step` gave."""
+
+    step: int
+    verdict: Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """So many samples, with the verdicts that they gave, were not told to this client at this place."""
+
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """Why this client is not served; nothing follows."""
+
+    why: str
+
+
+FeedMessage = Hello | Ordered | Taken | Judged | Lost | Refused
+
+
+def packed(header: Mapping[str, Any], pixels: bytes = b"") -> bytes:
+    """The bytes of a message, without its pixels, of which it only tells the length."""
+    text = json.dumps(header, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
+    return _LENGTHS.pack(len(text), len(pixels)) + text
+
+
+def lengths(head: bytes) -> tuple[int, int]:
+    """Bytes of header and pixels that follow these eight. Raises ProtocolError."""
+    header, pixels = _LENGTHS.unpack(head)
+    if not 2 <= header <= _LONGEST_HEADER or pixels > _LONGEST_PIXELS:
+        raise ProtocolError(f"announces {header} and {pixels} bytes, which no message has", _PLACE, _REMEDY)
+    return header, pixels
+
+
+HEAD_BYTES = _LENGTHS.size
+
+
+def hello(software: str) -> bytes:
+    return packed({"kind": "hello", "v": VERSION, "software": software})
+
+
+def lost(samples: int) -> bytes:
+    return packed({"kind": "lost", "samples": samples})
+
+
+def refused(why: str) -> bytes:
+    return packed({"kind": "refused", "why": why})
+
+
+def ordered(order: Order | None, step: int) -> bytes:
+    return packed({"kind": "order", "step": step, "order": None if order is None else order_fields(order)})
+
+
+def taken_pose(step: int, pose: Pose) -> bytes:
+    return packed({"kind": "pose", "step": step, **pose_fields(pose)})
+
+
+def taken_frame(step: int, frame: Frame, original_px: tuple[int, int], reduced_by: int) -> tuple[bytes, bytes]:
+    """(what comes before the pixels, the pixels)."""
+    height, width = frame.image.shape
+    pixels = frame.image.tobytes()
+    size = {"width": width, "height": height, "original_px": original_px, "reduced_by": reduced_by}
+    return packed({"kind": "frame", "step": step, **stamp_fields(frame), **size}, pixels), pixels
+
+
+def judged(step: int, verdict: Verdict) -> bytes:
+    return packed({"kind": "verdict", "step": step, **verdict_fields(verdict)})
+
+
+def unpacked(header: bytes, pixels: bytes) -> FeedMessage:
+    """The message again. Raises ProtocolError for what is none of this version."""
+    try:
+        fields = json.loads(header)
+        kind = fields["kind"]
+        return _frame(fields, pixels) if kind == "frame" else _KINDS[kind](fields)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
+        raise ProtocolError(f"is no message of the feed ({error!r})", _PLACE, _REMEDY) from None
+
+
+def _hello(fields: Header) -> Hello:
+    version = whole(fields["v"])
+    if version != VERSION:
+        raise ValueError(f"version {version}, this reads {VERSION}")
+    return Hello(version, str(fields["software"]))
+
+
+def _ordered(fields: Header) -> Ordered:
+    order = fields["order"]
+    return Ordered(None if order is None else order_of(order), whole(fields["step"]))
+
+
+def _pose(fields: Header) -> Taken:
+    return Taken(whole(fields["step"]), pose_of(fields))
+
+
+def _frame(fields: Header, pixels: bytes) -> Taken:
+    image: GreyImage = np.frombuffer(pixels, np.uint8).reshape(whole(fields["height"]), whole(fields["width"]))
+    frame = Frame(stamp_of(fields), whole(fields["sequence"]), image)
+    return Taken(whole(fields["step"]), frame, whole(fields["reduced_by"]))
+
+
+def _judged(fields: Header) -> Judged:
+    return Judged(whole(fields["step"]), verdict_of(fields))
+
+
+def _lost(fields: Header) -> Lost:
+    return Lost(whole(fields["samples"]))
+
+
+def _refused(fields: Header) -> Refused:
+    return Refused(str(fields["why"]))
+
+
+_KINDS: dict[str, Callable[[Header], FeedMessage]] = {
+    "hello": _hello,
+    "order": _ordered,
+    "pose": _pose,
+    "verdict": _judged,
+    "lost": _lost,
+    "refused": _refused,
+}

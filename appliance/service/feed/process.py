@@ -1,0 +1,47 @@
+"""The process that fans out, started by process_host: `-m appliance.service.feed.process VIEWERS FD…`."""
+
+import os
+import signal
+import socket
+import sys
+from contextlib import suppress
+from importlib.metadata import version
+from pathlib import Path
+
+from appliance.service.estimator.ring import FRAMES, Ring
+from appliance.service.estimator.tap import NOTHING, TapFds, Wish
+from appliance.service.feed.server import FeedServer
+from appliance.service.host.child_process import end_with_parent
+
+_NICER = 15
+"""Steps of nice(2) behind the service: whoever looks on waits for whoever watches."""
+_FIRST_KILLED = 500
+"""oom_score_adj, as of the programs that look on from outside: where memory runs out, this goes before the service."""
+
+
+def main(arguments: list[str]) -> None:
+    """arguments: ids of users who are not served, separated by commas; the descriptors of the listener and the tap."""
+    viewers, listener_fd, *tap = arguments
+    end_with_parent(signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(OSError):
+        os.nice(_NICER)
+        Path("/proc/self/oom_score_adj").write_text(str(_FIRST_KILLED))
+    fds = TapFds.of([int(number) for number in tap])
+    barred = frozenset(int(uid) for uid in viewers.split(",") if uid)
+    wish = Wish(fds.wish)
+    with (
+        socket.socket(fileno=int(listener_fd)) as listener,
+        socket.socket(fileno=fds.packets) as packets,
+        Ring(FRAMES, fds.frames) as frames,
+    ):
+        server = FeedServer(listener, packets, frames, wish, barred, version("probewatch"))
+        try:
+            server.run()
+        finally:
+            server.close()
+            wish.want(NOTHING)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

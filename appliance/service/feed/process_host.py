@@ -1,0 +1,169 @@
+"""The hardware process's side of the feed: its socket, and the process that fans out while somebody listens.
+
+Whatever becomes of the feed, the service watches on: what cannot be made or started is logged and told in the status.
+"""
+
+import os
+import select
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from appliance.service.estimator.link import link_pair
+from appliance.service.estimator.ring import FRAMES, Ring
+from appliance.service.estimator.tap import NOTHING, FeedCounts, TapFds, Wish
+from appliance.service.host.child_process import ONE_THREAD
+from appliance.service.host.log import get_log
+from appliance.service.host.unix_socket import listening
+
+_COMMAND = (sys.executable, "-m", "appliance.service.feed.process")
+_FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 30.0
+"""Before a process that died is started again, doubled each time one does not last. Longer leaves viewers without a
+picture; shorter spends the processor on what cannot start.
+"""
+_LASTED_S = 60.0
+"""Of a process after which its death is no sign that it cannot run."""
+_BURIAL_S = 1.0
+"""For which the end of the service waits for a killed process."""
+_BACKLOG = 128
+"""Clients that wait at the door, in order, so that a crowd which says nothing keeps nobody out for long."""
+
+
+class FeedHost:
+    """path: of the feed's socket, mode 0660, of `group` if one is named; None offers none. barred: users who are not
+    served. No other service may run here: what lies at the path is taken away.
+
+    refused: why there is no socket, in words; None where there is one.
+    """
+
+    def __init__(
+        self, path: Path | None, group: str = "", barred: Iterable[int] = (), command: Sequence[str] = _COMMAND
+    ) -> None:
+        self._path, self._command = path, (*command, ",".join(str(uid) for uid in sorted(barred)))
+        self._log = get_log(feed=str(path))
+        self._process: subprocess.Popen[bytes] | None = None
+        self._dying: list[subprocess.Popen[bytes]] = []
+        self._tap: _TapEnds | None = None
+        self._started_s = self._start_at_s = 0.0
+        self._wait_s = _FIRST_WAIT_S
+        self._listener: socket.socket | None = None
+        self.refused: str | None = None
+        if path is None:
+            self.refused = "[feed] offered = false"
+            return
+        try:
+            self._listener = listening(path, group, _BACKLOG)
+        except (OSError, LookupError) as error:
+            self.refused = str(error)
+            self._log.warning("the feed is not offered", why=self.refused)
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process that fans out, None while nobody listens."""
+        return None if self._process is None else self._process.pid
+
+    @property
+    def counts(self) -> FeedCounts:
+        """How it does."""
+        return FeedCounts() if self._tap is None else self._tap.wish.counts
+
+    def tap(self) -> TapFds | None:
+        """Descriptors for a new estimator; those of the one before, and who listened to it, are let go.
+
+        None where there is no socket. Raises OSError where no more files may be opened.
+        """
+        if self._listener is None:
+            return None
+        self._end_process()
+        self._close_tap()
+        self._tap = _TapEnds()
+        return self._tap.fds
+
+    def look_after(self) -> None:
+        """Once a tick; never blocks. Start the process when a client waits, and bury it when it has ended."""
+        self._bury()
+        now_s = time.monotonic()
+        if self._process is not None:
+            if self._process.poll() is not None:
+                self._note_end(self._process.returncode, now_s)
+        elif self._tap is not None and now_s >= self._start_at_s and self._somebody_waits():
+            self._start(self._tap, now_s)
+
+    def close(self) -> None:
+        """End the process, and take the socket away."""
+        self._end_process()
+        self._bury(_BURIAL_S)
+        self._close_tap()
+        if self._listener is not None and self._path is not None:
+            self._listener.close()
+            self._listener = None
+            with suppress(OSError):
+                self._path.unlink(missing_ok=True)
+
+    def _somebody_waits(self) -> bool:
+        waiting = select.poll()
+        assert self._listener is not None
+        waiting.register(self._listener, select.POLLIN)
+        return bool(waiting.poll(0))
+
+    def _start(self, tap: "_TapEnds", now_s: float) -> None:
+        assert self._listener is not None
+        fds = (self._listener.fileno(), tap.listens.fileno(), *tap.frames.fds, tap.wish.fd)
+        try:
+            command = [*self._command, *(str(fd) for fd in fds)]
+            self._process = subprocess.Popen(command, pass_fds=fds, env=os.environ | ONE_THREAD)
+        except OSError as error:
+            self._start_at_s = now_s + self._wait_s
+            self._log.warning("the feed cannot be started", why=error.strerror or str(error))
+            return
+        self._started_s = now_s
+
+    def _note_end(self, code: int, now_s: float) -> None:
+        """One that ended for want of clients is no death."""
+        self._process = None
+        assert self._tap is not None
+        self._tap.wish.want(NOTHING)
+        if code == 0:
+            self._wait_s = _FIRST_WAIT_S
+            return
+        lasted = now_s - self._started_s > _LASTED_S
+        self._wait_s = _FIRST_WAIT_S if lasted else min(2 * self._wait_s, _LONGEST_WAIT_S)
+        self._start_at_s = now_s + self._wait_s
+        self._log.warning("the feed's process died", exit_code=code)
+
+    def _end_process(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._dying.append(self._process)
+            self._process = None
+
+    def _bury(self, patience_s: float = 0.0) -> None:
+        for process in tuple(self._dying):
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(patience_s)
+                self._dying.remove(process)
+
+    def _close_tap(self) -> None:
+        if self._tap is not None:
+            self._tap.close()
+            self._tap = None
+
+
+class _TapEnds:
+    """Both ends of what the estimator tells, kept here so that either process may be replaced."""
+
+    def __init__(self) -> None:
+        self._tells, self.listens = link_pair()
+        self.frames = Ring(FRAMES)
+        self.wish = Wish()
+        self.fds = TapFds(self._tells.fileno(), self.frames.fds, self.wish.fd)
+
+    def close(self) -> None:
+        self._tells.close()
+        self.listens.close()
+        self.frames.close()
+        self.wish.close()

@@ -1,0 +1,56 @@
+"""What a client of the feed asks for, in its one line of JSON."""
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from appliance.service.feed.message import VERSION
+from drivers.errors import ProtocolError
+from drivers.printable import printable
+
+LONGEST_LINE = 4096
+"""Bytes, as of the control socket; a request has some 80."""
+_MOST_EVERY, _LEAST_PX, _MOST_PX = 1000, 16, 16_384
+"""One picture of so many: half a minute at 30 Hz. Sides of a picture: as in the configuration."""
+
+
+@dataclass(frozen=True, slots=True)
+class FeedRequest:
+    """pictures: whether frames come at all. every: one of so many of them. most_px: longest side of a picture, which is
+    averaged over whole blocks of pixels to fit; None leaves it as it is.
+    """
+
+    pictures: bool = True
+    every: int = 1
+    most_px: int | None = None
+
+    def line(self) -> bytes:
+        """As it is sent."""
+        asked = {"v": VERSION, "pictures": self.pictures, "every": self.every, "most_px": self.most_px}
+        return json.dumps(asked).encode() + b"\n"
+
+
+def request_of(line: bytes) -> FeedRequest:
+    """Raises ProtocolError, in words for the client."""
+    try:
+        asked = json.loads(line)
+    except (ValueError, RecursionError):
+        raise _refused("the line is not JSON") from None
+    if not isinstance(asked, dict) or asked.get("v") != VERSION:
+        raise _refused(f"a request is a JSON object with v = {VERSION}")
+    pictures, every, most_px = asked.get("pictures", True), asked.get("every", 1), asked.get("most_px")
+    if not isinstance(pictures, bool):
+        raise _refused(f"pictures is true or false, not {printable(repr(pictures))}")
+    if not _whole(every, 1, _MOST_EVERY):
+        raise _refused(f"every is a whole number, 1 … {_MOST_EVERY}, not {printable(repr(every))}")
+    if most_px is not None and not _whole(most_px, _LEAST_PX, _MOST_PX):
+        raise _refused(f"most_px is null or a whole number, {_LEAST_PX} … {_MOST_PX}, not {printable(repr(most_px))}")
+    return FeedRequest(pictures, every, most_px)
+
+
+def _whole(value: Any, least: int, most: int) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and least <= value <= most
+
+
+def _refused(why: str) -> ProtocolError:
+    return ProtocolError(why, "feed", 'Send one line such as {"v": 1}; docs/feed.md has the fields')

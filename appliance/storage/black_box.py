@@ -1,0 +1,275 @@
+"""The black box: one MCAP file of everything that a line was given, in its order, and of what it said.
+
+A file can be cut at any byte: what was written until a second before is read, and the reader says that it was cut. Fed
+to lines that are made as its orders say, it yields the same verdicts, bit for bit, as long as nothing is missing.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+from appliance.core.order import Order
+from appliance.limits import Limits
+from appliance.storage.black_box_fields import Begun, Gap, Item, Made, fields_of, item_of
+from drivers.errors import RecordingError
+from drivers.recordings.mcap_file import McapReader, McapWriter
+
+FORMAT = 1
+"""Of the messages; it rises where an old reader would take a file for something that it is not."""
+CHUNK_NS = 1_000_000_000
+"""Of each part that is compressed and checked on its own, and so what a cut or a power failure takes at most. Longer
+takes more with it; shorter compresses worse."""
+
+_MOST_NAMED = 3
+"""Damages told one by one in a sentence; the rest is counted."""
+
+
+def _object(title: str, **properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {"title": title, "type": "object", "properties": dict(properties), "required": [*properties]}
+
+
+_INTEGER, _TEXT, _FLAG = {"type": "integer"}, {"type": "string"}, {"type": "boolean"}
+_NUMBER = {"type": ["number", "string"], "description": "nan, inf and -inf are strings"}
+_PERHAPS_INTEGER = {"type": ["integer", "null"]}
+_NUMBERS = {"type": "array", "items": _NUMBER}
+_PERHAPS_NUMBERS = {"type": ["array", "null"], "items": _NUMBER}
+_INTEGERS = {"type": "array", "items": _INTEGER}
+_STAMP = {
+    "t_ns": {**_INTEGER, "description": "when it was true, CLOCK_MONOTONIC, ns"},
+    "err_ns": {**_INTEGER, "description": "bound of the error of t_ns, ns"},
+    "sequence": {**_INTEGER, "description": "counter of the device"},
+}
+_CHECK = _object(
+    "probewatch.Check",
+    name=_TEXT,
+    fault={**_TEXT, "description": "class that it names when it fails"},
+    value=_NUMBER,
+    sigma=_NUMBER,
+    unit=_TEXT,
+    limit=_NUMBER,
+    verdict={"enum": ["OK", "FAULT", "NOT_VERIFIED"]},
+    shown_ns=_PERHAPS_INTEGER,
+)
+_REFERENCE = _object(
+    "probewatch.Calibration",
+    rotation={**_NUMBERS, "description": "3 x 3 by rows, sensor to picture"},
+    polarity={**_INTEGERS, "description": "lateral, axial; 1 or -1"},
+    scale_mm_per_px=_NUMBERS,
+    offset_mm=_NUMBERS,
+    image_size_px={**_INTEGERS, "description": "width, height"},
+    covariance={**_PERHAPS_NUMBERS, "description": "8 x 8 by rows"},
+    observed={"type": "array", "items": _FLAG},
+    simulated=_FLAG,
+)
+_ORDER = _object(
+    "probewatch.Order",
+    generation=_INTEGER,
+    stale_ns=_INTEGER,
+    limits={"type": "object", "properties": {name: {"type": "number"} for name in Limits.model_fields}},
+    reference=_REFERENCE,
+)
+
+SCHEMAS: dict[str, dict[str, Any]] = {
+    "/begun": _object(
+        "probewatch.Begun",
+        format=_INTEGER,
+        software=_TEXT,
+        utc=_TEXT,
+        t_ns=_INTEGER,
+        session=_TEXT,
+        part=_INTEGER,
+        simulated={"type": "array", "items": _TEXT},
+        text={"enum": ["kept", "blackened"]},
+        every=_INTEGER,
+    ),
+    "/order": _object("probewatch.Made", step=_INTEGER, order={"anyOf": [_ORDER, {"type": "null"}]}),
+    "/picture": _object(
+        "probewatch.Picture",
+        **_STAMP,
+        width=_INTEGER,
+        height=_INTEGER,
+        encoding={"const": "png"},
+        data={**_TEXT, "contentEncoding": "base64", "description": "grey PNG of 8 bits"},
+    ),
+    "/pose": _object(
+        "probewatch.Pose",
+        **_STAMP,
+        matrix={**_PERHAPS_NUMBERS, "description": "4 x 4 by rows, sensor to tracker, mm; null unless status is OK"},
+        rms_mm=_NUMBER,
+        status=_TEXT,
+        reason=_TEXT,
+    ),
+    "/verdict": _object(
+        "probewatch.Verdict",
+        t_ns=_INTEGER,
+        verdict={"enum": ["OK", "FAULT", "NOT_VERIFIED"]},
+        fault={"type": ["string", "null"]},
+        reason=_TEXT,
+        verified_ns=_PERHAPS_INTEGER,
+        checks={"type": "array", "items": _CHECK},
+    ),
+    "/state": {"title": "probewatch.Status", "type": "object", "description": "the status of docs/control.md"},
+    "/gap": _object("probewatch.Gap", reason=_TEXT, samples=_INTEGER),
+    "/mark": _object("probewatch.Mark", kind={"enum": ["alarm", "start", "stop"]}, reason=_TEXT),
+}
+"""Topic → JSON schema of its messages, as it stands in every file."""
+
+
+class BlackBoxWriter:
+    """Writes to a stream that the caller opened and closes. Every call raises OSError as the stream does."""
+
+    def __init__(self, stream: BinaryIO, begun: Begun) -> None:
+        self._mcap = McapWriter(stream, SCHEMAS, f"probewatch {version('probewatch')}")
+        self._chunk_ns = begun.t_ns
+        self.put(begun, begun.t_ns)
+
+    def put(self, item: Item, now_ns: int) -> bool:
+        """now_ns: CLOCK_MONOTONIC at which it is written. Whether a chunk was ended, so that there is something to
+        sync.
+        """
+        due = now_ns - self._chunk_ns >= CHUNK_NS
+        if due:
+            self._mcap.flush()
+            self._chunk_ns = now_ns
+        topic, fields = fields_of(item)
+        self._mcap.put(topic, max(now_ns, 0), fields)
+        return due
+
+    def finish(self) -> None:
+        """Ends the file, so that it is whole."""
+        self._mcap.finish()
+
+
+class Told(NamedTuple):
+    """now_ns: when it was written, CLOCK_MONOTONIC."""
+
+    item: Item
+    now_ns: int
+
+
+class BlackBox:
+    """A file to read. Raises RecordingError where it is no black box.
+
+    begun: what it says of itself. damage: as of McapReader; complete once `items` has ended.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._mcap = McapReader(path)
+        first = next(self.items(), None)
+        if first is None or not isinstance(first.item, Begun):
+            what = "; ".join(self.damage) or "its first message is not /begun"
+            raise RecordingError(
+                f"is no black box ({what})", str(path), "Give a file that probewatch record has written"
+            )
+        if first.item.format != FORMAT:
+            what = f"is a black box of format {first.item.format}; this version reads format {FORMAT}"
+            raise RecordingError(what, str(path), "Use the probewatch that wrote it")
+        self.begun = first.item
+
+    @property
+    def damage(self) -> list[str]:
+        """What is wrong with the file, in words."""
+        return self._mcap.damage
+
+    @property
+    def damage_text(self) -> str:
+        """In one sentence; empty for a whole file."""
+        more = len(self.damage) - _MOST_NAMED
+        return "; ".join(self.damage[:_MOST_NAMED]) + (f"; and {more} more" if more > 0 else "")
+
+    def stamps(self) -> Iterator[tuple[str, int]]:
+        """(topic, when it was true, ns) of pictures and poses, without decoding them."""
+        for entry in self._mcap.entries():
+            t_ns = entry.fields.get("t_ns")
+            if entry.topic in ("/picture", "/pose") and isinstance(t_ns, int):
+                yield entry.topic, t_ns
+
+    def items(self) -> Iterator[Told]:
+        """In the order in which they were written; what cannot be understood is left out, told as damage, and there is
+        a Gap in its place.
+        """
+        known = 0
+        for entry in self._mcap.entries():
+            try:
+                item = item_of(entry.topic, entry.fields)
+            except ValueError as error:
+                self.damage.append(str(error))
+                item = None
+            if len(self.damage) > known:
+                known = len(self.damage)
+                yield Told(Gap(self.damage[-1]), entry.t_ns)
+            if item is not None:
+                yield Told(item, entry.t_ns)
+
+
+class Span(NamedTuple):
+    """How many there are, and when the first and the last was true, ns."""
+
+    number: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+
+
+class Series:
+    """Files of one session as one recording. paths: of one session, in any order. Raises RecordingError.
+
+    begun: of the first. missing: parts that are not there between those that are.
+    """
+
+    def __init__(self, boxes: Sequence[BlackBox]) -> None:
+        self.boxes = sorted(boxes, key=lambda box: box.begun.part)
+        self.begun = self.boxes[0].begun
+        parts = {box.begun.part for box in self.boxes}
+        self.missing = sorted(set(range(min(parts), max(parts))) - parts)
+
+    @property
+    def damage_text(self) -> str:
+        """What is wrong with any of them; complete once `items` has ended."""
+        return "; ".join(f"{box.path.name} {box.damage_text}" for box in self.boxes if box.damage)
+
+    def spans(self) -> tuple[Span, Span]:
+        """Of pictures and of poses."""
+        found = {"/picture": Span(), "/pose": Span()}
+        for topic, t_ns in (stamp for box in self.boxes for stamp in box.stamps()):
+            span = found[topic]
+            first_ns = t_ns if span.number == 0 else min(span.first_ns, t_ns)
+            found[topic] = Span(span.number + 1, first_ns, max(span.last_ns, t_ns))
+        return found["/picture"], found["/pose"]
+
+    def first_order(self) -> Order | None:
+        """What the first line was made by; None where there was none."""
+        orders = (item.order for item, _ in self.items() if isinstance(item, Made))
+        return next((order for order in orders if order is not None), None)
+
+    def items(self) -> Iterator[Told]:
+        """As one file would have them: what each later part repeats so that it can be read alone is left out, and where
+        a part is missing or damaged there is a Gap, after which its order is passed on again.
+        """
+        before: BlackBox | None = None
+        for box in self.boxes:
+            follows = before is not None and before.begun.part + 1 == box.begun.part and not before.damage
+            if before is not None and not follows:
+                yield Told(Gap("a part of the recording is missing or damaged"), box.begun.t_ns)
+            yield from _resumed(box) if follows else box.items()
+            before = box
+
+
+def _resumed(box: BlackBox) -> Iterator[Told]:
+    """Without its /begun and the order that follows it."""
+    head = True
+    for told in box.items():
+        if head and isinstance(told.item, Begun | Made):
+            head = isinstance(told.item, Begun)
+            continue
+        head = False
+        yield told
+
+
+def series_of(boxes: Iterable[BlackBox]) -> list[Series]:
+    """Each session with its parts; doubles of a part, as a kept copy beside the ring, count once."""
+    sessions: dict[str, dict[int, BlackBox]] = {}
+    for box in boxes:
+        sessions.setdefault(box.begun.session, {}).setdefault(box.begun.part, box)
+    return [Series([*parts.values()]) for parts in sessions.values()]

@@ -1,0 +1,214 @@
+"""Messages of a black box and what they mean; docs/black-box.md has them all. Numbers are those of
+appliance.core.exact_fields, so that what was given and said comes back bit for bit; pictures are lossless PNG.
+"""
+
+import base64
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from appliance.core.exact_fields import (
+    order_fields,
+    order_of,
+    pose_fields,
+    pose_of,
+    stamp_fields,
+    stamp_of,
+    verdict_fields,
+    verdict_of,
+    whole,
+)
+from appliance.core.order import Order
+from appliance.types import Calibration, Verdict
+from drivers.samples import Frame, Pose
+
+_PNG = [
+    cv2.IMWRITE_PNG_COMPRESSION, 1,
+    cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE,
+    cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB,
+]  # fmt: skip
+"""2.6 ms for a simulated picture of 640 × 480, which comes to 44 % of its bytes; the library's default takes twice as
+long for 49 %, zstd of the bare pixels .6 ms for 62 %."""
+_MOST_NS = 1 << 62
+"""A century and a half: what is computed of it fits 64 bits."""
+_LEAST_SIDE_PX, _MOST_SIDE_PX = 1, 16_384  # as the drivers take a picture, and as a configuration may name it
+_MOST_PIXELS = 1 << 24
+"""Of one picture: twice the largest screen that scanners have. A damaged size asks for any memory."""
+_ROTATION_TOLERANCE = 1e-3
+"""Of RᵀR. A rotation of a service is orthonormal to rounding; more digits would refuse one that a person typed."""
+_LEAST_SCALE, _MOST_SCALE = 1e-4, 1e2
+"""mm per px between which every scanner is: from an acoustic microscope to a screen that shows a whole body."""
+
+
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """What a file is of. utc: ISO 8601 at t_ns of CLOCK_MONOTONIC. session: of one recorder from its start to its end;
+    its files are the parts 1, 2, 3 … of one recording. simulated: URLs of sources that are no real device. text:
+    "kept", or "blackened" where what lies outside the sector was made black.
+    """
+
+    format: int
+    software: str
+    utc: str
+    t_ns: int
+    session: str
+    part: int
+    simulated: tuple[str, ...]
+    text: str
+    every: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What the control socket said: the status as docs/control.md has it."""
+
+    status: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """From here on a line works by this order; step: samples that this very line had taken before, 0 for a new one.
+    order: None while there is no reference, and so no line.
+    """
+
+    order: Order | None
+    step: int
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Something that the line was given, or said, is not in the file from here on: a line that is fed with the rest
+    need not say the same. reason: in words. samples: how many are missing, as far as known.
+    """
+
+    reason: str
+    samples: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """kind: "alarm", "start" or "stop" of a stretch that a person wants kept. reason: in words."""
+
+    kind: str
+    reason: str
+
+
+Item = Begun | Made | Frame | Pose | Verdict | State | Gap | Mark
+
+
+def fields_of(item: Item) -> tuple[str, dict[str, Any]]:
+    """(topic, message)."""
+    topic, fields = _WRITTEN[type(item)]
+    return topic, fields(item)
+
+
+def item_of(topic: str, fields: Mapping[str, Any]) -> Item | None:
+    """The other way round; None for a topic of a later version. Raises ValueError for a message that is not as
+    documented.
+    """
+    read = _READ.get(topic)
+    if read is None:
+        return None
+    try:
+        item = read(fields)
+    except (KeyError, TypeError, AttributeError, OverflowError, IndexError, cv2.error) as error:
+        raise ValueError(f"a message of {topic} is not as documented ({error})") from error
+    if isinstance(item, Frame | Pose) and not abs(item.stamp.t_ns) < _MOST_NS:
+        raise ValueError(f"a message of {topic} is of no time of this world")
+    return item
+
+
+def _picture(frame: Frame) -> dict[str, Any]:
+    height, width = frame.image.shape
+    done, png = cv2.imencode(".png", frame.image, _PNG)
+    assert done
+    return {
+        **stamp_fields(frame),
+        "width": width,
+        "height": height,
+        "encoding": "png",
+        "data": base64.b64encode(png.tobytes()).decode(),
+    }
+
+
+def _frame(fields: Mapping[str, Any]) -> Frame:
+    height, width = whole(fields["height"]), whole(fields["width"])
+    data = np.frombuffer(base64.b64decode(fields["data"], validate=True), np.uint8)
+    possible = 0 < height <= _MOST_SIDE_PX and 0 < width <= _MOST_SIDE_PX and height * width <= _MOST_PIXELS
+    if not possible or _png_size(data) != (width, height):
+        raise ValueError("a picture of /picture is not of the size that it says")
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype != np.uint8 or image.shape != (height, width):
+        raise ValueError("a picture of /picture is no grey PNG of 8 bits")
+    return Frame(stamp_of(dict(fields)), whole(fields["sequence"]), np.asarray(image, np.uint8))
+
+
+def _png_size(data: np.ndarray[Any, np.dtype[np.uint8]]) -> tuple[int, int]:
+    """(width, height) that the PNG's header says, before memory for so many pixels is asked for."""
+    head = data[16:24].tobytes()
+    return int.from_bytes(head[:4], "big"), int.from_bytes(head[4:], "big")
+
+
+def _begun(fields: Mapping[str, Any]) -> Begun:
+    simulated = tuple(str(url) for url in fields["simulated"])
+    software, utc, session, text = (str(fields[name]) for name in ("software", "utc", "session", "text"))
+    format_, t_ns, part = (whole(fields[name]) for name in ("format", "t_ns", "part"))
+    return Begun(format_, software, utc, t_ns, session, part, simulated, text, whole(fields["every"]))
+
+
+def _gap(fields: Mapping[str, Any]) -> Gap:
+    return Gap(str(fields["reason"]), whole(fields["samples"]))
+
+
+def _made(made: Made) -> dict[str, Any]:
+    return {"step": made.step, "order": None if made.order is None else order_fields(made.order)}
+
+
+def _read_made(fields: Mapping[str, Any]) -> Made:
+    order = None if fields["order"] is None else order_of(fields["order"])
+    if order is not None and not _sane(order.reference):
+        raise ValueError("the reference of /order is no calibration of a probe")
+    return Made(order, whole(fields["step"]))
+
+
+def _sane(reference: Calibration) -> bool:
+    """Whether a line can be made of it: what an order of the service is by its making, and a file may not be."""
+    R, scale, sides = reference.rotation, reference.scale_mm_per_px, reference.image_size_px
+    numbers = [R, scale, reference.offset_mm, np.eye(1) if reference.covariance is None else reference.covariance]
+    return (
+        all(np.isfinite(one).all() for one in numbers)
+        and bool(np.abs(R.T @ R - np.eye(3)).max() < _ROTATION_TOLERANCE and np.linalg.det(R) > 0)
+        and set(reference.polarity) <= {-1, 1}
+        and bool((scale > _LEAST_SCALE).all() and (scale < _MOST_SCALE).all())
+        and all(_LEAST_SIDE_PX <= side <= _MOST_SIDE_PX for side in sides)
+    )
+
+
+def _own(item: Any) -> dict[str, Any]:
+    """Of plain values, under their own names."""
+    return {name: [*value] if isinstance(value := getattr(item, name), tuple) else value for name in item.__slots__}
+
+
+_WRITTEN: dict[type, tuple[str, Callable[[Any], dict[str, Any]]]] = {
+    Begun: ("/begun", _own),
+    Made: ("/order", _made),
+    Frame: ("/picture", _picture),
+    Pose: ("/pose", pose_fields),
+    Verdict: ("/verdict", verdict_fields),
+    State: ("/state", lambda item: dict(item.status)),
+    Gap: ("/gap", _own),
+    Mark: ("/mark", _own),
+}
+_READ: dict[str, Callable[[Mapping[str, Any]], Item]] = {
+    "/begun": _begun,
+    "/order": _read_made,
+    "/picture": _frame,
+    "/pose": lambda fields: pose_of(dict(fields)),
+    "/verdict": lambda fields: verdict_of(dict(fields)),
+    "/state": lambda fields: State(dict(fields)),
+    "/gap": _gap,
+    "/mark": lambda fields: Mark(str(fields["kind"]), str(fields["reason"])),
+}

@@ -1,0 +1,191 @@
+"""A film and a table of poses as two halves of a recording: what a screen recorder and a tracker's log leave.
+
+The film is whatever OpenCV decodes; its time begins with 0 at its first picture. The table is CSV with a line of
+headings: `t_s`, seconds on the film's time, then either `m00 … m23`, the upper three rows of the transform probe →
+tracker by rows, mm, or `x_mm`, `y_mm`, `z_mm`, `qw`, `qx`, `qy`, `qz`; `status` (ok, or why there is no pose) and
+`sequence` may stand beside them, and any other column.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from drivers.errors import RecordingError
+from drivers.files.regular_file import read_bounded, refuse_irregular
+from drivers.recordings.metaimage import MAX_STAMP_S, unreadable
+from drivers.rigid import pose_matrix
+from drivers.samples import GreyImage, Matrix4, PoseStatus
+from drivers.trackers.plus_transform import TransformReading, rigid_reading, without_matrix
+from drivers.video.crop import FLIPS
+
+_MOST_PICTURES = 1_000_000
+"""Of a film: nine hours at 30 Hz, whose times are all kept. A damaged film may have no end."""
+_MOST_TABLE_BYTES = 256_000_000
+"""Of a table, all of which is kept: as much as the header of a sequence may have."""
+_MATRIX = tuple(f"m{row}{column}" for row in range(3) for column in range(4))
+_QUATERNION = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
+_NAME = "ProbeToTracker"
+_SHORTEST, _LONGEST = 0.9, 1.1
+"""Length of a quaternion that was rounded; others are no rotation, but columns in another order."""
+
+
+class Film:
+    """A film as a sequence of pictures without poses. Raises RecordingError where nothing can be decoded."""
+
+    def __init__(self, path: Path, orientation: str | None = None) -> None:
+        self.path = path
+        named = (orientation or "MF").upper()
+        if named[:2] not in FLIPS:
+            raise RecordingError(f"orientation {named} is not known", str(path), f"Use {', '.join(FLIPS)}")
+        self._flips = FLIPS[named[:2]]
+        self._times_ns, self.size_px = self._looked_through()
+
+    def __len__(self) -> int:
+        return len(self._times_ns)
+
+    def transform_names(self) -> list[str]:
+        return []
+
+    def stamp_ns(self, index: int) -> int:
+        return self._times_ns[index]
+
+    def sequence(self, index: int) -> int:
+        return index
+
+    def image_ok(self, index: int) -> bool:
+        return True
+
+    def transform(self, index: int, name: str) -> TransformReading:
+        return without_matrix("MISSING", name)
+
+    def pictures(self) -> Iterator[GreyImage]:
+        """Each in turn, (height, width), MF-oriented, one in memory."""
+        rows, columns = (slice(None, None, -1 if flip else 1) for flip in self._flips)
+        film = self._opened()
+        try:
+            for _ in self._times_ns:
+                there, picture = film.read()
+                if not there:
+                    break
+                grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
+                yield np.ascontiguousarray(np.asarray(grey, np.uint8)[rows, columns])
+        finally:
+            film.release()
+
+    def _opened(self) -> cv2.VideoCapture:
+        try:
+            refuse_irregular(self.path)
+        except OSError as error:
+            raise unreadable(self.path, error) from error
+        film = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+        if not film.isOpened():
+            raise RecordingError("is no film that can be decoded", str(self.path), "Convert it to MP4 or MKV")
+        return film
+
+    def _looked_through(self) -> tuple[list[int], tuple[int, int]]:
+        """(times of all pictures, ns; width and height)."""
+        film, times_ns = self._opened(), list[int]()
+        try:
+            size_px = round(film.get(cv2.CAP_PROP_FRAME_WIDTH)), round(film.get(cv2.CAP_PROP_FRAME_HEIGHT))
+            while len(times_ns) < _MOST_PICTURES and film.grab():
+                times_ns.append(round(film.get(cv2.CAP_PROP_POS_MSEC) * 1e6))
+        finally:
+            film.release()
+        if not times_ns:
+            raise RecordingError("holds no pictures", str(self.path), "Is it cut? Copy it again")
+        first_ns = times_ns[0]
+        return [t_ns - first_ns for t_ns in times_ns], size_px
+
+
+class PoseTable:
+    """Poses out of a CSV as a sequence without pictures. Raises RecordingError naming the line and the column."""
+
+    size_px = None
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            text = read_bounded(path, _MOST_TABLE_BYTES).decode("utf-8-sig")
+        except OSError as error:
+            raise unreadable(path, error) from error
+        except UnicodeDecodeError:
+            raise RecordingError("is not UTF-8 text", str(path), "Save the table as CSV in UTF-8") from None
+        rows = csv.DictReader(io.StringIO(text, newline=""))
+        try:
+            self._rows = list(rows)
+        except csv.Error as error:
+            raise RecordingError(f"is no CSV ({error})", str(path), "Save the table as CSV") from None
+        names = [name.strip() for name in rows.fieldnames or ()]
+        self._rows = [{str(key).strip(): value for key, value in row.items()} for row in self._rows]
+        self._columns = next((one for one in (_MATRIX, _QUATERNION) if set(one) <= set(names)), ())
+        if "t_s" not in names or not self._columns:
+            what = "has no columns t_s and m00 … m23, nor t_s, x_mm, y_mm, z_mm, qw, qx, qy, qz"
+            raise RecordingError(what, str(path), "Name its columns so; docs/black-box.md tells what they mean")
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def transform_names(self) -> list[str]:
+        return [_NAME]
+
+    def stamp_ns(self, index: int) -> int:
+        seconds = self._number(index, "t_s")
+        if not abs(seconds) <= MAX_STAMP_S:
+            raise self._refused(index, "t_s", "is not a time in seconds")
+        return round(seconds * 1e9)
+
+    def sequence(self, index: int) -> int:
+        text = self._rows[index].get("sequence")
+        return int(text) if text and text.strip().isascii() and text.strip().isdecimal() else index
+
+    def image_ok(self, index: int) -> bool:
+        return False
+
+    def transform(self, index: int, name: str) -> TransformReading:
+        status = (self._rows[index].get("status") or "ok").strip()
+        if status.upper() not in ("OK", ""):
+            return TransformReading(None, PoseStatus.MISSING, status)
+        values = [self._number(index, column) for column in self._columns]
+        return rigid_reading(_from_rows(values) if self._columns == _MATRIX else _from_quaternion(values), name)
+
+    def pictures(self) -> Iterator[GreyImage]:
+        return iter(())
+
+    def _number(self, index: int, column: str) -> float:
+        try:
+            return float(self._rows[index][column] or "")
+        except (TypeError, ValueError):
+            raise self._refused(index, column, "is not a number") from None
+
+    def _refused(self, index: int, column: str, what: str) -> RecordingError:
+        said = str(self._rows[index].get(column))[:40]
+        return RecordingError(f"line {index + 2}, {column} {said!r} {what}", str(self.path), "Mend this line")
+
+
+def write_poses(path: Path, rows: Iterator[Mapping[str, object]]) -> None:
+    """A table that PoseTable reads, with the columns of POSE_COLUMNS. Raises OSError."""
+    with path.open("w", newline="") as stream:
+        writer = csv.DictWriter(stream, POSE_COLUMNS)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+POSE_COLUMNS = ("t_s", "sequence", "status", *_MATRIX)
+
+
+def _from_rows(values: list[float]) -> Matrix4:
+    matrix = np.eye(4)
+    matrix[:3] = np.array(values).reshape(3, 4)
+    return matrix
+
+
+def _from_quaternion(values: list[float]) -> Matrix4:
+    x_mm, y_mm, z_mm, w, x, y, z = values
+    if not _SHORTEST < math.hypot(w, x, y, z) < _LONGEST:
+        return np.full((4, 4), np.nan)  # told as a pose that is none, like every matrix that is no rotation
+    return pose_matrix((w, x, y, z), (x_mm, y_mm, z_mm))

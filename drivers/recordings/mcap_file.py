@@ -1,0 +1,184 @@
+"""MCAP files of JSON messages: written in chunks that can be ended at any time, read up to wherever they were cut.
+
+Format: https://mcap.dev/spec. Each chunk is compressed by zstd and has a CRC-32 of its own; a whole file has two more,
+of its data and of its summary. What is in a chunk is on the disk once `flush` has returned and the file was synced.
+"""
+
+import json
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+import zstandard
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, DataEnd, Message
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.writer import CompressionType, IndexType, Writer
+
+from drivers.errors import RecordingError
+from drivers.files.regular_file import reading
+
+MAGIC = b"\x89MCAP0\r\n"
+
+_CHUNK_BYTES = 1 << 24
+"""After which a chunk ends by itself: a second of pictures of 640 × 480 takes half. More takes memory of whoever reads
+it, less compresses worse."""
+_MOST_CHUNK_BYTES = 1 << 26
+"""Of memory that one chunk of a file may ask for: one picture beyond a full chunk. A damaged or hostile length asks for
+any amount."""
+_FOOTER = struct.Struct("<BQQQI8s")
+"""Opcode, length, two offsets, CRC-32 of the summary with all of the footer before it, magic; section "Footer"."""
+_BROKEN = (McapError, struct.error, UnicodeDecodeError, ValueError, KeyError, zstandard.ZstdError, MemoryError)
+"""What the library raises where bytes are not what they should be."""
+
+
+class Entry(NamedTuple):
+    """One message. t_ns: its log time. fields: of its JSON object."""
+
+    topic: str
+    t_ns: int
+    fields: dict[str, Any]
+
+
+class McapWriter:
+    """schemas: topic → JSON schema of its messages, with a title. Each call raises OSError as the stream does."""
+
+    def __init__(self, stream: BinaryIO, schemas: Mapping[str, Mapping[str, Any]], library: str) -> None:
+        self._writer = Writer(
+            stream,
+            chunk_size=_CHUNK_BYTES,
+            compression=CompressionType.ZSTD,
+            index_types=IndexType.ALL,
+            enable_data_crcs=True,
+        )
+        self._writer.start(profile="", library=library)
+        self._channels = {topic: self._channel(topic, schema) for topic, schema in schemas.items()}
+
+    def put(self, topic: str, t_ns: int, fields: Mapping[str, Any]) -> None:
+        """t_ns: >= 0. Raises ValueError for a number that JSON cannot hold."""
+        data = json.dumps(fields, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+        self._writer.add_message(self._channels[topic], t_ns, data.encode(errors="replace"), t_ns)
+
+    def flush(self) -> None:
+        """End the chunk, if anything is in it, and hand it to the kernel."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def finish(self) -> None:
+        """Write what makes a whole file: indexes and checksums. The stream stays open."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+
+    def _channel(self, topic: str, schema: Mapping[str, Any]) -> int:
+        named = self._writer.register_schema(str(schema["title"]), "jsonschema", json.dumps(schema).encode())
+        return self._writer.register_channel(topic, "json", named)
+
+
+class McapReader:
+    """The messages of a file in the order in which they were written. Raises RecordingError where it is no MCAP.
+
+    damage: what was found wrong so far, in words, with the byte; complete once `entries` has ended.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._channels: dict[int, str] = {}
+        self.damage: list[str] = []
+        try:
+            with reading(path) as stream:
+                head = stream.read(len(MAGIC))
+        except OSError as error:
+            remedy = "Check the name and the permissions"
+            raise RecordingError(f"cannot be read: {error.strerror}", str(path), remedy) from error
+        if head != MAGIC:
+            raise RecordingError("is no MCAP file", str(path), "Give a file that probewatch record has written")
+
+    def entries(self) -> Iterator[Entry]:
+        """Everything that can be read: a chunk whose checksum does not fit is left out, a file that was cut ends
+        early, and `damage` says so. Raises RecordingError where the disk fails.
+        """
+        self._channels.clear()
+        self.damage.clear()
+        try:
+            with reading(self._path) as stream:
+                yield from self._read(stream)
+        except OSError as error:
+            remedy = "Check the disk, or copy the file again"
+            raise RecordingError(f"cannot be read: {error.strerror}", str(self._path), remedy) from error
+
+    def _read(self, stream: BinaryIO) -> Iterator[Entry]:
+        records = StreamReader(
+            stream, emit_chunks=True, validate_crcs=True, record_size_limit=_MOST_CHUNK_BYTES
+        ).records
+        whole = 0
+        while True:
+            try:
+                record = next(records)
+            except (EndOfFile, StopIteration):
+                self._cut(whole, "it was cut there")
+                return
+            except CRCValidationError:
+                self.damage.append(
+                    "the checksum of all its data does not fit: some byte outside the chunks was changed"
+                )
+                return
+            except _BROKEN as error:
+                self._cut(whole, f"what follows is damaged or was cut ({type(error).__name__})")
+                return
+            if isinstance(record, DataEnd):
+                self._check_summary(stream)
+                return
+            if isinstance(record, Chunk):
+                yield from self._chunk(record, whole)
+            elif isinstance(record, Channel | Message):
+                yield from self._taken(record)
+            whole = stream.tell()
+
+    def _cut(self, whole: int, how: str) -> None:
+        self.damage.append(f"ends at byte {whole}: {how}")
+
+    def _chunk(self, chunk: Chunk, start: int) -> Iterator[Entry]:
+        try:
+            _refuse_bomb(chunk)
+            records = breakup_chunk(chunk, validate_crc=True)
+        except (*_BROKEN, CRCValidationError):
+            span_s = max(chunk.message_end_time - chunk.message_start_time, 0) / 1e9
+            self.damage.append(f"the part at byte {start} is damaged: {span_s:.1f} s are left out")
+            return
+        for record in records:
+            yield from self._taken(record)
+
+    def _taken(self, record: object) -> Iterator[Entry]:
+        if isinstance(record, Channel):
+            self._channels[record.id] = record.topic
+        elif isinstance(record, Message):
+            try:
+                fields = json.loads(record.data)
+            except (ValueError, RecursionError):
+                fields = None
+            if isinstance(fields, dict):
+                yield Entry(self._channels.get(record.channel_id, ""), record.log_time, fields)
+            else:
+                self.damage.append(f"a message of {self._channels.get(record.channel_id, '?')} is no JSON object")
+
+    def _check_summary(self, stream: BinaryIO) -> None:
+        """Nothing here reads the summary, but other programs do."""
+        rest = stream.read(_MOST_CHUNK_BYTES)
+        footer = rest[-_FOOTER.size :]
+        if len(footer) < _FOOTER.size:
+            self.damage.append("its end was cut; all messages are there")
+            return
+        opcode, _, _, _, crc, magic = _FOOTER.unpack(footer)
+        covered = rest[: -len(MAGIC) - 4]
+        if (opcode, magic) != (Opcode.FOOTER, MAGIC) or zlib.crc32(covered) != crc:
+            self.damage.append("its index is damaged or cut; all messages are there")
+
+
+def _refuse_bomb(chunk: Chunk) -> None:
+    """Raises ValueError for one that would unpack to more than any that was written here."""
+    sizes = [chunk.uncompressed_size]
+    if chunk.compression == "zstd":
+        sizes.append(zstandard.frame_content_size(chunk.data))
+    if not all(0 <= size <= _MOST_CHUNK_BYTES for size in sizes) or chunk.compression not in ("", "zstd"):
+        raise ValueError("more than a chunk may hold")

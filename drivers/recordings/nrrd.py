@@ -1,0 +1,131 @@
+"""Tracked-ultrasound sequences as NRRD (`.nrrd`, `.igs.nrrd`), which 3D Slicer and PLUS store beside MetaImage.
+
+Format: http://teem.sourceforge.net/nrrd/format.html. A text header of `field: value` and `key:=value` lines, closed by
+a blank line, then 8-bit pictures, raw or as one gzip stream, in the same file or in another. The keys of each picture
+are those of MetaImage.
+"""
+
+import shutil
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import BinaryIO
+
+from drivers.errors import RecordingError
+from drivers.files.atomic_file import replacing
+from drivers.files.regular_file import reading, refuse_irregular
+from drivers.printable import printable
+from drivers.recordings.metaimage import (
+    BLOCK_BYTES,
+    FRAME_KEY,
+    MAX_HEADER_BYTES,
+    MAX_HEADER_LINES,
+    MAX_LINE_BYTES,
+    MetaImage,
+    SequenceItem,
+    checked_header,
+    spooled,
+    unreadable,
+)
+from drivers.video.crop import FLIPS
+
+MAGIC = b"NRRD"
+_GZIP = 31  # window bits of zlib: the largest window, in gzip's wrapping
+_GREY = ("uchar", "unsigned char", "uint8", "uint8_t")
+_MOST_AXES = 4  # of PLUS and 3D Slicer: a third spatial axis of one plane
+
+
+def read_nrrd(path: Path, orientation: str | None = None) -> MetaImage:
+    """As read_metaimage. Raises RecordingError naming file, key and remedy."""
+    try:
+        with reading(path) as stream:
+            general, frames = _read_header(stream, path)
+            offset = stream.tell()
+        encoding = general.get("encoding", "").lower()
+        if encoding not in ("raw", "gz", "gzip"):
+            what = f"encoding {encoding!r} is neither raw nor gzip"
+            raise RecordingError(what, str(path), "Store it as that, in 3D Slicer or with PLUS")
+        named = general.get("data file", general.get("datafile", "LOCAL"))
+        return checked_header(path, _as_metaimage(path, general, encoding, named), frames, offset, orientation, _GZIP)
+    except OSError as error:
+        raise unreadable(path, error) from error
+
+
+def write_nrrd(
+    path: Path, items: Iterable[SequenceItem], size_px: tuple[int, int] | None, *, orientation: str = "MFA"
+) -> None:
+    """As write_metaimage, compressed. A sequence of poses only has pictures of one black pixel, as PLUS writes it.
+
+    Raises OSError, and ValueError for an image of another size.
+    """
+    refuse_irregular(path)
+    width, height = size_px or (1, 1)
+    with tempfile.TemporaryFile(dir=path.parent) as data:
+        lines = spooled(data, items, (width, height), _GZIP, FLIPS[orientation[:2]])
+        head = [
+            "NRRD0004",
+            "type: uchar",
+            "dimension: 3",
+            "space dimension: 2",
+            f"sizes: {width} {height} {lines.count}",
+            "space directions: (1,0) (0,1) none",
+            "kinds: domain domain list",
+            "encoding: gzip",
+            "space origin: (0,0)",
+            f"UltrasoundImageOrientation:={orientation}",
+            "UltrasoundImageType:=BRIGHTNESS",
+        ]
+        own = [line.replace(" = ", ":=", 1) for line in lines.text]
+        data.seek(0)
+        with replacing(path) as stream:
+            stream.write("\n".join([*head, *own, "\n"]).encode())
+            shutil.copyfileobj(data, stream, BLOCK_BYTES)
+
+
+def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str) -> dict[str, str]:
+    """The header in the words of MetaImage."""
+    axes = list(zip(general.get("sizes", "").split(), general.get("kinds", "").lower().split(), strict=False))
+    if [kind for _, kind in axes if kind in ("list", "time")] == [] or len(axes) > _MOST_AXES:
+        what = f"kinds '{general.get('kinds', '')}' and sizes '{general.get('sizes', '')}' are no sequence of pictures"
+        raise RecordingError(what, str(path), "Store the whole sequence, as PLUS and 3D Slicer do: domain domain list")
+    if any(kind not in ("domain", "space", "list", "time") for _, kind in axes) or axes[-1][1] not in ("list", "time"):
+        what = f"kinds '{general['kinds']}' are not domain domain list"
+        raise RecordingError(what, str(path), "Record 8-bit grey B-mode pictures, one after the other")
+    kind = general.get("type", "").lower()
+    return {
+        "DimSize": " ".join(size for size, _ in axes),
+        "ElementType": "MET_UCHAR" if kind in _GREY else f"type {kind}",
+        "CompressedData": str(encoding != "raw"),
+        "ElementDataFile": named,
+        "UltrasoundImageOrientation": general.get("UltrasoundImageOrientation", ""),
+    }
+
+
+def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int, dict[str, str]]]:
+    general: dict[str, str] = {}
+    frames: dict[int, dict[str, str]] = {}
+    for number in range(MAX_HEADER_LINES):
+        line = stream.readline(MAX_LINE_BYTES)
+        text = line.decode("utf-8", errors="replace").strip()
+        if not text:
+            if line or "data file" in general or "datafile" in general:
+                return general, frames
+            raise RecordingError("the header does not end", str(path), "It is cut short; copy it again")
+        if len(line) == MAX_LINE_BYTES or stream.tell() > MAX_HEADER_BYTES:
+            break
+        if number and not text.startswith("#"):
+            _take(text, path, general, frames)
+    raise RecordingError("the header is longer than any of PLUS", str(path), "Record in shorter parts")
+
+
+def _take(text: str, path: Path, general: dict[str, str], frames: dict[int, dict[str, str]]) -> None:
+    key, colon, value = text.partition(":")
+    if not colon:
+        what = f"header line {text[:40]!r} is neither 'field: value' nor 'key:=value'"
+        raise RecordingError(what, str(path), "Give a sequence that 3D Slicer or PLUS has stored")
+    key, value = printable(key.strip()), value.removeprefix("=").strip()
+    match = FRAME_KEY.fullmatch(key)
+    if match:
+        frames.setdefault(int(match[1]), {})[match[2]] = value
+    else:
+        general[key] = value

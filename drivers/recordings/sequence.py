@@ -1,0 +1,58 @@
+"""A stored sequence of pictures, poses or both, of whatever kind its first bytes say it is."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+from drivers.files.regular_file import reading
+from drivers.recordings.film import Film, PoseTable
+from drivers.recordings.metaimage import read_metaimage, unreadable
+from drivers.recordings.nrrd import MAGIC, read_nrrd
+from drivers.samples import GreyImage
+from drivers.trackers.plus_transform import TransformReading
+
+_HEAD_BYTES = 12
+_FILMS = ((4, b"ftyp"), (0, b"RIFF"), (0, b"\x1a\x45\xdf\xa3"), (4, b"moov"))
+"""(offset, first bytes) of MP4 and MOV, AVI, MKV and WebM, by the formats' own definitions."""
+
+
+class Sequence(Protocol):
+    """Entries by index, each of a time, with a picture or transforms or both; as of MetaImage."""
+
+    @property
+    def path(self) -> Path: ...
+
+    @property
+    def size_px(self) -> tuple[int, int] | None:
+        """(width, height) of the pictures, None where there are none."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def transform_names(self) -> list[str]: ...
+
+    def stamp_ns(self, index: int) -> int: ...
+
+    def sequence(self, index: int) -> int: ...
+
+    def image_ok(self, index: int) -> bool: ...
+
+    def transform(self, index: int, name: str) -> TransformReading: ...
+
+    def pictures(self) -> Iterator[GreyImage]: ...
+
+
+def read_sequence(path: Path, orientation: str | None = None) -> Sequence:
+    """Its header is checked, its pictures stay on the disk. Raises RecordingError."""
+    if path.suffix.lower() == ".csv":
+        return PoseTable(path)
+    try:
+        with reading(path) as stream:
+            head = stream.read(_HEAD_BYTES)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if head.startswith(MAGIC):
+        return read_nrrd(path, orientation)
+    if any(head[offset:].startswith(magic) for offset, magic in _FILMS):
+        return Film(path, orientation)
+    return read_metaimage(path, orientation)

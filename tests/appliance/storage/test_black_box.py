@@ -1,0 +1,232 @@
+"""Black boxes: what comes back is what was put in, bit for bit, whatever becomes of the file's end."""
+
+import io
+import json
+from dataclasses import replace
+from itertools import pairwise
+from math import inf, nan
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from appliance.core.exact_fields import verdict_fields
+from appliance.core.order import Order
+from appliance.limits import Limits
+from appliance.storage.black_box import CHUNK_NS, SCHEMAS, BlackBox, BlackBoxWriter
+from appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State, fields_of, item_of
+from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
+from drivers.errors import RecordingError
+from drivers.recordings.mcap_file import MAGIC
+from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from tests.support.recordings import picture, turn
+
+BEGUN = Begun(1, "probewatch 0", "2026-01-02T03:04:05+00:00", 5_000_000_000, "abc", 1, ("sim:x",), "kept")
+REFERENCE = Calibration(
+    np.eye(3), (1, -1), np.array([0.1, 1 / 3]), np.array([1.0, 1e-300, -0.0]), (7, 5), np.eye(8) / 3
+)
+CHECK = Check("latency", Fault.LATENCY, nan, inf, "ms", 60.0, VerdictKind.NOT_VERIFIED, 12)
+VERDICT = Verdict(77, VerdictKind.FAULT, (CHECK, replace(CHECK, value=0.1 + 0.2)), Fault.LATENCY, "late", None)
+
+
+def items(count: int, from_ns: int = 5_000_000_000, step_ns: int = 100_000_000) -> list[tuple[Item, int]]:
+    """A picture, a pose and a verdict, ten times a second."""
+    told: list[tuple[Item, int]] = [(Made(Order(1, REFERENCE, Limits(), 500), 0), from_ns)]
+    for k in range(count):
+        t_ns = from_ns + k * step_ns
+        told += [
+            (Frame(Stamp(t_ns, 500), k, picture(k)), t_ns),
+            (Pose(Stamp(t_ns, 1), k, turn(0.1 * k, k / 3), nan, PoseStatus.OK), t_ns),
+            (replace(VERDICT, t_ns=t_ns), t_ns),
+        ]
+    return told
+
+
+def written(told: list[tuple[Item, int]], whole: bool = True) -> bytes:
+    stream = io.BytesIO()
+    writer = BlackBoxWriter(stream, BEGUN)
+    for item, now_ns in told:
+        writer.put(item, now_ns)
+    if whole:
+        writer.finish()
+    return stream.getvalue()
+
+
+def said(items: list[Item]) -> list[str]:
+    """Every bit of them: JSON of Python floats is exact."""
+    return [json.dumps(fields_of(item)) for item in items]
+
+
+def read(path: Path, data: bytes) -> tuple[list[Item], list[str]]:
+    path.write_bytes(data)
+    box = BlackBox(path)
+    return [told.item for told in box.items()], box.damage
+
+
+def test_everything_comes_back_bit_for_bit_and_in_order(tmp_path: Path) -> None:
+    told = items(25)
+    told += [
+        (Pose(Stamp(-3, 0), 9, None, inf, PoseStatus.MISSING, "ärmel"), 8_000_000_000),
+        (State({"state": "halt", "t_ns": 3, "fault": None}), 8_000_000_000),
+        (Gap("the disk was full", 3), 8_000_000_001),
+        (Mark("alarm", "halt"), 8_000_000_002),
+    ]
+    found, damage = read(tmp_path / "a.mcap", written(told))
+    wanted = [BEGUN, *(item for item, _ in told)]
+    assert damage == []
+    assert [type(one) for one in found] == [type(one) for one in wanted]
+    assert said(found[:-4]) == said(wanted[:-4])
+    assert found[-3:] == wanted[-3:]
+    assert isinstance(found[-4], Pose)
+    assert (found[-4].stamp, found[-4].rms_mm, found[-4].matrix) == (Stamp(-3, 0), inf, None)
+    frames = [one for one in found if isinstance(one, Frame)]
+    assert all(np.array_equal(frame.image, picture(k)) for k, frame in enumerate(frames))
+    made = found[1]
+    assert isinstance(made, Made)
+    assert made.order is not None
+    assert made.order.reference.offset_mm.tobytes() == REFERENCE.offset_mm.tobytes()
+
+
+@given(st.floats(), st.floats(), st.integers(0, 2**63 - 1), st.text(max_size=20))
+def test_any_verdict_comes_back(value: float, sigma: float, t_ns: int, reason: str) -> None:
+    check = replace(CHECK, value=value, sigma=sigma, shown_ns=t_ns)
+    verdict = replace(VERDICT, t_ns=t_ns, checks=(check,), reason=reason)
+    topic, fields = fields_of(verdict)
+    back = item_of(topic, json.loads(json.dumps(fields)))
+    assert isinstance(back, Verdict)
+    assert json.dumps(verdict_fields(back)) == json.dumps(fields)
+
+
+def test_a_file_cut_at_any_byte_yields_all_but_the_last_second_and_says_so(tmp_path: Path) -> None:
+    told = items(42)
+    data, path = written(told), tmp_path / "cut.mcap"
+    flushed = written(told, whole=False)
+    wanted, ends = said([BEGUN, *(item for item, _ in told)]), list[int]()
+    for cut in range(len(MAGIC), len(data), 29):
+        path.write_bytes(data[:cut])
+        try:
+            box = BlackBox(path)
+        except RecordingError:
+            ends.append(0)
+            continue
+        found = list(box.items())
+        assert box.damage, f"cut at {cut} of {len(data)} and nothing said"
+        assert said([one.item for one in found]) == wanted[: len(found)]
+        ends.append(len(found))
+    assert ends == sorted(ends)
+    assert ends[-1] == len(wanted)
+    jumps = [told[b - 2][1] - told[max(a - 1, 0)][1] for a, b in pairwise(ends) if b > a > 0]
+    assert max(jumps) <= CHUNK_NS
+    assert len(flushed) < len(data)
+
+
+def test_what_was_not_flushed_is_less_than_a_second(tmp_path: Path) -> None:
+    """As after a power failure: whatever the last put returned, a second before it is in the file."""
+    for count in range(11, 40):
+        path = tmp_path / f"{count}.mcap"
+        told = items(count)
+        path.write_bytes(written(told, whole=False))
+        last = [one.now_ns for one in BlackBox(path).items()][-1]
+        assert told[-1][1] - last <= CHUNK_NS
+
+
+def test_a_flipped_bit_is_told_wherever_it_is(tmp_path: Path) -> None:
+    data, path = written(items(42)), tmp_path / "flipped.mcap"
+    wanted = said([BEGUN, *(item for item, _ in items(42))])
+    for at in range(len(MAGIC), len(data) - len(MAGIC), 67):
+        spoiled = bytearray(data)
+        spoiled[at] ^= 1 << (at % 8)
+        path.write_bytes(spoiled)
+        try:
+            box = BlackBox(path)
+            found = said([one.item for one in box.items()])
+        except RecordingError:
+            continue
+        assert box.damage, f"bit flipped at byte {at} of {len(data)}, nothing said"
+        assert {one for one in found if "/gap" not in one} <= set(wanted), "what is damaged is not handed on"
+
+
+def test_one_damaged_second_does_not_take_the_others_with_it(tmp_path: Path) -> None:
+    told = items(42)
+    data = bytearray(written(told))
+    first = data.index(b"\x28\xb5\x2f\xfd", len(data) // 3)  # a zstd frame in the middle
+    data[first + 60] ^= 0xFF
+    found, damage = read(tmp_path / "a.mcap", bytes(data))
+    assert len(damage) >= 1
+    assert len(found) >= len(told) - 40
+    assert isinstance(found[-1], Verdict)
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [(b"", "no MCAP"), (b"NRRD0004\n", "no MCAP"), (MAGIC, "no black box"), (MAGIC + bytes(200), "no black box")],
+)
+def test_what_is_no_black_box_is_refused(tmp_path: Path, data: bytes, what: str) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=what):
+        BlackBox(path)
+
+
+def test_a_later_format_is_refused_by_its_number(tmp_path: Path) -> None:
+    path, stream = tmp_path / "x.mcap", io.BytesIO()
+    BlackBoxWriter(stream, replace(BEGUN, format=2)).finish()
+    path.write_bytes(stream.getvalue())
+    with pytest.raises(RecordingError, match="format 2"):
+        BlackBox(path)
+
+
+_ORDER = fields_of(Made(Order(1, REFERENCE, Limits(), 500), 0))[1]["order"]
+
+
+@pytest.mark.parametrize(
+    ("topic", "change"),
+    [
+        ("/pose", {"matrix": [1.0] * 15}),
+        ("/pose", {"matrix": None}),
+        ("/pose", {"t_ns": 1.5}),
+        ("/pose", {"status": "fine"}),
+        ("/picture", {"data": "AAAA"}),
+        ("/picture", {"width": 100_000}),
+        ("/picture", {"width": 6}),
+        ("/verdict", {"verdict": "MAYBE"}),
+        ("/verdict", {"checks": [3]}),
+        ("/pose", {"t_ns": 1 << 70}),
+        ("/order", {"order": {}}),
+        ("/order", {"step": None}),
+        *(
+            ("/order", {"order": {**_ORDER, "reference": {**_ORDER["reference"], name: value}}})
+            for name, value in (
+                ("rotation", [2.0, 0, 0, 0, 2.0, 0, 0, 0, 2.0]),
+                ("rotation", ["nan"] * 9),
+                ("scale_mm_per_px", [0.0, 0.1]),
+                ("scale_mm_per_px", ["inf", 0.1]),
+                ("offset_mm", [1.0]),
+                ("polarity", [0, 1]),
+                ("polarity", [1]),
+                ("image_size_px", [0, 5]),
+                ("covariance", ["nan"] * 64),
+            )
+        ),
+    ],
+)
+def test_a_message_that_is_not_as_documented_is_refused(topic: str, change: dict[str, object]) -> None:
+    told: dict[str, Item] = {fields_of(item)[0]: item for item, _ in items(1)}
+    _, fields = fields_of(told[topic])
+    with pytest.raises(ValueError, match=r"."):
+        item_of(topic, {**fields, **change})
+
+
+def test_the_schemas_name_every_field() -> None:
+    told = [item for item, _ in items(1)] + [BEGUN, Gap("x"), Mark("alarm", "y")]
+    for topic, fields in map(fields_of, told):
+        assert set(fields) == set(SCHEMAS[topic]["properties"]), topic
+    order = fields_of(items(1)[0][0])[1]["order"]
+    schema = SCHEMAS["/order"]["properties"]["order"]["anyOf"][0]["properties"]
+    assert set(order) == set(schema)
+    assert set(order["reference"]) == set(schema["reference"]["properties"])
+    assert set(fields_of(VERDICT)[1]["checks"][0]) == set(
+        SCHEMAS["/verdict"]["properties"]["checks"]["items"]["properties"]
+    )

@@ -1,0 +1,94 @@
+"""A film and a table of poses are a recording."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from drivers.errors import RecordingError
+from drivers.recordings.film import POSE_COLUMNS, PoseTable, write_poses
+from drivers.recordings.replay import open_recording
+from drivers.rigid import rotation_from_vector
+from drivers.samples import Frame, Pose, PoseStatus
+from tests.support.recordings import picture, turn
+
+SIZE_PX = (64, 48)
+FPS = 25
+
+
+def film(path: Path, count: int = 10) -> Path:
+    """Lossless: FFV1 in Matroska."""
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), FPS, SIZE_PX, False)
+    assert writer.isOpened()
+    for index in range(count):
+        writer.write(picture(index, SIZE_PX))
+    writer.release()
+    return path
+
+
+def rows(count: int = 20):
+    for index in range(count):
+        matrix = turn(0.1 * index, index / 3)
+        cells = {f"m{row}{column}": repr(float(matrix[row, column])) for row in range(3) for column in range(4)}
+        yield {"t_s": 0.01 + index / 50, "sequence": 7 + index, "status": "ok" if index != 3 else "not seen", **cells}
+
+
+def test_pictures_and_poses_come_in_order_of_time(tmp_path: Path) -> None:
+    table = tmp_path / "poses.csv"
+    write_poses(table, rows())
+    session = open_recording(film(tmp_path / "scan.mkv"), poses=table)
+    samples = list(session.samples())
+    frames = [one for one in samples if isinstance(one, Frame)]
+    poses = [one for one in samples if isinstance(one, Pose)]
+    assert session.size_px == SIZE_PX
+    assert [one.stamp.t_ns for one in samples] == sorted(one.stamp.t_ns for one in samples)
+    assert [one.stamp.t_ns for one in frames] == [pytest.approx(k * 1e9 / FPS, abs=1e6) for k in range(10)]
+    for index, frame in enumerate(frames):
+        np.testing.assert_array_equal(frame.image, picture(index, SIZE_PX))
+    assert [one.sequence for one in poses] == list(range(7, 27))
+    assert (poses[3].status, poses[3].reason) == (PoseStatus.MISSING, "not seen")
+    np.testing.assert_allclose(poses[5].matrix, turn(0.5, 5 / 3), atol=1e-12)
+
+
+def test_quaternions_are_poses_too(tmp_path: Path) -> None:
+    table = tmp_path / "poses.csv"
+    half = 0.3
+    table.write_text(
+        "t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz,note\n"
+        f"0,1,2,3,{np.cos(half)},0,{np.sin(half)},0,x\n0.1,1,2,3,1,0,0,0,\n0.2,1,2,3,0,0,0,0,\n0.3,1,2,3,{-np.cos(half)},0,{-np.sin(half)},0,\n"
+    )
+    read = PoseTable(table)
+    turned = np.eye(4)
+    turned[:3, :3], turned[:3, 3] = rotation_from_vector(np.array([0, 2 * half, 0])), (1, 2, 3)
+    np.testing.assert_allclose(read.transform(0, "ProbeToTracker").matrix, turned, atol=1e-12)
+    np.testing.assert_allclose(read.transform(1, "ProbeToTracker").matrix[:3, :3], np.eye(3))
+    assert read.transform(2, "ProbeToTracker").status is PoseStatus.FAULT, "no rotation"
+    np.testing.assert_allclose(read.transform(3, "ProbeToTracker").matrix, turned, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "has no columns"),
+        ("t_s,m00\n0,1\n", "has no columns"),
+        (",".join(POSE_COLUMNS) + "\nnoon" + ",0" * 14 + "\n", "line 2, t_s 'noon' is not a number"),
+        (",".join(POSE_COLUMNS) + "\n0,1,ok,x" + ",0" * 11 + "\n", "line 2, m00 'x' is not a number"),
+        (",".join(POSE_COLUMNS) + "\n1e300,1,ok" + ",0" * 12 + "\n", "not a time"),
+        (",".join(POSE_COLUMNS) + "\n0,1\n", "m00 'None' is not a number"),
+    ],
+)
+def test_a_table_that_is_none_is_refused_by_line_and_column(tmp_path: Path, text: str, what: str) -> None:
+    table = tmp_path / "poses.csv"
+    table.write_text(text)
+    with pytest.raises(RecordingError, match=what):
+        list(open_recording(film(tmp_path / "scan.mkv", 2), poses=table).samples())
+
+
+def test_a_film_that_is_none_or_has_no_poses_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "scan.mp4"
+    path.write_bytes(b"\x00\x00\x00\x18ftypmp42" + bytes(100))
+    with pytest.raises(RecordingError, match=r"no film that can be decoded|holds no pictures"):
+        open_recording(path, poses=path)
+    with pytest.raises(RecordingError, match="--poses"):
+        open_recording(film(tmp_path / "scan.mkv", 2))

@@ -1,0 +1,121 @@
+"""NRRD sequences: as PLUS and 3D Slicer store them, read by others, and refused where they are none."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import SimpleITK as sitk  # noqa: N813  as its documentation does
+
+from drivers.errors import RecordingError
+from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.nrrd import read_nrrd, write_nrrd
+from drivers.recordings.replay import open_recording
+from drivers.recordings.sequence import read_sequence
+from drivers.samples import Frame
+from tests.support.recordings import SIZE_PX, items, picture, turn
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "scan.igs.nrrd"
+    write_nrrd(path, items(), SIZE_PX)
+    return path
+
+
+def test_it_says_the_same_as_a_metaimage(path: Path, tmp_path: Path) -> None:
+    other = tmp_path / "scan.igs.mha"
+    write_metaimage(other, items(), SIZE_PX)
+    nrrd, mha = (list(open_recording(one).samples()) for one in (path, other))
+    assert len(nrrd) == len(mha) == 8
+    for one, two in zip(nrrd, mha, strict=True):
+        assert (one.stamp, one.sequence) == (two.stamp, two.sequence)
+        if isinstance(one, Frame):
+            np.testing.assert_array_equal(one.image, two.image)
+        else:
+            assert one.matrix.tobytes() == two.matrix.tobytes()
+
+
+@pytest.mark.parametrize("write", [write_nrrd, write_metaimage])
+def test_simpleitk_reads_equal_pixels_stamps_and_transforms(write, tmp_path: Path) -> None:
+    path = tmp_path / ("scan.igs.nrrd" if write is write_nrrd else "scan.igs.mha")
+    write(path, items(), SIZE_PX)
+    volume = sitk.ReadImage(str(path))
+    pixels = sitk.GetArrayFromImage(volume)
+    if write is write_nrrd:
+        pixels = np.moveaxis(pixels, -1, 0)  # ITK takes a list of pictures for one with several components
+    assert pixels.shape == (4, SIZE_PX[1], SIZE_PX[0])
+    for index, item in enumerate(items()):
+        np.testing.assert_array_equal(pixels[index], picture(index))
+        said = volume.GetMetaData(f"Seq_Frame{index:04d}_ProbeToTrackerTransform")
+        assert np.array(said.split(), float).tobytes() == item.transforms["ProbeToTracker"].ravel().tobytes()
+        assert volume.GetMetaData(f"Seq_Frame{index:04d}_Timestamp") == f"{item.t_ns / 1e9:.9f}"
+        assert volume.GetMetaData(f"Seq_Frame{index:04d}_ImageStatus") == "OK"
+
+
+def test_what_simpleitk_wrote_is_read(tmp_path: Path) -> None:
+    """Another writer's header: other names for the same, raw and compressed."""
+    volume = sitk.GetImageFromArray(np.stack([picture(k) for k in range(3)]))
+    for key, value in (("kinds", "domain domain list"), ("UltrasoundImageOrientation", "MF")):
+        volume.SetMetaData(key, value)
+    for index in range(3):
+        volume.SetMetaData(f"Seq_Frame{index:04d}_Timestamp", f"{index / 10}")
+    for compressed in (False, True):
+        path = tmp_path / f"{compressed}.nrrd"
+        sitk.WriteImage(volume, str(path), compressed)
+        text = path.read_bytes().replace(b"kinds: domain domain domain", b"kinds: domain domain list")
+        path.write_bytes(text)
+        sequence = read_sequence(path)
+        for index, image in enumerate(sequence.pictures()):
+            np.testing.assert_array_equal(image, picture(index))
+        assert [sequence.stamp_ns(k) for k in range(3)] == [0, 100_000_000, 200_000_000]
+
+
+def test_stored_orientation_is_turned(tmp_path: Path) -> None:
+    path = tmp_path / "scan.nrrd"
+    write_nrrd(path, items(2), SIZE_PX, orientation="UNA")
+    assert not np.array_equal(sitk.GetArrayFromImage(sitk.ReadImage(str(path)))[0], picture(0))
+    for index, image in enumerate(read_nrrd(path).pictures()):
+        np.testing.assert_array_equal(image, picture(index))
+
+
+def changed(path: Path, old: bytes, new: bytes) -> Path:
+    data = path.read_bytes()
+    assert old in data
+    path.write_bytes(data.replace(old, new))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        (b"encoding: gzip", b"encoding: bzip2", "neither raw nor gzip"),
+        (b"type: uchar", b"type: float", "not MET_UCHAR"),
+        (b"kinds: domain domain list", b"kinds: list domain domain", "not domain domain list"),
+        (b"kinds: domain domain list", b"kinds: domain domain domain", "no sequence"),
+        (b"kinds: domain domain list", b"kinds: vector domain list", "not domain domain list"),
+        (b"sizes: 7 5 4", b"sizes: 7 5 5", "says 5 frames"),
+        (b"sizes: 7 5 4", b"sizes: 99999 99999 4", "not width, height"),
+        (b"dimension: 3", b"dimension 3", "neither 'field: value'"),
+        (b"Timestamp:=2588", b"Timestamp:=noon", "not a time"),
+    ],
+)
+def test_a_header_that_cannot_be_vouched_for_is_refused(path: Path, old: bytes, new: bytes, what: str) -> None:
+    with pytest.raises(RecordingError, match=what):
+        open_recording(changed(path, old, new))
+
+
+def test_a_file_cut_anywhere_is_refused_and_never_taken_for_whole(path: Path) -> None:
+    data = path.read_bytes()
+    for cut in range(4, len(data) - 1, 11):
+        path.write_bytes(data[:cut])
+        with pytest.raises(RecordingError):
+            list(open_recording(path).samples())
+
+
+def test_poses_alone_are_a_sequence_too(tmp_path: Path) -> None:
+    path = tmp_path / "poses.nrrd"
+    write_nrrd(path, [replace(item, image=None) for item in items()], None)
+    sequence = read_nrrd(path)
+    assert sequence.size_px is None
+    np.testing.assert_allclose(sequence.transform(1, "ProbeToTracker").matrix, turn(0.1, 10), atol=1e-12)

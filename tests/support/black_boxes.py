@@ -1,0 +1,34 @@
+"""Black boxes of simulated sessions: a line runs, and everything is recorded as it is on a cart."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from appliance.core.line import Line
+from appliance.core.order import Order
+from appliance.storage.black_box import FORMAT, BlackBoxWriter
+from appliance.storage.black_box_fields import Begun, Item, Made
+from appliance.types import Verdict
+from drivers.samples import Sample
+
+
+def begun(t_ns: int, session: str = "test", part: int = 1, text: str = "kept") -> Begun:
+    """The first message of a file."""
+    return Begun(FORMAT, "probewatch test", "2026-01-02T03:04:05+00:00", t_ns, session, part, ("sim:test",), text)
+
+
+def record(path: Path, order: Order, samples: Iterable[Sample], finish: bool = True) -> list[Verdict]:
+    """A line works while it is recorded; what it said."""
+    line, said = Line(order.reference, order.limits, order.stale_ns), list[Verdict]()
+    first, *rest = samples
+    with path.open("wb") as stream:
+        writer = BlackBoxWriter(stream, begun(first.stamp.t_ns))
+        writer.put(Made(order, 0), first.stamp.t_ns)
+        for sample in (first, *rest):
+            verdicts = line.step(sample)
+            items: list[Item] = [sample, *verdicts]
+            for item in items:
+                writer.put(item, sample.stamp.t_ns)
+            said += verdicts
+        if finish:
+            writer.finish()
+    return said

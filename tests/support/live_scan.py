@@ -1,0 +1,109 @@
+"""A service that recalibrates, as far as a live scan needs one: a real control socket, a real feed of a wire scan."""
+
+import os
+import socket
+import threading
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Self
+
+from appliance.limits import Limits
+from appliance.service.control.server import ControlRefused, ControlServer, Peer
+from appliance.service.estimator.link import Order, link_pair
+from appliance.service.estimator.ring import FRAMES, Ring, RingFds
+from appliance.service.estimator.tap import Tap, TapFds, Wish
+from appliance.service.feed.server import FeedServer
+from appliance.service.host.unix_socket import listening
+from appliance.types import Calibration
+from drivers.samples import Sample
+from tests.support.answering import recorded
+
+
+class RecalibratingService:
+    """Grants what a supervisor would. state: it may be put into another. refuse: answers no request but the status.
+
+    asked: all requests but those for the status. proposal: what it says of a new calibration.
+    """
+
+    def __init__(self, folder: Path, reference: Calibration | None) -> None:
+        self.control, self.feed = folder / "control", folder / "feed"
+        self.reference = reference
+        self.state, self.sha256, self.refuse = "monitoring", "before", False
+        self.proposal: dict[str, Any] = {"text": "hardly", "confirm": False, "sha256": "new"}
+        self.asked: list[str] = []
+        self.taken: bytes | None = None
+        self._ended = threading.Event()
+
+    def __enter__(self) -> Self:
+        self._server = ControlServer(self.control)
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._server.__exit__()
+
+    def _run(self) -> None:
+        while not self._ended.wait(0.002):
+            self._server.poll(self._answer)
+
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        if do == "status":
+            reference = {**recorded()["reference"], "sha256": self.sha256}
+            status = recorded(state=self.state, reference=reference, simulated=["sim:x"], t_ns=time.monotonic_ns())
+            return {"status": status}
+        if self.refuse:
+            raise ControlRefused(f"not possible while {self.state}")
+        self.asked.append(do)
+        if do == "begin-recalibration":
+            self.state = "recalibrating"
+        elif do == "abort-recalibration":
+            self.state, self.sha256 = "not verified", "before"
+        elif do == "end-recalibration":
+            self.taken, self.sha256 = Path(request["file"]).read_bytes(), "new"
+        return {"proposal": self.proposal}
+
+
+class Scan:
+    """The feed of that service while the block runs: tells the samples, each when the last was taken."""
+
+    def __init__(self, service: RecalibratingService, samples: Iterable[Sample]) -> None:
+        self._service, self._samples = service, samples
+        self._ended = threading.Event()
+
+    def __enter__(self) -> Self:
+        tells, listens = link_pair()
+        self._frames, self._wish = Ring(FRAMES), Wish()
+        ring = RingFds(*(os.dup(fd) for fd in self._frames.fds))
+        self._tap = Tap(TapFds(tells.detach(), ring, os.dup(self._wish.fd)))
+        self._listener = listening(self._service.feed, "", 8)
+        self._feed = FeedServer(self._listener, listens, self._frames, self._wish, frozenset(), "test")
+        self._threads = [threading.Thread(target=self._feed.run), threading.Thread(target=self._tell)]
+        self._listens: socket.socket = listens
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def _tell(self) -> None:
+        reference = self._service.reference
+        if reference is not None:
+            self._tap.begin(Order(1, reference, Limits(), 500_000_000))
+        while not self._tap.wanted and not self._ended.wait(0.005):
+            pass
+        for sample in self._samples:
+            if self._ended.wait(0.004):  # as fast as a scan is looked at, so that none is lost
+                return
+            self._tap.tell(sample, ())
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._feed.stop()
+        for thread in self._threads:
+            thread.join()
+        self._feed.close()
+        for part in (self._listener, self._listens, self._tap, self._frames, self._wish):
+            part.close()
+        self._service.feed.unlink()

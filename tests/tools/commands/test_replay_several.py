@@ -1,0 +1,121 @@
+"""`probewatch replay` of black boxes, of several recordings, and its page."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from appliance.core.order import Order
+from appliance.limits import Limits
+from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from appliance.types import Calibration
+from drivers.errors import ConfigurationError, RecordingError
+from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.nrrd import write_nrrd
+from drivers.twins.scene.world import WorldSettings
+from tests.support.black_boxes import record
+from tests.support.recordings import items
+from tests.support.sessions import kept, session
+from tools.commands.replay import command
+
+SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
+FRAME_PX = (48, 32)
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    world = kept(3, settings=SMALL)
+    reference = calibration_from_image_to_probe(world.image_to_probe, (400, 300))
+    folder = tmp_path_factory.mktemp("box")
+    record(folder / "scan.mcap", Order(1, reference, Limits(), 500_000_000), session(world, 5.0))
+    write_calibration(folder / "probe.toml", reference, {})
+    return folder / "scan.mcap"
+
+
+def said(*arguments: object) -> str:
+    result = CliRunner().invoke(command, [str(one) for one in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_a_black_box_is_judged_by_its_own_reference_and_compared(box: Path, tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    assert "all 150 verdicts are those of the live run, bit for bit" in said(box, "--json", report)
+    told = json.loads(report.read_text())
+    assert told["black_box"]["bit_for_bit"] is True
+    assert told["black_box"]["recorded_verdicts"] == told["black_box"]["equal_verdicts"] == 150
+    assert told["frames"] == 150
+
+
+def test_with_a_calibration_it_is_judged_by_that_one(box: Path) -> None:
+    text = said(box, "--calibration", box.with_name("probe.toml"), "--inject", "freeze-video@3")
+    assert "FAULT · frozen-video" in text
+    assert "live run" not in text
+
+
+def test_a_cut_black_box_says_where(box: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(box.read_bytes()[: box.stat().st_size // 2])
+    text = said(cut)
+    assert "damaged: cut.mcap ends at byte" in text
+    assert "bit for bit" in text
+
+
+def test_the_page_shows_what_was_missing_and_loads_nothing(box: Path, tmp_path: Path) -> None:
+    page = tmp_path / "scan.html"
+    said(box, "--html", page)
+    text = page.read_text()
+    assert not re.search(r"(src|href)=[\"']?(?!data:)", text.replace('src="data:', ""))
+    for words in ("What was missing", "Coverage", "picture", "tracker", "First picture", "bit for bit", "<polyline"):
+        assert words in text, words
+    ways = re.findall(r'<polyline class="(a|b)"', text)
+    assert ways.count("a") > 2
+    assert ways.count("b") >= 2
+
+
+@pytest.fixture
+def archive(box: Path, tmp_path: Path) -> Path:
+    """Two sequences, a black box, and a file that is none."""
+    folder = tmp_path / "archive"
+    folder.mkdir()
+    write_metaimage(folder / "one.igs.mha", items(40, FRAME_PX), FRAME_PX)
+    write_nrrd(folder / "two.nrrd", items(40, FRAME_PX), FRAME_PX)
+    shutil.copy(box, folder / "three.mcap")
+    (folder / "four.mcap").write_bytes(box.read_bytes()[:40])
+    (folder / "five.mha").write_text("ObjectType = Image\n")
+    return folder
+
+
+def test_a_folder_becomes_a_table_in_which_each_has_its_row(archive: Path, tmp_path: Path) -> None:
+    report = tmp_path / "report.json"
+    text = said(archive, "--json", report)
+    assert "four.mcap" in text, "what cannot be read is told"
+    rows = {Path(row["recording"]).name: row for row in json.loads(report.read_text())["recordings"]}
+    assert set(rows) == {"one.igs.mha", "two.nrrd", "three.mcap", "five.mha"}
+    assert rows["three.mcap"]["live"] == "150 of 150"
+    assert "calibration is not known" in rows["one.igs.mha"]["error"]
+
+
+def test_with_a_calibration_all_are_judged_and_pictures_of_either_kind_alike(archive: Path, tmp_path: Path) -> None:
+    calibration, report = tmp_path / "probe.toml", tmp_path / "report.json"
+    write_calibration(calibration, Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), FRAME_PX), {})
+    said(archive / "one.igs.mha", archive / "two.nrrd", "--calibration", calibration, "--json", report)
+    one, two = json.loads(report.read_text())["recordings"]
+    assert {**one, "recording": ""} == {**two, "recording": ""}
+    assert one["frames"] == "40"
+
+
+def test_what_cannot_be_meant_is_refused(box: Path, archive: Path, tmp_path: Path) -> None:
+    runner = CliRunner()
+    assert "Missing option '--calibration'" in runner.invoke(command, [str(archive / "one.igs.mha")]).output
+    assert "needs --calibration" in runner.invoke(command, [str(box), "--inject", "freeze-video"]).output
+    assert "--estimate needs" in runner.invoke(command, [str(box), "--estimate", str(tmp_path / "x.toml")]).output
+    several = [str(archive), "--html", str(tmp_path / "x.html")]
+    assert "--html is for one recording" in runner.invoke(command, several).output
+    (tmp_path / "empty").mkdir()
+    assert isinstance(runner.invoke(command, [str(tmp_path / "empty")]).exception, ConfigurationError)
+    assert isinstance(runner.invoke(command, [str(archive / "four.mcap")]).exception, RecordingError)

@@ -1,0 +1,166 @@
+"""The page's own server, as a process, before a service that answers, and one that does not."""
+
+import http.client
+import json
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.errors import DeviceLost
+from tests.support.answering import Answering
+from tests.support.polling import until
+from tests.support.web_page import WebPage
+from tools.page.door import invitation
+
+
+@pytest.fixture(scope="module")
+def answering(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Answering]:
+    with Answering(tmp_path_factory.mktemp("cart") / "control") as answering:
+        yield answering
+
+
+@pytest.fixture(scope="module")
+def web(answering: Answering, tmp_path_factory: pytest.TempPathFactory) -> Iterator[WebPage]:
+    with WebPage(tmp_path_factory.mktemp("page"), answering.path) as web:
+        yield web
+
+
+class Answer:
+    def __init__(self, link: http.client.HTTPConnection) -> None:
+        response = link.getresponse()
+        self.status, self.headers, self.body = response.status, response.headers, response.read()
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.body)
+
+
+def asked(web: WebPage, method: str, path: str, body: object = None, **headers: str) -> Answer:
+    link = http.client.HTTPConnection(web.address, timeout=10)
+    try:
+        usual = {"Host": web.address} | ({"Origin": f"http://{web.address}"} if method == "POST" else {})
+        data = body if isinstance(body, bytes) or body is None else json.dumps(body).encode()
+        link.request(method, path, data, usual | headers)
+        return Answer(link)
+    finally:
+        link.close()
+
+
+def event(web: WebPage, **headers: str) -> dict[str, Any]:
+    """The first that a browser is told."""
+    link = http.client.HTTPConnection(web.address, timeout=10)
+    try:
+        link.request("GET", "/events", headers=headers)
+        response = link.getresponse()
+        assert response.headers["content-type"].startswith("text/event-stream")
+        line = response.readline()
+        response.close()
+        assert line.startswith(b"data: ")
+        return dict(json.loads(line.removeprefix(b"data: ")))
+    finally:
+        link.close()
+
+
+def test_the_page_is_its_own_files_and_may_run_nothing_else(web: WebPage) -> None:
+    for path in (
+        "/",
+        "/recalibrate",
+        "/files/page.css",
+        "/files/common.js",
+        "/files/recalibrate.js",
+        "/files/icon.svg",
+    ):
+        answer = asked(web, "GET", path)
+        assert answer.status == 200, path
+        policy = answer.headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        text = answer.body.decode()
+        assert "<script>" not in text
+        assert "style=" not in text
+        foreign = [word for word in text.split() if "http://" in word or "https://" in word]
+        assert all("www.w3.org" in word for word in foreign), f"{path} loads from elsewhere: {foreign}"
+
+
+@pytest.mark.parametrize(
+    "path", ["/files/", "/files/server.py", "/files/..%2fserver.py", "/nothing", "/view/3", "/%00"]
+)
+def test_there_is_nothing_else(web: WebPage, path: str) -> None:
+    assert asked(web, "GET", path).status == 404
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({}, 403),
+        ({"Host": "evil.example"}, 403),
+        ({"Host": "evil.example", "Origin": "http://evil.example"}, 403),
+        ({"Origin": "http://evil.example"}, 403),
+        ({"Origin": "null"}, 403),
+    ],
+)
+def test_no_other_page_may_ask(web: WebPage, headers: dict[str, str], status: int) -> None:
+    """The first has no cookie; the others no right to be heard."""
+    answer = asked(web, "POST", "/recalibration/begin", {"probe": "p"}, **headers)
+    assert (answer.status, answer.json["ok"]) == (status, False)
+
+
+def test_everybody_is_told_the_status_and_who_he_is(web: WebPage) -> None:
+    told = until(lambda: (one := event(web))["status"] and one)
+    assert told["status"]["state"] == "monitoring"
+    assert told["visitor"] is None
+    assert told["recalibration"]["phase"] == "idle"
+    assert "entries" in told["alarms"]
+
+
+def test_a_token_opens_what_changes_something_and_a_refusal_is_told(web: WebPage, answering: Answering) -> None:
+    token, url = invitation(web.door)
+    assert url == f"http://{web.address}/"
+    assert asked(web, "POST", "/token", {"token": "AAAA-AAAA"}).status == 403
+    cookie = asked(web, "POST", "/token", {"token": token}).headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "samesite=strict" in cookie.lower()
+    key = {"Cookie": cookie.partition(";")[0]}
+    assert event(web, **key)["visitor"] is not None
+    begin = {"probe": "p", "preset": "d", "technician": "t", "wanted": "whole"}
+    answer = asked(web, "POST", "/recalibration/begin", begin, **key)
+    assert answer.status == 409
+    assert "only the status is answered here" in answer.json["error"]
+    assert answering.asked[-1] == "begin-recalibration" or "begin-recalibration" in answering.asked
+    for body in (
+        b"",
+        b"[",
+        b"[]",
+        b"\xff",
+        b"{" * 9000,
+        {"probe": 1},
+        {"probe": " ", "preset": "d", "technician": "t"},
+    ):
+        assert asked(web, "POST", "/recalibration/begin", body, **key).status == 409
+    assert asked(web, "POST", "/recalibration/strike", {"index": "x"}, **key).status == 409
+    assert asked(web, "POST", "/recalibration/nothing", {}, **key).status == 404
+    assert asked(web, "POST", "/recalibration/begin", begin, Cookie="probewatch=guessed").status == 403
+
+
+def test_without_pictures_there_is_none_and_it_is_said_in_time(web: WebPage) -> None:
+    assert asked(web, "GET", "/picture?after=x").status == 204
+
+
+def test_a_service_that_says_nothing_is_told_as_silent(web: WebPage, answering: Answering) -> None:
+    answering.mute = True
+    try:
+        told = until(lambda: (one := event(web))["status"] is None and one, 20)
+        assert told["silence"]
+    finally:
+        answering.mute = False
+    until(lambda: event(web)["status"])
+
+
+def test_the_door_is_for_the_group_and_one_that_is_not_there_is_told(web: WebPage, tmp_path: Path) -> None:
+    assert stat.S_IMODE(web.door.stat().st_mode) == 0o660
+    with pytest.raises(DeviceLost, match="no page answers"):
+        invitation(tmp_path / "door")

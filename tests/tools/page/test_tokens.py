@@ -1,0 +1,42 @@
+"""One-time tokens: once, not for long, and not by trying."""
+
+from tools.page.tokens import TOKEN_S, Tokens
+
+HOUR_S = 3600.0
+
+
+def test_a_token_becomes_a_cookie_once_however_it_is_typed() -> None:
+    tokens = Tokens()
+    token = tokens.issue("smith", 0.0)
+    cookie = tokens.redeem(f" {token.lower().replace('-', ' ')} ", 1.0)
+    assert tokens.visitor(cookie, 2.0).name == "smith"
+    assert tokens.redeem(token, 3.0) is None
+    assert tokens.visitor(None, 2.0) is tokens.visitor("", 2.0) is tokens.visitor("x", 2.0) is None
+
+
+def test_tokens_and_cookies_end() -> None:
+    tokens = Tokens()
+    late, early = tokens.issue("a", 0.0), tokens.issue("b", 0.0)
+    assert tokens.redeem(late, TOKEN_S + 1) is None
+    cookie = tokens.redeem(early, TOKEN_S)
+    assert tokens.visitor(cookie, TOKEN_S + 11 * HOUR_S) is not None
+    assert tokens.visitor(cookie, TOKEN_S + 13 * HOUR_S) is None
+
+
+def test_nobody_finds_one_by_trying() -> None:
+    tokens = Tokens()
+    token = tokens.issue("a", 0.0)
+    for _ in range(10):
+        assert tokens.redeem("wrong", 1.0) is None
+    assert tokens.locked(2.0)
+    assert tokens.redeem(token, 2.0) is None, "the right one is not looked at either"
+    assert not tokens.locked(62.0)
+    assert tokens.redeem(token, 62.0) is not None
+
+
+def test_many_tokens_push_out_the_oldest() -> None:
+    tokens = Tokens()
+    issued = [tokens.issue(str(number), 0.0) for number in range(9)]
+    assert len({*issued}) == 9
+    assert tokens.redeem(issued[0], 1.0) is None
+    assert tokens.redeem(issued[1], 1.0) is not None

@@ -1,0 +1,203 @@
+"""The session of a live recalibration: what it asks the service, and that it takes nothing that nobody signed."""
+
+import itertools
+import tomllib
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from appliance.service.control.server import ControlRefused
+from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.types import Calibration
+from drivers.errors import ConfigurationError, ProbewatchError
+from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from drivers.twins.scene.world import World, WorldSettings
+from tests.support.live_scan import RecalibratingService, Scan
+from tests.support.polling import until
+from tools.recalibration.session import Asked, Begin, Phase, ScanSession, Signature
+from tools.shared.status_watch import StatusWatch
+
+SIZE_PX = (320, 240)
+CHOSEN = Begin("L12-5", "4 cm", "A. Smith", "check", "whole")
+SIGNED = Signature("B. Jones", "engineer", "good")
+
+
+def world() -> World:
+    return World(3, "freehand", "cross-wire", WorldSettings(*SIZE_PX))
+
+
+def truth() -> Calibration:
+    return calibration_from_image_to_probe(world().image_to_probe, SIZE_PX)
+
+
+def wires(frames: int) -> Iterator[Sample]:
+    seen = world()
+    for index in range(frames):
+        t_s = index / 20
+        yield Frame(Stamp(round(t_s * 1e9), 40_000), index, seen.frame(t_s, index))
+        for half in range(2):
+            pose_s = t_s + (half + 0.5) / 40
+            pose = seen.measured_pose(pose_s, 2 * index + half)
+            yield Pose(Stamp(round(pose_s * 1e9), 40_000), 2 * index + half, pose, 0.1, PoseStatus.OK)
+
+
+class Bench:
+    """A service, its feed where samples are given, and a session. ahead_s: how far the session's clock runs ahead."""
+
+    def __init__(self, folder: Path, running: ExitStack, reference: Calibration | None = None) -> None:
+        self.service = running.enter_context(RecalibratingService(folder, reference or truth()))
+        watch = running.enter_context(StatusWatch(self.service.control, 0.01))
+        watch.want(1)
+        self.ahead_s = 0.0
+        self._ticks = itertools.count()
+        self.session = ScanSession(self.service.control, self.service.feed, folder, watch, self._now_s)
+        self._running = running
+        running.enter_context(self.session)
+        until(lambda: watch.seen().status)
+
+    def _now_s(self) -> float:
+        return next(self._ticks) * 1e-3 + self.ahead_s
+
+    def feed(self, samples: Iterator[Sample]) -> None:
+        self._running.enter_context(Scan(self.service, samples))
+
+    @property
+    def fields(self) -> dict:
+        return self.session.fields()
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    with ExitStack() as running:
+        yield Bench(tmp_path, running)
+
+
+def test_nothing_is_scanned_before_the_service_has_agreed(bench: Bench) -> None:
+    bench.service.refuse = True
+    with pytest.raises(ControlRefused, match="not possible while monitoring"):
+        bench.session.begin(CHOSEN)
+    assert bench.session.phase is Phase.IDLE
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [Begin("", "d", "t"), Begin("p", "  ", "t"), Begin("p", "d", ""), Begin("p", "d", "t", wanted="half")],
+)
+def test_what_is_not_filled_in_begins_nothing(bench: Bench, chosen: Begin) -> None:
+    with pytest.raises(ControlRefused):
+        bench.session.begin(chosen)
+    assert bench.service.asked == []
+
+
+def test_without_pictures_it_says_so_waits_and_can_be_given_up(bench: Bench) -> None:
+    bench.session.begin(CHOSEN)
+    until(lambda: "the pictures are lost" in bench.fields["trouble"])
+    for request in (bench.session.finish, bench.session.resume, lambda: bench.session.accept(SIGNED)):
+        with pytest.raises(ControlRefused):
+            request()
+    with pytest.raises(ControlRefused, match=r"A\. Smith recalibrates already"):
+        bench.session.begin(CHOSEN)
+    bench.session.reject("no water")
+    assert (bench.session.phase, bench.fields["message"]) == (Phase.ENDED, "rejected: no water")
+    assert bench.service.asked == ["begin-recalibration", "abort-recalibration"]
+    with pytest.raises(ControlRefused):
+        bench.session.reject()
+    bench.session.dismiss()
+    assert bench.session.phase is Phase.IDLE
+
+
+def test_a_service_that_forgot_is_asked_again(bench: Bench) -> None:
+    bench.session.begin(CHOSEN)
+    bench.service.state = "not verified"
+    until(lambda: bench.service.asked == ["begin-recalibration"] * 2)
+    bench.service.state, bench.service.refuse = "device lost", True
+    until(lambda: bench.fields["trouble"].startswith("device lost: ") or "pictures" in bench.fields["trouble"])
+    assert bench.session.phase is Phase.SCANNING
+
+
+def test_a_scan_that_nobody_looks_at_is_given_up(bench: Bench) -> None:
+    bench.session.begin(CHOSEN)
+    bench.ahead_s = 1000.0
+    until(lambda: bench.session.phase is Phase.ENDED)
+    assert "abandoned" in bench.fields["message"]
+    assert bench.service.asked[-1] == "abort-recalibration"
+
+
+def test_the_end_of_the_page_gives_the_scan_up(tmp_path: Path) -> None:
+    with ExitStack() as running:
+        service = running.enter_context(RecalibratingService(tmp_path, None))
+        watch = running.enter_context(StatusWatch(service.control, 0.01))
+        with ScanSession(service.control, service.feed, tmp_path, watch) as session:
+            until(lambda: watch.seen().status)
+            session.begin(CHOSEN)
+        assert service.asked == ["begin-recalibration", "abort-recalibration"]
+
+
+@pytest.mark.thorough
+def test_a_whole_scan_is_reviewed_signed_taken_and_proved(bench: Bench, tmp_path: Path) -> None:
+    bench.feed(wires(600))
+    bench.session.begin(CHOSEN)
+    until(
+        lambda: (scan := bench.fields["scan"]) and scan["result"] and not scan["refusals"],
+        60,
+        0.1,
+        lambda: bench.fields["scan"],
+    )
+    bench.session.finish()
+    found = bench.fields["scan"]
+    assert abs(found["result"]["zeta_mm"] - 14) < 3.5 * found["result"]["zeta_sigma_mm"] < 2
+    assert bench.session.thumbnail(0).shape == (96, 96)
+    assert bench.session.thumbnail(len(found["views"])) is bench.session.thumbnail(-1) is None
+    with pytest.raises(ControlRefused):
+        bench.session.strike(len(found["views"]))
+    with pytest.raises(ControlRefused):
+        bench.session.correct(0, (float("nan"), 1.0))
+    for index in range(len(found["views"]) - 5):
+        bench.session.strike(index)
+    assert bench.fields["scan"]["views"][0]["struck"]
+    with pytest.raises(ProbewatchError, match="usable views"):
+        bench.session.accept(SIGNED)
+    for index in range(len(found["views"]) - 5):
+        bench.session.strike(index, struck=False)
+    assert bench.fields["scan"]["result"] == found["result"]
+    for wrong in (Signature("", "role"), Signature("a. SMITH", "role"), Signature("B", " ")):
+        with pytest.raises((ControlRefused, ConfigurationError)):
+            bench.session.accept(wrong)
+    bench.service.proposal["confirm"] = True
+    with pytest.raises(Asked) as question:
+        bench.session.accept(SIGNED)
+    assert question.value.text == "hardly"
+    assert list(tmp_path.glob("*.toml")) == []
+    assert bench.service.taken is None
+    bench.session.accept(Signature(SIGNED.name, SIGNED.role, SIGNED.comment, "hardly"))
+    assert bench.session.phase is Phase.PROVING
+    said = tomllib.loads(bench.service.taken.decode())
+    assert said["simulated"]
+    assert [said["provenance"][name] for name in ("made_by", "signed_by", "signed_role", "comment")] == [
+        "A. Smith",
+        "B. Jones",
+        "engineer",
+        "good",
+    ]
+    assert Path(bench.fields["file"]).stat().st_mode & 0o777 == 0o640
+    bench.service.state = "monitoring"
+    until(lambda: bench.session.phase is Phase.DONE)
+
+
+@pytest.mark.thorough
+def test_a_calibration_that_the_service_went_back_on_is_told(bench: Bench) -> None:
+    bench.feed(wires(600))
+    bench.session.begin(Begin("p", "d", "t", wanted="zeta"))
+    until(
+        lambda: (scan := bench.fields["scan"]) and scan["result"] and not scan["refusals"],
+        60,
+        0.1,
+        lambda: bench.fields["scan"],
+    )
+    bench.session.finish()
+    bench.session.accept(SIGNED)
+    bench.service.state, bench.service.sha256 = "device lost", "before"
+    until(lambda: bench.session.phase is Phase.ENDED)
+    assert "the calibration before is in force" in bench.fields["message"]

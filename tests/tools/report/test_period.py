@@ -1,0 +1,196 @@
+"""The report of a period counts what the alarm log says, and its signature holds."""
+
+import json
+import re
+import shutil
+import subprocess
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from appliance.storage.alarm_chain import read_log
+from appliance.storage.alarm_log import AlarmLog
+from drivers.errors import ConfigurationError
+from tests.appliance.configuration.test_config import GOOD
+from tools.commands.report import command
+from tools.report.period import last_period, period, read_self_tests, summary
+
+START = datetime(2026, 1, 1, tzinfo=UTC)
+NOW = datetime(2026, 3, 1, tzinfo=UTC)
+
+
+def logged(folder: Path, entries: list[tuple[float, str, dict[str, object]]]) -> Path:
+    """(hours after the start of the year, event, data)."""
+    log = AlarmLog(folder)
+    for hours, event, data in entries:
+        log.append(START + timedelta(hours=hours), round(hours * 3.6e12), event, data, None)
+    return folder
+
+
+def state(name: str, fault: str | None = None, reason: str = "") -> dict[str, object]:
+    return {"state": name, "fault": fault, "reason": reason}
+
+
+MONTH = [
+    (-5.0, "started", {"software": "probewatch 1"}),
+    (-4.0, "state", state("not verified")),
+    (10.0, "state", state("monitoring")),
+    (30.0, "state", state("warning", "polarity", "mirrored")),
+    (30.5, "state", state("halt", "polarity", "mirrored & <b>")),
+    (31.0, "request", {"do": "acknowledge", "who": "anna"}),
+    (31.0, "state", state("not verified")),
+    (32.0, "reference", {"reference": {"number": 2, "origin": "recalibration", "who": "anna", "difference": "1 mm"}}),
+    (33.0, "state", state("monitoring")),
+    (40.0, "stopped", {}),
+    (40.5, "started", {"software": "probewatch 2"}),
+    (41.0, "state", state("device lost", "tracker-lost", "silent")),
+    (42.0, "state", state("monitoring")),
+    (31 * 24 + 5, "stopped", {}),
+]
+
+
+def test_hours_are_those_of_the_states_day_by_day(tmp_path: Path) -> None:
+    january = period("month", START + timedelta(days=3))
+    found = summary(january, read_log(logged(tmp_path, MONTH)), [], NOW)
+    assert (january.name, len(january.days)) == ("2026-01", 31)
+    hours = {name: round(seconds / 3600, 3) for name, seconds in found.shares_s.items()}
+    assert hours == {
+        "not verified": 12.0,
+        "monitoring": 20 + 7 + 31 * 24 - 42,
+        "warning": 0.5,
+        "halt": 0.5,
+        "off": 1.0,
+        "device lost": 1.0,
+    }
+    assert sum(hours.values()) == 31 * 24
+    assert [round(sum(day.values()) / 3600, 3) for day in found.by_day] == [24.0] * 31
+    assert found.by_day[0]["not verified"] == 10 * 3600
+    assert found.verified == pytest.approx(hours["monitoring"] / (31 * 24 - 1))
+
+
+def test_alarms_are_told_once_with_their_worst(tmp_path: Path) -> None:
+    found = summary(period("month", START), read_log(logged(tmp_path, MONTH)), [], NOW)
+    assert [(one.worst, one.fault, one.lasted_s) for one in found.alarms] == [
+        ("halt", "polarity", 3600.0),
+        ("device lost", "tracker-lost", 3600.0),
+    ]
+    assert dict(found.requests) == {"acknowledge": 1}
+    assert [said for _, said in found.software] == ["probewatch 1", "probewatch 2"]
+    assert len(found.references) == 1
+
+
+def test_what_lies_outside_is_not_counted(tmp_path: Path) -> None:
+    february = summary(period("month", START + timedelta(days=40)), read_log(logged(tmp_path, MONTH)), [], NOW)
+    assert february.shares_s["monitoring"] == 5 * 3600
+    assert february.alarms == []
+    today = summary(period("day", START), read_log(tmp_path), [], START + timedelta(hours=12))
+    assert sum(today.shares_s.values()) == 12 * 3600, "the rest of the day is not there yet"
+
+
+def test_a_clock_that_was_set_back_makes_no_time(tmp_path: Path) -> None:
+    back = [(5.0, "state", state("monitoring")), (2.0, "state", state("halt", "scale")), (3.0, "stopped", {})]
+    found = summary(period("day", START), read_log(logged(tmp_path, back)), [], NOW)
+    assert found.shares_s["halt"] == 3600
+    assert found.shares_s["monitoring"] == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "day", "name", "days"),
+    [
+        ("month", "2026-12-31", "2026-12", 31),
+        ("month", "2024-02-29", "2024-02", 29),
+        ("week", "2026-01-01", "2026-W01", 7),
+        ("day", "2026-03-29", "2026-03-29", 1),
+    ],
+)
+def test_periods_of_the_calendar(kind: str, day: str, name: str, days: int) -> None:
+    found = period(kind, datetime.fromisoformat(day).replace(tzinfo=UTC))
+    assert (found.name, len(found.days)) == (name, days)
+    assert last_period(kind, found.end).name == name
+
+
+@pytest.fixture
+def cart(tmp_path: Path) -> Path:
+    """Its configuration; the log lies in alarms, with two self-tests and one file that is none."""
+    folder = logged(tmp_path / "alarms", MONTH)
+    kept = folder / "self-tests"
+    kept.mkdir()
+    for name, passed in (("a", True), ("b", False)):
+        item = {"name": "disk", "green": passed}
+        record = {"utc": "2026-01-05T07:00:00+00:00", "passed": passed, "operator": "anna", "items": [item]}
+        (kept / f"{name}.json").write_text(json.dumps(record))
+    (kept / "c.json").write_text("[]")
+    config = tmp_path / "probewatch.toml"
+    config.write_text(f'{GOOD}[alarm]\nfolder = "{folder}"\n')
+    return config
+
+
+def made(cart: Path, *options: str) -> str:
+    arguments = ["--config", str(cart), "--folder", str(cart.parent), "--of", "2026-01-15", *options]
+    result = CliRunner().invoke(command, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_the_page_holds_everything_and_loads_nothing(cart: Path) -> None:
+    made(cart)
+    (page,) = cart.parent.glob("*-2026-01.html")
+    text = page.read_text()
+    assert "mirrored &amp; &lt;b&gt;" in text, "what the log says is text, never markup"
+    assert not re.search(r"(src|href)=[\"']?(?!data:)", text)
+    for words in ("verified in", "tracker-lost", "recalibration", "anna", "failed", "cannot be read", "is whole"):
+        assert words in text, words
+
+
+def test_a_damaged_log_is_told(cart: Path) -> None:
+    (segment,) = (cart.parent / "alarms").glob("alarms-*.jsonl")
+    segment.write_text(segment.read_text().replace("mirrored", "mirroreD"))
+    made(cart)
+    (page,) = cart.parent.glob("*-2026-01.html")
+    assert "NOT whole" in page.read_text()
+
+
+@pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason="needs ssh-keygen (openssh-client)")
+def test_a_signed_report_verifies_and_a_changed_one_does_not(cart: Path) -> None:
+    key = cart.parent / "key"
+    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", key], check=True)
+    assert "signed" in made(cart, "--sign", str(key))
+    (page,) = cart.parent.glob("*-2026-01.html")
+    allowed = cart.parent / "allowed"
+    allowed.write_text(f"cart {key.with_suffix('.pub').read_text()}")
+
+    def verifies() -> bool:
+        verify = ["ssh-keygen", "-Y", "verify", "-f", allowed, "-I", "cart", "-n", "probewatch-report", "-s"]
+        with page.open("rb") as stream:
+            return (
+                subprocess.run([*verify, f"{page}.sig"], stdin=stream, capture_output=True, check=False).returncode == 0
+            )
+
+    assert verifies()
+    page.write_text(page.read_text().replace("anna", "otto"))
+    assert not verifies()
+
+
+def test_a_key_that_cannot_sign_is_told(cart: Path) -> None:
+    with pytest.raises(ConfigurationError, match="no such key"):
+        made(cart, "--sign", str(cart.parent / "none"))
+    (cart.parent / "key").write_text("no key")
+    with pytest.raises(ConfigurationError, match="cannot sign"):
+        made(cart, "--sign", str(cart.parent / "key"))
+
+
+def test_self_tests_that_are_none_are_counted(cart: Path) -> None:
+    kept, damaged = read_self_tests(cart.parent / "alarms" / "self-tests")
+    assert (len(kept), damaged) == (2, 1)
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium (chromium)")
+def test_the_pdf_is_of_a4_pages(cart: Path) -> None:
+    made(cart, "--pdf")
+    (pdf,) = cart.parent.glob("*-2026-01.pdf")
+    content = pdf.read_bytes()
+    assert content.startswith(b"%PDF")
+    assert re.search(rb"/MediaBox \[0 0 59[45][.\d]* 84[12]", content)

@@ -1,0 +1,126 @@
+"""What is exported is read by others and by us as it was recorded."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import SimpleITK as sitk  # noqa: N813  as its documentation does
+from click.testing import CliRunner
+
+from appliance.core.order import Order
+from appliance.limits import Limits
+from appliance.storage.black_box import BlackBox, Series
+from appliance.types import Calibration
+from drivers.recordings.replay import open_recording
+from drivers.rigid import interpolate
+from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from tests.support.black_boxes import record
+from tests.support.recordings import picture, turn
+from tools.commands.export import command
+
+SIZE_PX = (64, 48)
+START_NS = 7_000_000_000
+COUNT = 12
+
+
+def samples():
+    """Poses half a picture off, and one that is missing."""
+    for k in range(COUNT):
+        t_ns = START_NS + k * 40_000_000
+        yield Frame(Stamp(t_ns, 500), 10 + k, picture(k, SIZE_PX))
+        status = PoseStatus.MISSING if k == 5 else PoseStatus.OK
+        matrix = None if k == 5 else turn(0.05 * k, k / 3)
+        yield Pose(Stamp(t_ns + 20_000_000, 1), k, matrix, 0.1, status, "" if matrix is not None else "hidden")
+
+
+@pytest.fixture(scope="module")
+def box(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("box") / "scan.mcap"
+    reference = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), SIZE_PX)
+    record(path, Order(1, reference, Limits(), 500_000_000), samples())
+    return path
+
+
+def exported(box: Path, form: str, target: Path) -> Path:
+    result = CliRunner().invoke(command, [str(box), "--to", form, "--output", str(target)], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    assert "written" in result.output
+    return target
+
+
+def pose_at(k: int) -> np.ndarray | None:
+    """Between poses k − 1 and k."""
+    if k == 0:
+        return None
+    first, then = (1, 0) if k not in (5, 6) else ((1, 1) if k == 5 else (2, 0))
+    if k == 5:
+        return interpolate(turn(0.05 * 4, 4 / 3), turn(0.05 * 6, 6 / 3), 0.25)
+    if k == 6:
+        return interpolate(turn(0.05 * 4, 4 / 3), turn(0.05 * 6, 6 / 3), 0.75)
+    return interpolate(turn(0.05 * (k - first), (k - first) / 3), turn(0.05 * (k - then), (k - then) / 3), 0.5)
+
+
+@pytest.mark.parametrize("form", [".igs.mha", ".igs.nrrd"])
+def test_a_sequence_has_equal_pixels_stamps_and_transforms_for_simpleitk_and_for_us(
+    box: Path, tmp_path: Path, form: str
+) -> None:
+    path = exported(box, form, tmp_path / f"scan{form}")
+    volume = sitk.ReadImage(str(path))
+    pixels = sitk.GetArrayFromImage(volume)
+    if form == ".igs.nrrd":
+        pixels = np.moveaxis(pixels, -1, 0)
+    session = open_recording(path)
+    frames = list(session.frame_samples())
+    poses = list(session.pose_samples())
+    assert len(frames) == len(pixels) == COUNT
+    for k, (frame, pose) in enumerate(zip(frames, poses, strict=True)):
+        np.testing.assert_array_equal(pixels[k], picture(k, SIZE_PX))
+        np.testing.assert_array_equal(frame.image, picture(k, SIZE_PX))
+        assert frame.stamp.t_ns == START_NS + k * 40_000_000
+        assert frame.sequence == 10 + k
+        said = volume.GetMetaData(f"Seq_Frame{k:04d}_Timestamp")
+        assert round(float(said) * 1e9) == frame.stamp.t_ns
+        wanted = pose_at(k)
+        if wanted is None:
+            assert pose.matrix is None
+            assert volume.GetMetaData(f"Seq_Frame{k:04d}_ProbeToTrackerTransformStatus") == "INVALID"
+        else:
+            text = volume.GetMetaData(f"Seq_Frame{k:04d}_ProbeToTrackerTransform")
+            np.testing.assert_allclose(np.array(text.split(), float).reshape(4, 4), wanted, atol=1e-12)
+            np.testing.assert_allclose(pose.matrix, wanted, atol=1e-12)
+
+
+def test_a_film_and_a_table_are_a_recording_again(box: Path, tmp_path: Path) -> None:
+    film, table = exported(box, "mp4", tmp_path / "scan.mp4"), exported(box, "csv", tmp_path / "scan.csv")
+    session = open_recording(film, poses=table)
+    frames, poses = list(session.frame_samples()), list(session.pose_samples())
+    assert len(frames) == len(poses) == COUNT
+    recorded = [told.item for told in Series([BlackBox(box)]).items() if isinstance(told.item, Pose)]
+    for pose, wanted in zip(poses, recorded, strict=True):
+        assert pose.stamp.t_ns == wanted.stamp.t_ns - START_NS
+        if wanted.matrix is None:
+            assert (pose.matrix, pose.reason) == (None, "missing: hidden")
+        else:
+            np.testing.assert_allclose(pose.matrix, wanted.matrix, atol=1e-12)
+
+
+def test_a_film_shows_the_picture_and_what_was_said_under_it(box: Path, tmp_path: Path) -> None:
+    film = cv2.VideoCapture(str(exported(box, "mp4", tmp_path / "scan.mp4")))
+    there, shown = film.read()
+    fps = film.get(cv2.CAP_PROP_FPS)
+    film.release()
+    assert there
+    assert fps == 25.0
+    assert shown.shape == (48 + 24, 64, 3)
+    difference = shown[2:46, 2:62].mean(axis=2) - picture(0, SIZE_PX)[2:46, 2:62]
+    assert abs(difference).mean() < 40, "noise, which MP4 blurs"
+    assert shown[50:].max() > 100, "letters"
+
+
+def test_what_cannot_be_exported_is_refused(box: Path, tmp_path: Path) -> None:
+    other = tmp_path / "x.igs.mha"
+    other.write_bytes(b"ObjectType = Image\n")
+    runner = CliRunner()
+    assert "is no black box" in str(runner.invoke(command, [str(other), "--to", "csv"]).exception)
+    assert "does not end in .mp4" in runner.invoke(command, [str(box), "--to", "mp4", "--output", "x.avi"]).output

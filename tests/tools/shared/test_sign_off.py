@@ -1,0 +1,40 @@
+"""Who made it, who signed it: two people, and days in order."""
+
+from datetime import date
+
+import pytest
+
+from appliance.crosswire.running import RunningCalibration
+from drivers.errors import ConfigurationError
+from tests.support.crossings import SIZE_PX, guided_views
+from tools.shared.sign_off import SignOff, file_sha256, whole_record
+
+
+def test_nobody_signs_what_they_made() -> None:
+    SignOff("A. Hill", "B. Stone", "physicist").check()
+    SignOff("A. Hill").check()
+    with pytest.raises(ConfigurationError, match="made it and cannot sign it as well"):
+        SignOff("A. Hill", " a.  HILL", "physicist").check()
+    with pytest.raises(ConfigurationError, match="a name and a role"):
+        SignOff("A. Hill", "B. Stone").check()
+    with pytest.raises(ConfigurationError, match="before it is due"):
+        SignOff("A. Hill", due=date(2027, 5, 1), expires=date(2027, 4, 1)).check()
+
+
+def test_the_record_says_everything_that_was_said_and_measured(tmp_path) -> None:
+    data = tmp_path / "scan"
+    data.write_bytes(b"scan" * 1_000_000)
+    running = RunningCalibration(SIZE_PX)
+    for view in guided_views(1, 60):
+        running.add(view)
+    running.strike(3)
+    said = SignOff("A. Hill", "B. Stone", "physicist", "fine", "new cart", "SN 7", "abdomen", date(2027, 5, 1))
+    record = whole_record(running.state(), said, str(data), file_sha256(data))
+    assert record["views"] == "59 used, 0 rejected, 1 struck out"
+    assert len(record["data_sha256"]) == 64
+    assert (record["signed_by"], record["signed_role"], record["due"]) == ("B. Stone", "physicist", "2027-05-01")
+    assert record["covariance"].count(",") == 35
+    assert "expires" not in record
+    assert record["software"].startswith("probewatch ")
+    with pytest.raises(ValueError, match="nothing was solved"):
+        whole_record(RunningCalibration(SIZE_PX).state(), said, "", "")

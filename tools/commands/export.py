@@ -1,0 +1,48 @@
+"""`probewatch export`: a black box for other programs."""
+
+from pathlib import Path
+
+import click
+
+from appliance.storage.black_box import Series
+from drivers.errors import RecordingError
+from drivers.files.atomic_file import check_writable
+from tools.shared.export import FORMS, export
+from tools.shared.found_recordings import found
+
+
+@click.command()
+@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--to", "form", required=True, type=click.Choice(FORMS), help="what to write")
+@click.option("--output", type=click.Path(path_type=Path), help="its name [that of the recording, beside you]")
+def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> None:
+    """Write RECORDINGS, the black boxes (.mcap) of one run of the recorder, in a form of other programs.
+
+    \b
+      .igs.mha, .igs.nrrd  pictures, each with the probe's pose at its own time: for 3D Slicer, PLUS and probewatch
+      csv                  every pose, the verdict and the state; with mp4's pictures, replay reads it back as --poses
+      mp4                  pictures with time, state, verdict and its reason under each
+
+    \b
+    Examples:
+      probewatch export kept/20260102T030405-a1b2c3d4-00007.mcap --to .igs.mha
+      probewatch export kept/*-a1b2c3d4-*.mcap --to mp4 --output alarm.mp4
+
+    Nothing is taken out: what was blackened while recording is black, what was kept is there.
+    """
+    boxes, refused = found(recordings)
+    for what in refused:
+        click.secho(what, err=True, fg="yellow")
+    series = [one for one in boxes if isinstance(one, Series)]
+    if len(series) != 1 or len(boxes) != 1:
+        what = "are several recordings" if len(boxes) > 1 else "is no black box"
+        raise RecordingError(what, str(recordings[0]), "Name the .mcap files of one run of the recorder")
+    ending = form if form.startswith(".") else f".{form}"
+    path = output or Path(f"{series[0].boxes[0].path.stem}{ending}")
+    if not path.name.endswith(ending):
+        raise click.UsageError(f"--output {path.name} does not end in {ending}")
+    check_writable(path)
+    number = export(series[0], form, path)
+    if damage := series[0].damage_text:
+        click.secho(f"damaged: {damage}", err=True, fg="yellow")
+    click.echo(f"written: {path}, {number} {'poses' if form == 'csv' else 'pictures'}")

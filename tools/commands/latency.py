@@ -1,0 +1,91 @@
+"""`probewatch latency`: how late the tracker is against the pictures, from a recording."""
+
+import math
+from pathlib import Path
+
+import click
+
+from appliance.core.line import Line
+from appliance.core.path.latency import Latency
+from appliance.crosswire.latency import BottomLine
+from appliance.limits import Limits
+from appliance.storage.calibration_file import read_calibration
+from drivers.errors import RecordingError
+from drivers.recordings.replay import Recording, open_recording
+from tools.shared.terminal import progress_bar
+
+_CLOCK_SIGMA_MS = 5.0
+"""Of what the recorder's own stamps add to every estimate, which no motion shows: the figure that PLUS states for its
+temporal calibration. The estimator's own sigma is of the motion alone.
+"""
+
+
+@click.command(name="latency")
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option("--poses", type=click.Path(path_type=Path), help="sequence with the poses, if recorded apart")
+@click.option(
+    "--calibration", type=click.Path(path_type=Path), help="for tissue or a phantom; without it: a water tank"
+)
+@click.option("--probe", help="tool on the probe, as the transforms name it [Probe]")
+@click.option("--reference", help="reference tool; Tracker for none [Reference, where recorded]")
+@click.option("--orientation", help="how pictures are stored, e.g. MF, where the file does not say")
+def command(
+    recording: Path,
+    poses: Path | None,
+    calibration: Path | None,
+    probe: str | None,
+    reference: str | None,
+    orientation: str | None,
+) -> None:
+    """How late the tracker's stamps are against the pictures' in RECORDING (PLUS .igs.mha or .mhd), ± 1 sigma.
+
+    Positive: the tracker is late; the pose stamped t + latency belongs to the picture stamped t. Give the figure to
+    `recalibrate --latency-ms`, or to the recorder.
+
+    Without --calibration the recording is of a water tank: move the probe straight up and down over its bottom, which
+    shows as one bright line, for a quarter of a minute, 2 s to and fro, turning sharply. Needs nothing but that line.
+
+    With --calibration it is of tissue or a phantom, moved sideways and in depth; a rough calibration is enough.
+
+    \b
+    Examples:
+      probewatch latency tank.igs.mha
+      probewatch latency tissue.igs.mha --calibration probe.toml
+    Exit code 0: found. 65: the recording cannot be used, or does not show it; 78: the calibration or an option cannot.
+    """
+    session = open_recording(recording, poses=poses, probe=probe, reference=reference, orientation=orientation)
+    if session.size_px is None:
+        raise RecordingError("holds no pictures", str(recording), "Give a recording with its pictures")
+    found = _of_tank(session, recording) if calibration is None else _of_tissue(session, calibration, probe, recording)
+    sigma_ms = (1e6 * found.sigma_s**2 + _CLOCK_SIGMA_MS**2) ** 0.5
+    click.echo(f"the tracker is late by {1000 * found.value_s:.1f} ± {sigma_ms:.1f} ms")
+
+
+def _of_tank(session: Recording, recording: Path) -> Latency:
+    bottom = BottomLine()
+    with progress_bar("looking for the tank's bottom") as progress:
+        task = progress.add_task("latency", total=len(session))
+        for sample in session.samples():
+            bottom.step(sample)
+            progress.update(task, advance=1)
+    found = bottom.latency()
+    if found is None:
+        what = f"does not show it: a moving bright line was seen in {bottom.seen} of {bottom.pictures} pictures"
+        remedy = "Move the probe up and down over the bottom for 15 s, turning sharply; of tissue give --calibration"
+        raise RecordingError(what, str(recording), remedy)
+    click.echo(f"bottom line followed in {bottom.seen} of {bottom.pictures} pictures")
+    return found
+
+
+def _of_tissue(session: Recording, calibration: Path, probe: str | None, recording: Path) -> Latency:
+    line = Line(read_calibration(calibration, session.size_px, probe or "Probe"), Limits())
+    with progress_bar("comparing the paths of picture and tracker") as progress:
+        task = progress.add_task("latency", total=len(session))
+        for sample in session.samples():
+            line.step(sample)
+            progress.update(task, advance=1)
+    check = line.report().latency
+    if check is None or math.isnan(check.value):
+        remedy = "Record a quarter of a minute of tissue: to and fro sideways and in depth, turning sharply"
+        raise RecordingError("its motion does not show how late the tracker is", str(recording), remedy)
+    return Latency(check.value / 1000, check.sigma / 1000)

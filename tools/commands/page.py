@@ -1,0 +1,134 @@
+"""`probewatch page`: the cart's own web page, from a process of its own."""
+
+import socket as sockets
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+import uvicorn
+
+from appliance.configuration.config import load_config
+from drivers.errors import ConfigurationError
+from tools.page.alarms import LastAlarms
+from tools.page.door import Door, invitation
+from tools.page.pictures import Pictures
+from tools.page.server import Page, Parts
+from tools.page.tokens import TOKEN_S, Tokens
+from tools.recalibration.session import ScanSession
+from tools.shared.status_watch import StatusWatch
+
+_LISTEN = "127.0.0.1:9780"
+"""No port that Debian's packages give to another program, as far as known; beside that of the metrics."""
+_DOOR = Path("/run/probewatch-page/door")
+_MOST_PORT = 65535  # of TCP
+_EVERY_S = 0.2
+"""Between two questions to the service while somebody looks: four of its ticks."""
+_MOST_AT_ONCE = 64
+"""Connections: six of each of eight browsers, and some. More takes memory from the cart."""
+_LONGEST_HEADERS = 16_384
+"""Bytes: browsers send some 1000."""
+
+
+@click.command()
+@click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: names sockets and log")
+@click.option("--socket", "control", type=click.Path(path_type=Path), help="control socket [of the configuration]")
+@click.option("--feed", type=click.Path(path_type=Path), help="socket of the feed [beside the control socket]")
+@click.option("--listen", default=_LISTEN, show_default=True, help="HOST:PORT; port 0 takes a free one")
+@click.option("--host", "hosts", multiple=True, help="another name by which browsers call this computer")
+@click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="for new calibrations [.]")
+@click.option("--door", type=click.Path(path_type=Path), help=f"where --token is asked for [{_DOOR}]")
+@click.option("--token", "ask", is_flag=True, help="print URL and a one-time token of the page that runs, and end")
+def command(
+    config_file: Path | None,
+    control: Path | None,
+    feed: Path | None,
+    listen: str,
+    hosts: tuple[str, ...],
+    folder: Path | None,
+    door: Path | None,
+    ask: bool,
+) -> None:
+    """Serve the cart's web page on http://127.0.0.1:9780 until Ctrl-C: what the service sees, for the whole room.
+
+    Looking needs no token. Recalibrating does: a one-time token, which whoever may use the control socket asks for, and
+    which makes one browser able to for twelve hours.
+
+    \b
+      probewatch page --token         # in a terminal of the cart; then type it into the page
+
+    The page asks the service and its feed as any client may, so whatever becomes of it, the alarm does not notice. It
+    loads nothing from elsewhere. docs/page.md has pictures of it; docs/security.md says what listens.
+    """
+    if ask:
+        token, url = invitation(door or _DOOR)
+        click.echo(f"{url}recalibrate\ntoken: {token}   (once, within {TOKEN_S / 60:.0f} minutes)")
+        return
+    config = None if config_file is None else load_config(config_file)
+    if control is None:
+        control = Path("/run/probewatch/control") if config is None else config.control.socket
+    if feed is None:
+        feed = (None if config is None else config.feed_socket) or control.with_name("feed")
+    host, port = _address(listen)
+    tokens = Tokens()
+    with ExitStack() as running:
+        listener = running.enter_context(_listening(host, port))
+        url = _url(host, listener.getsockname()[1])
+        watch = running.enter_context(StatusWatch(control, _EVERY_S))
+        session = running.enter_context(ScanSession(control, feed, (folder or Path()).absolute(), watch))
+        pictures = running.enter_context(Pictures(feed))
+        alarms = LastAlarms(None if config is None else config.alarm.folder)
+
+        def invite(name: str) -> tuple[str, str]:
+            return tokens.issue(name, time.monotonic()), url
+
+        if door is not None or _DOOR.parent.is_dir():
+            running.enter_context(Door(door or _DOOR, "", invite))
+        if sys.stdout.isatty():
+            click.echo(f"{url}   token: {invite('whoever started it')[0]}")
+        else:
+            click.echo(url)
+        parts = Parts(watch, pictures, session, alarms, tokens, _called(host, hosts))
+        _serve(Page(parts), listener)
+
+
+def _serve(page: Page, listener: sockets.socket) -> None:
+    """Until SIGTERM or Ctrl-C."""
+    config = uvicorn.Config(
+        page.app,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        lifespan="off",
+        ws="none",
+        limit_concurrency=_MOST_AT_ONCE,
+        h11_max_incomplete_event_size=_LONGEST_HEADERS,
+        timeout_graceful_shutdown=1,
+    )
+    uvicorn.Server(config).run(sockets=[listener])
+
+
+def _called(host: str, others: tuple[str, ...]) -> frozenset[str]:
+    usual = {"localhost", "127.0.0.1", "::1"} if host in ("127.0.0.1", "::1", "localhost") else {host}
+    return frozenset({*usual, *(name.lower() for name in others)})
+
+
+def _url(host: str, port: int) -> str:
+    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+
+
+def _listening(host: str, port: int) -> sockets.socket:
+    try:
+        return sockets.create_server((host, port), family=sockets.AF_INET6 if ":" in host else sockets.AF_INET)
+    except (OSError, OverflowError) as error:
+        where = f"--listen {host}:{port}"
+        raise ConfigurationError(f"cannot listen there ({error})", where, "Choose another address") from None
+
+
+def _address(listen: str) -> tuple[str, int]:
+    host, colon, port = listen.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not (host and colon and port.isascii() and port.isdecimal() and int(port) <= _MOST_PORT):
+        raise ConfigurationError("is not HOST:PORT", f"--listen {listen}", f"Such as {_LISTEN} or [::1]:9780")
+    return host, int(port)

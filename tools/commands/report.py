@@ -1,0 +1,104 @@
+"""`probewatch report`: what a cart did in a day, week or month, as one page to look at and to file."""
+
+import platform
+import shutil
+import subprocess
+from datetime import UTC, datetime
+from pathlib import Path
+
+import click
+
+from appliance.configuration.config import load_config
+from appliance.service.control.rights import join_group
+from appliance.service.control.status import due_utc
+from appliance.storage.alarm_chain import Reading, read_log
+from appliance.storage.reference_store import read_history
+from drivers.errors import ConfigurationError
+from drivers.files.atomic_file import check_writable
+from tools.report.pdf import check_pdf, write_pdf
+from tools.report.period import PERIODS, last_period, period, read_self_tests, summary
+from tools.report.period_page import write_period_page
+
+_CONFIG = Path("/etc/probewatch/probewatch.toml")
+_SELF_TESTS = "self-tests"
+_NAMESPACE = "probewatch-report"
+_PATIENCE_S = 20
+"""For ssh-keygen to sign with a key of a file, s; one that asks a person or a card is not for a timer."""
+
+
+@click.command()
+@click.option("--config", "config_path", default=_CONFIG, show_default=True, type=click.Path(path_type=Path))
+@click.option("--period", "kind", type=click.Choice(PERIODS), default="month", show_default=True)
+@click.option("--of", "day", type=click.DateTime(["%Y-%m-%d"]), help="a day in the period, UTC [the last one over]")
+@click.option(
+    "--folder",
+    default=Path(),
+    type=click.Path(path_type=Path, file_okay=False),
+    help="where the report is written, named by cart and period [here]",
+)
+@click.option("--pdf", "as_pdf", is_flag=True, help="as PDF too, by chromium where that is installed")
+@click.option("--sign", "key", type=click.Path(path_type=Path), help="SSH key: a signature beside each file")
+def command(config_path: Path, kind: str, day: datetime | None, folder: Path, as_pdf: bool, key: Path | None) -> None:
+    """Write one page of what this cart did: how much of the time its calibration was verified, alarms, trends,
+    calibrations, self-tests and versions, from its alarm log and its store. It is sent nowhere.
+
+    \b
+    Examples:
+      probewatch report
+      probewatch report --period week --of 2026-01-15 --pdf
+      probewatch report --sign /etc/probewatch/report-key
+
+    The unit probewatch-report.timer writes one for each month. A signature is checked with
+      ssh-keygen -Y verify -f allowed_signers -I CART -n probewatch-report -s FILE.sig < FILE
+    """
+    config = load_config(config_path)
+    now = datetime.now(UTC)
+    wanted = last_period(kind, now) if day is None else period(kind, day.replace(tzinfo=UTC))
+    cart = platform.node() or "cart"
+    page = folder / f"{cart}-{wanted.name}.html"
+    pdf = page.with_suffix(".pdf") if as_pdf else None
+    check_writable(page)
+    check_pdf(pdf)
+    if key is not None:
+        _check_key(key)
+    reading = _read(config.alarm.folder)
+    tests, damaged = read_self_tests(config.alarm.folder / _SELF_TESTS)
+    history = read_history(config.alarm.folder)
+    in_force = None if history is None else history.in_force
+    due = None if in_force is None else due_utc(in_force.utc, config.calibration.due_days)
+    write_period_page(page, cart, summary(wanted, reading, tests, now), due, damaged)
+    if pdf is not None:
+        write_pdf(page, pdf)
+    for file in (page, *([] if pdf is None else [pdf])):
+        signed = f", signed {file.name}.sig" if key is not None and _sign(file, key) else ""
+        click.echo(f"written: {file}{signed}")
+
+
+def _read(folder: Path) -> Reading:
+    try:
+        if folder.is_dir():
+            return read_log(folder)
+    except OSError as error:
+        remedy = join_group(folder) if isinstance(error, PermissionError) else "Check its disk"
+        raise ConfigurationError(f"cannot be read ({error.strerror})", str(folder), remedy) from None
+    raise ConfigurationError("is not a folder", str(folder), "Is [alarm] folder of the configuration right?")
+
+
+def _check_key(key: Path) -> None:
+    if shutil.which("ssh-keygen") is None:
+        raise ConfigurationError("needs the program ssh-keygen", str(key), "Install it: apt install openssh-client")
+    if not key.is_file():
+        raise ConfigurationError("there is no such key", str(key), "Make one: ssh-keygen -t ed25519 -N '' -f KEY")
+
+
+def _sign(file: Path, key: Path) -> bool:
+    """Raises ConfigurationError where the key cannot sign."""
+    file.with_name(f"{file.name}.sig").unlink(missing_ok=True)
+    command = ["ssh-keygen", "-Y", "sign", "-f", str(key), "-n", _NAMESPACE, str(file)]
+    try:
+        subprocess.run(command, check=True, capture_output=True, stdin=subprocess.DEVNULL, timeout=_PATIENCE_S)
+    except subprocess.SubprocessError as error:
+        said = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip()
+        remedy = "Give a key without a passphrase that this user may read"
+        raise ConfigurationError(f"cannot sign ({said or type(error).__name__})", str(key), remedy) from None
+    return True

@@ -1,0 +1,188 @@
+"""`probewatch self-test`: before the clinic opens."""
+
+import ctypes
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from appliance.configuration.config import load_config
+from appliance.service.control.client import ControlClient
+from drivers.errors import ProbewatchError
+from drivers.files.atomic_file import make_folder, replacing
+from drivers.printable import printable
+from tools.selftest import items
+from tools.selftest.items import Item
+from tools.selftest.measured import Measured, measured
+from tools.shared.service_socket import socket_option
+from tools.shared.terminal import progress_bar
+
+_STILL_S, _MOVING_S = 5.0, 12.0
+"""Poses of a probe at rest: 300 at 60 Hz. Pictures of a moving one: the overlay is learnt in a few seconds of motion.
+Longer tells more, and makes people skip it."""
+_FOLDER = "self-tests"
+_LAMPS_S = 5.0
+"""For which a lamp test lights everything (docs/control.md)."""
+_UNSYNCHRONISED, _ERROR = 0x0040, 5
+"""STA_UNSYNC and TIME_ERROR of adjtimex(2), <linux/timex.h>."""
+_TIMEX_BYTES, _TIMEX_STATUS = 208, 40
+"""Size of struct timex of 64-bit Linux, and where its field `status` lies."""
+
+
+@click.command(name="self-test")
+@socket_option
+@click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: names the sockets")
+@click.option("--feed", type=click.Path(path_type=Path), help="socket of the feed [beside the control socket]")
+@click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="where it is kept [alarm folder]")
+@click.option("--operator", default="", help="who does it; kept with the result")
+@click.option("--lamps", type=click.Choice(["ask", "seen", "not-seen", "skip"]), default="ask", show_default=True)
+@click.option("--yes", is_flag=True, help="wait for nobody: the probe lies still now, and moves after that")
+@click.option("--json", "as_json", is_flag=True, help="print what is kept, as JSON")
+def command(
+    control_socket: Path,
+    config_file: Path | None,
+    feed: Path | None,
+    folder: Path | None,
+    operator: str,
+    lamps: str,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Test the cart before the clinic opens, in under a minute: a green and red list.
+
+    Devices, rates and losses, time quality, noise of the probe at rest, overlay mask, lamps and tone by the operator's
+    word, disk, clock, reference and its due date. The service goes on watching meanwhile; nothing is changed.
+
+    What was found is kept as JSON in the folder `self-tests` of the alarm log's folder, for the report.
+
+    \b
+    Exit code 0: all green. 1: something is red, or could not be tried. 69: no service answers.
+    """
+    config = None if config_file is None else load_config(config_file)
+    control = control_socket if config is None else config.control.socket
+    feed = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
+    folder = folder or (Path("/var/lib/probewatch") if config is None else config.alarm.folder) / _FOLDER
+    with ControlClient(control) as client:
+        client.status()
+    still, moving, trouble = _measure(feed, yes)
+    with ControlClient(control) as client:
+        seen = _lamps(client, lamps)
+        status = client.status()
+    found = _judged(status, still, moving, trouble, seen)
+    kept = _kept(folder, found, status, operator)
+    if kept.remedy:
+        found.append(kept)
+    if as_json:
+        click.echo(json.dumps([item.fields() for item in found], ensure_ascii=False, indent=1))
+    else:
+        _print(found, kept)
+    sys.exit(0 if all(item.green for item in found) else 1)
+
+
+def _measure(feed: Path, yes: bool) -> tuple[Measured, Measured, str]:
+    """At rest, moving, and why the feed told nothing; empty where it did."""
+    try:
+        _wait("Lay the probe down in view of the tracker, and leave it", yes)
+        with _progress("at rest") as note:
+            still = measured(feed, _STILL_S, note)
+        _wait("Now move the probe over tissue or a phantom", yes)
+        with _progress("moving") as note:
+            return still, measured(feed, _MOVING_S, note), ""
+    except ProbewatchError as error:
+        return Measured(), Measured(), str(error)
+
+
+def _wait(what: str, yes: bool) -> None:
+    if not yes and sys.stdin.isatty():
+        click.prompt(f"{what}; then Enter", default="", show_default=False, prompt_suffix=" ")
+
+
+@contextmanager
+def _progress(what: str) -> Iterator[Any]:
+    with progress_bar("{task.description}") as progress:
+        task = progress.add_task(what, total=1.0)
+        yield lambda share: progress.update(task, completed=share)
+
+
+def _lamps(client: ControlClient, how: str) -> bool | None:
+    if how in ("seen", "not-seen"):
+        return how == "seen"
+    if how == "skip" or not sys.stdin.isatty():
+        return None
+    client.test_lamps()
+    return click.confirm(f"For {_LAMPS_S:g} s every lamp is lit and the tone sounds. All seen and heard?")
+
+
+def _judged(status: dict[str, Any], still: Measured, moving: Measured, trouble: str, seen: bool | None) -> list[Item]:
+    utc = datetime.now(UTC)
+    found = [*items.service(status), *items.devices(status)]
+    if trouble:
+        found.append(Item("feed", False, trouble, "probewatch status says why there is none: feed"))
+    else:
+        frames, poses = moving.frames, moving.poses
+        found += items.timing("video", frames, moving.frames_ns)
+        found += items.timing("tracker", poses, moving.poses_ns)
+        found += [items.noise(still.poses), items.overlay(frames)]
+    found += [items.outputs(status, seen), *items.disk(status), items.clock(utc, _built(), _synchronised())]
+    return [*found, *items.reference(status, utc)]
+
+
+def _kept(folder: Path, found: list[Item], status: dict[str, Any], operator: str) -> Item:
+    """Whether it could be kept."""
+    utc = datetime.now(UTC)
+    record = {
+        "format": "probewatch-self-test",
+        "version": 1,
+        "utc": utc.isoformat(timespec="seconds"),
+        "operator": printable(operator),
+        "passed": all(item.green for item in found),
+        "software": status["software"],
+        "reference": None if status["reference"] is None else status["reference"]["sha256"],
+        "simulated": status["simulated"],
+        "items": [item.fields() for item in found],
+    }
+    file = folder / f"{utc:%Y%m%dT%H%M%S.%f}Z.json"
+    try:
+        make_folder(folder, 0o770)
+        with replacing(file) as stream:
+            stream.write(json.dumps(record, ensure_ascii=False, indent=1).encode() + b"\n")
+        file.chmod(0o640)
+    except (OSError, ProbewatchError) as error:
+        return Item("kept", False, f"{folder}: {error}", "Name a --folder that you may write to, or be in its group")
+    return Item("kept", True, str(file))
+
+
+def _built() -> datetime:
+    """When this program was: no clock of a cart can be earlier."""
+    return datetime.fromtimestamp(Path(__file__).stat().st_mtime, UTC)
+
+
+def _synchronised() -> bool | None:
+    """By the kernel's word, None where it gives none."""
+    timex = ctypes.create_string_buffer(_TIMEX_BYTES)
+    state = ctypes.CDLL(None, use_errno=True).adjtimex(timex)
+    if state < 0:
+        return None
+    status = int.from_bytes(timex.raw[_TIMEX_STATUS : _TIMEX_STATUS + 4], sys.byteorder)
+    return state != _ERROR and not status & _UNSYNCHRONISED
+
+
+def _print(found: list[Item], kept: Item) -> None:
+    marks = {True: ("✓", "green"), False: ("✗", "red"), None: ("?", "red")}
+    table = Table.grid(padding=(0, 2))
+    for item in found:
+        mark, colour = marks[item.green]
+        table.add_row(f"[{colour}]{mark} {item.name}[/]", f"{item.what}{'. ' if item.remedy else ''}{item.remedy}")
+    console = Console(file=sys.stdout, highlight=False)
+    console.print(table)
+    bad = sum(not item.green for item in found)
+    console.print("[green]All green.[/]" if not bad else f"[red]{bad} of {len(found)} are not green.[/]")
+    if kept.green:
+        console.print(f"kept: {kept.what}")

@@ -1,0 +1,70 @@
+"""Where the tool asks the page for a one-time token: a Unix socket that the group of the control socket may use."""
+
+import json
+import pwd
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+from appliance.service.control.rights import join_group
+from appliance.service.control.server import ControlRefused, ControlServer, Peer, Reply
+from appliance.service.host.unix_socket import connected
+from drivers.errors import DeviceLost
+from drivers.printable import printable
+
+_EVERY_S = 0.05
+"""Between two looks for who asks: a person waits no longer. More often is work for nothing."""
+_ANSWER_S = 2.0
+"""For a page to answer that lives: forty looks."""
+_MOST_BYTES = 4096
+"""An answer has some 100."""
+
+
+class Door:
+    """Serves `path` while the block runs. invite: makes (token, URL) for a user, as the kernel knows him."""
+
+    def __init__(self, path: Path, group: str, invite: Callable[[str], tuple[str, str]]) -> None:
+        self._server, self._invite = ControlServer(path, group), invite
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="door", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._server.__exit__()
+
+    def _run(self) -> None:
+        while not self._ended.wait(_EVERY_S):
+            self._server.poll(self._answer)
+
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> Reply:
+        if do != "token":
+            raise ControlRefused("only a token can be asked for here")
+        token, url = self._invite(_name(who.uid))
+        return {"token": token, "url": url}
+
+
+def invitation(path: Path) -> tuple[str, str]:
+    """(token, URL) from the page that runs here. Raises DeviceLost."""
+    try:
+        with connected(path, _ANSWER_S) as link, link.makefile("rb") as lines:
+            link.sendall(b'{"v": 1, "do": "token"}\n')
+            said = json.loads(lines.readline(_MOST_BYTES))
+        return str(said["token"]), str(said["url"])
+    except PermissionError:
+        raise DeviceLost("your user may not ask the page for a token", str(path), join_group(path)) from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        what = f"no page answers ({printable(str(error)) or 'nothing'})"
+        raise DeviceLost(what, str(path), "Start it: systemctl start probewatch-page, or: probewatch page") from None
+
+
+def _name(uid: int) -> str:
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return f"uid {uid}"

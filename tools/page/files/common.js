@@ -1,0 +1,146 @@
+"use strict";
+// Shared by both pages: events, the picture, and the words of either language. Nothing is loaded from elsewhere.
+
+const GERMAN = {
+  "Status": "Status", "Recalibrate": "Kalibrieren", "Live picture": "Livebild", "What motion has shown": "Was Bewegung gezeigt hat",
+  "Devices": "Geräte", "Last alarms": "Letzte Alarme", "Calibration in force": "Kalibrierung in Kraft",
+  "shown": "gezeigt", "not shown": "nicht gezeigt", "wrong": "falsch", "ago": "her", "Contact": "Kontakt",
+  "closed (safe)": "geschlossen (sicher)", "OPEN": "OFFEN", "No picture": "Kein Bild",
+  "No answer from the service": "Keine Antwort vom Dienst", "Do not rely on the overlay": "Der Überlagerung nicht vertrauen",
+  "This page has lost its cart": "Diese Seite hat ihren Wagen verloren",
+  "verified": "bestätigt", "not verified now": "jetzt nicht bestätigt", "To show what is missing": "Um das Fehlende zu zeigen",
+  "nothing is missing": "es fehlt nichts", "none": "keine", "Quantity": "Größe", "Now": "Jetzt", "Age": "Alter",
+  "reconnecting": "verbinde neu",
+};
+const NAMES_DE = {
+  "polarity": "Spiegelung", "rotation-lateral": "Drehung lateral", "rotation-axial": "Drehung axial",
+  "rotation-elevational": "Drehung elevational", "scale-lateral": "Maßstab lateral", "scale-axial": "Maßstab axial",
+  "offset-lateral": "Versatz lateral", "offset-axial": "Versatz axial", "offset-elevational": "Versatz elevational (ζ)",
+  "latency": "Verzug des Trackers",
+};
+const GESTURES = {
+  "polarity": ["slide sideways and press, to and fro", "seitlich schieben und drücken, hin und her"],
+  "latency": ["move to and fro, briskly", "zügig hin und her bewegen"],
+  "scale-lateral": ["slide sideways, to and fro", "seitlich hin und her schieben"],
+  "scale-axial": ["press and release", "drücken und loslassen"],
+  "rotation-lateral": ["slide along the probe's length and press", "in Längsrichtung schieben und drücken"],
+  "rotation-axial": ["slide sideways with a slow sweep", "seitlich schieben mit langsamem Schwenk"],
+  "rotation-elevational": ["slide sideways and press, in turns", "abwechselnd seitlich schieben und drücken"],
+  "offset-lateral": ["rock the probe sideways about one place", "an einer Stelle seitlich kippen"],
+  "offset-axial": ["rock the probe sideways about one place", "an einer Stelle seitlich kippen"],
+  "offset-elevational": ["tilt to and fro while you slide", "beim Schieben vor und zurück neigen"],
+};
+const REQUIRED = ["polarity", "latency", "scale-lateral", "scale-axial", "rotation-lateral", "rotation-axial", "rotation-elevational"];
+
+let language = "en";
+function say(text) { return language === "de" ? (GERMAN[text] || text) : text; }
+function named(name) { return language === "de" ? (NAMES_DE[name] || name) : name; }
+function el(id) { return document.getElementById(id); }
+function make(tag, text, kind) {
+  const one = document.createElement(tag);
+  if (text !== undefined) one.textContent = text;
+  if (kind) one.className = kind;
+  return one;
+}
+function set(id, text) { const one = el(id); if (one && one.textContent !== text) one.textContent = text; }
+function rows(body, lines) {
+  body.replaceChildren(...lines.map(cells => {
+    const row = make("tr");
+    cells.forEach(([text, kind], at) => {
+      const cell = make(at ? "td" : "th", text, kind);
+      if (!at) cell.scope = "row";
+      row.append(cell);
+    });
+    return row;
+  }));
+}
+function aged(age_s) { return age_s === null || age_s === undefined ? "–" : age_s < 100 ? `${age_s.toFixed(0)} s` : `${(age_s / 60).toFixed(0)} min`; }
+
+function showState(status, silence) {
+  const box = el("state");
+  if (status) delete document.body.dataset.lost; else document.body.dataset.lost = "1";
+  if (!status) {
+    box.dataset.lamp = "red"; box.dataset.priority = "high";
+    set("state-title", say("No answer from the service"));
+    set("state-text", `${say("Do not rely on the overlay")} · ${silence}`);
+    return;
+  }
+  language = status.language || "en";
+  document.documentElement.lang = language;
+  box.dataset.lamp = status.lamp; box.dataset.priority = status.acknowledged ? "low" : status.priority;
+  set("state-title", status.text);
+  const age = status.verification_age_s;
+  const verified = age === null ? say("not verified now") : `${say("verified")}: ${aged(age)}`;
+  const what = status.fault ? status.remedy : status.text.endsWith(status.reason) ? "" : status.reason;
+  set("state-text", [what, verified, `${say("Contact")} ${say(status.energised ? "closed (safe)" : "OPEN")}`].filter(Boolean).join(" · "));
+}
+
+function lostPage() {
+  document.body.dataset.lost = "1";
+  const box = el("state");
+  box.dataset.lamp = "red"; box.dataset.priority = "high";
+  set("state-title", say("This page has lost its cart"));
+  set("state-text", `${say("Do not rely on the overlay")} · ${say("reconnecting")}`);
+}
+
+// Events come four times a second; three seconds without any are a loss, whatever the browser thinks of the connection.
+function listen(show) {
+  let heard = 0, source = null;
+  function connect() {
+    if (source) source.close();
+    source = new EventSource("/events");
+    source.onmessage = event => { heard = performance.now(); show(JSON.parse(event.data)); };
+  }
+  connect();
+  heard = performance.now();
+  let tried = heard;
+  setInterval(() => {
+    const now = performance.now();
+    if (now - heard > 3000) {
+      lostPage();
+      if (now - tried > 3000) { tried = now; connect(); }
+    }
+  }, 500);
+}
+
+// One request at a time, each for a picture newer than the last: a slow tablet sees fewer, and nothing piles up.
+async function follow(canvas, why, drawn) {
+  let number = 0;
+  const context = canvas.getContext("2d");
+  for (;;) {
+    if (document.hidden) { await new Promise(done => setTimeout(done, 500)); continue; }
+    try {
+      const answer = await fetch(`/picture?after=${number}`, { cache: "no-store" });
+      if (answer.status === 200) {
+        number = Number(answer.headers.get("X-Number"));
+        const bitmap = await createImageBitmap(await answer.blob());
+        if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
+          canvas.width = bitmap.width; canvas.height = bitmap.height;
+        }
+        context.drawImage(bitmap, 0, 0);
+        bitmap.close();
+        why.hidden = true;
+        if (drawn) drawn(context, canvas, JSON.parse(answer.headers.get("X-Look")));
+        continue;
+      }
+      number = 0;
+      why.textContent = say("No picture");
+      why.hidden = false;
+      if (answer.status !== 204) await new Promise(done => setTimeout(done, 1000));
+    } catch (error) {
+      why.textContent = say("No picture");
+      why.hidden = false;
+      await new Promise(done => setTimeout(done, 1000));
+    }
+  }
+}
+
+// A tablet that sleeps shows no alarm. Browsers grant it on a visible page of this computer or over TLS.
+async function stayAwake() {
+  if (!navigator.wakeLock) return;
+  const ask = async () => {
+    try { if (!document.hidden) await navigator.wakeLock.request("screen"); } catch (error) { /* low battery */ }
+  };
+  document.addEventListener("visibilitychange", ask);
+  await ask();
+}

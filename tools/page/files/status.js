@@ -1,0 +1,55 @@
+"use strict";
+
+const MARKS = { OK: ["✓", "good"], FAULT: ["✗", "bad"], NOT_VERIFIED: ["?", "wait"] };
+
+function value(check) {
+  if (check.value === null) return "–";
+  const sigma = check.sigma ? ` ± ${check.sigma.toPrecision(2)}` : "";
+  return `${check.value.toPrecision(3)}${sigma} ${check.unit}`.replaceAll(" ", "\u00a0");
+}
+
+function showChecks(status) {
+  const estimated = status.checks.filter(check => check.shown_age_s !== null || REQUIRED.includes(check.name) || check.name.startsWith("offset"));
+  rows(el("shown"), estimated.map(check => {
+    const [mark, kind] = MARKS[check.verdict];
+    return [[`${mark} ${named(check.name)}`, kind], [value(check), "number"], [aged(check.shown_age_s), "number"]];
+  }));
+  const missing = status.checks.filter(check => REQUIRED.includes(check.name) && check.verdict === "NOT_VERIFIED").map(check => check.name);
+  const gestures = [...new Set(missing.map(name => (GESTURES[name] || [])[language === "de" ? 1 : 0]).filter(Boolean))];
+  el("gestures").hidden = gestures.length === 0;
+  set("gestures", `${say("To show what is missing")}: ${gestures.join("; ")}`);
+}
+
+function showDevices(status) {
+  const lines = status.devices.map(check => {
+    const [mark, kind] = MARKS[check.verdict];
+    return [[`${mark} ${check.name}`, kind], [value(check), "number"]];
+  });
+  const fps = [["video", status.fps.video], ["tracker", status.fps.tracker]].map(([name, rate]) => [[name], [`${rate.toFixed(1)} / s`, "number"]]);
+  const lost = Object.entries(status.lost).map(([device, what]) => [[`✗ ${device}`, "bad"], [what, "bad"]]);
+  const notices = status.notices.map(text => [[`! ${text}`, "wait"], [""]]);
+  rows(el("devices"), [...lost, ...notices, ...fps, ...lines]);
+  const reference = status.reference;
+  set("reference", reference ? `${say("Calibration in force")}: ${reference.number} · ${reference.file} · ${reference.utc}` : status.reference_waits || "");
+}
+
+function showAlarms(alarms) {
+  const lines = alarms.entries.map(entry => {
+    const line = make("li");
+    const time = new Date(entry.utc);
+    line.append(make("strong", `${entry.state} `), make("span", `${isNaN(time) ? entry.utc : time.toLocaleString(language)} · ${entry.reason}`, "soft"));
+    return line;
+  });
+  el("alarms").replaceChildren(...(lines.length ? lines : [make("li", alarms.trouble || say("none"), "soft")]));
+}
+
+let told = "";
+listen(event => {
+  showState(event.status, event.silence);
+  for (const [id, text] of [["nav-status", "Status"], ["nav-scan", "Recalibrate"], ["picture-title", "Live picture"], ["shown-title", "What motion has shown"], ["devices-title", "Devices"], ["alarms-title", "Last alarms"], ["col-name", "Quantity"], ["col-now", "Now"], ["col-age", "Age"]]) set(id, say(text));
+  if (event.status) { showChecks(event.status); showDevices(event.status); }
+  const alarms = JSON.stringify(event.alarms) + language;
+  if (alarms !== told) { told = alarms; showAlarms(event.alarms); }
+});
+follow(el("picture"), el("picture-why"));
+stayAwake();

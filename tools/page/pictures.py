@@ -1,0 +1,102 @@
+"""The newest picture of the service's feed as a JPEG, made anew for nobody: only while somebody looks."""
+
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, Self
+
+import cv2
+import numpy as np
+
+from appliance.service.feed.message import Taken
+from appliance.service.feed.request import FeedRequest
+from drivers.errors import ProbewatchError
+from drivers.samples import Frame, GreyImage
+from tools.shared.feed import Feed
+
+_EVERY, _MOST_PX = 3, 960
+"""One picture of three, ten a second of a scanner at 30 Hz; longest side. More shows smoother motion and takes the
+cart's processor: encoding one of 640 × 480 takes 3 ms."""
+_QUALITY = 80
+"""Of the JPEG: speckle is not to be measured here. 640 × 480 takes some 60 kB. Not varied."""
+_LOOKED_AT_S = 3.0
+"""After the last request for a picture before the feed is left alone. Longer keeps it for nobody; shorter leaves and
+joins again between two requests of a slow tablet."""
+_KEPT = 12
+"""Of the last: a second, so that one is there in which the crossing has been looked for."""
+_AGAIN_S = 0.5
+"""Before a service that offers nothing is asked again."""
+
+
+class Picture(NamedTuple):
+    """number: counts those of this page."""
+
+    number: int
+    t_ns: int
+    jpeg: bytes
+
+
+class Pictures:
+    """feed: socket of the service. trouble: why there is no picture, in words; empty while there is."""
+
+    def __init__(self, feed: Path) -> None:
+        self._feed = feed
+        self._wanted_s = -_LOOKED_AT_S
+        self._ended, self._wanted = threading.Event(), threading.Event()
+        self._last: deque[Picture] = deque(maxlen=_KEPT)
+        self._number = 0
+        self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
+        self.trouble = ""
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        self._ended.set()
+        self._wanted.set()
+        self._thread.join(2 * _LOOKED_AT_S)
+
+    def newest(self, looked_ns: int | None = None) -> Picture | None:
+        """None while there is none; looked_ns: none that is newer. Asking keeps them coming."""
+        self._wanted_s = time.monotonic()
+        self._wanted.set()
+        known = tuple(self._last)
+        return next((one for one in reversed(known) if looked_ns is None or one.t_ns <= looked_ns), None)
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            if not self._looked_at:
+                self._last.clear()
+                self._wanted.clear()
+                self._wanted.wait()
+                continue
+            try:
+                with Feed(self._feed, FeedRequest(every=_EVERY, most_px=_MOST_PX)) as feed:
+                    self._listen(feed)
+            except ProbewatchError as error:
+                self._last.clear()
+                self.trouble = error.what
+                self._ended.wait(_AGAIN_S)
+
+    @property
+    def _looked_at(self) -> bool:
+        return time.monotonic() - self._wanted_s < _LOOKED_AT_S
+
+    def _listen(self, feed: Feed) -> None:
+        while self._looked_at and not self._ended.is_set():
+            message = feed.next(_AGAIN_S)
+            if isinstance(message, Taken) and isinstance(message.sample, Frame):
+                self._number += 1
+                self._last.append(Picture(self._number, message.sample.stamp.t_ns, jpeg(message.sample.image)))
+                self.trouble = ""
+
+
+def jpeg(image: GreyImage) -> bytes:
+    """image: (h, w)."""
+    _, encoded = cv2.imencode(".jpg", np.ascontiguousarray(image), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return encoded.tobytes()

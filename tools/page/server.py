@@ -1,0 +1,277 @@
+"""The web page: files, events and pictures for everybody who may reach it, requests for who has redeemed a token.
+
+One process, one thread for the network; whatever asks the service or the disk does so in another. Nothing is loaded
+from elsewhere, and nothing on the page runs but its own files (Content-Security-Policy).
+"""
+
+import asyncio
+import json
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from drivers.errors import ProbewatchError
+from drivers.printable import printable_value
+from tools.page.alarms import LastAlarms
+from tools.page.pictures import Pictures, jpeg
+from tools.page.tokens import Tokens, Visitor
+from tools.recalibration.session import Asked, Begin, ScanSession, Signature
+from tools.shared.status_watch import StatusWatch
+
+_FILES = Path(__file__).parent / "files"
+_KINDS = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+_COOKIE = "probewatch"
+_EVENTS_S = 0.25
+"""Between two events: seen as motion, the pace of `probewatch status --watch`."""
+_MOST_LISTENERS = 16
+"""Browsers that are told events at once; each costs some 30 kB/s. One more is told to come later."""
+_PICTURE_S = 2.0
+"""For which a request for a newer picture waits before it is answered with none. Longer keeps a dead picture looking
+alive; shorter asks for nothing."""
+_LOOK_S = 0.02
+"""Between two looks for a newer picture: a fifth of the time between two at ten a second."""
+_MOST_BODY = 8192
+"""Bytes of a request: names and a comment take some 500."""
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What the page is made of. hosts: names and addresses by which a browser may call it, without port."""
+
+    watch: StatusWatch
+    pictures: Pictures
+    session: ScanSession
+    alarms: LastAlarms
+    tokens: Tokens
+    hosts: frozenset[str]
+
+
+class Page:
+    """app: for an ASGI server."""
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts = parts
+        self._files = {path.name: path.read_bytes() for path in sorted(_FILES.iterdir()) if path.suffix in _KINDS}
+        self._listeners = 0
+        routes = [
+            Route("/", self._file),
+            Route("/recalibrate", self._file),
+            Route("/files/{name}", self._file),
+            Route("/events", self._events),
+            Route("/picture", self._picture),
+            Route("/view/{index:int}", self._view),
+            Route("/token", self._token, methods=["POST"]),
+            Route("/recalibration/{what}", self._recalibration, methods=["POST"]),
+        ]
+        self.app = Guard(Starlette(routes=routes), parts.hosts)
+
+    async def _file(self, request: Request) -> Response:
+        names = {"/": "status.html", "/recalibrate": "recalibrate.html"}
+        name = names.get(request.url.path, request.path_params.get("name", ""))
+        content = self._files.get(name)
+        if content is None:
+            return Response("there is no such file\n", 404, media_type="text/plain")
+        return Response(content, media_type=_KINDS[Path(name).suffix])
+
+    async def _events(self, request: Request) -> Response:
+        if self._listeners >= _MOST_LISTENERS:
+            return Response("too many look on; close one of them\n", 503, media_type="text/plain")
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        return StreamingResponse(self._told(request), media_type="text/event-stream", headers=headers)
+
+    async def _told(self, request: Request) -> AsyncIterator[bytes]:
+        self._listeners += 1
+        self._parts.watch.want(self._listeners)
+        try:
+            while not await request.is_disconnected():
+                event = await run_in_threadpool(self._event, self._visitor(request))
+                yield b"data: " + json.dumps(event, ensure_ascii=False).encode() + b"\n\n"
+                await asyncio.sleep(_EVENTS_S)
+        finally:
+            self._listeners -= 1
+            self._parts.watch.want(self._listeners)
+
+    def _event(self, visitor: Visitor | None) -> dict[str, Any]:
+        """Everything that the page shows but its pictures."""
+        parts = self._parts
+        seen = parts.watch.seen()
+        status = seen.status
+        state = None if status is None else (status["state"], status["since_s"] < 1.0)
+        event = {
+            "status": status,
+            "silence": seen.silence,
+            "alarms": parts.alarms.fields(state),
+            "recalibration": parts.session.fields(),
+            "picture_trouble": parts.pictures.trouble,
+            "visitor": None if visitor is None else visitor.name,
+        }
+        found = printable_value(event)
+        assert isinstance(found, dict)
+        return found
+
+    async def _picture(self, request: Request) -> Response:
+        """One that is newer than number `after`; 204 where none came in time."""
+        after = request.query_params.get("after", "0")
+        known = int(after) if after.isascii() and after.isdecimal() and len(after) < 16 else 0
+        end_s = time.monotonic() + _PICTURE_S
+        while (newest := self._parts.pictures.newest(self._parts.session.looked_ns)) is None or newest.number == known:
+            if time.monotonic() > end_s:
+                return Response(None, 204)
+            await asyncio.sleep(_LOOK_S)
+        look = await run_in_threadpool(self._parts.session.look_at, newest.t_ns)
+        headers = {"Cache-Control": "no-store", "X-Number": str(newest.number), "X-Look": json.dumps(look)}
+        return Response(newest.jpeg, media_type="image/jpeg", headers=headers)
+
+    async def _view(self, request: Request) -> Response:
+        """What was around the crossing of one view."""
+        image = self._parts.session.thumbnail(request.path_params["index"])
+        if image is None:
+            return Response("there is no such view\n", 404, media_type="text/plain")
+        return Response(jpeg(image), media_type="image/jpeg", headers={"Cache-Control": "no-store"})
+
+    async def _token(self, request: Request) -> Response:
+        """A one-time token becomes a cookie that no script can read and no other site can send."""
+        now_s = time.monotonic()
+        body = await _body(request)
+        if self._parts.tokens.locked(now_s):
+            return _refused("too many wrong tokens; wait a minute", 429)
+        cookie = self._parts.tokens.redeem(str(body.get("token", "")), now_s)
+        if cookie is None:
+            return _refused("the token is wrong, was used, or is too old: probewatch page --token gives another", 403)
+        response = JSONResponse({"ok": True})
+        response.set_cookie(_COOKIE, cookie, httponly=True, samesite="strict", path="/")
+        return response
+
+    async def _recalibration(self, request: Request) -> Response:
+        """Every request that changes something."""
+        visitor = self._visitor(request)
+        if visitor is None:
+            return _refused("a token is needed: probewatch page --token gives one", 403)
+        act = _ACTS.get(request.path_params["what"])
+        if act is None:
+            return _refused("there is no such request", 404)
+        body = await _body(request)
+        self._parts.session.touch()
+        try:
+            await run_in_threadpool(act, self._parts.session, body)
+        except Asked as question:
+            return JSONResponse({"ok": False, "ask": question.text}, 409)
+        except ProbewatchError as error:
+            return _refused(str(error), 409)
+        return JSONResponse({"ok": True})
+
+    def _visitor(self, request: Request) -> Visitor | None:
+        return self._parts.tokens.visitor(request.cookies.get(_COOKIE), time.monotonic())
+
+
+class Guard:
+    """Refuses whoever calls the page by a foreign name (so that no other site's page can), and what another origin
+    sends; every answer forbids the browser what the page does not need.
+    """
+
+    def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
+        self._app, self._hosts = app, hosts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        why = self._foreign(Headers(scope=scope), scope["method"])
+        if why:
+            await _refused(why, 403)(scope, receive, send)
+            return
+        await self._app(scope, receive, _guarded(send))
+
+    def _foreign(self, headers: Headers, method: str) -> str:
+        host = headers.get("host", "")
+        if _name(host) not in self._hosts:
+            return "this page is not called by that name; --host allows another"
+        origin = headers.get("origin")
+        if method == "POST" and (origin is None or origin.partition("://")[2] != host):
+            return "the request comes from another page"
+        return ""
+
+
+def _guarded(send: Send) -> Callable[[Message], Awaitable[None]]:
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            headers["Content-Security-Policy"] = _POLICY
+            headers["X-Content-Type-Options"] = "nosniff"
+            headers["Referrer-Policy"] = "no-referrer"
+            headers["Permissions-Policy"] = "camera=(), microphone=(), geolocation=()"
+        await send(message)
+
+    return sending
+
+
+def _name(host: str) -> str:
+    """Of a Host header, without its port."""
+    if host.startswith("["):
+        return host.partition("]")[0][1:]
+    return host.partition(":")[0].lower()
+
+
+async def _body(request: Request) -> dict[str, Any]:
+    """Empty where it is no JSON object, or too long."""
+    data = b""
+    async for part in request.stream():
+        data += part
+        if len(data) > _MOST_BODY:
+            return {}
+    try:
+        body = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}
+    return body if isinstance(body, dict) else {}
+
+
+def _refused(why: str, status: int) -> JSONResponse:
+    return JSONResponse({"ok": False, "error": why}, status)
+
+
+def _text(body: dict[str, Any], name: str) -> str:
+    value = body.get(name, "")
+    return value if isinstance(value, str) else ""
+
+
+def _whole(body: dict[str, Any], name: str) -> int:
+    value = body.get(name)
+    return value if isinstance(value, int) and not isinstance(value, bool) else -1
+
+
+def _number(body: dict[str, Any], name: str) -> float:
+    value = body.get(name)
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else float("nan")
+
+
+_ACTS: dict[str, Callable[[ScanSession, dict[str, Any]], None]] = {
+    "begin": lambda session, body: session.begin(
+        Begin(*(_text(body, name) for name in ("probe", "preset", "technician", "reason", "wanted")))
+    ),
+    "finish": lambda session, _: session.finish(),
+    "resume": lambda session, _: session.resume(),
+    "strike": lambda session, body: session.strike(_whole(body, "index"), body.get("struck") is not False),
+    "correct": lambda session, body: session.correct(
+        _whole(body, "index"), (_number(body, "column"), _number(body, "row"))
+    ),
+    "accept": lambda session, body: session.accept(
+        Signature(*(_text(body, name) for name in ("name", "role", "comment", "confirm")))
+    ),
+    "reject": lambda session, body: session.reject(_text(body, "reason")),
+    "dismiss": lambda session, _: session.dismiss(),
+}

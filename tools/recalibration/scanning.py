@@ -1,0 +1,251 @@
+"""What a live scan has seen so far: samples of the feed in, the running calibration out, and small pictures to review.
+
+Not safe for two threads at once; the session has the lock.
+"""
+
+import hashlib
+from collections import deque
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from appliance.crosswire.crossing import ROUGH_SCALE_MM_PER_PX, Crossing
+from appliance.crosswire.offset import ScanRefused, renewed
+from appliance.crosswire.running import Refusal, Running, RunningCalibration
+from appliance.crosswire.scan import CrosswireScan, Look, View
+from appliance.types import PARAMETERS, Calibration
+from drivers.samples import Frame, GreyImage, Pose, PoseStatus
+
+_REMEMBERED = 40
+"""Pictures that a view may still be cut out of: .7 s at 60 Hz. It is settled .25 s after its passage."""
+_HALF_PX = 48
+"""Half a side of what is kept of a view to be looked at: two spots of a crossing and what surrounds them."""
+_UNSEEN_NS = 1_000_000_000
+"""Without a good pose before it is said: a second of a probe turned away is part of a scan. Less cries wolf."""
+
+
+@dataclass(slots=True)
+class Scanned:
+    """reference: in force when the scan began, None where there is none. wanted: whole, all eight parameters; zeta, the
+    last of them alone, the others as the reference has them.
+
+    thumbnails: of each view, what was around the crossing. lost: samples that the feed did not tell.
+    """
+
+    reference: Calibration | None
+    wanted: str
+    scan: CrosswireScan
+    running: RunningCalibration | None = None
+    thumbnails: list[GreyImage] = field(default_factory=list)
+    lost: int = 0
+    pose_trouble: str = ""
+    _looks: deque[Look] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    _recent: deque[Frame] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    _seen_ns: int | None = None
+    _state: Running | None = None
+    _stale: bool = True
+
+    @classmethod
+    def begun(cls, reference: Calibration | None, wanted: str) -> "Scanned":
+        """A scan that has seen nothing yet."""
+        scale = ROUGH_SCALE_MM_PER_PX
+        if reference is not None:
+            lateral, axial = reference.scale_mm_per_px
+            scale = float(lateral), float(axial)
+        return cls(reference, wanted, CrosswireScan(scale_mm_per_px=scale))
+
+    def take(self, sample: Frame | Pose) -> None:
+        """The next sample of the feed."""
+        if isinstance(sample, Frame):
+            self._recent.append(sample)
+        else:
+            self._note_pose(sample)
+        for view in self.scan.step(sample):
+            self.settle(view)
+        if self.scan.last is not None and (not self._looks or self._looks[-1] is not self.scan.last):
+            self._looks.append(self.scan.last)
+
+    def settle(self, view: View) -> None:
+        """A passage of the scan, which is as good as over."""
+        self._running().add(view)
+        self._stale = True
+        self.thumbnails.append(self._cut(view.t_ns, view.centre_px))
+
+    def look_at(self, t_ns: int) -> dict[str, Any] | None:
+        """What was found in the picture of that time, None where it was not one of the last."""
+        return next((look_fields(look) for look in self._looks if look.t_ns == t_ns), None)
+
+    def strike(self, index: int, struck: bool) -> None:
+        """Leave a view out, or take it back. Raises IndexError."""
+        if not 0 <= index < len(self.thumbnails):
+            raise IndexError(f"there is no view {index + 1}")
+        self._running().strike(index, struck)
+        self._stale = True
+
+    def correct(self, index: int, centre_px: tuple[float, float]) -> None:
+        """Put the crossing of a view elsewhere. Raises IndexError, ValueError."""
+        if not 0 <= index < len(self.thumbnails):
+            raise IndexError(f"there is no view {index + 1}")
+        self._running().correct(index, centre_px)
+        self._stale = True
+
+    @property
+    def sha256(self) -> str:
+        """Of all views, struck out or not: time, place in the picture, pose."""
+        digest = hashlib.sha256()
+        for view in () if self.running is None else self.running.views:
+            digest.update(f"{view.t_ns} {view.centre_px.tolist()} {view.matrix.tolist()}\n".encode())
+        return digest.hexdigest()
+
+    @property
+    def state(self) -> Running | None:
+        """What the views give, None before the first; solved anew only where something has changed."""
+        if self._stale and self.running is not None:
+            self._state, self._stale = self.running.state(self.scan.misses_mm), False
+        return self._state
+
+    def refusals(self) -> tuple[Refusal, ...]:
+        """What stands against taking it now."""
+        state = self.state
+        if state is None:
+            return ()
+        if self.wanted == "whole":
+            return state.refusals
+        return tuple(one for one in state.refusals if one.parameter in ("", "rotation-lateral", "rotation-axial"))
+
+    def calibration(self) -> Calibration:
+        """What is to be taken. Raises ScanRefused where the scan does not support it."""
+        state = self.state
+        found = self.refusals()
+        if state is None or state.whole is None or found:
+            what, remedy = (found[0].what, found[0].remedy) if found else ("no view of the crossing yet", "Scan it")
+            raise ScanRefused(what, "cross-wire scan", remedy)
+        if self.wanted == "whole":
+            return state.whole.calibration
+        if self.reference is None or state.closed is None:
+            raise ScanRefused("ζ alone needs a calibration in force", "cross-wire scan", "Solve all of it")
+        return renewed(self.reference, state.closed)
+
+    def _running(self) -> RunningCalibration:
+        if self.running is None:
+            assert self.scan.size_px is not None
+            self.running = RunningCalibration(self.scan.size_px, self.reference)
+        return self.running
+
+    def _note_pose(self, pose: Pose) -> None:
+        t_ns = pose.stamp.t_ns
+        if pose.status is PoseStatus.OK or self._seen_ns is None:
+            self._seen_ns = t_ns
+            if pose.status is PoseStatus.OK:
+                self.pose_trouble = ""
+        elif t_ns - self._seen_ns > _UNSEEN_NS:
+            self.pose_trouble = f"the tracker does not see the probe: {pose.reason or pose.status.value}"
+
+    def _cut(self, t_ns: int, centre_px: Any) -> GreyImage:
+        frame = min(self._recent, key=lambda one: abs(one.stamp.t_ns - t_ns))
+        column, row = (round(float(one)) for one in centre_px)
+        padded = np.pad(frame.image, _HALF_PX)
+        return padded[row : row + 2 * _HALF_PX, column : column + 2 * _HALF_PX].copy()
+
+
+def look_fields(look: Look | None) -> dict[str, Any] | None:
+    """What the newest picture showed."""
+    if look is None:
+        return None
+    found = look.found
+    if isinstance(found, Crossing):
+        return {
+            "t_ns": look.t_ns,
+            "centre_px": [round(float(one), 2) for one in found.centre_px],
+            "confidence": round(found.confidence, 2),
+            "spots_px": [],
+            "why": "",
+        }
+    spots = [[round(float(one), 1) for one in spot] for spot in found.spots_px]
+    return {"t_ns": look.t_ns, "centre_px": None, "confidence": 0.0, "spots_px": spots, "why": found.reason.value}
+
+
+def counts_of(scanned: Scanned) -> dict[str, Any]:
+    """What changes with every picture."""
+    scan = scanned.scan
+    return {
+        "pictures": scan.pictures,
+        "sightings": scan.sightings,
+        "look": look_fields(scan.last),
+        "size_px": scan.size_px,
+        "lost": scanned.lost,
+        "missed": [{"why": why, "pictures": number} for why, number in scan.refused.most_common(4)],
+    }
+
+
+def state_fields(scanned: Scanned) -> dict[str, Any]:
+    """The running result in plain numbers, None where nothing is known."""
+    state = scanned.state
+    fields: dict[str, Any] = {
+        "wanted": scanned.wanted,
+        "refusals": [
+            {"reason": one.reason.value, "what": one.what, "remedy": one.remedy} for one in scanned.refusals()
+        ],
+        "views": [],
+        "result": None,
+        "coverage": None,
+    }
+    if state is None or scanned.running is None:
+        return fields
+    residual = None if state.whole is None else state.whole.residual_mm
+    kept_of = iter(range(len(state.used)))
+    views = []
+    for index, view in enumerate(scanned.running.views):
+        struck = index in state.struck
+        mine = None if struck or residual is None else next(kept_of)
+        off = None if mine is None or residual is None else round(float(np.linalg.norm(residual[mine])), 2)
+        cloud = state.cloud_mm[index]
+        views.append(
+            {
+                "struck": struck,
+                "used": bool(state.used[index]),
+                "off_mm": off,
+                "confidence": round(view.confidence, 2),
+                "centre_px": [round(float(one), 1) for one in view.centre_px],
+                "cloud_mm": None if np.isnan(cloud).any() else [round(float(one), 3) for one in cloud],
+            }
+        )
+    covered = state.coverage
+    return fields | {
+        "views": views,
+        "coverage": {
+            "bins": covered.bins.tolist(),
+            "places": covered.places.tolist(),
+            "spread_deg": [round(float(one), 1) for one in covered.spread_deg],
+            "next": covered.next_motion,
+        },
+        "result": _result_fields(state, scanned.reference),
+    }
+
+
+def _result_fields(state: Running, reference: Calibration | None) -> dict[str, Any] | None:
+    whole, closed = state.whole, state.closed
+    if whole is None:
+        return None
+    return {
+        "zeta_mm": state.zeta_mm,
+        "zeta_sigma_mm": state.zeta_sigma_mm,
+        "zeta_before_mm": None if reference is None else float(reference.offset_mm[2]),
+        "closed_mm": None if closed is None else closed.zeta_mm,
+        "closed_sigma_mm": None if closed is None else _finite(closed.zeta_sigma_mm),
+        "localisation_mm": whole.localisation_mm,
+        "expected_mm": _finite(whole.expected_mm),
+        "latency_ms": 1e3 * whole.latency_s,
+        "latency_sigma_ms": 1e3 * whole.latency_sigma_s,
+        "sigma": {name: float(sigma) for name, sigma in zip(PARAMETERS, whole.sigma, strict=True)},
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def marked(calibration: Calibration, simulated: bool) -> Calibration:
+    """With the mark of what was made of simulated pictures."""
+    return replace(calibration, simulated=simulated)

@@ -1,0 +1,446 @@
+"""One live recalibration at a time: page and terminal drive this object, and any number of people look at it.
+
+idle → scanning → review → proving → done; a scan that is rejected, abandoned or gone back on ends in `ended`, with the
+calibration before it in force. The service is asked to recalibrate before anything is scanned, and asked again where it
+has come back without remembering: the contact stays open from the first until the service has proved what it took.
+Nothing that goes wrong here closes it.
+"""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Self
+
+from appliance.service.control.client import ControlClient
+from appliance.service.control.server import ControlRefused
+from appliance.service.feed.message import FeedMessage, Lost, Ordered, Taken
+from appliance.storage.calibration_file import write_calibration
+from appliance.types import Calibration, State
+from drivers.errors import ConfigurationError, ProbewatchError
+from drivers.printable import printable
+from tools.recalibration.scanning import Scanned, counts_of, marked, state_fields
+from tools.shared.feed import Feed
+from tools.shared.sign_off import SignOff, whole_record
+from tools.shared.status_watch import Seen, StatusWatch
+
+_LOOK_S = 0.5
+"""Between two looks at the service's state, and before a lost feed is asked for again: ten ticks."""
+_SOLVE_EVERY_S = 0.5
+"""Between two solutions while views come: a person reads no faster, and 300 views take .1 s."""
+_ABANDONED_S = 900.0
+"""Without anybody at the page or the terminal before a scan is given up: a quarter of an hour of a cart that cannot be
+used. Longer keeps it from everybody; shorter loses a scan to a telephone call.
+"""
+_ANSWER_S = 3.0
+"""For the service to answer a request: sixty ticks, as it may read a file before it answers."""
+_LONGEST_WORDS = 200
+"""Characters of a name, a role or a comment."""
+
+
+class Phase(StrEnum):
+    """Where the procedure stands."""
+
+    IDLE = "idle"
+    SCANNING = "scanning"
+    REVIEW = "review"
+    PROVING = "proving"
+    DONE = "done"
+    ENDED = "ended"
+
+
+_HELD = (Phase.SCANNING, Phase.REVIEW)
+"""While the service has to recalibrate, and nothing has been taken yet."""
+_OPEN = (*_HELD, Phase.PROVING)
+
+
+@dataclass(frozen=True, slots=True)
+class Begin:
+    """What a person chose. wanted: whole, or zeta alone. technician: who scans."""
+
+    probe: str
+    preset: str
+    technician: str
+    reason: str = ""
+    wanted: str = "whole"
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """Who accepts it. confirm: the difference from the calibration in force, repeated where it must be accepted."""
+
+    name: str
+    role: str
+    comment: str = ""
+    confirm: str = ""
+
+
+class Asked(ControlRefused):
+    """The difference must be accepted first; text is to be repeated."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(
+            f"differs from the calibration in force: {text}", "new calibration", "Accept that, or reject it"
+        )
+        self.text = text
+
+
+class ScanSession:
+    """control, feed: sockets of the service. folder: where new calibrations are written, readable to the service.
+
+    watch: of the same service. now_s: a clock in seconds. Requests raise ProbewatchError, in words for the technician.
+    """
+
+    def __init__(
+        self,
+        control: Path,
+        feed: Path,
+        folder: Path,
+        watch: StatusWatch,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._control, self._feed, self._folder, self._watch, self._now_s = control, feed, folder, watch, now_s
+        self._lock = threading.RLock()
+        self._changed = threading.Event()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recalibration", daemon=True)
+        self._phase, self._message, self._trouble = Phase.IDLE, "", ""
+        self._begin: Begin | None = None
+        self._scanned: Scanned | None = None
+        self._reference: Calibration | None = None
+        self._heard_order = False
+        self._file: Path | None = None
+        self._sha256 = ""
+        self._touched_s = now_s()
+        self._fields: dict[str, Any] = {}
+        self._solved_s = 0.0
+        self._asked_ns = 0
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """A scan that nobody can finish any more is given up, so that the cart can be used."""
+        self._ended.set()
+        self._changed.set()
+        self._thread.join(2 * _ANSWER_S)
+        with self._lock, contextlib.suppress(ProbewatchError):
+            if self._phase in _HELD:
+                self._abort("the page has ended")
+
+    @property
+    def phase(self) -> Phase:
+        return self._phase
+
+    def touch(self) -> None:
+        """Somebody who may go on with it is there."""
+        self._touched_s = self._now_s()
+
+    def fields(self) -> dict[str, Any]:
+        """Everything there is to show; docs/recalibration.md tells the phases."""
+        with self._lock:
+            begin = self._begin
+            return {
+                "phase": self._phase.value,
+                "message": self._message,
+                "trouble": self._trouble or ("" if self._scanned is None else self._scanned.pose_trouble),
+                "technician": "" if begin is None else begin.technician,
+                "probe": "" if begin is None else begin.probe,
+                "preset": "" if begin is None else begin.preset,
+                "file": None if self._file is None else str(self._file),
+                "scan": {**self._fields, **counts_of(self._scanned)} if self._fields and self._scanned else None,
+            }
+
+    def look_at(self, t_ns: int) -> dict[str, Any] | None:
+        """What was found in the picture of that time; None while nothing is scanned, or it was not one of the last."""
+        with self._lock:
+            scanned = self._scanned if self._phase is Phase.SCANNING else None
+            return None if scanned is None else scanned.look_at(t_ns)
+
+    @property
+    def looked_ns(self) -> int | None:
+        """Of the newest picture that was looked at; None while nothing is scanned."""
+        scanned = self._scanned if self._phase is Phase.SCANNING else None
+        look = None if scanned is None else scanned.scan.last
+        return None if look is None else look.t_ns
+
+    def thumbnail(self, index: int) -> Any:
+        """(h, w) uint8 around the crossing of a view, None where there is no such view."""
+        with self._lock:
+            known = [] if self._scanned is None else self._scanned.thumbnails
+            return known[index] if 0 <= index < len(known) else None
+
+    def begin(self, begin: Begin) -> None:
+        """Ask the service to recalibrate, and scan."""
+        with self._lock:
+            if self._phase in _OPEN:
+                who = "" if self._begin is None else self._begin.technician
+                raise ControlRefused(
+                    f"{who} recalibrates already", "recalibration", "Look on, or have it rejected first"
+                )
+            begin = _checked(begin)
+            self._ask(lambda client: client.begin_recalibration())
+            self._begin, self._scanned, self._file, self._sha256 = begin, None, None, ""
+            self._heard_order, self._reference, self._fields = False, None, {}
+            self._phase, self._message, self._trouble = Phase.SCANNING, "", ""
+            self.touch()
+        self._changed.set()
+
+    def finish(self) -> None:
+        """The scan is over: look at it."""
+        with self._lock:
+            self._require(Phase.SCANNING)
+            if self._scanned is None or self._scanned.running is None:
+                raise ControlRefused("no view of the crossing yet", "scan", "Pass slowly through the crossing")
+            for view in self._scanned.scan.finish():
+                self._scanned.settle(view)
+            self._phase = Phase.REVIEW
+            self._solve()
+
+    def resume(self) -> None:
+        """Scan on: what there is stays."""
+        with self._lock:
+            self._require(Phase.REVIEW)
+            self._phase = Phase.SCANNING
+        self._changed.set()
+
+    def strike(self, index: int, struck: bool = True) -> None:
+        """Leave a view out, or take it back."""
+        with self._lock:
+            self._change(lambda scanned: scanned.strike(index, struck))
+
+    def correct(self, index: int, centre_px: tuple[float, float]) -> None:
+        """Put the crossing of a view elsewhere, (column, row)."""
+        with self._lock:
+            self._change(lambda scanned: scanned.correct(index, centre_px))
+
+    def accept(self, signature: Signature) -> None:
+        """Write it, give it to the service, and have that prove it. Raises Asked for a difference to be accepted."""
+        signature = _signed(signature)
+        with self._lock:
+            self._require(Phase.REVIEW)
+            assert self._scanned is not None
+            assert self._begin is not None
+            _sign_off(self._begin, signature).check()
+            seen = self._watch.seen()
+            simulated = bool(seen.status and seen.status.get("simulated"))
+            calibration = marked(self._scanned.calibration(), simulated)
+            self._hold(seen)
+            self._file = self._write(calibration, signature)
+            proposal = self._given(self._file, signature.confirm)
+            self._sha256 = str(proposal["sha256"])
+            self._phase, self._message = Phase.PROVING, ""
+        self._changed.set()
+
+    def reject(self, why: str = "") -> None:
+        """Give it up: the calibration before stays in force."""
+        with self._lock:
+            if self._phase not in _OPEN:
+                raise ControlRefused("nothing is being recalibrated", "recalibration", "Begin one")
+            self._abort(f"rejected{': ' if why else ''}{printable(why, _LONGEST_WORDS)}")
+
+    def dismiss(self) -> None:
+        """Back to the beginning, from what has ended."""
+        with self._lock:
+            if self._phase in (Phase.DONE, Phase.ENDED):
+                self._phase, self._scanned, self._begin, self._fields = Phase.IDLE, None, None, {}
+                self._message = self._trouble = ""
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            if self._phase is Phase.SCANNING:
+                self._scan()
+            else:
+                self._changed.wait(_LOOK_S)
+                self._changed.clear()
+            self._look()
+
+    def _scan(self) -> None:
+        """Listen until the phase changes, or the feed is lost."""
+        try:
+            with Feed(self._feed) as feed:
+                looked_s = 0.0
+                while self._phase is Phase.SCANNING and not self._ended.is_set():
+                    message = feed.next(_LOOK_S)
+                    with self._lock:
+                        self._take(message)
+                    if self._now_s() - looked_s > _LOOK_S:
+                        looked_s = self._now_s()
+                        self._look()
+        except ProbewatchError as error:
+            self._trouble = f"the pictures are lost: {error.what}. The scan is kept, and goes on when they come back"
+            self._ended.wait(_LOOK_S)
+
+    def _take(self, message: FeedMessage | None) -> None:
+        if self._phase is not Phase.SCANNING:
+            return
+        if isinstance(message, Ordered) and not self._heard_order:
+            self._heard_order = True
+            self._reference = None if message.order is None else message.order.reference
+            wanted = "whole" if self._begin is None else self._begin.wanted
+            self._scanned = Scanned.begun(self._reference, wanted)
+        elif self._scanned is None:
+            return
+        elif isinstance(message, Taken):
+            self._scanned.take(message.sample)
+            if self._now_s() - self._solved_s > _SOLVE_EVERY_S:
+                self._solve()
+        elif isinstance(message, Lost):
+            self._scanned.lost += message.samples
+
+    def _solve(self) -> None:
+        if self._scanned is not None:
+            self._solved_s = self._now_s()
+            self._fields = state_fields(self._scanned)
+
+    def _change(self, change: Callable[[Scanned], None]) -> None:
+        self._require(Phase.SCANNING, Phase.REVIEW)
+        if self._scanned is None:
+            raise ControlRefused("no view of the crossing yet", "scan", "Pass slowly through the crossing")
+        try:
+            change(self._scanned)
+        except (IndexError, ValueError) as error:
+            raise ControlRefused(str(error), "view", "Choose another") from None
+        self._solve()
+
+    def _look(self) -> None:
+        """At the service: hold it, or see what has become of it."""
+        seen = self._watch.seen()
+        with self._lock:
+            if self._phase in _HELD:
+                if self._now_s() - self._touched_s > _ABANDONED_S:
+                    with contextlib.suppress(ProbewatchError):
+                        self._abort("abandoned: nobody was there for a quarter of an hour")
+                    return
+                try:
+                    self._hold(seen)
+                    self._trouble = ""
+                except ProbewatchError as error:
+                    self._trouble = error.what
+            elif self._phase is Phase.PROVING:
+                self._prove(seen)
+
+    def _hold(self, seen: Seen) -> None:
+        """The service recalibrates, or is asked to again. Raises ProbewatchError, in words."""
+        if seen.status is None:
+            raise ControlRefused(f"the service does not answer ({seen.silence}). The scan is kept")
+        if seen.status["state"] == State.RECALIBRATING.value or self._is_old(seen):
+            return
+        try:
+            self._ask(lambda client: client.begin_recalibration())
+        except ControlRefused:
+            lost = "; ".join(f"{device}: {what}" for device, what in seen.status["lost"].items())
+            why = lost or seen.status["reason"]
+            raise ControlRefused(f"{seen.status['state']}: {why}. The scan is kept, and goes on by itself") from None
+
+    def _prove(self, seen: Seen) -> None:
+        status = seen.status
+        if self._is_old(seen):
+            return
+        if status is None:
+            self._trouble = f"the service does not answer ({seen.silence})"
+            return
+        self._trouble = ""
+        ours = (status["reference"] or {}).get("sha256") == self._sha256
+        self._message = str(status.get("reference_waits") or status["reason"])
+        if status["state"] == State.MONITORING.value and ours:
+            self._phase, self._message = Phase.DONE, "the service has verified the new calibration and monitors again"
+        elif not ours:
+            self._phase = Phase.ENDED
+            self._message = f"not verified, the calibration before is in force: {status['state']}: {status['reason']}"
+
+    def _given(self, file: Path, confirm: str) -> dict[str, Any]:
+        """Raises Asked."""
+        with self._client() as client:
+            proposal = client.propose_calibration(file)
+            if proposal["confirm"] and confirm != proposal["text"]:
+                file.unlink(missing_ok=True)
+                self._file = None
+                raise Asked(str(proposal["text"]))
+            client.end_recalibration(file, str(proposal["text"]))
+        self._asked_ns = time.monotonic_ns()
+        return proposal
+
+    def _write(self, calibration: Calibration, signature: Signature) -> Path:
+        assert self._begin is not None
+        words = "-".join(filter(None, (_plain(self._begin.probe), _plain(self._begin.preset))))
+        file = self._folder / f"{words or 'probe'}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.toml"
+        if file.exists():
+            raise ConfigurationError("exists already", str(file), "Try again in a second")
+        write_calibration(file, calibration, self._provenance(signature))
+        file.chmod(0o640)  # the service, of the same group, reads it
+        return file
+
+    def _provenance(self, signature: Signature) -> dict[str, str]:
+        begin, scanned = self._begin, self._scanned
+        assert begin is not None
+        assert scanned is not None
+        state = scanned.state
+        assert state is not None
+        solved = "all eight parameters" if begin.wanted == "whole" else "ζ alone, closed form"
+        source = f"live scan on the cart, {scanned.scan.pictures} pictures, {scanned.lost} samples lost"
+        record = whole_record(state, _sign_off(begin, signature), source, scanned.sha256)
+        return {**record, "solved": solved}
+
+    def _abort(self, why: str) -> None:
+        """Raises ProbewatchError where the service does not answer; then nothing has changed here either."""
+        with contextlib.suppress(ControlRefused):  # it does not recalibrate any more
+            self._ask(lambda client: client.abort_recalibration())
+        self._phase, self._message, self._trouble = Phase.ENDED, why, ""
+
+    def _require(self, *phases: Phase) -> None:
+        if self._phase not in phases:
+            raise ControlRefused(f"not possible while {self._phase.value}", "recalibration", "Reload the page")
+
+    def _ask(self, request: Callable[[ControlClient], None]) -> None:
+        with self._client() as client:
+            request(client)
+        self._asked_ns = time.monotonic_ns()
+
+    def _is_old(self, seen: Seen) -> bool:
+        """Whether that was said before the service did what it was asked last."""
+        return seen.status is not None and seen.t_ns <= self._asked_ns
+
+    def _client(self) -> ControlClient:
+        return ControlClient(self._control, _ANSWER_S)
+
+
+def _checked(begin: Begin) -> Begin:
+    if begin.wanted not in ("whole", "zeta"):
+        raise ControlRefused("unknown choice", begin.wanted, "Choose the whole calibration, or ζ alone")
+    probe, preset, technician, reason = (
+        printable(text.strip(), _LONGEST_WORDS) for text in (begin.probe, begin.preset, begin.technician, begin.reason)
+    )
+    if not (probe and preset and technician):
+        raise ControlRefused("probe, depth and your name are needed", "recalibration", "Fill them in")
+    return Begin(probe, preset, technician, reason, begin.wanted)
+
+
+def _signed(signature: Signature) -> Signature:
+    name, role, comment = (
+        printable(text.strip(), _LONGEST_WORDS) for text in (signature.name, signature.role, signature.comment)
+    )
+    if not (name and role):
+        raise ControlRefused("name and role of the second person are needed", "sign-off", "Fill them in")
+    return Signature(name, role, comment, signature.confirm)
+
+
+def _sign_off(begin: Begin, signature: Signature) -> SignOff:
+    return SignOff(
+        made_by=begin.technician,
+        signed_by=signature.name,
+        role=signature.role,
+        comment=signature.comment,
+        reason=begin.reason,
+        probe_serial=begin.probe,
+        preset=begin.preset,
+    )
+
+
+def _plain(text: str) -> str:
+    return "".join(sign if sign.isascii() and sign.isalnum() else "_" for sign in text)[:40].strip("_")

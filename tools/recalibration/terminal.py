@@ -1,0 +1,183 @@
+"""The live recalibration in a terminal: the session of the page, with lines instead of buttons."""
+
+import select
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import click
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from appliance.service.control.server import ControlRefused
+from tools.recalibration.session import Asked, Begin, Phase, ScanSession, Signature
+
+_EVERY_S = 0.25
+"""Between two pictures, as of `probewatch status --watch`; how late a line is heard."""
+_MOST_REFUSALS = 4
+"""Shown at once: what to mend first stands in front."""
+
+Fields = Mapping[str, Any]
+
+
+def run(session: ScanSession, begin: Begin, signature: Signature | None) -> None:
+    """The whole procedure. signature: of the second person, where he need not be asked; then nobody is asked anything,
+    the scan ends as soon as nothing stands against it, and a difference is not accepted.
+
+    Raises ProbewatchError where it ends without a new calibration, click.Abort for Ctrl-C; a scan is then rejected.
+    """
+    session.begin(begin)
+    try:
+        while session.phase in (Phase.SCANNING, Phase.REVIEW):
+            _scan(session, alone=signature is not None)
+            _review(session, signature)
+        _prove(session)
+    except BaseException:
+        if session.phase in (Phase.SCANNING, Phase.REVIEW, Phase.PROVING):
+            session.reject("stopped in the terminal")
+        raise
+
+
+def picture(fields: Fields) -> RenderableType:
+    """What the page shows of a scan, in lines."""
+    scan = fields["scan"]
+    lines: list[RenderableType] = []
+    if fields["trouble"]:
+        lines.append(Text(f"! {fields['trouble']}", style="bold red"))
+    if scan is None:
+        return Group(*lines, Text("waiting for the first picture"))
+    look, coverage = scan["look"], scan["coverage"]
+    found = "…" if look is None else _found(look)
+    lines.append(Text(f"{found}   ·   {len(scan['views'])} views in {scan['pictures']} pictures"))
+    lines.append(Text(_zeta(scan["result"]), style="bold"))
+    if coverage is not None:
+        lines += [Text(f"next: {coverage['next'] or 'all is covered'}", style="bold cyan"), _bins(coverage)]
+    lines += [
+        Text(f"{one['reason']}: {one['what']}. {one['remedy']}", style="yellow")
+        for one in scan["refusals"][:_MOST_REFUSALS]
+    ]
+    return Group(*lines)
+
+
+def _scan(session: ScanSession, alone: bool) -> None:
+    if session.phase is not Phase.SCANNING:
+        return
+    console = Console(file=sys.stdout, highlight=False)
+    if not alone:
+        console.print("Scan the crossing; Enter when it is complete, Ctrl-C to give up.")
+    with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
+        while session.phase is Phase.SCANNING:
+            session.touch()
+            fields = session.fields()
+            live.update(picture(fields))
+            scan = fields["scan"]
+            complete = scan is not None and scan["result"] is not None and not scan["refusals"]
+            if (alone and complete) or (not alone and _line_within(_EVERY_S) is not None):
+                _finish(session, live)
+            elif alone:
+                select.select([], [], [], _EVERY_S)
+
+
+def _finish(session: ScanSession, live: Live) -> None:
+    try:
+        session.finish()
+    except ControlRefused as error:
+        live.console.print(str(error))
+
+
+def _review(session: ScanSession, signature: Signature | None) -> None:
+    """Until it is accepted, rejected or scanned on."""
+    console = Console(file=sys.stdout, highlight=False)
+    while session.phase is Phase.REVIEW:
+        session.touch()
+        fields = session.fields()
+        console.print(picture(fields), _views(fields["scan"]))
+        if signature is not None:
+            session.accept(signature)
+            continue
+        said = click.prompt("accept, scan on, reject, or numbers of views to strike out or take back").strip()
+        try:
+            _answer(session, said, fields)
+        except ControlRefused as error:
+            console.print(str(error))
+
+
+def _answer(session: ScanSession, said: str, fields: Fields) -> None:
+    if said == "accept":
+        _accept(session)
+    elif said == "scan on":
+        session.resume()
+    elif said == "reject":
+        session.reject("in the terminal")
+    else:
+        views = fields["scan"]["views"]
+        for word in said.replace(",", " ").split():
+            index = int(word) - 1 if word.isdecimal() else -1
+            session.strike(index, not (0 <= index < len(views) and views[index]["struck"]))
+
+
+def _accept(session: ScanSession) -> None:
+    name, role = click.prompt("name of the second person"), click.prompt("role")
+    comment = click.prompt("comment", default="", show_default=False)
+    try:
+        session.accept(Signature(name, role, comment))
+    except Asked as question:
+        click.echo(f"against the calibration in force: {question.text}")
+        if click.confirm("Accept that? Nothing of it is verified then."):
+            session.accept(Signature(name, role, comment, question.text))
+
+
+def _prove(session: ScanSession) -> None:
+    console = Console(file=sys.stdout, highlight=False)
+    if session.phase is Phase.PROVING:
+        console.print("Now move the probe over tissue, to and fro, tilting and turning it: the service proves it.")
+    with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
+        while session.phase is Phase.PROVING:
+            fields = session.fields()
+            live.update(Text(fields["trouble"] or fields["message"]))
+            select.select([], [], [], _EVERY_S)
+    fields = session.fields()
+    if session.phase is not Phase.DONE:
+        raise ControlRefused(fields["message"], "recalibration", "The calibration before is in force")
+    click.echo(f"{fields['message']}\nwritten: {fields['file']}")
+
+
+def _line_within(seconds: float) -> str | None:
+    """What was typed, None where nothing was. Raises click.Abort at the end of the input."""
+    ready, _, _ = select.select([sys.stdin], [], [], seconds)
+    if not ready:
+        return None
+    line = sys.stdin.readline()
+    if not line:
+        raise click.Abort
+    return line.strip()
+
+
+def _found(look: Fields) -> str:
+    return str(look["why"]) if look["centre_px"] is None else f"crossing found, {100 * look['confidence']:.0f} %"
+
+
+def _zeta(result: Fields | None) -> str:
+    if result is None:
+        return "ζ …"
+    before = result["zeta_before_mm"]
+    return f"ζ {result['zeta_mm']:.2f} ± {result['zeta_sigma_mm']:.2f} mm" + (
+        "" if before is None else f" (before: {before:.2f})"
+    )
+
+
+def _bins(coverage: Fields) -> Table:
+    table = Table.grid(padding=(0, 1))
+    for name, counts in zip(("lean to and fro", "twist", "lean sideways"), coverage["bins"], strict=True):
+        table.add_row(name, *(Text(f"{count:3}", style="green" if count > 1 else "dim") for count in counts))
+    return table
+
+
+def _views(scan: Fields) -> Text:
+    text = Text()
+    for number, view in enumerate(scan["views"], 1):
+        off = "–" if view["off_mm"] is None else f"{view['off_mm']:.2f} mm"
+        text.append(f"{number}: {off}   ", style="" if view["used"] else "red strike")
+    return text

@@ -1,0 +1,225 @@
+"""A recorder at work: it listens to the feed, asks for the status, answers `probewatch record`, and writes.
+
+Three threads hear, one writes; whatever the disk does, the service is not made to wait: what does not fit into the
+queue stays with the feed, which leaves samples out and says how many.
+"""
+
+import errno
+import fcntl
+import json
+import os
+import queue
+import secrets
+import socket
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import UTC, datetime, timedelta
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Self
+
+import click
+
+from appliance.configuration.config import Config
+from appliance.service.control.client import ControlClient
+from appliance.service.feed.message import FeedMessage
+from appliance.service.feed.request import FeedRequest
+from appliance.service.host.unix_socket import connected, listening
+from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from drivers.files.atomic_file import make_folder
+from drivers.printable import printable
+from tools.recorder.recorder import Keeping, Recorder
+from tools.recorder.ring import Bounds, DiskRing
+from tools.shared.feed import Feed
+
+_QUEUED = 96
+"""Messages between hearing and writing, 32 pictures or 1 s, and 16 MB more wait in the feed: so long may a disk pause.
+More takes memory, of which the largest pictures need 4 MB each."""
+_STATUS_EVERY_S = 0.25
+"""Between two questions: a change of the state is known as soon, and an alarm is minutes long in the files."""
+_AGAIN_S = 0.2
+"""Before a service that is not there is asked again: an estimator that was replaced takes a second to begin, and its
+line is recorded from its first sample. Longer misses that; shorter takes the processor for nothing."""
+_ANSWER_S = 2.0
+"""For either side of the recorder's own socket to say its line."""
+_LONGEST_LINE = 4096  # as of the control socket
+_GB = 1e9  # as people buy disks
+
+_Task = Callable[[int], None]
+"""(CLOCK_MONOTONIC ns) → nothing; what the writing thread is to do."""
+
+
+class RecorderService:
+    """Everything of a recorder. Leave the context to end its file. Raises ConfigurationError where it cannot begin."""
+
+    def __init__(self, config: Config, say: Callable[[str], None] = lambda text: click.echo(text, err=True)) -> None:
+        self._config, self._settings, self._say = config, config.recorder, say
+        if config.feed_socket is None:
+            remedy = "Set [feed] offered = true and reload the service"
+            raise ConfigurationError("the service offers no feed to record", "[feed]", remedy)
+        self._feed_path = config.feed_socket
+        try:
+            self._lock = _locked(self._settings.folder)
+            self.recorder = _recorder(config, say)
+            self._listener = listening(self._settings.socket, config.control.group, 8)
+        except (OSError, LookupError) as error:
+            remedy = "Give [recorder] a folder and a socket that this user may write to"
+            where = f"[recorder] {self._settings.folder}"
+            raise ConfigurationError(f"cannot be used ({error})", where, remedy) from None
+        self._listener.settimeout(_AGAIN_S)
+        self._tasks: queue.Queue[_Task] = queue.Queue(_QUEUED)
+        self._ended = threading.Event()
+        self._feed: Feed | None = None
+        self._threads = [
+            threading.Thread(target=body, name=name, daemon=True)
+            for name, body in (("feed", self._hear), ("status", self._ask), ("socket", self._answer))
+        ]
+
+    def __enter__(self) -> Self:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        if self._feed is not None:
+            self._feed.close()
+        self._drain()
+        for thread in self._threads:
+            thread.join(2 * _ANSWER_S)
+        self._drain()
+        self.recorder.close()
+        self._listener.close()
+        self._settings.socket.unlink(missing_ok=True)
+        os.close(self._lock)
+
+    def run(self, ended: Callable[[], bool]) -> None:
+        """Write until ended() says so."""
+        while not ended():
+            with suppress(queue.Empty):
+                self._tasks.get(timeout=_STATUS_EVERY_S)(time.monotonic_ns())
+
+    def _drain(self) -> None:
+        with suppress(queue.Empty):
+            while True:
+                self._tasks.get_nowait()(time.monotonic_ns())
+
+    def _do(self, task: _Task) -> None:
+        """Wait for room, so that the feed keeps what does not fit; nothing is left behind at the end."""
+        while not self._ended.is_set():
+            with suppress(queue.Full):
+                self._tasks.put(task, timeout=_STATUS_EVERY_S)
+                return
+
+    def _hear(self) -> None:
+        silent = False
+        while not self._ended.is_set():
+            try:
+                with Feed(self._feed_path, FeedRequest(every=self._settings.every)) as feed:
+                    self._feed, silent = feed, False
+                    for message in feed:
+                        self._do(_taking(self.recorder, message))
+            except ProbewatchError as error:
+                why = str(error)
+                if not silent and not self._ended.is_set():
+                    self._say(f"waiting for the service: {why}")
+                    self._do(lambda now_ns, why=why: self.recorder.interrupted(why, now_ns))  # type: ignore[misc]
+                silent = True
+            self._ended.wait(_AGAIN_S)
+
+    def _ask(self) -> None:
+        while not self._ended.is_set():
+            with suppress(ProbewatchError, ValueError, KeyError), ControlClient(self._config.control.socket) as client:
+                while not self._ended.wait(_STATUS_EVERY_S):
+                    status = client.status()
+                    self._do(lambda now_ns, status=status: self.recorder.state(status, now_ns))  # type: ignore[misc]
+            self._ended.wait(_AGAIN_S)
+
+    def _answer(self) -> None:
+        while not self._ended.is_set():
+            with suppress(OSError):
+                link, _ = self._listener.accept()
+                link.settimeout(_ANSWER_S)
+                with link:
+                    reply = self._reply(_line(link))
+                    link.sendall(json.dumps(reply).encode() + b"\n")
+
+    def _reply(self, line: bytes) -> dict[str, Any]:
+        try:
+            asked = json.loads(line)
+            do, reason = str(asked["do"]), printable(str(asked.get("reason", "")))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            return {"ok": False, "error": "a request is one line of JSON with do"}
+        if do not in ("start", "stop", "status"):
+            return {"ok": False, "error": "it knows start, stop, status"}
+        done: queue.Queue[str] = queue.Queue()
+        self._do(lambda now_ns: done.put(self._marked(do, reason, now_ns)))
+        with suppress(queue.Empty):
+            refused = done.get(timeout=_ANSWER_S)
+            return {"ok": False, "error": refused} if refused else {"ok": True, **self.recorder.fields()}
+        return {"ok": False, "error": "the recorder is busy; is its disk?"}
+
+    def _marked(self, do: str, reason: str, now_ns: int) -> str:
+        """Why it was refused; empty where it was not."""
+        try:
+            if do != "status":
+                self.recorder.mark(do, reason, now_ns)
+        except ValueError as error:
+            return str(error)
+        return ""
+
+
+def ask(path: Path, do: str, reason: str = "") -> dict[str, Any]:
+    """A running recorder; its fields. Raises DeviceLost where none answers or it refuses."""
+    try:
+        with connected(path, 2 * _ANSWER_S) as link:
+            link.sendall(json.dumps({"do": do, "reason": reason}).encode() + b"\n")
+            reply = json.loads(_line(link))
+    except (OSError, ValueError) as error:
+        remedy = "Start it: systemctl start probewatch-recorder; journalctl -u probewatch-recorder says why it ended"
+        raise DeviceLost(f"no recorder answers ({error})", str(path), remedy) from None
+    if not isinstance(reply, dict) or not reply.get("ok"):
+        raise DeviceLost(f"refused: {reply.get('error') if isinstance(reply, dict) else reply}", str(path))
+    return reply
+
+
+def _taking(recorder: Recorder, message: FeedMessage) -> _Task:
+    return lambda now_ns: recorder.take(message, now_ns)
+
+
+def _line(link: socket.socket) -> bytes:
+    line = b""
+    while not line.endswith(b"\n") and len(line) < _LONGEST_LINE:
+        part = link.recv(_LONGEST_LINE)
+        if not part:
+            break
+        line += part
+    return line
+
+
+def _locked(folder: Path) -> int:
+    """Descriptor of a lock that another recorder of this folder would hold. Raises OSError."""
+    make_folder(folder, 0o750)
+    descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise OSError(errno.EBUSY, "another recorder writes there") from None
+    return descriptor
+
+
+def _recorder(config: Config, say: Callable[[str], None]) -> Recorder:
+    settings = config.recorder
+    bounds = Bounds(round(settings.ring_gb * _GB), round(settings.kept_gb * _GB), round(settings.leave_free_gb * _GB))
+    before_ns, after_ns = (round(s * 1e9) for s in (settings.before_alarm_s, settings.after_alarm_s))
+    keeping = Keeping(before_ns, after_ns, settings.every, settings.text == "blacken")
+    ring = DiskRing(settings.folder, bounds)
+    return Recorder(ring, keeping, secrets.token_hex(4), f"probewatch {version('probewatch')}", _utc, say)
+
+
+def _utc(now_ns: int) -> str:
+    ago = timedelta(microseconds=(time.monotonic_ns() - now_ns) / 1e3)
+    return (datetime.now(UTC) - ago).isoformat(timespec="milliseconds")

@@ -1,0 +1,80 @@
+"""What all pages share: one file, its style, its tables, and pictures and plots inside it."""
+
+import base64
+import html
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import cv2
+
+from drivers.files.atomic_file import writing
+from drivers.samples import GreyImage
+
+_ALLOWED = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+"""Whatever a file or a device may have put into the text, the page loads and runs nothing."""
+_STYLE = """
+:root { color-scheme: light dark; font: 15px/1.5 system-ui, sans-serif;
+  --text: #1c1b1f; --ground: #fff; --faint: #e4e4e4; --soft: #555; --a: #2f6fab; --b: #c77c11; --bad: #b3261e;
+  --good: #2e7d32; --wait: #00838f; --warn: #b98900; }
+@media (prefers-color-scheme: dark) { :root { --text: #e8e6ea; --ground: #16151a; --faint: #34323a; --soft: #aaa;
+  --a: #7db4ea; --b: #f0ae52; --bad: #ff8a80; --good: #81c784; --wait: #4dd0e1; --warn: #ffd54f; } }
+@page { size: A4; margin: 15mm; }
+@media print { :root { color-scheme: light; } body { margin: 0; } section { break-inside: avoid; } }
+body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: var(--text); background: var(--ground); }
+table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }
+th, td { padding: .2rem .7rem; border-bottom: 1px solid var(--faint); text-align: right; }
+th:first-child, td:first-child { text-align: left; } td.bad { color: var(--bad); font-weight: 600; }
+td.good { color: var(--good); } .note { color: var(--soft); } .verdict { font-size: 1.3rem; font-weight: 600; }
+.good { color: var(--good); } .bad { color: var(--bad); } .wait { color: var(--wait); }
+svg, img { max-width: 100%; height: auto; } svg text { font-size: 12px; fill: var(--text); }
+svg text.tick { text-anchor: middle; fill: var(--soft); } svg text.left { text-anchor: end; }
+svg text.label { text-anchor: middle; fill: var(--soft); }
+svg .grid { stroke: var(--faint); } svg .limit { stroke: var(--bad); stroke-dasharray: 6 4; }
+svg polyline { fill: none; stroke-width: 1.5; }
+svg polyline.a { stroke: var(--a); } svg polyline.b { stroke: var(--b); }
+svg text.a { fill: var(--a); } svg text.b { fill: var(--b); } svg .band { opacity: .22; }
+svg .band.a { fill: var(--a); } svg rect.good { fill: var(--good); } svg rect.bad { fill: var(--bad); }
+svg rect.wait { fill: var(--wait); } svg rect.warn { fill: var(--warn); } svg rect.a { fill: var(--a); }
+"""
+
+
+def write_page(path: Path, title: str, parts: Iterable[str]) -> None:
+    """One HTML file that loads nothing from anywhere. Raises ConfigurationError where it cannot be written."""
+    head = (
+        f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{html.escape(title)}</title>"
+        '<meta name=viewport content="width=device-width">'
+        f'<meta http-equiv="Content-Security-Policy" content="{_ALLOWED}">'
+        f"<style>{_STYLE}</style></head><body><main>"
+    )
+    with writing(path) as stream:
+        stream.write((head + "\n".join(parts) + "\n</main></body></html>\n").encode(errors="replace"))
+
+
+def section(heading: str, *parts: str) -> str:
+    """With a heading of its own."""
+    return f"<section><h2>{html.escape(heading)}</h2>{''.join(parts)}</section>"
+
+
+def text(words: str, kind: str = "") -> str:
+    """A paragraph."""
+    return f'<p class="{kind}">{html.escape(words)}</p>' if kind else f"<p>{html.escape(words)}</p>"
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A cell that begins with "!" ought not to be; one with "+" is as it should be."""
+    head = "".join(f"<th scope=col>{html.escape(one)}</th>" for one in heads)
+    body = "".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def picture(image: GreyImage, alt: str) -> str:
+    """image: (h, w) or (h, w, 3) BGR, uint8; inside the page."""
+    done, png = cv2.imencode(".png", image)
+    assert done
+    data = base64.b64encode(png.tobytes()).decode()
+    return f'<img alt="{html.escape(alt, quote=True)}" src="data:image/png;base64,{data}">'
+
+
+def _cell(said: str) -> str:
+    kind = {"!": " class=bad", "+": " class=good"}.get(said[:1], "")
+    return f"<td{kind}>{html.escape(said[1:] if kind else said)}</td>"

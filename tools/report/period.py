@@ -1,0 +1,212 @@
+"""What happened on a cart in a day, week or month, by its alarm log, its references and its self-tests."""
+
+import json
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from appliance.storage.alarm_chain import BEGUN, Entry, Reading
+from appliance.supervision.alarms import SIGNALS, Priority
+from appliance.types import State
+
+PERIODS = ("day", "week", "month")
+Shares = defaultdict[str, float]
+"""State → seconds."""
+OFF = "off"
+"""In place of a state while the service did not run."""
+_ALARMS = {state.value for state, signal in SIGNALS.items() if signal.priority in (Priority.HIGH, Priority.MEDIUM)}
+_MOST_BYTES = 1_000_000
+"""Of the record of a self-test, which has some kB."""
+
+
+@dataclass(frozen=True, slots=True)
+class Period:
+    """From start until before end, UTC. name: such as 2026-10."""
+
+    name: str
+    start: datetime
+    end: datetime
+
+    @property
+    def days(self) -> list[datetime]:
+        """The beginning of each."""
+        return [self.start + timedelta(days=number) for number in range((self.end - self.start).days)]
+
+
+def period(kind: str, day: datetime) -> Period:
+    """The day, week (from Monday on) or month that the day lies in."""
+    start = day.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
+    if kind == "day":
+        return Period(f"{start:%Y-%m-%d}", start, start + timedelta(days=1))
+    if kind == "week":
+        start -= timedelta(days=start.weekday())
+        return Period(f"{start:%G-W%V}", start, start + timedelta(days=7))
+    start = start.replace(day=1)
+    return Period(f"{start:%Y-%m}", start, (start + timedelta(days=31)).replace(day=1))
+
+
+def last_period(kind: str, now: datetime) -> Period:
+    """The last that is over."""
+    return period(kind, period(kind, now).start - timedelta(hours=1))
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One time of alarm, from the first state that is one to the first that is none. worst: the last of them."""
+
+    begun: datetime
+    lasted_s: float
+    worst: str
+    fault: str
+    reason: str
+
+
+@dataclass
+class Summary:
+    """shares_s: state → seconds. by_day: the same for each day, in order. requests: what was asked, how often.
+
+    damages: of the log, in words; chains: how often it was begun anew. self_tests: as they were kept, oldest first.
+    """
+
+    period: Period
+    shares_s: Shares = field(default_factory=lambda: defaultdict(float))
+    by_day: list[Shares] = field(default_factory=list)
+    alarms: list[Alarm] = field(default_factory=list)
+    requests: Counter[str] = field(default_factory=Counter)
+    references: list[Entry] = field(default_factory=list)
+    software: list[tuple[str, str]] = field(default_factory=list)
+    starts: int = 0
+    damages: list[str] = field(default_factory=list)
+    chains: int = 0
+    self_tests: list[dict[str, Any]] = field(default_factory=list)
+    simulated: bool = False
+
+    @property
+    def on_s(self) -> float:
+        """Seconds in which the service ran."""
+        return sum(seconds for state, seconds in self.shares_s.items() if state != OFF)
+
+    @property
+    def verified(self) -> float:
+        """Share of that in which the calibration was verified; NaN where it never ran."""
+        return share(self.shares_s)
+
+
+def share(shares_s: Shares) -> float:
+    """Of the time in which the service ran, that of MONITORING."""
+    on_s = sum(seconds for state, seconds in shares_s.items() if state != OFF)
+    return shares_s[State.MONITORING.value] / on_s if on_s > 0 else float("nan")
+
+
+def summary(wanted: Period, reading: Reading, self_tests: Iterable[dict[str, Any]], now: datetime) -> Summary:
+    """now: the present; what lies after it is not counted."""
+    found = Summary(wanted, by_day=[defaultdict(float) for _ in wanted.days])
+    end = min(wanted.end, now)
+    spells = list(_spells(reading.entries, end))
+    for from_, until, entry in spells:
+        _count(found, entry, max(from_, wanted.start), min(until, end))
+    found.alarms = [alarm for alarm in _alarms(spells) if wanted.start <= alarm.begun < end]
+    for entry in reading.entries:
+        at = _time(entry)
+        if at < wanted.start and entry.event == "started":
+            found.software = [(entry.utc, str(entry.data.get("software", "?")))]
+        elif wanted.start <= at < end:
+            _note(found, entry)
+    found.damages = [str(damage) for damage in reading.damages]
+    found.self_tests = [
+        test for test in self_tests if wanted.start <= datetime.fromisoformat(str(test["utc"])).astimezone(UTC) < end
+    ]
+    return found
+
+
+def read_self_tests(folder: Path) -> tuple[list[dict[str, Any]], int]:
+    """(those that were kept, oldest first; how many files are none)."""
+    kept, damaged = [], 0
+    for file in sorted(folder.glob("*.json")):
+        try:
+            if file.stat().st_size > _MOST_BYTES:
+                raise ValueError("too large")
+            record = json.loads(file.read_bytes())
+            datetime.fromisoformat(str(record["utc"]))
+            kept.append({**record, "items": [dict(item) for item in record["items"]]})
+        except (OSError, ValueError, KeyError, TypeError):
+            damaged += 1
+    return sorted(kept, key=lambda record: str(record["utc"])), damaged
+
+
+_Spell = tuple[datetime, datetime, Entry | None]
+"""From, until, the entry of the state in force; None while the service did not run."""
+
+
+def _spells(entries: Sequence[Entry], end: datetime) -> Iterator[_Spell]:
+    """By the wall clock, which may have been set: a spell that would end before it begins has no length."""
+    at: datetime | None = None
+    current: Entry | None = None
+    for entry in entries:
+        if entry.event not in ("state", "stopped", "started"):
+            continue
+        then = _time(entry)
+        if at is not None:
+            yield at, max(at, then), current
+        at, current = then, entry if entry.event == "state" else None
+    if at is not None:
+        yield at, max(at, end), current
+
+
+def _count(found: Summary, entry: Entry | None, from_: datetime, until: datetime) -> None:
+    state = OFF if entry is None else str(entry.data.get("state"))
+    while from_ < until:
+        day = (from_ - found.period.start).days
+        here = min(until, found.period.start + timedelta(days=day + 1))
+        seconds = (here - from_).total_seconds()
+        found.shares_s[state] += seconds
+        found.by_day[day][state] += seconds
+        from_ = here
+
+
+def _alarms(spells: Sequence[_Spell]) -> Iterator[Alarm]:
+    begun: datetime | None = None
+    last: Entry | None = None
+    for from_, _, entry in spells:
+        if entry is not None and entry.data.get("state") in _ALARMS:
+            begun, last = begun or from_, entry
+        elif begun is not None and last is not None:
+            yield _alarm(begun, from_, last)
+            begun = None
+    if begun is not None and last is not None:
+        yield _alarm(begun, spells[-1][1], last)
+
+
+def _alarm(begun: datetime, until: datetime, last: Entry) -> Alarm:
+    fault, reason = last.data.get("fault") or "", str(last.data.get("reason", ""))
+    return Alarm(begun, (until - begun).total_seconds(), str(last.data.get("state")), str(fault), reason)
+
+
+def _note(found: Summary, entry: Entry) -> None:
+    found.simulated = found.simulated or bool(entry.data.get("simulated"))
+    if entry.event == "request":
+        found.requests[str(entry.data.get("do"))] += 1
+    elif entry.event == "reference":
+        found.references.append(entry)
+    elif entry.event == "started":
+        found.starts += 1
+        said = str(entry.data.get("software", "?"))
+        if not found.software or found.software[-1][1] != said:
+            found.software.append((entry.utc, said))
+    elif entry.event == BEGUN:
+        found.chains += entry.number > 1
+
+
+def _time(entry: Entry) -> datetime:
+    return datetime.fromisoformat(entry.utc).astimezone(UTC)
+
+
+def per_fault(alarms: Iterable[Alarm]) -> list[tuple[str, int, float]]:
+    """(fault, how often, seconds in all), most often first."""
+    times: dict[str, list[float]] = defaultdict(list)
+    for alarm in alarms:
+        times[alarm.fault or "–"].append(alarm.lasted_s)
+    return sorted(((name, len(all_s), sum(all_s)) for name, all_s in times.items()), key=lambda row: -row[1])

@@ -1,0 +1,200 @@
+"""Each item of the self-test: pure judgements on a status, on samples of the feed, and on what a person has said."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from appliance.core.registration.overlay import OverlayMask
+from appliance.core.registration.pyramid import pyramid
+from appliance.types import State
+from drivers.rigid import vector_from_rotation
+from drivers.samples import Frame, Pose, PoseStatus
+from tools.shared.time_quality import TimeQuality, time_quality
+
+_LEAST_HZ = {"video": 10.0, "tracker": 15.0}
+"""Samples per second: half of the slowest that the line was measured with (docs/study.md). Fewer verify too late."""
+_MOST_LOST_PERCENT = 1.0
+"""Of the samples that the device counted. A cable that loses more is going to lose all. Not measured on carts."""
+_MOST_BOUND_MS, _MOST_JITTER_MS = 20.0, 15.0
+"""Median stated error of a stamp, and scatter about the straight line: a third and a quarter of the shipped limit of
+the latency, 60 ms. Less reddens grabbers that work; more hides what spoils the latency."""
+_MOST_NOISE_MM, _MOST_NOISE_DEG = 0.5, 0.2
+"""Standard deviation of a probe that lies still, per axis: five and ten times a Polaris at 2 m. More makes every
+verification late; the item names markers and distance."""
+_STILL_MM, _STILL_DEG = 3.0, 1.5
+"""Between the first and the last second: further is a hand, not noise, and nothing can be said."""
+_MASK_PERCENT = (1.0, 80.0)
+"""Of the picture that is masked: a scanner shows a frame and text, and more than a fifth of echoes."""
+_LEAST_FREE_BYTES = 1_000_000_000
+"""On the disk of the alarm log: a year of log, and a day of pictures. Less is told before it is full."""
+_LATEST_CHECK_DAYS = 0.0
+"""Days beyond the date at which a reference is due that are still green."""
+
+Status = Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """green: None where it could not be tried, which is no pass. remedy: empty where nothing is to be done."""
+
+    name: str
+    green: bool | None
+    what: str
+    remedy: str = ""
+
+    def fields(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def devices(status: Status) -> list[Item]:
+    """Presence of each part, as the service's own watchers judge it; and what it says is lost."""
+    items = []
+    for check in status["devices"]:
+        if check["verdict"] == "NOT_VERIFIED":
+            continue
+        good = check["verdict"] == "OK"
+        what = "within its limit" if good else f"{check['value']} {check['unit']}, limit {check['limit']}"
+        items.append(Item(check["name"], good, what, "" if good else "See probewatch status"))
+    items += [Item(device, False, what, "Mend it, or its cable") for device, what in status["lost"].items()]
+    return items
+
+
+def service(status: Status) -> list[Item]:
+    """Its state, what it remembers, and how short of time it is."""
+    state = status["state"]
+    bad = state in (State.INTERNAL_FAULT.value, State.DEVICE_LOST.value, State.SELF_TEST.value)
+    items = [Item("service", not bad, f"{state}, version {status['software']}", status["remedy"] if bad else "")]
+    latched = status["latched"]
+    what = "none" if latched is None else f"{latched}, acknowledged: {status['acknowledged']}"
+    items.append(Item("latched alarm", latched is None, what, "" if latched is None else "Mend the cause; acknowledge"))
+    restarts = status["counters"]["estimator_restarts"]
+    remedy = "" if restarts == 0 else "probewatch log, journalctl -u probewatch"
+    items.append(Item("estimator restarts", restarts == 0, str(restarts), remedy))
+    return items
+
+
+def disk(status: Status) -> list[Item]:
+    """Of the alarm log."""
+    log = status["log"]
+    writing = log["failing"] is None
+    free = log["free_bytes"]
+    room = None if free is None else free >= _LEAST_FREE_BYTES
+    told = "not known" if free is None else f"{free / 1e9:.1f} GB free"
+    return [
+        Item(
+            "alarm log", writing, "is written" if writing else str(log["failing"]), "" if writing else "Check the disk"
+        ),
+        Item("disk", room, told, "" if room else "Make room on the disk of the alarm log"),
+    ]
+
+
+def clock(utc: datetime, built: datetime, synchronised: bool | None) -> Item:
+    """built: when this program was; no wall clock can be earlier. synchronised: by the kernel's word."""
+    told = f"{utc.isoformat(timespec='seconds')}, " + (
+        "not known whether synchronised" if synchronised is None else "synchronised" if synchronised else "free-running"
+    )
+    right = utc >= built
+    return Item("clock", right, told, "" if right else "Set the clock: the log's dates are wrong")
+
+
+def reference(status: Status, utc: datetime) -> list[Item]:
+    """Whether there is one, whether it was ever verified, and whether its check is due."""
+    known = status["reference"]
+    if known is None:
+        return [Item("reference", False, str(status["reference_waits"]), "Calibrate: docs/first-calibration.md")]
+    verified = known["verified_utc"] is not None
+    told = f"number {known['number']} of {known['utc']}"
+    items = [Item("reference", verified, told, "" if verified else "Move the probe over tissue until it is verified")]
+    due = status["reference_due_utc"]
+    if due is None:
+        items.append(Item("reference due", True, "no date asked for ([calibration] due_days)"))
+    else:
+        late_days = (utc - datetime.fromisoformat(due)).total_seconds() / 86_400
+        good = late_days <= _LATEST_CHECK_DAYS
+        items.append(Item("reference due", good, due, "" if good else "Recalibrate, or check it with the cross-wire"))
+    changed = status["calibration_changed"]
+    items.append(
+        Item(
+            "configured calibration",
+            changed is None,
+            changed or "is in force",
+            "" if changed is None else "probewatch calibration",
+        )
+    )
+    return items
+
+
+def timing(name: str, samples: Sequence[Frame | Pose], arrivals_ns: Sequence[int]) -> list[Item]:
+    """Rate, losses and time quality of one source. name: video or tracker."""
+    found = time_quality(samples, arrivals_ns)
+    if found is None:
+        return [Item(f"{name} rate", False, f"{len(samples)} samples came", "See that it runs and is connected")]
+    return [*_rate(name, found), *_time(name, found)]
+
+
+def _rate(name: str, found: TimeQuality) -> list[Item]:
+    fast = found.rate_hz >= _LEAST_HZ[name]
+    lost_percent = 100 * found.lost / (found.lost + found.samples)
+    whole = lost_percent <= _MOST_LOST_PERCENT
+    least = f"{_LEAST_HZ[name]:g} / s at least"
+    return [
+        Item(f"{name} rate", fast, f"{found.rate_hz:.1f} / s, {least}", "" if fast else "Raise the device's rate"),
+        Item(f"{name} losses", whole, f"{lost_percent:.2f} %", "" if whole else "Check its cable, and what else runs"),
+    ]
+
+
+def _time(name: str, found: TimeQuality) -> list[Item]:
+    bound = found.bound_ms <= _MOST_BOUND_MS
+    items = [Item(f"{name} stamps", bound, f"± {found.bound_ms:.1f} ms", "" if bound else "probewatch probe URL")]
+    if np.isfinite(found.jitter_ms):
+        steady = found.jitter_ms <= _MOST_JITTER_MS
+        what = f"scatter {found.jitter_ms:.1f} ms, longest pause {found.longest_ms:.0f} ms"
+        items.append(Item(f"{name} regularity", steady, what, "" if steady else "Check its cable, and what else runs"))
+    return items
+
+
+def noise(poses: Sequence[Pose]) -> Item:
+    """Of a probe that lies still in view of the tracker."""
+    good = [pose.matrix for pose in poses if pose.status is PoseStatus.OK and pose.matrix is not None]
+    if len(good) < 30:
+        what = f"{len(good)} of {len(poses)} poses saw the probe"
+        return Item("noise at rest", None, what, "Lay the probe still in view of the tracker, and repeat")
+    places = np.array([matrix[:3, 3] for matrix in good])
+    turns = np.array([np.degrees(vector_from_rotation(good[0][:3, :3].T @ matrix[:3, :3])) for matrix in good])
+    part = max(1, len(good) // 5)
+    moved_mm = float(np.linalg.norm(places[-part:].mean(axis=0) - places[:part].mean(axis=0)))
+    turned_deg = float(np.linalg.norm(turns[-part:].mean(axis=0) - turns[:part].mean(axis=0)))
+    if moved_mm > _STILL_MM or turned_deg > _STILL_DEG:
+        what = f"the probe moved by {moved_mm:.1f} mm and {turned_deg:.1f}°"
+        return Item("noise at rest", None, what, "Lay it down, do not hold it, and repeat")
+    noise_mm, noise_deg = float(places.std(axis=0).max()), float(turns.std(axis=0).max())
+    quiet = noise_mm <= _MOST_NOISE_MM and noise_deg <= _MOST_NOISE_DEG
+    remedy = "" if quiet else "Clean the markers; bring the probe nearer to the middle of the tracker's volume"
+    return Item("noise at rest", quiet, f"{noise_mm:.2f} mm, {noise_deg:.2f}° (standard deviation, worst axis)", remedy)
+
+
+def overlay(frames: Sequence[Frame]) -> Item:
+    """What never moves while the probe does: text and frame, which are kept out of the registration."""
+    mask = OverlayMask()
+    for frame in frames:
+        mask.step(pyramid(frame.image))
+    if mask.mask is None or not mask.settled:
+        what = "not learnt: the picture has hardly changed"
+        return Item("overlay mask", None, what, "Move the probe over tissue while it is asked for, and repeat")
+    percent = 100 * (1 - float(mask.mask.mean()))
+    least, most = _MASK_PERCENT
+    good = least <= percent <= most
+    remedy = "" if good else "Look at the picture: is it the scanner's, whole, and live?"
+    return Item("overlay mask", good, f"{percent:.0f} % of the picture is drawn or dark", remedy)
+
+
+def outputs(status: Status, seen: bool | None) -> Item:
+    """seen: a person's word on every lamp and the tone after a lamp test; None where nobody was asked."""
+    shown = [output["signal"] for output in status["outputs"] if output["signal"] != "contact"]
+    if not shown:
+        return Item("lamps and tone", True, "this cart has none, only the contact")
+    what = {None: "nobody was asked", True: "seen and heard by the operator", False: "not all seen or heard"}[seen]
+    return Item("lamps and tone", seen, f"{', '.join(shown)}: {what}", "" if seen else "Check lamps, tone and cables")

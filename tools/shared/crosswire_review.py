@@ -1,0 +1,62 @@
+"""What a cross-wire scan gave, as tables for the person who is to accept it."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from appliance.crosswire.running import Running
+from appliance.crosswire.whole import WholeSolution
+from appliance.types import PARAMETERS, Calibration, Vector
+from drivers.rigid import vector_from_rotation
+from tools.shared.tables import FittingTable
+
+_UNITS = ("°",) * 3 + ("%",) * 2 + ("mm",) * 3
+_PER_UNIT = np.array([*(np.degrees(1.0),) * 3, *(100.0,) * 2, *(1.0,) * 3])
+_WORST = 8
+"""Views shown where not all are asked for: what a person would strike out is among them."""
+
+
+def difference_in_sigmas(new: Calibration, other: Calibration) -> tuple[Vector, Vector]:
+    """(8,) other less new in the units of PARAMETERS, and the same ÷ the sigmas of both; NaN where neither has any."""
+    change = np.concatenate(
+        [
+            vector_from_rotation(other.rotation @ new.rotation.T),
+            other.scale_mm_per_px / new.scale_mm_per_px - 1,
+            other.offset_mm - new.offset_mm,
+        ]
+    )
+    known = [one.covariance for one in (new, other) if one.covariance is not None]
+    variance = np.sum([np.diag(covariance) for covariance in known], axis=0) if known else np.zeros(8)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return change, np.where(variance > 0, change / np.sqrt(variance), np.nan)
+
+
+def parameter_table(whole: WholeSolution, others: Mapping[str, Calibration]) -> FittingTable:
+    """The eight parameters with their sigma, and how far the other calibrations are from them, in sigmas."""
+    new = whole.calibration
+    values = [*vector_from_rotation(new.rotation) * np.degrees(1.0), *new.scale_mm_per_px, *new.offset_mm]
+    rows = []
+    apart = {name: difference_in_sigmas(new, other) for name, other in others.items()}
+    for index, name in enumerate(PARAMETERS):
+        scale = _PER_UNIT[index]
+        cells = [name, f"{values[index]:.4f}" if 3 <= index < 5 else f"{values[index]:.2f}"]
+        cells.append(f"{whole.sigma[index] * scale:.3f} {_UNITS[index]}")
+        for change, sigmas in apart.values():
+            told = "" if np.isnan(sigmas[index]) else f" ({sigmas[index]:+.1f}σ)"
+            cells.append(f"{change[index] * scale:+.2f} {_UNITS[index]}{told}")
+        rows.append(tuple(cells))
+    return FittingTable(("parameter", "new", "± 1σ", *(f"{name} less new" for name in others)), rows)
+
+
+def view_table(state: Running, views_px: Vector, all_of_them: bool) -> FittingTable:
+    """The views by index, the furthest off first where only some are shown. views_px: (N, 2)."""
+    length = np.linalg.norm(state.cloud_mm, axis=1)
+    order = list(range(state.views))
+    if not all_of_them:
+        order = sorted(order, key=lambda index: -np.nan_to_num(length[index], nan=-1.0))[:_WORST]
+    rows = []
+    for index in order:
+        status = "struck out" if index in state.struck else "rejected" if index in state.rejected else ""
+        off = "" if np.isnan(length[index]) else f"{length[index]:.2f}"
+        rows.append((str(index), f"{views_px[index, 0]:.1f}", f"{views_px[index, 1]:.1f}", off, status))
+    return FittingTable(("view", "column px", "row px", "off mm", ""), rows)

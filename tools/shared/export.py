@@ -1,0 +1,186 @@
+"""A recording in the forms of other programs: sequences for 3D Slicer and PLUS, a table, a film with what was said."""
+
+import csv
+import io
+from bisect import bisect
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from appliance.core.acquisition.pairing import MOST_APART_NS
+from appliance.storage.black_box import Series
+from appliance.storage.black_box_fields import Made, State
+from appliance.types import Verdict, VerdictKind
+from drivers.errors import ConfigurationError, RecordingError
+from drivers.files.atomic_file import writing
+from drivers.recordings.film import POSE_COLUMNS
+from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.recordings.nrrd import write_nrrd
+from drivers.rigid import interpolate
+from drivers.samples import Frame, GreyImage, Matrix4, Pose
+
+FORMS = (".igs.mha", ".igs.nrrd", "csv", "mp4")
+_NAME = "ProbeToTracker"
+_FPS = 30.0
+"""Of a film whose pictures say no other."""
+_SLOWEST_FPS, _FASTEST_FPS = 1.0, 120.0
+"""Of a film that players show; pictures come at their mean rate, not each at its own time."""
+_COLOURS = {VerdictKind.OK: (90, 200, 90), VerdictKind.FAULT: (80, 80, 255), VerdictKind.NOT_VERIFIED: (220, 200, 90)}
+"""Of a film, blue, green, red: the alarm's."""
+_BAND_PX = 24
+"""Under the picture, for what was said: a line of letters."""
+
+
+def export(series: Series, form: str, path: Path) -> int:
+    """How many pictures, or poses of a table, were written. Raises RecordingError where there are none,
+    ConfigurationError where the file cannot be written.
+    """
+    write = {".igs.mha": _sequence, ".igs.nrrd": _sequence, "csv": _table, "mp4": _film}[form]
+    try:
+        return write(series, path)
+    except OSError as error:
+        remedy = "Name a file in a folder that exists and may be written to"
+        raise ConfigurationError(f"cannot be written: {error.strerror}", str(path), remedy) from error
+
+
+def items(series: Series) -> Iterator[SequenceItem]:
+    """Each picture with the probe's pose at its own time, between the two poses around it; INVALID where there is none.
+
+    Stamps are the recording's own: CLOCK_MONOTONIC of the cart.
+    """
+    poses = _poses(series)
+    times = [t_ns for t_ns, _ in poses]
+    for frame in _frames(series):
+        t_ns = frame.stamp.t_ns
+        yield SequenceItem(t_ns, frame.image, {_NAME: _pose_at(poses, times, t_ns)}, frame.sequence)
+
+
+def _sequence(series: Series, path: Path) -> int:
+    size_px = _size_px(series)
+    counted = _Counted(items(series), size_px)
+    if path.suffix == ".nrrd":
+        write_nrrd(path, counted, size_px)
+    else:
+        write_metaimage(path, counted, size_px)
+    return counted.number
+
+
+class _Counted:
+    """Items of one size, counted; a sequence has one size alone, so others are left out."""
+
+    def __init__(self, found: Iterable[SequenceItem], size_px: tuple[int, int]) -> None:
+        self._found, self._shape, self.number = found, size_px[::-1], 0
+
+    def __iter__(self) -> Iterator[SequenceItem]:
+        for item in self._found:
+            if item.image is not None and item.image.shape == self._shape:
+                self.number += 1
+                yield item
+
+
+def _table(series: Series, path: Path) -> int:
+    """Every pose, with what was said last and the state, beside the columns that `replay --poses` reads."""
+    text, number = io.StringIO(newline=""), 0
+    writer = csv.DictWriter(text, (*POSE_COLUMNS, "t_ns", "verdict", "fault", "state"))
+    writer.writeheader()
+    first = next(_frames(series), None)
+    start_ns = 0 if first is None else first.stamp.t_ns
+    said: dict[str, object] = {"verdict": "", "fault": "", "state": ""}
+    for item, _ in series.items():
+        if isinstance(item, Verdict):
+            said |= {"verdict": item.kind.value, "fault": item.fault or ""}
+        elif isinstance(item, State):
+            said["state"] = str(item.status.get("state", ""))
+        elif isinstance(item, Pose):
+            number += 1
+            writer.writerow(_cells(item, start_ns) | said)
+    if not number:
+        raise RecordingError("holds no poses", str(series.boxes[0].path), "Export its pictures: --to mp4")
+    with writing(path) as stream:
+        stream.write(text.getvalue().encode())
+    return number
+
+
+def _cells(pose: Pose, start_ns: int) -> dict[str, object]:
+    """repr gives the digits that make the same number again."""
+    status = "ok" if pose.matrix is not None else f"{pose.status.value}: {pose.reason}"
+    numbers = [""] * 12 if pose.matrix is None else [repr(float(one)) for one in pose.matrix[:3].ravel()]
+    t_ns = pose.stamp.t_ns
+    own = {"t_s": f"{(t_ns - start_ns) / 1e9:.9f}", "sequence": pose.sequence, "status": status, "t_ns": t_ns}
+    return own | dict(zip(POSE_COLUMNS[3:], numbers, strict=True))
+
+
+def _film(series: Series, path: Path) -> int:
+    """Pictures with a line under each: time, state, verdict and its reason."""
+    width, height = _size_px(series)
+    size_px = width + width % 2, height + _BAND_PX + height % 2
+    fourcc = cv2.VideoWriter.fourcc(*"mp4v")
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, fourcc, _fps(series), size_px)
+    if not writer.isOpened():
+        remedy = "Name a .mp4 in a folder that exists and may be written to"
+        raise ConfigurationError("cannot be written as MP4", str(path), remedy)
+    number, verdict, state, start_ns = 0, None, "", None
+    try:
+        for item, _ in series.items():
+            if isinstance(item, Verdict):
+                verdict = item
+            elif isinstance(item, Made):
+                verdict = None
+            elif isinstance(item, State):
+                state = str(item.status.get("state", ""))
+            elif isinstance(item, Frame) and item.image.shape == (height, width):
+                start_ns = item.stamp.t_ns if start_ns is None else start_ns
+                writer.write(_drawn(item.image, size_px, (item.stamp.t_ns - start_ns) / 1e9, state, verdict))
+                number += 1
+    finally:
+        writer.release()
+    return number
+
+
+def _drawn(image: GreyImage, size_px: tuple[int, int], t_s: float, state: str, verdict: Verdict | None) -> GreyImage:
+    height, width = image.shape
+    shown = np.zeros((size_px[1], size_px[0], 3), np.uint8)
+    shown[:height, :width] = image[:, :, None]
+    colour = (180, 180, 180) if verdict is None else _COLOURS[verdict.kind]
+    said = "" if verdict is None else f"{verdict.kind.value} {verdict.fault or ''} {verdict.reason}"
+    words = f"{t_s:7.2f} s  {state}  {said}".encode("ascii", "replace").decode()
+    cv2.putText(shown, words, (4, height + 16), cv2.FONT_HERSHEY_SIMPLEX, 0.4, colour, 1, cv2.LINE_AA)
+    cv2.rectangle(shown, (0, 0), (width - 1, height - 1), colour, 1)
+    return shown
+
+
+def _frames(series: Series) -> Iterator[Frame]:
+    return (item for item, _ in series.items() if isinstance(item, Frame))
+
+
+def _size_px(series: Series) -> tuple[int, int]:
+    """(width, height) of the first picture. Raises RecordingError."""
+    first = next(_frames(series), None)
+    if first is None:
+        raise RecordingError("holds no pictures", str(series.boxes[0].path), "Export its poses: --to csv")
+    return first.image.shape[1], first.image.shape[0]
+
+
+def _fps(series: Series) -> float:
+    pictures, _ = series.spans()
+    lasts_s = (pictures.last_ns - pictures.first_ns) / 1e9
+    fps = (pictures.number - 1) / lasts_s if lasts_s > 0 else _FPS
+    return min(max(fps, _SLOWEST_FPS), _FASTEST_FPS)
+
+
+def _poses(series: Series) -> list[tuple[int, Matrix4]]:
+    """In order of time; None is no pose."""
+    found = [(item.stamp.t_ns, item.matrix) for item, _ in series.items() if isinstance(item, Pose)]
+    return sorted(((t_ns, matrix) for t_ns, matrix in found if matrix is not None), key=lambda pose: pose[0])
+
+
+def _pose_at(poses: list[tuple[int, Matrix4]], times: list[int], t_ns: int) -> Matrix4 | None:
+    place = bisect(times, t_ns)
+    if place and times[place - 1] == t_ns:
+        return poses[place - 1][1]
+    if not 0 < place < len(poses) or times[place] - times[place - 1] > MOST_APART_NS:
+        return None
+    (before_ns, before), (after_ns, after) = poses[place - 1], poses[place]
+    return interpolate(before, after, (t_ns - before_ns) / (after_ns - before_ns))

@@ -1,0 +1,122 @@
+"""The reading end of the service's feed: its messages as what they were when the line took and said them."""
+
+import contextlib
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Self
+
+from appliance.service.control.rights import join_group
+from appliance.service.feed.message import HEAD_BYTES, FeedMessage, Hello, Refused, lengths, unpacked
+from appliance.service.feed.request import FeedRequest
+from appliance.service.host.unix_socket import connected
+from drivers.errors import DeviceLost, ProbewatchError
+
+_ANSWER_S = 5.0
+"""For the service to answer a new client: the process that fans out may have to be started first, in .3 s on a free
+computer. Longer hides one that hangs."""
+_READ_BYTES = 1 << 16
+"""Asked of the kernel at once; a picture of 640 × 480 takes five. Not measured."""
+
+
+class Feed:
+    """Connected from construction on; close it, or leave the context.
+
+    path: of the feed's socket. software: version of the service. Raises DeviceLost where nothing answers or the client
+    is refused, ProtocolError where something else does.
+    """
+
+    def __init__(self, path: Path, request: FeedRequest | None = None) -> None:
+        self._path = path
+        self._received = bytearray()
+        try:
+            self._link = connected(path, _ANSWER_S)
+        except OSError as error:
+            raise self._gone(error) from None
+        try:
+            self._link.sendall((request or FeedRequest()).line())
+            first = self._one()
+        except (OSError, ProbewatchError) as error:
+            self._link.close()
+            raise self._gone(error) if isinstance(error, OSError) else error from None
+        assert isinstance(first, Hello)
+        self.software = first.software
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """A thread that waits in `next` hears of it as DeviceLost."""
+        with contextlib.suppress(OSError):
+            self._link.shutdown(socket.SHUT_RDWR)
+        self._link.close()
+
+    def fileno(self) -> int:
+        """For poll."""
+        return self._link.fileno()
+
+    def __iter__(self) -> Iterator[FeedMessage]:
+        """Until the service ends it, which raises DeviceLost."""
+        while True:
+            yield self.wait()
+
+    def wait(self) -> FeedMessage:
+        """The next message, however long it takes. Raises DeviceLost, ProtocolError."""
+        message = self.next(None)
+        assert message is not None
+        return message
+
+    def next(self, timeout_s: float | None) -> FeedMessage | None:
+        """The next message, None where none came in time. Raises DeviceLost, ProtocolError."""
+        self._link.settimeout(timeout_s)
+        try:
+            return self._one()
+        except TimeoutError:
+            return None
+        except OSError as error:
+            raise self._gone(error) from None
+
+    def next_raw(self, timeout_s: float | None) -> tuple[bytes, bytes] | None:
+        """(header, pixels) of the next message, as they came; None where none came in time. To be written down, and
+        read by `unpacked` later. Raises DeviceLost, ProtocolError."""
+        self._link.settimeout(timeout_s)
+        try:
+            return self._whole()
+        except TimeoutError:
+            return None
+        except OSError as error:
+            raise self._gone(error) from None
+
+    def _one(self) -> FeedMessage:
+        message = unpacked(*self._whole())
+        if isinstance(message, Refused):
+            raise DeviceLost(f"the feed is refused: {message.why}", str(self._path))
+        return message
+
+    def _whole(self) -> tuple[bytes, bytes]:
+        """Raises OSError, TimeoutError among them, after which it may be called again."""
+        self._need(HEAD_BYTES)
+        header, pixels = lengths(bytes(self._received[:HEAD_BYTES]))
+        end = HEAD_BYTES + header + pixels
+        self._need(end)
+        view = bytes(self._received[HEAD_BYTES:end])
+        del self._received[:end]
+        return view[:header], view[header:]
+
+    def _need(self, size: int) -> None:
+        while len(self._received) < size:
+            data = self._link.recv(max(_READ_BYTES, size - len(self._received)))
+            if not data:
+                raise ConnectionResetError(104, "the service ended it")
+            self._received += data
+
+    def _gone(self, error: OSError) -> DeviceLost:
+        if isinstance(error, PermissionError):
+            return DeviceLost("your user may not read the feed", str(self._path), join_group(self._path))
+        what = f"no service offers its feed ({error.strerror or error})"
+        return DeviceLost(
+            what, str(self._path), "See `probewatch status`; [feed] of its configuration says where it is"
+        )

@@ -1,0 +1,51 @@
+"""What people name when they say which recordings: files, folders, and the files of a recorder."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from appliance.storage.black_box import BlackBox, Series, series_of
+from drivers.errors import ConfigurationError, RecordingError
+from drivers.files.regular_file import reading
+from drivers.recordings.mcap_file import MAGIC
+
+_SUFFIXES = (".mha", ".mhd", ".nrrd", ".mcap")
+"""What is taken out of a folder; films and tables belong together by their names alone, so they are named."""
+
+
+def found(paths: Sequence[Path]) -> tuple[list[Path | Series], list[str]]:
+    """(recordings in the order in which they were named, what of the folders cannot be read, in words): the files of
+    one run of a recorder are one recording.
+
+    Raises ConfigurationError for a folder without any, RecordingError for a named file that cannot be read.
+    """
+    sequences: list[Path | Series] = []
+    boxes: list[BlackBox] = []
+    refused: list[str] = []
+    for path in paths:
+        for file in _files(path) if path.is_dir() else (path,):
+            try:
+                if _is_box(file):
+                    boxes.append(BlackBox(file))
+                else:
+                    sequences.append(file)
+            except RecordingError as error:
+                if not path.is_dir():
+                    raise
+                refused.append(str(error))
+    return [*sequences, *series_of(boxes)], refused
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in _SUFFIXES and path.is_file())
+    if not files:
+        remedy = f"It looks for {', '.join(_SUFFIXES)}; name a film or another file itself"
+        raise ConfigurationError("holds no recordings", str(folder), remedy)
+    return iter(files)
+
+
+def _is_box(path: Path) -> bool:
+    try:
+        with reading(path) as stream:
+            return stream.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False  # whoever opens it says why

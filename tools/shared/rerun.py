@@ -1,0 +1,176 @@
+"""A black box through lines made as its orders say, and whether they say what was said live, bit for bit.
+
+That holds for the same version on the same kind of processor with one thread of BLAS, as the service and every command
+have it: libraries add numbers up in an order that suits the processor.
+"""
+
+import json
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+from appliance.core.exact_fields import verdict_fields
+from appliance.core.line import Line
+from appliance.core.order import Order
+from appliance.core.quality.report import LineReport
+from appliance.limits import Limits
+from appliance.storage.black_box import Series
+from appliance.storage.black_box_fields import Gap, Item, Made
+from appliance.types import Calibration, Verdict
+from drivers.samples import Frame, Pose, Sample
+
+
+class Repeating(Protocol):
+    """The line, as this module needs it."""
+
+    def step(self, sample: Sample) -> tuple[Verdict, ...]: ...
+
+    def report(self) -> LineReport: ...
+
+
+class Step(NamedTuple):
+    """One item of the file, when it was written, and what the line says to it now: nothing but to a sample."""
+
+    item: Item
+    now_ns: int
+    verdicts: tuple[Verdict, ...]
+
+
+@dataclass
+class Comparison:
+    """recorded, equal: verdicts of lines that are in the file from their first sample on and without a gap, and how
+    many of them came again bit for bit. difference: the first that did not, in words. without_past, equal_anyway: the
+    same of lines some of whose past is not in the file. gaps: what is missing, in words. text, every: as of `Begun`.
+    """
+
+    recorded: int = 0
+    equal: int = 0
+    difference: str = ""
+    without_past: int = 0
+    equal_anyway: int = 0
+    gaps: list[str] = field(default_factory=list)
+    text: str = "kept"
+    every: int = 1
+
+    @property
+    def exact(self) -> bool:
+        """Everything that could come again did."""
+        return self.recorded == self.equal and not self.difference
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        if self.recorded + self.without_past == 0:
+            return "the recording holds no verdicts to compare with"
+        said = self._of_whole_lines() if self.recorded else ""
+        if not self.without_past:
+            return said
+        partial = (
+            f"{self.without_past} verdicts are of lines some of whose past is not in the file ({self._why()}); "
+            f"{self.equal_anyway} came again all the same"
+        )
+        return f"{said}; {partial}" if said else partial
+
+    def _of_whole_lines(self) -> str:
+        if self.exact:
+            return f"all {self.recorded} verdicts are those of the live run, bit for bit"
+        said = f"{self.equal} of {self.recorded} verdicts are those of the live run"
+        if self.text == "kept" and self.every == 1:
+            return f"{said}; nothing is missing in the file: another version, or processor? First: {self.difference}"
+        return f"{said}; no wonder: {self._why()}. First: {self.difference}"
+
+    def _why(self) -> str:
+        why = [f"gaps: {len(self.gaps)}"] if self.gaps else []
+        why += ["text was blackened"] if self.text == "blackened" else []
+        why += [f"only one of {self.every} pictures was recorded"] if self.every > 1 else []
+        return ", ".join(why) or "recorded from amid its work on"
+
+
+class Rerun:
+    """line: the latest, None before the first order. orders: one for each line that was made."""
+
+    def __init__(self, series: Series, make_line: Callable[[Calibration, Limits, int], Repeating] = Line) -> None:
+        self._series, self._make_line = series, make_line
+        self._said: deque[Verdict] = deque()
+        self._again: deque[Verdict] = deque()
+        self._whole = False
+        self.line: Repeating | None = None
+        self.orders: list[Order] = []
+        self.comparison = Comparison(text=series.begun.text, every=series.begun.every)
+
+    def steps(self) -> Iterator[Step]:
+        """Everything in order; `comparison` is complete once it has ended. Raises RecordingError for a failing disk."""
+        for item, now_ns in self._series.items():
+            verdicts: tuple[Verdict, ...] = ()
+            if isinstance(item, Made):
+                self._obey(item)
+            elif isinstance(item, Frame | Pose) and self.line is not None:
+                verdicts = self.line.step(item)
+                self._again += verdicts
+            elif isinstance(item, Verdict):
+                self._count()
+                self._said.append(item)
+            elif isinstance(item, Gap):
+                self._left_over()
+                self._whole = False
+                self.comparison.gaps.append(item.reason)
+            self._compare()
+            yield Step(item, now_ns, verdicts)
+        self._left_over()
+
+    def _obey(self, made: Made) -> None:
+        """What the line before said and is not in the file was said when the order had come already."""
+        self._left_over()
+        order = made.order
+        self.line = None if order is None else self._make_line(order.reference, order.limits, order.stale_ns)
+        if order is not None:
+            self.orders.append(order)
+        self._whole = made.step == 0
+
+    def _count(self) -> None:
+        if self._whole:
+            self.comparison.recorded += 1
+        else:
+            self.comparison.without_past += 1
+
+    def _compare(self) -> None:
+        while self._said and self._again:
+            said, again = self._said[0], self._again[0]
+            if said.t_ns >= again.t_ns:
+                self._again.popleft()
+            if said.t_ns <= again.t_ns:
+                self._said.popleft()
+            if said.t_ns < again.t_ns:
+                self._differs(f"at {said.t_ns} ns, there was one that does not come again")
+            elif said.t_ns > again.t_ns:
+                self._differs(f"at {again.t_ns} ns, there comes one that was not there")
+            elif json.dumps(verdict_fields(said)) != json.dumps(verdict_fields(again)):
+                self._differs(f"at {said.t_ns} ns, {_difference(said, again)}")
+            elif self._whole:
+                self.comparison.equal += 1
+            else:
+                self.comparison.equal_anyway += 1
+
+    def _left_over(self) -> None:
+        if self._said:
+            self._differs(f"at {self._said[0].t_ns} ns, there was one that does not come again")
+        self._said.clear()
+        self._again.clear()
+
+    def _differs(self, how: str) -> None:
+        if self._whole:
+            self.comparison.difference = self.comparison.difference or how
+
+
+def _difference(said: Verdict, again: Verdict) -> str:
+    """The first field that is not the same."""
+    before, now = verdict_fields(said), verdict_fields(again)
+    for name in ("verdict", "fault", "reason", "verified_ns"):
+        if before[name] != now[name]:
+            return f"{name} was {before[name]!r}, now {now[name]!r}"
+    for one, other in zip(before["checks"], now["checks"], strict=False):
+        for name in one:
+            if one[name] != other[name]:
+                return f"{name} of {one['name']} was {one[name]!r}, now {other[name]!r}"
+    return f"there were {len(before['checks'])} checks, now {len(now['checks'])}"

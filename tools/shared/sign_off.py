@@ -1,0 +1,106 @@
+"""The record that a calibration carries: who made it and of what, who signed it, and until when it holds."""
+
+import getpass
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from appliance.crosswire.running import Running
+from appliance.types import PARAMETERS
+from drivers.errors import ConfigurationError
+
+_PIECE_BYTES = 1 << 20
+"""Read at once of a recording, whose hash is taken; any size does."""
+
+
+def user() -> str:
+    """Name of who runs this, as far as the system knows it."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):
+        return f"uid {os.getuid()}"
+
+
+def file_sha256(path: Path) -> str:
+    """Of a file of any size. Raises OSError."""
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while piece := stream.read(_PIECE_BYTES):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class SignOff:
+    """What people say of a calibration; empty where nobody did. due: to be made anew; expires: not to be used after."""
+
+    made_by: str
+    signed_by: str = ""
+    role: str = ""
+    comment: str = ""
+    reason: str = ""
+    probe_serial: str = ""
+    preset: str = ""
+    due: date | None = None
+    expires: date | None = None
+
+    def check(self) -> None:
+        """Raises ConfigurationError where it is signed by who made it, by nobody's role, or ends before it begins."""
+        if self.signed_by and _name(self.signed_by) == _name(self.made_by):
+            what = f"{self.signed_by} made it and cannot sign it as well"
+            raise ConfigurationError(what, "sign-off", "Have a second person sign, or leave --signed-by away for now")
+        if bool(self.signed_by) != bool(self.role):
+            raise ConfigurationError("a signature is a name and a role", "sign-off", "Give --signed-by and --role")
+        if self.due is not None and self.expires is not None and self.expires < self.due:
+            what = f"it would expire on {self.expires}, before it is due on {self.due}"
+            raise ConfigurationError(what, "sign-off", "Give --expires a later day")
+
+    def fields(self) -> dict[str, str]:
+        """Keys of the calibration's provenance, without those that nobody filled."""
+        said = {
+            "made_by": self.made_by,
+            "signed_by": self.signed_by,
+            "signed_role": self.role,
+            "signed_at": datetime.now(UTC).isoformat(timespec="seconds") if self.signed_by else "",
+            "comment": self.comment,
+            "reason": self.reason,
+            "probe_serial": self.probe_serial,
+            "preset": self.preset,
+            "due": "" if self.due is None else self.due.isoformat(),
+            "expires": "" if self.expires is None else self.expires.isoformat(),
+        }
+        return {name: text for name, text in said.items() if text}
+
+
+def _name(text: str) -> str:
+    return " ".join(text.casefold().split())
+
+
+def whole_record(state: Running, sign_off: SignOff, source: str, data_sha256: str) -> dict[str, str]:
+    """Provenance of a calibration from nothing. source: of the scan. Raises ValueError without solution."""
+    whole = state.whole
+    if whole is None or whole.calibration.covariance is None:
+        raise ValueError("nothing was solved")
+    rows, columns = np.tril_indices(len(PARAMETERS))
+    lower = whole.calibration.covariance[rows, columns]
+    return {
+        "when": datetime.now(UTC).isoformat(timespec="seconds"),
+        "how": "cross-wire, all eight parameters by least squares",
+        "software": f"probewatch {version('probewatch')}",
+        "input": source,
+        "data_sha256": data_sha256,
+        "views": f"{whole.views} used, {len(state.rejected)} rejected, {len(state.struck)} struck out",
+        "residual_mm": " ".join(f"{value:.4f}" for value in whole.noise_mm),
+        "expected_mm": f"{whole.expected_mm:.4f}",
+        "tilt_spread_deg": " ".join(f"{value:.2f}" for value in state.coverage.spread_deg),
+        "latency_ms": f"{1000 * whole.latency_s:.2f} +- {1000 * whole.latency_sigma_s:.2f}",
+        "zeta_closed_form_mm": "" if state.closed is None else f"{state.closed.zeta_mm:.4f}",
+        "covariance": json.dumps([float(f"{value:.6g}") for value in lower]),
+        **sign_off.fields(),
+    }
