@@ -175,9 +175,14 @@ class Ring:
 
 
 def _made(shape: Shape) -> RingFds:
+    """Raises OSError, and then leaves nothing open."""
     memory = os.memfd_create("probewatch-ring")
-    os.ftruncate(memory, shape.size)
-    return RingFds(memory, *os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC))
+    try:
+        os.ftruncate(memory, shape.size)
+        return RingFds(memory, *os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC))
+    except OSError:
+        os.close(memory)
+        raise
 
 
 def _size(sample: Sample) -> int:
