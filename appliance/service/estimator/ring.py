@@ -91,8 +91,14 @@ class Ring:
 
     def __init__(self, shape: Shape, fds: RingFds | None = None) -> None:
         self._shape = shape
+        """Raises OSError, and then leaves nothing open that it has made."""
         self.fds = _made(shape) if fds is None else fds
-        self._memory = mmap.mmap(self.fds.memory, shape.size)
+        try:
+            self._memory = mmap.mmap(self.fds.memory, shape.size)
+        except OSError:
+            for fd in self.fds if fds is None else ():
+                os.close(fd)
+            raise
         self._reading = FileIO(self.fds.reading, "r")
         self._writing = FileIO(self.fds.writing, "w")
         self._written = 0
