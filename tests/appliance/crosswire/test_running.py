@@ -31,6 +31,7 @@ def test_a_guided_scan_is_acceptable_and_says_what_it_found() -> None:
     assert state.closed is not None
     assert state.coverage.bins.sum(axis=1).tolist() == [int(state.used.sum())] * 3
     assert state.coverage.next_motion == ""
+    assert state.coverage.in_picture_axes
     assert np.nanmax(np.linalg.norm(state.cloud_mm[state.used], axis=1)) < 1
 
 
