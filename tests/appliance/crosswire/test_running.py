@@ -137,6 +137,32 @@ def test_a_stricter_demand_is_kept() -> None:
     assert {one.parameter for one in state.refusals} >= {"offset-elevational"}
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e9])
+def test_views_that_hold_no_sense_are_refused_when_they_come(bad: float) -> None:
+    good, calibration = guided_views(14, 1)[0], RunningCalibration(SIZE_PX)
+    torn = good.matrix.copy()
+    torn[0, 3] = bad
+    bent = good.matrix.copy()
+    bent[:3, :3] *= 1.5
+    for view in (
+        replace(good, matrix=torn),
+        replace(good, earlier=torn),
+        replace(good, matrix=bent),
+        replace(good, centre_px=np.array([bad, 3.0])),
+        replace(good, covariance_px=np.diag([bad, 1.0])),
+        replace(good, covariance_px=-np.eye(2)),
+    ):
+        with pytest.raises(ValueError, match="a view"):
+            calibration.add(view)
+    assert calibration.views == ()
+
+
+def test_a_probe_that_stands_still_gives_no_calibration() -> None:
+    state = running([guided_views(15, 1)[0]] * 40).state()
+    assert Reason.TOO_LITTLE_TILT in reasons(state)
+    assert state.zeta_sigma_mm > 30
+
+
 @pytest.mark.thorough
 def test_three_hundred_views_are_solved_in_a_fifth_of_a_second() -> None:
     calibration = running(guided_views(13, 300))
