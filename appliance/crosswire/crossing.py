@@ -278,12 +278,11 @@ def _spots(
         return []
     least = max(least, share * strongest)
     tops = (contrast == cv2.dilate(contrast, np.ones((5, 9), np.uint8))) & (contrast >= least)
-    *_, centres = cv2.connectedComponentsWithStats(tops.astype(np.uint8))
-    places = np.rint(centres[1:]).astype(int)
-    heights = np.array([contrast[row, column] for column, row in places])
+    rows, columns = np.nonzero(tops)
+    heights = contrast[rows, columns].astype(int)
     found: list[_Spot] = []
     for index in np.argsort(-heights, kind="stable"):
-        column, row = (int(value) for value in places[index])
+        column, row = int(columns[index]), int(rows[index])
         if not any(_holds(spot, column, row) for spot in found):
             found.append(_spot(image, smooth, contrast, drawn, (column, row), scale_mm_per_px))
         if len(found) == _MOST_SPOTS:

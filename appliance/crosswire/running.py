@@ -17,6 +17,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from appliance.core.acquisition.input_validation import ORTHOGONAL_WITHIN
 from appliance.crosswire.coverage import TURNS, Coverage, coverage
 from appliance.crosswire.offset import Demand, OffsetSolution, ScanRefused, solve_zeta
 from appliance.crosswire.scan import View
@@ -38,6 +39,8 @@ _MISSES = 5
 """Approaches without a meeting, and more of them than passages, from which on wires do not cross. Fewer blame the wires
 for a hand that turned back; more let a technician scan in vain for longer.
 """
+_MOST = 1e6
+"""mm, px, s: a kilometre off is no place of a probe, and its squares would drown all others."""
 _UNKNOWN_LATENCY_S = 0.1
 """Prior of the latency where nobody says: what trackers on carts have, and the shipped limit's 60 ms within it."""
 _LARGEST_LATENCY_SIGMA_S = 0.02
@@ -144,7 +147,8 @@ class RunningCalibration:
         return tuple(self._views)
 
     def add(self, view: View) -> int:
-        """Take a view; its index."""
+        """Take a view; its index. Raises ValueError for one that holds no finite numbers of a pose and a picture."""
+        _refuse_senseless(view, self.image_size_px)
         self._views.append(view)
         self._solved = None
         return len(self._views) - 1
@@ -264,6 +268,20 @@ class RunningCalibration:
                 what = f"{name} is known to ± {_shown(name, sigma)} only, ± {_shown(name, wanted)} is asked"
                 found.append(Refusal(Reason.NOT_OBSERVED, what, f"To show it: {_MOVEMENTS[name]}", name))
         return found
+
+
+def _refuse_senseless(view: View, image_size_px: tuple[int, int]) -> None:
+    poses = [pose for pose in (view.matrix, view.earlier, view.later) if pose is not None]
+    numbers = [view.centre_px, view.covariance_px, np.array([view.apart_s]), *poses]
+    if not all(np.all(np.abs(part) < _MOST) for part in numbers):
+        raise ValueError("a view holds what is no number, or none of this world")
+    if not all(0 <= value <= side - 1 for value, side in zip(view.centre_px, image_size_px, strict=True)):
+        raise ValueError("a view's crossing lies outside of the picture")
+    if np.linalg.eigvalsh(view.covariance_px)[0] < 0:
+        raise ValueError("a view's covariance is none")
+    for pose in poses:
+        if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > ORTHOGONAL_WITHIN:
+            raise ValueError("a view's pose is no rigid motion")
 
 
 def _shown(name: str, value: float) -> str:

@@ -326,7 +326,7 @@ def _estimated(scene: _Scene, guess: _Guess, noise: _Noise, latency_sigma_s: flo
     free = np.maximum(len(slopes) - spent, 1.0)
     variance = np.maximum(np.square(_misfit(scene, guess)).sum(axis=0) / free, _LEAST_SD_MM**2)
     own = np.einsum("nii->i", scene.spot) / len(slopes) * guess.scale_mm_per_px**2
-    trust = np.minimum(1.0, variance[:2] / (2 * own))
+    trust = np.minimum(1.0, variance[:2] / (2 * np.maximum(own, _LEAST_SD_MM**2)))
     variance[:2] -= trust * own
     return _Noise(np.sqrt(variance), trust)
 

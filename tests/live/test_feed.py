@@ -101,7 +101,8 @@ def test_a_feed_that_is_killed_or_hangs_is_felt_by_those_who_listen_alone(cart: 
             time.sleep(2)
             if how is signal.SIGSTOP:
                 os.kill(feed_pid(cart), signal.SIGKILL)
-    assert cart.switched(began_s) == []
+    states = [event for event in cart.daemon.said if event["heard_s"] > began_s and event["event"] == "state"]
+    assert cart.switched(began_s) == [], states
     assert cart.status()["state"] == "monitoring"
     until(lambda: reached(path), 30)
 

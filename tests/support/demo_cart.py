@@ -66,7 +66,7 @@ class Cart(SimulatedCart):
         """Of that child of the service which is not the feed's."""
         pid = self.daemon.process.pid
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        return next(int(one) for one in children if "feed" not in Path(f"/proc/{one}/cmdline").read_text())
+        return next(int(one) for one in children if "feed.process" not in Path(f"/proc/{one}/cmdline").read_text())
 
     def wait_for(self, state: str, deadline_s: float = 20.0) -> Event:
         """The status in that state; AssertionError unless, by the service's clock, it was entered within deadline_s."""

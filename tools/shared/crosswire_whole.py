@@ -108,8 +108,12 @@ def _solved(
         running = RunningCalibration(scan_input.size_px, before, demand)
     else:
         running = RunningCalibration(scan_input.size_px, before, demand, _STATED_LATENCY_S)
-    for view in scan.views:
-        running.add(view)
+    for number, view in enumerate(scan.views):
+        try:
+            running.add(view)
+        except ValueError as error:
+            remedy = "See that the recording holds rigid poses in mm"
+            raise ScanRefused(str(error), f"cross-wire scan, view {number}", remedy) from None
     for index in options.strike:
         if index >= len(scan.views):
             raise click.UsageError(f"--strike {index}: the scan has views 0 to {len(scan.views) - 1}")

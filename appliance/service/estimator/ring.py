@@ -91,8 +91,14 @@ class Ring:
 
     def __init__(self, shape: Shape, fds: RingFds | None = None) -> None:
         self._shape = shape
+        """Raises OSError, and then leaves nothing open that it has made."""
         self.fds = _made(shape) if fds is None else fds
-        self._memory = mmap.mmap(self.fds.memory, shape.size)
+        try:
+            self._memory = mmap.mmap(self.fds.memory, shape.size)
+        except OSError:
+            for fd in self.fds if fds is None else ():
+                os.close(fd)
+            raise
         self._reading = FileIO(self.fds.reading, "r")
         self._writing = FileIO(self.fds.writing, "w")
         self._written = 0
@@ -175,9 +181,14 @@ class Ring:
 
 
 def _made(shape: Shape) -> RingFds:
+    """Raises OSError, and then leaves nothing open."""
     memory = os.memfd_create("probewatch-ring")
-    os.ftruncate(memory, shape.size)
-    return RingFds(memory, *os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC))
+    try:
+        os.ftruncate(memory, shape.size)
+        return RingFds(memory, *os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC))
+    except OSError:
+        os.close(memory)
+        raise
 
 
 def _size(sample: Sample) -> int:

@@ -34,10 +34,16 @@ class Wish:
     """The shared page. The feed's process writes it, the estimator reads it; each may die at any time."""
 
     def __init__(self, fd: int | None = None) -> None:
+        """Raises OSError, and then leaves nothing open that it has made."""
         self.fd = os.memfd_create("probewatch-wish") if fd is None else fd
-        if fd is None:
-            os.ftruncate(self.fd, _PAGE)
-        self._page = mmap.mmap(self.fd, _PAGE)
+        try:
+            if fd is None:
+                os.ftruncate(self.fd, _PAGE)
+            self._page = mmap.mmap(self.fd, _PAGE)
+        except OSError:
+            if fd is None:
+                os.close(self.fd)
+            raise
 
     def close(self) -> None:
         """Release it; it is freed when the others have gone too."""

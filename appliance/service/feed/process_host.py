@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from appliance.service.estimator.link import link_pair
@@ -74,13 +74,17 @@ class FeedHost:
     def tap(self) -> TapFds | None:
         """Descriptors for a new estimator; those of the one before, and who listened to it, are let go.
 
-        None where there is no socket. Raises OSError where no more files may be opened.
+        None where there is no socket, or this process may open no more files: the estimator goes first.
         """
         if self._listener is None:
             return None
         self._end_process()
         self._close_tap()
-        self._tap = _TapEnds()
+        try:
+            self._tap = _TapEnds()
+        except OSError as error:
+            self._log.warning("the feed is not offered", why=error.strerror or str(error))
+            return None
         return self._tap.fds
 
     def look_after(self) -> None:
@@ -157,9 +161,14 @@ class _TapEnds:
     """Both ends of what the estimator tells, kept here so that either process may be replaced."""
 
     def __init__(self) -> None:
-        self._tells, self.listens = link_pair()
-        self.frames = Ring(FRAMES)
-        self.wish = Wish()
+        """Raises OSError, and then leaves nothing open."""
+        with ExitStack() as made:
+            self._tells, self.listens = link_pair()
+            made.callback(self._tells.close)
+            made.callback(self.listens.close)
+            self.frames = made.enter_context(Ring(FRAMES))
+            self.wish = Wish()
+            made.pop_all()
         self.fds = TapFds(self._tells.fileno(), self.frames.fds, self.wish.fd)
 
     def close(self) -> None:

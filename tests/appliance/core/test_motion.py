@@ -76,6 +76,7 @@ PREDOMINANT = {
     "elevational": {OUT_OF_PLANE, STILL},
     "sweep": {TRANSLATION, PLANAR},
     "freehand": {OUT_OF_PLANE, TRANSLATION, PLANAR, STILL},
+    "guided": {OUT_OF_PLANE, TRANSLATION, PLANAR, STILL},
 }
 """STILL stands beside others because every keyframe begins with motion too small to name."""
 

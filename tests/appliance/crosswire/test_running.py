@@ -31,6 +31,7 @@ def test_a_guided_scan_is_acceptable_and_says_what_it_found() -> None:
     assert state.closed is not None
     assert state.coverage.bins.sum(axis=1).tolist() == [int(state.used.sum())] * 3
     assert state.coverage.next_motion == ""
+    assert state.coverage.in_picture_axes
     assert np.nanmax(np.linalg.norm(state.cloud_mm[state.used], axis=1)) < 1
 
 
@@ -134,6 +135,32 @@ def test_contradicting_views_are_named_and_nothing_is_solved() -> None:
 def test_a_stricter_demand_is_kept() -> None:
     state = running(guided_views(12, 60), demand=WholeDemand(offset_mm=0.01)).state()
     assert {one.parameter for one in state.refusals} >= {"offset-elevational"}
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e9])
+def test_views_that_hold_no_sense_are_refused_when_they_come(bad: float) -> None:
+    good, calibration = guided_views(14, 1)[0], RunningCalibration(SIZE_PX)
+    torn = good.matrix.copy()
+    torn[0, 3] = bad
+    bent = good.matrix.copy()
+    bent[:3, :3] *= 1.5
+    for view in (
+        replace(good, matrix=torn),
+        replace(good, earlier=torn),
+        replace(good, matrix=bent),
+        replace(good, centre_px=np.array([bad, 3.0])),
+        replace(good, covariance_px=np.diag([bad, 1.0])),
+        replace(good, covariance_px=-np.eye(2)),
+    ):
+        with pytest.raises(ValueError, match="a view"):
+            calibration.add(view)
+    assert calibration.views == ()
+
+
+def test_a_probe_that_stands_still_gives_no_calibration() -> None:
+    state = running([guided_views(15, 1)[0]] * 40).state()
+    assert Reason.TOO_LITTLE_TILT in reasons(state)
+    assert state.zeta_sigma_mm > 30
 
 
 @pytest.mark.thorough

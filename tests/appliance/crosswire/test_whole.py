@@ -19,6 +19,7 @@ def test_noise_free_views_give_everything_exactly() -> None:
     np.testing.assert_allclose(errors(solution), 0, atol=1e-7)
     np.testing.assert_allclose(solution.crossing_mm, CROSSING_MM, atol=1e-6)
     np.testing.assert_allclose(solution.points_mm, np.tile(CROSSING_MM, (30, 1)), atol=1e-6)
+    np.testing.assert_allclose(solution.residual_mm, 0, atol=1e-6)
     assert solution.kept.all()
 
 

@@ -230,3 +230,14 @@ def test_the_schemas_name_every_field() -> None:
     assert set(fields_of(VERDICT)[1]["checks"][0]) == set(
         SCHEMAS["/verdict"]["properties"]["checks"]["items"]["properties"]
     )
+
+
+def test_what_would_unpack_to_more_than_a_chunk_holds_is_left_out_unread(tmp_path: Path) -> None:
+    """100 MB of one letter are 10 kB in the file."""
+    told: list[tuple[Item, int]] = [*items(3), (Gap("x" * 100_000_000), 6_500_000_000), *items(3, 8_000_000_000)]
+    data = written(told)
+    assert len(data) < 200_000
+    found, damage = read(tmp_path / "bomb.mcap", data)
+    assert len(damage) == 1
+    assert "is damaged" in damage[0]
+    assert sum(isinstance(item, Frame) for item in found) == 6, "what lies around it is read"

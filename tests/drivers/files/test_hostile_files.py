@@ -211,7 +211,7 @@ def test_pictures_that_unfold_to_more_than_they_say_take_no_memory(tmp_path: Pat
 
 
 def test_a_header_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(metaimage, "_MAX_HEADER_LINES", 5_000)
+    monkeypatch.setattr(metaimage, "MAX_HEADER_LINES", 5_000)
     path = tmp_path / "a.mha"
     path.write_bytes(b"".join(b"key%d = 1\n" % number for number in range(6_000)))
     with pytest.raises(RecordingError, match="the header is longer"):

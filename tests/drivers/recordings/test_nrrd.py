@@ -119,3 +119,10 @@ def test_poses_alone_are_a_sequence_too(tmp_path: Path) -> None:
     sequence = read_nrrd(path)
     assert sequence.size_px is None
     np.testing.assert_allclose(sequence.transform(1, "ProbeToTracker").matrix, turn(0.1, 10), atol=1e-12)
+
+
+def test_a_header_without_end_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "scan.nrrd"
+    path.write_bytes(b"NRRD0004\n" + b"k:" + b"x" * 1_000_000)
+    with pytest.raises(RecordingError, match="longer than any"):
+        read_nrrd(path)

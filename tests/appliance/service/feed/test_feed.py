@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import signal
 import socket
 import stat
@@ -343,6 +344,26 @@ def test_an_estimator_that_dies_is_told_as_the_end(tmp_path: Path) -> None:
             found(feed, lambda message: False)
         until(lambda: service.estimator.restarts == 1 and service.estimator.speaking)
         Feed(service.path).close()
+
+
+def open_files() -> int:
+    return sum(1 for _ in Path("/proc/self/fd").iterdir())
+
+
+def test_where_files_run_out_the_estimator_goes_before_the_feed(tmp_path: Path) -> None:
+    feed = FeedHost(tmp_path / "feed")
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    opened = open_files()
+    try:
+        for more in range(8):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (opened + more, before[1]))
+            tap = feed.tap()
+            assert tap is None or more >= 5
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+    assert feed.tap() is not None
+    feed.close()
+    assert open_files() == opened - 1, "all but its listener"
 
 
 def test_what_is_in_the_way_is_told_and_the_service_goes_on(tmp_path: Path) -> None:
