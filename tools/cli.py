@@ -25,7 +25,7 @@ _COMMANDS = {
     "openigtlink": "tell OpenIGTLink clients, such as 3D Slicer, what the service sees",
     "pause": "pause the alarm sound, switch it off with a reason, or on again",
     "probe": "connect to a tracker, video source or output and say how well it does",
-    "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",
+    "recalibrate": "scan a cross-wire: ζ or a whole calibration, checked and signed",
     "release": "de-energise every alarm output, for a service that has ended",
     "reload": "have the service take its changed configuration",
     "replay": "run a recording through the line and print a report",

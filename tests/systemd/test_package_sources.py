@@ -40,7 +40,8 @@ def test_an_unknown_suite_is_refused_by_name() -> None:
 
 def test_every_command_and_subcommand_has_a_man_page() -> None:
     below = {f"probewatch-simulate-{name}.1" for name in _DEVICES}
-    below |= {f"probewatch-calibration-{name}.1" for name in ("back", "diff", "list", "reset", "show", "use")}
+    calibrations = ("back", "diff", "export", "import", "list", "reset", "show", "use")
+    below |= {f"probewatch-calibration-{name}.1" for name in calibrations}
     assert set(PAGES) == {"probewatch.1"} | {f"probewatch-{name}.1" for name in COMMANDS} | below
 
 
