@@ -27,7 +27,7 @@ _COMMANDS = {
     "page": "the web page of the cart: its status for the room, the live recalibration",
     "pause": "pause the alarm sound, switch it off with a reason, or on again",
     "probe": "connect to a tracker, video source or output and say how well it does",
-    "recalibrate": "scan a cross-wire, solve ζ, write a new calibration",
+    "recalibrate": "scan a cross-wire: ζ or a whole calibration, checked and signed",
     "record": "write black boxes of what the service sees; mark what is to be kept",
     "release": "de-energise every alarm output, for a service that has ended",
     "reload": "have the service take its changed configuration",

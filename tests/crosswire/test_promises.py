@@ -12,7 +12,7 @@ from tests.crosswire.views import drawn_view, score, world_view
     [
         (drawn_view, 40),
         pytest.param(world_view, 60, marks=pytest.mark.thorough),
-        pytest.param(drawn_view, 200, marks=pytest.mark.thorough),
+        pytest.param(drawn_view, 120, marks=pytest.mark.thorough),
         pytest.param(world_view, 1000, marks=pytest.mark.slow),
         pytest.param(drawn_view, 1000, marks=pytest.mark.slow),
     ],
@@ -25,7 +25,7 @@ def test_the_crossing_is_found_beside_clutter_and_nowhere_else(view, number: int
     assert found.covered >= 0.6
 
 
-@pytest.mark.parametrize("number", [15, pytest.param(200, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("number", [15, pytest.param(200, marks=pytest.mark.slow)])
 def test_scans_keep_their_sigmas_and_put_points_right(number: int) -> None:
     found = scan_score([scanned(seed) for seed in range(number)])
     assert found.accepted == 1

@@ -169,3 +169,18 @@ def test_three_hundred_views_are_solved_in_a_fifth_of_a_second() -> None:
     started = time.process_time()
     calibration.state()
     assert time.process_time() - started < 0.2
+
+
+@pytest.mark.parametrize(
+    ("axis", "side", "missing"),
+    [(0, 1, "away from you"), (1, 1, "anticlockwise"), (2, -1, "to the right")],
+)
+def test_the_next_motion_is_to_the_side_that_is_missing(axis: int, side: int, missing: str) -> None:
+    """Views tilted to both sides of the two other axes, and to one side of this one."""
+    views = guided_views(16, 300, tilt_deg=(18.0, 18.0, 18.0))
+    angles = running(views).state().coverage.angles_deg[:, axis]
+    angles = angles - np.median(angles)
+    chosen = [view for view, angle in zip(views, angles, strict=True) if -2 < side * angle < 9]
+    chosen += [view for view, angle in zip(views, angles, strict=True) if side * angle > 25][:3]
+    state = running(chosen).state()
+    assert missing in state.coverage.next_motion
