@@ -107,6 +107,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         fault={"type": ["string", "null"]},
         reason=_TEXT,
         verified_ns=_PERHAPS_INTEGER,
+        expires_ns=_PERHAPS_INTEGER,
         checks={"type": "array", "items": _CHECK},
     ),
     "/state": {"title": "probewatch.Status", "type": "object", "description": "the status of docs/control.md"},
