@@ -99,6 +99,7 @@ def test_any_verdict_comes_back(value: float, sigma: float, t_ns: int, reason: s
     assert json.dumps(verdict_fields(back)) == json.dumps(fields)
 
 
+@pytest.mark.thorough
 def test_a_file_cut_at_any_byte_yields_all_but_the_last_second_and_says_so(tmp_path: Path) -> None:
     told = items(42)
     data, path = written(told), tmp_path / "cut.mcap"
@@ -132,6 +133,7 @@ def test_what_was_not_flushed_is_less_than_a_second(tmp_path: Path) -> None:
         assert told[-1][1] - last <= CHUNK_NS
 
 
+@pytest.mark.thorough
 def test_a_flipped_bit_is_told_wherever_it_is(tmp_path: Path) -> None:
     data, path = written(items(42)), tmp_path / "flipped.mcap"
     wanted = said([BEGUN, *(item for item, _ in items(42))])

@@ -42,6 +42,7 @@ def said(*arguments: object) -> str:
     return result.output
 
 
+@pytest.mark.thorough
 def test_a_black_box_is_judged_by_its_own_reference_and_compared(box: Path, tmp_path: Path) -> None:
     report = tmp_path / "report.json"
     assert "all 150 verdicts are those of the live run, bit for bit" in said(box, "--json", report)
@@ -51,6 +52,7 @@ def test_a_black_box_is_judged_by_its_own_reference_and_compared(box: Path, tmp_
     assert told["frames"] == 150
 
 
+@pytest.mark.thorough
 def test_with_a_calibration_it_is_judged_by_that_one(box: Path) -> None:
     text = said(box, "--calibration", box.with_name("probe.toml"), "--inject", "freeze-video@3")
     assert "FAULT · frozen-video" in text
@@ -65,6 +67,7 @@ def test_a_cut_black_box_says_where(box: Path, tmp_path: Path) -> None:
     assert "bit for bit" in text
 
 
+@pytest.mark.thorough
 def test_the_page_shows_what_was_missing_and_loads_nothing(box: Path, tmp_path: Path) -> None:
     page = tmp_path / "scan.html"
     said(box, "--html", page)
@@ -90,6 +93,7 @@ def archive(box: Path, tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_a_folder_becomes_a_table_in_which_each_has_its_row(archive: Path, tmp_path: Path) -> None:
     report = tmp_path / "report.json"
     text = said(archive, "--json", report)

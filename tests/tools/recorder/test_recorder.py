@@ -79,7 +79,8 @@ def items(folder: Path) -> Iterator[Item]:
         yield from (told.item for told in BlackBox(path).items())
 
 
-@pytest.mark.parametrize("hours", [7, pytest.param(26, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("hours", [7, 26])
 def test_a_day_and_more_stays_inside_the_bounds(hours: int, tmp_path: Path) -> None:
     """Hours of simulated time with an alarm every two hours; the folders are looked at every minute."""
     bounds = Bounds(2_000_000, 1_000_000, 0)
@@ -248,6 +249,7 @@ def live(recording: Recorder, duration_s: float, change: Callable[[Frame], Frame
     return verdicts
 
 
+@pytest.mark.thorough
 def test_parts_of_a_recording_say_the_same_bit_for_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ring_module, "PART_NS", 2 * S)
     recording = recorder(tmp_path)
@@ -287,6 +289,7 @@ def test_names_beside_the_sector_are_never_written(tmp_path: Path) -> None:
     assert begun.text == "blackened"
 
 
+@pytest.mark.thorough
 def test_blackened_pictures_do_not_say_the_same_bit_for_bit_and_that_is_told(tmp_path: Path) -> None:
     """The mask of the overlay keeps text out of the registration, not out of what it learns of it."""
     recording = recorder(tmp_path, blacken=True)
@@ -302,6 +305,7 @@ def test_blackened_pictures_do_not_say_the_same_bit_for_bit_and_that_is_told(tmp
     assert "text was blackened" in rerun.comparison.sentence
 
 
+@pytest.mark.thorough
 def test_another_screen_is_not_written(tmp_path: Path) -> None:
     """A list of patients over the whole picture, as long as nothing is known of it."""
     names = np.random.default_rng(1).integers(0, 2, (300, 400), dtype=np.uint8) * np.uint8(230)

@@ -48,6 +48,7 @@ def rerun(*paths: Path) -> tuple[Comparison, list[Verdict]]:
     return run.comparison, again
 
 
+@pytest.mark.thorough
 def test_the_same_verdicts_come_again_bit_for_bit(recorded: tuple[Path, list[Verdict]]) -> None:
     path, live = recorded
     comparison, again = rerun(path)
@@ -95,6 +96,7 @@ def test_a_picture_that_is_missing_is_told_as_the_cause(short: tuple[Path, list[
     assert "gaps: 1" in comparison.sentence
 
 
+@pytest.mark.thorough
 def test_one_bit_of_one_verdict_is_seen(short: tuple[Path, list[Verdict]], tmp_path: Path) -> None:
     def spoiled(rest):
         measured = [
@@ -134,6 +136,7 @@ def parts(path: Path, folder: Path) -> list[Path]:
     return found
 
 
+@pytest.mark.thorough
 def test_parts_of_a_session_are_one_recording(short: tuple[Path, list[Verdict]], tmp_path: Path) -> None:
     first, second, third = parts(short[0], tmp_path)
     (series,) = series_of([BlackBox(third), BlackBox(first), BlackBox(second)])
@@ -143,6 +146,7 @@ def test_parts_of_a_session_are_one_recording(short: tuple[Path, list[Verdict]],
     assert len(run.orders) == 1
 
 
+@pytest.mark.thorough
 def test_a_missing_part_and_a_late_beginning_are_told(short: tuple[Path, list[Verdict]], tmp_path: Path) -> None:
     first, second, third = parts(short[0], tmp_path)
     comparison, _ = rerun(first, third)

@@ -125,6 +125,7 @@ def test_a_change_of_scale_is_named_within_four_seconds_and_only_by_its_name() -
     assert value == pytest.approx(15, abs=4), "what came before the change is not mixed in"
 
 
+@pytest.mark.thorough
 def test_before_breathing_is_known_a_wrong_scale_is_named_by_the_lateral_one_alone() -> None:
     evidence, whole = watched()
     named = fed(evidence, whole, 0, 9, scale=1.15)

@@ -137,6 +137,7 @@ def given(service: Service, samples: list[Sample], wanted: int, heard: Callable[
     return tuple(service.verdicts[before:])
 
 
+@pytest.mark.thorough
 def test_what_was_fed_gives_the_same_verdicts_again_bit_for_bit(tmp_path: Path) -> None:
     """On the real line; and the verdicts are those of a service that nobody listens to."""
     calibration, samples = scan(60)
@@ -241,6 +242,7 @@ def test_a_picture_is_reduced_to_the_means_of_its_blocks() -> None:
     assert reduced(image, 2).tolist() == [[4, 6, 8], [18, 20, 22]]
 
 
+@pytest.mark.thorough
 def test_who_does_not_read_loses_samples_and_is_told_how_many(service: Service) -> None:
     """Everybody else, and the line, go on."""
     large_px = (1280, 960)
@@ -314,6 +316,7 @@ def test_who_may_only_read_the_status_gets_no_picture(tmp_path: Path) -> None:
         Feed(service.path)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_feed_that_dies_or_hangs_moves_no_verdict(tmp_path: Path, how: signal.Signals) -> None:
     with Service(tmp_path) as service, Feed(service.path) as feed:
@@ -337,6 +340,7 @@ def test_a_feed_that_dies_or_hangs_moves_no_verdict(tmp_path: Path, how: signal.
             assert counted == 490 - len(taken & {*range(10, 500)})
 
 
+@pytest.mark.thorough
 def test_an_estimator_that_dies_is_told_as_the_end(tmp_path: Path) -> None:
     with Service(tmp_path) as service, Feed(service.path) as feed:
         os.kill(service.estimator.pid, signal.SIGKILL)
