@@ -18,20 +18,6 @@ const NAMES_DE = {
   "offset-lateral": "Versatz lateral", "offset-axial": "Versatz axial", "offset-elevational": "Versatz elevational (ζ)",
   "latency": "Verzug des Trackers",
 };
-const GESTURES = {
-  "polarity": ["slide sideways and press, to and fro", "seitlich schieben und drücken, hin und her"],
-  "latency": ["move to and fro, briskly", "zügig hin und her bewegen"],
-  "scale-lateral": ["slide sideways, to and fro", "seitlich hin und her schieben"],
-  "scale-axial": ["press and release", "drücken und loslassen"],
-  "rotation-lateral": ["slide along the probe's length and press", "in Längsrichtung schieben und drücken"],
-  "rotation-axial": ["slide sideways with a slow sweep", "seitlich schieben mit langsamem Schwenk"],
-  "rotation-elevational": ["slide sideways and press, in turns", "abwechselnd seitlich schieben und drücken"],
-  "offset-lateral": ["rock the probe sideways about one place", "an einer Stelle seitlich kippen"],
-  "offset-axial": ["rock the probe sideways about one place", "an einer Stelle seitlich kippen"],
-  "offset-elevational": ["tilt to and fro while you slide", "beim Schieben vor und zurück neigen"],
-};
-const REQUIRED = ["polarity", "latency", "scale-lateral", "scale-axial", "rotation-lateral", "rotation-axial", "rotation-elevational"];
-
 let language = "en";
 function say(text) { return language === "de" ? (GERMAN[text] || text) : text; }
 function named(name) { return language === "de" ? (NAMES_DE[name] || name) : name; }

@@ -9,15 +9,14 @@ function value(check) {
 }
 
 function showChecks(status) {
-  const estimated = status.checks.filter(check => check.shown_age_s !== null || REQUIRED.includes(check.name) || check.name.startsWith("offset"));
+  const estimated = status.checks.filter(check => check.shown_age_s !== null || check.max_age_s != null || check.name.startsWith("offset"));
   rows(el("shown"), estimated.map(check => {
     const [mark, kind] = MARKS[check.verdict];
     return [[`${mark} ${named(check.name)}`, kind], [value(check), "number"], [aged(check.shown_age_s), "number"]];
   }));
-  const missing = status.checks.filter(check => REQUIRED.includes(check.name) && check.verdict === "NOT_VERIFIED").map(check => check.name);
-  const gestures = [...new Set(missing.map(name => (GESTURES[name] || [])[language === "de" ? 1 : 0]).filter(Boolean))];
-  el("gestures").hidden = gestures.length === 0;
-  set("gestures", `${say("To show what is missing")}: ${gestures.join("; ")}`);
+  const wanted = status.gesture || [];
+  el("gestures").hidden = wanted.length === 0;
+  set("gestures", `${say("To show what is missing")}: ${wanted.join("; ")}`);
 }
 
 function showDevices(status) {
