@@ -15,6 +15,8 @@ from appliance.core.quality.trend import Estimate, Trend, trend
 from appliance.service.control.estimate_notes import EVENT
 from appliance.storage.alarm_chain import Entry
 from appliance.types import PARAMETERS
+from drivers.files.atomic_file import check_writable
+from tools.report.trend_page import write_trend_page
 from tools.shared.alarm_history import settled_log
 from tools.shared.tables import NOTHING, FittingTable
 
@@ -27,8 +29,9 @@ _FAR_DAYS = 3650
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("/var/lib/probewatch"))
 @click.option("--reference", type=click.IntRange(1), metavar="N", help="of the history; without it the latest")
+@click.option("--html", "html_path", type=click.Path(path_type=Path), help="write a page with plots there")
 @click.option("--json", "as_json", is_flag=True, help="JSON, null for what is not known")
-def command(folder: Path, reference: int | None, as_json: bool) -> None:
+def command(folder: Path, reference: int | None, html_path: Path | None, as_json: bool) -> None:
     """Tell where each parameter of the calibration is going, long before it meets its limit.
 
     While the calibration is verified the service notes every five minutes what motion showed of it, in the alarm log of
@@ -38,23 +41,28 @@ def command(folder: Path, reference: int | None, as_json: bool) -> None:
     \b
     Examples:
       probewatch trend
+      probewatch trend --html trend.html
       probewatch trend --reference 3 --json
 
     Exit code 0: all steady. 1: something is moving or near its limit. 3: fewer than 13 estimates, nothing can be said.
     65: the alarm log is damaged; what it still holds is told. 78: the folder cannot be read.
     """
+    check_writable(html_path)
     reading = settled_log(folder)
     entries = reading.entries
     number = reference if reference is not None else _latest(entries)
     found = {} if number is None else trends(entries, number)
+    rows = [_row(*one) for one in found.items()]
     if as_json:
         click.echo(json.dumps({"reference": number, "parameters": [_fields(*one) for one in found.items()]}, indent=2))
     elif found:
         styles = ["yellow" if one.moving or one.near else "" for one in found.values()]
-        rows = [_row(*one) for one in found.items()]
         Console(highlight=False).print(FittingTable(_HEADINGS, rows, styles, right_from=1))
     else:
         click.echo(f"{folder} holds no estimates yet: the service notes one every five minutes while it is verified")
+    if html_path is not None:
+        write_trend_page(html_path, number, found, {name: unit_of(name) for name in found}, _HEADINGS, rows)
+        click.echo(f"written: {html_path}", err=as_json)
     sys.exit(65 if reading.damages else _code(found))
 
 

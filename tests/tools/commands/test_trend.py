@@ -10,6 +10,7 @@ from click.testing import CliRunner, Result
 
 from appliance.storage.alarm_chain import segments
 from appliance.storage.alarm_log import AlarmLog
+from drivers.errors import ConfigurationError
 from tools.commands.trend import command
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
@@ -58,6 +59,17 @@ def test_a_reference_has_a_trend_of_its_own(folder: Path) -> None:
     assert bend["per_day"] == pytest.approx(0.6, abs=4 * bend["per_day_sigma"])
     assert 2 < bend["days_left"] < 4.5, "3 deg at .6 a day, a day and a half of it gone"
     assert asked(folder, "--reference", "1").exit_code == 0
+
+
+def test_the_page_shows_every_parameter_and_loads_nothing(folder: Path, tmp_path: Path) -> None:
+    page = tmp_path / "trend.html"
+    assert asked(folder, "--html", str(page)).exit_code == 1
+    text = page.read_text()
+    assert text.count("<svg") == 2
+    assert "rotation-axial over days" in text
+    assert "default-src 'none'" in text
+    refused = asked(folder, "--html", str(tmp_path / "no" / "such" / "trend.html"))
+    assert isinstance(refused.exception, ConfigurationError)
 
 
 def test_too_few_estimates_say_so(tmp_path: Path) -> None:
