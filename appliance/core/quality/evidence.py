@@ -38,10 +38,10 @@ to −40 % five seconds after the start (`probewatch study`, in-plane, breathing
 windows of 3.5 to 10 s of breathing did.
 """
 _BREATHING_KNOWN_NS = 9_500_000_000
-"""Until noise was learned from as much, an axial scale that is wrong may be a breath, and is neither shown nor a fault:
-a window of 8 s named −13 % in a gesture over breathing tissue (pressed once in 2 s, seed 20 of 20). A depth setting
-changes the lateral scale as well, which is named as before. Longer names an axial scale alone later, and never where
-it exceeds `_LIVELY_NS`, the longest window under a sign.
+"""Until noise was learned from as much, an axial scale that is wrong may be a breath: it withdraws the OK, as any sign,
+and is not named as a fault. A window of 8 s named −13 % in a gesture over breathing tissue (pressed once in 2 s, seed
+20 of 20). A depth setting changes the lateral scale as well, which is named as before. Longer names an axial scale
+alone later, and never where it exceeds `_LIVELY_NS`, the longest window under a sign.
 """
 _BREATHED = frozenset({"scale-axial"})
 _UNKNOWN_LATENCY_S = 0.05
@@ -267,9 +267,9 @@ class Evidence:
         return window, finding
 
     def _examined(self, window: PathWindow, start: Noise | None) -> Finding:
-        """What the window shows; while breathing is not known, a wrong axial scale is not decided."""
+        """What the window shows; while breathing is not known, a wrong axial scale is a sign and not named."""
         finding = examine(window, self._reference, self._limits, start)
-        return finding if self._breathing_known else _unmeasured(finding, _BREATHED & finding.failed)
+        return finding if self._breathing_known else _without(finding, _BREATHED & finding.failed)
 
     def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
         """Whether the long window is worth another solution: it grows still, or something speaks against its last."""
@@ -349,15 +349,6 @@ def _without(finding: Finding, names: frozenset[str]) -> Finding:
     """The finding with the named checks left undecided."""
     checks = (
         replace(check, verdict=VerdictKind.NOT_VERIFIED) if check.name in names else check for check in finding.checks
-    )
-    return Finding(tuple(checks), finding.solution)
-
-
-def _unmeasured(finding: Finding, names: frozenset[str]) -> Finding:
-    """The finding without a value for the named checks, so that none is a sign against anything."""
-    checks = (
-        replace(check, value=nan, verdict=VerdictKind.NOT_VERIFIED) if check.name in names else check
-        for check in finding.checks
     )
     return Finding(tuple(checks), finding.solution)
 

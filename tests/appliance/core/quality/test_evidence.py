@@ -133,6 +133,7 @@ def test_before_breathing_is_known_a_wrong_scale_is_named_by_the_lateral_one_alo
     assert not evidence.shows("scale")
     evidence, whole = watched()
     assert set().union(*fed(evidence, whole, 0, 9, scale=1.15, lateral=False)) == set()
+    assert [sign.check.name for sign in evidence.standing.contradicted] == ["scale-axial"], "no OK meanwhile"
     assert not evidence.shows("scale")
     assert fed(evidence, whole, 9, 15, scale=1.15, lateral=False)[-1] == {"scale-axial"}
 
