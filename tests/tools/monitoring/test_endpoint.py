@@ -84,6 +84,7 @@ def run(*arguments: object) -> "subprocess.Popen[str]":
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.mark.thorough
 def test_the_file_for_node_exporter_is_whole_and_goes_with_its_writer(tmp_path: Path) -> None:
     file = tmp_path / "textfile" / "probewatch.prom"
     file.parent.mkdir()

@@ -118,6 +118,11 @@ def service(tmp_path: Path) -> Iterator[Answering]:
         yield service
 
 
+def told_entities(reader: Reader) -> list[dict[str, object]]:
+    """What Home Assistant has been told so far: one message an entity."""
+    return [json.loads(text) for topic, text in tuple(reader.seen.items()) if topic.startswith("homeassistant/")]
+
+
 @pytest.mark.thorough
 @needs_mosquitto
 def test_who_comes_later_knows_the_state_and_who_looks_on_learns_of_the_end(service: Answering, tmp_path: Path) -> None:
@@ -132,9 +137,8 @@ def test_who_comes_later_knows_the_state_and_who_looks_on_learns_of_the_end(serv
             with Reader(broker.port) as later:
                 until(lambda: later.state().get("state") == "halt", 10)
                 assert {STATE, AVAILABLE} <= later.retained
-                entities = [
-                    json.loads(text) for topic, text in later.seen.items() if topic.startswith("homeassistant/")
-                ]
+                until(lambda: len(told_entities(later)) == 5, 10)
+                entities = told_entities(later)
                 assert {entity["state_topic"] for entity in entities} == {STATE}
                 assert {entity["availability_topic"] for entity in entities} == {AVAILABLE}
                 assert len({entity["unique_id"] for entity in entities}) == 5

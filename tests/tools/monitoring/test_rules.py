@@ -45,6 +45,7 @@ def test_promtool_accepts_rules_and_configuration(promtool: str) -> None:
         assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.thorough
 def test_every_alert_waits_for_what_it_says(promtool: str, tmp_path: Path) -> None:
     """promtool would have the tests repeat every text; so the rules are tried without."""
     document = yaml.safe_load(RULES.read_text())

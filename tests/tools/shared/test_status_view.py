@@ -163,6 +163,7 @@ def test_the_status_is_readable_in_any_locale_and_its_json_the_same(service: Pat
     assert json.loads(as_json)["text"] == "Kalibrierung nicht bestätigt"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("as_json", [False, True])
 def test_watching_into_a_pipe_prints_lines(service: Path, as_json: bool) -> None:
     words = ["status", "--watch", *(["--json"] if as_json else []), "--socket", str(service)]

@@ -100,6 +100,7 @@ def test_a_control_file_switches_faults_while_it_runs(tmp_path: Path, simulate: 
         usable(tracker)
 
 
+@pytest.mark.thorough
 def test_faults_of_the_command_line_keep_their_times(simulate: Callable[..., str]) -> None:
     origin_ns = time.monotonic_ns()
     options = ("--origin-ns", str(origin_ns), "--rate", "2", "--fault", "missing@8..9")

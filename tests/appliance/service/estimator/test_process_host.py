@@ -196,6 +196,7 @@ def test_a_hung_one_is_named_and_polling_it_never_waits(impatient: EstimatorHost
     assert re.fullmatch(r"hung, silent for 2\.\d s, restart 1", str(host.ended))
 
 
+@pytest.mark.thorough
 def test_one_that_no_signal_reaches_holds_up_no_poll_and_is_buried_later(
     impatient: EstimatorHost, monkeypatch: pytest.MonkeyPatch
 ) -> None:
