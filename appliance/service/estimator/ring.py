@@ -90,8 +90,8 @@ class Ring:
     """
 
     def __init__(self, shape: Shape, fds: RingFds | None = None) -> None:
-        self._shape = shape
         """Raises OSError, and then leaves nothing open that it has made."""
+        self._shape = shape
         self.fds = _made(shape) if fds is None else fds
         try:
             self._memory = mmap.mmap(self.fds.memory, shape.size)
