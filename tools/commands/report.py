@@ -9,15 +9,14 @@ from pathlib import Path
 import click
 
 from appliance.configuration.config import load_config
-from appliance.service.control.rights import join_group
 from appliance.service.control.status import due_utc
-from appliance.storage.alarm_chain import Reading, read_log
 from appliance.storage.reference_store import read_history
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.period import PERIODS, last_period, period, read_self_tests, summary
 from tools.report.period_page import write_period_page
+from tools.shared.alarm_history import settled_log
 
 _CONFIG = Path("/etc/probewatch/probewatch.toml")
 _SELF_TESTS = "self-tests"
@@ -61,7 +60,7 @@ def command(config_path: Path, kind: str, day: datetime | None, folder: Path, as
     check_pdf(pdf)
     if key is not None:
         _check_key(key)
-    reading = _read(config.alarm.folder)
+    reading = settled_log(config.alarm.folder)
     tests, damaged = read_self_tests(config.alarm.folder / _SELF_TESTS)
     history = read_history(config.alarm.folder)
     in_force = None if history is None else history.in_force
@@ -72,16 +71,6 @@ def command(config_path: Path, kind: str, day: datetime | None, folder: Path, as
     for file in (page, *([] if pdf is None else [pdf])):
         signed = f", signed {file.name}.sig" if key is not None and _sign(file, key) else ""
         click.echo(f"written: {file}{signed}")
-
-
-def _read(folder: Path) -> Reading:
-    try:
-        if folder.is_dir():
-            return read_log(folder)
-    except OSError as error:
-        remedy = join_group(folder) if isinstance(error, PermissionError) else "Check its disk"
-        raise ConfigurationError(f"cannot be read ({error.strerror})", str(folder), remedy) from None
-    raise ConfigurationError("is not a folder", str(folder), "Is [alarm] folder of the configuration right?")
 
 
 def _check_key(key: Path) -> None:
