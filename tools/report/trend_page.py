@@ -3,12 +3,9 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from appliance.core.quality.trend import Trend
+from appliance.core.quality.trend import DAY_S, Trend
 from tools.report.page import section, table, text, write_page
 from tools.report.svg import Plot
-
-_DAY_S = 86_400.0
-"""Seconds of a day."""
 
 
 def write_trend_page(
@@ -31,7 +28,7 @@ def write_trend_page(
 
 def _plot(name: str, one: Trend, unit: str) -> str:
     first_s = one.estimates[0].utc_s
-    days = [(estimate.utc_s - first_s) / _DAY_S for estimate in one.estimates]
+    days = [(estimate.utc_s - first_s) / DAY_S for estimate in one.estimates]
     plot = Plot((0.0, max(days[-1], 1e-3)), (-1.2 * one.limit, 1.2 * one.limit), "days", f"{name}, {unit}", 180)
     plot.band(days, one.low.tolist(), one.high.tolist(), "a")
     plot.line(days, [estimate.value for estimate in one.estimates], "b", "estimates")

@@ -23,7 +23,7 @@ _BASELINE = 12
 drift into it that was there from the start."""
 _NEAR = 0.7
 """Share of its limit from which a parameter is near it, as `probewatch fleet` has it."""
-_DAY_S = 86_400.0
+DAY_S = 86_400.0
 """Seconds of a day."""
 
 
@@ -72,7 +72,7 @@ def trend(estimates: Sequence[Estimate], limit: float) -> Trend:
     base, scatter = _baseline(values, np.array([one.sigma for one in known]))
     mean = _weighted(values, base)
     room = _control(len(known), scatter) * (1.0 if len(known) > _BASELINE else inf)
-    slope, slope_sigma = _slope(np.array([one.utc_s for one in known]) / _DAY_S, values, scatter)
+    slope, slope_sigma = _slope(np.array([one.utc_s for one in known]) / DAY_S, values, scatter)
     left = _days_left(float(mean[-1]) if known else 0.0, slope, slope_sigma, limit)
     return Trend(known, limit, mean, base - room, base + room, slope, slope_sigma, left)
 
