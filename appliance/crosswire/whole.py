@@ -28,6 +28,7 @@ _EIGHT = len(PARAMETERS)
 _CROSSING = slice(_EIGHT, _EIGHT + 3)
 _LATENCY = _EIGHT + 3
 _UNKNOWN = _EIGHT + 4
+"""Places in θ: the parameters, the crossing in the tracker's frame, mm, the latency, s; and their number."""
 _NATURAL = np.array([*(np.radians(1.0),) * 3, *(0.01,) * 2, *(1.0,) * 3, *(1.0,) * 3, 0.01])
 """What is a small change of each: 1°, 1 %, 1 mm, 10 ms. Steps of the solver and the weak prior are counted in it."""
 LEAST_VIEWS = 6

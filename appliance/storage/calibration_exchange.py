@@ -17,8 +17,10 @@ from drivers.errors import ConfigurationError
 from drivers.samples import Matrix4
 
 _LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
+"""ITK's axes (left, posterior, superior) from Slicer's (right, anterior, superior), and back."""
 _MAGIC = "#Insight Transform File"
 _AFFINE = ("AffineTransform_double_3_3", "MatrixOffsetTransformBase_double_3_3")
+"""Classes of ITK that hold one linear transform."""
 _MOST_BYTES = 20_000
 """A linear transform has 500. More is not one, and reading it would take time for nothing."""
 

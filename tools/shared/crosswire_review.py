@@ -12,6 +12,7 @@ from tools.shared.tables import FittingTable
 
 _UNITS = ("°",) * 3 + ("%",) * 2 + ("mm",) * 3
 _PER_UNIT = np.array([*(np.degrees(1.0),) * 3, *(100.0,) * 2, *(1.0,) * 3])
+"""Of PARAMETERS: what people read, and how many of it are one rad, one relative, one mm."""
 _WORST = 8
 """Views shown where not all are asked for: what a person would strike out is among them."""
 
