@@ -14,6 +14,7 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from appliance.limits import Limits
@@ -87,11 +88,19 @@ def test_other_patience_with_a_tracker_reaches_the_line() -> None:
 
 
 def test_both_streams_reach_the_line_in_the_order_of_their_stamps(host: EstimatorHost) -> None:
-    for t_ns in (30, 10, 20):
-        host.put(frame(stand_in.OK, t_ns))
+    """Samples that wait together: the process is held until all are there, or it would take them as they come."""
+    seen(host)
+    assert host.pid is not None
+    os.kill(host.pid, signal.SIGSTOP)
+    try:
+        until(lambda: psutil.Process(host.pid).status() == psutil.STATUS_STOPPED)
+        for t_ns in (30, 10, 20):
+            host.put(frame(stand_in.OK, t_ns))
+    finally:
+        os.kill(host.pid, signal.SIGCONT)
     came: list[int] = []
     until(lambda: came.extend(verdict.t_ns for verdict in host.poll()[1]) or len(came) == 3)
-    assert came in ([10, 20, 30], [30, 10, 20]), "sorted when they wait together, as they come otherwise"
+    assert came == [10, 20, 30]
 
 
 def test_a_sample_wakes_it(host: EstimatorHost) -> None:
