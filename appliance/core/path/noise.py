@@ -5,12 +5,13 @@ and pulse, and one offset for each chain (docs/method.md, section 7). The parts 
 tenth of a second or more: half a minute is two hundred blocks, few enough to be factorised for every solution.
 """
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotri, dtrtrs
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
 
 from drivers.rigid import Array
 
@@ -35,6 +36,17 @@ _BREATHING_S, _PULSE_S = 1.0, 0.15
 fitted over half a minute draws the axial scale by ten of its sigmas once breaths differ by a tenth from one another
 (four seeds of the study's tissue); this does not.
 """
+_LEFT = np.array([1.0, 0.04, 0.04, 0.04, 0.002, 0.5])
+"""Share of each part's variance that is left where breaths are followed, to begin with; it is learned from there. More
+takes more rounds to come down, less to come up. What breathing without a rhythm leaves in the walks is not theirs.
+"""
+_PULSE_HZ = np.arange(0.7, 2.51, 0.05)
+"""Rates of a pulse that are tried: 42 to 150 a minute. Closer ones cost time and are the same to it (`_BEATS_S`)."""
+_BEATS_S = 2.0
+"""For which a pulse keeps its rhythm: two beats, so 8 % beside the rate tried it is still that. Without a rhythm, a
+pulse hides the tremor: sigma of the axial scale would be .8 instead of .25 % with known breaths (in-plane, 30 s); a memory of
+5 s gives no more.
+"""
 _AGREEMENT_LAG_S = 0.5
 """Over which the two paths are compared. Shorter, tracker noise spoils the correlation of good calibrations; longer,
 few steps are independent in a window of 3.5 s. Not measured.
@@ -56,9 +68,12 @@ so that a window which happens to fit does not count as certain, and equal poses
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Noise:
-    """variances: (rows, PARTS), mm² or rad², in the units of `Blocks.parts`."""
+    """variances: (rows, PARTS), mm² or rad², in the units of `Blocks.parts`. followed: (rows, PARTS) what is left of
+    them where breaths are followed, NaN in rows where they are not.
+    """
 
     variances: Array
+    followed: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +160,10 @@ def _smoothed(values: Array) -> Array:
     return np.convolve(padded, np.full(_SMOOTH_BLOCKS, 1 / _SMOOTH_BLOCKS), mode="valid")
 
 
+def _rhythm(apart_s: Array, hz: float) -> Array:
+    return np.asarray(np.cos(2 * np.pi * hz * apart_s) * np.exp(-np.square(apart_s / _BEATS_S) / 2))
+
+
 def _slant(elevation_mm: Array) -> Array:
     """Integral of a slope that forgets itself over `_SLANT_MM`: what is passed twice shifts the picture alike twice."""
 
@@ -162,10 +181,12 @@ class Whitener:
     inverse: (m, m) of the covariance. log_volume: its log det.
     """
 
-    def __init__(self, parts: Array, offsets: Array, variances: Array) -> None:
+    def __init__(self, parts: Array, offsets: Array, variances: Array, followed: Array | None = None) -> None:
         self._per_picture = np.diag(parts[WHITE])
         flat = parts.reshape(len(parts), -1)
         self._tissue = (variances[BREATHING:] @ flat[BREATHING:]).reshape(offsets.shape)
+        if followed is not None:
+            self._tissue += followed
         C = (variances[:BREATHING] @ flat[:BREATHING]).reshape(offsets.shape)
         C += self._tissue
         C += offsets
@@ -192,6 +213,24 @@ class Whitener:
         """What the tissue's own motion, which is in the picture's path, pretends as information on its scale."""
         return float(np.vdot(self.inverse, self._tissue))
 
+    @cached_property
+    def left_in(self) -> float:
+        """The same where the most likely motion of the tissue is taken out of the picture's path."""
+        share = self.inverse @ self._tissue
+        return max(float(np.trace(share) - np.vdot(share.T, share)), 0.0)
+
+    def tissue(self, path: Array) -> Array:
+        """(m,) the most likely motion of the tissue in a path (m,)."""
+        return np.asarray(self._tissue @ self._pulled(path))
+
+    def weighed(self, columns: Array, path: Array) -> Array:
+        """(p,) of columns (p, m) with a path (m,), by the inverse of the covariance."""
+        return np.asarray(columns @ self._pulled(path))
+
+    def _pulled(self, path: Array) -> Array:
+        pulled, _ = dpotrs(self._factor, path, lower=True)
+        return np.asarray(pulled)
+
     def white(self, columns: Array) -> Array:
         """(…, m) → innovations (…, m), of unit variance and in time order."""
         flat = columns.reshape(-1, columns.shape[-1])
@@ -210,34 +249,81 @@ class LearnedNoise:
 
     def __init__(self, blocks: Blocks, elevation_mm: Array, noise: Noise) -> None:
         self._parts = blocks.parts(elevation_mm)
+        self._blocks = blocks
         positions = np.isin(np.arange(len(noise.variances)), POSITIONS)
         self._floors = np.where(positions[:, None], POSITION_FLOORS, ANGLE_FLOORS)
         self._offsets = [blocks.same * np.square(_OFFSET_MM if is_mm else _OFFSET_RAD) for is_mm in positions]
+        self._left_open: dict[int, Array] = {}
+        self._unfollowed: dict[int, Array] = {}
         self.noise = replace(noise, variances=np.maximum(noise.variances, self._floors))
-        self.rows = self._whiteners()
+        self.rows = [self._whitener(k) for k in range(len(self._offsets))]
 
-    def _whiteners(self) -> list[Whitener]:
-        rows = zip(self._offsets, self.noise.variances, strict=True)
-        return [Whitener(self._parts, offsets, variances) for offsets, variances in rows]
+    def _whitener(self, k: int) -> Whitener:
+        return Whitener(self._parts, self._offsets[k], self.noise.variances[k], self._left_open.get(k))
 
     def learn(self, residual: Array, J: Array, covariance: Array) -> None:
-        """residual: (rows, m) at the estimate, free of outliers. J: (rows, 9, m).
+        """residual: (rows, m) at the estimate, free of outliers. J: (rows, 9, m). Where breaths are followed, only
+        those rows learn, in longer steps: their variances fall far at first.
 
         covariance: (9, 9) of θ, by the noise as it is.
         """
-        variances = np.empty_like(self.noise.variances)
-        for k, row in enumerate(self.rows):
+        variances, power = self.noise.variances.copy(), 1.0 if self._left_open else 0.5
+        learning = list(self._left_open or range(len(self.rows)))
+        for k in learning:
+            row = self.rows[k]
             pulled = row.inverse @ residual[k]
             lever = row.inverse @ J[k].T
             P = row.inverse - lever @ covariance @ lever.T
             told = self._parts @ pulled @ pulled
             expected = self._parts.reshape(PARTS, -1) @ P.ravel()
             ratio = np.clip(told / np.maximum(expected, _TINY), _FASTEST**-2, _FASTEST**2)
-            variances[k] = self.noise.variances[k] * np.sqrt(ratio)
-        self.noise = replace(self.noise, variances=np.maximum(variances, self._floors))
-        self.rows = self._whiteners()
+            variances[k] *= ratio**power
+        self._take(variances, learning)
 
-    def without_tissue(self, k: int, path: Array) -> Array:
-        """Row k less the most likely breathing and pulse in it."""
-        own = np.tensordot(self.noise.variances[k, BREATHING:], self._parts[BREATHING:], axes=1)
-        return np.asarray(path - own @ (self.rows[k].inverse @ path))
+    def _take(self, variances: Array, rows: Iterable[int]) -> None:
+        self.noise = replace(self.noise, variances=np.maximum(variances, self._floors))
+        for k in rows:
+            self.rows[k] = self._whitener(k)
+
+    def breathing(self, k: int, path: Array) -> Array:
+        """(m,) the most likely breathing in a path (m,) of row k."""
+        own = self.noise.variances[k, BREATHING] * self._parts[BREATHING]
+        return np.asarray(own @ (self.rows[k].inverse @ path))
+
+    def expect_breaths(self, inside: Mapping[int, NDArray[np.bool_]], path: Array) -> None:
+        """Breaths are followed from here on: what is unlike them is left of the breathing, and a pulse has a rhythm.
+
+        inside: of each row with breaths, (m,) where there are any; elsewhere the breathing stays as it is. path:
+        (rows, m).
+        """
+        first, variances = next(iter(inside)), self.noise.variances.copy()
+        for k, within in inside.items():
+            breathing = self.noise.variances[k, BREATHING] * self._parts[BREATHING]
+            self._unfollowed[k] = breathing * np.outer(~within, ~within)
+            known = None if self.noise.followed is None else self.noise.followed[k]
+            variances[k] = variances[k] * _LEFT if known is None or np.isnan(known).any() else known
+        self._parts[PULSE] = _rhythm(self._blocks.apart_s, self._pulse_hz(first, path[first]))
+        self._take(variances, range(len(self.rows)))
+
+    def follow(self, k: int, covariance: Array) -> Whitener:
+        """Row k from here on; covariance: (m, m) of what the breaths that are followed leave open."""
+        self._left_open[k] = covariance + self._unfollowed[k]
+        self.rows[k] = self._whitener(k)
+        return self.rows[k]
+
+    def left(self, rows: list[int]) -> Array:
+        """(rows, PARTS) as `Noise.followed`."""
+        left = np.full_like(self.noise.variances, np.nan)
+        left[rows] = self.noise.variances[rows]
+        return left
+
+    def _pulse_hz(self, k: int, path: Array) -> float:
+        """The rate of which row k holds most, by its noise without a pulse."""
+        variances = self.noise.variances[k].copy()
+        variances[PULSE] = self._floors[k, PULSE]
+        row = Whitener(self._parts, self._offsets[k], variances)
+        angle = 2 * np.pi * _PULSE_HZ[:, None] * self._blocks.t_s
+        waves = row.white(np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        told = waves @ row.white(path)
+        amplitude = np.linalg.solve(waves @ waves.swapaxes(1, 2), told[..., None])[..., 0]
+        return float(_PULSE_HZ[int(np.argmax(np.sum(told * amplitude, axis=1)))])

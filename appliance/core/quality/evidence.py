@@ -256,8 +256,7 @@ class Evidence:
         it would hold what made the sign for three times as long.
         """
         window = recent
-        doubted = bool(self._verification.contradicted)
-        for span_ns in (_LIVELY_NS,) if doubted else (_LIVELY_NS, _LONG_NS):
+        for span_ns in (_LIVELY_NS,) if self._doubted else (_LIVELY_NS, _LONG_NS):
             longer = self.window.since(max(self._valid_ns, now_ns - span_ns))
             if len(longer) > len(window):
                 window = longer
@@ -273,8 +272,14 @@ class Evidence:
 
     def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
         """Whether the long window is worth another solution: it grows still, or something speaks against its last."""
-        doubted = bool(short.failed or self._suspects or self._verification.contradicted)
+        doubted = bool(short.failed or self._suspects) or self._doubted
         return doubted or long.span_ns < _GROWN_NS or now_ns - self._long_ns >= _LONG_EVERY_NS
+
+    @property
+    def _doubted(self) -> bool:
+        """Whether a sign stands, but for one that may be a breath: only a long window can answer that."""
+        signs = self._verification.contradicted
+        return any(sign.named or sign.check.name not in _BREATHED for sign in signs)
 
     def _noise_until(self, t_ns: int) -> Noise | None:
         """As last learned not after t_ns. A short window is held against noise from before it, into which a change

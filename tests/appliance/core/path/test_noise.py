@@ -119,6 +119,7 @@ def test_breathing_is_taken_out_of_a_path_and_motion_is_left() -> None:
     breath = 2 * np.sin(2 * np.pi * given.t_s / 4)
     quick = 0.3 * np.sign(np.sin(40 * given.t_s))
     learned = LearnedNoise(given, np.zeros(200), noise(np.array([0.3, 0.01, 0.01, 0.012, 2.0, 1e-3])))
-    clean = learned.without_tissue(0, breath + quick)
+    path = breath + quick
+    clean = path - learned.rows[0].tissue(path)
     assert np.std(clean - quick) < 0.15
     assert np.std(clean) > 0.2

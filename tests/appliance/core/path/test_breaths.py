@@ -1,0 +1,129 @@
+"""Breaths that differ from one another, followed one by one: alone, and in the solver."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from appliance.core.path.breaths import Breaths
+from appliance.core.path.noise import Blocks
+from appliance.core.path.samples import PathSamples
+from appliance.core.path.solver import Prior, Solution, solve
+from drivers.rigid import Array, rigid, rotation_from_vector
+from tests.support.motions import TRUTH, Noise, samples
+
+SECONDS = 26
+STARTS_S = np.array([-1.5, 2.2, 6.6, 10.4, 14.9, 18.6, 22.4, 26.9])
+"""Breaths of 3.7 to 4.5 s."""
+DEPTHS_MM = np.array([3.7, 4.3, 3.9, 4.4, 3.6, 4.1, 4.2])
+SCALE_AXIAL = 4
+"""Of `Solution.change`."""
+
+
+def breathing_mm(t_s: Array) -> Array:
+    number = np.searchsorted(STARTS_S, t_s, side="right") - 1
+    share = (t_s - STARTS_S[number]) / np.diff(STARTS_S)[number]
+    return np.asarray(DEPTHS_MM[number] * (1 - np.cos(np.pi * share) ** 4))
+
+
+def blocks(seconds: int = SECONDS) -> Blocks:
+    t_s = np.arange(30 * seconds) / 30
+    return Blocks.of(t_s, np.zeros(t_s.size, dtype=np.int64))
+
+
+def pressed(t_s: Array) -> Array:
+    """A circle with a press at 1.3 times the rate of the breaths, and a tremor."""
+    tremor = [0.3 * np.sin(2 * np.pi * np.array([[0.9], [1.4], [2.3]]) * t_s + row).sum(axis=0) for row in range(3)]
+    way = [5 * np.sin(2 * np.pi * t_s / 3.1), 2 * np.cos(2 * np.pi * t_s / 3.1), 0 * t_s]
+    return rigid(
+        rotation_from_vector(0.004 * np.stack(tremor[::-1], axis=1)), np.stack(way, axis=1) + np.stack(tremor, 1)
+    )
+
+
+def breathed(seed: int, scale: float = 1.0) -> PathSamples:
+    """scale: of the picture's axis against the reference's, TRUTH."""
+    given = samples(pressed, 30 * SECONDS, seed, Noise())
+    moved_px = given.u_px + np.outer(breathing_mm(given.t_s), [0, 1]) / TRUTH.scale_mm_per_px
+    return replace(given, u_px=moved_px / np.array([1.0, scale]))
+
+
+def solved(given: PathSamples) -> Solution:
+    return solve(given, TRUTH, Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0, latency_s=0.005))
+
+
+def test_every_breath_is_found_though_no_two_are_alike() -> None:
+    found = Breaths.found(blocks(), breathing_mm(blocks().t_s))
+    assert found is not None
+    inner = found.ends_s[(found.ends_s > 0) & (found.ends_s < SECONDS)]
+    np.testing.assert_allclose(inner, STARTS_S[1:-1], atol=0.15)
+    assert found.inside.all()
+
+
+def test_what_is_believed_of_the_breaths_explains_them_once_it_is_fitted() -> None:
+    given, truth = blocks(), breathing_mm(blocks().t_s)
+    found = Breaths.found(given, truth)
+    assert found is not None
+    state = found.usual
+    for _ in range(6):
+        path, slopes = found.linear(given.t_s, state)
+        weighed = slopes / 0.02
+        missed = given.without_offsets(truth - path)
+        known = np.diag(1 / found.sd**2)
+        slope = weighed @ missed / 0.02 - known @ (state - found.usual)
+        state = state + np.linalg.solve(weighed @ weighed.T + known, slope)
+    left = given.without_offsets(truth - found.linear(given.t_s, state)[0])
+    assert np.std(given.without_offsets(truth - found.linear(given.t_s, found.usual)[0])) > 0.2
+    assert np.std(left) < 0.05
+
+
+def test_its_derivatives_are_those_of_differences() -> None:
+    given = blocks(12)
+    found = Breaths.found(given, breathing_mm(given.t_s))
+    assert found is not None
+    state = found.usual + 0.3 * found.sd * np.random.default_rng(3).standard_normal(found.sd.size)
+    _, slopes = found.linear(given.t_s, state)
+    for k in range(state.size):
+        step = 1e-5 * np.eye(state.size)[k]
+        up, down = (found.linear(given.t_s, state + sign * step)[0] for sign in (1, -1))
+        np.testing.assert_allclose((up - down) / 2e-5, slopes[k], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "size"), [(7, 1.0), (SECONDS, 0.1)], ids=["too few breaths", "shallower than a path drifts"]
+)
+def test_no_breaths_are_made_of_what_is_none(seconds: int, size: float) -> None:
+    given = blocks(seconds)
+    assert Breaths.found(given, size * breathing_mm(given.t_s)) is None
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.92])
+def test_the_axial_scale_is_shown_though_the_tissue_breathes(scale: float) -> None:
+    """Unfollowed, breathing leaves it unobserved; its error by then is 4 % and more."""
+    found = solved(breathed(1, scale))
+    sigma = np.sqrt(found.covariance[SCALE_AXIAL, SCALE_AXIAL])
+    assert found.calibration.observed[SCALE_AXIAL]
+    assert sigma < 0.012
+    assert abs(found.change[SCALE_AXIAL] - (scale - 1)) < 3 * sigma
+
+
+@pytest.mark.thorough
+def test_its_sigma_covers_the_truth() -> None:
+    """24 sweeps of one hand over one tissue; the noise of the tracker alone differs."""
+    z = []
+    for seed in range(24):
+        found = solved(breathed(seed))
+        z.append(found.change[SCALE_AXIAL] / np.sqrt(found.covariance[SCALE_AXIAL, SCALE_AXIAL]))
+    assert np.sqrt(np.mean(np.square(z))) < 1.3
+    assert np.max(np.abs(z)) < 3
+
+
+def test_breaths_with_nothing_in_common_leave_the_scale_unobserved_or_its_sigma_wide() -> None:
+    """A drift of the tissue that has no shape to follow."""
+    given = samples(pressed, 30 * SECONDS, 2, Noise())
+    kernel = np.exp(-np.square((given.t_s[:, None] - given.t_s) / 0.8) / 2) + 1e-9 * np.eye(given.t_s.size)
+    random_mm = 1.5 * np.linalg.cholesky(kernel) @ np.random.default_rng(4).standard_normal(given.t_s.size)
+    moved = replace(given, u_px=given.u_px + np.outer(random_mm, [0, 1]) / TRUTH.scale_mm_per_px)
+    found = solved(moved)
+    sigma = np.sqrt(found.covariance[SCALE_AXIAL, SCALE_AXIAL])
+    assert not found.calibration.observed[SCALE_AXIAL] or sigma > 0.01
+    assert abs(found.change[SCALE_AXIAL]) < 3 * sigma or not found.calibration.observed[SCALE_AXIAL]
