@@ -44,8 +44,8 @@ _PULSE_HZ = np.arange(0.7, 2.51, 0.05)
 """Rates of a pulse that are tried: 42 to 150 a minute. Closer ones cost time and are the same to it (`_BEATS_S`)."""
 _BEATS_S = 2.0
 """For which a pulse keeps its rhythm: two beats, so 8 % beside the rate tried it is still that. Without a rhythm, a
-pulse hides the tremor: sigma of the axial scale would be .8 instead of .25 % with known breaths (in-plane, 30 s); a memory of
-5 s gives no more.
+pulse hides the tremor: sigma of the axial scale would be .8 instead of .25 % with known breaths (in-plane, 30 s); a
+memory of 5 s gives no more.
 """
 _AGREEMENT_LAG_S = 0.5
 """Over which the two paths are compared. Shorter, tracker noise spoils the correlation of good calibrations; longer,
