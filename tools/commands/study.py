@@ -76,6 +76,13 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
 )
 @click.option("--tissues", default="all", show_default=True, callback=_listed, help=", ".join(TISSUES))
 @click.option("--seeds", default=10, show_default=True, type=click.IntRange(1, 10_000), help="of each session")
+@click.option(
+    "--draws",
+    default=1,
+    show_default=True,
+    type=click.IntRange(1, 10_000),
+    help="noises of the tracker on the same pictures: more hours without rendering more",
+)
 @click.option("--duration", "duration_s", type=click.FloatRange(5, 3600), help="of each session, s [60; mixed 90]")
 @click.option(
     "--noise-mm",
@@ -121,6 +128,7 @@ def command(
     sessions: tuple[str, ...],
     tissues: tuple[Tissue, ...],
     seeds: int,
+    draws: int,
     duration_s: float | None,
     noises_mm: tuple[float, ...],
     hazards: tuple[Hazard, ...],
@@ -151,7 +159,7 @@ def command(
     page = output / "study.html"
     check_page(page)
     folder = None if motions is None else motions.absolute()
-    plan = planned(sessions, tissues, seeds, noises_mm, hazards, duration_s, asked)
+    plan = planned(sessions, tissues, seeds, noises_mm, hazards, duration_s, asked, draws)
     _do(plan, table, folder, jobs, scheduler)
     keys = {one.key for one in plan}
     rows = [row for row in table.rows if tuple(row[key] for key in KEYS) in keys]

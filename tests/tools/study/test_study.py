@@ -12,13 +12,14 @@ from appliance.types import PARAMETERS, Calibration
 from drivers.errors import DeviceLost
 from drivers.recordings.metaimage import write_metaimage
 from drivers.recordings.replay import open_recording
+from drivers.samples import Pose
 from tests.support.answers import answered
 from tests.support.recordings import items
 from tools.study import workers
 from tools.study.hazard import Hazard
 from tools.study.outcome import run
 from tools.study.plan import Task, planned, tasks
-from tools.study.samples import Conditions, rendered
+from tools.study.samples import Conditions, rendered, samples
 from tools.study.session import Session
 from tools.study.workers import results
 
@@ -85,11 +86,20 @@ def test_a_rendered_session_is_a_recording_and_is_taken_from_there(motions):
 
 def test_a_plan_is_every_run_once_and_what_is_done_is_left_out():
     hazards = [Hazard(), *(Hazard("latency", float(size)) for size in range(100, 106))]
-    plan = planned(("hold", "fan"), ("still", "breathing"), 3, (0.1, 0.25), hazards)
-    assert len(plan) == len({one.key for one in plan}) == 2 * 2 * 3 * 2 * 7
+    plan = planned(("hold", "fan"), ("still", "breathing"), 3, (0.1, 0.25), hazards, draws=2)
+    assert len(plan) == len({one.key for one in plan}) == 2 * 2 * 3 * 2 * 2 * 7
     left = list(tasks(plan, {plan[0].key}, None))
     assert [run for task in left for run in task.runs] == plan[1:]
     assert all(len({run.session for run in task.runs}) == 1 for task in left)
+
+
+def test_another_draw_is_another_noise_on_the_same_pictures():
+    session = Session("hold", "still", 1, 1.0)
+    pictures = [np.zeros((300, 400), np.uint8)] * 30
+    first, second = ([*samples(Conditions(session, draw=draw), pictures)] for draw in (1, 2))
+    apart = [a.matrix[:3, 3] - b.matrix[:3, 3] for a, b in zip(first, second, strict=True) if isinstance(a, Pose)]
+    assert np.std(apart) == pytest.approx(0.1 * np.sqrt(2), rel=0.3)
+    assert np.linalg.norm(np.mean(apart, axis=0)) < 0.1
 
 
 def _dies(task):
