@@ -104,12 +104,11 @@ class Calibration:
 
 
 class Kind(Enum):
-    """What a hazard leads to.
+    """What sort of thing is wrong; what it leads to is the policy (`appliance.supervision.policy`).
 
-    CALIBRATION: warns, halts and latches. DEVICE: warns, is lost, and recovers by itself. INTERNAL: a part of
-    probewatch itself; recovers by itself. INTEGRITY: what was written down is damaged; stands until acknowledged.
-    SIGHT: there is nothing to compare, as whenever the probe is laid aside; the contact opens without an alarm.
-    ADVISORY: shown and logged, the contact stays as it is.
+    CALIBRATION: what the line measures against the reference. DEVICE: scanner, tracker or output. INTERNAL: a part of
+    probewatch itself. INTEGRITY: what was written down is damaged. SIGHT: there is nothing to compare, as whenever the
+    probe is laid aside. ADVISORY: good to know.
     """
 
     CALIBRATION = "calibration"
@@ -124,7 +123,7 @@ class Fault(StrEnum):
     """What may be wrong, in the words of the JSON reports and of the alarm log; docs/alarms.md tells what each asks of
     the people in the room. AGREEMENT is a fact beside the others: its check never fails.
 
-    kind: what it leads to.
+    kind: what sort of thing it is.
     """
 
     kind: Kind

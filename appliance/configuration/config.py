@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 from appliance.configuration.mistakes import Mistakes
 from appliance.limits import TRACKER_STALE_MS, Limits
 from appliance.supervision.annunciator import Role
-from appliance.supervision.ledger import Durations
+from appliance.supervision.policy import Durations
 from appliance.supervision.watchers.facts import Patience
 from drivers.errors import ConfigurationError
 from drivers.files.markup import toml_of

@@ -12,9 +12,10 @@ from statemachine.transition import Transition
 from appliance.supervision.alarms import HAZARDS, SIGNALS, Signal
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
-from appliance.supervision.ledger import Durations, Ledger
+from appliance.supervision.ledger import Ledger
+from appliance.supervision.policy import POLICY, Durations, Policy, Step, pulses
 from appliance.supervision.supervisor import AlarmTable
-from appliance.types import State
+from appliance.types import Fault, State
 from tools.development.hazards import PAGE, hazards
 
 MANUAL = Path(__file__).parents[2] / "docs" / "alarms.md"
@@ -38,7 +39,7 @@ calibration since, in either order, or with a recalibration that was confirmed. 
 
 def manual() -> str:
     """The whole page, Markdown."""
-    tables = (_diagram(), _transitions(), _guards(), _durations(), _signals(), _hazards(), _audio())
+    tables = (_diagram(), _transitions(), _guards(), _policy(), _durations(), _signals(), _hazards(), _audio())
     return "\n".join((_HEAD, *(line for table in tables for line in table)))
 
 
@@ -89,6 +90,34 @@ def _said(guard: object) -> str:
     return " ".join(str(guard.__doc__).split())
 
 
+def _policy() -> list[str]:
+    text = (
+        "What each hazard leads to while it is shown; nothing else does. The supervisor reads this table\n"
+        "(`appliance/supervision/policy.py`), `tests/appliance/supervision/test_policy.py` walks each row."
+    )
+    head = ("hazard", "leads to", "tone", "during a recalibration scan", "ends when")
+    rows = [
+        (f"`{fault}`", _steps(row), _tones(fault, row), _step(row.scan) if row.scan else "it goes on", row.ending.value)
+        for fault, row in POLICY.items()
+        if fault is not Fault.AGREEMENT
+    ]
+    return ["## Policy", "", text, "", *_table(head, rows)]
+
+
+def _steps(row: Policy) -> str:
+    return ", then ".join(_step(step) for step in row.steps) or "notice beside the state"
+
+
+def _step(step: Step) -> str:
+    after = " + ".join(f"`{name}`" for name in step.after)
+    return f"{step.state.value} {f'after {after}' if after else 'at once'}"
+
+
+def _tones(fault: Fault, row: Policy) -> str:
+    tones = [_tone(pulses(step.state, fault)) for step in row.steps]
+    return ", then ".join(dict.fromkeys(tones)) or "silent"
+
+
 def _durations() -> list[str]:
     defaults = {one.name.removesuffix("_ns"): getattr(Durations(), one.name) / 1e9 for one in fields(Durations)}
     rows = [(f"`{name}_s`", f"{default_s:g}") for name, default_s in defaults.items()]
@@ -103,19 +132,23 @@ def _signals() -> list[str]:
 def _signal(state: State, row: Signal) -> Sequence[str]:
     flash = "steady" if row.flash_hz == 0 else f"{row.flash_hz:g} Hz"
     kind = "technical" if row.technical else "probe"
-    tone = "silent" if row.pulses == 0 else f"{row.pulses} pulse{'s' if row.pulses > 1 else ''}{_period(row.pulses)}"
-    return state.value, f"{row.priority.value}, {kind}", f"{row.lamp.value}, {flash}", tone, row.text, row.remedy
+    lamp, tone = f"{row.lamp.value}, {flash}", _tone(row.pulses)
+    return state.value, f"{row.priority.value}, {kind}", lamp, tone, row.text, row.remedy
 
 
-def _period(pulses: int) -> str:
-    period_ms = BURSTS[pulses].period_ms
+def _tone(number: int) -> str:
+    return "silent" if number == 0 else f"{number} pulse{'s' if number > 1 else ''}{_period(number)}"
+
+
+def _period(number: int) -> str:
+    period_ms = BURSTS[number].period_ms
     return " once" if period_ms == 0 else f" every {period_ms / 1000:g} s"
 
 
 def _hazards() -> list[str]:
-    head = ("class", "kind", "severity", "self-test", "text", "remedy")
+    head = ("class", "kind", "self-test", "text", "remedy")
     rows = [
-        (f"`{name}`", name.kind.value, row.severity.value, "yes" if row.tested else "", row.text, row.remedy)
+        (f"`{name}`", name.kind.value, "yes" if POLICY[name].tested else "", row.text, row.remedy)
         for name, row in HAZARDS.items()
     ]
     return ["## Hazards", "", *_table(head, rows)]

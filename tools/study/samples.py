@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from appliance.limits import Limits, RequiredAges
-from appliance.supervision.ledger import Durations
+from appliance.supervision.policy import Durations
 from appliance.supervision.timeline import Judging
 from appliance.types import PARAMETERS
 from drivers.recordings.metaimage import SequenceItem, read_metaimage, write_metaimage
