@@ -211,11 +211,9 @@ def _false_alarms(healthy: list[Healthy]) -> list[str]:
         "HALT per hour, under",
     )
     names = dict.fromkeys(one.origin.session for one in healthy)
-    groups = {
-        "all": healthy,
-        **{tissue: [one for one in healthy if one.origin.tissue == tissue] for tissue in TISSUES},
-        **{name: [one for one in healthy if one.origin.session == name] for name in names},
-    }
+    groups: dict[str, list[Healthy]] = {"all": healthy}
+    groups |= {str(tissue): [one for one in healthy if one.origin.tissue == tissue] for tissue in TISSUES}
+    groups |= {name: [one for one in healthy if one.origin.session == name] for name in names}
     rows = [_alarm_row(name, some) for name, some in groups.items()]
     return ["## False alarms", "", *table(head, [row for row in rows if row])]
 
