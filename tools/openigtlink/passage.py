@@ -80,8 +80,10 @@ class Passage:
         return tuple(sorted(found, key=lambda sample: sample.stamp.t_ns))
 
     def _run(self) -> None:
-        while not self._ended:
+        while True:
             self._changed.clear()
+            if self._ended:  # looked at after the event is cleared, or the end might be missed
+                return
             wanted = self._wanted
             if not any(wanted):
                 self._frame, self.trouble = None, ""
