@@ -81,13 +81,15 @@ def _be_hostile(hostile: list[socket.socket], port: int) -> None:
 
 @contextmanager
 def everything(cart: Cart, folder: Path) -> Iterator[None]:
-    """Whoever may look on, at work."""
+    """Whoever may look on, at work to the end: DeviceLost where one of them was not."""
     control = ["--socket", str(cart.socket)]
+    parts: list[Part] = []
     with ExitStack() as running:
 
         def start(name: str, *command: object) -> Part:
             part = Part(name, [*_NICE, *map(str, command)])
             running.callback(part.end, kill=True)
+            parts.append(part)
             return part
 
         def python(name: str, *arguments: object) -> Part:
@@ -111,6 +113,8 @@ def everything(cart: Cart, folder: Path) -> Iterator[None]:
             python("viewer", "-c", READER, cart.socket.with_name("feed"), every)
         until(lambda: cart.status()["feed"]["clients"] >= 5, 60)
         yield
+        for part in parts:
+            part.require()
 
 
 def _recorder_config(cart: Cart) -> Path:
@@ -169,7 +173,13 @@ def main() -> None:
             until(lambda: cart.status()["feed"]["clients"] == 0, 60)
     told = {name: {f"p{share:.0%}": _told(quantile(one, share)) for share in SHARES} for name, one in found.items()}
     ratios = {f"p{share:.0%}": _told(ratio(found["with"], found["without"], share)) for share in SHARES}
-    print(json.dumps({"switches": len(found["with"]), "load before": began, "ms": told, "ratio": ratios}, indent=1))
+    print(
+        json.dumps(
+            {"switches": len(found["with"]), "load before": began, "ms": told, "ratio": ratios},
+            indent=1,
+            ensure_ascii=False,
+        )
+    )
     return None
 
 
