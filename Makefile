@@ -8,7 +8,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types contracts quick thorough invariant \
-  live mutation pythons slow evidence evidence-full coverage-page crosswire test-deb test-cart soak repeat coverage bench paper deb docs lock vulnerabilities clean
+  live mutation pythons slow evidence evidence-full coverage-page crosswire test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z-]+:.*## /{printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -77,6 +77,10 @@ test-deb: deb ## builds the packages, then looks at what is in them and runs wha
 test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, power cuts (root; 13 to 18 minutes)
 	$(BIN)/pytest -vv -n 2 --dist loadfile --no-loadscope-reorder -m "cart and not slow" -rsP --durations=20 tests/cart
 
+HOURS ?= 8
+igtl-soak: $(VENV)/dev ## the OpenIGTLink traffic of 8 hours, as fast as it goes: memory and descriptors (about ten minutes)
+	$(BIN)/python -m tests.tools.openigtlink.soak $(HOURS)
+
 soak: $(VENV)/dev ## half an hour of service in a container: memory, files, dropped frames, processor share (root)
 	$(BIN)/pytest -m "cart and slow" -rs -s tests/cart
 
@@ -93,6 +97,10 @@ coverage: $(VENV)/dev ## which lines the quick tests reach: a table, and results
 
 bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of the line and of the way to it: tables and results/bench.json
 	$(BIN)/python -m tests.bench
+
+SWITCHES ?= 400
+onlookers: $(VENV)/dev ## from detecting to the open contact, with everything that looks on and without, in turns: p99 and its interval (half an hour)
+	$(BIN)/python -m tests.bench.onlookers $(SWITCHES)
 
 VIEWS ?= 2000
 SCANS ?= 200

@@ -64,8 +64,9 @@ def reference_fields(reference: Reference) -> dict[str, Any]:
 
 
 def _matrix_of(reference: Reference) -> dict[str, Any]:
-    """What the calibration is to PLUS."""
-    return {"image_to_probe": image_to_probe(reference.calibration).tolist()}
+    """What the calibration is to PLUS, and the signs that its matrix does not tell."""
+    calibration = reference.calibration
+    return {"image_to_probe": image_to_probe(calibration).tolist(), "polarity": list(calibration.polarity)}
 
 
 def alarm_fields(
