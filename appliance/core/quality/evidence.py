@@ -10,7 +10,9 @@ import numpy as np
 from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check, trusted
 from appliance.core.detectors.polarity import MOST_FLIPPED, flipped, weigh_polarity
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
-from appliance.core.path.latency import Latency
+from appliance.core.path.conventions import Convention
+from appliance.core.path.explanation import Explanation, explain
+from appliance.core.path.latency import REACH_S, Latency
 from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
 from appliance.core.path.solver import PathFit, Prior, Solution, solve
@@ -66,6 +68,14 @@ faults as latency; more leaves a late tracker unnamed for longer. Not measured.
 """
 _LEAST_FAR_NS = 3_000_000_000
 """A shorter window is not asked for a far latency: over so little motion chance finds one. Not measured."""
+_FAR_SIGMA_S = 0.01
+"""Of a lag that only the search for an explanation tells: over the study's sessions it is within 6 ms. More names it
+later where it is near its limit, which the fine search covers."""
+_EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
+"""Between two searches for what explains a motion that the reference does not, and the motion that they look at: each
+takes 2 ms, 7 ms where not even a lag explains it. A longer window names later what has just begun, a shorter one leaves
+little of it beside the second at its end whose poses are yet to come.
+"""
 _SAME_X = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2)
 """rad, relative: X within this of the reference is the reference's, and the far latency is all that is wrong. Within
 the limits, or a wrong X would be excused.
@@ -138,6 +148,10 @@ class Evidence:
         self._noises: deque[tuple[int, Noise]] = deque()
         self._breathing_known = False
         self._long_ns = 0
+        self._about_s = 0.0
+        self._explained_ns = 0
+        self.explanation: Explanation | None = None
+        """The latest of a motion that the reference does not explain; None where there was none since a change."""
 
     @property
     def estimate(self) -> Calibration | None:
@@ -160,6 +174,7 @@ class Evidence:
         self._noises.clear()
         self._breathing_known = False
         self._long_ns = 0
+        self.explanation = None
 
     def forget(self, since_ns: int) -> None:
         """Motion at or after since_ns was stamped wrongly."""
@@ -167,7 +182,7 @@ class Evidence:
         self._verification.forget(since_ns)
         self._latest = self._nothing
         self._valid_ns, self._settled_ns = (min(t_ns, since_ns) for t_ns in (self._valid_ns, self._settled_ns))
-        self._long_ns = 0
+        self._long_ns = self._explained_ns = 0
         self._failing_ns = None
 
     def checks(self) -> tuple[Check, ...]:
@@ -190,10 +205,10 @@ class Evidence:
 
     def final(self) -> tuple[Check, ...]:
         """Checks of the solution that showed most, the one over everything remembered among them."""
-        whole = examine(self.window.since(self._valid_ns), self._reference, self._limits)
+        whole = examine(self.window.since(self._valid_ns), self._reference, self._limits, about_s=self._about_s)
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
             self._best = whole
-        latency = latency_check(self.window.latency(), self._limits, self.window.stamps_err_s)
+        latency = latency_check(self.window.latency(self._about_s), self._limits, self.window.stamps_err_s)
         return tuple(
             _sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks
         )
@@ -201,7 +216,7 @@ class Evidence:
     def second_opinion(self) -> SecondOpinion | None:
         """The closed forms on everything remembered since the last change."""
         window = self.window.since(self._valid_ns)
-        latency = window.latency()
+        latency = window.latency(self._about_s)
         samples = window.samples(0.0 if latency is None else latency.value_s)
         return second_opinion(samples, self._reference)
 
@@ -222,6 +237,9 @@ class Evidence:
         """
         recent = self.window.since(now_ns - _SHORT_NS)
         finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
+        if not _agreed(finding) and not 0 <= now_ns - self._explained_ns < _EXPLAIN_EVERY_NS:
+            self._explain(now_ns)
+            finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
         short = _without(finding, _SLOW)
         confirmed = short.failed & self._suspects
         if confirmed and now_ns >= self._settled_ns:
@@ -249,6 +267,16 @@ class Evidence:
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
 
+    def _explain(self, now_ns: int) -> None:
+        """Ask what else explains the motion; a lag beyond the fine search moves it there, until another is found."""
+        self._explained_ns = now_ns
+        found = explain(self.window.since(max(self._valid_ns, now_ns - _EXPLAINED_NS)), self._reference)
+        if found is None:
+            return
+        self.explanation = found
+        far = found.convention is Convention.AGREED and abs(found.latency_s) > REACH_S
+        self._about_s = found.latency_s if far else 0.0
+
     def _measured(self, recent: PathWindow, finding: Finding, now_ns: int) -> tuple[PathWindow, Finding]:
         """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
 
@@ -268,7 +296,7 @@ class Evidence:
 
     def _examined(self, window: PathWindow, start: Noise | None) -> Finding:
         """What the window shows; while breathing is not known, a wrong axial scale is a sign and not named."""
-        finding = examine(window, self._reference, self._limits, start)
+        finding = examine(window, self._reference, self._limits, start, self._about_s)
         return finding if self._breathing_known else _without(finding, _BREATHED & finding.failed)
 
     def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
@@ -300,18 +328,27 @@ class Evidence:
         return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))
 
 
+def _agreed(finding: Finding) -> bool:
+    """Whether picture and tracker agree on the motion."""
+    return any(check.fault is Fault.AGREEMENT and check.verdict is VerdictKind.OK for check in finding.checks)
+
+
 def _quick(finding: Finding) -> tuple[Check, ...]:
     """The checks that a few seconds can decide."""
     return tuple(check for check in finding.checks if check.name not in _SLOW)
 
 
-def examine(window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None = None) -> Finding:
+def examine(
+    window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None = None, about_s: float = 0.0
+) -> Finding:
     """Latency from the two paths, X by maximum likelihood on the in-plane motion, polarity by likelihood.
 
     A late tracker looks like a wrong scale: no parameter of X is at fault before the latency is known to be in order.
-    start: as in `appliance.core.path.solver.solve`.
+    start: as in `appliance.core.path.solver.solve`. about_s: latency near which it is looked for.
     """
-    lag = window.latency()
+    lag = window.latency(about_s)
+    if lag is None and about_s:
+        lag = Latency(about_s, _FAR_SIGMA_S)
     solution, solved_lag = _solved(window, reference, lag, start)
     if solution is None:
         return examine_nothing(limits)
