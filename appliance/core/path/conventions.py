@@ -21,8 +21,6 @@ class Convention(StrEnum):
     REORDERED = "quaternion-order"
 
 
-_MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])
-"""One axis of left-handed frames; the others differ from it by half a turn of tracker and sensor."""
 _SAME_TURN_RAD = np.deg2rad(30.0)
 """Between a swapped sensor and a flipped picture up to which they are the same: motion tells at most a few degrees of
 it, and the nearest other swaps are 90° apart. Not measured.
@@ -41,13 +39,16 @@ def _turned_back(poses: Array) -> Array:
     return rigid(np.swapaxes(poses[:, :3, :3], 1, 2), poses[:, :3, 3])
 
 
-def _mirrored(poses: Array) -> Array:
-    return _MIRROR @ poses @ _MIRROR
+def _mirrored(axis: int) -> Callable[[Array], Array]:
+    """Frames of tracker and sensor whose axis points the other way, as left-handed programs have it."""
+    mirror = np.eye(4)
+    mirror[axis, axis] = -1.0
+    return lambda poses: np.asarray(mirror @ poses @ mirror)
 
 
 READINGS: Mapping[Convention, tuple[Callable[[Array], Array], ...]] = {
     Convention.INVERTED: (inverse,),
-    Convention.MIRRORED: (_mirrored,),
+    Convention.MIRRORED: tuple(_mirrored(axis) for axis in range(3)),
     Convention.TURNED_BACK: (_turned_back,),
     Convention.REORDERED: (_reordered(1), _reordered(-1)),
 }

@@ -35,7 +35,7 @@ _LEAST_S = 1.5
 """Of motion: with less, a tenth of the hypotheses fits by chance what two turns of a hand show."""
 _MOST_STEPS = 150
 """A longer window leaves out every other step, and so on: they overlap, and cost time."""
-_LEAST_SCORE, _MARGIN = 15.0, 15.0
+_LEAST_SCORE, MARGIN = 15.0, 15.0
 """By how much, in log likelihood, the best must beat no motion at all, and everything else. Less takes the next round of
 a periodic motion for the lag; more names it later. Of 450 ms and each convention, the worst of the study's sessions
 (hold, tremor alone) has 40 and 25 within six seconds.
@@ -50,10 +50,13 @@ _APART_S = 0.15
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """What explains the motion far better than anything else. latency_s: as `Latency.value_s` is."""
+    """What explains the motion far better than anything else. latency_s: as `Latency.value_s` is. margin: how far, in log
+    likelihood, all else is behind.
+    """
 
     convention: Convention
     latency_s: float
+    margin: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,16 +79,13 @@ def explain(window: PathWindow, reference: Calibration) -> Explanation | None:
     if steps is None:
         return None
     now = steps.fits(Convention.AGREED, steps.predicted(reference.rotation), _FARTHEST_S)
-    found = _convincing([now])
-    if found is None or found is now:
-        others = list(_other_conventions(steps, reference))
-        found = _convincing([now, *others])
-    if found is None:
-        return None
-    return Explanation(found.convention, _vertex(found))
+    in_order = _convincing([now])
+    if in_order is not None and abs(in_order.latency_s) <= _NEAR_S:
+        return in_order
+    return _convincing([now, *_other_conventions(steps, reference)])
 
 
-def _other_conventions(steps: "_Steps", reference: Calibration) -> "Iterator[_Fits]":
+def _other_conventions(steps: "_Steps", reference: Calibration) -> Iterator[_Fits]:
     for convention, turned in turned_sensors(reference.rotation):
         yield steps.fits(convention, steps.predicted(turned), _NEAR_S)
     for convention, readings in READINGS.items():
@@ -94,18 +94,18 @@ def _other_conventions(steps: "_Steps", reference: Calibration) -> "Iterator[_Fi
             yield steps.fits(convention, steps.predicted(reference.rotation, again), _NEAR_S)
 
 
-def _convincing(all_fits: list[_Fits]) -> _Fits | None:
+def _convincing(all_fits: list[_Fits]) -> Explanation | None:
     """The best, where it explains the motion and nothing else does nearly as well."""
     best = min(all_fits, key=lambda fits: float(fits.scores.min()))
-    score, lag_s = best.scores[best.best], best.lags_s[best.best]
+    score, lag_s = float(best.scores[best.best]), best.lags_s[best.best]
     rivals = [
         fits.scores[np.abs(fits.lags_s - lag_s) > _APART_S] if fits.convention is best.convention else fits.scores
         for fits in all_fits
     ]
     margin = min(float(scores.min(initial=0.0)) for scores in rivals) - score
     alike = np.count_nonzero(best.agreement[:, best.best] >= _ALIKE)
-    convincing = score <= -_LEAST_SCORE and margin >= _MARGIN and alike >= _LEAST_ALIKE
-    return best if convincing and abs(lag_s) <= NAMED_S else None
+    convincing = score <= -_LEAST_SCORE and margin >= MARGIN and alike >= _LEAST_ALIKE
+    return Explanation(best.convention, _vertex(best), margin) if convincing and abs(lag_s) <= NAMED_S else None
 
 
 def _vertex(fits: _Fits) -> float:

@@ -13,6 +13,7 @@ from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.conventions import Convention
 from appliance.core.path.explanation import Explanation, explain
 from appliance.core.path.latency import REACH_S, Latency
+from appliance.core.path.latency_drift import LatencyDrift
 from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
 from appliance.core.path.solver import PathFit, Prior, Solution, solve
@@ -149,6 +150,8 @@ class Evidence:
         self._breathing_known = False
         self._long_ns = 0
         self._about_s = 0.0
+        self._drift = LatencyDrift()
+        self._drifted: Latency | None = None
         self._explained_ns = 0
         self.explanation: Explanation | None = None
         """The latest of a motion that the reference does not explain; None where there was none since a change."""
@@ -174,7 +177,8 @@ class Evidence:
         self._noises.clear()
         self._breathing_known = False
         self._long_ns = 0
-        self.explanation = None
+        self._drift.clear()
+        self._drifted = self.explanation = None
 
     def forget(self, since_ns: int) -> None:
         """Motion at or after since_ns was stamped wrongly."""
@@ -184,6 +188,8 @@ class Evidence:
         self._valid_ns, self._settled_ns = (min(t_ns, since_ns) for t_ns in (self._valid_ns, self._settled_ns))
         self._long_ns = self._explained_ns = 0
         self._failing_ns = None
+        self._drift.clear()
+        self._drifted = None
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution."""
@@ -237,9 +243,10 @@ class Evidence:
         """
         recent = self.window.since(now_ns - _SHORT_NS)
         finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
-        if not _agreed(finding) and not 0 <= now_ns - self._explained_ns < _EXPLAIN_EVERY_NS:
+        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < _EXPLAIN_EVERY_NS:
             self._explain(now_ns)
             finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
+        finding = self._carried_on(finding, recent, now_ns)
         short = _without(finding, _SLOW)
         confirmed = short.failed & self._suspects
         if confirmed and now_ns >= self._settled_ns:
@@ -297,7 +304,28 @@ class Evidence:
     def _examined(self, window: PathWindow, start: Noise | None) -> Finding:
         """What the window shows; while breathing is not known, a wrong axial scale is a sign and not named."""
         finding = examine(window, self._reference, self._limits, start, self._about_s)
-        return finding if self._breathing_known else _without(finding, _BREATHED & finding.failed)
+        finding = finding if self._breathing_known else _without(finding, _BREATHED & finding.failed)
+        return self._with_drift(finding)
+
+    def _carried_on(self, finding: Finding, recent: PathWindow, now_ns: int) -> Finding:
+        """Take what the short window tells of the latency at its middle, and see where it goes."""
+        check = _latency_of(finding)
+        if _agreed(finding) and check.shown_ns is not None:
+            middle_ns = (recent.start_ns + recent.now_ns) // 2
+            self._drift.note(middle_ns, Latency(check.value / 1e3, check.sigma / 1e3))
+        self._drifted = self._drift.carried_to(now_ns)
+        return self._with_drift(finding)
+
+    def _with_drift(self, finding: Finding) -> Finding:
+        """A latency that has drifted beyond its limit by now is no OK; nor is it one that may have."""
+        check = _latency_of(finding)
+        if self._drifted is None or check.verdict is VerdictKind.FAULT:
+            return finding
+        now = latency_check(self._drifted, self._limits, self.window.stamps_err_s, check.shown_ns)
+        if now.verdict is VerdictKind.OK or abs(now.value) < abs(check.value):
+            return finding
+        checks = (now if one.name == now.name else one for one in _without(finding, finding.failed - {"polarity"}).checks)
+        return Finding(tuple(checks), finding.solution)
 
     def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
         """Whether the long window is worth another solution: it grows still, or something speaks against its last."""
@@ -331,6 +359,17 @@ class Evidence:
 def _agreed(finding: Finding) -> bool:
     """Whether picture and tracker agree on the motion."""
     return any(check.fault is Fault.AGREEMENT and check.verdict is VerdictKind.OK for check in finding.checks)
+
+
+def _explained(finding: Finding) -> bool:
+    """Whether the reference at a known latency explains the motion: a wrong polarity looks like a lag, and like swapped
+    axes of the sensor."""
+    needed = {Fault.AGREEMENT, Fault.POLARITY, Fault.LATENCY}
+    return needed <= {check.fault for check in finding.checks if check.verdict is VerdictKind.OK}
+
+
+def _latency_of(finding: Finding) -> Check:
+    return next(check for check in finding.checks if check.fault is Fault.LATENCY)
 
 
 def _quick(finding: Finding) -> tuple[Check, ...]:
@@ -373,7 +412,7 @@ def _punctual(finding: Finding, limits: Limits) -> bool:
     """Whether the lag is shown within half its limit. A window that holds the onset of a larger one shows less of it
     than there is, and what it makes of the scales is no less wrong; so the short window is to be asked.
     """
-    lateness = next(check for check in finding.checks if check.name == "latency")
+    lateness = _latency_of(finding)
     return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
 
 
