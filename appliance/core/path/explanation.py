@@ -36,13 +36,13 @@ _LEAST_S = 1.5
 _MOST_STEPS = 150
 """A longer window leaves out every other step, and so on: they overlap, and cost time."""
 _LEAST_SCORE, MARGIN = 15.0, 15.0
-"""By how much, in log likelihood, the best must beat no motion at all, and everything else. Less takes the next round of
-a periodic motion for the lag; more names it later. Of 450 ms and each convention, the worst of the study's sessions
+"""By how much, in log likelihood, the best must beat no motion at all, and everything else. Less takes the next round
+of a periodic motion for the lag; more names it later. Of 450 ms and each convention, the worst of the study's sessions
 (hold, tremor alone) has 40 and 25 within six seconds.
 """
 _ALIKE, _LEAST_ALIKE = 0.8, 2
-"""Agreement of predicted and seen steps, 1 for equal ones, and how many of the three rows must have it: breathing spoils
-the axial one. By chance the turn comes to .9 with other rows near 0.
+"""Agreement of predicted and seen steps, 1 for equal ones, and how many of the three rows must have it: breathing
+spoils the axial one. By chance the turn comes to .9 with other rows near 0.
 """
 _APART_S = 0.15
 """Lags nearer than this to the best belong to its peak: a quarter of the period of a tremor of 2 Hz."""
@@ -50,8 +50,8 @@ _APART_S = 0.15
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """What explains the motion far better than anything else. latency_s: as `Latency.value_s` is. margin: how far, in log
-    likelihood, all else is behind.
+    """What explains the motion far better than anything else. latency_s: as `Latency.value_s` is. margin: how far all
+    else is behind, in log likelihood.
     """
 
     convention: Convention
@@ -141,9 +141,7 @@ class _Steps:
         t_s, chain, path = pictures
         ahead = max(1, round(_STEP_S / max(float(np.median(np.diff(t_s))), 1e-3)))
         start_s = float(t_s[0]) - _FARTHEST_S
-        poses, known = window.poses.at(
-            np.arange(start_s, t_s[-1] + _FARTHEST_S, _GRID_S), window.start_ns
-        )
+        poses, known = window.poses.at(np.arange(start_s, t_s[-1] + _FARTHEST_S, _GRID_S), window.start_ns)
         bracketed = np.flatnonzero(known)
         if bracketed.size < 2:
             return None

@@ -1,4 +1,4 @@
-"""A latency that drifts: what short windows told, carried on to now. A window tells of its middle; a drift is past it."""
+"""A latency that drifts: what short windows told of their middles, carried on to now."""
 
 from collections import deque
 from math import hypot, sqrt
@@ -18,7 +18,7 @@ _SHARPEST_S = 0.015
 _OVERLAP_NS = 1_750_000_000
 """Estimates nearer to one another say the same: half of their window."""
 _SIGNIFICANT = 4.0
-"""Sigmas from which a rate is a drift: of the line's two parameters it is the one that carries noise far. Not measured."""
+"""Sigmas from which a rate is a drift. Less carries noise on, more leaves a slow drift to the windows. Not measured."""
 
 
 class LatencyDrift:

@@ -324,7 +324,9 @@ class Evidence:
         now = latency_check(self._drifted, self._limits, self.window.stamps_err_s, check.shown_ns)
         if now.verdict is VerdictKind.OK or abs(now.value) < abs(check.value):
             return finding
-        checks = (now if one.name == now.name else one for one in _without(finding, finding.failed - {"polarity"}).checks)
+        checks = (
+            now if one.name == now.name else one for one in _without(finding, finding.failed - {"polarity"}).checks
+        )
         return Finding(tuple(checks), finding.solution)
 
     def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
