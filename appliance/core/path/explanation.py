@@ -114,7 +114,8 @@ def _vertex(fits: _Fits) -> float:
     if not 0 < k < fits.scores.size - 1:
         return float(fits.lags_s[k])
     before, here, after = np.exp((fits.scores[k - 1 : k + 2] - fits.scores[k]) / max(-fits.scores[k], 1.0))
-    return float(fits.lags_s[k] + _GRID_S * (before - after) / (2 * (before - 2 * here + after)))
+    bend = before - 2 * here + after
+    return float(fits.lags_s[k] + (_GRID_S * (before - after) / (2 * bend) if bend > 0 else 0.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

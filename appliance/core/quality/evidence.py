@@ -319,7 +319,7 @@ class Evidence:
     def _with_drift(self, finding: Finding) -> Finding:
         """A latency that has drifted beyond its limit by now is no OK; nor is it one that may have."""
         check = _latency_of(finding)
-        if self._drifted is None or check.verdict is VerdictKind.FAULT:
+        if self._drifted is None or not _agreed(finding) or check.verdict is VerdictKind.FAULT:
             return finding
         now = latency_check(self._drifted, self._limits, self.window.stamps_err_s, check.shown_ns)
         if now.verdict is VerdictKind.OK or abs(now.value) < abs(check.value):
@@ -385,10 +385,12 @@ def examine(
     """Latency from the two paths, X by maximum likelihood on the in-plane motion, polarity by likelihood.
 
     A late tracker looks like a wrong scale: no parameter of X is at fault before the latency is known to be in order.
-    start: as in `appliance.core.path.solver.solve`. about_s: latency near which it is looked for.
+    start: as in `appliance.core.path.solver.solve`. about_s: latency near which it is looked for; where the fine search
+    finds none there, it may be a FAULT, but no OK.
     """
     lag = window.latency(about_s)
-    if lag is None and about_s:
+    coarse = lag is None and about_s != 0.0
+    if coarse:
         lag = Latency(about_s, _FAR_SIGMA_S)
     solution, solved_lag = _solved(window, reference, lag, start)
     if solution is None:
@@ -404,6 +406,8 @@ def examine(
             if again == polarity and check.verdict is VerdictKind.FAULT:
                 solution, solved_lag, polarity_check = mirrored, mirrored_lag, check
     lateness = latency_check(_sharper(lag, solved_lag), limits, window.stamps_err_s, samples.moved_ns)
+    if coarse and lateness.verdict is VerdictKind.OK:
+        lateness = replace(lateness, verdict=VerdictKind.NOT_VERIFIED)
     parameters = Finding(calibration_checks(solution, limits), solution)
     if lateness.verdict is not VerdictKind.OK:
         parameters = _without(parameters, parameters.failed)

@@ -189,6 +189,17 @@ def test_a_tracker_later_than_the_fine_search_reaches_is_named_with_its_lag(late
     assert evidence.standing.verified_ns is None
 
 
+def test_a_lag_that_the_fine_search_does_not_confirm_may_be_a_fault_but_no_ok() -> None:
+    whole = filled(tilting_path, 4.0, 6, late_s=0.45)
+    short = whole.since(whole.now_ns - 1_000_000_000)
+    assert short.latency(0.45) is None
+    verdicts = [
+        by_name(examine(short, TRUTH, limits, about_s=0.45).checks)["latency"].verdict
+        for limits in (LIMITS, Limits(latency_ms=900))
+    ]
+    assert verdicts == [FAULT, NOT_VERIFIED]
+
+
 @pytest.mark.thorough
 def test_a_far_latency_that_is_mended_comes_back_to_ok() -> None:
     evidence = late(0.45)
