@@ -140,6 +140,7 @@ class Fault(StrEnum):
     ROTATION = "rotation", Kind.CALIBRATION
     OFFSET = "offset", Kind.CALIBRATION
     LATENCY = "latency", Kind.CALIBRATION
+    POSE_CONVENTION = "pose-convention", Kind.CALIBRATION
     AGREEMENT = "agreement", Kind.ADVISORY
     FROZEN_VIDEO = "frozen-video", Kind.DEVICE
     VIDEO_LOST = "video-lost", Kind.DEVICE
