@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page
 
+from appliance.storage.alarm_chain import read_log
 from tests.support.browser import CHROMIUM, chromium
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
@@ -286,6 +287,31 @@ def test_a_service_that_starts_anew_is_asked_again_and_the_scan_goes_on(bench: B
     ended(page)
     bench.cart.tank.unlink()
     bench.cart.wait_for("monitoring", 60)
+
+
+def test_a_page_that_is_killed_leaves_no_cart_that_waits_for_it(bench: Bench) -> None:
+    """The service gives the scan up, says for whom and why, in the log too, and closes nothing before it has verified;
+    the page that comes back begins anew.
+    """
+    page = bench.person(may=True)
+    bench.cart.tank.touch()
+    begun(page)
+    scanned(page, 1)
+    held = bench.cart.status()["recalibration"]
+    assert (held["hold_s"], held["ended"]) == (20, None)
+    assert held["silent_s"] < 10
+    bench.web.part.end(kill=True)
+    until(lambda: bench.cart.status()["state"] != "recalibrating")
+    bench.cart.tank.unlink()
+    bench.cart.wait_for("monitoring", 60)
+    assert bench.cart.status()["recalibration"] is None
+
+    def given_up() -> list[str]:
+        entries = read_log(bench.cart.folder / "alarms").entries
+        return [str(one.data["why"]) for one in entries if one.event == "recalibration given up"]
+
+    assert "whose connection is gone" in until(given_up)[-1]
+    bench.web.start()
 
 
 def test_the_status_page_shows_the_state_and_says_when_it_has_lost_the_service_or_itself(bench: Bench) -> None:

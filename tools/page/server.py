@@ -108,6 +108,8 @@ class Page:
     def _event(self, visitor: Visitor | None) -> dict[str, Any]:
         """Everything that the page shows but its pictures."""
         parts = self._parts
+        if visitor is not None:
+            parts.session.look_on()
         seen = parts.watch.seen()
         status = seen.status
         state = None if status is None else (status["state"], status["since_s"] < 1.0)

@@ -38,6 +38,14 @@ used. Longer keeps it from everybody; shorter loses a scan to a telephone call.
 """
 _ANSWER_S = 3.0
 """For the service to answer a request: sixty ticks, as it may read a file before it answers."""
+_HOLD_S = 20.0
+"""Of silence after which the service gives the scan up for us: a page that hangs. The session speaks every `_LOOK_S`;
+longer keeps a cart that nobody can go on with, shorter gives up for a busy computer. Not measured on a cart.
+"""
+_UNSEEN_S = 300.0
+"""Without any browser that may go on before a scan begun by one is given up: a tablet that has fallen asleep, or was
+carried off, is back by then. Longer keeps the cart for nobody. Not measured.
+"""
 _LONGEST_WORDS = 200
 """Characters of a name, a role or a comment."""
 
@@ -115,7 +123,9 @@ class ScanSession:
         self._heard_order = False
         self._file: Path | None = None
         self._sha256 = ""
+        self._held: ControlClient | None = None
         self._touched_s = now_s()
+        self._seen_s: float | None = None
         self._fields: dict[str, Any] = {}
         self._solved_s = 0.0
         self._asked_ns = 0
@@ -132,6 +142,7 @@ class ScanSession:
         with self._lock, contextlib.suppress(ProbewatchError):
             if self._phase in _HELD:
                 self._abort("the page has ended")
+        self._let_go()
 
     @property
     def phase(self) -> Phase:
@@ -140,6 +151,10 @@ class ScanSession:
     def touch(self) -> None:
         """Somebody who may go on with it is there."""
         self._touched_s = self._now_s()
+
+    def look_on(self) -> None:
+        """A browser that may go on with it shows it. Whoever has looked on once is missed when he is gone."""
+        self._seen_s = self._now_s()
 
     def fields(self) -> dict[str, Any]:
         """Everything there is to show; docs/recalibration.md tells the phases."""
@@ -184,9 +199,9 @@ class ScanSession:
                     f"{who} recalibrates already", "recalibration", "Look on, or have it rejected first"
                 )
             begin = _checked(begin)
-            self._ask(lambda client: client.begin_recalibration())
+            self._grasp()
             self._begin, self._scanned, self._file, self._sha256 = begin, None, None, ""
-            self._heard_order, self._reference, self._fields = False, None, {}
+            self._heard_order, self._reference, self._fields, self._seen_s = False, None, {}, None
             self._phase, self._message, self._trouble = Phase.SCANNING, "", ""
             self.touch()
         self._changed.set()
@@ -313,9 +328,9 @@ class ScanSession:
         seen = self._watch.seen()
         with self._lock:
             if self._phase in _HELD:
-                if self._now_s() - self._touched_s > _ABANDONED_S:
+                if why := self._deserted():
                     with contextlib.suppress(ProbewatchError):
-                        self._abort("abandoned: nobody was there for a quarter of an hour")
+                        self._abort(why)
                     return
                 try:
                     self._hold(seen)
@@ -325,14 +340,24 @@ class ScanSession:
             elif self._phase is Phase.PROVING:
                 self._prove(seen)
 
+    def _deserted(self) -> str:
+        """Why the scan is given up; empty while somebody is there."""
+        now_s = self._now_s()
+        if now_s - self._touched_s > _ABANDONED_S:
+            return "abandoned: nobody was there for a quarter of an hour"
+        if self._seen_s is not None and now_s - max(self._seen_s, self._touched_s) > _UNSEEN_S:
+            return "abandoned: no browser that may go on with it was there for five minutes"
+        return ""
+
     def _hold(self, seen: Seen) -> None:
-        """The service recalibrates, or is asked to again. Raises ProbewatchError, in words."""
+        """The service recalibrates for us, or is asked to again. Raises ProbewatchError, in words."""
+        alive = self._alive()
         if seen.status is None:
             raise ControlRefused(f"the service does not answer ({seen.silence}). The scan is kept")
-        if seen.status["state"] == State.RECALIBRATING.value or self._is_old(seen):
+        if alive and (seen.status["state"] == State.RECALIBRATING.value or self._is_old(seen)):
             return
         try:
-            self._ask(lambda client: client.begin_recalibration())
+            self._grasp()
         except ControlRefused:
             lost = "; ".join(f"{device}: {what}" for device, what in seen.status["lost"].items())
             why = lost or seen.status["reason"]
@@ -364,6 +389,7 @@ class ScanSession:
                 raise Asked(str(proposal["text"]))
             client.end_recalibration(file, str(proposal["text"]))
         self._asked_ns = time.monotonic_ns()
+        self._let_go()
         return proposal
 
     def _write(self, calibration: Calibration, signature: Signature) -> Path:
@@ -391,6 +417,7 @@ class ScanSession:
         """Raises ProbewatchError where the service does not answer; then nothing has changed here either."""
         with contextlib.suppress(ControlRefused):  # it does not recalibrate any more
             self._ask(lambda client: client.abort_recalibration())
+        self._let_go()
         self._phase, self._message, self._trouble = Phase.ENDED, why, ""
 
     def _require(self, *phases: Phase) -> None:
@@ -401,6 +428,31 @@ class ScanSession:
         with self._client() as client:
             request(client)
         self._asked_ns = time.monotonic_ns()
+
+    def _grasp(self) -> None:
+        """Have the service recalibrate for as long as this connection lives. Raises ProbewatchError."""
+        client = self._client()
+        try:
+            client.begin_recalibration(_HOLD_S)
+        except BaseException:
+            client.close()
+            raise
+        self._let_go()
+        self._held, self._asked_ns = client, time.monotonic_ns()
+
+    def _alive(self) -> bool:
+        """A word over that connection, by which the service knows that we live."""
+        if self._held is not None:
+            try:
+                self._held.status()
+            except ProbewatchError:
+                self._let_go()
+        return self._held is not None
+
+    def _let_go(self) -> None:
+        if self._held is not None:
+            self._held.close()
+            self._held = None
 
     def _is_old(self, seen: Seen) -> bool:
         """Whether that was said before the service did what it was asked last."""

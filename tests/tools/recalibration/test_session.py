@@ -117,6 +117,27 @@ def test_a_service_that_forgot_is_asked_again(bench: Bench) -> None:
     assert bench.session.phase is Phase.SCANNING
 
 
+def test_the_service_hangs_on_the_session_and_on_nobody_once_it_has_ended(bench: Bench) -> None:
+    """So that a page that is killed leaves no cart behind that waits for it."""
+    bench.session.begin(CHOSEN)
+    assert bench.service.is_held
+    bench.session.reject()
+    until(lambda: not bench.service.is_held)
+
+
+def test_a_browser_that_looked_on_and_went_is_missed(bench: Bench) -> None:
+    bench.session.begin(CHOSEN)
+    bench.session.look_on()
+    bench.ahead_s = 290.0
+    bench.session.look_on()
+    bench.ahead_s = 580.0
+    until(lambda: bench.fields["trouble"])
+    assert bench.session.phase is Phase.SCANNING
+    bench.ahead_s = 600.0
+    until(lambda: bench.session.phase is Phase.ENDED)
+    assert "no browser" in bench.fields["message"]
+
+
 def test_a_scan_that_nobody_looks_at_is_given_up(bench: Bench) -> None:
     bench.session.begin(CHOSEN)
     bench.ahead_s = 1000.0

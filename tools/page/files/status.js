@@ -26,7 +26,8 @@ function showDevices(status) {
   });
   const fps = [["video", status.fps.video], ["tracker", status.fps.tracker]].map(([name, rate]) => [[name], [`${rate.toFixed(1)} / s`, "number"]]);
   const lost = Object.entries(status.lost).map(([device, what]) => [[`✗ ${device}`, "bad"], [what, "bad"]]);
-  const notices = status.notices.map(text => [[`! ${text}`, "wait"], [""]]);
+  const gone = status.recalibration && status.recalibration.ended;
+  const notices = [...status.notices, ...(gone ? [`${say("Recalibrate")}: ${gone}`] : [])].map(text => [[`! ${text}`, "wait"], [""]]);
   rows(el("devices"), [...lost, ...notices, ...fps, ...lines]);
   const reference = status.reference;
   set("reference", reference ? `${say("Calibration in force")}: ${reference.number} · ${reference.file} · ${reference.utc}` : status.reference_waits || "");
