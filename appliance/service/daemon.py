@@ -134,6 +134,7 @@ class Daemon:
             notifier=self._notifier,
             estimates=EstimateNotes(self._events),
             feed=self._feed,
+            events=self._events,
         )
 
     def __enter__(self) -> Self:

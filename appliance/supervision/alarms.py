@@ -126,6 +126,7 @@ HAZARDS: dict[Fault, Hazard] = {
         "Configured calibration is not in force",
         "Read 'probewatch calibration list'",
     ),
+    Fault.CALIBRATION_DUE: Hazard("Calibration is overdue", "Recalibrate, or check it with the cross-wire"),
 }
 
 SILENCES = frozenset(
