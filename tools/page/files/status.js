@@ -46,6 +46,7 @@ function showAlarms(alarms) {
 let told = "";
 listen(event => {
   showState(event.status, event.silence);
+  translate();
   for (const [id, text] of [["nav-status", "Status"], ["nav-scan", "Recalibrate"], ["picture-title", "Live picture"], ["shown-title", "What motion has shown"], ["devices-title", "Devices"], ["alarms-title", "Last alarms"], ["col-name", "Quantity"], ["col-now", "Now"], ["col-age", "Age"]]) set(id, say(text));
   if (event.status) { showChecks(event.status); showDevices(event.status); }
   const alarms = JSON.stringify(event.alarms) + language;
