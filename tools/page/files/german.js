@@ -151,6 +151,8 @@ const GERMAN = {
   "bring the crossing to the bottom of the picture": "die Kreuzung nach unten ins Bild bringen",
   "bring the crossing to the bottom right of the picture": "die Kreuzung nach unten rechts ins Bild bringen",
   "spot at the edge of the picture or on something that never moves": "Punkt am Bildrand oder auf etwas, das sich nie bewegt",
+ "Calibration verified": "Kalibrierung bestätigt",
+ "Recalibrating": "Kalibrierung läuft",
  "no bright spot": "kein heller Punkt",
   "two spots: the crossing is not in the plane": "zwei Punkte: die Kreuzung liegt nicht in der Ebene",
   "more than two bright echoes, or one too large for a wire": "mehr als zwei helle Echos, oder eines zu groß für einen Draht",
