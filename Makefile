@@ -8,7 +8,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types contracts quick thorough invariant \
-  live mutation pythons slow evidence evidence-full coverage-page crosswire test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
+  live mutation pythons slow evidence evidence-full coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z-]+:.*## /{printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -104,8 +104,11 @@ onlookers: $(VENV)/dev ## from detecting to the open contact, with everything th
 
 VIEWS ?= 2000
 SCANS ?= 200
-crosswire: $(VENV)/dev ## the cross-wire tool on 2,000 rendered views and 200 scans: tables (about fifteen minutes of one processor)
+crosswire: $(VENV)/dev ## the cross-wire tool on 2,000 rendered views, on as many held out and of another renderer, and on 200 scans (half an hour of one processor)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.crosswire $(VIEWS) $(SCANS)
+
+crosswire-scans: $(VENV)/dev ## 200 guided scans with pictures, held out; goes on where the last run ended (an hour and a half of one processor)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.crosswire pictures $(SCANS) results/crosswire-scans.jsonl
 
 paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
 	$(BIN)/python -m tests.paper

@@ -159,6 +159,7 @@ class Fault(StrEnum):
     LOG_NOT_WRITTEN = "log-not-written", Kind.ADVISORY
     OVERLOADED = "overloaded", Kind.ADVISORY
     CALIBRATION_FILE = "calibration-file", Kind.ADVISORY
+    CALIBRATION_DUE = "calibration-due", Kind.ADVISORY
 
 
 class VerdictKind(Enum):

@@ -91,9 +91,7 @@ HAZARDS: dict[Fault, Hazard] = {
     Fault.ROTATION: Hazard("Marker body has turned", "Check the marker clamp, then recalibrate"),
     Fault.OFFSET: Hazard("Marker body has slipped", "Check the marker clamp, then recalibrate"),
     Fault.LATENCY: Hazard("Tracker and picture are out of step", "Check frame rate and persistence"),
-    Fault.POSE_CONVENTION: Hazard(
-        "Tracker's axes do not fit", "Check the tool file and the tracker's export", Severity.GROSS
-    ),
+    Fault.POSE_CONVENTION: Hazard("Tracker's axes do not fit", "Check the tool file and the tracker's export"),
     Fault.FROZEN_VIDEO: Hazard("Picture is frozen", "Unfreeze the scanner; check the video cable"),
     Fault.VIDEO_LOST: Hazard("No picture from the scanner", "Check the scanner and the video cable"),
     Fault.TRACKER_ALERT: Hazard("Tracker reports a fault", "See its remarks; check a bumped sensor, clear it"),
@@ -114,6 +112,7 @@ HAZARDS: dict[Fault, Hazard] = {
         "Configured calibration is not in force",
         "Read 'probewatch calibration list'",
     ),
+    Fault.CALIBRATION_DUE: Hazard("Calibration is overdue", "Recalibrate, or check it with the cross-wire"),
 }
 
 SILENCES = frozenset(

@@ -66,6 +66,8 @@ GERMAN = {
     "Alarm log cannot be written": "Alarmprotokoll kann nicht geschrieben werden",
     "Configured calibration is not in force": "Konfigurierte Kalibrierung ist nicht in Kraft",
     "Read 'probewatch calibration list'": "'probewatch calibration list' lesen",
+    "Calibration is overdue": "Kalibrierung ist überfällig",
+    "Recalibrate, or check it with the cross-wire": "Neu kalibrieren, oder am Fadenkreuz prüfen",
     "Make room on the cart's disk; check it": "Platz auf der Festplatte des Wagens schaffen; sie prüfen",
     "This computer is overloaded": "Dieser Rechner ist überlastet",
     "Close other programs; check a device that stays lost": "Andere Programme schließen; Gerät prüfen, das weg bleibt",
@@ -165,6 +167,7 @@ GERMAN = {
     "output presence": "Alarmausgang da",
     "alarm log integrity": "Protokoll unversehrt",
     "calibration file": "Kalibrierdatei",
+    "calibration date": "Kalibrierfrist",
     "alarm log written": "Protokoll gesichert",
 }
 

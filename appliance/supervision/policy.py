@@ -101,6 +101,7 @@ POLICY: Mapping[Fault, Policy] = {
     Fault.ROTATION: PLAIN,
     Fault.OFFSET: PLAIN,
     Fault.LATENCY: PLAIN,
+    Fault.POSE_CONVENTION: GROSS,
     Fault.AGREEMENT: ADVISORY,
     Fault.FROZEN_VIDEO: DEVICE,
     Fault.VIDEO_LOST: DEVICE,
@@ -119,6 +120,7 @@ POLICY: Mapping[Fault, Policy] = {
     Fault.LOG_NOT_WRITTEN: ADVISORY,
     Fault.OVERLOADED: ADVISORY,
     Fault.CALIBRATION_FILE: ADVISORY,
+    Fault.CALIBRATION_DUE: ADVISORY,
 }
 
 
