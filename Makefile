@@ -8,10 +8,10 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types contracts quick thorough invariant \
-  live mutation pythons evidence crosswire test-deb test-cart soak repeat coverage bench paper deb docs lock vulnerabilities clean
+  live mutation pythons slow evidence evidence-full coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z-]+:.*## /{printf "  %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z-]+:.*## /{printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 ##@ First
 
@@ -54,14 +54,32 @@ mutation: $(VENV)/dev ## changes the supervisor in one place after the other; th
 pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root)
 	$(BIN)/python -m tests.rules.pythons
 
-evidence: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
+slow: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m "slow and not cart" -n 2
+
+MEASURED = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.development.evidence
+WHERE = $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS)) $(if $(SCHEDULER),--scheduler $(SCHEDULER))
+evidence: $(VENV)/dev ## the short study of hazards and false alarms: docs/evidence.md (for two idle processors, about ten minutes)
+	$(MEASURED) short $(WHERE)
+	$(BIN)/python -m tools.development.manual
+
+evidence-full: $(VENV)/dev ## the same over 1,000 simulated hours: about 200 hours of one processor; SCHEDULER=tcp://… for a Dask cluster
+	$(MEASURED) full $(WHERE)
+	$(BIN)/python -m tools.development.manual
+
+coverage-page: $(VENV)/dev ## how often healthy scanning is verified: docs/coverage.md (for two idle processors, about fifteen minutes)
+	$(MEASURED) coverage $(WHERE)
+	$(BIN)/python -m tools.development.manual
 
 test-deb: deb ## builds the packages, then looks at what is in them and runs what this machine's Python can
 	$(BIN)/pytest -n 0 -m deb -rs tests/systemd/test_deb.py
 
 test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, power cuts (root; 13 to 18 minutes)
 	$(BIN)/pytest -vv -n 2 --dist loadfile --no-loadscope-reorder -m "cart and not slow" -rsP --durations=20 tests/cart
+
+HOURS ?= 8
+igtl-soak: $(VENV)/dev ## the OpenIGTLink traffic of 8 hours, as fast as it goes: memory and descriptors (about ten minutes)
+	$(BIN)/python -m tests.tools.openigtlink.soak $(HOURS)
 
 soak: $(VENV)/dev ## half an hour of service in a container: memory, files, dropped frames, processor share (root)
 	$(BIN)/pytest -m "cart and slow" -rs -s tests/cart
@@ -80,10 +98,17 @@ coverage: $(VENV)/dev ## which lines the quick tests reach: a table, and results
 bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of the line and of the way to it: tables and results/bench.json
 	$(BIN)/python -m tests.bench
 
+SWITCHES ?= 400
+onlookers: $(VENV)/dev ## from detecting to the open contact, with everything that looks on and without, in turns: p99 and its interval (half an hour)
+	$(BIN)/python -m tests.bench.onlookers $(SWITCHES)
+
 VIEWS ?= 2000
 SCANS ?= 200
-crosswire: $(VENV)/dev ## the cross-wire tool on 2,000 rendered views and 200 scans: tables (about fifteen minutes of one processor)
+crosswire: $(VENV)/dev ## the cross-wire tool on 2,000 rendered views, on as many held out and of another renderer, and on 200 scans (half an hour of one processor)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.crosswire $(VIEWS) $(SCANS)
+
+crosswire-scans: $(VENV)/dev ## 200 guided scans with pictures, held out; goes on where the last run ended (an hour and a half of one processor)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.crosswire pictures $(SCANS) results/crosswire-scans.jsonl
 
 paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
 	$(BIN)/python -m tests.paper
@@ -93,7 +118,7 @@ paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: result
 deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/; SUITES=bookworm for one
 	$(BIN)/python systemd/deb/build.py dist $(SUITES)
 
-docs: $(VENV)/dev ## write docs/alarms.md from the tables of the supervisor, docs/hazards.md from code and tests
+docs: $(VENV)/dev ## write docs/alarms.md, hazards.md, coverage.md and evidence.md from tables, code, tests and the last study
 	$(BIN)/python -m tools.development.manual
 
 lock: $(VENV)/dev ## resolve the lock files again from pyproject.toml

@@ -104,12 +104,11 @@ class Calibration:
 
 
 class Kind(Enum):
-    """What a hazard leads to.
+    """What sort of thing is wrong; what it leads to is the policy (`appliance.supervision.policy`).
 
-    CALIBRATION: warns, halts and latches. DEVICE: warns, is lost, and recovers by itself. INTERNAL: a part of
-    probewatch itself; recovers by itself. INTEGRITY: what was written down is damaged; stands until acknowledged.
-    SIGHT: there is nothing to compare, as whenever the probe is laid aside; the contact opens without an alarm.
-    ADVISORY: shown and logged, the contact stays as it is.
+    CALIBRATION: what the line measures against the reference. DEVICE: scanner, tracker or output. INTERNAL: a part of
+    probewatch itself. INTEGRITY: what was written down is damaged. SIGHT: there is nothing to compare, as whenever the
+    probe is laid aside. ADVISORY: good to know.
     """
 
     CALIBRATION = "calibration"
@@ -124,7 +123,7 @@ class Fault(StrEnum):
     """What may be wrong, in the words of the JSON reports and of the alarm log; docs/alarms.md tells what each asks of
     the people in the room. AGREEMENT is a fact beside the others: its check never fails.
 
-    kind: what it leads to.
+    kind: what sort of thing it is.
     """
 
     kind: Kind
@@ -141,6 +140,7 @@ class Fault(StrEnum):
     ROTATION = "rotation", Kind.CALIBRATION
     OFFSET = "offset", Kind.CALIBRATION
     LATENCY = "latency", Kind.CALIBRATION
+    POSE_CONVENTION = "pose-convention", Kind.CALIBRATION
     AGREEMENT = "agreement", Kind.ADVISORY
     FROZEN_VIDEO = "frozen-video", Kind.DEVICE
     VIDEO_LOST = "video-lost", Kind.DEVICE
@@ -159,6 +159,7 @@ class Fault(StrEnum):
     LOG_NOT_WRITTEN = "log-not-written", Kind.ADVISORY
     OVERLOADED = "overloaded", Kind.ADVISORY
     CALIBRATION_FILE = "calibration-file", Kind.ADVISORY
+    CALIBRATION_DUE = "calibration-due", Kind.ADVISORY
 
 
 class VerdictKind(Enum):

@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 from appliance.configuration.mistakes import Mistakes
 from appliance.limits import TRACKER_STALE_MS, Limits
 from appliance.supervision.annunciator import Role
-from appliance.supervision.ledger import Durations
+from appliance.supervision.policy import Durations
 from appliance.supervision.watchers.facts import Patience
 from drivers.errors import ConfigurationError
 from drivers.files.markup import toml_of
@@ -100,12 +100,14 @@ class CalibrationPlace(_Section):
 
     image_size_px: (width, height) of the pictures, where the file does not state it. probe: whose transform of a PLUS
     device set it is. due_days: after which it is to be checked again; None for a cart whose due date is kept elsewhere.
+    overdue: what a passed date does: advise, or also expires, which takes the verification away.
     """
 
     file: _Place | None = None
     image_size_px: Annotated[tuple[_Side, _Side], Field(strict=False)] | None = None
     probe: str = Field(default="Probe", min_length=1)
     due_days: int | None = Field(default=None, ge=1, le=3650)
+    overdue: Literal["advise", "expires"] = "advise"
 
 
 class SupervisorTimes(_Section):

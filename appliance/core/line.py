@@ -12,6 +12,7 @@ from appliance.core.detectors.frozen_video import FrozenVideo
 from appliance.core.detectors.marker_slip import MarkerSlip
 from appliance.core.detectors.no_picture import NoPicture
 from appliance.core.detectors.picture_event import PictureEvent
+from appliance.core.detectors.pose_convention import PoseConvention
 from appliance.core.motion import analyse, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
@@ -63,6 +64,7 @@ class Line:
             self._frozen,
             NoPicture(),
             FrozenTracker(stale_ns),
+            PoseConvention(lambda: self._evidence.explanation),
         )
         self._judgement = Judgement(limits.required_age_s.names)
         self._known_poses: tuple[tuple[int, Matrix4], ...] = ()

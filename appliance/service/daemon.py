@@ -9,6 +9,7 @@ from appliance.configuration.config import Config
 from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.estimate_notes import EstimateNotes
 from appliance.service.control.event_log import EventLog
+from appliance.service.control.hold import Hold
 from appliance.service.control.live_configuration import LiveConfiguration
 from appliance.service.control.recalibration import Recalibration
 from appliance.service.control.references import References
@@ -66,7 +67,9 @@ class Daemon:
         self._configuration = LiveConfiguration(
             config, config_file, self._worker, estimator, references, self._supervisor, self._events
         )
-        self._tick = self._make_tick(self._make_requests(self._make_recalibration()))
+        recalibration = self._make_recalibration()
+        self._hold = Hold(recalibration.abort, self._events.note)
+        self._tick = self._make_tick(self._make_requests(recalibration))
         self._stopping = False
 
     def _make_recalibration(self) -> Recalibration:
@@ -90,6 +93,7 @@ class Daemon:
                 clear_bump=self._devices.tracker.clear_bump,
                 reload=self._configuration.reload,
                 recalibration=recalibration,
+                hold=self._hold,
                 annunciator=self._annunciator,
                 worker=self._worker,
                 now_ns=lambda: self._supervision.now_ns,
@@ -109,6 +113,7 @@ class Daemon:
             recorder=self._recorder,
             host=self._host,
             feed=self._feed,
+            hold=self._hold,
             dropped_clients=lambda: self._control.dropped_clients,
         )
 
@@ -123,11 +128,13 @@ class Daemon:
             recorder=self._recorder,
             control=self._control,
             requests=requests,
+            hold=self._hold,
             configuration=self._configuration,
             annunciator=self._annunciator,
             notifier=self._notifier,
             estimates=EstimateNotes(self._events),
             feed=self._feed,
+            events=self._events,
         )
 
     def __enter__(self) -> Self:

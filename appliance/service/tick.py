@@ -1,6 +1,8 @@
 """One tick of the service, 20 times a second and whenever the estimator speaks. It waits for nobody."""
 
 from appliance.service.control.estimate_notes import EstimateNotes
+from appliance.service.control.event_log import EventLog
+from appliance.service.control.hold import Hold
 from appliance.service.control.live_configuration import LiveConfiguration
 from appliance.service.control.references import References
 from appliance.service.control.requests import Requests
@@ -33,17 +35,19 @@ class Tick:
         recorder: Recorder,
         control: ControlServer,
         requests: Requests,
+        hold: Hold,
         configuration: LiveConfiguration,
         annunciator: Annunciator,
         notifier: Notifier,
         estimates: EstimateNotes,
         feed: FeedHost,
+        events: EventLog,
     ) -> None:
         self._clock, self._host, self._estimator, self._references = clock, host, estimator, references
         self._devices, self._supervision, self._recorder, self._control = devices, supervision, recorder, control
-        self._requests, self._configuration = requests, configuration
+        self._requests, self._hold, self._configuration = requests, hold, configuration
         self._annunciator, self._notifier, self._estimates = annunciator, notifier, estimates
-        self._feed = feed
+        self._feed, self._events = feed, events
         self._fed_writes = 0
 
     def step(self) -> None:
@@ -57,11 +61,13 @@ class Tick:
         verdicts = self._hear(now_ns)
         alarm = self._supervision.step(now_ns, verdicts, self._watch(now_ns))
         self._control.poll(self._requests.answer)
+        self._hold.look(now_ns, self._supervision.recalibrating, self._control.is_open)
         self._configuration.reload_if_asked()
         self._command(now_ns, self._supervision.alarm or alarm, bool(verdicts))
         self._references.see(self._devices.video.size_px)
         self._devices.note_rates(now_ns)
         self._estimates.step(now_ns, alarm, self._supervision.verdict, self._references.current)
+        self._events.overdue(self._references.overdue)
         self._feed_watchdog(alarm)
         self._feed.look_after()
 
@@ -95,6 +101,7 @@ class Tick:
             damage=self._recorder.damage,
             log_waits_ns=self._recorder.waited_ns(now_ns),
             calibration_file_changed=self._references.changed is not None,
+            calibration_overdue=bool(self._references.overdue),
             body=self._devices.tracker.body,
         )
 

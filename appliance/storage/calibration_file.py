@@ -5,6 +5,7 @@ X⁻¹ · diag(s_x λ_x, s_y λ_y, 1) · (shift of the origin from the picture's
 """
 
 import json
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -102,6 +103,17 @@ def parse_calibration(
 def is_device_set(data: bytes) -> bool:
     """Whether the content is XML, which does not state the size of the pictures, and not our TOML."""
     return data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
+
+
+def provenance_of(data: bytes) -> dict[str, str]:
+    """What the content says of its origin, our own TOML alone; empty where it cannot be read."""
+    if is_device_set(data):
+        return {}
+    try:
+        stated = tomllib.loads(data.decode()).get("provenance", {})
+    except (ValueError, RecursionError):
+        return {}
+    return {str(key): str(text) for key, text in stated.items()} if isinstance(stated, dict) else {}
 
 
 def calibration_bytes(path: Path) -> bytes:

@@ -32,13 +32,6 @@ class Lamp(Enum):
     RED = "red"
 
 
-class Severity(Enum):
-    """How soon a calibration fault halts: GROSS misleads about the side or the place at once, the others drift."""
-
-    GROSS = "gross"
-    PLAIN = "plain"
-
-
 @dataclass(frozen=True, slots=True)
 class Signal:
     """One state. flash_hz 0 is steady; pulses: tone pulses in a burst, 0 is silence. technical: not about the probe."""
@@ -54,14 +47,10 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Hazard:
-    """One class of fault: what the operator reads and does; its kind says what follows. tested: the power-on self-test
-    must see it absent.
-    """
+    """One class of fault: what the operator reads and does."""
 
     text: str
     remedy: str
-    severity: Severity = Severity.PLAIN
-    tested: bool = False
 
 
 def _high(technical: bool, text: str, remedy: str) -> Signal:
@@ -97,11 +86,12 @@ SIGNALS = {
 """Flashes in Hz and pulses of a burst in the ranges of IEC 60601-1-8 that are named above."""
 
 HAZARDS: dict[Fault, Hazard] = {
-    Fault.POLARITY: Hazard("Picture is mirrored", "Reset the scanner's left/right and up/down flip", Severity.GROSS),
+    Fault.POLARITY: Hazard("Picture is mirrored", "Reset the scanner's left/right and up/down flip"),
     Fault.SCALE: Hazard("Picture scale has changed", "Set the scanner's depth and zoom as calibrated"),
     Fault.ROTATION: Hazard("Marker body has turned", "Check the marker clamp, then recalibrate"),
     Fault.OFFSET: Hazard("Marker body has slipped", "Check the marker clamp, then recalibrate"),
     Fault.LATENCY: Hazard("Tracker and picture are out of step", "Check frame rate and persistence"),
+    Fault.POSE_CONVENTION: Hazard("Tracker's axes do not fit", "Check the tool file and the tracker's export"),
     Fault.FROZEN_VIDEO: Hazard("Picture is frozen", "Unfreeze the scanner; check the video cable"),
     Fault.VIDEO_LOST: Hazard("No picture from the scanner", "Check the scanner and the video cable"),
     Fault.TRACKER_ALERT: Hazard("Tracker reports a fault", "See its remarks; check a bumped sensor, clear it"),
@@ -109,14 +99,10 @@ HAZARDS: dict[Fault, Hazard] = {
     Fault.FIELD_DISTORTION: Hazard("Tracker's field is distorted", "Move metal and cables away from it"),
     Fault.TRACKER_LOST: Hazard("No answer from the tracker", "Check the tracker's power and cable"),
     Fault.TRACKER_STALE: Hazard("Tracker repeats old positions", "Restart tracking; check the tracker"),
-    Fault.OUTPUT_FAILED: Hazard("Alarm output does not respond", "Check the relay's cable and power", tested=True),
-    Fault.ESTIMATOR_SILENT: Hazard(
-        "Verification has stopped", "Wait for its restart; else restart the cart", tested=True
-    ),
-    Fault.MEMORY_DAMAGED: Hazard(
-        "Alarm memory is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True
-    ),
-    Fault.LOG_DAMAGED: Hazard("Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge", tested=True),
+    Fault.OUTPUT_FAILED: Hazard("Alarm output does not respond", "Check the relay's cable and power"),
+    Fault.ESTIMATOR_SILENT: Hazard("Verification has stopped", "Wait for its restart; else restart the cart"),
+    Fault.MEMORY_DAMAGED: Hazard("Alarm memory is damaged", "Read 'probewatch log --verify', then acknowledge"),
+    Fault.LOG_DAMAGED: Hazard("Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge"),
     Fault.LINE_OF_SIGHT: Hazard("Probe not seen by the tracker", "Bring the probe into the tracker's view"),
     Fault.USER_FREEZE: Hazard("Picture is paused by the user", "Unfreeze the scanner to go on"),
     Fault.NO_PICTURE: Hazard("No ultrasound in the picture", "Probe on the skin, live picture on the scanner"),
@@ -126,6 +112,7 @@ HAZARDS: dict[Fault, Hazard] = {
         "Configured calibration is not in force",
         "Read 'probewatch calibration list'",
     ),
+    Fault.CALIBRATION_DUE: Hazard("Calibration is overdue", "Recalibrate, or check it with the cross-wire"),
 }
 
 SILENCES = frozenset(

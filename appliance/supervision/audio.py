@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from appliance.supervision.alarms import SIGNALS, Priority
+from appliance.supervision.policy import pulses
 from appliance.types import AlarmState
 
 LONGEST_PAUSE_NS = 120_000_000_000
@@ -74,10 +75,10 @@ class Audio:
         if self._paused_until_ns is not None and now_ns >= self._paused_until_ns:
             self._paused_until_ns = None
         mode = self._mode(alarm)
-        pulses = SIGNALS[alarm.state].pulses
-        if mode is AudioMode.ON or pulses == 0:
+        due = pulses(alarm.state, alarm.fault)
+        if mode is AudioMode.ON or due == 0:
             self._silent_since_ns = None
-            return Sound(mode, pulses, alarm.since_ns, off_reason=self._off_reason)
+            return Sound(mode, due, alarm.since_ns, off_reason=self._off_reason)
         if self._silent_since_ns is None:
             self._silent_since_ns = now_ns
         if mode is AudioMode.PAUSED:

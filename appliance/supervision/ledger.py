@@ -1,24 +1,9 @@
 """What the supervisor remembers between ticks, and the guards of its table. Pure: time is an argument."""
 
-from dataclasses import dataclass
-
-from appliance.supervision.alarms import HAZARDS, SILENCES, Severity
+from appliance.supervision.alarms import HAZARDS, SILENCES
 from appliance.supervision.condition import Condition
+from appliance.supervision.policy import PLAIN, POLICY, Durations, Policy, Step
 from appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
-
-
-@dataclass(frozen=True, slots=True)
-class Durations:
-    """Times of the table, ns of the host clock."""
-
-    gross_halt_after_ns: int = 300_000_000
-    halt_after_ns: int = 1_000_000_000
-    recalibrate_after_ns: int = 2_000_000_000
-    device_lost_after_ns: int = 1_000_000_000
-    probation_ns: int = 1_000_000_000
-    max_verification_age_ns: int = 30_000_000_000
-    self_test_ns: int = 20_000_000_000
-    starting_ns: int = 10_000_000_000
 
 
 class Ledger:
@@ -69,7 +54,7 @@ class Ledger:
         self._note_integrity(failing)
         self._note_kind(self.internal, failing, Kind.INTERNAL)
         self._note_kind(self.device, failing, Kind.DEVICE)
-        self._untested = any(HAZARDS[fault].tested for fault in failing)
+        self._untested = any(POLICY[fault].tested for fault in failing)
 
     def _note_sight(self, checks: tuple[Check, ...]) -> None:
         """Whatever is not in view can be changed meanwhile."""
@@ -226,30 +211,29 @@ class Ledger:
         gone = self._unseen.gone(self.now_ns, self.durations.probation_ns)
         return None if gone else self._unseen.fault
 
-    @property
-    def _halt_after_ns(self) -> int:
-        gross = self.calibration.fault is not None and HAZARDS[self.calibration.fault].severity is Severity.GROSS
-        return self.durations.gross_halt_after_ns if gross else self.durations.halt_after_ns
+    def _led(self, condition: Condition, step: Step | None) -> bool:
+        """What is shown now has been for as long as the policy asks for before this step."""
+        return step is not None and condition.lasts(self.now_ns, step.after_ns(self.durations))
 
     @property
     def halting(self) -> bool:
-        """A calibration fault is shown now, and has been for halt_after; for gross_halt_after when it is gross."""
-        return self.calibration.lasts(self.now_ns, self._halt_after_ns)
+        """A calibration fault is shown now, and has been for as long as the policy says before halt."""
+        return self._led(self.calibration, _row(self.calibration).step_to(State.HALT))
 
     @property
     def recalibration_due(self) -> bool:
-        """A calibration fault is shown now, and has been for recalibrate_after longer than halting needs."""
-        return self.calibration.lasts(self.now_ns, self._halt_after_ns + self.durations.recalibrate_after_ns)
+        """A calibration fault is shown now, and has been for as long as the policy says before the request."""
+        return self._led(self.calibration, _row(self.calibration).step_to(State.RECALIBRATION_REQUESTED))
 
     @property
     def losing_device(self) -> bool:
-        """A device fault has lasted for device_lost_after."""
-        return self.device.lasts(self.now_ns, self.durations.device_lost_after_ns)
+        """A device fault has lasted for as long as the policy says before device lost."""
+        return self._led(self.device, _row(self.device).step_to(State.DEVICE_LOST))
 
     @property
     def losing_internal(self) -> bool:
-        """A part of probewatch itself has been silent for device_lost_after."""
-        return self.internal.lasts(self.now_ns, self.durations.device_lost_after_ns)
+        """A part of probewatch itself has been silent for as long as the policy lets a recalibration go on."""
+        return self._led(self.internal, _row(self.internal).scan)
 
     @property
     def device_back(self) -> bool:
@@ -295,3 +279,8 @@ class Ledger:
 
     def _running_ns(self) -> int:
         return 0 if self.started_ns is None else self.now_ns - self.started_ns
+
+
+def _row(condition: Condition) -> Policy:
+    """Of its hazard; after a restart it may not be known which one it was."""
+    return PLAIN if condition.fault is None else POLICY[condition.fault]

@@ -18,7 +18,8 @@ import statemachine
 
 from appliance.supervision.alarms import ACKNOWLEDGED, DISTURBED, HAZARDS, OUTDATED, operator_text
 from appliance.supervision.condition import Condition
-from appliance.supervision.ledger import Durations, Ledger
+from appliance.supervision.ledger import Ledger
+from appliance.supervision.policy import Durations
 from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
 
 __all__ = ["Durations", "Inputs", "Request", "Supervisor"]

@@ -49,7 +49,7 @@ def scanned(seed: int) -> Scanned:
     assert state.whole is not None
     assert state.closed is not None
     found, off = state.whole.calibration, errors(state.whole)
-    offs = [_points_off_mm(found, seed, quiet) for quiet in (False, True)]
+    offs = [points_off_mm(found, seed, quiet) for quiet in (False, True)]
     closed = _closed(state, views)
     return Scanned(off / state.whole.sigma, off[7] / state.whole.sigma[7], closed, *offs, not state.refusals)
 
@@ -71,7 +71,8 @@ def _closed(state, views: list[View]) -> float:
     return (solution.zeta_mm - TRUE.offset_mm[2]) / solution.zeta_sigma_mm
 
 
-def _points_off_mm(found, seed: int, quiet: bool) -> float:
+def points_off_mm(found, seed: int, quiet: bool) -> float:
+    """RMS distance of ten points anywhere from where the calibration puts them. quiet: seen without noise."""
     random = np.random.default_rng((seed, 92))
     noise = 0.0 if quiet else 1.0
     offs = []

@@ -6,10 +6,12 @@ service does it. `Circumstances` (circumstances.py) are what can happen to pictu
 (oracle.py) knows the truth of the world and what the room can see (the contact, the newest verdict), and nothing of
 how the core works. After every tick it asserts:
 
-a. Age. Contact closed ⇒ within max_verification_age (30 s) and one tick before, motion showed the calibration in force:
+a. Age. Contact closed ⇒ for each parameter that the contact asks for, motion showed the calibration in force within
+   the age that this parameter may have (30 s; every second cart asks for the offsets too, and for the axial scale
+   within 18 s) and one tick before:
    a genuine picture of tissue, rightly stamped, between two genuine and rightly stamped poses at most 250 ms apart,
-   while the probe moved in its plane and the true calibration was the reference in every parameter that an OK
-   requires (polarity, both scales, rotation about the elevational axis).
+   while the probe moved in its plane and the true calibration was the reference in this parameter, in polarity, both
+   scales and the rotation about the elevational axis.
 b. Contradiction. Contact closed ⇒ the newest verdict of the line holds no FAULT, and no check with a sigma lies
    beyond its limit by three of them.
 c. No relapse. Once a calibration fault was shown while the true calibration is wrong by more than twice a limit, the

@@ -7,14 +7,14 @@ from functools import partial
 import numpy as np
 
 from appliance.core.line import Line
-from appliance.limits import Limits
+from appliance.limits import Limits, RequiredAges
 from appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import AlarmState, Verdict
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from tests.invariant.circumstances import Circumstances, Pictures, Poses, Stamps
-from tests.invariant.oracle import MAX_AGE_NS, TICK_NS, Broken, Oracle
+from tests.invariant.oracle import MAX_AGE_NS, SHIPPED, TICK_NS, Broken, Oracle
 from tests.invariant.world import NONE, ROWS, TALL_ROWS, Change, Hand, Scanner, Tracker, reference
 
 ORIGIN_NS = 10_000_000_000_000
@@ -52,7 +52,8 @@ class Cart:
     change: how the true calibration differs from the reference from the start. tilt_deg: of the hand. enforced: the
     clauses of the invariant that are raised; of the others `broken` tells. attended: somebody acknowledges whatever is
     latched. received: samples pass the threads of their devices, which refuse what is stamped later than it arrives;
-    without, the line alone must cope. rows: of the pictures. max_age_ns: after which a verification is none.
+    without, the line alone must cope. rows: of the pictures. max_age_ns: after which a verification is none. asked:
+    what the contact asks for.
     """
 
     frames = 0
@@ -70,10 +71,11 @@ class Cart:
         received: bool = False,
         rows: int = ROWS,
         max_age_ns: int = MAX_AGE_NS,
+        asked: RequiredAges = SHIPPED,
     ) -> None:
         self.circumstances = Circumstances()
         self.attended, self._received = attended, received
-        self.oracle = Oracle(max_age_ns)
+        self.oracle = Oracle(max_age_ns, asked)
         self.journal: list[str] = []
         self.moments: list[Moment] = []
         self.broken: list[tuple[float, Broken]] = []
@@ -81,9 +83,10 @@ class Cart:
         self.newest: Verdict | None = None
         self._enforced = enforced
         self._hand, self._scanner, self._tracker = Hand(seed, tilt_deg), Scanner(seed, rows), Tracker(seed)
+        self._limits = Limits(required_age_s=asked)
         self._reference, self._judged_for_tissue = reference(rows), rows >= TALL_ROWS
         self.line, self._supervisor = (
-            Line(self._reference, Limits()),
+            Line(self._reference, self._limits),
             Supervisor(Durations(max_verification_age_ns=max_age_ns)),
         )
         self._facts = Facts(started_ns=ORIGIN_NS)
@@ -141,7 +144,7 @@ class Cart:
         for request in (Request.BEGIN_RECALIBRATION, Request.END_RECALIBRATION):
             self.ask(request)
             self.run(0.2)
-        self.line = Line(self._reference, Limits())
+        self.line = Line(self._reference, self._limits)
         self._change = NONE
         self.oracle.renewed()
 

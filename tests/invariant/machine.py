@@ -7,8 +7,10 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, get_state_machine_test, initialize, rule
 
+from appliance.limits import RequiredAges
 from tests.invariant.cart import Cart
 from tests.invariant.circumstances import Circumstances, Pictures, Poses, Stamps
+from tests.invariant.oracle import SHIPPED, STRICT
 from tests.invariant.world import CHANGES, NONE, ROWS, TALL_ROWS, Change
 
 SPELL_S = st.sampled_from([0.5, 3.0, 3.0, 8.0, 34.0])
@@ -37,9 +39,14 @@ class Room(RuleBasedStateMachine):
         tilt_deg=st.sampled_from([1.4, 1.4, 1.0]),  # without any tilt two of the rotations are never shown
         seconds=st.sampled_from([7.0, 7.0, 16.0]),
         rows=st.sampled_from([ROWS, TALL_ROWS]),
+        asked=st.sampled_from([SHIPPED, STRICT]),
     )
-    def switched_on(self, seed: int, wrong: Change, tilt_deg: float, seconds: float, rows: int) -> None:
-        self.cart = Cart(seed, change=wrong, tilt_deg=tilt_deg, fps=self.fps, attended=False, received=True, rows=rows)
+    def switched_on(
+        self, seed: int, wrong: Change, tilt_deg: float, seconds: float, rows: int, asked: RequiredAges
+    ) -> None:
+        self.cart = Cart(
+            seed, change=wrong, tilt_deg=tilt_deg, fps=self.fps, attended=False, received=True, rows=rows, asked=asked
+        )
         self.body_was_moved = wrong.moves_body
         self.cart.run(seconds)
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from appliance.limits import Limits, RequiredAges
 from appliance.supervision.supervisor import Durations
 from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
 from drivers.samples import Matrix4
@@ -20,6 +21,13 @@ _MOVED_WITHIN_NS = 300_000_000
 _LEAST_MM_PER_S = 0.5
 _FURTHEST_APART_NS = 250_000_000
 _REACH_MM = 5.0
+SHIPPED = Limits().required_age_s
+STRICT = RequiredAges.model_validate(
+    {"offset-lateral": 30.0, "offset-axial": 30.0, "offset-elevational": 30.0, "scale-axial": 18.0}
+)
+"""The offsets too, and one parameter that must be shown more often than the rest."""
+_SWEPT = frozenset({"polarity", "scale", "rotation"})
+"""Classes of the parameters that any sweep shows; an offset takes turns."""
 _ALARMED = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED)
 
 
@@ -40,23 +48,22 @@ class Genuine:
 
 
 class Oracle:
-    """max_age_ns: after which a verification is none.
-
-    shown_ns: the newest time at which motion could show the calibration in force; None before the first.
+    """max_age_ns: after which a verification is none. asked: what the contact asks for, and how old it may be.
 
     shown_fault: the calibration fault that was shown since the present change, None before the first.
     """
 
-    def __init__(self, max_age_ns: int = MAX_AGE_NS) -> None:
-        self._oldest_ns = max_age_ns + TICK_NS
-        self.shown_ns: int | None = None
+    def __init__(self, max_age_ns: int = MAX_AGE_NS, asked: RequiredAges = SHIPPED) -> None:
+        own_ns = {name: max_age_ns if age_s is None else round(age_s * 1e9) for name, age_s in asked.ages_s.items()}
+        self._oldest_ns = {name: min(age_ns, max_age_ns) + TICK_NS for name, age_ns in own_ns.items()}
+        self._shown_ns: dict[str, int] = {}
         self.shown_fault: str | None = None
         self._change = NONE
         self._told: frozenset[str] = frozenset()
         self._told_before: frozenset[str] = frozenset()
         self._visible_ns = self._blank_ns = 0
         self._pictures: deque[Genuine] = deque(maxlen=20)
-        self._waiting: deque[int] = deque()
+        self._waiting: deque[tuple[int, frozenset[str]]] = deque()
         self._pose_ns: int | None = None
 
     def changed(self, change: Change) -> None:
@@ -69,22 +76,22 @@ class Oracle:
         """A recalibration was confirmed: what was shown before says nothing of the new reference."""
         self.changed(NONE)
         self._waiting.clear()
-        self.shown_ns = None
+        self._shown_ns.clear()
 
     def picture(self, t_ns: int, pose: Matrix4) -> None:
         """A genuine, rightly stamped picture was delivered; pose: (4, 4) picture → tissue, true."""
         turn_mm = np.arctan2(pose[1, 0], pose[0, 0]) * _REACH_MM
         self._pictures.append(Genuine(t_ns, np.array([*pose[:2, 3], turn_mm])))
-        if self._change.required_right and self._moved(t_ns):
-            self._waiting.append(t_ns)
+        if self._moved(t_ns):
+            self._waiting.append((t_ns, self._change.right))
 
     def pose(self, t_ns: int) -> None:
         """A genuine, rightly stamped pose was delivered: it settles the pictures before it."""
         before_ns, self._pose_ns = self._pose_ns, t_ns
         while self._waiting:
-            picture_ns = self._waiting.popleft()
+            picture_ns, right = self._waiting.popleft()
             if before_ns is not None and before_ns <= picture_ns and t_ns - before_ns <= _FURTHEST_APART_NS:
-                self.shown_ns = picture_ns
+                self._note_shown(picture_ns, right)
 
     def tick(
         self, now_ns: int, lively_in_view: bool, blank: bool, alarm: AlarmState, newest: Verdict | None
@@ -99,6 +106,11 @@ class Oracle:
         said = (self._age(now_ns), _contradiction(newest), self._relapse(), self._discovery(), self._sight())
         return tuple(broken for broken in said if broken is not None)
 
+    def _note_shown(self, picture_ns: int, right: frozenset[str]) -> None:
+        """As far as any line could tell: of what any sweep shows one wrong parameter spoils the others."""
+        if right >= _SWEPT:
+            self._shown_ns |= {name: picture_ns for name in self._oldest_ns if _class(name) in right}
+
     def _note_fault(self, alarm: AlarmState, newest: Verdict | None) -> None:
         told = {alarm.fault if alarm.state in _ALARMED else None, None if newest is None else newest.fault}
         self._told = frozenset(fault for fault in told if fault is not None)
@@ -107,11 +119,13 @@ class Oracle:
             self.shown_fault = min(new)
 
     def _age(self, now_ns: int) -> Broken | None:
-        if self.shown_ns is None:
-            return Broken("a", f"no motion has shown the calibration; it is {self._change}")
-        age_ns = now_ns - self.shown_ns
-        what = f"the last motion that showed the calibration is {age_ns / 1e9:.2f} s old; it is {self._change}"
-        return Broken("a", what) if age_ns > self._oldest_ns else None
+        for name, oldest_ns in self._oldest_ns.items():
+            if name not in self._shown_ns:
+                return Broken("a", f"no motion has shown {name}; it is {self._change}")
+            if (age_ns := now_ns - self._shown_ns[name]) > oldest_ns:
+                what = f"the last motion that showed {name} is {age_ns / 1e9:.2f} s old; it is {self._change}"
+                return Broken("a", what)
+        return None
 
     def _relapse(self) -> Broken | None:
         if self.shown_fault is None:
@@ -132,6 +146,11 @@ class Oracle:
         return any(
             np.linalg.norm(b.place - a.place) >= _LEAST_MM_PER_S * (b.t_ns - a.t_ns) / 1e9 for a, b in pairwise(recent)
         )
+
+
+def _class(name: str) -> str:
+    """Of the parameter's check; a latency is always right in this world."""
+    return "polarity" if name == "latency" else name.partition("-")[0]
 
 
 def _contradiction(newest: Verdict | None) -> Broken | None:

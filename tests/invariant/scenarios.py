@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
+from appliance.limits import RequiredAges
 from tests.invariant.cart import Cart
 from tests.invariant.circumstances import Pictures, Poses, Stamps
-from tests.invariant.oracle import MAX_AGE_NS
+from tests.invariant.oracle import MAX_AGE_NS, SHIPPED
 from tests.invariant.world import BENT_AND_SLID
 
 VERIFIED_WITHIN_S = 20.0
@@ -26,9 +27,9 @@ DISTURBANCES: Mapping[str, tuple[dict[str, Any], dict[str, Any]]] = {
 """Name → circumstances of the first and of the second seed: of stamps those of the pictures, then of the poses."""
 
 
-def verified_cart(seed: int, *, fps: float = 30.0, max_age_ns: int = MAX_AGE_NS) -> Cart:
+def verified_cart(seed: int, *, fps: float = 30.0, max_age_ns: int = MAX_AGE_NS, asked: RequiredAges = SHIPPED) -> Cart:
     """A healthy cart whose contact has been closed for a second."""
-    cart = Cart(seed, fps=fps, max_age_ns=max_age_ns)
+    cart = Cart(seed, fps=fps, max_age_ns=max_age_ns, asked=asked)
     assert cart.run(VERIFIED_WITHIN_S, until=lambda: cart.closed), cart.told()
     cart.run(1.0)
     return cart

@@ -7,7 +7,7 @@ from tests.invariant.cart import ORIGIN_NS, Cart
 from tests.invariant.circumstances import Pictures, Poses
 from tests.invariant.long_run import long_run
 from tests.invariant.machine import CLOSED_AGAIN_WITHIN_S, Room, room_test
-from tests.invariant.oracle import MAX_AGE_NS, TICK_NS
+from tests.invariant.oracle import MAX_AGE_NS, STRICT, TICK_NS
 from tests.invariant.scenarios import DISTURBANCES, VERIFIED_WITHIN_S, bend_unseen, incident, verified_cart
 from tests.invariant.world import BENT, ELSEWHERE, FLIPPED, NONE, SLID, TALL_ROWS
 
@@ -79,6 +79,14 @@ def test_a_bend_that_no_motion_shows_opens_the_contact_for_good(disturbance: str
     cart = incident(disturbance, seed)
     cart.run(130.0)
     assert [moment.closed for moment in cart.moments].count(True) == 1, cart.told()
+
+
+@pytest.mark.thorough
+def test_a_parameter_with_an_age_of_its_own_opens_the_contact_at_that_age() -> None:
+    """The axial scale may be 18 s old, all else 30 s; at rest motion shows neither."""
+    cart = verified_cart(1, fps=SLOW, asked=STRICT)
+    cart.meet(moving=False)
+    assert cart.run(18.5, until=lambda: not cart.closed), cart.told()
 
 
 @pytest.mark.thorough

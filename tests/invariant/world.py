@@ -67,22 +67,20 @@ class Change:
         return frozenset(name for name, misfit in self._misfits().items() if misfit > 1)
 
     @cached_property
-    def required_right(self) -> bool:
-        """Every parameter that an OK requires is within its limit."""
-        return self._required() <= 1
+    def right(self) -> frozenset[str]:
+        """Classes of the parameters that are within their limits."""
+        return frozenset(self._misfits()) - self.faults
 
     @cached_property
     def visible(self) -> bool:
-        """A required parameter is off by twice its limit or more, or it is the bend with a slide."""
-        return self._required() >= 2 or (self._required() > 1 and self._misfits()["offset"] >= 2)
+        """A parameter that any sweep shows is off by twice its limit or more, or it is the bend with a slide."""
+        shown = max(misfit for name, misfit in self._misfits().items() if name != "offset")
+        return shown >= 2 or (shown > 1 and self._misfits()["offset"] >= 2)
 
     @cached_property
     def gross(self) -> bool:
         """Some parameter is off by twice its limit or more."""
         return max(self._misfits().values()) >= 2
-
-    def _required(self) -> float:
-        return max(misfit for name, misfit in self._misfits().items() if name != "offset")
 
     def _misfits(self) -> dict[str, float]:
         """Class → how far out, 1 at the limit. Of the rotation the angle about the elevational axis is taken."""

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from appliance.supervision.ledger import Durations
+from appliance.supervision.policy import Durations
 from appliance.supervision.supervisor import TICK_NS
 from appliance.types import State
 from drivers.twins.faults import Episode, Schedule

@@ -27,7 +27,9 @@ from drivers.samples import PoseStatus
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
 from tests.support.simulated import PROBEWATCH
+from tests.support.told_feed import ToldFeed
 from tests.support.told_status import MATRIX, OPEN, ToldService
+from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
 from tools.shared.status_watch import StatusWatch
 
@@ -89,9 +91,13 @@ def relay(*arguments: str) -> Iterator[int]:
 
 
 @contextmanager
-def state_server(folder: Path) -> Iterator[tuple[ToldService, StateServer]]:
+def state_server(folder: Path, unasked: bool = False) -> Iterator[tuple[ToldService, StateServer]]:
     service, stop = ToldService(folder / "control"), Event()
-    with StatusWatch(service.path, 0.05) as watch, StateServer(("127.0.0.1", 0), watch, 0.05) as server:
+    with (
+        StatusWatch(service.path, 0.05) as watch,
+        Passage(folder / "feed", print) as passage,
+        StateServer(("127.0.0.1", 0), watch, 0.05, passage, unasked=unasked) as server,
+    ):
         thread = threading.Thread(target=server.run, args=(stop,))
         thread.start()
         try:
@@ -135,6 +141,37 @@ def test_pyigtl_reads_our_state(tmp_path: Path) -> None:
             said = json.loads(listener.communicate(timeout=30)[0].splitlines()[-1])
     assert json.loads(said["ProbewatchState"]["value"])["state"] == "halt"
     np.testing.assert_allclose(said["ImageToProbe"]["value"], MATRIX, rtol=1e-6)
+
+
+@contextmanager
+def shown(folder: Path) -> Iterator[StateServer]:
+    """A server that passes through, to everybody, a feed of 30 pictures and 30 poses a second."""
+    feed, ended = ToldFeed(folder / "feed", (640, 480)), Event()
+
+    def show() -> None:
+        while not ended.wait(1 / 30):
+            feed.track()
+            feed.show()
+
+    thread = threading.Thread(target=show)
+    thread.start()
+    try:
+        with state_server(folder, unasked=True) as (_, server):
+            yield server
+    finally:
+        ended.set()
+        thread.join()
+        feed.close()
+
+
+def test_pyigtl_reads_the_pictures_poses_and_estimate_that_are_passed_through(tmp_path: Path) -> None:
+    with shown(tmp_path) as server, peer("listen", server.address[1], 3) as listener:
+        said = json.loads(listener.communicate(timeout=30)[0].splitlines()[-1])
+    assert said["Image"]["value"][0] == [1, 480, 640]
+    assert said["Image"]["place"] == np.eye(4).tolist()
+    np.testing.assert_array_equal(np.array(said["ProbeToTracker"]["value"])[:3, :3], np.eye(3))
+    assert said["ProbeToTracker"]["value"][0][3] > 30
+    assert said["ImageToProbeEstimate"]["value"][1][1] == pytest.approx(0.07 * 1.004)
 
 
 @pytest.fixture(scope="module")
@@ -244,6 +281,15 @@ def test_the_reference_client_understands_our_state(built: Path, tmp_path: Path)
     assert "contact open: Do not use the navigation" in said
     assert "Receiving STRING data type" in said
     assert "Receiving TRANSFORM data type" in said
+
+
+@needs_examples
+def test_the_reference_client_understands_what_is_passed_through(built: Path, tmp_path: Path) -> None:
+    with shown(tmp_path) as server:
+        said = received(built, server.address[1])
+    assert said.count("(640, 480, 1)") > 30, said[-2000:]
+    assert said.count("Receiving TRANSFORM data type") > 30
+    assert "Receiving STATUS data type" in said
 
 
 @needs_examples

@@ -16,6 +16,8 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page
 
+from appliance.service.control.client import ControlClient
+from appliance.storage.alarm_chain import read_log
 from tests.support.browser import CHROMIUM, chromium
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
@@ -47,7 +49,7 @@ class Bench:
         page.goto(self.web.url + "recalibrate")
         if may:
             page.fill("#token", self.web.token())
-            page.click("text=Unlock")
+            page.click("#token-form button")
             page.wait_for_selector("#part-token", state="hidden")
         return page
 
@@ -80,11 +82,15 @@ def bench(rooms: Bench) -> Iterator[Bench]:
     assert rooms.errors == []
 
 
-def begun(page: Page, wanted: str = "whole", technician: str = "A. Smith") -> None:
+def at_the_beginning(page: Page) -> None:
     page.wait_for_selector("body[data-phase]")
     if page.get_attribute("body", "data-phase") in ("done", "ended"):
-        page.click("text=To the beginning")
+        page.click("#part-over button")
     page.wait_for_selector("body[data-phase=idle]")
+
+
+def begun(page: Page, wanted: str = "whole", technician: str = "A. Smith") -> None:
+    at_the_beginning(page)
     for name, value in (("probe", "L12-5"), ("preset", "4 cm"), ("technician", technician)):
         page.fill(f"#{name}", value)
     page.select_option("#wanted", wanted)
@@ -108,7 +114,7 @@ def scanned(page: Page, number: int) -> None:
     until(lambda: views(page) >= number, 120, 0.2, lambda: page.inner_text("main"))
 
 
-def ended(page: Page, button: str = "text=Give up") -> None:
+def ended(page: Page, button: str = "button:visible:has-text('Give up')") -> None:
     page.click(button)
     page.wait_for_selector("body[data-phase=ended]")
 
@@ -169,7 +175,17 @@ def test_the_whole_procedure_by_the_page_alone(bench: Bench) -> None:
         until(lambda: not page.query_selector("#refusals p"), 120, 0.2)
         page.click("text=Scan is complete")
         phase(page, "review")
+    page.wait_for_selector("#compare tr >> nth=7")
+    assert "σ" in page.inner_text("#compare")
+    page.click("#check-now")
+    phase(page, "checking")
+    page.wait_for_selector("#checking >> text=from where the scan was made")
+    drawn(page, "page-check")
+    assert serious(page) == []
+    page.click("text=Check is complete")
+    phase(page, "review")
     bench.cart.tank.unlink()
+    page.fill("#unchecked", "x")
     page.fill("#signer", "A. SMITH")
     page.fill("#role", "technician")
     page.click("#accept")
@@ -177,6 +193,8 @@ def test_the_whole_procedure_by_the_page_alone(bench: Bench) -> None:
     page.fill("#signer", "B. Jones")
     page.fill("#role", "clinical engineer")
     page.fill("#comment", "good scan")
+    page.wait_for_selector("#unchecked-part:not([hidden])")
+    page.fill("#unchecked", "the tank stands in a frame")
     page.click("#accept")
     phase(page, "done")
     drawn(page, "page-done")
@@ -186,7 +204,8 @@ def test_the_whole_procedure_by_the_page_alone(bench: Bench) -> None:
     said = tomllib.loads(file.read_text())
     assert said["simulated"]
     signed = {
-        name: said["provenance"][name] for name in ("made_by", "signed_by", "signed_role", "comment", "probe_serial")
+        name: said["provenance"][name]
+        for name in ("made_by", "signed_by", "signed_role", "comment", "probe_serial", "check")
     }
     assert signed == {
         "made_by": "A. Smith",
@@ -194,6 +213,7 @@ def test_the_whole_procedure_by_the_page_alone(bench: Bench) -> None:
         "signed_role": "clinical engineer",
         "comment": "good scan",
         "probe_serial": "L12-5",
+        "check": "not made: the tank stands in a frame",
     }
     until(bench.cart.contact)
 
@@ -286,6 +306,83 @@ def test_a_service_that_starts_anew_is_asked_again_and_the_scan_goes_on(bench: B
     ended(page)
     bench.cart.tank.unlink()
     bench.cart.wait_for("monitoring", 60)
+
+
+def test_the_latency_is_a_step_and_the_water_is_looked_at(bench: Bench) -> None:
+    page = bench.person(may=True)
+    at_the_beginning(page)
+    for name, value in (("probe", "L12-5"), ("preset", "4 cm"), ("technician", "A. Smith"), ("water", "20")):
+        page.fill(f"#{name}", value)
+    page.select_option("#latency", "1")
+    page.click("text=Begin to scan")
+    page.wait_for_selector("#refused >> text=depths appear 3.9 % too deep")
+    page.fill("#water", "48")
+
+    def measuring() -> bool:
+        """As in `begun`, a busy machine may refuse once."""
+        if page.is_visible("#begin-form"):
+            page.click("text=Begin to scan")
+        page.wait_for_timeout(500)
+        return page.get_attribute("body", "data-phase") == "latency"
+
+    until(measuring, 60, 0.5, lambda: page.inner_text("body"))
+    bench.cart.wait_for("recalibrating")
+    drawn(page, "page-latency")
+    assert serious(page) == []
+    page.click("text=Leave it to the scan")
+    phase(page, "scanning")
+    ended(page)
+    bench.cart.wait_for("monitoring", 40)
+
+
+def reloaded(bench: Bench) -> None:
+    with ControlClient(bench.cart.socket) as client:
+        client.reload()
+
+
+def test_a_german_room_reads_the_whole_page_in_german(bench: Bench) -> None:
+    """By the configuration; the browser is English."""
+    english = bench.cart.config.read_text()
+    bench.cart.config.write_text('alarm.language = "de"\n' + english)
+    try:
+        reloaded(bench)
+        page = bench.person(may=True)
+        at_the_beginning(page)
+        page.wait_for_selector("text=1. Auswählen")
+        page.wait_for_selector("text=Scan beginnen")
+        assert page.get_attribute("html", "lang") == "de"
+        assert serious(page) == []
+        left = page.inner_text("main")
+        assert not [word for word in ("Your name", "What to", "Begin", "Water") if word in left]
+        drawn(page, "page-choose-de")
+    finally:
+        bench.cart.config.write_text(english)
+        reloaded(bench)
+
+
+def test_a_page_that_is_killed_leaves_no_cart_that_waits_for_it(bench: Bench) -> None:
+    """The service gives the scan up, says for whom and why, in the log too, and closes nothing before it has verified;
+    the page that comes back begins anew.
+    """
+    page = bench.person(may=True)
+    bench.cart.tank.touch()
+    begun(page)
+    scanned(page, 1)
+    held = bench.cart.status()["recalibration"]
+    assert (held["hold_s"], held["ended"]) == (20, None)
+    assert held["silent_s"] < 10
+    bench.web.part.end(kill=True)
+    until(lambda: bench.cart.status()["state"] != "recalibrating")
+    bench.cart.tank.unlink()
+    bench.cart.wait_for("monitoring", 60)
+    assert bench.cart.status()["recalibration"] is None
+
+    def given_up() -> list[str]:
+        entries = read_log(bench.cart.folder / "alarms").entries
+        return [str(one.data["why"]) for one in entries if one.event == "recalibration given up"]
+
+    assert "whose connection is gone" in until(given_up)[-1]
+    bench.web.start()
 
 
 def test_the_status_page_shows_the_state_and_says_when_it_has_lost_the_service_or_itself(bench: Bench) -> None:

@@ -26,12 +26,13 @@ from hypothesis import Phase, settings
 
 ROOT = Path(__file__).parents[2]
 TESTS = [
+    "tests/appliance/supervision/test_policy.py",
     "tests/appliance/supervision/test_supervisor.py",
     "tests/appliance/supervision/test_alarms.py",
     "tests/appliance/supervision/test_overload.py",
     "tests/appliance/supervision/test_supervisor_model.py",
 ]
-MODULES = ("condition", "ledger", "supervisor", "audio", "annunciator")
+MODULES = ("policy", "condition", "ledger", "supervisor", "audio", "annunciator")
 _SWAPS = {
     ast.Lt: ast.LtE,
     ast.LtE: ast.Lt,

@@ -53,6 +53,8 @@ def listen(port: int, seconds: float) -> None:
             "IMAGE": lambda message=message: [list(message.image.shape), float(message.image.mean())],
         }[message.message_type]()
         said[name] = {"type": message.message_type, "value": value, "version": message.header_version}
+        if message.message_type == "IMAGE":
+            said[name]["place"] = message.ijk_to_world_matrix.tolist()
     client.stop()
     print(json.dumps(said), flush=True)
 

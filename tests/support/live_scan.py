@@ -23,7 +23,7 @@ from tests.support.answering import recorded
 class RecalibratingService:
     """Grants what a supervisor would. state: it may be put into another. refuse: answers no request but the status.
 
-    asked: all requests but those for the status. proposal: what it says of a new calibration.
+    asked: all requests but those for the status. holder: who began last. proposal: what it says of a new calibration.
     """
 
     def __init__(self, folder: Path, reference: Calibration | None) -> None:
@@ -32,6 +32,7 @@ class RecalibratingService:
         self.state, self.sha256, self.refuse = "monitoring", "before", False
         self.proposal: dict[str, Any] = {"text": "hardly", "confirm": False, "sha256": "new"}
         self.asked: list[str] = []
+        self.holder: Peer | None = None
         self.taken: bytes | None = None
         self._ended = threading.Event()
 
@@ -50,6 +51,11 @@ class RecalibratingService:
         while not self._ended.wait(0.002):
             self._server.poll(self._answer)
 
+    @property
+    def is_held(self) -> bool:
+        """The connection on which the recalibration hangs is open."""
+        return self.holder is not None and self._server.is_open(self.holder.link)
+
     def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
         if do == "status":
             reference = {**recorded()["reference"], "sha256": self.sha256}
@@ -59,7 +65,7 @@ class RecalibratingService:
             raise ControlRefused(f"not possible while {self.state}")
         self.asked.append(do)
         if do == "begin-recalibration":
-            self.state = "recalibrating"
+            self.state, self.holder = "recalibrating", who if "hold_s" in request else None
         elif do == "abort-recalibration":
             self.state, self.sha256 = "not verified", "before"
         elif do == "end-recalibration":

@@ -14,7 +14,8 @@ def told_status(**changes: Any) -> dict[str, Any]:
     """Of a verified cart, with changes."""
     check = {"name": "scale-axial", "fault": "scale", "value": 0.4, "sigma": 0.1, "unit": "%", "limit": 5.0,
              "ratio": 0.08, "verdict": "OK", "shown_age_s": 2.5}  # fmt: skip
-    reference = {"number": 3, "origin": "recalibration", "sha256": "ab" * 32, "image_to_probe": MATRIX}
+    reference = {"number": 3, "origin": "recalibration", "sha256": "ab" * 32, "image_size_px": [640, 480],
+                 "image_to_probe": MATRIX, "polarity": [1, 1]}  # fmt: skip
     return {
         "t_ns": time.monotonic_ns(), "state": "monitoring", "text": "Calibration verified", "remedy": "", "fault": None,
         "reason": "Calibration verified", "energised": True, "latched": None, "acknowledged": False, "notices": [],

@@ -1,4 +1,4 @@
-"""`probewatch openigtlink`: tells OpenIGTLink clients what the service sees."""
+"""`probewatch openigtlink`: tells and shows OpenIGTLink clients what the service sees."""
 
 import ipaddress
 import signal
@@ -7,12 +7,26 @@ from threading import Event
 
 import click
 
+from tools.openigtlink.asked import USUAL_NAMES, Names
+from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
+from tools.openigtlink.wording import NAMES
 from tools.shared.service_socket import socket_option
 from tools.shared.status_watch import StatusWatch
 
 _PORT = 18944
 """TCP port of OpenIGTLink, by its specification."""
+
+
+_LONGEST_NAME = 20  # bytes of a device name, by the specification
+
+
+def _name(_context: click.Context, _option: click.Parameter, text: str) -> str:
+    if not (text.isascii() and text.isprintable() and 0 < len(text) <= _LONGEST_NAME):
+        raise click.BadParameter(f"a device name has 1 to {_LONGEST_NAME} signs of ASCII")
+    if text in NAMES:
+        raise click.BadParameter(f"'{text}' is taken: so are {', '.join(NAMES)}")
+    return text
 
 
 # Bounds of --every: the tick of the service, and what a person still calls live.
@@ -21,21 +35,44 @@ _PORT = 18944
 @click.option("--host", default="127.0.0.1", show_default=True, help="address to listen at; 0.0.0.0 for every network")
 @click.option("--port", default=_PORT, show_default=True, type=click.IntRange(0, 65535), help="0: any free one")
 @click.option("--every", "every_s", default=0.1, show_default=True, type=click.FloatRange(0.05, 10), help="seconds")
-def command(control_socket: Path, host: str, port: int, every_s: float) -> None:
+@click.option("--feed", type=click.Path(path_type=Path), help="socket of the feed [beside the control socket]")
+@click.option(
+    "--image", default=USUAL_NAMES.image, show_default=True, callback=_name, help="device name of the pictures"
+)
+@click.option("--pose", default=USUAL_NAMES.pose, show_default=True, callback=_name, help="device name of the poses")
+@click.option("--stream", is_flag=True, help="pictures and poses to every client, also if it has not asked for them")
+def command(
+    control_socket: Path,
+    host: str,
+    port: int,
+    every_s: float,
+    feed: Path | None,
+    image: str,
+    pose: str,
+    stream: bool,
+) -> None:
     """Tell OpenIGTLink clients, such as 3D Slicer and PLUS, what the service sees; until SIGTERM.
 
-    A process beside the service, which asks it for its status and can do nothing else. Each client gets STATUS of the
-    device Probewatch in every round, and STRING of ProbewatchState (JSON) and TRANSFORM ImageToProbe, the calibration
-    in force, once a second and at every change. STATUS has code 1, OK, only while the contact is closed.
+    A process beside the service, which asks it for its status and its feed and can do nothing else. Each client gets
+    STATUS of the device Probewatch in every round, and once a second and at every change STRING of ProbewatchState
+    (JSON), TRANSFORM ImageToProbe, the calibration in force, and ImageToProbeEstimate, as motion shows it. STATUS has
+    code 1, OK, only while the contact is closed.
+
+    Pictures and poses go to who asks: STT_IMAGE and STT_TRANS for all until STP_IMAGE and STP_TRANS, GET_IMAGE and
+    GET_TRANS for the next one; or to everybody, with --stream.
 
     \b
-    Answered: GET_STATUS, GET_STRING, GET_TRANS, GET_CAPABIL, and PLUS's commands GetStatus, GetTransform and
+    Answered as well: GET_STATUS, GET_STRING, GET_CAPABIL, and PLUS's commands GetStatus, GetTransform and
     RequestDeviceIds. Everything else is refused, in words. docs/connect.md shows it in 3D Slicer.
     """
     stop = Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
-    with StatusWatch(control_socket, every_s) as watch, StateServer((host, port), watch, every_s) as server:
+    with (
+        StatusWatch(control_socket, every_s) as watch,
+        Passage(feed or control_socket.with_name("feed"), lambda text: click.echo(text, err=True)) as passage,
+        StateServer((host, port), watch, every_s, passage, Names(image, pose), stream) as server,
+    ):
         click.echo("listening at {}:{}".format(*server.address))
         if not _is_loopback(host):
             words = "whoever reaches this address may read the state, as OpenIGTLink knows no password"

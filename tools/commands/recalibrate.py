@@ -141,6 +141,8 @@ class _Reference:
 @click.option(
     "--live", is_flag=True, help="scan on the running cart; asks for what is not given, or with --signed-by nobody"
 )
+@click.option("--latency-first", is_flag=True, help="with --live: measure first how late the tracker is")
+@click.option("--unchecked", default="", help="with --live --signed-by: why no check at another point is made")
 @click.option("--feed", type=click.Path(path_type=Path), help="with --live: the feed's socket, if not the service's")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="with --live: for the new file [.]")
 @click.option("--yes", is_flag=True, help="accept a difference beyond the limits of the checks without being asked")
@@ -180,6 +182,8 @@ def command(
     expires: datetime | None,
     sigma_mm: float,
     live: bool,
+    latency_first: bool,
+    unchecked: str,
     feed: Path | None,
     folder: Path | None,
     yes: bool,
@@ -195,8 +199,16 @@ def command(
             made_by or (asked and click.prompt("your name")) or user(),
             reason,
             "zeta" if solve == "zeta" else "whole",
+            water_c,
+            scanner_m_s,
+            correct_sound,
+            latency_first,
         )
-        _live(config_file, socket, feed, folder, begin, Signature(signed_by, role, comment) if signed_by else None)
+        if signed_by and latency_first:
+            raise click.UsageError("--latency-first needs a person at the terminal; leave --signed-by out")
+        nobody = unchecked or "nobody was asked (--signed-by)"
+        signature = Signature(signed_by, role, comment, unchecked=nobody) if signed_by else None
+        _live(config_file, socket, feed, folder, begin, signature)
         return
     if simulate == (recording is not None):
         raise click.UsageError("give the scan: --live, or either --recording FILE or --simulated")

@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 
 from appliance.configuration.config import load_config
-from appliance.service.control.status import due_utc
-from appliance.storage.reference_store import read_history
+from appliance.storage.reference_dates import dates_of
+from appliance.storage.reference_store import content_of, read_history
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable
 from tools.report.pdf import check_pdf, write_pdf
@@ -64,7 +64,10 @@ def command(config_path: Path, kind: str, day: datetime | None, folder: Path, as
     tests, damaged = read_self_tests(config.alarm.folder / _SELF_TESTS)
     history = read_history(config.alarm.folder)
     in_force = None if history is None else history.in_force
-    due = None if in_force is None else due_utc(in_force.utc, config.calibration.due_days)
+    due = None
+    if in_force is not None:
+        content = content_of(config.alarm.folder, in_force)
+        due = dates_of(in_force, content, config.calibration.due_days).due_utc
     write_period_page(page, cart, summary(wanted, reading, tests, now), due, damaged)
     if pdf is not None:
         write_pdf(page, pdf)

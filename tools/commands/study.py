@@ -8,10 +8,12 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from drivers.errors import ConfigurationError
+from appliance.storage.calibration_file import calibration_bytes
+from drivers.errors import ConfigurationError, DeviceLost
+from tools.shared.found_recordings import found
 from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
-from tools.study.archive import ARCHIVE_KEYS, ArchiveTask, archive_table
+from tools.study.archive import ARCHIVE_KEYS, NOT_FETCHED, ArchiveTask, archive_table
 from tools.study.hand import ALL, PROGRAMS
 from tools.study.hazard import STANDARD, Hazard
 from tools.study.outcome import CHECKS
@@ -19,6 +21,7 @@ from tools.study.page import check_page, write_page
 from tools.study.plan import Task, planned, tasks
 from tools.study.samples import ASKED, DEFAULT, KEYS, Conditions
 from tools.study.session import TISSUES, Tissue
+from tools.study.store import is_url, listed
 from tools.study.summary import Coverage, Detection, coverages, detections
 from tools.study.table import StudyTable
 from tools.study.workers import results
@@ -31,7 +34,8 @@ Examples:
   probewatch study --hazards bend-lateral=6@start,latency=450@sudden
   probewatch study --sessions gesture-in-plane,gesture-fan --asked everything
   probewatch study --hazards all --scheduler tcp://dask:8786
-  probewatch study LIVER1.igs.mha LIVER2.igs.mha --calibration probe.toml
+  probewatch study archive/ LIVER2.igs.mha --calibration probe.toml
+  probewatch study s3://bucket/archive --calibration probe.toml --scheduler tcp://dask:8786
 """
 
 
@@ -59,7 +63,7 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
 
 
 @click.command(name="study", epilog=_EXAMPLES)
-@click.argument("recordings", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("recordings", nargs=-1)
 @click.option(
     "--output",
     default=Path("study"),
@@ -76,6 +80,13 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
 )
 @click.option("--tissues", default="all", show_default=True, callback=_listed, help=", ".join(TISSUES))
 @click.option("--seeds", default=10, show_default=True, type=click.IntRange(1, 10_000), help="of each session")
+@click.option(
+    "--draws",
+    default=1,
+    show_default=True,
+    type=click.IntRange(1, 10_000),
+    help="noises of the tracker on the same pictures: more hours without rendering more",
+)
 @click.option("--duration", "duration_s", type=click.FloatRange(5, 3600), help="of each session, s [60; mixed 90]")
 @click.option(
     "--noise-mm",
@@ -116,11 +127,12 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
     "--calibration", type=click.Path(path_type=Path), help="of the RECORDINGs: our .toml or a PLUS device set"
 )
 def command(
-    recordings: tuple[Path, ...],
+    recordings: tuple[str, ...],
     output: Path,
     sessions: tuple[str, ...],
     tissues: tuple[Tissue, ...],
     seeds: int,
+    draws: int,
     duration_s: float | None,
     noises_mm: tuple[float, ...],
     hazards: tuple[Hazard, ...],
@@ -136,22 +148,21 @@ def command(
     the contact was closed, the first OK, each parameter's value, sigma and z-score beside its Cramér–Rao bound, what
     was named and when. It grows row by row, and is taken up where it was left.
 
-    Of RECORDINGs the table has what the instrument says of each: no truth is known there.
+    Of RECORDINGs the table has what the instrument says of each: no truth is known there. They are files, folders, or
+    addresses that fsspec knows, such as s3://bucket/archive, of which each worker fetches its own.
     """
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f"cannot be made: {error.strerror}", str(output), "Give another --output") from error
     if recordings:
-        if calibration is None:
-            raise click.UsageError("RECORDINGs need --calibration")
-        _study_recordings([ArchiveTask(path.absolute(), calibration) for path in recordings], output, jobs, scheduler)
+        _study_recordings(_archive(recordings, calibration), output, jobs, scheduler)
         return
     table = StudyTable(output / "study.csv", KEYS)
     page = output / "study.html"
     check_page(page)
     folder = None if motions is None else motions.absolute()
-    plan = planned(sessions, tissues, seeds, noises_mm, hazards, duration_s, asked)
+    plan = planned(sessions, tissues, seeds, noises_mm, hazards, duration_s, asked, draws)
     _do(plan, table, folder, jobs, scheduler)
     keys = {one.key for one in plan}
     rows = [row for row in table.rows if tuple(row[key] for key in KEYS) in keys]
@@ -165,8 +176,27 @@ def _do(plan: Sequence[Conditions], table: StudyTable, folder: Path | None, jobs
     total = sum(len(task.runs) for task in left)
     if total < len(plan):
         click.echo(f"{len(plan) - total} of {len(plan)} runs are in {table.path} already")
-    for rows in _progress(results(Task.rows, left, jobs, scheduler), total):
+    for rows in _progress(results(Task.rows, left, jobs, scheduler, _say), total):
         table.add(rows)
+
+
+def _archive(recordings: tuple[str, ...], calibration: Path | None) -> list[ArchiveTask]:
+    """A task for each recording; of a recorder, for each run."""
+    content = None if calibration is None else calibration_bytes(calibration)
+    stored = [urls for name in recordings if is_url(name) for urls in listed(name)]
+    tasks = [ArchiveTask(urls[0], calibration, urls=urls, content=content) for urls in stored]
+    if paths := [Path(name).absolute() for name in recordings if not is_url(name)]:
+        several, refused = found(paths)
+        for what in refused:
+            click.echo(what, err=True)
+        for one in several:
+            parts = () if isinstance(one, Path) else tuple(box.path for box in one.boxes)
+            path = one if isinstance(one, Path) else parts[0]
+            tasks.append(ArchiveTask(path, calibration, parts=parts, content=content))
+    needs_one = [task for task in tasks if not task.parts and not str(task.recording).endswith(".mcap")]
+    if calibration is None and needs_one:
+        raise click.UsageError("RECORDINGs need --calibration: only black boxes bring their own")
+    return tasks
 
 
 def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, scheduler: str | None) -> None:
@@ -174,10 +204,20 @@ def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, sched
     left = [task for task in archive if (str(task.recording),) not in table.done]
     if len(left) < len(archive):
         click.echo(f"{len(archive) - len(left)} of {len(archive)} recordings are in {table.path} already")
-    for rows in _progress(results(ArchiveTask.rows, left, jobs, scheduler), len(left)):
-        table.add(rows)
-    Console(highlight=False).print(archive_table(table.rows))
+    away: list[dict[str, str]] = []
+    for rows in _progress(results(ArchiveTask.rows, left, jobs, scheduler, _say), len(left)):
+        missing = [row for row in rows if row["error"].startswith(NOT_FETCHED)]
+        away += missing
+        table.add(row for row in rows if row not in missing)
+    Console(highlight=False).print(archive_table([*table.rows, *away]))
     click.echo(f"written: {table.path}")
+    if away:
+        what = f"{len(away)} of {len(archive)} recordings could not be fetched"
+        raise DeviceLost(what, away[0]["recording"], "What is done stays, so start it again")
+
+
+def _say(text: str) -> None:
+    click.echo(text, err=True)
 
 
 def _progress(done: Iterable[list[dict[str, str]]], total: int) -> Iterator[list[dict[str, str]]]:

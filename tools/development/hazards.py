@@ -1,27 +1,21 @@
-"""`make docs` writes docs/hazards.md: each hazard, what finds it, what then happens, and which tests try it.
+"""`make docs` writes docs/hazards.md: each hazard, what finds it, what then happens, its tests, its figures.
 
 Found in the code: who makes a check of a class names it, and so does a test that tries it.
 """
 
 import ast
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 from appliance.supervision.alarms import HAZARDS
-from appliance.types import Fault, Kind
+from appliance.supervision.policy import POLICY, Policy, Step
+from appliance.types import Fault
+from tools.development.evidence_figures import Figures
+from tools.study.hazard import FAULTS, Hazard
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "hazards.md"
-
-CONTROLS = {
-    Kind.CALIBRATION: "contact opens, warning; halt that latches until acknowledged and verified again",
-    Kind.DEVICE: "contact opens, warning; device lost, an alarm of high priority; recovers by itself",
-    Kind.INTERNAL: "contact opens; internal fault, an alarm of high priority; the part is started again",
-    Kind.INTEGRITY: "contact opens; internal fault until a person has acknowledged it",
-    Kind.SIGHT: "contact opens; not verified until there is something to compare",
-    Kind.ADVISORY: "notice beside the state and entry of the log; the contact stays as it is",
-}
-"""What the supervisor does; the transitions are in docs/alarms.md."""
 
 _FINDERS = (
     "appliance/core",
@@ -33,10 +27,11 @@ _TESTS = ("tests",)
 _GENERAL = ("tests/tools", "tests/support", "tests/rules", "tests/data")
 """Tests of how a hazard is shown, not of whether it is found and controlled."""
 
-_HEAD = """# Hazards, controls and tests
+_HEAD = """# Hazards, controls, tests and figures
 
-`make docs` writes this page from the code; `tests/tools/development/test_manual.py` fails when they differ. It tells
-which part of the code finds a hazard, what the supervisor then does, and which files of tests name it. The invariant of
+`make docs` writes this page from the code; `tests/tools/development/test_manual.py` fails when they differ. Of each
+hazard it tells what is required (its section in the manual), which part of the code finds it, what the supervisor then
+does (its row of the policy), which files of tests name it, and where what was measured stands. The invariant of
 all of them, *closed ⇒ everything required was shown by motion recent enough, and nothing contradicts it*, is driven by
 random disturbances in `tests/invariant/`; the loss of each part is walked by `tests/live/test_failures.py`. What a user
 reads and does is in [alarms.md](alarms.md), what the product is not for in [intended-use.md](intended-use.md).
@@ -45,21 +40,52 @@ It is no risk analysis of a medical device: severity and probability of harm dep
 """
 
 
-def hazards() -> str:
-    """The whole page, Markdown."""
-    finders = _named_in(_FINDERS, _named)
-    alone = {_module(file): hazard for hazard in HAZARDS for file in finders[hazard] if _counted(file, finders) == 1}
-    tests = _named_in(_TESTS, lambda tree: _named(tree) | {alone[name] for name in _imported(tree) if name in alone})
-    lines = [_HEAD, "| hazard | found by | control | tests |", "| --- | --- | --- | --- |"]
+def hazards(figures: Figures) -> str:
+    """The whole page, Markdown. figures: what was last measured."""
+    finders = found_by()
+    tests = _tried_by()
+    lines = [_HEAD, "| requirement | found by | control | tests | figure |", "| --- | --- | --- | --- | --- |"]
     for hazard, row in HAZARDS.items():
         cells = (
-            f"`{hazard}`: {row.text}",
+            f"[`{hazard}`](alarms.md#{hazard}): {row.text}",
             _listed(finders[hazard]),
-            CONTROLS[hazard.kind],
+            f"contact {'opens' if POLICY[hazard].steps else 'stays as it is'}; {steps(POLICY[hazard])}",
             _listed(one for one in tests[hazard] if not one.startswith(_GENERAL)),
+            _figures(hazard, figures),
         )
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join((*lines, ""))
+
+
+@cache
+def found_by() -> dict[Fault, list[str]]:
+    """Hazard → files of the appliance that name it."""
+    return _named_in(_FINDERS, _named)
+
+
+@cache
+def _tried_by() -> dict[Fault, list[str]]:
+    """Hazard → files of tests that name it, or import what finds it alone."""
+    finders = found_by()
+    alone = {_module(file): hazard for hazard in HAZARDS for file in finders[hazard] if _counted(file, finders) == 1}
+    return _named_in(_TESTS, lambda tree: _named(tree) | {alone[name] for name in _imported(tree) if name in alone})
+
+
+def steps(row: Policy) -> str:
+    """What a row of the policy leads to."""
+    return ", then ".join(step_told(step) for step in row.steps) or "notice beside the state"
+
+
+def step_told(step: Step) -> str:
+    """One step of it."""
+    after = " + ".join(f"`{name}`" for name in step.after)
+    return f"{step.state.value} {f'after {after}' if after else 'at once'}"
+
+
+def _figures(hazard: Fault, figures: Figures) -> str:
+    """Sections of the evidence on its kinds that were measured."""
+    kinds = dict.fromkeys(Hazard.parse(one.hazard).kind for one in figures.found)
+    return ", ".join(f"[{kind}](evidence.md#{kind})" for kind in kinds if FAULTS[kind] is hazard) or "not measured"
 
 
 def _listed(files: Iterable[str]) -> str:

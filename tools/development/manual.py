@@ -1,9 +1,9 @@
-"""`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's table and the alarm table, and
-docs/hazards.md from code and tests.
+"""`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's tables and the figures of the last
+study, docs/hazards.md from code and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
 
@@ -12,10 +12,14 @@ from statemachine.transition import Transition
 from appliance.supervision.alarms import HAZARDS, SIGNALS, Signal
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
-from appliance.supervision.ledger import Durations, Ledger
+from appliance.supervision.ledger import Ledger
+from appliance.supervision.policy import POLICY, Durations, Policy, pulses
 from appliance.supervision.supervisor import AlarmTable
-from appliance.types import State
-from tools.development.hazards import PAGE, hazards
+from appliance.types import Fault, State
+from tools.development.evidence_figures import Figures
+from tools.development.evidence_pages import pages, read_figures, table
+from tools.development.hazard_pages import hazard_pages
+from tools.development.hazards import PAGE, hazards, step_told, steps
 
 MANUAL = Path(__file__).parents[2] / "docs" / "alarms.md"
 _OWN = {
@@ -36,9 +40,12 @@ calibration since, in either order, or with a recalibration that was confirmed. 
 """
 
 
-def manual() -> str:
-    """The whole page, Markdown."""
-    tables = (_diagram(), _transitions(), _guards(), _durations(), _signals(), _hazards(), _audio())
+def manual(figures: Figures) -> str:
+    """The whole page, Markdown. figures: what was last measured."""
+    tables = (
+        *(_diagram(), _transitions(), _guards(), _policy(), _durations()),
+        *(_signals(), _hazards(), _audio(), hazard_pages(figures)),
+    )
     return "\n".join((_HEAD, *(line for table in tables for line in table)))
 
 
@@ -70,18 +77,13 @@ def _diagram() -> list[str]:
 def _transitions() -> list[str]:
     rows = [(a.value, t.event, _guard(t) or "always", _target(t).value) for a, t in _rows()]
     text = "Tried from top to bottom, twenty times a second and at every request; the first that holds is taken."
-    return ["## Transitions", "", text, "", *_table(("state", "event", "when", "next"), rows)]
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    lines = [f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)]
-    return [*lines, ""]
+    return ["## Transitions", "", text, "", *table(("state", "event", "when", "next"), rows)]
 
 
 def _guards() -> list[str]:
     words = {word for _, t in _rows() for word in re.findall(r"[a-z_]+", _guard(t))} - {"and", "or", "not"}
     rows = [(f"`{name}`", _OWN.get(name) or _said(getattr(Ledger, name))) for name in sorted(words)]
-    return ["## Guards", "", *_table(("guard", "holds when"), rows)]
+    return ["## Guards", "", *table(("guard", "holds when"), rows)]
 
 
 def _said(guard: object) -> str:
@@ -89,36 +91,65 @@ def _said(guard: object) -> str:
     return " ".join(str(guard.__doc__).split())
 
 
+def _policy() -> list[str]:
+    text = (
+        "What each hazard leads to while it is shown; nothing else does. The supervisor reads this table\n"
+        "(`appliance/supervision/policy.py`), `tests/appliance/supervision/test_policy.py` walks each row."
+    )
+    head = ("hazard", "leads to", "tone", "during a recalibration scan", "ends when")
+    rows = [
+        (
+            f"`{fault}`",
+            steps(row),
+            _tones(fault, row),
+            step_told(row.scan) if row.scan else "it goes on",
+            row.ending.value,
+        )
+        for fault, row in POLICY.items()
+        if fault is not Fault.AGREEMENT
+    ]
+    return ["## Policy", "", text, "", *table(head, rows)]
+
+
+def _tones(fault: Fault, row: Policy) -> str:
+    tones = [_tone(pulses(step.state, fault)) for step in row.steps]
+    return ", then ".join(dict.fromkeys(tones)) or "silent"
+
+
 def _durations() -> list[str]:
     defaults = {one.name.removesuffix("_ns"): getattr(Durations(), one.name) / 1e9 for one in fields(Durations)}
     rows = [(f"`{name}_s`", f"{default_s:g}") for name, default_s in defaults.items()]
-    return ["## Durations", "", "In `[supervisor]` of the configuration.", "", *_table(("key", "default, s"), rows)]
+    return ["## Durations", "", "In `[supervisor]` of the configuration.", "", *table(("key", "default, s"), rows)]
 
 
 def _signals() -> list[str]:
     rows = [_signal(state, row) for state, row in SIGNALS.items()]
-    return ["## Signals", "", *_table(("state", "priority", "lamp", "tone", "text", "remedy"), rows)]
+    return ["## Signals", "", *table(("state", "priority", "lamp", "tone", "text", "remedy"), rows)]
 
 
 def _signal(state: State, row: Signal) -> Sequence[str]:
     flash = "steady" if row.flash_hz == 0 else f"{row.flash_hz:g} Hz"
     kind = "technical" if row.technical else "probe"
-    tone = "silent" if row.pulses == 0 else f"{row.pulses} pulse{'s' if row.pulses > 1 else ''}{_period(row.pulses)}"
-    return state.value, f"{row.priority.value}, {kind}", f"{row.lamp.value}, {flash}", tone, row.text, row.remedy
+    lamp, tone = f"{row.lamp.value}, {flash}", _tone(row.pulses)
+    return state.value, f"{row.priority.value}, {kind}", lamp, tone, row.text, row.remedy
 
 
-def _period(pulses: int) -> str:
-    period_ms = BURSTS[pulses].period_ms
+def _tone(number: int) -> str:
+    return "silent" if number == 0 else f"{number} pulse{'s' if number > 1 else ''}{_period(number)}"
+
+
+def _period(number: int) -> str:
+    period_ms = BURSTS[number].period_ms
     return " once" if period_ms == 0 else f" every {period_ms / 1000:g} s"
 
 
 def _hazards() -> list[str]:
-    head = ("class", "kind", "severity", "self-test", "text", "remedy")
+    head = ("class", "kind", "self-test", "text", "remedy")
     rows = [
-        (f"`{name}`", name.kind.value, row.severity.value, "yes" if row.tested else "", row.text, row.remedy)
+        (f"`{name}`", name.kind.value, "yes" if POLICY[name].tested else "", row.text, row.remedy)
         for name, row in HAZARDS.items()
     ]
-    return ["## Hazards", "", *_table(head, rows)]
+    return ["## Hazards", "", *table(head, rows)]
 
 
 def _audio() -> list[str]:
@@ -135,5 +166,6 @@ def _audio() -> list[str]:
 
 
 if __name__ == "__main__":
-    MANUAL.write_text(manual(), encoding="utf-8")
-    PAGE.write_text(hazards(), encoding="utf-8")
+    MEASURED = read_figures()
+    for path, text in {MANUAL: manual(MEASURED), PAGE: hazards(MEASURED), **pages(MEASURED)}.items():
+        path.write_text(text, encoding="utf-8")

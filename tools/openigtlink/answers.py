@@ -18,10 +18,13 @@ from drivers.openigtlink.content import (
 )
 from drivers.openigtlink.message import UTF_8, Message
 from drivers.printable import printable
+from tools.openigtlink.asked import Names
 from tools.openigtlink.wording import (
+    ESTIMATE_NAME,
     NAMES,
     STATUS_NAME,
     TRANSFORM_NAME,
+    estimate_message,
     fields_of,
     state_message,
     status_message,
@@ -31,7 +34,8 @@ from tools.openigtlink.wording import (
 from tools.shared.status_watch import Seen
 
 TYPES = (
-    "STATUS", "STRING", "TRANSFORM", "CAPABILITY", "GET_STATUS", "GET_STRING", "GET_TRANS", "GET_CAPABIL", "COMMAND",
+    "STATUS", "STRING", "TRANSFORM", "IMAGE", "CAPABILITY", "GET_STATUS", "GET_STRING", "GET_TRANS", "GET_IMAGE",
+    "GET_CAPABIL", "STT_TRANS", "STP_TRANS", "RTS_TRANS", "STT_IMAGE", "STP_IMAGE", "RTS_IMAGE", "COMMAND",
     "RTS_COMMAND",
 )  # fmt: skip
 """Message types that this server sends or answers."""
@@ -40,22 +44,25 @@ COMMANDS = ("GetStatus", "GetTransform", "RequestDeviceIds")
 _ASK, _REPLY = "CMD_", "ACK_"
 """How the device name of a STRING begins that holds a command of PLUS, and that of its answer."""
 
-_NO_PICTURES = "the service hands on neither pictures nor poses; take them where it gets them"
+_CALIBRATIONS = {TRANSFORM_NAME: "no calibration is in force", ESTIMATE_NAME: "motion shows no calibration"}
+"""Transforms that are made of the status → why there may be none."""
 
 
-def answer_to(message: Message, seen: Seen, utc_ns: int) -> Message | None:
-    """None for what asks nothing, such as data that a client sends. utc_ns: see wording."""
+def answer_to(message: Message, seen: Seen, utc_ns: int, names: Names) -> Message | None:
+    """None for what asks nothing, such as data that a client sends. names: of what is passed through, for which it asks
+    elsewhere (`Asked`). utc_ns: see wording.
+    """
     version = min(message.version, 2)
     answers: dict[str, Callable[[], Message | None]] = {
         "GET_STATUS": lambda: status_message(seen, utc_ns, version, message.number),
         "GET_STRING": lambda: state_message(seen, utc_ns, version, message.number),
-        "GET_TRANS": lambda: _transform(message, seen, utc_ns, version),
-        "GET_TRANSFORM": lambda: _transform(message, seen, utc_ns, version),
+        "GET_TRANS": lambda: _transform(message, seen, utc_ns, version, names),
+        "GET_TRANSFORM": lambda: _transform(message, seen, utc_ns, version, names),
         "GET_CAPABIL": lambda: Message(
             "CAPABILITY", STATUS_NAME, types_content(TYPES), version=version, number=_number(message)
         ),
-        "COMMAND": lambda: _to_command(message, seen),
-        "STRING": lambda: _to_words(message, seen),
+        "COMMAND": lambda: _to_command(message, seen, names),
+        "STRING": lambda: _to_words(message, seen, names),
     }
     return answers.get(message.kind, lambda: _refused(message, version))()
 
@@ -64,15 +71,20 @@ def _refused(message: Message, version: int) -> Message | None:
     if message.kind.startswith(("STT_", "STP_")):
         return Message(f"RTS_{message.kind[4:]}"[:12], message.device, b"\1", version=version, number=_number(message))
     if message.kind.startswith("GET_"):
-        return _refusal(message, UNKNOWN_INSTRUCTION, f"{_shown(message.kind)} is not answered; {_NO_PICTURES}")
+        return _refusal(message, UNKNOWN_INSTRUCTION, f"{_shown(message.kind)} is not answered")
     return None
 
 
-def _transform(message: Message, seen: Seen, utc_ns: int, version: int) -> Message:
-    if message.device not in ("", TRANSFORM_NAME):
-        return _refusal(message, NOT_FOUND, f"there is only {TRANSFORM_NAME}; {_NO_PICTURES}")
-    found = transform_message(seen, utc_ns, version, message.number)
-    return found or _refusal(message, NOT_FOUND, "no calibration is in force")
+def _transform(message: Message, seen: Seen, utc_ns: int, version: int, names: Names) -> Message:
+    name = message.device or TRANSFORM_NAME
+    if name not in _CALIBRATIONS:
+        return _refusal(message, NOT_FOUND, _only(names))
+    made = transform_message if name == TRANSFORM_NAME else estimate_message
+    return made(seen, utc_ns, version, message.number) or _refusal(message, NOT_FOUND, _CALIBRATIONS[name])
+
+
+def _only(names: Names) -> str:
+    return f"there are only {', '.join(_CALIBRATIONS)} and {names.pose}"
 
 
 def _refusal(message: Message, code: int, words: str) -> Message:
@@ -84,13 +96,13 @@ def _number(message: Message) -> int:
     return message.number if message.version > 1 else 0
 
 
-def _to_command(message: Message, seen: Seen) -> Message:
+def _to_command(message: Message, seen: Seen, names: Names) -> Message:
     """PLUS's newer way: COMMAND is answered by RTS_COMMAND with the same number and name."""
     try:
         command = parse_command(message.content)
     except ProtocolError as error:
         return _refusal(message, UNKNOWN_INSTRUCTION, error.what)
-    name, granted, words = _obeyed(command.text, command.name, seen)
+    name, granted, words = _obeyed(command.text, command.name, seen, names)
     reply = f"<CommandReply Name={quoteattr(name)} {_outcome(granted, words)}></CommandReply>"
     metadata = (("Status", UTF_8, _word(granted)), ("Message" if granted else "Error", UTF_8, words))
     return Message(
@@ -103,7 +115,7 @@ def _to_command(message: Message, seen: Seen) -> Message:
     )
 
 
-def _to_words(message: Message, seen: Seen) -> Message | None:
+def _to_words(message: Message, seen: Seen, names: Names) -> Message | None:
     """PLUS's older way: a STRING of the device CMD_n is answered by one of ACK_n; any other asks nothing."""
     if not message.device.startswith(_ASK):
         return None
@@ -111,14 +123,14 @@ def _to_words(message: Message, seen: Seen) -> Message | None:
         text = parse_words(message.content).text
     except ProtocolError as error:
         return _refusal(message, UNKNOWN_INSTRUCTION, error.what)
-    _, granted, words = _obeyed(text, "", seen)
+    _, granted, words = _obeyed(text, "", seen, names)
     reply = f"<CommandReply {_outcome(granted, words)} />"
     device = _REPLY + message.device.removeprefix(_ASK)
     version = min(message.version, 2)
     return Message("STRING", device, Words(reply).content, version=version, number=_number(message))
 
 
-def _obeyed(text: str, name: str, seen: Seen) -> tuple[str, bool, str]:
+def _obeyed(text: str, name: str, seen: Seen, names: Names) -> tuple[str, bool, str]:
     """(name of the command, whether it was granted, what is said)."""
     try:
         element = xml_of(text.encode(errors="surrogateescape")) if text else None
@@ -128,8 +140,8 @@ def _obeyed(text: str, name: str, seen: Seen) -> tuple[str, bool, str]:
     name = attributes.get("Name", name)
     answers: dict[str, Callable[[], tuple[bool, str]]] = {
         "GetStatus": lambda: (True, json.dumps({"status": _said(seen), **fields_of(seen)})),
-        "GetTransform": lambda: _matrix(attributes.get("TransformName", TRANSFORM_NAME), seen),
-        "RequestDeviceIds": lambda: (True, ",".join(NAMES)),
+        "GetTransform": lambda: _matrix(attributes.get("TransformName", TRANSFORM_NAME), seen, names),
+        "RequestDeviceIds": lambda: (True, ",".join((*NAMES, *names))),
     }
     if name not in answers:
         return _shown(name), False, f"'{_shown(name)}' is not a command of this server; it knows {', '.join(COMMANDS)}"
@@ -141,13 +153,22 @@ def _said(seen: Seen) -> str:
     return f"{status.code} {status.error}: {status.text}"
 
 
-def _matrix(name: str, seen: Seen) -> tuple[bool, str]:
-    reference = None if seen.status is None else seen.status["reference"]
-    if name != TRANSFORM_NAME:
-        return False, f"there is only {TRANSFORM_NAME}; {_NO_PICTURES}"
-    if reference is None:
-        return False, "no calibration is in force"
-    return True, " ".join(f"{number:.9g}" for row in reference["image_to_probe"] for number in row)
+def _matrix(name: str, seen: Seen, names: Names) -> tuple[bool, str]:
+    if name == names.pose:
+        return False, f"ask for {name} by GET_TRANS or STT_TRANS: it is never the same"
+    if name not in _CALIBRATIONS:
+        return False, _only(names)
+    rows = _rows(name, seen)
+    if rows is None:
+        return False, _CALIBRATIONS[name]
+    return True, " ".join(f"{number:.9g}" for row in rows for number in row)
+
+
+def _rows(name: str, seen: Seen) -> list[list[float]] | None:
+    if seen.status is None:
+        return None
+    made = seen.status["reference"] if name == TRANSFORM_NAME else fields_of(seen)["estimate"]
+    return None if made is None else made["image_to_probe"]
 
 
 def _outcome(granted: bool, words: str) -> str:

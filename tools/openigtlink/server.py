@@ -13,8 +13,12 @@ from typing import Self
 from drivers.errors import ConfigurationError, ProtocolError
 from drivers.openigtlink.message import Header, Message, encode
 from drivers.openigtlink.stream import MessageStream
+from drivers.samples import Frame, Pose
 from tools.openigtlink.answers import answer_to
-from tools.openigtlink.wording import state_message, status_message, transform_message
+from tools.openigtlink.asked import USUAL_NAMES, Asked, Names, nothing_comes
+from tools.openigtlink.passage import Passage, Wanted
+from tools.openigtlink.samples import sample_message
+from tools.openigtlink.wording import estimate_message, state_message, status_message, transform_message
 from tools.shared.status_watch import Seen, StatusWatch
 
 _MOST_CLIENTS = 32
@@ -35,6 +39,14 @@ _SEND_BUFFER = 1 << 15
 """Bytes that the kernel keeps for a client: a slow one finds old words there, so that few are better. Less than a round
 of messages, 5 kB, would never let one out whole."""
 
+_MOST_VIEWERS = 8
+"""Clients that are shown pictures at once, as many as the feed serves; the next one is refused in words. Each takes a
+copy of 9 MB a second at 640 x 480 and 30 Hz."""
+
+_VIEWER_BUFFER = 1 << 18
+"""As _SEND_BUFFER, of one who is shown pictures. The kernel doubles it, so that one of 640 x 480 leaves in one turn;
+one who reads slowly finds the words before it that much older."""
+
 _STATE_EVERY_S = 1.0
 """Between two STRING and TRANSFORM while nothing changes: a reader's pace. STATUS goes out in every round."""
 
@@ -44,10 +56,13 @@ _READ_BYTES, _QUESTIONS = 1 << 14, 8
 
 
 class _Client:
-    """version: of the headers it understands: 1 until it has shown a later one."""
+    """version: of the headers it understands: 1 until it has shown a later one. asked: of pictures and poses. due: a
+    round has passed it over. trouble: what was told it last of their absence.
+    """
 
-    def __init__(self, line: socket.socket) -> None:
-        self.line, self.version, self.number = line, 1, 0
+    def __init__(self, line: socket.socket, asked: Asked) -> None:
+        self.line, self.version, self.number, self.asked = line, 1, 0, asked
+        self.due, self.trouble, self._picture_bytes = False, "", 0
         self.unsent = bytearray()
         self.stream = MessageStream(_is_question)
         self.moved_s = time.monotonic()
@@ -82,8 +97,20 @@ class _Client:
         if not self.unsent:
             self.moved_s = time.monotonic()
         self.unsent += encode(message)
-        if len(self.unsent) > _MOST_UNSENT:
+        if len(self.unsent) > _MOST_UNSENT + self._picture_bytes:
             raise ConnectionAbortedError
+
+    def put_sample(self, kind: str, data: bytes) -> None:
+        """Nothing where too much waits already: a picture waits for nothing else."""
+        if len(self.unsent) > (0 if kind == "IMAGE" else _MOST_UNSENT):
+            return
+        if kind == "IMAGE" and not self._picture_bytes:
+            self.line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _VIEWER_BUFFER)
+        self._picture_bytes = len(data) if kind == "IMAGE" else self._picture_bytes
+        if not self.unsent:
+            self.moved_s = time.monotonic()
+        self.unsent += data
+        self.asked.given(kind)
 
     def flush(self) -> None:
         """Raises OSError, also for a client that has taken nothing for too long."""
@@ -98,13 +125,23 @@ class _Client:
 class StateServer:
     """Listens from construction until the context is left. address: (host, port), the port chosen if 0 was given.
 
-    every_s: between two rounds. turned_away, dropped: clients without a place; clients that did not read, broke off or
+    every_s: between two rounds. passage: of pictures and poses, under names, to who asks, or to everybody who comes
+    where unasked. turned_away, dropped: clients without a place; clients that did not read, broke off or
     sent what is not OpenIGTLink.
     """
 
-    def __init__(self, address: tuple[str, int], watch: StatusWatch, every_s: float) -> None:
+    def __init__(
+        self,
+        address: tuple[str, int],
+        watch: StatusWatch,
+        every_s: float,
+        passage: Passage,
+        names: Names = USUAL_NAMES,
+        unasked: bool = False,
+    ) -> None:
         """Raises ConfigurationError where nobody can listen."""
-        self._watch, self._every_s = watch, every_s
+        self._watch, self._every_s, self._passage, self._names = watch, every_s, passage, names
+        self._unasked = frozenset({"IMAGE", "TRANSFORM"}) if unasked else frozenset[str]()
         self._clients: list[_Client] = []
         self.turned_away = self.dropped = 0
         try:
@@ -131,9 +168,12 @@ class StateServer:
         next_s = time.monotonic()
         while not stop.is_set():
             self._serve(max(0.0, next_s - time.monotonic()))
+            self._hand_on()
             if time.monotonic() >= next_s:
                 next_s = time.monotonic() + self._every_s
                 self._round()
+            kinds = frozenset[str]().union(*(client.asked.kinds for client in self._clients))
+            self._passage.want(Wanted("IMAGE" in kinds, "TRANSFORM" in kinds))
 
     def _round(self) -> None:
         """STATUS to everybody, the rest to whom it is new. Who has not taken the last round is passed over."""
@@ -142,20 +182,56 @@ class StateServer:
             self._for_client(client, lambda client: self._tell(client, seen, utc_ns))
 
     def _tell(self, client: _Client, seen: Seen, utc_ns: int) -> None:
+        client.due = bool(client.unsent)
         if not client.unsent:
             client.number = (client.number + 1) % (1 << 32)
             client.put(status_message(seen, utc_ns, client.version, client.number))
             if client.told != (news := _news(seen)) or time.monotonic() - client.told_s >= _STATE_EVERY_S:
                 client.told, client.told_s = news, time.monotonic()
                 client.put(state_message(seen, utc_ns, client.version, client.number))
-                transform = transform_message(seen, utc_ns, client.version, client.number)
-                if transform is not None:
-                    client.put(transform)
+                for made in (transform_message, estimate_message):
+                    if (transform := made(seen, utc_ns, client.version, client.number)) is not None:
+                        client.put(transform)
+            self._complain(client)
+        client.flush()
+
+    def _complain(self, client: _Client) -> None:
+        """Of pictures and poses that it has asked for and that do not come."""
+        trouble = self._passage.trouble
+        late = client.asked.overdue(time.monotonic())
+        if client.asked.streams and trouble and trouble != client.trouble:
+            late = (self._names.image, *late)
+        client.trouble = trouble
+        for device in dict.fromkeys(late):
+            client.put(nothing_comes(device, trouble, client.version))
+
+    def _hand_on(self) -> None:
+        """To whom it is asked for. Who has not taken the last picture is not given another."""
+        for sample in self._passage.take():
+            self._show_all(sample)
+
+    def _show_all(self, sample: Frame | Pose) -> None:
+        kind, made = "IMAGE" if isinstance(sample, Frame) else "TRANSFORM", dict[int, bytes]()
+        for client in tuple(self._clients):
+            if kind in client.asked.kinds:
+                self._for_client(client, lambda client: self._show(client, kind, sample, made))
+
+    def _show(self, client: _Client, kind: str, sample: Frame | Pose, made: dict[int, bytes]) -> None:
+        """The state goes first, where it waits. made: the sample as it is sent, by header version."""
+        client.flush()
+        seen, utc_ns = self._watch.seen(), _utc_ns()
+        if client.due and not client.unsent:
+            self._tell(client, seen, utc_ns)
+        if client.version not in made:
+            simulated = seen.status is not None and bool(seen.status["simulated"])
+            made[client.version] = encode(sample_message(sample, self._names, utc_ns, client.version, simulated))
+        client.put_sample(kind, made[client.version])
         client.flush()
 
     def _serve(self, wait_s: float) -> None:
         with selectors.DefaultSelector() as ready:
             ready.register(self._door, selectors.EVENT_READ)
+            ready.register(self._passage, selectors.EVENT_READ, self._passage)
             for client in self._clients:
                 events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.unsent else 0)
                 ready.register(client.line, events, client)
@@ -164,6 +240,8 @@ class StateServer:
         for client in asking:
             self._for_client(client, self._answer)
         for key, events in found:
+            if key.data is self._passage:
+                continue
             if key.data is None:
                 self._accept()
             elif key.data not in self._clients or key.data in asking:
@@ -183,15 +261,25 @@ class StateServer:
             line.setblocking(False)
             line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-            self._clients.append(_Client(line))
+            streams = self._unasked if self._viewers() < _MOST_VIEWERS else self._unasked - {"IMAGE"}
+            self._clients.append(_Client(line, Asked(self._names, streams)))
             self._watch.want(len(self._clients))
 
     def _answer(self, client: _Client) -> None:
         with suppress(BlockingIOError):
             for question in client.hear():
-                if (reply := answer_to(question, self._watch.seen(), _utc_ns())) is not None:
+                if (reply := self._reply(client, question)) is not None:
                     client.put(reply)
         client.flush()
+
+    def _reply(self, client: _Client, question: Message) -> Message | None:
+        if not client.asked.concerns(question):
+            return answer_to(question, self._watch.seen(), _utc_ns(), self._names)
+        has_place = "IMAGE" in client.asked.kinds or self._viewers() < _MOST_VIEWERS
+        return client.asked.answer(question, has_place, time.monotonic())
+
+    def _viewers(self) -> int:
+        return sum("IMAGE" in client.asked.kinds for client in self._clients)
 
     def _for_client(self, client: _Client, act: Callable[[_Client], object]) -> None:
         try:

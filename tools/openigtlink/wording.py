@@ -1,10 +1,11 @@
-"""The status of the service in the words of OpenIGTLink. Pure; one STATUS, one STRING, one TRANSFORM.
+"""The status of the service in the words of OpenIGTLink. Pure; one STATUS, one STRING, two TRANSFORMs.
 
 STATUS has code OK only while the contact is commanded closed and every contact output has taken that; everything else,
 silence of the service included, is an error.
 """
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,12 +23,14 @@ from drivers.openigtlink.content import (
     transform_content,
 )
 from drivers.openigtlink.message import US_ASCII, UTF_8, Entry, Message, time_of
+from tools.openigtlink.estimate import estimate_of
 from tools.shared.status_watch import Seen
 
 STATUS_NAME, STATE_NAME, TRANSFORM_NAME = "Probewatch", "ProbewatchState", "ImageToProbe"
+ESTIMATE_NAME = "ImageToProbeEstimate"
 """Device names of STATUS, STRING and TRANSFORM: each its own, as some clients keep one message of a name."""
 
-NAMES = (STATUS_NAME, STATE_NAME, TRANSFORM_NAME)
+NAMES = (STATUS_NAME, STATE_NAME, TRANSFORM_NAME, ESTIMATE_NAME)
 
 _CODES = {
     State.SELF_TEST.value: NOT_READY,
@@ -76,14 +79,22 @@ def fields_of(seen: Seen) -> dict[str, Any]:
     """What STRING tells as JSON."""
     status = seen.status
     if status is None:
-        return {"contact_closed": False, "state": "service silent", "reason": seen.silence}
-    reference = status["reference"]
+        return _facts(seen)
+    reference, estimate = status["reference"], estimate_of(status)
+    shown = None if estimate is None else {"image_to_probe": estimate.matrix.tolist(), "measured": estimate.measured}
     return {
-        "contact_closed": is_closed(status),
-        **{key: status[key] for key in _SAID},
+        **_facts(seen),
         "reference": None if reference is None else {key: reference[key] for key in ("number", "origin", "sha256")},
+        "estimate": shown,
         "checks": [{key: check[key] for key in _MEASURED} for check in (*status["checks"], *status["devices"])],
     }
+
+
+def _facts(seen: Seen) -> dict[str, Any]:
+    status = seen.status
+    if status is None:
+        return {"contact_closed": False, "state": "service silent", "reason": seen.silence}
+    return {"contact_closed": is_closed(status), **{key: status[key] for key in _SAID}}
 
 
 def status_message(seen: Seen, utc_ns: int, version: int = 1, number: int = 0) -> Message:
@@ -109,9 +120,20 @@ def transform_message(seen: Seen, utc_ns: int, version: int = 1, number: int = 0
     return _message("TRANSFORM", TRANSFORM_NAME, content, seen, utc_ns, version, number)
 
 
+def estimate_message(seen: Seen, utc_ns: int, version: int = 1, number: int = 0) -> Message | None:
+    """TRANSFORM of the calibration as motion shows it; None while it shows nothing. Its metadata name what is."""
+    estimate = None if seen.status is None else estimate_of(seen.status)
+    if estimate is None:
+        return None
+    content = transform_content(estimate.matrix)
+    message = _message("TRANSFORM", ESTIMATE_NAME, content, seen, utc_ns, version, number)
+    measured = (("Measured", UTF_8, " ".join(estimate.measured)),) if version > 1 else ()
+    return replace(message, metadata=message.metadata + measured)
+
+
 def metadata_of(seen: Seen) -> tuple[Entry, ...]:
     """Of every message of header version 2."""
-    fields, status = fields_of(seen), status_of(seen)
+    fields, status = _facts(seen), status_of(seen)
     age_s = fields.get("verification_age_s")
     told = {
         "ContactClosed": str(fields["contact_closed"]).lower(),

@@ -108,6 +108,8 @@ class Page:
     def _event(self, visitor: Visitor | None) -> dict[str, Any]:
         """Everything that the page shows but its pictures."""
         parts = self._parts
+        if visitor is not None:
+            parts.session.look_on()
         seen = parts.watch.seen()
         status = seen.status
         state = None if status is None else (status["state"], status["since_s"] < 1.0)
@@ -259,10 +261,40 @@ def _number(body: dict[str, Any], name: str) -> float:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else float("nan")
 
 
+def _begin(body: dict[str, Any]) -> Begin:
+    """What is left out is not known, or as usual; what is no number is refused with the rest."""
+    probe, preset, technician, reason, wanted = (
+        _text(body, name) for name in ("probe", "preset", "technician", "reason", "wanted")
+    )
+    given = {field: _number(body, field) for field in ("water_c", "scanner_m_s") if body.get(field) is not None}
+    return Begin(
+        probe,
+        preset,
+        technician,
+        reason,
+        wanted,
+        correct_sound=body.get("correct_sound") is True,
+        latency=body.get("latency") is True,
+        **given,
+    )
+
+
+def _point(body: dict[str, Any]) -> tuple[float, float, float] | None:
+    """Where a pointer found it; NaN, which is refused, where that is no number."""
+    if body.get("point") is None:
+        return None
+    point = body["point"] if isinstance(body["point"], list) else []
+    x, y, z = (
+        _number({"one": point[index]}, "one") if len(point) == len("xyz") else float("nan") for index in range(3)
+    )
+    return x, y, z
+
+
 _ACTS: dict[str, Callable[[ScanSession, dict[str, Any]], None]] = {
-    "begin": lambda session, body: session.begin(
-        Begin(*(_text(body, name) for name in ("probe", "preset", "technician", "reason", "wanted")))
-    ),
+    "begin": lambda session, body: session.begin(_begin(body)),
+    "latency": lambda session, body: session.take_latency(body.get("measured") is True),
+    "check": lambda session, body: session.check(_point(body)),
+    "end-check": lambda session, _: session.end_check(),
     "finish": lambda session, _: session.finish(),
     "resume": lambda session, _: session.resume(),
     "strike": lambda session, body: session.strike(_whole(body, "index"), body.get("struck") is not False),
@@ -270,7 +302,7 @@ _ACTS: dict[str, Callable[[ScanSession, dict[str, Any]], None]] = {
         _whole(body, "index"), (_number(body, "column"), _number(body, "row"))
     ),
     "accept": lambda session, body: session.accept(
-        Signature(*(_text(body, name) for name in ("name", "role", "comment", "confirm")))
+        Signature(*(_text(body, name) for name in ("name", "role", "comment", "confirm", "unchecked")))
     ),
     "reject": lambda session, body: session.reject(_text(body, "reason")),
     "dismiss": lambda session, _: session.dismiss(),

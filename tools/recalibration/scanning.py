@@ -10,12 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from appliance.core.path.latency import Latency
 from appliance.crosswire.crossing import ROUGH_SCALE_MM_PER_PX, Crossing
 from appliance.crosswire.offset import ScanRefused, renewed
 from appliance.crosswire.running import Refusal, Running, RunningCalibration
 from appliance.crosswire.scan import CrosswireScan, Look, View
-from appliance.types import PARAMETERS, Calibration
+from appliance.types import PARAMETERS, Calibration, Vector
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus
+from tools.recalibration.steps import CheckStep, Estimate, Sound
+from tools.shared.crosswire_review import compared, difference_in_sigmas
 
 _REMEMBERED = 40
 """Pictures that a view may still be cut out of: .7 s at 60 Hz. It is settled .25 s after its passage."""
@@ -30,14 +33,24 @@ class Scanned:
     """reference: in force when the scan began, None where there is none. wanted: whole, all eight parameters; zeta, the
     last of them alone, the others as the reference has them.
 
-    thumbnails: of each view, what was around the crossing. lost: samples that the feed did not tell.
+    sound, latency, estimate: of the steps before; what the water does, how late the tracker is where it was measured,
+    and what motion without a phantom said of the calibration. check: of the step after, None before it.
+
+    thumbnails: of each view, what was around the crossing. last: what the newest picture showed. lost: samples that
+    the feed did not tell.
     """
 
     reference: Calibration | None
     wanted: str
     scan: CrosswireScan
+    scale_mm_per_px: tuple[float, float] = ROUGH_SCALE_MM_PER_PX
+    sound: Sound = field(default_factory=lambda: Sound(None))
+    latency: Latency | None = None
+    estimate: Estimate | None = None
+    check: CheckStep | None = None
     running: RunningCalibration | None = None
     thumbnails: list[GreyImage] = field(default_factory=list)
+    last: Look | None = None
     lost: int = 0
     pose_trouble: str = ""
     _looks: deque[Look] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
@@ -47,24 +60,36 @@ class Scanned:
     _stale: bool = True
 
     @classmethod
-    def begun(cls, reference: Calibration | None, wanted: str) -> "Scanned":
+    def begun(
+        cls,
+        reference: Calibration | None,
+        wanted: str,
+        sound: Sound | None = None,
+        latency: Latency | None = None,
+        estimate: Estimate | None = None,
+    ) -> "Scanned":
         """A scan that has seen nothing yet."""
         scale = ROUGH_SCALE_MM_PER_PX
         if reference is not None:
             lateral, axial = reference.scale_mm_per_px
             scale = float(lateral), float(axial)
-        return cls(reference, wanted, CrosswireScan(scale_mm_per_px=scale))
+        scan = CrosswireScan(0.0 if latency is None else 1e3 * latency.value_s, scale)
+        return cls(reference, wanted, scan, scale, sound or Sound(None), latency, estimate)
 
-    def take(self, sample: Frame | Pose) -> None:
-        """The next sample of the feed."""
+    def take(self, sample: Frame | Pose, checking: bool = False) -> None:
+        """The next sample of the feed. checking: of the other crossing."""
         if isinstance(sample, Frame):
             self._recent.append(sample)
         else:
             self._note_pose(sample)
-        for view in self.scan.step(sample):
-            self.settle(view)
-        if self.scan.last is not None and (not self._looks or self._looks[-1] is not self.scan.last):
-            self._looks.append(self.scan.last)
+        if checking and self.check is not None:
+            self.check.scan.step(sample)
+        else:
+            for view in self.scan.step(sample):
+                self.settle(view)
+        last = self.last = (self.check if checking and self.check is not None else self).scan.last
+        if last is not None and (not self._looks or self._looks[-1] is not last):
+            self._looks.append(last)
 
     def settle(self, view: View) -> None:
         """A passage of the scan, which is as good as over."""
@@ -114,8 +139,34 @@ class Scanned:
             return state.refusals
         return tuple(one for one in state.refusals if one.parameter in ("", "rotation-lateral", "rotation-axial"))
 
+    def begin_check(self, known_mm: Vector | None) -> None:
+        """Look at the crossing elsewhere. Raises ScanRefused where there is nothing to check yet."""
+        self._in_water()
+        assert self.state is not None
+        assert self.state.whole is not None
+        stated_s = 0.0 if self.latency is None else self.latency.value_s
+        self.check = CheckStep(1e3 * (stated_s + self.state.whole.latency_s), self.scale_mm_per_px, known_mm)
+
+    def checked(self) -> dict[str, Any] | None:
+        """How the other point lies by what the views give now; None where it was not looked at."""
+        state = self.state
+        if self.check is None or state is None or state.whole is None or self.refusals():
+            return None
+        return self.check.fields(self._in_water(), state.whole.crossing_mm)
+
+    def check_record(self) -> str:
+        """For the provenance. Raises ScanRefused where the other point was not looked at, or does not pass."""
+        found = self.checked()
+        if found is None or found["why"] or self.check is None or self.state is None or self.state.whole is None:
+            what = "it was not made" if found is None else str(found["why"])
+            raise ScanRefused(what, "check at another point", "Make it, or say why it cannot be made")
+        return self.check.record(self._in_water(), self.state.whole.crossing_mm)
+
     def calibration(self) -> Calibration:
-        """What is to be taken. Raises ScanRefused where the scan does not support it."""
+        """What is to be taken, as it is in tissue. Raises ScanRefused where the scan does not support it."""
+        return self.sound.for_tissue(self._in_water())
+
+    def _in_water(self) -> Calibration:
         state = self.state
         found = self.refusals()
         if state is None or state.whole is None or found:
@@ -130,7 +181,11 @@ class Scanned:
     def _running(self) -> RunningCalibration:
         if self.running is None:
             assert self.scan.size_px is not None
-            self.running = RunningCalibration(self.scan.size_px, self.reference)
+            size_px = self.scan.size_px
+            if self.latency is None:
+                self.running = RunningCalibration(size_px, self.reference)
+            else:
+                self.running = RunningCalibration(size_px, self.reference, latency_sigma_s=self.latency.sigma_s)
         return self.running
 
     def _note_pose(self, pose: Pose) -> None:
@@ -172,7 +227,7 @@ def counts_of(scanned: Scanned) -> dict[str, Any]:
     return {
         "pictures": scan.pictures,
         "sightings": scan.sightings,
-        "look": look_fields(scan.last),
+        "look": look_fields(scanned.last),
         "size_px": scan.size_px,
         "lost": scanned.lost,
         "missed": [{"why": why, "pictures": number} for why, number in scan.refused.most_common(4)],
@@ -190,6 +245,10 @@ def state_fields(scanned: Scanned) -> dict[str, Any]:
         "views": [],
         "result": None,
         "coverage": None,
+        "compared": [],
+        "check": None,
+        "sound": scanned.sound.text,
+        "latency_measured_ms": None if scanned.latency is None else 1e3 * scanned.latency.value_s,
     }
     if state is None or scanned.running is None:
         return fields
@@ -221,7 +280,19 @@ def state_fields(scanned: Scanned) -> dict[str, Any]:
             "next": covered.next_motion,
         },
         "result": _result_fields(state, scanned.reference),
+        "compared": [] if state.whole is None else compared(state.whole, _others(scanned, state.whole.calibration)),
+        "check": scanned.checked(),
     }
+
+
+def _others(scanned: Scanned, new: Calibration) -> dict[str, tuple[Vector, Vector]]:
+    """How far other calibrations are from the new one."""
+    if scanned.reference is None:
+        return {}
+    others = {"in force": difference_in_sigmas(new, scanned.reference)}
+    if scanned.estimate is not None:
+        others["motion alone"] = scanned.estimate.less(new, scanned.reference)
+    return others
 
 
 def _result_fields(state: Running, reference: Calibration | None) -> dict[str, Any] | None:

@@ -1,21 +1,25 @@
 """One live recalibration at a time: page and terminal drive this object, and any number of people look at it.
 
-idle → scanning → review → proving → done; a scan that is rejected, abandoned or gone back on ends in `ended`, with the
-calibration before it in force. The service is asked to recalibrate before anything is scanned, and asked again where it
-has come back without remembering: the contact stays open from the first until the service has proved what it took.
-Nothing that goes wrong here closes it.
+idle → (latency →) scanning → review → (checking → review →) proving → done; a scan that is rejected, abandoned or gone
+back on ends in `ended`, with the calibration before it in force. The service is asked to recalibrate before anything is
+scanned, over a connection that lives as long as the scan (where it breaks, the service gives the scan up), and asked
+again where it has come back without remembering: the contact stays open from the first until the service has proved
+what it took. Nothing that goes wrong here closes it.
 """
 
 import contextlib
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+
+from appliance.crosswire.water import SCANNER_M_S
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
 from appliance.service.feed.message import FeedMessage, Lost, Ordered, Taken
@@ -24,6 +28,7 @@ from appliance.types import Calibration, State
 from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.printable import printable
 from tools.recalibration.scanning import Scanned, counts_of, marked, state_fields
+from tools.recalibration.steps import LatencyStep, Sound, estimate_of
 from tools.shared.feed import Feed
 from tools.shared.sign_off import SignOff, whole_record
 from tools.shared.status_watch import Seen, StatusWatch
@@ -32,12 +37,24 @@ _LOOK_S = 0.5
 """Between two looks at the service's state, and before a lost feed is asked for again: ten ticks."""
 _SOLVE_EVERY_S = 0.5
 """Between two solutions while views come: a person reads no faster, and 300 views take .1 s."""
+_LATENCY_EVERY_S = 1.0
+"""Between two solutions of the latency: one of a minute's pictures takes some .2 s. Not varied."""
+_FARTHEST_MM = 1e5
+"""Of a point from the tracker's origin; no tracker sees so far, and NaN is not less."""
 _ABANDONED_S = 900.0
 """Without anybody at the page or the terminal before a scan is given up: a quarter of an hour of a cart that cannot be
 used. Longer keeps it from everybody; shorter loses a scan to a telephone call.
 """
 _ANSWER_S = 3.0
 """For the service to answer a request: sixty ticks, as it may read a file before it answers."""
+_HOLD_S = 20.0
+"""Of silence after which the service gives the scan up for us: a page that hangs. The session speaks every `_LOOK_S`;
+longer keeps a cart that nobody can go on with, shorter gives up for a busy computer. Not measured on a cart.
+"""
+_UNSEEN_S = 300.0
+"""Without any browser that may go on before a scan begun by one is given up: a tablet that has fallen asleep, or was
+carried off, is back by then. Longer keeps the cart for nobody. Not measured.
+"""
 _LONGEST_WORDS = 200
 """Characters of a name, a role or a comment."""
 
@@ -46,37 +63,50 @@ class Phase(StrEnum):
     """Where the procedure stands."""
 
     IDLE = "idle"
+    LATENCY = "latency"
     SCANNING = "scanning"
     REVIEW = "review"
+    CHECKING = "checking"
     PROVING = "proving"
     DONE = "done"
     ENDED = "ended"
 
 
-_HELD = (Phase.SCANNING, Phase.REVIEW)
+_LISTENING = (Phase.LATENCY, Phase.SCANNING, Phase.CHECKING)
+"""While samples are taken."""
+_HELD = (*_LISTENING, Phase.REVIEW)
 """While the service has to recalibrate, and nothing has been taken yet."""
 _OPEN = (*_HELD, Phase.PROVING)
 
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """What a person chose. wanted: whole, or zeta alone. technician: who scans."""
+    """What a person chose. wanted: whole, or zeta alone. technician: who scans. water_c, scanner_m_s, correct_sound: of
+    `Sound`. latency: how late the tracker is, is measured first.
+    """
 
     probe: str
     preset: str
     technician: str
     reason: str = ""
     wanted: str = "whole"
+    water_c: float | None = None
+    scanner_m_s: float = SCANNER_M_S
+    correct_sound: bool = False
+    latency: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Who accepts it. confirm: the difference from the calibration in force, repeated where it must be accepted."""
+    """Who accepts it. confirm: the difference from the calibration in force, repeated where it must be accepted.
+    unchecked: why no check at another point was made, where none was, or where it is not counted.
+    """
 
     name: str
     role: str
     comment: str = ""
     confirm: str = ""
+    unchecked: str = ""
 
 
 class Asked(ControlRefused):
@@ -111,11 +141,15 @@ class ScanSession:
         self._phase, self._message, self._trouble = Phase.IDLE, "", ""
         self._begin: Begin | None = None
         self._scanned: Scanned | None = None
+        self._latency: LatencyStep | None = None
+        self._told: Mapping[str, Any] = {}
         self._reference: Calibration | None = None
         self._heard_order = False
         self._file: Path | None = None
         self._sha256 = ""
+        self._held: ControlClient | None = None
         self._touched_s = now_s()
+        self._seen_s: float | None = None
         self._fields: dict[str, Any] = {}
         self._solved_s = 0.0
         self._asked_ns = 0
@@ -132,6 +166,7 @@ class ScanSession:
         with self._lock, contextlib.suppress(ProbewatchError):
             if self._phase in _HELD:
                 self._abort("the page has ended")
+        self._let_go()
 
     @property
     def phase(self) -> Phase:
@@ -141,8 +176,12 @@ class ScanSession:
         """Somebody who may go on with it is there."""
         self._touched_s = self._now_s()
 
+    def look_on(self) -> None:
+        """A browser that may go on with it shows it. Whoever has looked on once is missed when he is gone."""
+        self._seen_s = self._now_s()
+
     def fields(self) -> dict[str, Any]:
-        """Everything there is to show; docs/recalibration.md tells the phases."""
+        """Everything there is to show; docs/page.md tells the phases."""
         with self._lock:
             begin = self._begin
             return {
@@ -152,6 +191,7 @@ class ScanSession:
                 "technician": "" if begin is None else begin.technician,
                 "probe": "" if begin is None else begin.probe,
                 "preset": "" if begin is None else begin.preset,
+                "latency": self._latency.fields() if self._latency and self._phase is Phase.LATENCY else None,
                 "file": None if self._file is None else str(self._file),
                 "scan": {**self._fields, **counts_of(self._scanned)} if self._fields and self._scanned else None,
             }
@@ -159,14 +199,18 @@ class ScanSession:
     def look_at(self, t_ns: int) -> dict[str, Any] | None:
         """What was found in the picture of that time; None while nothing is scanned, or it was not one of the last."""
         with self._lock:
-            scanned = self._scanned if self._phase is Phase.SCANNING else None
-            return None if scanned is None else scanned.look_at(t_ns)
+            scanned = self._scanned
+            if scanned is None or self._phase not in (Phase.SCANNING, Phase.CHECKING):
+                return None
+            return scanned.look_at(t_ns)
 
     @property
     def looked_ns(self) -> int | None:
         """Of the newest picture that was looked at; None while nothing is scanned."""
-        scanned = self._scanned if self._phase is Phase.SCANNING else None
-        look = None if scanned is None else scanned.scan.last
+        scanned = self._scanned
+        if scanned is None or self._phase not in (Phase.SCANNING, Phase.CHECKING):
+            return None
+        look = scanned.last
         return None if look is None else look.t_ns
 
     def thumbnail(self, index: int) -> Any:
@@ -184,11 +228,51 @@ class ScanSession:
                     f"{who} recalibrates already", "recalibration", "Look on, or have it rejected first"
                 )
             begin = _checked(begin)
-            self._ask(lambda client: client.begin_recalibration())
+            self._told = self._watch.seen().status or {}
+            self._grasp()
+            self._latency = LatencyStep() if begin.latency else None
             self._begin, self._scanned, self._file, self._sha256 = begin, None, None, ""
-            self._heard_order, self._reference, self._fields = False, None, {}
+            self._heard_order, self._reference, self._fields, self._seen_s = False, None, {}, None
             self._phase, self._message, self._trouble = Phase.SCANNING, "", ""
+            if begin.latency:
+                self._phase = Phase.LATENCY
             self.touch()
+        self._changed.set()
+
+    def take_latency(self, measured: bool) -> None:
+        """The latency is as it was measured, or is left to the scan; then that begins."""
+        with self._lock:
+            self._require(Phase.LATENCY)
+            found = None if self._latency is None else self._latency.found
+            if measured and found is None:
+                what = "the motion does not show how late the tracker is"
+                raise ControlRefused(what, "latency", "Move straight up and down over the bottom, turning sharply")
+            if not measured:
+                self._latency = None
+            self._phase = Phase.SCANNING
+        self._changed.set()
+
+    def check(self, known_mm: tuple[float, float, float] | None = None) -> None:
+        """Look at a crossing elsewhere. known_mm: where it is, tracker axes, if a pointer has found it."""
+        with self._lock:
+            self._require(Phase.REVIEW)
+            if known_mm is not None and not all(abs(value) < _FARTHEST_MM for value in known_mm):
+                raise ControlRefused("three numbers are needed, mm", "where the point is", "Or leave it out")
+            assert self._scanned is not None
+            self._scanned.begin_check(None if known_mm is None else np.array(known_mm))
+            self._phase = Phase.CHECKING
+            self._solve()
+        self._changed.set()
+
+    def end_check(self) -> None:
+        """Back to the review, with what was found."""
+        with self._lock:
+            self._require(Phase.CHECKING)
+            assert self._scanned is not None
+            assert self._scanned.check is not None
+            self._scanned.check.scan.finish()
+            self._phase = Phase.REVIEW
+            self._solve()
         self._changed.set()
 
     def finish(self) -> None:
@@ -230,8 +314,9 @@ class ScanSession:
             seen = self._watch.seen()
             simulated = bool(seen.status and seen.status.get("simulated"))
             calibration = marked(self._scanned.calibration(), simulated)
+            checked = f"not made: {signature.unchecked}" if signature.unchecked else self._scanned.check_record()
             self._hold(seen)
-            self._file = self._write(calibration, signature)
+            self._file = self._write(calibration, signature, checked)
             proposal = self._given(self._file, signature.confirm)
             self._sha256 = str(proposal["sha256"])
             self._phase, self._message = Phase.PROVING, ""
@@ -253,7 +338,7 @@ class ScanSession:
 
     def _run(self) -> None:
         while not self._ended.is_set():
-            if self._phase is Phase.SCANNING:
+            if self._phase in _LISTENING:
                 self._scan()
             else:
                 self._changed.wait(_LOOK_S)
@@ -262,10 +347,11 @@ class ScanSession:
 
     def _scan(self) -> None:
         """Listen until the phase changes, or the feed is lost."""
+        phase = self._phase
         try:
             with Feed(self._feed) as feed:
                 looked_s = 0.0
-                while self._phase is Phase.SCANNING and not self._ended.is_set():
+                while self._phase is phase and not self._ended.is_set():
                     message = feed.next(_LOOK_S)
                     with self._lock:
                         self._take(message)
@@ -277,21 +363,34 @@ class ScanSession:
             self._ended.wait(_LOOK_S)
 
     def _take(self, message: FeedMessage | None) -> None:
-        if self._phase is not Phase.SCANNING:
+        if self._phase not in _LISTENING:
             return
-        if isinstance(message, Ordered) and not self._heard_order:
+        if self._phase is Phase.LATENCY:
+            if isinstance(message, Taken) and self._latency is not None:
+                self._latency.take(message.sample)
+                if self._now_s() - self._solved_s > _LATENCY_EVERY_S:
+                    self._solved_s = self._now_s()
+                    self._latency.solve()
+        elif isinstance(message, Ordered) and not self._heard_order:
             self._heard_order = True
             self._reference = None if message.order is None else message.order.reference
-            wanted = "whole" if self._begin is None else self._begin.wanted
-            self._scanned = Scanned.begun(self._reference, wanted)
+            self._scanned = self._new_scan()
         elif self._scanned is None:
             return
         elif isinstance(message, Taken):
-            self._scanned.take(message.sample)
+            self._scanned.take(message.sample, checking=self._phase is Phase.CHECKING)
             if self._now_s() - self._solved_s > _SOLVE_EVERY_S:
                 self._solve()
         elif isinstance(message, Lost):
             self._scanned.lost += message.samples
+
+    def _new_scan(self) -> Scanned:
+        begin = self._begin
+        assert begin is not None
+        estimate = estimate_of(self._told)
+        latency = None if self._latency is None else self._latency.found
+        sound = Sound(begin.water_c, begin.scanner_m_s, begin.correct_sound)
+        return Scanned.begun(self._reference, begin.wanted, sound, latency, estimate)
 
     def _solve(self) -> None:
         if self._scanned is not None:
@@ -313,9 +412,9 @@ class ScanSession:
         seen = self._watch.seen()
         with self._lock:
             if self._phase in _HELD:
-                if self._now_s() - self._touched_s > _ABANDONED_S:
+                if why := self._deserted():
                     with contextlib.suppress(ProbewatchError):
-                        self._abort("abandoned: nobody was there for a quarter of an hour")
+                        self._abort(why)
                     return
                 try:
                     self._hold(seen)
@@ -325,14 +424,24 @@ class ScanSession:
             elif self._phase is Phase.PROVING:
                 self._prove(seen)
 
+    def _deserted(self) -> str:
+        """Why the scan is given up; empty while somebody is there."""
+        now_s = self._now_s()
+        if now_s - self._touched_s > _ABANDONED_S:
+            return "abandoned: nobody was there for a quarter of an hour"
+        if self._seen_s is not None and now_s - max(self._seen_s, self._touched_s) > _UNSEEN_S:
+            return "abandoned: no browser that may go on with it was there for five minutes"
+        return ""
+
     def _hold(self, seen: Seen) -> None:
-        """The service recalibrates, or is asked to again. Raises ProbewatchError, in words."""
+        """The service recalibrates for us, or is asked to again. Raises ProbewatchError, in words."""
+        alive = self._alive()
         if seen.status is None:
             raise ControlRefused(f"the service does not answer ({seen.silence}). The scan is kept")
-        if seen.status["state"] == State.RECALIBRATING.value or self._is_old(seen):
+        if alive and (seen.status["state"] == State.RECALIBRATING.value or self._is_old(seen)):
             return
         try:
-            self._ask(lambda client: client.begin_recalibration())
+            self._grasp()
         except ControlRefused:
             lost = "; ".join(f"{device}: {what}" for device, what in seen.status["lost"].items())
             why = lost or seen.status["reason"]
@@ -364,15 +473,16 @@ class ScanSession:
                 raise Asked(str(proposal["text"]))
             client.end_recalibration(file, str(proposal["text"]))
         self._asked_ns = time.monotonic_ns()
+        self._let_go()
         return proposal
 
-    def _write(self, calibration: Calibration, signature: Signature) -> Path:
+    def _write(self, calibration: Calibration, signature: Signature, checked: str) -> Path:
         assert self._begin is not None
         words = "-".join(filter(None, (_plain(self._begin.probe), _plain(self._begin.preset))))
         file = self._folder / f"{words or 'probe'}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.toml"
         if file.exists():
             raise ConfigurationError("exists already", str(file), "Try again in a second")
-        write_calibration(file, calibration, self._provenance(signature))
+        write_calibration(file, calibration, {**self._provenance(signature), "check": checked})
         file.chmod(0o640)  # the service, of the same group, reads it
         return file
 
@@ -385,12 +495,18 @@ class ScanSession:
         solved = "all eight parameters" if begin.wanted == "whole" else "ζ alone, closed form"
         source = f"live scan on the cart, {scanned.scan.pictures} pictures, {scanned.lost} samples lost"
         record = whole_record(state, _sign_off(begin, signature), source, scanned.sha256)
+        if scanned.sound.text:
+            record["sound"] = scanned.sound.text
+        if scanned.latency is not None:
+            measured = f"{1e3 * scanned.latency.value_s:.2f} +- {1e3 * scanned.latency.sigma_s:.2f}"
+            record["latency_measured_ms"] = f"{measured}, over the tank's bottom; latency_ms is what the scan adds"
         return {**record, "solved": solved}
 
     def _abort(self, why: str) -> None:
         """Raises ProbewatchError where the service does not answer; then nothing has changed here either."""
         with contextlib.suppress(ControlRefused):  # it does not recalibrate any more
             self._ask(lambda client: client.abort_recalibration())
+        self._let_go()
         self._phase, self._message, self._trouble = Phase.ENDED, why, ""
 
     def _require(self, *phases: Phase) -> None:
@@ -401,6 +517,31 @@ class ScanSession:
         with self._client() as client:
             request(client)
         self._asked_ns = time.monotonic_ns()
+
+    def _grasp(self) -> None:
+        """Have the service recalibrate for as long as this connection lives. Raises ProbewatchError."""
+        client = self._client()
+        try:
+            client.begin_recalibration(_HOLD_S)
+        except BaseException:
+            client.close()
+            raise
+        self._let_go()
+        self._held, self._asked_ns = client, time.monotonic_ns()
+
+    def _alive(self) -> bool:
+        """A word over that connection, by which the service knows that we live."""
+        if self._held is not None:
+            try:
+                self._held.status()
+            except ProbewatchError:
+                self._let_go()
+        return self._held is not None
+
+    def _let_go(self) -> None:
+        if self._held is not None:
+            self._held.close()
+            self._held = None
 
     def _is_old(self, seen: Seen) -> bool:
         """Whether that was said before the service did what it was asked last."""
@@ -418,16 +559,20 @@ def _checked(begin: Begin) -> Begin:
     )
     if not (probe and preset and technician):
         raise ControlRefused("probe, depth and your name are needed", "recalibration", "Fill them in")
-    return Begin(probe, preset, technician, reason, begin.wanted)
+    if begin.correct_sound and begin.wanted != "whole":
+        raise ControlRefused("ζ alone does not change the depths", "water", "Choose the whole calibration")
+    Sound(begin.water_c, begin.scanner_m_s, begin.correct_sound)
+    return replace(begin, probe=probe, preset=preset, technician=technician, reason=reason)
 
 
 def _signed(signature: Signature) -> Signature:
-    name, role, comment = (
-        printable(text.strip(), _LONGEST_WORDS) for text in (signature.name, signature.role, signature.comment)
+    name, role, comment, unchecked = (
+        printable(text.strip(), _LONGEST_WORDS)
+        for text in (signature.name, signature.role, signature.comment, signature.unchecked)
     )
     if not (name and role):
         raise ControlRefused("name and role of the second person are needed", "sign-off", "Fill them in")
-    return Signature(name, role, comment, signature.confirm)
+    return Signature(name, role, comment, signature.confirm, unchecked)
 
 
 def _sign_off(begin: Begin, signature: Signature) -> SignOff:

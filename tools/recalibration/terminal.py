@@ -2,7 +2,8 @@
 
 import select
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import click
@@ -13,11 +14,15 @@ from rich.text import Text
 
 from appliance.service.control.server import ControlRefused
 from tools.recalibration.session import Asked, Begin, Phase, ScanSession, Signature
+from tools.shared.crosswire_review import comparison_table
 
 _EVERY_S = 0.25
 """Between two pictures, as of `probewatch status --watch`; how late a line is heard."""
 _MOST_REFUSALS = 4
 """Shown at once: what to mend first stands in front."""
+
+_BEFORE = (Phase.LATENCY, Phase.SCANNING, Phase.REVIEW, Phase.CHECKING)
+"""Phases before something is taken."""
 
 Fields = Mapping[str, Any]
 
@@ -30,12 +35,14 @@ def run(session: ScanSession, begin: Begin, signature: Signature | None) -> None
     """
     session.begin(begin)
     try:
-        while session.phase in (Phase.SCANNING, Phase.REVIEW):
+        while session.phase in _BEFORE:
+            _latency(session)
             _scan(session, alone=signature is not None)
+            _check(session)
             _review(session, signature)
         _prove(session)
     except BaseException:
-        if session.phase in (Phase.SCANNING, Phase.REVIEW, Phase.PROVING):
+        if session.phase in (*_BEFORE, Phase.PROVING):
             session.reject("stopped in the terminal")
         raise
 
@@ -52,6 +59,8 @@ def picture(fields: Fields) -> RenderableType:
     found = "…" if look is None else _found(look)
     lines.append(Text(f"{found}   ·   {len(scan['views'])} views in {scan['pictures']} pictures"))
     lines.append(Text(_zeta(scan["result"]), style="bold"))
+    if scan["sound"]:
+        lines.append(Text(scan["sound"]))
     if coverage is not None:
         lines += [Text(f"next: {coverage['next'] or 'all is covered'}", style="bold cyan"), _bins(coverage)]
     lines += [
@@ -80,11 +89,70 @@ def _scan(session: ScanSession, alone: bool) -> None:
                 select.select([], [], [], _EVERY_S)
 
 
-def _finish(session: ScanSession, live: Live) -> None:
+def _latency(session: ScanSession) -> None:
+    """Over the bottom of the tank, until the person takes what was measured, or leaves it to the scan."""
+    if session.phase is not Phase.LATENCY:
+        return
+    console = Console(file=sys.stdout, highlight=False)
+    console.print(
+        "Point the probe at the tank's bottom; move it straight up and down, 2 s to and fro, turning sharply."
+    )
+    console.print("Enter takes what was measured; 'skip' leaves it to the scan; Ctrl-C gives up.")
+    with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
+        while session.phase is Phase.LATENCY:
+            session.touch()
+            fields = session.fields()
+            live.update(Text(fields["trouble"] or latency_text(fields["latency"])))
+            said = _line_within(_EVERY_S)
+            if said is not None:
+                _refused_aloud(live.console, partial(session.take_latency, said != "skip"))
+
+
+def latency_text(latency: Fields | None) -> str:
+    """How far the measurement of the latency is."""
+    if latency is None:
+        return "waiting for the first picture"
+    seen = f"bottom seen in {latency['seen']} of {latency['pictures']} pictures"
+    if latency["latency_ms"] is None:
+        return f"{seen} · not known yet"
+    return f"{seen} · tracker late by {latency['latency_ms']:.1f} ± {latency['sigma_ms']:.1f} ms"
+
+
+def check_text(check: Fields | None) -> str:
+    """How the other point lies."""
+    if check is None:
+        return "no check at another point yet"
+    if check["error_mm"] is None:
+        return str(check["why"])
+    how = "from where it is" if check["known"] else "about one place"
+    told = f"{check['views']} views put it within {check['error_mm']:.2f} mm RMS {how}"
+    return f"{told} · {check['why'] or 'passed'}"
+
+
+def _check(session: ScanSession) -> None:
+    """Of a crossing elsewhere, until the person ends it."""
+    if session.phase is not Phase.CHECKING:
+        return
+    console = Console(file=sys.stdout, highlight=False)
+    console.print("Move the tank by 2 cm and more; pass through the crossing again, tilted otherwise each time; Enter.")
+    with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
+        while session.phase is Phase.CHECKING:
+            session.touch()
+            fields = session.fields()
+            live.update(Text(fields["trouble"] or check_text(fields["scan"] and fields["scan"]["check"])))
+            if _line_within(_EVERY_S) is not None:
+                _refused_aloud(live.console, session.end_check)
+
+
+def _refused_aloud(console: Console, request: Callable[[], None]) -> None:
     try:
-        session.finish()
+        request()
     except ControlRefused as error:
-        live.console.print(str(error))
+        console.print(str(error))
+
+
+def _finish(session: ScanSession, live: Live) -> None:
+    _refused_aloud(live.console, session.finish)
 
 
 def _review(session: ScanSession, signature: Signature | None) -> None:
@@ -94,10 +162,15 @@ def _review(session: ScanSession, signature: Signature | None) -> None:
         session.touch()
         fields = session.fields()
         console.print(picture(fields), _views(fields["scan"]))
+        if fields["scan"]["compared"]:
+            console.print(comparison_table(fields["scan"]["compared"]))
+        console.print(f"check at another point: {check_text(fields['scan']['check'])}")
         if signature is not None:
             session.accept(signature)
             continue
-        said = click.prompt("accept, scan on, reject, or numbers of views to strike out or take back").strip()
+        said = click.prompt(
+            "accept, check (at another point), scan on, reject, or numbers of views to strike out or take back"
+        ).strip()
         try:
             _answer(session, said, fields)
         except ControlRefused as error:
@@ -106,7 +179,9 @@ def _review(session: ScanSession, signature: Signature | None) -> None:
 
 def _answer(session: ScanSession, said: str, fields: Fields) -> None:
     if said == "accept":
-        _accept(session)
+        _accept(session, fields["scan"]["check"])
+    elif said == "check":
+        session.check()
     elif said == "scan on":
         session.resume()
     elif said == "reject":
@@ -118,15 +193,18 @@ def _answer(session: ScanSession, said: str, fields: Fields) -> None:
             session.strike(index, not (0 <= index < len(views) and views[index]["struck"]))
 
 
-def _accept(session: ScanSession) -> None:
+def _accept(session: ScanSession, check: Fields | None) -> None:
+    unchecked = ""
+    if check is None or check["why"]:
+        unchecked = click.prompt("why is there no check at another point")
     name, role = click.prompt("name of the second person"), click.prompt("role")
     comment = click.prompt("comment", default="", show_default=False)
     try:
-        session.accept(Signature(name, role, comment))
+        session.accept(Signature(name, role, comment, unchecked=unchecked))
     except Asked as question:
         click.echo(f"against the calibration in force: {question.text}")
         if click.confirm("Accept that? Nothing of it is verified then."):
-            session.accept(Signature(name, role, comment, question.text))
+            session.accept(Signature(name, role, comment, question.text, unchecked))
 
 
 def _prove(session: ScanSession) -> None:

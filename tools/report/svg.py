@@ -12,6 +12,19 @@ _MOST_POINTS = 900
 _TICKS = 5
 """About so many on an axis."""
 
+_ALONE = (
+    "<style>svg{background:#fff}text{font:12px sans-serif;fill:#1c1b1f}text.tick,text.label{text-anchor:middle;"
+    "fill:#555}text.left{text-anchor:end}.grid{stroke:#ddd}.limit{stroke:#b3261e;stroke-dasharray:6 4}"
+    "rect.a{fill:#9dbfdd}rect.b{fill:#f0c48c}rect.bad{fill:#b3261e}rect.mark{fill:#1c1b1f}</style>"
+)
+"""Of a drawing that stands in a file of its own, where no page gives it colours."""
+
+
+def alone(drawing: str) -> str:
+    """A drawing of `Plot.svg` as a whole file."""
+    head, rest = drawing.split(">", 1)
+    return f'{head} xmlns="http://www.w3.org/2000/svg">{_ALONE}{rest}\n'
+
 
 def ticks(low: float, high: float) -> list[float]:
     """Round numbers between the two, about five."""

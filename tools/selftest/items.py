@@ -108,6 +108,8 @@ def reference(status: Status, utc: datetime) -> list[Item]:
     verified = known["verified_utc"] is not None
     told = f"number {known['number']} of {known['utc']}"
     items = [Item("reference", verified, told, "" if verified else "Move the probe over tissue until it is verified")]
+    if overdue := status.get("reference_overdue"):
+        items.append(Item("reference in time", False, overdue, "Recalibrate; where the clock is wrong, set it"))
     due = status["reference_due_utc"]
     if due is None:
         items.append(Item("reference due", True, "no date asked for ([calibration] due_days)"))

@@ -1,6 +1,7 @@
 """What a cross-wire scan gave, as tables for the person who is to accept it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -32,21 +33,49 @@ def difference_in_sigmas(new: Calibration, other: Calibration) -> tuple[Vector, 
         return change, np.where(variance > 0, change / np.sqrt(variance), np.nan)
 
 
-def parameter_table(whole: WholeSolution, others: Mapping[str, Calibration]) -> FittingTable:
-    """The eight parameters with their sigma, and how far the other calibrations are from them, in sigmas."""
+def compared(whole: WholeSolution, apart: Mapping[str, tuple[Vector, Vector]]) -> list[dict[str, Any]]:
+    """The eight parameters as people read them: name, value, sigma, unit, and of each other calibration how far it is
+    from the new one, in the unit and in sigmas; None where that is not known. apart: as difference_in_sigmas.
+    """
     new = whole.calibration
     values = [*vector_from_rotation(new.rotation) * np.degrees(1.0), *new.scale_mm_per_px, *new.offset_mm]
+    return [
+        {
+            "name": name,
+            "value": float(values[index]),
+            "sigma": float(whole.sigma[index] * _PER_UNIT[index]),
+            "unit": _UNITS[index],
+            "others": {
+                who: {
+                    "off": None if np.isnan(change[index]) else float(change[index] * _PER_UNIT[index]),
+                    "sigmas": None if np.isnan(sigmas[index]) else float(sigmas[index]),
+                }
+                for who, (change, sigmas) in apart.items()
+            },
+        }
+        for index, name in enumerate(PARAMETERS)
+    ]
+
+
+def parameter_table(whole: WholeSolution, others: Mapping[str, Calibration]) -> FittingTable:
+    """The eight parameters with their sigma, and how far the other calibrations are from them, in sigmas."""
+    return comparison_table(
+        compared(whole, {name: difference_in_sigmas(whole.calibration, other) for name, other in others.items()})
+    )
+
+
+def comparison_table(lines: Sequence[Mapping[str, Any]]) -> FittingTable:
+    """What `compared` gives."""
     rows = []
-    apart = {name: difference_in_sigmas(new, other) for name, other in others.items()}
-    for index, name in enumerate(PARAMETERS):
-        scale = _PER_UNIT[index]
-        cells = [name, f"{values[index]:.4f}" if 3 <= index < 5 else f"{values[index]:.2f}"]
-        cells.append(f"{whole.sigma[index] * scale:.3f} {_UNITS[index]}")
-        for change, sigmas in apart.values():
-            told = "" if np.isnan(sigmas[index]) else f" ({sigmas[index]:+.1f}σ)"
-            cells.append(f"{change[index] * scale:+.2f} {_UNITS[index]}{told}")
+    for one in lines:
+        cells = [one["name"], f"{one['value']:.4f}" if one["unit"] == "%" else f"{one['value']:.2f}"]
+        cells.append(f"{one['sigma']:.3f} {one['unit']}")
+        for other in one["others"].values():
+            told = "" if other["sigmas"] is None else f" ({other['sigmas']:+.1f}σ)"
+            cells.append("" if other["off"] is None else f"{other['off']:+.2f} {one['unit']}{told}")
         rows.append(tuple(cells))
-    return FittingTable(("parameter", "new", "± 1σ", *(f"{name} less new" for name in others)), rows)
+    headings = [f"{name} less new" for name in (lines[0]["others"] if lines else ())]
+    return FittingTable(("parameter", "new", "± 1σ", *headings), rows)
 
 
 def view_table(state: Running, views_px: Vector, all_of_them: bool) -> FittingTable:

@@ -8,7 +8,7 @@ from drivers.errors import ConfigurationError, RecordingError
 from drivers.files.regular_file import reading
 from drivers.recordings.mcap_file import MAGIC
 
-_SUFFIXES = (".mha", ".mhd", ".nrrd", ".mcap")
+SUFFIXES = (".mha", ".mhd", ".nrrd", ".mcap")
 """What is taken out of a folder; films and tables belong together by their names alone, so they are named."""
 
 
@@ -24,7 +24,7 @@ def found(paths: Sequence[Path]) -> tuple[list[Path | Series], list[str]]:
     for path in paths:
         for file in _files(path) if path.is_dir() else (path,):
             try:
-                if _is_box(file):
+                if is_box(file):
                     boxes.append(BlackBox(file))
                 else:
                     sequences.append(file)
@@ -36,14 +36,15 @@ def found(paths: Sequence[Path]) -> tuple[list[Path | Series], list[str]]:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in _SUFFIXES and path.is_file())
+    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
     if not files:
-        remedy = f"It looks for {', '.join(_SUFFIXES)}; name a film or another file itself"
+        remedy = f"It looks for {', '.join(SUFFIXES)}; name a film or another file itself"
         raise ConfigurationError("holds no recordings", str(folder), remedy)
     return iter(files)
 
 
-def _is_box(path: Path) -> bool:
+def is_box(path: Path) -> bool:
+    """Whether it begins as a file of the recorder does."""
     try:
         with reading(path) as stream:
             return stream.read(len(MAGIC)) == MAGIC

@@ -172,10 +172,17 @@ def _rates(status: Status) -> Text:
 
 
 def _remarks(status: Status) -> list[Text]:
-    """What needs no alarm, what is lost, and how the estimator ended."""
+    """What needs no alarm, what is lost, a recalibration that was given up, and how the estimator ended."""
     lost = [f"{device}: {what}" for device, what in status["lost"].items()]
     ended = [] if status["estimator"] is None else [f"estimator: {status['estimator']}"]
-    said = [*status["notices"], *status["remarks"], *lost, *ended]
+    given_up = (status.get("recalibration") or {}).get("ended")
+    said = [
+        *status["notices"],
+        *([f"recalibration: {given_up}"] if given_up else []),
+        *status["remarks"],
+        *lost,
+        *ended,
+    ]
     return [Text(shown(f"! {line}"), style="yellow") for line in said]
 
 

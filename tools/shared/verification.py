@@ -15,6 +15,10 @@ from appliance.types import State
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from tools.shared.terminal import progress_bar
 
+_HOLD_S = 900.0
+"""Of silence after which the service gives up for a command that hangs: reading a long recording takes minutes.
+One that was killed is noticed at once, whatever this is. Not measured.
+"""
 _LOOK_EVERY_S = 0.25
 """Between two looks at the status: a progress bar that seems alive, and five ticks of the service."""
 
@@ -50,18 +54,20 @@ def refuse_simulated(socket: Path) -> None:
 
 @contextlib.contextmanager
 def recalibrating(socket: Path | None) -> Iterator[None]:
-    """The service recalibrates while the block runs; a block that fails or is interrupted aborts it."""
+    """The service recalibrates while the block runs; a block that fails or is interrupted aborts it, and
+    so does the service where this process is killed.
+    """
     if socket is None:
         yield
         return
-    try:
-        with ControlClient(socket) as client:
-            client.begin_recalibration()
-        yield
-    except BaseException:
-        with contextlib.suppress(ProbewatchError), ControlClient(socket) as client:
-            client.abort_recalibration()
-        raise
+    with ControlClient(socket) as client:
+        try:
+            client.begin_recalibration(_HOLD_S)
+            yield
+        except BaseException:
+            with contextlib.suppress(ProbewatchError):
+                client.abort_recalibration()
+            raise
 
 
 def await_verification(socket: Path, wait_s: float) -> None:

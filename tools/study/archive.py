@@ -1,22 +1,26 @@
 """What the instrument says of real recordings, a row for each; no truth is known there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from appliance.core.line import Line
 from appliance.core.quality.report import Change, LineReport
 from appliance.limits import Limits
-from appliance.storage.black_box import BlackBox, series_of
-from appliance.storage.calibration_file import read_calibration
+from appliance.storage.black_box import BlackBox, Series, series_of
+from appliance.storage.calibration_file import calibration_bytes, parse_calibration
 from appliance.supervision.timeline import Judging
-from drivers.errors import ConfigurationError, ProbewatchError
+from drivers.errors import ConfigurationError, ProbewatchError, RecordingError
 from drivers.recordings.replay import open_recording
 from drivers.twins.faults import Schedule
+from tools.shared.found_recordings import is_box
 from tools.shared.recording_run import BlackBoxSession, Session, run, run_series
 from tools.shared.rerun import Comparison
 from tools.shared.tables import NOTHING, FittingTable
 from tools.study.outcome import CHECKS, cell, closed_share
+from tools.study.store import NotFetchedError, fetched
 
+NOT_FETCHED = "not fetched"
+"""How the error of a recording begins that did not come."""
 ARCHIVE_KEYS = ("recording",)
 """Columns that name a row."""
 
@@ -25,24 +29,40 @@ ARCHIVE_KEYS = ("recording",)
 class ArchiveTask:
     """One recording, and the calibration of its probe: None for a black box, which has its own.
 
-    parts: the files of a black box. probe, reference, orientation: as open_recording takes them.
+    recording: a path, or what names a recording of a store in the table. parts: the files of a black box. probe,
+    reference, orientation: as open_recording takes them. urls: of its files, where they lie in a store. content: of the
+    calibration's file, for workers that cannot read it themselves.
     """
 
-    recording: Path
+    recording: Path | str
     calibration: Path | None
     judging: Judging | None = None
     parts: tuple[Path, ...] = ()
     probe: str | None = None
     reference: str | None = None
     orientation: str | None = None
+    urls: tuple[str, ...] = ()
+    content: bytes | None = None
 
     def rows(self) -> list[dict[str, str]]:
-        """One row; what cannot be used has its error in it, so that the rest of an archive goes on."""
+        """One row; what cannot be used has its error in it, so that the rest of an archive goes on. NOT_FETCHED begins
+        one that may be gone another time.
+        """
         row = {"recording": str(self.recording), **dict.fromkeys(_COLUMNS, "")}
         try:
-            return [row | self._said()]
+            if not self.urls:
+                return [row | self._said()]
+            with fetched(self.urls) as files:
+                return [row | self._of(files)._said()]
+        except NotFetchedError as error:
+            return [row | {"error": f"{NOT_FETCHED}: {error}"}]
         except ProbewatchError as error:
             return [row | {"error": str(error)}]
+
+    def _of(self, files: tuple[Path, ...]) -> "ArchiveTask":
+        """The same of copies on this computer."""
+        boxes = files if all(is_box(file) for file in files) else ()
+        return replace(self, recording=files[0], parts=boxes, urls=())
 
     def _said(self) -> dict[str, str]:
         report, changes, session, comparison = self._run()
@@ -66,7 +86,7 @@ class ArchiveTask:
 
     def _run(self) -> tuple[LineReport, list[Change], Session, Comparison | None]:
         if self.parts:
-            (series,) = series_of(BlackBox(path) for path in self.parts)
+            series = self._series()
             box = BlackBoxSession(series)
             if self.calibration is None:
                 report, changes, comparison = run_series(series, self.judging)
@@ -75,17 +95,25 @@ class ArchiveTask:
             size_px = box.size_px
         else:
             session = recording = open_recording(
-                self.recording, probe=self.probe, reference=self.reference, orientation=self.orientation
+                Path(self.recording), probe=self.probe, reference=self.reference, orientation=self.orientation
             )
             size_px = recording.size_px
         if self.calibration is None:
             raise ConfigurationError("its calibration is not known", str(self.recording), "Give --calibration")
-        calibration = read_calibration(self.calibration, size_px, self.probe or "Probe")
+        content = calibration_bytes(self.calibration) if self.content is None else self.content
+        calibration = parse_calibration(content, self.calibration, size_px, self.probe or "Probe")
         judging = self.judging or Judging(Limits())
         report, changes = run(
             session, Line(calibration, judging.limits, judging.patience.stale_ns), Schedule(), judging
         )
         return report, changes, session, None
+
+    def _series(self) -> Series:
+        """Raises RecordingError where the files are of several runs."""
+        found = series_of(BlackBox(path) for path in self.parts)
+        if len(found) != 1:
+            raise RecordingError(f"its files are of {len(found)} runs", str(self.recording), "Name them one by one")
+        return found[0]
 
 
 def archive_table(rows: list[dict[str, str]]) -> FittingTable:

@@ -7,7 +7,7 @@ that leaving the plane adds (docs/method.md, equations 15 and 20).
 
 from dataclasses import replace
 from functools import lru_cache
-from math import radians
+from math import log, radians
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -17,6 +17,10 @@ from tools.study.session import FPS, Session, picture_path, steps_between
 
 BOUND_S = 30.0
 """Of motion: as long as a verification lasts, so what it cannot show is not to be had."""
+FALSE_ALARM_H = 1000.0
+"""Mean time between two false alarms of the test whose least delay is told; longer makes it surer, and so later."""
+LN_A = log(FALSE_ALARM_H * 3600 * FPS)
+"""What the log-likelihood ratio must reach for that (Shiryaev and Roberts), about 18.5."""
 _WALK_MM2_PER_MM = 0.002
 """Measured on tissue; .01 to .1 on wires in water (the drift of a path per mm out of the plane)."""
 _TURN_WALK_DEG = 0.02
@@ -39,21 +43,43 @@ def bounds(session: Session, noise_mm: float, noise_deg: float, span_s: float = 
     path, turn = picture_path(still.pictures(t_s))
     steps = np.stack([_steps(still, t_s, path, turn, part) for part in np.vstack([np.diag(_SMALL), -np.diag(_SMALL)])])
     J = (steps[:9] - steps[9:]) / (2 * _SMALL[:, None, None])
-    elevation_mm = np.abs(steps_between(still.pictures(t_s))[2])
-    reach = float(np.linalg.norm(session.reference.offset_mm))
-    white_mm2 = noise_mm**2 + (reach * radians(noise_deg)) ** 2
-    walk_mm2 = _WALK_MM2_PER_MM * elevation_mm + _CHAIN_WALK_MM**2 * np.diff(t_s)
-    walk_rad2 = radians(_TURN_WALK_DEG) ** 2 * np.diff(t_s)
-    rows = [
-        _whitened(J[:, 0], white_mm2, walk_mm2),
-        _whitened(J[:, 1], white_mm2, walk_mm2),
-        _whitened(J[:, 2], radians(noise_deg) ** 2, walk_rad2),
-    ]
+    noises = _noises(still, t_s, noise_mm, noise_deg)
+    rows = [_whitened(J[:, row], white, walk) for row, (white, walk) in enumerate(noises)]
     information = sum(row @ row.T for row in rows) / np.outer(SCALE_TO_UNITS, SCALE_TO_UNITS)
     values, axes = np.linalg.eigh(information)
     known = np.where(values > 1e-9 * values[-1], 1 / np.maximum(values, 1e-300), np.inf)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(np.where(axes**2 > 1e-9, axes**2 * known, 0.0).sum(axis=1)))
+
+
+def least_delay_s(session: Session, change: Array, noise_mm: float, noise_deg: float, from_s: float = 0.0) -> float:
+    """s from from_s on until a test that expects one false alarm in FALSE_ALARM_H hours can be sure of this change on
+    average: until the divergence (Kullback and Leibler) of truth and calibration in use reaches LN_A. Infinite where
+    BOUND_S of the motion do not suffice. Noise and breathing are taken as known, and nothing else as changed.
+
+    change: (9,) of PARAMETERS and latency, in rad, relative, mm and s.
+    """
+    t_s = np.arange(from_s, min(from_s + BOUND_S, session.duration_s), 1 / FPS)
+    t_s = t_s[session.touches(t_s)]
+    if t_s.size < 2:
+        return np.inf
+    still = replace(session, tissue="still")
+    path, turn = picture_path(still.pictures(t_s))
+    missed = _steps(still, t_s, path, turn, change) - _steps(still, t_s, path, turn, np.zeros(9))
+    noises = _noises(still, t_s, noise_mm, noise_deg)
+    told = sum(_whitened(missed[None, row], white, walk)[0] ** 2 for row, (white, walk) in enumerate(noises))
+    enough = np.flatnonzero(np.cumsum(told) / 2 >= LN_A)
+    return float(t_s[1 + enough[0]] - from_s) if enough.size else np.inf
+
+
+def _noises(session: Session, t_s: Array, noise_mm: float, noise_deg: float) -> list[tuple[float, Array]]:
+    """White variance and random walk between pictures of the lateral and axial way, mm², and of the turn, rad²."""
+    elevation_mm = np.abs(steps_between(session.pictures(t_s))[2])
+    reach = float(np.linalg.norm(session.reference.offset_mm))
+    white_mm2 = noise_mm**2 + (reach * radians(noise_deg)) ** 2
+    walk_mm2 = _WALK_MM2_PER_MM * elevation_mm + _CHAIN_WALK_MM**2 * np.diff(t_s)
+    walk_rad2 = radians(_TURN_WALK_DEG) ** 2 * np.diff(t_s)
+    return [(white_mm2, walk_mm2), (white_mm2, walk_mm2), (radians(noise_deg) ** 2, walk_rad2)]
 
 
 def _steps(session: Session, t_s: Array, path: ComplexArray, turn: Array, theta: Array) -> Array:

@@ -53,7 +53,7 @@ FAULTS: Mapping[str, Fault] = {
     **dict.fromkeys(_SCALES, Fault.SCALE),
     **dict.fromkeys(_FLIPS, Fault.POLARITY),
     "latency": Fault.LATENCY,
-    **dict.fromkeys(_CONVENTIONS, Fault.ROTATION),
+    **dict.fromkeys(_CONVENTIONS, Fault.POSE_CONVENTION),
 }
 """Kind → class under which it ought to be named."""
 _TEXT = re.compile(r"([a-z-]+?)(?:=([+-]?[0-9.]+))?(?:@([a-z]+))?")

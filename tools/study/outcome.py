@@ -163,7 +163,7 @@ class _Notes:
 def gross(conditions: Conditions, limits: Limits, t_s: float) -> float:
     """The largest |error| ÷ limit at t_s; infinite for a polarity or a pose convention that is wrong."""
     hazard = conditions.hazard
-    if hazard.fault in (Fault.POLARITY, Fault.ROTATION) and not hazard.size:
+    if hazard.fault in (Fault.POLARITY, Fault.POSE_CONVENTION):
         return np.inf if hazard.share(np.array([t_s]))[0] else 0.0
     of_each = [limits.rotation_deg] * 3 + [limits.scale_percent] * 2 + [limits.offset_mm] * 3 + [limits.latency_ms]
     return float(np.max(np.abs(_truth(conditions, t_s)) / of_each))

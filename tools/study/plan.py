@@ -38,15 +38,17 @@ def planned(
     hazards: Sequence[Hazard],
     duration_s: float | None = None,
     asked: str = DEFAULT,
+    draws: int = 1,
 ) -> list[Conditions]:
     """Every run, those on the same pictures side by side; the first seed of everything first.
 
-    duration_s: of every session instead of its own. asked: one of ASKED.
+    duration_s: of every session instead of its own. asked: one of ASKED. draws: noises of the tracker on the same
+    pictures.
     """
     return [
-        Conditions(Session(name, tissue, seed, duration_s or ALL[name][1]), hazard, tracker_of(noise_mm), asked)
+        Conditions(Session(name, tissue, seed, duration_s or ALL[name][1]), hazard, tracker_of(noise_mm), asked, draw)
         for seed, name, tissue in itertools.product(range(1, seeds + 1), sessions, tissues)
-        for noise_mm, hazard in itertools.product(noises_mm, hazards)
+        for noise_mm, draw, hazard in itertools.product(noises_mm, range(1, draws + 1), hazards)
     ]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from appliance.limits import Limits, RequiredAges
-from appliance.supervision.ledger import Durations
+from appliance.supervision.policy import Durations
 from appliance.supervision.timeline import Judging
 from appliance.types import PARAMETERS
 from drivers.recordings.metaimage import SequenceItem, read_metaimage, write_metaimage
@@ -36,7 +36,7 @@ class Tracker:
     noise_deg: float = 0.02
 
 
-KEYS = ("session", "tissue", "seed", "duration_s", "noise_mm", "asked", "hazard")
+KEYS = ("session", "tissue", "seed", "duration_s", "noise_mm", "draw", "asked", "hazard")
 """Columns that name a run."""
 
 
@@ -56,12 +56,13 @@ ASKED = {DEFAULT: Judging(), "everything": _everything()}
 
 @dataclass(frozen=True)
 class Conditions:
-    """One run of the study. asked: one of ASKED."""
+    """One run of the study. asked: one of ASKED. draw: which of the tracker's noises on these pictures, from 1."""
 
     session: Session
     hazard: Hazard = field(default_factory=Hazard)
     tracker: Tracker = field(default_factory=Tracker)
     asked: str = DEFAULT
+    draw: int = 1
 
     @property
     def judging(self) -> Judging:
@@ -73,7 +74,8 @@ class Conditions:
         """What names the run in the table, one for each of KEYS."""
         session = self.session
         length, noise_mm = f"{session.duration_s:g}", f"{self.tracker.noise_mm:g}"
-        return session.name, session.tissue, str(session.seed), length, noise_mm, self.asked, str(self.hazard)
+        draw = str(self.draw)
+        return session.name, session.tissue, str(session.seed), length, noise_mm, draw, self.asked, str(self.hazard)
 
 
 def samples(conditions: Conditions, pictures: list[GreyImage]) -> Iterator[Sample]:
@@ -139,7 +141,7 @@ def _poses(conditions: Conditions, t_s: Array) -> Array:
     """(n, 4, 4) as the tracker reports them."""
     session, hazard, tracker = conditions.session, conditions.hazard, conditions.tracker
     true_s = t_s - hazard.change(t_s)[:, 8]
-    random = np.random.default_rng((session.seed, 61))
+    random = np.random.default_rng((session.seed, 61, conditions.draw))
     turn = rotation_from_vector(np.deg2rad(tracker.noise_deg) * random.standard_normal((t_s.size, 3)))
     poses = session.sensor(true_s, hazard.body(session.reference, t_s))
     poses = poses @ rigid(turn, np.zeros((t_s.size, 3)))

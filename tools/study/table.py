@@ -4,7 +4,9 @@ import csv
 import hashlib
 import io
 import os
+import subprocess
 from collections.abc import Iterable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 
 import appliance
@@ -13,6 +15,8 @@ from drivers.errors import ConfigurationError
 
 CODE = "code"
 """Column with the digest of the code that made the row."""
+COMMIT = "commit"
+"""Column with the commit that was checked out, or the version of an installed package."""
 _DIGITS = 12
 """Hexadecimal, of that digest: no two states of the code share them by chance."""
 
@@ -26,13 +30,23 @@ def code_digest() -> str:
     return digest.hexdigest()[:_DIGITS]
 
 
+def commit() -> str:
+    """What was checked out; "+" says that files differed from it."""
+    told = ("git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=12", "--exclude=*", "--dirty=+")
+    try:
+        return subprocess.run(told, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return f"version {version('probewatch')}"
+
+
 class StudyTable:
     """keys: columns that name a row. rows: those that were there and those added since. Raises ConfigurationError for a
     file that is something else, or has rows of another code.
     """
 
     def __init__(self, path: Path, keys: Sequence[str]) -> None:
-        self.path, self._keys, self._code = path, tuple(keys), code_digest()
+        self.path, self._keys = path, tuple(keys)
+        self._origin = {CODE: code_digest(), COMMIT: commit()}
         self._columns: list[str] = []
         self.rows: list[dict[str, str]] = []
         if path.exists():
@@ -48,7 +62,7 @@ class StudyTable:
         text = io.StringIO()
         writer: csv.DictWriter[str] | None = None
         for row in rows:
-            whole = row | {CODE: self._code}
+            whole = row | self._origin
             begin = not self._columns
             self._columns = self._columns or list(whole)
             writer = writer or csv.DictWriter(text, self._columns, lineterminator="\n")
@@ -70,13 +84,13 @@ class StudyTable:
         except (UnicodeDecodeError, csv.Error) as error:
             raise self._refusal(f"is not a table of a study ({error})") from error
         self._columns = list(reader.fieldnames or ())
-        if rows and not {*self._keys, CODE} <= set(self._columns):
+        if rows and not {*self._keys, *self._origin} <= set(self._columns):
             raise self._refusal("is not a table of this kind of study")
         if any(None in row or None in row.values() for row in rows):
             raise self._refusal("has a row with too many or too few cells")
-        other = {row[CODE] for row in rows} - {self._code}
+        other = {row[CODE] for row in rows} - {self._origin[CODE]}
         if other:
-            raise self._refusal(f"has rows of other code ({', '.join(sorted(other))}; this is {self._code})")
+            raise self._refusal(f"has rows of other code ({', '.join(sorted(other))}; this is {self._origin[CODE]})")
         self.rows = rows
         if len(kept) < len(whole):  # the last row was cut when the study was killed: it is done again
             with self.path.open("r+b") as stream:

@@ -1,11 +1,13 @@
 """Runs tasks beside one another: in processes of this computer, or on a Dask cluster that exists already."""
 
+import logging
 import multiprocessing
 import signal
+import time
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from appliance.service.host.child_process import end_with_parent
 from drivers.errors import ConfigurationError, DeviceLost
@@ -15,13 +17,22 @@ _R = TypeVar("_R")
 
 _ANSWER_S = 10
 """For a scheduler to answer: one in the same building does within a second."""
+_FIRST_WAIT_S, _LONGEST_WAIT_S = 1.0, 30.0
+"""Before a scheduler that has gone is tried again, doubled each time: how late it is noticed that it is back, against
+knocking on its door.
+"""
+
+Say = Callable[[str], None]
 
 
-def results(work: Callable[[_T], _R], tasks: Iterable[_T], jobs: int, scheduler: str | None) -> Iterator[_R]:
-    """work(task) of every task, in the order in which they end. Raises DeviceLost where a worker died, and what work
-    raises.
+def results(
+    work: Callable[[_T], _R], tasks: Iterable[_T], jobs: int, scheduler: str | None, say: Say = lambda _: None
+) -> Iterator[_R]:
+    """work(task) of every task, in the order in which they end. Raises DeviceLost where a worker died, or where the
+    scheduler did not answer in the first place; one that vanishes later is told to `say`, waited for, and given again
+    what it had not done. Raises what work raises.
     """
-    return _local(work, list(tasks), jobs) if scheduler is None else _remote(work, list(tasks), scheduler)
+    return _local(work, list(tasks), jobs) if scheduler is None else _remote(work, list(tasks), scheduler, say)
 
 
 def _local(work: Callable[[_T], _R], tasks: list[_T], jobs: int) -> Iterator[_R]:
@@ -39,7 +50,7 @@ def _local(work: Callable[[_T], _R], tasks: list[_T], jobs: int) -> Iterator[_R]
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _remote(work: Callable[[_T], _R], tasks: list[_T], scheduler: str) -> Iterator[_R]:
+def _remote(work: Callable[[_T], _R], tasks: list[_T], scheduler: str, say: Say) -> Iterator[_R]:
     try:
         import distributed  # noqa: PLC0415  an extra that a cart does not have
     except ImportError:
@@ -51,6 +62,46 @@ def _remote(work: Callable[[_T], _R], tasks: list[_T], scheduler: str) -> Iterat
         raise DeviceLost(
             f"does not answer: {error}", scheduler, "Start the Dask scheduler, or check the address"
         ) from error
-    with client:
-        for future in distributed.as_completed(client.map(work, tasks, pure=False)):
-            yield future.result()
+    # Of a connection that ends it writes tracebacks; what there is to know of it is told in words.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    left = dict(enumerate(tasks))
+    while True:
+        with client:
+            for number, result in _until_lost(distributed, client, work, left):
+                del left[number]
+                yield result
+        if not left:
+            return
+        say(f"the scheduler at {scheduler} has gone; {len(left)} of {len(tasks)} are left; trying again")
+        client = _again(distributed, scheduler)
+        say(f"the scheduler at {scheduler} is back")
+
+
+def _until_lost(
+    distributed: Any, client: Any, work: Callable[[_T], _R], tasks: dict[int, _T]
+) -> Iterator[tuple[int, _R]]:
+    """(number of the task, what it gave), until all are done or the scheduler has gone. Raises DeviceLost for a task
+    that kills its workers.
+    """
+    futures = {client.submit(work, task, pure=False): number for number, task in tasks.items()}
+    for future in distributed.as_completed(list(futures)):
+        try:
+            result = future.result()
+        except CancelledError:
+            return
+        except distributed.KilledWorker as error:
+            remedy = "Too little memory? What is done stays, so start it again with larger workers"
+            raise DeviceLost("a task has ended every worker that tried it", "study", remedy) from error
+        yield futures[future], result
+
+
+def _again(distributed: Any, scheduler: str) -> Any:
+    """A client of the scheduler, once it is back."""
+    wait_s = _FIRST_WAIT_S
+    while True:
+        time.sleep(wait_s)
+        wait_s = min(2 * wait_s, _LONGEST_WAIT_S)
+        try:
+            return distributed.Client(scheduler, timeout=_ANSWER_S)
+        except (OSError, ValueError):
+            continue

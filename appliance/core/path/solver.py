@@ -123,6 +123,16 @@ def solve(
     return _Problem(samples, reference, prior, start, learn).solved()
 
 
+def changed(reference: Calibration, change: Array) -> Calibration:
+    """The reference with a change of its parameters, in the order and units of PARAMETERS (rad, relative, mm)."""
+    return replace(
+        reference,
+        rotation=rotation_from_vector(change[:3]) @ reference.rotation,
+        scale_mm_per_px=reference.scale_mm_per_px * (1 + change[3:5]),
+        offset_mm=reference.offset_mm + change[5:8],
+    )
+
+
 class PathFit:
     """How well references explain samples by themselves, where noise has the given parts and, for the misfit, any size.
 
@@ -341,14 +351,8 @@ class _Problem:
     def _concluded(self, theta: Array, J: Array, noise: Noise, hidden: list[int]) -> Solution:
         covariance = self._covariance(J)
         reference, volume = self._reference, sum(row.log_volume for row in self._noise.rows)
-        estimate = replace(
-            reference,
-            rotation=rotation_from_vector(theta[:3]) @ reference.rotation,
-            scale_mm_per_px=reference.scale_mm_per_px * (1 + theta[3:5]),
-            offset_mm=reference.offset_mm + theta[5:8],
-            covariance=covariance[:8, :8],
-            observed=self._observed(covariance, hidden),
-        )
+        observed = self._observed(covariance, hidden)
+        estimate = replace(changed(reference, theta), covariance=covariance[:8, :8], observed=observed)
         return Solution(
             estimate,
             theta,

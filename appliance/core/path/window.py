@@ -158,19 +158,36 @@ class PathWindow:
         window._seen.extend(motion for motion in self._seen if motion.stamp.t_ns >= start_ns)
         return window
 
-    def latency(self) -> Latency | None:
-        """Lag of the tracker from the two paths; None where the motion does not show it."""
+    def latency(self, about_s: float = 0.0) -> Latency | None:
+        """Lag of the tracker from the two paths, near about_s; None where the motion does not show it."""
         if len(self._seen) < 2:
             return None
         t_s, chain, u_px, alpha = self._arrays()
         times, positions, turns = self.poses.arrays(self._seen[0].stamp.t_ns)
+        times = times - about_s
         reach = slice(np.searchsorted(times, t_s[0] - _BEFORE_S), None)
         if times[reach].size < 2:
             return None
         poses = rigid(rotation_from_quaternion(turns[reach]), positions[reach])
         sensor_path = predicted_path(poses, self._reference)
         path = self._picture_path(u_px, alpha)
-        return estimate_latency(t_s, chain, np.stack([path.real, path.imag]), times[reach], sensor_path)
+        found = estimate_latency(t_s, chain, np.stack([path.real, path.imag]), times[reach], sensor_path)
+        return None if found is None else Latency(found.value_s + about_s, found.sigma_s)
+
+    def picture_steps(self) -> tuple[Array, NDArray[np.int64], Array] | None:
+        """t_s (n,) and chain (n,) of the pictures, and (3, n) their steps added up within each chain: lateral and axial
+        in the axes of the later picture, mm, and turn, rad. None below two.
+        """
+        if len(self._seen) < 2:
+            return None
+        t_s, chain, u_px, alpha = self._arrays()
+        lateral, axial = self._reference.polarity
+        path = (u_px * self._reference.scale_mm_per_px * self._reference.polarity) @ np.array([1, 1j])
+        turn = np.diff(alpha, prepend=alpha[0]) * (lateral * axial)
+        moved = path - np.exp(1j * turn) * np.concatenate([path[:1], path[:-1]])
+        same = np.diff(chain, prepend=chain[0]) == 0
+        way = np.cumsum(moved * same)
+        return t_s, chain, np.stack([way.real, way.imag, np.cumsum(turn * same)])
 
     def samples(self, latency_s: float) -> PathSamples:
         """The pictures whose poses are bracketed at the given latency."""

@@ -10,7 +10,10 @@ import numpy as np
 from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check, trusted
 from appliance.core.detectors.polarity import MOST_FLIPPED, flipped, weigh_polarity
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
-from appliance.core.path.latency import Latency
+from appliance.core.path.conventions import Convention
+from appliance.core.path.explanation import Explanation, explain
+from appliance.core.path.latency import REACH_S, Latency
+from appliance.core.path.latency_drift import LatencyDrift
 from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
 from appliance.core.path.solver import PathFit, Prior, Solution, solve
@@ -66,6 +69,14 @@ faults as latency; more leaves a late tracker unnamed for longer. Not measured.
 """
 _LEAST_FAR_NS = 3_000_000_000
 """A shorter window is not asked for a far latency: over so little motion chance finds one. Not measured."""
+_FAR_SIGMA_S = 0.01
+"""Of a lag that only the search for an explanation tells: over the study's sessions it is within 6 ms. More names it
+later where it is near its limit, which the fine search covers."""
+_EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
+"""Between two searches for what explains a motion that the reference does not, and the motion that they look at: each
+takes 2 ms, 7 ms where not even a lag explains it. A longer window names later what has just begun, a shorter one leaves
+little of it beside the second at its end whose poses are yet to come.
+"""
 _SAME_X = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2)
 """rad, relative: X within this of the reference is the reference's, and the far latency is all that is wrong. Within
 the limits, or a wrong X would be excused.
@@ -138,6 +149,12 @@ class Evidence:
         self._noises: deque[tuple[int, Noise]] = deque()
         self._breathing_known = False
         self._long_ns = 0
+        self._about_s = 0.0
+        self._drift = LatencyDrift()
+        self._drifted: Latency | None = None
+        self._explained_ns = 0
+        self.explanation: Explanation | None = None
+        """The latest of a motion that the reference does not explain; None where there was none since a change."""
 
     @property
     def estimate(self) -> Calibration | None:
@@ -160,6 +177,8 @@ class Evidence:
         self._noises.clear()
         self._breathing_known = False
         self._long_ns = 0
+        self._drift.clear()
+        self._drifted = self.explanation = None
 
     def forget(self, since_ns: int) -> None:
         """Motion at or after since_ns was stamped wrongly."""
@@ -167,8 +186,10 @@ class Evidence:
         self._verification.forget(since_ns)
         self._latest = self._nothing
         self._valid_ns, self._settled_ns = (min(t_ns, since_ns) for t_ns in (self._valid_ns, self._settled_ns))
-        self._long_ns = 0
+        self._long_ns = self._explained_ns = 0
         self._failing_ns = None
+        self._drift.clear()
+        self._drifted = None
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution."""
@@ -190,10 +211,10 @@ class Evidence:
 
     def final(self) -> tuple[Check, ...]:
         """Checks of the solution that showed most, the one over everything remembered among them."""
-        whole = examine(self.window.since(self._valid_ns), self._reference, self._limits)
+        whole = examine(self.window.since(self._valid_ns), self._reference, self._limits, about_s=self._about_s)
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
             self._best = whole
-        latency = latency_check(self.window.latency(), self._limits, self.window.stamps_err_s)
+        latency = latency_check(self.window.latency(self._about_s), self._limits, self.window.stamps_err_s)
         return tuple(
             _sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks
         )
@@ -201,7 +222,7 @@ class Evidence:
     def second_opinion(self) -> SecondOpinion | None:
         """The closed forms on everything remembered since the last change."""
         window = self.window.since(self._valid_ns)
-        latency = window.latency()
+        latency = window.latency(self._about_s)
         samples = window.samples(0.0 if latency is None else latency.value_s)
         return second_opinion(samples, self._reference)
 
@@ -222,6 +243,10 @@ class Evidence:
         """
         recent = self.window.since(now_ns - _SHORT_NS)
         finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
+        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < _EXPLAIN_EVERY_NS:
+            self._explain(now_ns)
+            finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
+        finding = self._carried_on(finding, recent, now_ns)
         short = _without(finding, _SLOW)
         confirmed = short.failed & self._suspects
         if confirmed and now_ns >= self._settled_ns:
@@ -249,6 +274,16 @@ class Evidence:
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
 
+    def _explain(self, now_ns: int) -> None:
+        """Ask what else explains the motion; a lag beyond the fine search moves it there, until another is found."""
+        self._explained_ns = now_ns
+        found = explain(self.window.since(max(self._valid_ns, now_ns - _EXPLAINED_NS)), self._reference)
+        if found is None:
+            return
+        self.explanation = found
+        far = found.convention is Convention.AGREED and abs(found.latency_s) > REACH_S
+        self._about_s = found.latency_s if far else 0.0
+
     def _measured(self, recent: PathWindow, finding: Finding, now_ns: int) -> tuple[PathWindow, Finding]:
         """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
 
@@ -267,8 +302,31 @@ class Evidence:
 
     def _examined(self, window: PathWindow, start: Noise | None) -> Finding:
         """What the window shows; while breathing is not known, a wrong axial scale is a sign and not named."""
-        finding = examine(window, self._reference, self._limits, start)
-        return finding if self._breathing_known else _without(finding, _BREATHED & finding.failed)
+        finding = examine(window, self._reference, self._limits, start, self._about_s)
+        finding = finding if self._breathing_known else _without(finding, _BREATHED & finding.failed)
+        return self._with_drift(finding)
+
+    def _carried_on(self, finding: Finding, recent: PathWindow, now_ns: int) -> Finding:
+        """Take what the short window tells of the latency at its middle, and see where it goes."""
+        check = _latency_of(finding)
+        if _agreed(finding) and check.shown_ns is not None:
+            middle_ns = (recent.start_ns + recent.now_ns) // 2
+            self._drift.note(middle_ns, Latency(check.value / 1e3, check.sigma / 1e3))
+        self._drifted = self._drift.carried_to(now_ns)
+        return self._with_drift(finding)
+
+    def _with_drift(self, finding: Finding) -> Finding:
+        """A latency that has drifted beyond its limit by now is no OK; nor is it one that may have."""
+        check = _latency_of(finding)
+        if self._drifted is None or not _agreed(finding) or check.verdict is VerdictKind.FAULT:
+            return finding
+        now = latency_check(self._drifted, self._limits, self.window.stamps_err_s, check.shown_ns)
+        if now.verdict is VerdictKind.OK or abs(now.value) < abs(check.value):
+            return finding
+        checks = (
+            now if one.name == now.name else one for one in _without(finding, finding.failed - {"polarity"}).checks
+        )
+        return Finding(tuple(checks), finding.solution)
 
     def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
         """Whether the long window is worth another solution: it grows still, or something speaks against its last."""
@@ -305,18 +363,40 @@ class Evidence:
         return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))
 
 
+def _agreed(finding: Finding) -> bool:
+    """Whether picture and tracker agree on the motion."""
+    return any(check.fault is Fault.AGREEMENT and check.verdict is VerdictKind.OK for check in finding.checks)
+
+
+def _explained(finding: Finding) -> bool:
+    """Whether the reference at a known latency explains the motion: a wrong polarity looks like a lag, and like swapped
+    axes of the sensor."""
+    needed = {Fault.AGREEMENT, Fault.POLARITY, Fault.LATENCY}
+    return needed <= {check.fault for check in finding.checks if check.verdict is VerdictKind.OK}
+
+
+def _latency_of(finding: Finding) -> Check:
+    return next(check for check in finding.checks if check.fault is Fault.LATENCY)
+
+
 def _quick(finding: Finding) -> tuple[Check, ...]:
     """The checks that a few seconds can decide."""
     return tuple(check for check in finding.checks if check.name not in _SLOW)
 
 
-def examine(window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None = None) -> Finding:
+def examine(
+    window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None = None, about_s: float = 0.0
+) -> Finding:
     """Latency from the two paths, X by maximum likelihood on the in-plane motion, polarity by likelihood.
 
     A late tracker looks like a wrong scale: no parameter of X is at fault before the latency is known to be in order.
-    start: as in `appliance.core.path.solver.solve`.
+    start: as in `appliance.core.path.solver.solve`. about_s: latency near which it is looked for; where the fine search
+    finds none there, it may be a FAULT, but no OK.
     """
-    lag = window.latency()
+    lag = window.latency(about_s)
+    coarse = lag is None and about_s != 0.0
+    if coarse:
+        lag = Latency(about_s, _FAR_SIGMA_S)
     solution, solved_lag = _solved(window, reference, lag, start)
     if solution is None:
         return examine_nothing(limits)
@@ -331,6 +411,8 @@ def examine(window: PathWindow, reference: Calibration, limits: Limits, start: N
             if again == polarity and check.verdict is VerdictKind.FAULT:
                 solution, solved_lag, polarity_check = mirrored, mirrored_lag, check
     lateness = latency_check(_sharper(lag, solved_lag), limits, window.stamps_err_s, samples.moved_ns)
+    if coarse and lateness.verdict is VerdictKind.OK:
+        lateness = replace(lateness, verdict=VerdictKind.NOT_VERIFIED)
     parameters = Finding(calibration_checks(solution, limits), solution)
     if lateness.verdict is not VerdictKind.OK:
         parameters = _without(parameters, parameters.failed)
@@ -341,7 +423,7 @@ def _punctual(finding: Finding, limits: Limits) -> bool:
     """Whether the lag is shown within half its limit. A window that holds the onset of a larger one shows less of it
     than there is, and what it makes of the scales is no less wrong; so the short window is to be asked.
     """
-    lateness = next(check for check in finding.checks if check.name == "latency")
+    lateness = _latency_of(finding)
     return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
 
 

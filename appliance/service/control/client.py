@@ -75,9 +75,11 @@ class ControlClient:
         """A person has checked the tracker's position sensor after a blow: its poses count again."""
         self._ask(do="clear-bump")
 
-    def begin_recalibration(self) -> None:
-        """Stop monitoring for a scan."""
-        self._ask(do="begin-recalibration")
+    def begin_recalibration(self, hold_s: float | None = None) -> None:
+        """Stop monitoring for a scan. hold_s: the service gives it up when this connection is closed before the end, or
+        asks nothing for so long, 1 … 3600 s.
+        """
+        self._ask(do="begin-recalibration", **({} if hold_s is None else {"hold_s": hold_s}))
 
     def end_recalibration(self, wanted: Path | int, confirm: str = "") -> None:
         """Take a file, or an earlier reference by its number, as the reference; monitoring resumes once the line has

@@ -21,6 +21,7 @@ class EventLog:
         self._recorder = recorder
         self._simulated = {"simulated": [*simulated]} if simulated else {}
         self._told_reference: int | None = None
+        self._told_overdue = ""
         self._log = get_log()
 
     def note(self, event: str, **data: Any) -> None:
@@ -48,6 +49,14 @@ class EventLog:
         said = {"reference": reference_fields(reference), **self._simulated}
         self._log.info("reference", **said)
         self.note("reference", **said)
+
+    def overdue(self, why: str) -> None:
+        """Which date of the reference has passed; empty while none has. Told once for each."""
+        if why == self._told_overdue:
+            return
+        self._told_overdue = why
+        self._log.warning("calibration date", overdue=why or None)
+        self.note("calibration date", overdue=why or None)
 
     def _latch(self) -> Latch | None:
         if self.alarm is None:

@@ -6,7 +6,7 @@ restart would not go on with.
 """
 
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -19,6 +19,7 @@ from appliance.service.host.own_files import own_files
 from appliance.service.host.recorder import END_S, OPEN_S, RETRY_S
 from appliance.storage.calibration_file import calibration_bytes, is_device_set
 from appliance.storage.reference import Candidate, Reference, Size, candidate_from_content, candidate_of_entry, size_for
+from appliance.storage.reference_dates import Dates, dates_of
 from appliance.storage.reference_store import CONFIGURED, Entry, History, read_history, sha256_of, write_history
 from appliance.types import Verdict, VerdictKind
 from drivers.errors import ConfigurationError
@@ -35,11 +36,12 @@ class References(threading.Thread):
     current: what is in force; None until the disk has answered and, for a device set without a size, a picture was
     seen. changed: what is wrong with the configuration's calibration file, in words, while it is neither in force nor
     the one a person last decided about. failure: an error of ours, which has ended the thread; the tick raises it.
+    wall_clock: time of the calendar.
     Construction raises ConfigurationError where no reference can be had: the store is damaged, or the first
     calibration cannot be used.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, wall_clock: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
         super().__init__(name="references", daemon=True)
         self._folder, self._place, self._simulated = config.alarm.folder, config.calibration, config.simulated
         self._wake, self._opened = threading.Event(), threading.Event()
@@ -50,6 +52,7 @@ class References(threading.Thread):
         self._seen_px: Size | None = None
         self._look, self._decided, self._begun, self._ending = True, False, False, False
         self._error: str | None = None
+        self._wall_clock, self._dates_known = wall_clock, (0, Dates())
         self._missing: tuple[str, ...] = ()
         self._log = get_log(folder=str(self._folder))
         self.current: Reference | None = None
@@ -94,9 +97,27 @@ class References(threading.Thread):
             return "no picture has come yet, whose size the device set does not state"
         if not self.on_disk:
             return f"it is not on the disk yet{'' if self._error is None else f' ({self._error})'}"
-        if self.current.entry.verified_utc is None and self._missing:
+        if self.current.entry.verified_utc is None and self._missing and not self._expired:
             return f"it is far from the one before, and of it is not shown yet: {', '.join(self._missing)}"
-        return None
+        return self._expired or None
+
+    @property
+    def dates(self) -> Dates:
+        """Of the reference in force."""
+        current = self.current
+        if current is not None and self._dates_known[0] != current.entry.number:
+            found = dates_of(current.entry, current.candidate.content, self._place.due_days)
+            self._dates_known = current.entry.number, found
+        return self._dates_known[1]
+
+    @property
+    def overdue(self) -> str:
+        """Which of its dates has passed, in words; empty while none has."""
+        return self.dates.overdue(self._wall_clock())
+
+    @property
+    def _expired(self) -> str:
+        return self.dates.expired(self._wall_clock()) if self._place.overdue == "expires" else ""
 
     def see(self, size_px: Size | None) -> None:
         """(width, height) of the last good picture."""
@@ -273,8 +294,11 @@ class References(threading.Thread):
         return candidate
 
     def _judged(self, verdict: Verdict) -> Verdict:
-        """What is not on the disk, or far and not wholly shown, is not verified yet, whatever motion showed of it."""
-        if self.current is not None and self.on_disk and not self._not_shown(verdict, self.current.entry):
+        """What is not on the disk, or far and not wholly shown, or has expired, is not verified, whatever motion showed
+        of it.
+        """
+        known = self.current is not None and self.on_disk and not self._expired
+        if known and self.current is not None and not self._not_shown(verdict, self.current.entry):
             return verdict
         withheld = replace(verdict, verified_ns=None)
         if verdict.kind is not VerdictKind.OK:

@@ -9,6 +9,7 @@ from typing import Any
 
 from appliance.service.control.allowance import BURST, EVERY_NS, Allowance
 from appliance.service.control.deadline_worker import DeadlineWorker
+from appliance.service.control.hold import Hold, hold_s_of
 from appliance.service.control.recalibration import Recalibration, Wanted
 from appliance.service.control.server import ControlRefused, Peer, Reply
 from appliance.supervision.annunciator import Annunciator
@@ -34,6 +35,7 @@ class Hands:
     clear_bump: Callable[[], bool]
     reload: Callable[[], None]
     recalibration: Recalibration
+    hold: Hold
     annunciator: Annunciator
     worker: DeadlineWorker
     now_ns: Callable[[], int]
@@ -50,7 +52,7 @@ class Requests:
         self._hands = hands
         self._allowance = Allowance()
         self._names: dict[int, str] = {}
-        self._asking = ""
+        self._asking, self._peer = "", Peer(0, 0)
         self._table: dict[str, Callable[[Body], Reply | None]] = {
             "status": lambda _: {"status": hands.status()},
             "acknowledge": lambda _: hands.ask(Request.ACKNOWLEDGE),
@@ -60,9 +62,9 @@ class Requests:
             "lamp-test": lambda _: hands.annunciator.test_lamps(hands.now_ns()),
             "clear-bump": self._clear_bump,
             "propose-calibration": lambda body: {"proposal": hands.recalibration.propose(_wanted(body, ""))},
-            "begin-recalibration": lambda _: hands.recalibration.begin(),
-            "end-recalibration": lambda body: hands.recalibration.end(_wanted(body, self._asking)),
-            "abort-recalibration": lambda _: hands.recalibration.abort(),
+            "begin-recalibration": self._begin_recalibration,
+            "end-recalibration": self._end_recalibration,
+            "abort-recalibration": self._abort_recalibration,
             "reload": lambda _: hands.reload(),
         }
 
@@ -73,6 +75,7 @@ class Requests:
 
     def answer(self, do: str, body: Body, who: Peer) -> Reply:
         """Fields of the reply. who: the asking process, as the kernel knows it."""
+        self._hands.hold.hear(who, self._hands.now_ns())
         if do not in self._table:
             raise ControlRefused(f"'{do[:40]}' is not a request of this service; it knows {', '.join(self._table)}")
         if do != "status" and who.uid in self._hands.viewers:
@@ -80,7 +83,7 @@ class Requests:
         if do == "status" or (do == "audio-on" and not self._hands.annunciator.audio.silenced):
             return self._table[do](body) or {}
         self._refuse_too_many(do, who)
-        self._asking = f"{self._names.get(who.uid, f'uid {who.uid}')}, process {who.pid}"
+        self._peer, self._asking = who, f"{self._names.get(who.uid, f'uid {who.uid}')}, process {who.pid}"
         reply = self._table[do](body)
         self._note(do, body, who)
         return reply or {}
@@ -96,7 +99,9 @@ class Requests:
         if do not in _ALWAYS:
             self._allowance.take(who.uid, self._hands.now_ns())
         said = {
-            key: printable(str(body[key])) for key in ("file", "number", "confirm", "reason", "seconds") if key in body
+            key: printable(str(body[key]))
+            for key in ("file", "number", "confirm", "reason", "seconds", "hold_s")
+            if key in body
         }
         self._hands.note("request", do=do, who=f"{self._name(who.uid)}, process {who.pid}", **said)
 
@@ -108,6 +113,20 @@ class Requests:
             return self._names[uid]
         except (ControlRefused, KeyError):
             return f"uid {uid}"
+
+    def _begin_recalibration(self, body: Body) -> None:
+        hold_s = hold_s_of(body.get("hold_s"))
+        self._hands.recalibration.begin()
+        self._hands.hold.begin(self._peer, self._asking, hold_s, self._hands.now_ns())
+
+    def _end_recalibration(self, body: Body) -> None:
+        """From then on the service proves by itself what was taken."""
+        self._hands.recalibration.end(_wanted(body, self._asking))
+        self._hands.hold.release()
+
+    def _abort_recalibration(self, _: Body) -> None:
+        self._hands.recalibration.abort()
+        self._hands.hold.release()
 
     def _pause_audio(self, body: Body) -> None:
         seconds = body.get("seconds", LONGEST_PAUSE_NS // 10**9)

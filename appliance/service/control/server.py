@@ -49,10 +49,11 @@ Reply = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """The asking process, as the kernel knows it."""
+    """The asking process, as the kernel knows it. link: number of its connection, 1 for the server's first."""
 
     pid: int
     uid: int
+    link: int = 0
 
 
 Answer = Callable[[str, dict[str, Any], Peer], Reply]
@@ -91,6 +92,7 @@ class ControlServer:
         self._lock_fd = _locked(path)
         self._listener = self._listen()
         self._spare: int | None = os.dup(self._lock_fd)
+        self._links = 0
         self.dropped_clients = 0
 
     def __enter__(self) -> Self:
@@ -119,6 +121,10 @@ class ControlServer:
             if time.monotonic() >= end_s:
                 return
 
+    def is_open(self, link: int) -> bool:
+        """Whether that connection is, as of the last poll."""
+        return any(client.who.link == link for client in (*self._clients, *self._silent))
+
     def _listen(self) -> socket.socket:
         try:
             return listening(self._path, self._group, _BACKLOG)
@@ -134,7 +140,8 @@ class ControlServer:
         if self._full() is None or (link := self._next_link()) is None:
             return False
         link.setblocking(False)
-        client = _Client(link, _who(link))
+        self._links += 1
+        client = _Client(link, _who(link, self._links))
         self._silent[client] = None
         self._hear(client)
         if len(self._silent) > _MOST_SILENT:
@@ -250,9 +257,9 @@ def _unusable(path: Path, error: OSError) -> ConfigurationError:
     return ConfigurationError(f"cannot be made ({error.strerror})", where, "Create its folder, or choose another path")
 
 
-def _who(link: socket.socket) -> Peer:
+def _who(link: socket.socket, number: int) -> Peer:
     pid, uid, _gid = struct.unpack("3i", link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
-    return Peer(pid, uid)
+    return Peer(pid, uid, number)
 
 
 def _reply(line: bytes, answer: Answer, who: Peer) -> Reply:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from appliance.core.quality.gesture import gestures
+from appliance.service.control.hold import Hold
 from appliance.service.control.live_configuration import LiveConfiguration
 from appliance.service.control.references import References
 from appliance.service.control.status import (
@@ -22,6 +23,7 @@ from appliance.service.feed.process_host import FeedHost
 from appliance.service.host.host_watch import HostWatch
 from appliance.service.host.recorder import Recorder
 from appliance.supervision.annunciator import Annunciator
+from appliance.types import State
 
 
 class ServiceStatus:
@@ -38,11 +40,13 @@ class ServiceStatus:
         recorder: Recorder,
         host: HostWatch,
         feed: FeedHost,
+        hold: Hold,
         dropped_clients: Callable[[], int],
     ) -> None:
         self._supervision, self._configuration, self._references = supervision, configuration, references
         self._annunciator, self._devices, self._estimator = annunciator, devices, estimator
         self._recorder, self._host, self._feed, self._dropped_clients = recorder, host, feed, dropped_clients
+        self._hold = hold
 
     def fields(self) -> dict[str, Any]:
         """As docs/control.md tells them."""
@@ -55,6 +59,7 @@ class ServiceStatus:
             "t_ns": now_ns,
             **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, gestures(lacking)),
             **origin_fields(config, self._configuration.file, self._references),
+            "recalibration": self._hold.fields(now_ns, seen.recalibrating, seen.alarm.state is State.MONITORING),
             "language": config.alarm.language,
             "missing": list(lacking),
             **check_lists(now_ns, seen.verdict, seen.devices, ages_ns),

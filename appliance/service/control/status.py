@@ -1,7 +1,6 @@
 """The status that the control socket gives: plain numbers and words, NaN as null. docs/control.md tells every field."""
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timedelta
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -33,24 +32,13 @@ def origin_fields(config: Config, config_file: Path, references: References) -> 
         "software": SOFTWARE,
         "configuration": configuration_fields(config, config_file),
         "reference": None if current is None else {**reference_fields(current), **_matrix_of(current)},
-        "reference_due_utc": None if current is None else due_utc(current.entry.utc, config.calibration.due_days),
+        "reference_due_utc": references.dates.due_utc,
+        "reference_expires_utc": references.dates.expires_utc,
+        "reference_overdue": references.overdue or None,
         "reference_waits": references.waits,
         "calibration_changed": references.changed,
         "simulated": [*config.simulated],
     }
-
-
-def due_utc(since_utc: str, due_days: int | None) -> str | None:
-    """When the reference in force since then is to be checked again; None where nobody asked for that.
-
-    A time that no calendar has, as a damaged clock may have written it, is due at once: at that very time.
-    """
-    if due_days is None:
-        return None
-    try:
-        return (datetime.fromisoformat(since_utc) + timedelta(days=due_days)).isoformat(timespec="seconds")
-    except (ValueError, OverflowError):
-        return since_utc
 
 
 def configuration_fields(config: Config, config_file: Path) -> dict[str, str]:
@@ -64,8 +52,9 @@ def reference_fields(reference: Reference) -> dict[str, Any]:
 
 
 def _matrix_of(reference: Reference) -> dict[str, Any]:
-    """What the calibration is to PLUS."""
-    return {"image_to_probe": image_to_probe(reference.calibration).tolist()}
+    """What the calibration is to PLUS, and the signs that its matrix does not tell."""
+    calibration = reference.calibration
+    return {"image_to_probe": image_to_probe(calibration).tolist(), "polarity": list(calibration.polarity)}
 
 
 def alarm_fields(

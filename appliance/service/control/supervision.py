@@ -38,6 +38,10 @@ class Supervision:
         self._supervisor, self._events, self._overload, self._recorder = supervisor, events, overload, recorder
         self._log = get_log()
 
+    @property
+    def recalibrating(self) -> bool:
+        return self.alarm is not None and self.alarm.state is State.RECALIBRATING
+
     def hear(self, now_ns: int, heard: bool, speaking: bool, verdicts: tuple[Verdict, ...]) -> None:
         """What the estimator said since the last tick; what a process that has died said is forgotten."""
         if heard or not speaking:

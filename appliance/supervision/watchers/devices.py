@@ -2,6 +2,7 @@
 
 from appliance.limits import Limits
 from appliance.supervision.watchers.alarm_log import alarm_log_integrity, alarm_log_written
+from appliance.supervision.watchers.calibration_date import calibration_date
 from appliance.supervision.watchers.calibration_file import calibration_file
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.supervision.watchers.measurement_quality import field_indicator, marker_fit, marker_geometry
@@ -37,4 +38,5 @@ def watch_devices(now_ns: int, facts: Facts, patience: Patience, limits: Limits 
         alarm_log_integrity(facts),
         alarm_log_written(facts, patience),
         calibration_file(facts),
+        calibration_date(facts),
     )

@@ -37,7 +37,8 @@ class Facts:
     replies: of the tracker. heartbeat_ns: last word of the present estimator process. output_ns: last write of the
     output that lags most. damage: hazard classes of the alarm log that no person has acknowledged. log_waits_ns: age of
     its oldest entry that is not on the disk yet. calibration_file_changed: the configured file is neither in force nor
-    decided about. body: how well the tracker measures, the middle of the last second; None for one that does not say.
+    decided about. calibration_overdue: a date of the reference in force has passed. body: how well the tracker
+    measures, the middle of the last second; None for one that does not say.
     """
 
     started_ns: int
@@ -48,6 +49,7 @@ class Facts:
     damage: tuple[Fault, ...] = ()
     log_waits_ns: int = 0
     calibration_file_changed: bool = False
+    calibration_overdue: bool = False
     body: MarkerBody | None = None
 
 

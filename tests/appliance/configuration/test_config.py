@@ -10,7 +10,7 @@ from appliance.configuration.config import SupervisorTimes, load_config
 from appliance.configuration.mistakes import Mistakes
 from appliance.configuration.toml_lines import key_lines, line_of
 from appliance.limits import Limits
-from appliance.supervision.ledger import Durations
+from appliance.supervision.policy import Durations
 from appliance.supervision.watchers.facts import Patience
 from appliance.types import PARAMETERS
 from drivers.errors import ConfigurationError

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from appliance.core.detectors.pose_convention import WRONG
 from appliance.core.line import Line
 from appliance.core.quality.gesture import Gesture
 from appliance.core.quality.judgement import Judgement, judge
@@ -57,6 +58,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
         "picture-size",
         "no-picture",
         "user-freeze",
+        *WRONG,
     }
     assert len(reasons) == 9
 

@@ -33,6 +33,11 @@ def test_a_healthy_cart_fails_nothing() -> None:
     assert failing(HEALTHY) == {}
 
 
+def test_a_calibration_whose_date_has_passed_is_a_notice_that_opens_nothing() -> None:
+    assert failing(replace(HEALTHY, calibration_overdue=True)) == {"calibration-due": VerdictKind.FAULT}
+    assert Fault.CALIBRATION_DUE.kind is Kind.ADVISORY
+
+
 @pytest.mark.parametrize(
     ("field", "limit_ns", "fault"),
     [

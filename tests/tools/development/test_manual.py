@@ -7,35 +7,75 @@ from pathlib import Path
 from appliance.service.control.requests import Hands, Requests
 from appliance.service.control.status import alarm_fields, check_lists
 from appliance.supervision.alarms import HAZARDS
+from appliance.supervision.policy import POLICY
 from appliance.supervision.supervisor import AlarmTable
-from appliance.types import AlarmState, Kind, State
-from tools.development.hazards import CONTROLS, PAGE, hazards
+from appliance.types import AlarmState, Fault, State
+from tools.development.evidence_pages import pages, read_figures
+from tools.development.hazard_pages import watchers
+from tools.development.hazards import PAGE, hazards
 from tools.development.manual import MANUAL, manual
+from tools.study.hazard import FAULTS
 
 DOCS = Path(__file__).parents[3] / "docs"
+FIGURES = read_figures()
 
 
 def test_the_page_on_alarms_is_the_one_the_code_writes() -> None:
-    assert MANUAL.read_text(encoding="utf-8") == manual(), "run make docs"
+    assert MANUAL.read_text(encoding="utf-8") == manual(FIGURES), "run make docs"
 
 
 def test_the_page_on_hazards_is_the_one_the_code_writes() -> None:
-    assert PAGE.read_text(encoding="utf-8") == hazards(), "run make docs"
+    assert PAGE.read_text(encoding="utf-8") == hazards(FIGURES), "run make docs"
 
 
-def test_every_hazard_is_found_somewhere_and_tried_by_a_test() -> None:
-    rows = [line.split(" | ") for line in hazards().splitlines() if line.startswith("| `")]
+def test_the_pages_on_what_was_measured_are_the_ones_the_figures_write() -> None:
+    for page, text in pages(FIGURES).items():
+        assert page.read_text(encoding="utf-8") == text, f"{page}: run make docs"
+
+
+def headings(page: Path) -> set[str]:
+    """Anchors of a page whose headings are words with hyphens."""
+    return set(re.findall(r"^###? ([\w-]+)$", page.read_text(encoding="utf-8"), re.M))
+
+
+def test_every_hazard_links_requirement_control_tests_and_figure() -> None:
+    rows = [line.removesuffix(" |").split(" | ") for line in hazards(FIGURES).splitlines() if line.startswith("| [")]
     assert [row[0].split("`")[1] for row in rows] == [*HAZARDS]
-    for name, finder, control, tests in rows:
-        assert "`appliance/" in finder, f"nothing finds {name}"
-        assert "contact" in control
-        assert "`tests/" in tests, f"no test names {name}"
-    assert {*CONTROLS} == {*Kind}
+    for fault, (requirement, finder, control, tests, figure) in zip(HAZARDS, rows, strict=True):
+        assert f"(alarms.md#{fault})" in requirement
+        assert fault in headings(MANUAL), f"the manual has no section on {fault}"
+        assert "`appliance/" in finder, f"nothing finds {fault}"
+        assert all(f"{step.state.value} " in control for step in POLICY[fault].steps)
+        assert "`tests/" in tests, f"no test names {fault}"
+        assert all((DOCS.parent / test).is_file() for test in re.findall(r"`(tests/[^`]+)`", tests))
+        linked = set(re.findall(r"\(evidence\.md#([\w-]+)\)", figure))
+        assert bool(linked) != (figure == "not measured")
+        assert linked <= headings(DOCS / "evidence.md")
+        assert linked == {one for one in simulated(fault) if one in headings(DOCS / "evidence.md")}
+
+
+def simulated(fault: Fault) -> set[str]:
+    return {kind for kind, named in FAULTS.items() if named is fault}
+
+
+def test_every_hazard_that_the_study_simulates_was_measured() -> None:
+    assert headings(DOCS / "evidence.md") >= FAULTS.keys(), "run make evidence"
+
+
+def test_every_section_says_who_watches_which_limit_what_is_known_and_what_to_do() -> None:
+    sections = manual(FIGURES).split("## Each hazard")[1].split("\n### ")[1:]
+    assert [section.split("\n")[0] for section in sections] == [*HAZARDS]
+    for fault, section in zip(HAZARDS, sections, strict=True):
+        assert HAZARDS[fault].remedy in section
+        assert watchers(fault), f"nothing decides that {fault} is there"
+        assert "- Limit: " in section
+        assert ("not measured" in section) != ("FAULT (95 %)" in section)
 
 
 def test_the_page_shows_every_transition() -> None:
     rows = sum(len(state.transitions) for state in AlarmTable.states)
-    assert len(re.findall(r"^\| .* \| (tick|\w+) \| .* \| .* \|$", manual().split("## Guards")[0], re.M)) - 1 == rows
+    told = manual(FIGURES).split("## Guards")[0]
+    assert len(re.findall(r"^\| .* \| (tick|\w+) \| .* \| .* \|$", told, re.M)) - 1 == rows
 
 
 def test_the_page_on_the_control_socket_lists_every_request_and_every_field_of_the_status() -> None:

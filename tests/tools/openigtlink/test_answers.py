@@ -27,6 +27,7 @@ from drivers.openigtlink.content import (
 from drivers.openigtlink.message import HEADER_BYTES, Message, decode_body, encode, parse_header
 from tests.support.told_status import MATRIX, OPEN, told_status
 from tools.openigtlink.answers import TYPES, answer_to
+from tools.openigtlink.asked import USUAL_NAMES
 from tools.openigtlink.wording import fields_of, metadata_of, state_message, status_message, status_of
 from tools.shared.status_watch import Seen
 
@@ -43,7 +44,7 @@ SILENT = Seen(None, 5_000_000_000, "no service answers (connection refused)")
 
 def asked(message: Message, of: Seen) -> Message:
     """The answer, as it arrives."""
-    reply = answer_to(message, of, UTC_NS)
+    reply = answer_to(message, of, UTC_NS, USUAL_NAMES)
     assert reply is not None
     data = encode(reply)
     return decode_body(parse_header(data[:HEADER_BYTES]), data[HEADER_BYTES:])
@@ -116,11 +117,30 @@ def test_the_transform_is_the_calibration_in_force() -> None:
     np.testing.assert_allclose(parse_transform(reply.content), MATRIX, rtol=1e-6)
 
 
-@pytest.mark.parametrize("device", ["ProbeToTracker", "Image"])
+def test_the_estimate_stands_beside_the_calibration_in_force() -> None:
+    """The one check of this status says .4 % of the axial scale; the middle of the picture stays where it was."""
+    reply = asked(Message("GET_TRANS", "ImageToProbeEstimate", b"", version=2), seen())
+    matrix, middle = parse_transform(reply.content), np.array([319.5, 239.5, 0, 1])
+    assert matrix[1, 1] == pytest.approx(0.07 * 1.004, rel=1e-6)
+    np.testing.assert_allclose(matrix[:3, [0, 2]], np.array(MATRIX)[:3, [0, 2]], rtol=1e-6)
+    np.testing.assert_allclose(matrix @ middle, np.array(MATRIX) @ middle, atol=1e-4)
+    assert reply.said("Measured") == "scale-axial"
+    fields = json.loads(parse_words(state_message(seen(), UTC_NS).content).text)["estimate"]
+    np.testing.assert_allclose(fields["image_to_probe"], matrix, rtol=1e-6)
+
+
+@pytest.mark.parametrize("changes", [{"checks": []}, {"reference": None}])
+def test_without_a_measurement_there_is_no_estimate(changes: dict[str, Any]) -> None:
+    refused = parse_status(asked(Message("GET_TRANS", "ImageToProbeEstimate", b""), seen(**changes)).content)
+    assert (refused.code, refused.text) == (NOT_FOUND, "motion shows no calibration")
+    assert fields_of(seen(**changes))["estimate"] is None
+
+
+@pytest.mark.parametrize("device", ["StylusToTracker", "Image"])
 def test_another_transform_is_refused_in_words(device: str) -> None:
     status = parse_status(asked(Message("GET_TRANS", device, b""), seen()).content)
     assert (status.code, status.error) == (NOT_FOUND, "refused")
-    assert "only ImageToProbe" in status.text
+    assert "only ImageToProbe, ImageToProbeEstimate and ProbeToTracker" in status.text
 
 
 def test_a_client_gets_the_header_version_that_it_speaks() -> None:
@@ -135,7 +155,7 @@ def test_capability_names_what_is_answered() -> None:
     assert parse_types(asked(Message("GET_CAPABIL", "", b""), seen()).content) == TYPES
 
 
-@pytest.mark.parametrize("kind", ["GET_IMAGE", "GET_POLYDATA", "GET_TDATA", "GET_\x1b[2J"])
+@pytest.mark.parametrize("kind", ["GET_POINT", "GET_POLYDATA", "GET_TDATA", "GET_\x1b[2J"])
 def test_what_is_not_known_is_refused_politely(kind: str) -> None:
     status = parse_status(asked(Message(kind, "Any", b""), seen()).content)
     assert status.code == UNKNOWN_INSTRUCTION
@@ -154,7 +174,7 @@ def test_streams_of_tracking_data_are_declined(kind: str, reply: str) -> None:
     Message("STRING", "Note", Words("hello").content),
 ])  # fmt: skip
 def test_data_are_no_question(message: Message) -> None:
-    assert answer_to(message, seen(), UTC_NS) is None
+    assert answer_to(message, seen(), UTC_NS, USUAL_NAMES) is None
 
 
 def commanded(xml: str, of: Seen, **more: Any) -> tuple[ET.Element, Message]:
@@ -188,10 +208,11 @@ def test_plus_commands_are_answered_in_both_ways() -> None:
             case "GetTransform":
                 assert np.array(message.split(), float).reshape(4, 4) == pytest.approx(np.array(MATRIX))
             case _:
-                assert message == "Probewatch,ProbewatchState,ImageToProbe"
+                assert message == "Probewatch,ProbewatchState,ImageToProbe,ImageToProbeEstimate,Image,ProbeToTracker"
 
 
 @pytest.mark.parametrize("xml", [
+    '<Command Name="GetTransform" TransformName="StylusToTracker"/>',
     '<Command Name="StartRecording"/>', '<Command Name="GetTransform" TransformName="ProbeToTracker"/>', "<Command", "",
     '<!DOCTYPE x [<!ENTITY a "b">]><Command Name="GetStatus"/>', "<a>" * 100, "\udcff", '<Command Name="&quot;&lt;"/>',
 ])  # fmt: skip
@@ -208,7 +229,7 @@ def test_other_commands_fail_in_words_that_can_be_read(xml: str) -> None:
 )
 def test_any_question_is_answered_or_refused(kind: str, content: bytes, version: int) -> None:
     began_s = time.monotonic()
-    reply = answer_to(Message(kind, "CMD_1", content, version=version), seen(), UTC_NS)
+    reply = answer_to(Message(kind, "CMD_1", content, version=version), seen(), UTC_NS, USUAL_NAMES)
     assert reply is not None
     assert encode(reply)
     assert time.monotonic() - began_s < 1

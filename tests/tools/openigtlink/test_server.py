@@ -19,6 +19,7 @@ from tests.support.igtl_listener import Listener
 from tests.support.polling import until
 from tests.support.told_status import OPEN, ToldService
 from tools.cli import probewatch
+from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
 from tools.shared.status_watch import StatusWatch
 
@@ -36,7 +37,11 @@ class Bench:
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
     service, stop = ToldService(tmp_path / "control"), Event()
-    with StatusWatch(service.path, EVERY_S) as watch, StateServer(("127.0.0.1", 0), watch, EVERY_S) as server:
+    with (
+        StatusWatch(service.path, EVERY_S) as watch,
+        Passage(tmp_path / "feed", print) as passage,
+        StateServer(("127.0.0.1", 0), watch, EVERY_S, passage) as server,
+    ):
         thread = threading.Thread(target=server.run, args=(stop,))
         thread.start()
         try:
@@ -162,7 +167,7 @@ def test_a_service_that_never_was_is_named(tmp_path: Path) -> None:
 
 def test_a_port_in_use_is_refused_by_name(bench: Bench) -> None:
     with pytest.raises(ConfigurationError, match=r"cannot listen \(address already in use\)"):
-        StateServer(bench.server.address, bench.watch, EVERY_S)
+        StateServer(bench.server.address, bench.watch, EVERY_S, Passage(Path("feed"), print))
     _, port = bench.server.address
     result = CliRunner().invoke(probewatch, ["openigtlink", "--port", str(port)])
     assert isinstance(result.exception, ConfigurationError)

@@ -1,11 +1,15 @@
 """The session of a live recalibration: what it asks the service, and that it takes nothing that nobody signed."""
 
 import itertools
+import threading
 import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from appliance.service.control.server import ControlRefused
@@ -21,7 +25,7 @@ from tools.shared.status_watch import StatusWatch
 
 SIZE_PX = (320, 240)
 CHOSEN = Begin("L12-5", "4 cm", "A. Smith", "check", "whole")
-SIGNED = Signature("B. Jones", "engineer", "good")
+SIGNED = Signature("B. Jones", "engineer", "good", unchecked="the tank cannot be moved")
 
 
 def world() -> World:
@@ -117,6 +121,27 @@ def test_a_service_that_forgot_is_asked_again(bench: Bench) -> None:
     assert bench.session.phase is Phase.SCANNING
 
 
+def test_the_service_hangs_on_the_session_and_on_nobody_once_it_has_ended(bench: Bench) -> None:
+    """So that a page that is killed leaves no cart behind that waits for it."""
+    bench.session.begin(CHOSEN)
+    assert bench.service.is_held
+    bench.session.reject()
+    until(lambda: not bench.service.is_held)
+
+
+def test_a_browser_that_looked_on_and_went_is_missed(bench: Bench) -> None:
+    bench.session.begin(CHOSEN)
+    bench.session.look_on()
+    bench.ahead_s = 290.0
+    bench.session.look_on()
+    bench.ahead_s = 580.0
+    until(lambda: bench.fields["trouble"])
+    assert bench.session.phase is Phase.SCANNING
+    bench.ahead_s = 600.0
+    until(lambda: bench.session.phase is Phase.ENDED)
+    assert "no browser" in bench.fields["message"]
+
+
 def test_a_scan_that_nobody_looks_at_is_given_up(bench: Bench) -> None:
     bench.session.begin(CHOSEN)
     bench.ahead_s = 1000.0
@@ -171,10 +196,13 @@ def test_a_whole_scan_is_reviewed_signed_taken_and_proved(bench: Bench, tmp_path
     assert question.value.text == "hardly"
     assert list(tmp_path.glob("*.toml")) == []
     assert bench.service.taken is None
-    bench.session.accept(Signature(SIGNED.name, SIGNED.role, SIGNED.comment, "hardly"))
+    with pytest.raises(ProbewatchError, match="check at another point: it was not made"):
+        bench.session.accept(replace(SIGNED, unchecked=" "))
+    bench.session.accept(replace(SIGNED, confirm="hardly"))
     assert bench.session.phase is Phase.PROVING
     said = tomllib.loads(bench.service.taken.decode())
     assert said["simulated"]
+    assert said["provenance"]["check"] == "not made: the tank cannot be moved"
     assert [said["provenance"][name] for name in ("made_by", "signed_by", "signed_role", "comment")] == [
         "A. Smith",
         "B. Jones",
@@ -184,6 +212,123 @@ def test_a_whole_scan_is_reviewed_signed_taken_and_proved(bench: Bench, tmp_path
     assert Path(bench.fields["file"]).stat().st_mode & 0o777 == 0o640
     bench.service.state = "monitoring"
     until(lambda: bench.session.phase is Phase.DONE)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"water_c": 20.0}, "depths appear 3.9 % too deep; 1.5 % is the most"),
+        ({"water_c": float("nan")}, "the water's temperature must be 0 to 95"),
+        ({"water_c": 96.0}, "the water's temperature must be 0 to 95"),
+        ({"scanner_m_s": float("nan")}, "must be 1400 to 1700 m/s"),
+        ({"scanner_m_s": 1480.0, "water_c": 48.0}, "too shallow; 1.5 % is the most"),
+        ({"wanted": "zeta", "water_c": 20.0, "correct_sound": True}, "ζ alone does not change the depths"),
+    ],
+)
+def test_water_that_bends_the_depths_begins_nothing(bench: Bench, more: dict[str, Any], said: str) -> None:
+    with pytest.raises(ControlRefused, match=said):
+        bench.session.begin(replace(CHOSEN, **more))
+    assert bench.service.asked == []
+
+
+def bottom(frames: int, late_s: float = 0.07) -> Iterator[Sample]:
+    """A probe moved up and down over a flat bottom; the poses are late."""
+
+    def depth_mm(t_s: float) -> float:
+        return 4 * (2 / np.pi) * np.arcsin(np.sin(np.pi * t_s))
+
+    rows = np.arange(SIZE_PX[1])[:, None]
+    for index in range(frames):
+        t_s = index / 20
+        line = 200 * np.exp(-(((rows - 120 - depth_mm(t_s) / 0.07) / 4) ** 2))
+        image = np.broadcast_to(line, SIZE_PX[::-1]).astype(np.uint8)
+        yield Frame(Stamp(round(t_s * 1e9), 40_000), index, image)
+        for half in range(3):
+            pose_s = t_s + (half + 0.5) / 60
+            pose = np.eye(4)
+            pose[:3, 3] = 0.0, -depth_mm(pose_s - late_s), 100.0
+            yield Pose(Stamp(round(pose_s * 1e9), 40_000), 3 * index + half, pose, 0.1, PoseStatus.OK)
+
+
+@pytest.mark.thorough
+def test_the_latency_is_measured_first_and_the_scan_counts_with_it(bench: Bench) -> None:
+    bench.session.begin(replace(CHOSEN, latency=True, water_c=48.0))
+    assert bench.session.phase is Phase.LATENCY
+    with pytest.raises(ControlRefused, match="does not show how late"):
+        bench.session.take_latency(measured=True)
+    with pytest.raises(ControlRefused):
+        bench.session.finish()
+    bench.feed(bottom(160))
+    found = until(lambda: (told := bench.fields["latency"]) and told["pictures"] >= 150 and told["latency_ms"] and told)
+    assert abs(found["latency_ms"] - 70) < 4 * found["sigma_ms"] + 5
+    bench.session.take_latency(measured=True)
+    assert (bench.session.phase, bench.fields["latency"]) == (Phase.SCANNING, None)
+    with pytest.raises(ControlRefused):
+        bench.session.take_latency(measured=False)
+
+
+def test_a_latency_that_is_not_wanted_is_left_to_the_scan(bench: Bench) -> None:
+    bench.session.begin(replace(CHOSEN, latency=True))
+    bench.session.take_latency(measured=False)
+    assert bench.session.phase is Phase.SCANNING
+    bench.session.reject()
+    assert bench.service.asked == ["begin-recalibration", "abort-recalibration"]
+
+
+def elsewhere(first: int, frames: int, shift_mm: float) -> Iterator[Sample]:
+    """The tank was moved: the same pictures, the probe at another place of the room."""
+    seen = world()
+    seen.tissue_to_tracker[:3, 3] += shift_mm
+    for index in range(first, first + frames):
+        t_s = index / 20
+        yield Frame(Stamp(round(t_s * 1e9), 40_000), index, seen.frame(t_s, index))
+        for half in range(2):
+            pose_s = t_s + (half + 0.5) / 40
+            pose = seen.measured_pose(pose_s, 2 * index + half)
+            yield Pose(Stamp(round(pose_s * 1e9), 40_000), 2 * index + half, pose, 0.1, PoseStatus.OK)
+
+
+@pytest.mark.thorough
+def test_a_check_at_another_point_closes_the_procedure(bench: Bench) -> None:
+    """At the same point it is refused, elsewhere it passes and is on file; what stands beside is told in sigmas."""
+    parked, moved = threading.Event(), threading.Event()
+
+    def samples() -> Iterator[Sample]:
+        yield from wires(600)
+        yield from elsewhere(600, 160, 0.0)
+        parked.set()
+        moved.wait(60)
+        yield from elsewhere(760, 160, 15.0)
+
+    bench.feed(samples())
+    bench.session.begin(replace(CHOSEN, water_c=48.0))
+    until(lambda: (scan := bench.fields["scan"]) and scan["result"] and not scan["refusals"], 60, 0.1)
+    with pytest.raises(ControlRefused):
+        bench.session.check()
+    bench.session.finish()
+    scan = bench.fields["scan"]
+    assert "1540 m/s" in scan["sound"]
+    in_force = {one["name"]: one["others"]["in force"]["sigmas"] for one in scan["compared"]}
+    assert len(in_force) == 8
+    assert max(map(abs, in_force.values())) < 4
+    for point in ((float("nan"), 0.0, 0.0), (1e6, 0.0, 0.0)):
+        with pytest.raises(ControlRefused, match="three numbers"):
+            bench.session.check(point)
+    bench.session.check()
+    until(lambda: "from where the scan was made" in bench.fields["scan"]["check"]["why"], 60, 0.1)
+    bench.session.end_check()
+    with pytest.raises(ProbewatchError, match="from where the scan was made"):
+        bench.session.accept(replace(SIGNED, unchecked=""))
+    until(parked.is_set, 60)
+    bench.session.check()
+    moved.set()
+    until(lambda: bench.fields["scan"]["check"]["why"] == "", 60, 0.1, lambda: bench.fields["scan"]["check"])
+    bench.session.end_check()
+    assert bench.fields["scan"]["check"]["error_mm"] < 0.5
+    bench.session.accept(replace(SIGNED, unchecked=""))
+    said = tomllib.loads(bench.service.taken.decode())["provenance"]
+    assert "views put another point within 0." in said["check"]
+    assert "1540 m/s" in said["sound"]
 
 
 @pytest.mark.thorough

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tools.study import bound
-from tools.study.bound import bounds
+from tools.study.bound import LN_A, bounds, least_delay_s
 from tools.study.session import Session
 
 
@@ -48,3 +48,14 @@ def test_what_each_session_shows_best():
 
 def test_breathing_that_is_known_changes_no_bound():
     assert np.array_equal(known("hold"), known("hold", tissue="breathing"))
+
+
+def test_the_least_delay_is_where_one_parameter_is_known_well_enough():
+    """Of one parameter alone: (change ÷ its sigma)² ÷ 2 = ln A, and twice the change is seen sooner."""
+    one, change = Session("in-plane", "still", 1, 60.0), np.eye(9)[3] * 0.1
+    assert pytest.approx(18.5, abs=0.1) == LN_A
+    once, twice = (least_delay_s(one, factor * change, 0.1, 0.02) for factor in (1, 2))
+    assert 0.3 < once < 1.5, "at 3 mm/s theory has .6 to 1.0 s"
+    assert twice < once < least_delay_s(one, change, 0.5, 0.1)
+    assert least_delay_s(one, 1e-6 * change, 0.1, 0.02) == np.inf
+    assert least_delay_s(one, change, 0.1, 0.02, from_s=59.99) == np.inf

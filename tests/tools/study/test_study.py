@@ -3,6 +3,7 @@
 import csv
 import os
 import signal
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -12,14 +13,16 @@ from appliance.types import PARAMETERS, Calibration
 from drivers.errors import DeviceLost
 from drivers.recordings.metaimage import write_metaimage
 from drivers.recordings.replay import open_recording
+from drivers.samples import Pose
 from tests.support.answers import answered
 from tests.support.recordings import items
 from tools.study import workers
 from tools.study.hazard import Hazard
 from tools.study.outcome import run
 from tools.study.plan import Task, planned, tasks
-from tools.study.samples import Conditions, rendered
+from tools.study.samples import KEYS, Conditions, rendered, samples
 from tools.study.session import Session
+from tools.study.table import StudyTable
 from tools.study.workers import results
 
 SHORT = Session("in-plane", "still", 1, 10.0)
@@ -85,11 +88,20 @@ def test_a_rendered_session_is_a_recording_and_is_taken_from_there(motions):
 
 def test_a_plan_is_every_run_once_and_what_is_done_is_left_out():
     hazards = [Hazard(), *(Hazard("latency", float(size)) for size in range(100, 106))]
-    plan = planned(("hold", "fan"), ("still", "breathing"), 3, (0.1, 0.25), hazards)
-    assert len(plan) == len({one.key for one in plan}) == 2 * 2 * 3 * 2 * 7
+    plan = planned(("hold", "fan"), ("still", "breathing"), 3, (0.1, 0.25), hazards, draws=2)
+    assert len(plan) == len({one.key for one in plan}) == 2 * 2 * 3 * 2 * 2 * 7
     left = list(tasks(plan, {plan[0].key}, None))
     assert [run for task in left for run in task.runs] == plan[1:]
     assert all(len({run.session for run in task.runs}) == 1 for task in left)
+
+
+def test_another_draw_is_another_noise_on_the_same_pictures():
+    session = Session("hold", "still", 1, 1.0)
+    pictures = [np.zeros((300, 400), np.uint8)] * 30
+    first, second = ([*samples(Conditions(session, draw=draw), pictures)] for draw in (1, 2))
+    apart = [a.matrix[:3, 3] - b.matrix[:3, 3] for a, b in zip(first, second, strict=True) if isinstance(a, Pose)]
+    assert np.std(apart) == pytest.approx(0.1 * np.sqrt(2), rel=0.3)
+    assert np.linalg.norm(np.mean(apart, axis=0)) < 0.1
 
 
 def _dies(task):
@@ -106,12 +118,49 @@ def test_a_worker_that_dies_ends_the_study_with_a_way_on():
         list(results(_dies, [1, 2], 1, None))
 
 
-@pytest.mark.thorough
-def test_an_existing_dask_cluster_does_the_work():
+SMALL_PLAN = planned(("in-plane", "hold"), ("still",), 2, (0.1,), [Hazard(), Hazard.parse("latency=450@start")], 1.0)
+OF_THIS_COMPUTER = {"cost_ms", "cost_99_ms"}
+"""Columns that no two runs share."""
+
+
+def told(rows):
+    """Rows of a table, in any order, without what depends on the computer."""
+    kept = [{name: cell for name, cell in row.items() if name not in OF_THIS_COMPUTER} for row in rows]
+    return sorted(kept, key=lambda row: [row[name] for name in KEYS])
+
+
+def table_of(path, scheduler=None, between=lambda count: None):
+    """The table that a study of the small plan writes; between: called after so many tasks."""
+    table = StudyTable(path, KEYS)
+    for count, rows in enumerate(results(Task.rows, list(tasks(SMALL_PLAN, table.done, None)), 1, scheduler), 1):
+        table.add(rows)
+        between(count)
+    return StudyTable(path, KEYS).rows
+
+
+@contextmanager
+def dask(workers):
+    """(address, worker processes) of a scheduler with workers of its own, as a cluster has them."""
     from distributed import LocalCluster  # noqa: PLC0415  takes a second that other tests need not wait for
 
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
-        assert sorted(results(_half, [1, 2, 3], 1, cluster.scheduler_address)) == [0.5, 1.0, 1.5]
+    options = {"threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with LocalCluster(n_workers=workers, **options) as cluster:
+        yield cluster.scheduler_address, [worker.process.process for worker in cluster.workers.values()]
+
+
+@pytest.mark.thorough
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_two_dask_workers_write_the_table_of_one_process_and_one_that_is_killed_loses_nothing(tmp_path):
+    alone = told(table_of(tmp_path / "alone.csv"))
+    assert len(alone) == len(SMALL_PLAN) == 8
+    with dask(2) as (address, workers):
+        assert told(table_of(tmp_path / "cluster.csv", address)) == alone
+
+        def kill(count):
+            if count == 1:
+                os.kill(workers[0].pid, signal.SIGKILL)
+
+        assert told(table_of(tmp_path / "killed.csv", address, kill)) == alone
 
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch):

@@ -37,6 +37,7 @@ def row(session="in-plane", seed=1, hazard="none", tissue="still", **changed):
         "seed": str(seed),
         "duration_s": "60",
         "noise_mm": "0.1",
+        "draw": "1",
         "asked": "shipped",
     }
     return key | {"hazard": hazard} | outcome.row() | {"code": "abc"}

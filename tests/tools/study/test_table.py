@@ -1,9 +1,11 @@
 """The table of a study: taken up where it was left, and never mixed with something else."""
 
+import re
+
 import pytest
 
 from drivers.errors import ConfigurationError
-from tools.study.table import StudyTable, code_digest
+from tools.study.table import StudyTable, code_digest, commit
 
 KEYS = ("session", "seed")
 
@@ -23,7 +25,7 @@ def test_rows_come_back_and_count_as_done(tmp_path):
     again = table(tmp_path)
     assert again.rows == one.rows
     assert again.done == {("in-plane", "1"), ("in-plane", "2"), ("in-plane", "3")}
-    assert again.rows[0] == row(1) | {"code": code_digest()}
+    assert again.rows[0] == row(1) | {"code": code_digest(), "commit": commit()}
 
 
 def test_a_row_that_was_cut_is_done_again(tmp_path):
@@ -48,9 +50,9 @@ def test_a_table_cut_in_its_heading_begins_again(tmp_path):
     ("text", "what"),
     [
         (b"a,b\n1,2\n", "not a table of this kind"),
-        (b"session,seed,code\nin-plane,1,other\n", "rows of other code"),
-        (b"session,seed,code\nin-plane\n", "too many or too few"),
-        (b"session,seed,code\nin-plane,1,x,y\n", "too many or too few"),
+        (b"session,seed,code,commit\nin-plane,1,other,c\n", "rows of other code"),
+        (b"session,seed,code,commit\nin-plane\n", "too many or too few"),
+        (b"session,seed,code,commit\nin-plane,1,x,y,z\n", "too many or too few"),
         (b'session,seed,code\n"in-plane,1,x\n', "not a table of a study"),
         (b"\xff\xfe\x00\n", "not a table of a study"),
     ],
@@ -60,3 +62,8 @@ def test_another_file_is_refused_and_stays(tmp_path, text, what):
     with pytest.raises(ConfigurationError, match=what):
         table(tmp_path)
     assert (tmp_path / "study.csv").read_bytes() == text
+
+
+def test_a_row_says_which_commit_made_it():
+    """Or of which version, where the package was installed without its history."""
+    assert re.fullmatch(r"[0-9a-f]{12,}\+?|version .+", commit())

@@ -1,25 +1,33 @@
 "use strict";
 // Shared by both pages: events, the picture, and the words of either language. Nothing is loaded from elsewhere.
 
-const GERMAN = {
-  "Status": "Status", "Recalibrate": "Kalibrieren", "Live picture": "Livebild", "What motion has shown": "Was Bewegung gezeigt hat",
-  "Devices": "Geräte", "Last alarms": "Letzte Alarme", "Calibration in force": "Kalibrierung in Kraft",
-  "shown": "gezeigt", "not shown": "nicht gezeigt", "wrong": "falsch", "ago": "her", "Contact": "Kontakt",
-  "closed (safe)": "geschlossen (sicher)", "OPEN": "OFFEN", "No picture": "Kein Bild",
-  "No answer from the service": "Keine Antwort vom Dienst", "Do not rely on the overlay": "Der Überlagerung nicht vertrauen",
-  "This page has lost its cart": "Diese Seite hat ihren Wagen verloren",
-  "verified": "bestätigt", "not verified now": "jetzt nicht bestätigt", "To show what is missing": "Um das Fehlende zu zeigen",
-  "nothing is missing": "es fehlt nichts", "none": "keine", "Quantity": "Größe", "Now": "Jetzt", "Age": "Alter",
-  "reconnecting": "verbinde neu",
-};
-const NAMES_DE = {
-  "polarity": "Spiegelung", "rotation-lateral": "Drehung lateral", "rotation-axial": "Drehung axial",
-  "rotation-elevational": "Drehung elevational", "scale-lateral": "Maßstab lateral", "scale-axial": "Maßstab axial",
-  "offset-lateral": "Versatz lateral", "offset-axial": "Versatz axial", "offset-elevational": "Versatz elevational (ζ)",
-  "latency": "Verzug des Trackers",
-};
-let language = "en";
-function say(text) { return language === "de" ? (GERMAN[text] || text) : text; }
+// The room's language is the configuration's; before the service has told it, the browser's.
+let language = (navigator.language || "en").startsWith("de") ? "de" : "en";
+function german(text) {
+  if (text in GERMAN) return GERMAN[text];
+  for (const [pattern, words] of GERMAN_WITH_NUMBERS) if (pattern.test(text)) return text.replace(pattern, words);
+  return null;
+}
+// A text stays English where it cannot be said whole.
+function say(text) { return (language === "de" && text && german(text)) || text; }
+// All of a line in one language.
+function whole(parts) {
+  const said = parts.map(german);
+  return language === "de" && said.every(one => one !== null) ? said : parts;
+}
+// The texts that stand in the page itself, in the language that is told; what the program writes is said where it is written.
+let translated = "en";
+function translate() {
+  document.documentElement.lang = language;
+  if (language === translated) return;
+  translated = language;
+  const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walk.nextNode()) {
+    const node = walk.currentNode;
+    node.english ??= node.data.trim();
+    if (node.english && german(node.english)) node.data = node.data.replace(node.data.trim(), say(node.english));
+  }
+}
 function named(name) { return language === "de" ? (NAMES_DE[name] || name) : name; }
 function el(id) { return document.getElementById(id); }
 function make(tag, text, kind) {
@@ -57,7 +65,7 @@ function showState(status, silence) {
   set("state-title", status.text);
   const age = status.verification_age_s;
   const verified = age === null ? say("not verified now") : `${say("verified")}: ${aged(age)}`;
-  const what = status.fault ? status.remedy : status.text.endsWith(status.reason) ? "" : status.reason;
+  const what = status.fault ? status.remedy : status.text.endsWith(say(status.reason)) ? "" : say(status.reason);
   set("state-text", [what, verified, `${say("Contact")} ${say(status.energised ? "closed (safe)" : "OPEN")}`].filter(Boolean).join(" · "));
 }
 

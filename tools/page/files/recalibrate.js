@@ -2,8 +2,10 @@
 
 const PARTS = {
   idle: ["idle", "how"],
+  latency: ["picture", "latency"],
   scanning: ["picture", "next", "zeta", "cover", "cloud"],
-  review: ["zeta", "next", "cover", "cloud", "views", "sign"],
+  review: ["zeta", "next", "cover", "cloud", "compare", "views", "check", "sign"],
+  checking: ["picture", "checking"],
   proving: ["proving"],
   done: ["over"],
   ended: ["over"],
@@ -25,10 +27,10 @@ async function ask(what, body) {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body || {}),
     });
     const said = await answer.json();
-    if (!said.ok && !said.ask) refused(said.error);
+    if (!said.ok && !said.ask) refused(say(said.error));
     return said;
   } catch (error) {
-    refused("The page does not answer. Try again.");
+    refused(say("The page does not answer. Try again."));
     return { ok: false };
   }
 }
@@ -37,18 +39,58 @@ function numbers(scan) {
   const result = scan && scan.result;
   if (!result) { set("zeta", "ζ …"); rows(el("result"), []); return; }
   set("zeta", `ζ ${result.zeta_mm.toFixed(2)} ± ${result.zeta_sigma_mm.toFixed(2)} mm`);
-  const lines = [[["one view scatters by"], [`${result.localisation_mm.toFixed(2)} mm`, "number"]]];
-  if (result.zeta_before_mm !== null) lines.push([["ζ before"], [`${result.zeta_before_mm.toFixed(2)} mm`, "number"]]);
-  if (result.closed_mm !== null) lines.push([["ζ in closed form"], [`${result.closed_mm.toFixed(2)}${result.closed_sigma_mm === null ? "" : ` ± ${result.closed_sigma_mm.toFixed(2)}`} mm`, "number"]]);
-  if (result.expected_mm !== null) lines.push([["error of a point, expected"], [`${result.expected_mm.toFixed(2)} mm`, "number"]]);
-  lines.push([["tracker late by"], [`${result.latency_ms.toFixed(0)} ± ${result.latency_sigma_ms.toFixed(0)} ms`, "number"]]);
+  const lines = [[[say("one view scatters by")], [`${result.localisation_mm.toFixed(2)} mm`, "number"]]];
+  if (result.zeta_before_mm !== null) lines.push([[say("ζ before")], [`${result.zeta_before_mm.toFixed(2)} mm`, "number"]]);
+  if (result.closed_mm !== null) lines.push([[say("ζ in closed form")], [`${result.closed_mm.toFixed(2)}${result.closed_sigma_mm === null ? "" : ` ± ${result.closed_sigma_mm.toFixed(2)}`} mm`, "number"]]);
+  if (result.expected_mm !== null) lines.push([[say("error of a point, expected")], [`${result.expected_mm.toFixed(2)} mm`, "number"]]);
+  lines.push([[say("tracker late by")], [`${result.latency_ms.toFixed(0)} ± ${result.latency_sigma_ms.toFixed(0)} ms`, "number"]]);
   rows(el("result"), lines);
+}
+
+const WHO = ["in force", "motion alone"];
+function comparison(scan) {
+  const lines = scan ? scan.compared : [], who = WHO.filter(name => lines.length && name in lines[0].others);
+  el("compare-head").replaceChildren(...["Parameter", "New", "± 1σ", ...who].map(text => {
+    const cell = make("th", say(text));
+    cell.scope = "col";
+    return cell;
+  }));
+  rows(el("compare"), lines.map(one => [
+    [named(one.name)],
+    [`${one.value.toFixed(one.unit === "%" ? 4 : 2)}`, "number"],
+    [`${one.sigma.toFixed(3)} ${one.unit}`, "number"],
+    ...who.map(name => {
+      const { off, sigmas } = one.others[name];
+      const told = off === null ? "–" : `${off >= 0 ? "+" : ""}${off.toFixed(2)} ${one.unit}${sigmas === null ? "" : ` (${sigmas.toFixed(1)}σ)`}`;
+      return [told, sigmas !== null && Math.abs(sigmas) > 3 ? "number bad" : "number"];
+    }),
+  ]));
+  el("compare-title").parentElement.hidden ||= !lines.length;
+}
+
+function late(latency) {
+  const seen = latency ? `${latency.seen} / ${latency.pictures}` : "…";
+  set("late", latency && latency.latency_ms !== null
+    ? `${latency.latency_ms.toFixed(1)} ± ${latency.sigma_ms.toFixed(1)} ms (${seen})`
+    : `${say("not known yet")} (${seen})`);
+  el("late-take").disabled ||= !latency || latency.latency_ms === null;
+}
+
+function checked(check) {
+  const error = check && check.error_mm !== null ? ` · ${check.error_mm.toFixed(2)} mm RMS` : "";
+  const text = !check ? say("not made yet") : `${say(check.why) || say("passed")}${check.why ? "" : error}`;
+  set("check-told", text);
+  set("checking", text);
+  el("check-told").className = check && !check.why ? "next good" : "next";
+  el("unchecked-part").hidden = Boolean(check && !check.why);
+  el("unchecked").required = !el("unchecked-part").hidden;
 }
 
 function refusals(scan) {
   const lines = (scan ? scan.refusals : []).slice(0, 5).map(one => {
     const line = make("p", undefined, "told calm");
-    line.append(make("strong", `${one.reason}: `), make("span", `${one.what}. ${one.remedy}.`));
+    const [reason, what, remedy] = whole([one.reason, one.what, one.remedy]);
+    line.append(make("strong", `${reason}: `), make("span", `${what}. ${remedy}.`));
     return line;
   });
   el("refusals").replaceChildren(...lines);
@@ -56,10 +98,10 @@ function refusals(scan) {
 
 function covered(scan) {
   const coverage = scan && scan.coverage;
-  set("next", (coverage && coverage.next) || (coverage ? "All is covered: the scan can be completed" : "Find the crossing, and pass slowly through it"));
+  set("next", say((coverage && coverage.next) || (coverage ? "All is covered: the scan can be completed" : "Find the crossing, and pass slowly through it")));
   const bins = coverage ? coverage.bins : [[0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0]];
   el("bins").replaceChildren(...bins.flatMap((line, axis) => [
-    make("span", TURNS[axis]),
+    make("span", say(TURNS[axis])),
     ...line.map(count => { const one = make("i", count ? String(count) : ""); one.dataset.enough = count >= 2 ? "1" : "0"; return one; }),
   ]));
   const places = coverage ? coverage.places : [[0, 0, 0], [0, 0, 0], [0, 0, 0]];
@@ -93,9 +135,9 @@ function cloud(scan) {
 
 function found(scan) {
   const look = scan && scan.look;
-  set("found", !look ? "…" : look.centre_px ? `Crossing found, ${Math.round(100 * look.confidence)} %` : look.why);
-  const missed = scan && scan.missed.length ? ` · without: ${scan.missed.map(one => `${one.pictures} ${one.why}`).join("; ")}` : "";
-  set("counts", scan ? `${scan.views.length} views · crossing in ${scan.sightings} of ${scan.pictures} pictures${missed}` : "");
+  set("found", !look ? "…" : look.centre_px ? `${say("Crossing found")}, ${Math.round(100 * look.confidence)} %` : say(look.why));
+  const missed = scan && scan.missed.length ? ` · ${say("without")}: ${scan.missed.map(one => `${one.pictures} ${say(one.why)}`).join("; ")}` : "";
+  set("counts", scan ? `${scan.views.length} ${say("views")} · ${say("pictures with the crossing")}: ${scan.sightings} / ${scan.pictures}${missed}` : "");
 }
 
 // What was found in the very picture that is shown.
@@ -120,16 +162,16 @@ function marks(context, canvas, look) {
 
 function views(scan, may) {
   const known = scan ? scan.views : [];
-  const key = JSON.stringify([known.map(view => [view.struck, view.used, view.off_mm, view.centre_px]), may]);
+  const key = JSON.stringify([known.map(view => [view.struck, view.used, view.off_mm, view.centre_px]), may, language]);
   if (key === shownViews) return;
   shownViews = key;
   const focused = document.activeElement && document.activeElement.dataset ? document.activeElement.dataset.view : undefined;
   el("views").replaceChildren(...known.map((view, index) => {
-    const line = make("li"), canvas = make("canvas"), button = make("button", view.struck ? "Take back" : "Strike out");
+    const line = make("li"), canvas = make("canvas"), button = make("button", say(view.struck ? "Take back" : "Strike out"));
     line.dataset.out = view.used ? "0" : "1";
     canvas.width = canvas.height = 96;
     canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", `view ${index + 1}`);
+    canvas.setAttribute("aria-label", `${say("view")} ${index + 1}`);
     const image = new Image();
     image.onload = () => {
       const context = canvas.getContext("2d");
@@ -146,9 +188,9 @@ function views(scan, may) {
     button.type = "button";
     button.dataset.view = String(index);
     button.hidden = !may;
-    button.setAttribute("aria-label", `${view.struck ? "Take back" : "Strike out"} view ${index + 1}`);
+    button.setAttribute("aria-label", `${say(view.struck ? "Take back" : "Strike out")}: ${say("view")} ${index + 1}`);
     button.onclick = () => ask("strike", { index, struck: !view.struck });
-    const what = view.struck ? "struck out" : view.used ? "" : "contradicts the others";
+    const what = say(view.struck ? "struck out" : view.used ? "" : "contradicts the others");
     line.append(canvas, make("div", `${index + 1}: ${view.off_mm === null ? "–" : `${view.off_mm.toFixed(2)} mm`} ${what}`, view.used ? "soft" : "bad"), button);
     return line;
   }));
@@ -157,7 +199,7 @@ function views(scan, may) {
 
 function show(event) {
   showState(event.status, event.silence);
-  document.documentElement.lang = "en";
+  translate();
   const now = latest = event.recalibration, may = event.visitor !== null, scan = now.scan;
   const wanted = PARTS[now.phase];
   for (const part of document.querySelectorAll("[id^='part-']")) {
@@ -168,18 +210,23 @@ function show(event) {
   for (const button of document.querySelectorAll(".needs-token")) button.disabled = !may;
   el("finish").hidden = now.phase !== "scanning";
   for (const button of el("part-next").querySelectorAll("[data-act]")) button.hidden = now.phase !== "scanning";
+  late(now.latency);
+  comparison(scan);
+  checked(scan && scan.check);
+  set("water-told", scan ? scan.sound : "");
   el("trouble").hidden = !now.trouble;
-  set("trouble", now.trouble);
-  if (now.phase === "scanning") set("picture-title", `2. Scan: ${now.probe}, ${now.preset}, by ${now.technician}`);
+  set("trouble", say(now.trouble));
+  if (now.phase === "scanning") set("picture-title", `2. ${say("Scan")}: ${now.probe}, ${now.preset}, ${say("by")} ${now.technician}`);
   found(scan); covered(scan); numbers(scan); refusals(scan); cloud(scan);
   if (now.phase === "review") {
     views(scan, may);
-    el("accept").disabled = !may || !scan || scan.refusals.length > 0;
-  } else { confirmed = ""; el("differs").hidden = true; set("accept", "Accept"); }
+    el("accept").disabled = el("check-now").disabled = !may || !scan || scan.refusals.length > 0;
+  } else { confirmed = ""; el("differs").hidden = true; }
+  set("accept", say(confirmed ? "Accept that difference" : "Accept"));
   set("proving", now.message);
-  set("over-title", now.phase === "done" ? "Done" : "Ended");
-  set("over", now.message);
-  set("over-file", now.phase === "done" ? `Written: ${now.file}` : "");
+  set("over-title", say(now.phase === "done" ? "Done" : "Ended"));
+  set("over", say(now.message));
+  set("over-file", now.phase === "done" ? `${say("Written")}: ${now.file}` : "");
 }
 
 el("token-form").onsubmit = async event => {
@@ -189,17 +236,29 @@ el("token-form").onsubmit = async event => {
 };
 el("begin-form").onsubmit = event => {
   event.preventDefault();
-  ask("begin", Object.fromEntries(["probe", "preset", "technician", "reason", "wanted"].map(name => [name, el(name).value])));
+  const water = el("water").value;
+  ask("begin", {
+    ...Object.fromEntries(["probe", "preset", "technician", "reason", "wanted"].map(name => [name, el(name).value])),
+    water_c: water === "" ? null : Number(water), scanner_m_s: Number(el("sound").value),
+    correct_sound: el("corrected").value === "1", latency: el("latency").value === "1",
+  });
+};
+el("late-take").onclick = () => ask("latency", { measured: true });
+el("late-skip").onclick = () => ask("latency", { measured: false });
+el("check-now").onclick = () => {
+  const typed = el("point").value.trim();
+  ask("check", { point: typed ? typed.split(/[\s;]+/).map(Number) : null });
 };
 el("finish").onclick = () => ask("finish");
 el("sign-form").onsubmit = async event => {
   event.preventDefault();
-  const said = await ask("accept", { name: el("signer").value, role: el("role").value, comment: el("comment").value, confirm: confirmed });
+  const said = await ask("accept", { name: el("signer").value, role: el("role").value, comment: el("comment").value, confirm: confirmed,
+    unchecked: el("unchecked-part").hidden ? "" : el("unchecked").value });
   if (said.ask) {
     confirmed = said.ask;
     el("differs").hidden = false;
-    set("differs", `It differs from the calibration in force by more than the limits: ${said.ask}. Nothing of it is verified then. Press again to accept that.`);
-    set("accept", "Accept that difference");
+    set("differs", `${say("It differs from the calibration in force by more than the limits")}: ${said.ask}. ${say("Nothing of it is verified then. Press again to accept that.")}`);
+    set("accept", say("Accept that difference"));
   }
 };
 for (const button of document.querySelectorAll("[data-act]")) button.onclick = () => ask(button.dataset.act, { reason: "on the page" });

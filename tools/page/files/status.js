@@ -26,7 +26,8 @@ function showDevices(status) {
   });
   const fps = [["video", status.fps.video], ["tracker", status.fps.tracker]].map(([name, rate]) => [[name], [`${rate.toFixed(1)} / s`, "number"]]);
   const lost = Object.entries(status.lost).map(([device, what]) => [[`✗ ${device}`, "bad"], [what, "bad"]]);
-  const notices = status.notices.map(text => [[`! ${text}`, "wait"], [""]]);
+  const gone = status.recalibration && status.recalibration.ended;
+  const notices = [...status.notices, ...(gone ? [`${say("Recalibrate")}: ${gone}`] : [])].map(text => [[`! ${text}`, "wait"], [""]]);
   rows(el("devices"), [...lost, ...notices, ...fps, ...lines]);
   const reference = status.reference;
   set("reference", reference ? `${say("Calibration in force")}: ${reference.number} · ${reference.file} · ${reference.utc}` : status.reference_waits || "");
@@ -45,6 +46,7 @@ function showAlarms(alarms) {
 let told = "";
 listen(event => {
   showState(event.status, event.silence);
+  translate();
   for (const [id, text] of [["nav-status", "Status"], ["nav-scan", "Recalibrate"], ["picture-title", "Live picture"], ["shown-title", "What motion has shown"], ["devices-title", "Devices"], ["alarms-title", "Last alarms"], ["col-name", "Quantity"], ["col-now", "Now"], ["col-age", "Age"]]) set(id, say(text));
   if (event.status) { showChecks(event.status); showDevices(event.status); }
   const alarms = JSON.stringify(event.alarms) + language;

@@ -11,10 +11,13 @@ from appliance.core.detectors.frozen_tracker import FrozenTracker
 from appliance.core.detectors.frozen_video import FrozenVideo
 from appliance.core.detectors.marker_slip import MarkerSlip
 from appliance.core.detectors.polarity import weigh_polarity
+from appliance.core.detectors.pose_convention import PoseConvention
+from appliance.core.path.conventions import Convention
+from appliance.core.path.explanation import Explanation
 from appliance.core.path.latency import Latency
 from appliance.core.path.solver import Prior, Solution, solve
 from appliance.limits import Limits
-from appliance.types import PARAMETERS, VerdictKind
+from appliance.types import PARAMETERS, Fault, VerdictKind
 from drivers.rigid import rigid, rotation_from_vector
 from drivers.samples import Pose, PoseStatus, Stamp
 from tests.support.motions import TRUTH, Noise, planar_path, samples
@@ -312,3 +315,44 @@ def test_equal_poses_are_stale_only_while_the_picture_moves(moves_mm, verdict) -
     assert detector.checks()[0].verdict is verdict
     detector.pose(pose(800, 1.5))
     assert detector.checks()[0].verdict is OK
+
+
+def convention(*found: Explanation | None) -> tuple[PoseConvention, list[tuple[str, ...]]]:
+    """The detector, and the names of what it says after each of these explanations."""
+    latest: list[Explanation | None] = [None]
+    detector, said = PoseConvention(lambda: latest[0]), []
+    for k, one in enumerate(found):
+        latest[0] = one
+        for again in range(3):
+            detector.see(Observation((3 * k + again) * 33 * MS, np.zeros((4, 4), np.uint8), repeated=False))
+        said.append(tuple(check.name for check in detector.checks()))
+    return detector, said
+
+
+def explained(as_read: Convention) -> Explanation:
+    return Explanation(as_read, 0.0, 30.0)
+
+
+@pytest.mark.parametrize("wrong", [one for one in Convention if one not in (Convention.AGREED, Convention.FLIPPED)])
+def test_a_wrong_pose_convention_is_named_once_two_searches_say_the_same(wrong: Convention) -> None:
+    detector, said = convention(None, explained(wrong), explained(wrong), explained(wrong))
+    assert said == [(), (), (wrong.value,), (wrong.value,)]
+    (check,) = detector.checks()
+    assert (check.verdict, check.fault.value, check.value) == (FAULT, "pose-convention", 30.0)
+
+
+def test_one_search_a_flip_or_the_agreed_convention_name_none() -> None:
+    inverted, swapped = explained(Convention.INVERTED), explained(Convention.SWAPPED)
+    assert convention(inverted, swapped, None, inverted)[1] == [(), (), (), ()]
+    flips = [explained(Convention.FLIPPED) for _ in range(3)]
+    assert convention(*flips, explained(Convention.AGREED))[1] == [(), (), (), ()]
+
+
+def test_a_pose_convention_is_withdrawn_when_the_agreed_one_explains_the_motion_or_the_rotations_are_shown() -> None:
+    wrong = [explained(Convention.INVERTED) for _ in range(2)]
+    assert convention(*wrong, explained(Convention.AGREED))[1] == [(), ("poses-inverted",), ()]
+    detector, said = convention(*wrong)
+    detector.forgive(lambda fault: fault is not Fault.ROTATION)
+    assert detector.checks()
+    detector.forgive(lambda fault: fault is Fault.ROTATION)
+    assert (said[-1], detector.checks()) == (("poses-inverted",), ())

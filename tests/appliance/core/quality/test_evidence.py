@@ -166,3 +166,71 @@ def test_the_final_answer_keeps_the_best_that_was_known() -> None:
     assert evidence.estimate is not None
     assert evidence.motions > 100
     np.testing.assert_allclose(evidence.estimate.scale_mm_per_px, TRUTH.scale_mm_per_px, rtol=0.02)
+
+
+def late(late_s: float, seconds: float = 8.0) -> Evidence:
+    """A tracker that is so much too late from the start, asked each third of a second from the fifth on."""
+    whole = filled(tilting_path, seconds, 6, late_s=late_s)
+    window = PathWindow(TRUTH)
+    window.poses = whole.poses
+    evidence = Evidence(TRUTH, LIMITS, window)
+    for index, seen in enumerate(whole._seen):
+        window.add(seen)
+        if index >= 150 and index % 10 == 9:
+            evidence.solve(window.now_ns)
+    return evidence
+
+
+@pytest.mark.parametrize("late_s", [0.45, -0.45])
+def test_a_tracker_later_than_the_fine_search_reaches_is_named_with_its_lag(late_s: float) -> None:
+    evidence = late(late_s, 6.0)
+    assert {check.name for check in evidence.checks() if check.verdict is FAULT} == {"latency"}
+    assert by_name(evidence.checks())["latency"].value == pytest.approx(1e3 * late_s, abs=30)
+    assert evidence.standing.verified_ns is None
+
+
+def test_a_lag_that_the_fine_search_does_not_confirm_may_be_a_fault_but_no_ok() -> None:
+    whole = filled(tilting_path, 4.0, 6, late_s=0.45)
+    short = whole.since(whole.now_ns - 1_000_000_000)
+    assert short.latency(0.45) is None
+    verdicts = [
+        by_name(examine(short, TRUTH, limits, about_s=0.45).checks)["latency"].verdict
+        for limits in (LIMITS, Limits(latency_ms=900))
+    ]
+    assert verdicts == [FAULT, NOT_VERIFIED]
+
+
+@pytest.mark.thorough
+def test_a_far_latency_that_is_mended_comes_back_to_ok() -> None:
+    evidence = late(0.45)
+    good = filled(tilting_path, 30.0, 6)
+    evidence.window.poses = good.poses
+    for index, seen in enumerate(good._seen):
+        if index < 240:
+            continue
+        evidence.window.add(seen)
+        if index % 10 == 9:
+            evidence.solve(evidence.window.now_ns)
+    assert by_name(evidence.checks())["latency"].verdict is OK
+    assert evidence.standing.verified_ns is not None
+
+
+@pytest.mark.thorough
+def test_a_latency_that_drifts_is_named_before_its_window_has_passed_the_limit() -> None:
+    whole = filled(tilting_path, 24.0, 6)
+    window = PathWindow(TRUTH)
+    evidence = Evidence(TRUTH, LIMITS, window)
+    whole.poses.arrays(0)
+    late_ns = [round(max(t_ns - whole.start_ns - 12e9, 0) * 0.01) for t_ns in whole.poses._times_ns]
+    poses = whole.poses.at((whole.poses._times_ns - whole.start_ns) / 1e9, whole.start_ns)[0]
+    for t_ns, late, pose in zip(whole.poses._times_ns, late_ns, poses, strict=True):
+        window.poses.add(int(t_ns) + late, pose)
+    named_s = []
+    for index, seen in enumerate(whole._seen):
+        window.add(seen)
+        if index % 10 == 9:
+            evidence.solve(window.now_ns)
+            if by_name(evidence.checks())["latency"].verdict is FAULT:
+                named_s.append((window.now_ns - whole.start_ns) / 1e9)
+    assert named_s
+    assert 60 < 10 * (named_s[0] - 12) < 80

@@ -1,5 +1,6 @@
 """Which calibration verdicts speak of while a person recalibrates, whatever ends it."""
 
+from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
 from typing import cast
 
@@ -9,6 +10,7 @@ from appliance.configuration.config import load_config
 from appliance.limits import Limits
 from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.recalibration import Recalibration, Wanted
+from appliance.service.control.references import References
 from appliance.service.control.server import ControlRefused
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
@@ -223,3 +225,26 @@ def test_a_cart_without_a_calibration_waits_and_takes_the_first_one_only_when_ev
     assert "is not shown yet: latency" in references.waits
     again = started(config)
     assert again.current.entry.sha256 == references.current.entry.sha256
+
+
+@pytest.mark.parametrize("overdue", ["advise", "expires"])
+def test_what_has_expired_is_verified_no_more_where_the_configuration_says_so(tmp_path, overdue) -> None:
+    """The clock steps over the date and back: verification is withheld, and comes back with the next motion."""
+    now = [datetime.now(UTC)]
+    config = configuration(tmp_path, more=f'calibration.due_days = 30\ncalibration.overdue = "{overdue}"\n')
+    references = References(config, wall_clock=lambda: now[0])
+    references.begin()
+    until(lambda: references.on_disk)
+    ok = Verdict(7, VerdictKind.OK, (), verified_ns=7)
+    assert references.judged((ok,)) == (ok,)
+    assert references.overdue == ""
+    for days, passed in ((29, False), (31, True), (5, False), (-40, True)):
+        now[0] = datetime.now(UTC) + timedelta(days=days)
+        (told,) = references.judged((ok,))
+        assert bool(references.overdue) is passed
+        withheld = passed and overdue == "expires"
+        assert (told.kind, told.verified_ns) == ((VerdictKind.NOT_VERIFIED, None) if withheld else (VerdictKind.OK, 7))
+        assert (references.waits is not None) is withheld
+        fault = Verdict(7, VerdictKind.FAULT, (), fault=Fault.SCALE)
+        assert references.judged((fault,))[0].kind is VerdictKind.FAULT, "a fault is told whatever the date"
+    settled(references)

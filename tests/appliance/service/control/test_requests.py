@@ -10,6 +10,7 @@ import pytest
 
 from appliance.service.control.allowance import BURST
 from appliance.service.control.deadline_worker import DeadlineWorker
+from appliance.service.control.hold import Hold
 from appliance.service.control.recalibration import Recalibration, Wanted
 from appliance.service.control.requests import Hands, Requests
 from appliance.service.control.rights import user_ids
@@ -41,6 +42,7 @@ class Desk:
                 clear_bump=nothing,
                 reload=nothing,
                 recalibration=cast(Recalibration, recalibration),
+                hold=Hold(lambda: None, lambda *_, **__: None),
                 annunciator=self.annunciator,
                 worker=DeadlineWorker(),
                 now_ns=lambda: self.now_ns,

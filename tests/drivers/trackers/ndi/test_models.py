@@ -185,7 +185,7 @@ def test_vega_reports_nothing_of_a_tool_that_it_does_not_measure(tmp_path: Path)
         poses(tracker, 30)
         cart.faults("stale-counter")
         began_ns = cart.clock.now_ns()
-        assert "nothing new of the tool" in until(tracker, PoseStatus.STALE).reason
+        until(tracker, PoseStatus.STALE, reason="nothing new of the tool")
         assert cart.clock.now_ns() - began_ns < 200e6
         assert tracker.read(0.2) is not None, "word that it is still stale"
         cart.faults()

@@ -26,21 +26,14 @@ from tests.support.simulated import PROBEWATCH
 from tests.support.simulated_ndi import bench, moving, poses, until
 
 
-def test_poses_and_times_are_those_of_the_device(tmp_path: Path) -> None:
-    with bench(tmp_path, rate=1.0) as cart, cart.open() as tracker:
-        found = poses(tracker, 90)
-        for pose in found:
-            assert pose.status is PoseStatus.OK
+def test_poses_are_those_of_the_device(tmp_path: Path) -> None:
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        for _ in range(20):
+            pose = until(tracker, PoseStatus.OK)
             assert pose.matrix is not None
             t_s = cart.twin.device.frame_s(pose.sequence)
             np.testing.assert_allclose(pose.matrix, moving("probe", t_s, 0), atol=1e-3)
             assert pose.rms_mm == pytest.approx(0.2, abs=1e-6)
-        assert [b.sequence - a.sequence for a, b in pairwise(found)].count(1) >= 60
-        errors_ns = np.array(
-            [abs(p.stamp.t_ns - cart.clock.origin_ns - cart.twin.device.frame_s(p.sequence) * 1e9) for p in found]
-        )
-        assert np.median(errors_ns[60:]) < 2e6
-        assert np.mean(errors_ns <= [pose.stamp.err_ns for pose in found]) >= 0.95
 
 
 def test_poses_relative_to_the_reference_tool(tmp_path: Path) -> None:
@@ -156,7 +149,7 @@ def test_repeated_pose_under_a_running_counter_is_stale(tmp_path: Path) -> None:
     with bench(tmp_path) as cart, cart.open() as tracker:
         poses(tracker, 3)
         cart.twin.device._pose_at = lambda tool, t_s, number: np.eye(4)
-        assert "equal to the last bit" in until(tracker, PoseStatus.STALE).reason
+        until(tracker, PoseStatus.STALE, reason="equal to the last bit")
 
 
 def test_a_20_hz_unit_is_not_stale(tmp_path: Path) -> None:

@@ -1,0 +1,54 @@
+"""Poses that mean something else than was agreed: inverted, turned about other axes, a quaternion in another order.
+
+Nothing of the calibration explains what they say of the motion, so no parameter is ever shown; what does explain it is
+searched for elsewhere (`appliance.core.path.explanation`) and named here.
+"""
+
+from collections.abc import Callable
+
+from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.path.conventions import READINGS, Convention
+from appliance.core.path.explanation import MARGIN, Explanation
+from appliance.types import Check, Fault, VerdictKind
+
+WRONG = frozenset({*READINGS, Convention.SWAPPED})
+"""Conventions that are named."""
+
+
+class PoseConvention(Detector):
+    """Two searches in a row must find the same convention. It never says OK.
+
+    explained: the latest explanation of a motion that the reference does not explain.
+    """
+
+    def __init__(self, explained: Callable[[], Explanation | None]) -> None:
+        self._explained = explained
+        self._latest: Explanation | None = None
+        self._named: Explanation | None = None
+
+    def see(self, seen: Observation) -> bool:
+        """See Detector."""
+        found, before = self._explained(), self._latest
+        if found is before:
+            return False
+        self._latest = found
+        if found is None:
+            return False
+        again = before is not None and before.convention is found.convention
+        if found.convention not in WRONG:
+            self._named = None
+        elif again or self._named is not None:
+            self._named = found
+        return False
+
+    def forgive(self, shows: Callable[[Fault], bool]) -> None:
+        """See Detector: poses of another convention do not show all rotations to be right."""
+        if shows(Fault.ROTATION):
+            self._named = self._latest = None
+
+    def checks(self) -> tuple[Check, ...]:
+        """By how much the convention explains the motion better than any other; none while nothing is wrong."""
+        if self._named is None:
+            return ()
+        name, margin = self._named.convention.value, self._named.margin
+        return (Check(name, Fault.POSE_CONVENTION, margin, 0.0, "nat", MARGIN, VerdictKind.FAULT),)

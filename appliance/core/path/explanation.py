@@ -1,0 +1,182 @@
+"""What explains the motion where calibration and poses at nearly no latency do not: a far lag, or a pose convention.
+
+Steps of the picture are held against those that the reference predicts, for every lag up to more than a second and for
+every convention; no parameter is fitted, so a wrong one cannot adapt. The answer only ever accuses: that the reference
+explains the motion is shown elsewhere, with its sigmas (docs/method.md, sections 5 and 9).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from appliance.core.path.conventions import READINGS, Convention, turned_sensors
+from appliance.core.path.steps import SensorSteps, picture_steps
+from appliance.core.path.window import PathWindow
+from appliance.types import Calibration
+from drivers.rigid import Array
+
+_GRID_S = 0.025
+"""Between two lags; a parabola finds the best between them. Coarser than 40 ms jumps over the lag of an 8 Hz tremor."""
+_FARTHEST_S, _NEAR_S = 1.2, 0.1
+"""Lags looked at, either way: of the reference, and of other conventions, whose tracker is as late as any that works.
+The farthest is more than is named, so that what lies beyond does not come in by its alias.
+"""
+NAMED_S = 1.0
+"""Farthest lag that is named. Beyond, a hand's next round may be meant: one takes 2 to 4 s."""
+_STEP_S = 0.16
+"""Length of the steps. Longer ones let breathing in, which is slow; shorter ones drown in tracker noise."""
+_FLOORS = np.square([0.1, 0.1, np.deg2rad(0.03)])
+"""mm² and rad² in which lateral and axial steps and turns do not matter: noise of a tracker's two readings."""
+_MEMORY_S = 0.35
+"""Steps nearer to one another say the same, as for the fine search (`appliance.core.path.latency`)."""
+_LEAST_S = 1.5
+"""Of motion: with less, a tenth of the hypotheses fits by chance what two turns of a hand show."""
+_MOST_STEPS = 150
+"""A longer window leaves out every other step, and so on: they overlap, and cost time."""
+_LEAST_SCORE, MARGIN = 15.0, 15.0
+"""By how much, in log likelihood, the best must beat no motion at all, and everything else. Less takes the next round
+of a periodic motion for the lag; more names it later. Of 450 ms and each convention, the worst of the study's sessions
+(hold, tremor alone) has 40 and 25 within six seconds.
+"""
+_ALIKE, _LEAST_ALIKE = 0.8, 2
+"""Agreement of predicted and seen steps, 1 for equal ones, and how many of the three rows must have it: breathing
+spoils the axial one. By chance the turn comes to .9 with other rows near 0.
+"""
+_APART_S = 0.15
+"""Lags nearer than this to the best belong to its peak: a quarter of the period of a tremor of 2 Hz."""
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """What explains the motion far better than anything else. latency_s: as `Latency.value_s` is. margin: how far all
+    else is behind, in log likelihood.
+    """
+
+    convention: Convention
+    latency_s: float
+    margin: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fits:
+    """Of one reading of the poses at k lags (k,) s: scores (k,), the lower the better, and agreement (3, k)."""
+
+    convention: Convention
+    lags_s: Array
+    scores: Array
+    agreement: Array
+
+    @property
+    def best(self) -> int:
+        return int(np.argmin(self.scores))
+
+
+def explain(window: PathWindow, reference: Calibration) -> Explanation | None:
+    """None where there is too little motion, where nothing explains it or where two explain it as well."""
+    steps = _Steps.of(window, reference)
+    if steps is None:
+        return None
+    now = steps.fits(Convention.AGREED, steps.predicted(reference.rotation), _FARTHEST_S)
+    in_order = _convincing([now])
+    if in_order is not None and abs(in_order.latency_s) <= _NEAR_S:
+        return in_order
+    return _convincing([now, *_other_conventions(steps, reference)])
+
+
+def _other_conventions(steps: "_Steps", reference: Calibration) -> Iterator[_Fits]:
+    for convention, turned in turned_sensors(reference.rotation):
+        yield steps.fits(convention, steps.predicted(turned), _NEAR_S)
+    for convention, readings in READINGS.items():
+        for read in readings:
+            again = SensorSteps.between(read(steps.poses))
+            yield steps.fits(convention, steps.predicted(reference.rotation, again), _NEAR_S)
+
+
+def _convincing(all_fits: list[_Fits]) -> Explanation | None:
+    """The best, where it explains the motion and nothing else does nearly as well."""
+    best = min(all_fits, key=lambda fits: float(fits.scores.min()))
+    score, lag_s = float(best.scores[best.best]), best.lags_s[best.best]
+    rivals = [
+        fits.scores[np.abs(fits.lags_s - lag_s) > _APART_S] if fits.convention is best.convention else fits.scores
+        for fits in all_fits
+    ]
+    margin = min(float(scores.min(initial=0.0)) for scores in rivals) - score
+    alike = np.count_nonzero(best.agreement[:, best.best] >= _ALIKE)
+    convincing = score <= -_LEAST_SCORE and margin >= MARGIN and alike >= _LEAST_ALIKE
+    return Explanation(best.convention, _vertex(best), margin) if convincing and abs(lag_s) <= NAMED_S else None
+
+
+def _vertex(fits: _Fits) -> float:
+    """s: of the parabola through the best lag and its neighbours."""
+    k = fits.best
+    if not 0 < k < fits.scores.size - 1:
+        return float(fits.lags_s[k])
+    before, here, after = np.exp((fits.scores[k - 1 : k + 2] - fits.scores[k]) / max(-fits.scores[k], 1.0))
+    bend = before - 2 * here + after
+    return float(fits.lags_s[k] + (_GRID_S * (before - after) / (2 * bend) if bend > 0 else 0.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Steps:
+    """seen: (3, n) lateral and axial mm and turn rad over `_STEP_S`. begin, end: (n,) of each, in grid steps, with
+    `share` (2, n) of the next. poses: (m, 4, 4) on the grid. sensor: their steps. span_s: of the motion.
+    """
+
+    seen: Array
+    begin: NDArray[np.intp]
+    end: NDArray[np.intp]
+    share: Array
+    poses: Array
+    sensor: SensorSteps
+    offset_mm: Array
+    span_s: float
+
+    @classmethod
+    def of(cls, window: PathWindow, reference: Calibration) -> "_Steps | None":
+        """None where there is too little."""
+        pictures = window.picture_steps()
+        if pictures is None:
+            return None
+        t_s, chain, path = pictures
+        ahead = max(1, round(_STEP_S / max(float(np.median(np.diff(t_s))), 1e-3)))
+        start_s = float(t_s[0]) - _FARTHEST_S
+        poses, known = window.poses.at(np.arange(start_s, t_s[-1] + _FARTHEST_S, _GRID_S), window.start_ns)
+        bracketed = np.flatnonzero(known)
+        if bracketed.size < 2:
+            return None
+        first, last = int(bracketed[0]), int(bracketed[-1]) + 1
+        reach = round(_FARTHEST_S / _GRID_S)
+        place = (t_s - start_s) / _GRID_S - first
+        told = (place - reach >= 0) & (place + reach + 1 < last - first)
+        begins = np.flatnonzero((chain[ahead:] == chain[:-ahead]) & told[ahead:] & told[:-ahead])
+        begins = begins[:: 1 + begins.size // _MOST_STEPS]
+        if not begins.size or t_s[begins[-1]] - t_s[begins[0]] < _LEAST_S:
+            return None
+        both = place[np.stack([begins, begins + ahead])]
+        whole = np.floor(both).astype(np.intp)
+        span_s = float(t_s[begins[-1]] - t_s[begins[0]])
+        poses = poses[first:last]
+        seen = path[:, begins + ahead] - path[:, begins]
+        sensor = SensorSteps.between(poses)
+        return cls(seen, *whole, both - whole, poses, sensor, reference.offset_mm, span_s)
+
+    def predicted(self, R: Array, sensor: SensorSteps | None = None) -> Array:
+        """(3, m): way of the picture on the grid that X = (R, offset) predicts, of this or another reading."""
+        moved, turned = picture_steps(R, self.offset_mm, sensor or self.sensor)
+        return np.cumsum([moved[0], moved[1], turned[2]], axis=1)
+
+    def fits(self, convention: Convention, path: Array, reach_s: float) -> _Fits:
+        """Of lags up to reach_s either way."""
+        lags = np.arange(-round(reach_s / _GRID_S), round(reach_s / _GRID_S) + 1)
+        begin, end = self.begin + lags[:, None], self.end + lags[:, None]
+        slope = np.diff(path, axis=1)
+        moved = np.take(path, end, axis=1) - np.take(path, begin, axis=1)
+        moved += self.share[1] * np.take(slope, end, axis=1) - self.share[0] * np.take(slope, begin, axis=1)
+        together = np.einsum("rn,rkn->rk", self.seen, moved)
+        seen, told = np.square(self.seen).sum(axis=1)[:, None], np.square(moved).sum(axis=2)
+        floor = self.begin.size * _FLOORS[:, None]
+        left = np.log((seen + told - 2 * together + floor) / (seen + floor)).sum(axis=0)
+        agreement = 2 * together / (seen + told + floor)
+        return _Fits(convention, lags * _GRID_S, 0.5 * self.span_s / _MEMORY_S * left, agreement)

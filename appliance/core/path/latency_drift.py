@@ -1,0 +1,59 @@
+"""A latency that drifts: what short windows told of their middles, carried on to now."""
+
+from collections import deque
+from math import hypot, sqrt
+
+import numpy as np
+
+from appliance.core.path.latency import Latency
+
+_SPAN_NS, _LEAST_NS = 5_500_000_000, 5_000_000_000
+"""Of the estimates on the line, at most and at least. Below one and a half windows a step within the limit looks like a
+drift beyond it; longer, a drift is named later: at 10 ms per s from 0, six seconds name it at 77 to 80 ms.
+"""
+_FLOOR_S = 0.002
+"""Least scatter of the estimates about the line that is believed. Those of a healthy hand scatter by 1 to 2 ms."""
+_SHARPEST_S = 0.015
+"""Sigma of an estimate up to which it counts: a quarter of the limit as shipped. Not measured."""
+_OVERLAP_NS = 1_750_000_000
+"""Estimates nearer to one another say the same: half of their window."""
+_SIGNIFICANT = 4.0
+"""Sigmas from which a rate is a drift. Less carries noise on, more leaves a slow drift to the windows. Not measured."""
+
+
+class LatencyDrift:
+    """Estimates of the last seconds, and the line through them."""
+
+    def __init__(self) -> None:
+        self._told: deque[tuple[int, float]] = deque()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._told.clear()
+
+    def note(self, t_ns: int, latency: Latency) -> None:
+        """Take the next estimate, which is of t_ns; one that is not later, or too uncertain, is left out."""
+        if not latency.sigma_s <= _SHARPEST_S or (self._told and t_ns <= self._told[-1][0]):
+            return
+        self._told.append((t_ns, latency.value_s))
+        while t_ns - self._told[0][0] > _SPAN_NS:
+            self._told.popleft()
+
+    def carried_to(self, now_ns: int) -> Latency | None:
+        """What the latency is now; None where it does not move, or too little is known."""
+        if len(self._told) < 2 or self._told[-1][0] - self._told[0][0] < _LEAST_NS:
+            return None
+        if now_ns - self._told[-1][0] > _SPAN_NS:
+            return None
+        t_s = np.array([t_ns - now_ns for t_ns, _ in self._told]) / 1e9
+        values = np.array([value for _, value in self._told])
+        middle_s, spread = float(t_s.mean()), float(np.square(t_s - t_s.mean()).mean())
+        rate = float((t_s - middle_s) @ values) / (spread * t_s.size)
+        left = values - values.mean() - rate * (t_s - middle_s)
+        scatter_s = max(sqrt(float(np.square(left).mean())), _FLOOR_S)
+        independent = float(np.ptp(t_s)) / (_OVERLAP_NS / 1e9)
+        rate_sigma = scatter_s / sqrt(independent * spread)
+        if abs(rate) < _SIGNIFICANT * rate_sigma:
+            return None
+        value = float(values.mean()) - rate * middle_s
+        return Latency(value, hypot(scatter_s / sqrt(independent), rate_sigma * middle_s))

@@ -1,0 +1,87 @@
+"""Until when a reference holds: the days that its file states, and the configuration's. Pure: the time is an argument.
+
+Days are of UTC and count whole: a calibration that is due on the first of May is overdue from the second on. The wall
+clock is believed as it stands, whichever way it was stepped, with one exception: one that is a day and more before the
+reference came in force is wrong, and then every date counts as passed. So does a date that cannot be read.
+"""
+
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, timedelta
+
+from appliance.storage.calibration_file import provenance_of
+from appliance.storage.reference_store import Entry
+
+_CLOCK_WITHIN = timedelta(days=1)
+"""By which a clock that was put right may go back behind the day of the reference. More lets a wrong clock hide a date
+for longer; less takes a corrected one for wrong.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Dates:
+    """due, expires: from when on it is; None: never. damage: a date that cannot be read, in words. since: in force."""
+
+    due: datetime | None = None
+    expires: datetime | None = None
+    damage: str = ""
+    since: datetime | None = None
+
+    @property
+    def due_utc(self) -> str | None:
+        """ISO 8601, for the status."""
+        return None if self.due is None else self.due.isoformat(timespec="seconds")
+
+    @property
+    def expires_utc(self) -> str | None:
+        return None if self.expires is None else self.expires.isoformat(timespec="seconds")
+
+    def overdue(self, now: datetime) -> str:
+        """Which date has passed, in words; empty while none has."""
+        if self.damage:
+            return self.damage
+        passed = self._wrong_clock(now)
+        if self.expires is not None and now >= self.expires:
+            passed = f"it has expired since {self.expires:%Y-%m-%d %H:%M} UTC"
+        elif self.due is not None and now >= self.due:
+            passed = f"it is due since {self.due:%Y-%m-%d %H:%M} UTC"
+        return passed
+
+    def expired(self, now: datetime) -> str:
+        """The same for the day on which it ends: when it expires, or is due where it does not say when it expires."""
+        ends = self.due if self.expires is None else self.expires
+        return self.overdue(now) if self.damage or self._wrong_clock(now) or (ends and now >= ends) else ""
+
+    def _wrong_clock(self, now: datetime) -> str:
+        if self.since is None or (self.due is None and self.expires is None) or now >= self.since - _CLOCK_WITHIN:
+            return ""
+        return f"the clock says {now:%Y-%m-%d}, before it came in force on {self.since:%Y-%m-%d}: set the clock"
+
+
+def dates_of(entry: Entry, content: bytes, due_days: int | None) -> Dates:
+    """content: of the reference's file. due_days: of the configuration. What comes first of both is when it is due."""
+    stated = provenance_of(content)
+    ends: dict[str, datetime | None] = {}
+    damages = []
+    for name in ("due", "expires"):
+        try:
+            ends[name] = _end_of(stated[name]) if name in stated else None
+        except (ValueError, OverflowError):
+            ends[name] = None
+            damages.append(f"its '{name}' is {stated[name][:40]!r}, no day such as 2027-05-01")
+    try:
+        since = _utc(entry.utc)
+        counted = None if due_days is None else since + timedelta(days=due_days)
+    except (ValueError, OverflowError):
+        return Dates(damage=f"it came in force at {entry.utc[:40]!r}, which no calendar has")
+    due = min((one for one in (ends["due"], counted) if one is not None), default=None)
+    return Dates(due, ends["expires"], "; ".join(damages), since)
+
+
+def _end_of(day: str) -> datetime:
+    """Midnight after it."""
+    return datetime.combine(date.fromisoformat(day) + timedelta(days=1), datetime.min.time(), UTC)
+
+
+def _utc(text: str) -> datetime:
+    moment = datetime.fromisoformat(text)
+    return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)

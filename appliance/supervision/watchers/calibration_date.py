@@ -1,0 +1,11 @@
+"""A calibration whose date has passed goes on being watched, and everybody is told; References withholds what ended."""
+
+from appliance.supervision.watchers.facts import Facts
+from appliance.types import Check, Fault, VerdictKind
+
+
+def calibration_date(facts: Facts) -> Check:
+    """calibration-due while the reference in force is overdue or has expired."""
+    passed = facts.calibration_overdue
+    verdict = VerdictKind.FAULT if passed else VerdictKind.OK
+    return Check("calibration date", Fault.CALIBRATION_DUE, float(passed), 0.0, "", 1.0, verdict)

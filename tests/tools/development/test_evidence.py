@@ -1,0 +1,97 @@
+"""Figures and pages of the evidence, from rows made by hand; the plans are what they say."""
+
+from functools import cache
+from xml.etree import ElementTree
+
+import pytest
+from click.testing import CliRunner
+
+from drivers.errors import ConfigurationError
+from tests.tools.study.test_summary import row
+from tools.development import evidence
+from tools.development.evidence import PLANS, coverage_plan, full_plan, main, short_plan
+from tools.development.evidence_figures import Figures, figures
+from tools.development.evidence_pages import pages
+from tools.study.hand import PROGRAMS
+from tools.study.hazard import FAULTS
+
+ROWS = [
+    *(row("fan", seed, closed=0.2 * seed) | {"commit": "c1"} for seed in (1, 2, 3)),
+    row("fan", 4, faults="scale", warnings=2, halts=1, closed=0.9) | {"commit": "c2"},
+    *(row(seed=seed, hazard="depth=7@start", faults="scale", fault_s=2.0 * seed) | {"commit": "c1"} for seed in (1, 2)),
+    row(seed=3, hazard="depth=7@start", faults="offset scale", fault_s=20.0, ok_gross_s=0.3) | {"commit": "c1"},
+    row(seed=4, hazard="depth=7@start") | {"commit": "c1"},
+    row(seed=1, hazard="flip-lateral@sudden", faults="polarity", fault_s=0.0, opened_s=0.05) | {"commit": "c1"},
+]
+
+for one in ROWS:
+    one["duration_s"] = "6"
+
+
+@cache
+def measured() -> Figures:
+    return figures(ROWS)
+
+
+def test_figures_of_healthy_runs_and_of_each_hazard() -> None:
+    found = measured()
+    (fan,) = found.healthy
+    assert (fan.runs, fan.closed, fan.faulted, fan.warnings, fan.halts) == (4, [0.2, 0.4, 0.6, 0.9], 1, 2, 1)
+    assert fan.hours == pytest.approx(4 / 60, abs=1e-4)
+    assert (fan.origin.seeds, fan.origin.commits) == ("1–4", ["c1", "c2"])
+    depth, flip = found.found
+    assert (depth.hazard, depth.runs, depth.named, depth.soon, depth.gross) == ("depth=7@start", 4, 2, 2, 1)
+    assert depth.told == {"": 1, "offset": 1, "scale": 2}
+    assert depth.fault_s == [2.0, 4.0, 20.0]
+    assert depth.bound_s is not None
+    assert 0.3 < depth.bound_s < 2.0
+    assert (flip.bound_s, flip.open_s) == (None, [0.05])
+
+
+def test_figures_outlive_json() -> None:
+    found = measured()
+    assert Figures.parse(found.plain()) == found
+
+
+def test_pages_show_shares_with_intervals_bounds_confusion_and_origin() -> None:
+    written = {path.name: text for path, text in pages(measured()).items()}
+    text = written["evidence.md"]
+    assert "| `depth=7@start` | in-plane, still | 3 of 4 (19 to 99 %) | 2 of 4 | 2 of 4 (7 to 93 %) | 4.00 s (2" in text
+    assert "| all | 0.07 | 4 | 1 | 71 | 2 | 1 | 71 |" in text, "Poisson: 4.74 ÷ hours"
+    assert "| `scale` | 1 | 0 | 2 | 1 | 2 of 4 (7 to 93 %) |" in text
+    assert "`c1`" in text
+    assert "| fan, still | 50 % | 20 to 90 % | 52 % (5 to 100 %) |" in written["coverage.md"]
+    for name in ("coverage.svg", "sensitivity.svg", "delay.svg"):
+        assert ElementTree.fromstring(written[name]).tag.endswith("svg")
+
+
+def test_pages_of_nothing_say_so() -> None:
+    written = {path.name: text for path, text in pages(Figures([], [])).items()}
+    assert "Not measured." in written["coverage.md"]
+    assert "| all |" not in written["evidence.md"]
+
+
+def test_plans() -> None:
+    short, full, coverage = short_plan(1), full_plan(1), coverage_plan(1)
+    assert {one.hazard.kind for one in short} == {"none", *FAULTS}
+    assert {one.session.name for one in coverage} == {*PROGRAMS, *(f"gesture-{name}" for name in PROGRAMS)}
+    hours = sum(one.session.duration_s for one in full if one.hazard.kind == "none") / 3600
+    assert PLANS["full"][1] * hours >= 1000
+    for plan in (short, full, coverage):
+        assert len({one.key for one in plan}) == len(plan)
+
+
+def test_a_table_of_something_else_is_refused(tmp_path) -> None:
+    (tmp_path / "other.csv").write_text("a,b\n1,2\n")
+    answer = CliRunner().invoke(main, ["--table", str(tmp_path / "other.csv")])
+    assert isinstance(answer.exception, ConfigurationError)
+    assert CliRunner().invoke(main, []).exit_code == 2
+
+
+def test_what_was_not_measured_again_stays(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(evidence, "DATA", tmp_path / "evidence.json")
+    monkeypatch.setattr(evidence, "read_figures", measured)
+    monkeypatch.setattr(evidence, "pages", lambda now: {tmp_path / "told": f"{len(now.healthy)} {len(now.found)}"})
+    (tmp_path / "evidence.json").write_text("{}")
+    evidence.write([one for one in ROWS if one["hazard"] == "none"])
+    assert (tmp_path / "told").read_text() == "1 2"

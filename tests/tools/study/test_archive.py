@@ -1,0 +1,201 @@
+"""Archives of recordings: folders and object stores, one row each, on a Dask cluster whose scheduler may vanish."""
+
+import csv
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import fsspec
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from appliance.storage.calibration_file import write_calibration
+from appliance.types import Calibration
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.recordings.metaimage import write_metaimage
+from tests.support.polling import until
+from tests.support.recordings import items
+from tools.cli import probewatch
+from tools.study.archive import NOT_FETCHED, ArchiveTask
+from tools.study.store import NotFetchedError, fetched, listed
+from tools.study.workers import results
+
+SIZE_PX = (48, 32)
+
+
+@pytest.fixture
+def store() -> Iterator[str]:
+    """An object store in the memory of this process, empty."""
+    memory = fsspec.filesystem("memory")
+    memory.store.clear()
+    yield "memory:///archive"
+    memory.store.clear()
+
+
+def fill(store: str, *names: str, data: bytes = b"x") -> None:
+    for name in names:
+        with fsspec.open(f"{store}/{name}", "wb") as stream:
+            stream.write(data)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    path = tmp_path / "good.igs.mha"
+    write_metaimage(path, items(40, SIZE_PX), SIZE_PX)
+    return path
+
+
+@pytest.fixture
+def calibration(tmp_path: Path) -> Path:
+    path = tmp_path / "probe.toml"
+    write_calibration(path, Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), SIZE_PX), {})
+    return path
+
+
+def test_a_store_is_listed_and_the_files_of_one_run_are_one_recording(store: str) -> None:
+    fill(store, "b/two.MHA", "a/one.nrrd", "notes.txt", "ring/20261123T101112-ab12-00002.mcap")
+    fill(store, "ring/20261123T101012-ab12-00001.mcap", "kept/20261123T101012-cd34-00001.mcap")
+    assert sorted(listed(store)) == [
+        (f"{store}/a/one.nrrd",),
+        (f"{store}/b/two.MHA",),
+        (f"{store}/kept/20261123T101012-cd34-00001.mcap",),
+        (f"{store}/ring/20261123T101012-ab12-00001.mcap", f"{store}/ring/20261123T101112-ab12-00002.mcap"),
+    ]
+    assert listed(f"{store}/a/one.nrrd") == [(f"{store}/a/one.nrrd",)]
+
+
+@pytest.mark.parametrize(
+    ("url", "error", "what"),
+    [
+        ("memory://nothing", ConfigurationError, "holds no recordings"),
+        ("nonsense://x", ConfigurationError, "cannot be reached"),
+        ("sftp://user:secret@host/x", ConfigurationError, "credentials in an address"),
+        ("file:///nowhere/at/all", ConfigurationError, "holds no recordings"),
+    ],
+)
+def test_what_is_no_store_is_refused_by_name(url: str, error: type[Exception], what: str) -> None:
+    with pytest.raises(error, match=what):
+        listed(url)
+
+
+def test_a_recording_that_does_not_come_is_no_row_to_keep(store: str) -> None:
+    (row,) = ArchiveTask(f"{store}/gone.mha", None, urls=(f"{store}/gone.mha",)).rows()
+    assert row["error"].startswith(NOT_FETCHED)
+    with pytest.raises(NotFetchedError), fetched((f"{store}/gone.mha",)):
+        pass
+
+
+def test_a_copy_is_gone_when_it_is_not_needed(store: str) -> None:
+    fill(store, "a.mha", data=b"12345")
+    with fetched((f"{store}/a.mha",)) as (copy,):
+        assert (copy.name, copy.read_bytes()) == ("a.mha", b"12345")
+    assert not copy.parent.exists()
+
+
+def study(*arguments: object) -> Result:
+    return CliRunner().invoke(probewatch, ["study", *map(str, arguments)])
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "recordings.csv").read_text().splitlines()))
+
+
+@pytest.mark.thorough
+def test_a_store_is_studied_on_a_cluster_and_what_was_missing_is_done_later(
+    store: str, recording: Path, calibration: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Workers are threads here, which share the store; nothing of the calibration's file is left for them."""
+    from distributed import LocalCluster  # noqa: PLC0415  takes a second that other tests need not wait for
+
+    fill(store, "a/good.igs.mha", "b/good.igs.mha", data=recording.read_bytes())
+    fill(store, "bad.mha", data=b"no recording")
+    there = list(listed(store))
+    monkeypatch.setattr("tools.commands.study.listed", lambda url: [*there, (f"{store}/late.mha",)])
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        options = ("--calibration", calibration, "--output", tmp_path / "out", "--scheduler", cluster.scheduler_address)
+        first = study(store, *options)
+        assert isinstance(first.exception, DeviceLost), first.output
+        assert "1 of 4 recordings could not be fetched" in str(first.exception)
+        rows = {row["recording"]: row for row in rows_of(tmp_path / "out")}
+        assert set(rows) == {f"{store}/{name}" for name in ("a/good.igs.mha", "b/good.igs.mha", "bad.mha")}
+        assert [bool(row["error"]) for _, row in sorted(rows.items())] == [False, False, True]
+        assert rows[f"{store}/a/good.igs.mha"]["frames"] == "40"
+        fill(store, "late.mha", data=recording.read_bytes())
+        second = study(store, *options)
+    assert second.exception is None, second.output
+    assert "3 of 4 recordings are in" in second.output
+    assert [row["error"] for row in rows_of(tmp_path / "out") if row["recording"].endswith("late.mha")] == [""]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("how", ["{}", "file://{}"])
+def test_a_folder_is_studied_by_path_and_by_address(
+    how: str, recording: Path, calibration: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "archive" / "ward"
+    folder.mkdir(parents=True)
+    recording.rename(folder / recording.name)
+    done = study(how.format(folder.parent), "--calibration", calibration, "--output", tmp_path / "out", "--jobs", 1)
+    assert done.exception is None, done.output
+    (row,) = rows_of(tmp_path / "out")
+    assert (row["recording"], row["frames"], row["error"]) == (how.format(folder / recording.name), "40", "")
+
+
+class Cluster:
+    """A scheduler and a worker of their own processes, as often as they are started."""
+
+    def __init__(self) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as door:
+            self.port = int(door.getsockname()[1])
+        self.address = f"tcp://127.0.0.1:{self.port}"
+        self.start()
+
+    def start(self) -> None:
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        begin = [sys.executable, "-m"]
+        place = ["--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard"]
+        self.scheduler = subprocess.Popen([*begin, "distributed.cli.dask_scheduler", *place], **quiet)
+        until(self._listens, 30)
+        how = ["--nthreads", "1", "--no-dashboard", "--no-nanny", "--name", "one"]
+        self.worker = subprocess.Popen([*begin, "distributed.cli.dask_worker", self.address, *how], **quiet)
+
+    def kill(self) -> None:
+        for process in (self.scheduler, self.worker):
+            process.kill()
+            process.wait()
+
+    def _listens(self) -> bool:
+        with socket.socket() as link:
+            return link.connect_ex(("127.0.0.1", self.port)) == 0
+
+
+def slowly(task: int) -> int:
+    time.sleep(0.1)
+    return task
+
+
+@pytest.mark.thorough
+def test_a_scheduler_that_vanishes_is_said_once_and_what_was_left_is_done_when_it_is_back() -> None:
+    cluster, said, done = Cluster(), list[str](), list[int]()
+
+    def vanish() -> None:
+        cluster.kill()
+        time.sleep(2.5)
+        cluster.start()
+
+    gone = threading.Thread(target=vanish)
+    try:
+        for result in results(slowly, range(20), 1, cluster.address, said.append):
+            done.append(result)
+            if len(done) == 5:
+                gone.start()
+        gone.join()
+    finally:
+        cluster.kill()
+    assert sorted(done) == list(range(20)), "each once"
+    assert [one.partition(cluster.address)[2].partition(";")[0] for one in said] == [" has gone", " is back"]

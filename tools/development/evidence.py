@@ -1,0 +1,138 @@
+"""`python -m tools.development.evidence PLAN`: does the runs of a plan that are not done yet, and writes
+docs/evidence.json and the pages from it. `--table FILE` writes them from the rows of a study that is there.
+"""
+
+import csv
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from drivers.errors import ConfigurationError
+from tools.development.evidence_figures import Figures, figures
+from tools.development.evidence_pages import DATA, pages, read_figures
+from tools.shared.terminal import progress_bar
+from tools.study.hand import GESTURED, PROGRAMS
+from tools.study.hazard import STANDARD, Hazard, Manner
+from tools.study.plan import Task, planned, tasks
+from tools.study.samples import KEYS, Conditions
+from tools.study.session import TISSUES
+from tools.study.summary import Row
+from tools.study.table import StudyTable, code_digest
+from tools.study.workers import results
+
+RESULTS = Path("results/evidence")
+_NOISES_MM = (0.1,)
+"""An optical tracker at 1.5 m."""
+_SHORT_S = 30.0
+"""Of a session with a hazard in the short form: the hazard begins at 20 s, so delays above 10 s count as not found."""
+_FULL_SEEDS, _FULL_DRAWS = 20, 180
+"""20 seeds for each cell of the table; 3,600 times the 17 minutes of all healthy sessions are 1,020 hours. About 200
+hours of one processor, by .18 s of it for a second of a session.
+"""
+_FULL_SESSIONS = ("gesture", "in-plane", "elevational-10", "fan", "mixed")
+_SHORT_SIZES = (
+    *("bend-lateral=-6", "bend-axial=-6", "bend-elevational=-6"),
+    *("slide-lateral=-8", "slide-axial=-8", "slide-elevational=-8"),
+    *("scale-lateral=-10", "scale-axial=-10", "depth=-10"),
+    *("latency=-120", "latency=450", "flip-lateral", "flip-axial"),
+)
+"""Twice the limit of each, and the latency of a real recording."""
+
+
+def short_hazards() -> tuple[Hazard, ...]:
+    """Each size in every manner that it can have, and the wrong conventions."""
+    each = [
+        f"{size}@{manner}" for size in _SHORT_SIZES for manner in Manner if "=" in size or manner is not Manner.CREEPING
+    ]
+    return tuple(Hazard.parse(text) for text in (*each, "poses-inverted@start", "axes-swapped@start"))
+
+
+def coverage_plan(seeds: int) -> list[Conditions]:
+    """Every session of ordinary scanning, and after a gesture with everything asked for."""
+    begun = tuple(name for name in GESTURED if name != "gesture")
+    alone = planned(tuple(PROGRAMS), TISSUES, seeds, _NOISES_MM, [Hazard()])
+    return alone + planned(begun, TISSUES, seeds, _NOISES_MM, [Hazard()], asked="everything")
+
+
+def short_plan(seeds: int) -> list[Conditions]:
+    """Large hazards with a motion that shows everything; one seed of healthy scanning."""
+    healthy = planned(tuple(PROGRAMS), TISSUES, 1, _NOISES_MM, [Hazard()])
+    return planned(("gesture",), ("still",), seeds, _NOISES_MM, short_hazards(), _SHORT_S) + healthy
+
+
+def full_plan(seeds: int) -> list[Conditions]:
+    """Each standard hazard with motions of every kind; a thousand hours of healthy scanning."""
+    sick = [one for one in STANDARD if one.kind != "none"]
+    healthy = planned(tuple(PROGRAMS), TISSUES, seeds, _NOISES_MM, [Hazard()], draws=_FULL_DRAWS)
+    return planned(_FULL_SESSIONS, TISSUES, seeds, _NOISES_MM, sick, 60.0) + healthy
+
+
+PLANS = {"coverage": (coverage_plan, 1), "short": (short_plan, 2), "full": (full_plan, _FULL_SEEDS)}
+"""Name → runs for a number of seeds, and the usual number."""
+
+
+@click.command()
+@click.argument("plan", type=click.Choice(list(PLANS)), required=False)
+@click.option(
+    "--table", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="rows of a study to write from"
+)
+@click.option("--seeds", type=click.IntRange(1, 10_000), help="instead of the plan's")
+@click.option(
+    "--jobs", default=os.cpu_count() or 1, show_default=True, type=click.IntRange(1, 512), help="processes here"
+)
+@click.option("--scheduler", help="an existing Dask cluster instead: tcp://HOST:PORT")
+@click.option("--motions", type=click.Path(path_type=Path, file_okay=False), help="keep rendered sessions here")
+def main(
+    plan: str | None, table: Path | None, seeds: int | None, jobs: int, scheduler: str | None, motions: Path | None
+) -> None:
+    """Measure, and write the pages on it. What is done is not done again while the code is the same."""
+    if (plan is None) == (table is None):
+        raise click.UsageError("give a PLAN or a --table")
+    if table is not None:
+        write(_read(table))
+    elif plan is not None:
+        runs, usual = PLANS[plan]
+        write(measured(runs(seeds or usual), jobs, scheduler, motions))
+
+
+def measured(runs: Sequence[Conditions], jobs: int, scheduler: str | None, motions: Path | None) -> list[Row]:
+    """Rows of these runs and of all others that are done already. Raises ConfigurationError and DeviceLost."""
+    folder = RESULTS / code_digest()
+    folder.mkdir(parents=True, exist_ok=True)
+    study = StudyTable(folder / "study.csv", KEYS)
+    left = list(tasks(runs, study.done, None if motions is None else motions.absolute()))
+    with progress_bar("run {task.completed:.0f} of {task.total:.0f}") as progress:
+        bar = progress.add_task("evidence", total=sum(len(task.runs) for task in left))
+        for rows in results(Task.rows, left, jobs, scheduler):
+            study.add(rows)
+            progress.advance(bar, len(rows))
+    return study.rows
+
+
+def _read(path: Path) -> list[Row]:
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    if not rows or not {*KEYS, "commit"} <= set(rows[0]):
+        raise ConfigurationError(
+            "is not a table of a study", str(path), "Give the study.csv that probewatch study wrote"
+        )
+    return rows
+
+
+def write(rows: Sequence[Row]) -> None:
+    """A part of the figures that these rows do not speak of stays as it was measured."""
+    now = figures(rows)
+    before = read_figures() if DATA.exists() else Figures([], [])
+    now = replace(now, healthy=now.healthy or before.healthy, found=now.found or before.found)
+    DATA.write_text(json.dumps(now.plain(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    for path, text in pages(now).items():
+        path.write_text(text, encoding="utf-8")
+        click.echo(f"written: {path}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""What the rows of a study come to: the figures that docs/evidence.json keeps and the pages show. Pure.
+
+Each figure says with which sessions, seeds and commits it was measured, so that its command can be written down.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from itertools import groupby
+from math import isfinite
+from statistics import median
+
+import numpy as np
+
+from tools.study.bound import least_delay_s
+from tools.study.hazard import HIDDEN_S, ONSET_S, Hazard, Manner
+from tools.study.session import FPS, Session, Tissue
+from tools.study.summary import Row, Share, number
+
+SOON_S = 10.0
+"""Within which nearly every fault ought to be named, where the motion shows it."""
+_BOUNDED = (Manner.START, Manner.UNSEEN)
+"""Manners that motion alone shows: what changes in sight is seen by its leap, to which no such bound applies."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Conditions that figures of one line share; seeds: "1" or "1–20"."""
+
+    session: str
+    tissue: str
+    noise_mm: str
+    asked: str
+    duration_s: str
+    seeds: str
+    draws: str
+    commits: list[str]
+
+
+@dataclass(frozen=True)
+class Healthy:
+    """closed: share of each run with the contact closed, in order; first_s: until it closed first, of those that did.
+    faulted, warnings, halts: runs with a FAULT, and how often the states began.
+    """
+
+    origin: Origin
+    runs: int
+    hours: float
+    closed: list[float]
+    first_s: list[float]
+    faulted: int
+    warnings: int
+    halts: int
+
+
+@dataclass(frozen=True)
+class Found:
+    """Runs with one hazard. named: runs that named it first as what it is; told: name that came first → runs; nothing
+    is "". fault_s: delays of the FAULT, in order; open_s: until the contact was open for good, in order. soon: FAULTs
+    within SOON_S. gross: runs with an OK at twice the limit. bound_s: median least delay; None where none is known.
+    """
+
+    origin: Origin
+    hazard: str
+    runs: int
+    named: int
+    told: dict[str, int]
+    fault_s: list[float]
+    open_s: list[float]
+    soon: int
+    gross: int
+    bound_s: float | None
+
+    @property
+    def share(self) -> Share:
+        """Runs with a FAULT."""
+        return Share(len(self.fault_s), self.runs)
+
+    @property
+    def delay(self) -> str:
+        """Median of the runs with a FAULT, and their range."""
+        if not self.fault_s:
+            return "–"
+        return f"{median(self.fault_s):.2f} s ({self.fault_s[0]:.2f} to {self.fault_s[-1]:.2f})"
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Everything that was measured."""
+
+    healthy: list[Healthy]
+    found: list[Found]
+
+    def plain(self) -> dict[str, object]:
+        """As JSON takes it."""
+        return asdict(self)
+
+    @classmethod
+    def parse(cls, plain: dict[str, list[dict[str, object]]]) -> "Figures":
+        """The other way round. Raises KeyError and TypeError for something else."""
+        healthy, found = ([one | {"origin": Origin(**one["origin"])} for one in plain[k]] for k in ("healthy", "found"))  # type: ignore[arg-type]
+        return cls([Healthy(**one) for one in healthy], [Found(**one) for one in found])  # type: ignore[arg-type]
+
+
+def figures(rows: Sequence[Row]) -> Figures:
+    """Of the rows of study.csv."""
+    alike = ("session", "tissue", "noise_mm", "asked", "duration_s")
+    healthy = _grouped([row for row in rows if row["hazard"] == "none"], alike)
+    sick = _grouped([row for row in rows if row["hazard"] != "none"], (*alike, "hazard"))
+    return Figures([_healthy(group) for group in healthy], [_found(group) for group in sick])
+
+
+def _grouped(rows: list[Row], alike: tuple[str, ...]) -> list[list[Row]]:
+    def key(row: Row) -> tuple[str, ...]:
+        return tuple(row[name] for name in alike)
+
+    return [list(group) for _, group in groupby(sorted(rows, key=key), key=key)]
+
+
+def _origin(rows: list[Row]) -> Origin:
+    row = rows[0]
+    commits = sorted({one["commit"] for one in rows})
+    seeds, draws = _span(one["seed"] for one in rows), _span(one["draw"] for one in rows)
+    return Origin(
+        row["session"], row["tissue"], row["noise_mm"], row["asked"], row["duration_s"], seeds, draws, commits
+    )
+
+
+def _span(numbers: Iterable[str]) -> str:
+    """ "1", "1–20" or "1, 3"."""
+    told = sorted({int(one) for one in numbers})
+    whole = len(told) > 1 and told == list(range(told[0], told[-1] + 1))
+    return f"{told[0]}–{told[-1]}" if whole else ", ".join(map(str, told))
+
+
+def _known(rows: list[Row], column: str) -> list[float]:
+    return sorted(round(value, 3) for row in rows if isfinite(value := number(row, column)))
+
+
+def _healthy(rows: list[Row]) -> Healthy:
+    return Healthy(
+        origin=_origin(rows),
+        runs=len(rows),
+        hours=round(sum(number(row, "frames") for row in rows) / FPS / 3600, 4),
+        closed=_known(rows, "closed"),
+        first_s=_known(rows, "closed_s"),
+        faulted=sum(bool(row["faults"]) for row in rows),
+        warnings=sum(int(row["warnings"]) for row in rows),
+        halts=sum(int(row["halts"]) for row in rows),
+    )
+
+
+def _found(rows: list[Row]) -> Found:
+    hazard = Hazard.parse(rows[0]["hazard"])
+    found = [row for row in rows if row["fault_s"]]
+    told = Counter(row["faults"].split()[0] if row in found else "" for row in rows)
+    delays_s = _known(found, "fault_s")
+    return Found(
+        origin=_origin(rows),
+        hazard=str(hazard),
+        runs=len(rows),
+        named=told[str(hazard.fault)],
+        told=dict(sorted(told.items())),
+        fault_s=delays_s,
+        open_s=_known(rows, "opened_s"),
+        soon=sum(delay_s <= SOON_S for delay_s in delays_s),
+        gross=sum(number(row, "ok_gross_s") > 0 for row in rows),
+        bound_s=_bound_s(hazard, rows),
+    )
+
+
+def _bound_s(hazard: Hazard, rows: list[Row]) -> float | None:
+    """Median over the seeds; None where the hazard has no size or is seen to happen."""
+    if not hazard.size or hazard.manner not in _BOUNDED:
+        return None
+    from_s = 0.0 if hazard.manner is Manner.START else ONSET_S + HIDDEN_S
+    change = hazard.change(np.array([np.inf]))[0]
+    noise_mm = float(rows[0]["noise_mm"])
+    bounds_s = [least_delay_s(_session(row), change, noise_mm, 0.2 * noise_mm, from_s) for row in rows]
+    return round(median(bounds_s), 3) if isfinite(median(bounds_s)) else None
+
+
+def _session(row: Row) -> Session:
+    tissue: Tissue = "breathing" if row["tissue"] == "breathing" else "still"
+    return Session(row["session"], tissue, int(row["seed"]), float(row["duration_s"]))

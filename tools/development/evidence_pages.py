@@ -1,0 +1,318 @@
+"""`make docs` writes docs/coverage.md and docs/evidence.md, with their pictures, from docs/evidence.json. Pure."""
+
+import json
+from collections.abc import Iterable, Sequence
+from math import sqrt
+from pathlib import Path
+from statistics import mean, median, stdev
+
+from scipy.stats import t as student
+
+from appliance.types import Fault
+from tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, Origin
+from tools.report.svg import Plot, alone
+from tools.study.bound import FALSE_ALARM_H
+from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, Hazard
+from tools.study.samples import DEFAULT
+from tools.study.session import TISSUES
+from tools.study.summary import Share, false_rate_per_hour
+
+_SENSITIVITY = f"""Sudden and creeping hazards begin at {ONSET_S:g} s, creeping ones grow for {CREEP_S:g} s, unseen
+ones happen while nothing is in sight for {HIDDEN_S:g} s. *Bound*: the least mean delay of any test with one false
+alarm in {FALSE_ALARM_H:g} h, for this motion and noise, from the divergence of Kullback and Leibler
+(`tools/study/bound.py`); none is given where the change is seen to happen, or has no size. *OK at twice its limit*:
+runs in which that was told at any time after it began, also before it was found.
+"""
+
+DOCS = Path(__file__).parents[2] / "docs"
+DATA = DOCS / "evidence.json"
+_ROW, _FRAME = 22, 50
+"""Height of one line of a drawing, and of its axis, units of the drawing: labels of 12 units do not touch."""
+_MOST_DELAY_S = 10.0
+"""Of the drawing of delays; what is later is drawn at the edge."""
+
+_COVERAGE = """# Coverage: how often is healthy scanning verified?
+
+`make coverage-page` measures and writes this page; `make docs` writes it again from `docs/evidence.json`. A session is
+healthy scanning with known truth ([study.md](study.md)); what counts is the share of it with the contact closed.
+
+One row's runs again: `{command}`, with what the row says.
+"""
+_EVIDENCE = """# Evidence: what is found, how soon, and how often it alarms for nothing
+
+`make evidence` (short) or `make evidence-full` measures and writes this page; `make docs` writes it again from
+`docs/evidence.json`. Intervals are 95 %: of shares those of Clopper and Pearson, of rates Poisson's upper bound.
+**Few runs make wide intervals: read the intervals, not the shares.** Everything is of the simulated world of
+[study.md](study.md), with what that cannot tell. A ROC was not measured: the study keeps what was told, not how near it
+came to being told.
+
+One row's runs again: `{command}`, with what the row says; `--seeds` as many as its highest seed, `--draws` likewise.
+"""
+
+
+def read_figures() -> Figures:
+    """What was last measured."""
+    return Figures.parse(json.loads(DATA.read_text(encoding="utf-8")))
+
+
+def pages(figures: Figures) -> dict[Path, str]:
+    """File → text of everything that is written from the figures."""
+    return {
+        DOCS / "coverage.md": _coverage(figures.healthy),
+        DOCS / "evidence.md": _evidence(figures),
+        DOCS / "pictures" / "coverage.svg": _coverage_picture(figures.healthy),
+        DOCS / "pictures" / "sensitivity.svg": _sensitivity_picture(figures.found),
+        DOCS / "pictures" / "delay.svg": _delay_picture(figures.found),
+    }
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Lines of a Markdown table, with an empty one after it."""
+    return [*(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)), ""]
+
+
+def command(hazards: str = "") -> str:
+    """That does the runs of a row again."""
+    return (
+        "probewatch study --sessions S --tissues T --noise-mm N --asked A --duration D --seeds K"
+        f"{' --hazards H' if hazards else ''}"
+    )
+
+
+def _coverage(healthy: list[Healthy]) -> str:
+    lines = [
+        _COVERAGE.format(command=command()),
+        "![share of each session with the contact closed](pictures/coverage.svg)",
+        "",
+    ]
+    for asked, text in ((DEFAULT, "As shipped, motion alone"), ("everything", "Offsets asked for as well")):
+        some = [one for one in healthy if one.origin.asked == asked]
+        lines += [f"## {text}", ""]
+        if not some:
+            lines += ["Not measured.", ""]
+            continue
+        head = (
+            "session, tissue",
+            "closed, median",
+            "range of the runs",
+            "mean (95 %)",
+            "first closed, median",
+            *_ORIGIN,
+        )
+        lines += table(head, [_coverage_row(one) for one in some])
+    hours = sum(one.hours for one in healthy)
+    lines += [f"{sum(one.runs for one in healthy)} runs, {hours:.2f} h.", *_note()]
+    return "\n".join(lines)
+
+
+_ORIGIN = ("length, tracker", "seeds", "commit")
+
+
+def _origin(origin: Origin) -> tuple[str, ...]:
+    draws = "" if origin.draws == "1" else f", draws {origin.draws}"
+    return (
+        f"{origin.duration_s} s, {origin.noise_mm} mm",
+        f"{origin.seeds}{draws}",
+        ", ".join(f"`{one}`" for one in origin.commits),
+    )
+
+
+def _coverage_row(one: Healthy) -> Sequence[str]:
+    low, high = 100 * one.closed[0], 100 * one.closed[-1]
+    first = f"{median(one.first_s):.1f} s, {len(one.first_s)} of {one.runs}" if one.first_s else "never"
+    return (
+        f"{one.origin.session}, {one.origin.tissue}",
+        f"{100 * median(one.closed):.0f} %",
+        f"{low:.0f} to {high:.0f} %",
+        _mean(one.closed),
+        first,
+        *_origin(one.origin),
+    )
+
+
+def _mean(shares: list[float]) -> str:
+    """With Student's interval, cut to what a share can be."""
+    if len(shares) < 2:
+        return "one run"
+    half = float(student.ppf(0.975, len(shares) - 1)) * stdev(shares) / sqrt(len(shares))
+    low, high = max(mean(shares) - half, 0.0), min(mean(shares) + half, 1.0)
+    return f"{100 * mean(shares):.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def _note() -> list[str]:
+    return ["", "Simulated tissue and motion; real tissue is not in it.", ""]
+
+
+def _evidence(figures: Figures) -> str:
+    found = figures.found
+    lines = [
+        _EVIDENCE.format(command=command("H")),
+        *_false_alarms(figures.healthy),
+        "## Sensitivity and delay",
+        "",
+        _SENSITIVITY,
+        "![share of runs in which each hazard was found](pictures/sensitivity.svg)",
+        "",
+        "![delays of the FAULT and their bounds](pictures/delay.svg)",
+        "",
+        *(
+            line
+            for kind in FAULTS
+            if (some := [one for one in found if _kind(one) == kind])
+            for line in _kind_table(kind, some)
+        ),
+        *_confusion(found),
+        *_note(),
+    ]
+    return "\n".join(lines)
+
+
+def _kind(one: Found) -> str:
+    return Hazard.parse(one.hazard).kind
+
+
+def _kind_table(kind: str, some: list[Found]) -> list[str]:
+    return [f"### {kind}", "", f"Ought to be named `{FAULTS[kind]}`.", "", *table(_FOUND, map(_found_row, some))]
+
+
+_FOUND = (
+    *("hazard", "session, tissue", "FAULT", f"within {SOON_S:g} s", "named rightly first", "delay: median (range)"),
+    *("bound", "delay ÷ bound", "contact open after", "OK at twice its limit", *_ORIGIN),
+)
+
+
+def _found_row(one: Found) -> Sequence[str]:
+    delay = median(one.fault_s) if one.fault_s else None
+    bound = one.bound_s
+    return (
+        f"`{one.hazard}`",
+        f"{one.origin.session}, {one.origin.tissue}",
+        str(one.share),
+        f"{one.soon} of {one.runs}",
+        str(Share(one.named, one.runs)),
+        one.delay,
+        "–" if bound is None else f"{bound:.2f} s",
+        "–" if bound is None or delay is None or not bound else f"{delay / bound:.1f}",
+        f"{median(one.open_s):.2f} s" if one.open_s else "–",
+        f"{one.gross} of {one.runs}",
+        *_origin(one.origin),
+    )
+
+
+def _false_alarms(healthy: list[Healthy]) -> list[str]:
+    head = (
+        "healthy scanning",
+        "hours",
+        "runs",
+        "runs with a FAULT",
+        "FAULT per hour, under",
+        "WARNINGs",
+        "HALTs",
+        "HALT per hour, under",
+    )
+    names = dict.fromkeys(one.origin.session for one in healthy)
+    groups: dict[str, list[Healthy]] = {"all": healthy}
+    groups |= {str(tissue): [one for one in healthy if one.origin.tissue == tissue] for tissue in TISSUES}
+    groups |= {name: [one for one in healthy if one.origin.session == name] for name in names}
+    rows = [_alarm_row(name, some) for name, some in groups.items()]
+    return ["## False alarms", "", *table(head, [row for row in rows if row])]
+
+
+def _alarm_row(name: str, some: list[Healthy]) -> Sequence[str]:
+    hours, faulted, halts = (
+        sum(one.hours for one in some),
+        sum(one.faulted for one in some),
+        sum(one.halts for one in some),
+    )
+    if not hours:
+        return ()
+    return (
+        name,
+        f"{hours:.2f}",
+        str(sum(one.runs for one in some)),
+        str(faulted),
+        f"{false_rate_per_hour(faulted, hours):.2g}",
+        str(sum(one.warnings for one in some)),
+        str(halts),
+        f"{false_rate_per_hour(halts, hours):.2g}",
+    )
+
+
+def _confusion(found: list[Found]) -> list[str]:
+    """Classes against what was told first."""
+    told = sorted({name for one in found for name in one.told if name})
+    rows = []
+    for fault in dict.fromkeys(FAULTS.values()):
+        some = [one for one in found if FAULTS[_kind(one)] is fault]
+        counts = [sum(one.told.get(name, 0) for one in some) for name in (*told, "")]
+        if sum(counts):
+            right = Share(sum(one.named for one in some), sum(counts))
+            rows.append((f"`{fault}`", *map(str, counts), str(right)))
+    head = ("", *(f"`{name}`" for name in told), "nothing", "right")
+    text = "Rows: what it is. Columns: the name that came first."
+    return ["## Confusion", "", text, "", *table(head, rows)]
+
+
+def of_fault(found: list[Found], fault: Fault) -> list[Found]:
+    """Those whose name ought to be this one."""
+    return [one for one in found if FAULTS[_kind(one)] is fault]
+
+
+def _coverage_picture(healthy: list[Healthy]) -> str:
+    bars = [
+        (f"{one.origin.session}, {one.origin.tissue}, {one.origin.asked}", [100 * share for share in one.closed],
+         "b" if one.origin.tissue == "breathing" else "a")
+        for one in healthy
+    ]  # fmt: skip
+    plot = Plot(
+        (0, 100),
+        (0, max(len(bars), 1)),
+        "% of the session; bar: median, marks: runs; blue: still, orange: breathing",
+        "",
+        _height(bars),
+    )
+    for row, (name, shares, kind) in enumerate(bars):
+        y = len(bars) - row
+        plot.block(0, median(shares), y - 0.9, y - 0.1, kind, name)
+        _marks(plot, shares, y, 0.3)
+        plot.word(0, y - 0.6, name)
+    return alone(plot.svg("share of each session with the contact closed"))
+
+
+def _sensitivity_picture(found: list[Found]) -> str:
+    plot = Plot(
+        (0, 100),
+        (0, max(len(found), 1)),
+        "% of runs with a FAULT; bar: share, marks: 95 % interval",
+        "",
+        _height(found),
+    )
+    for row, one in enumerate(found):
+        y = len(found) - row
+        plot.block(0, 100 * len(one.fault_s) / one.runs, y - 0.9, y - 0.1, "a", one.hazard)
+        _marks(plot, [100 * edge for edge in one.share.interval], y, 0.3)
+        plot.word(0, y - 0.6, f"{one.hazard}, {one.origin.session}")
+    return alone(plot.svg("share of runs in which each hazard was found"))
+
+
+def _delay_picture(found: list[Found]) -> str:
+    seen = [one for one in found if one.fault_s]
+    label = f"delay of the FAULT, s, later than {_MOST_DELAY_S:g} at the edge; bar: median, marks: runs, red: bound"
+    plot = Plot((0, _MOST_DELAY_S), (0, max(len(seen), 1)), label, "", _height(seen))
+    for row, one in enumerate(seen):
+        y = len(seen) - row
+        plot.block(0, median(one.fault_s), y - 0.9, y - 0.1, "a", one.hazard)
+        _marks(plot, one.fault_s, y, 0.02)
+        if one.bound_s is not None:
+            plot.block(one.bound_s, one.bound_s + 0.04, y - 1, y, "bad", f"bound {one.bound_s:.2f} s")
+        plot.word(0, y - 0.6, f"{one.hazard}, {one.origin.session}")
+    return alone(plot.svg("delays of the FAULT and their bounds"))
+
+
+def _marks(plot: Plot, places: Iterable[float], y: float, wide: float) -> None:
+    for x in places:
+        plot.block(x, x + wide, y - 0.75, y - 0.25, "mark", f"{x:.3g}")
+
+
+def _height(rows: Sequence[object]) -> int:
+    return _ROW * len(rows) + _FRAME

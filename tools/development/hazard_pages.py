@@ -1,0 +1,105 @@
+"""A section of docs/alarms.md for each hazard: what watches, its limit, what is known of being seen, what to do.
+
+Made from the detectors' own words, the configuration's defaults, the policy and what the study has measured.
+"""
+
+import ast
+from collections.abc import Mapping
+from pathlib import Path
+
+from appliance.configuration.config import SupervisorTimes
+from appliance.limits import Limits
+from appliance.supervision.alarms import HAZARDS
+from appliance.types import Fault
+from tools.development.evidence_figures import Figures, Found
+from tools.development.evidence_pages import of_fault, table
+from tools.development.hazards import ROOT, found_by
+from tools.study.hazard import FAULTS
+
+_LIMITS: Mapping[Fault, tuple[str, ...]] = {
+    Fault.SCALE: ("scale_percent",),
+    Fault.ROTATION: ("rotation_deg",),
+    Fault.OFFSET: ("offset_mm",),
+    Fault.LATENCY: ("latency_ms",),
+    Fault.FROZEN_VIDEO: ("frozen_ms",),
+    Fault.USER_FREEZE: ("frozen_ms",),
+    Fault.VIDEO_LOST: ("video_silence_ms",),
+    Fault.MARKER_BODY: ("marker_fit_mm", "marker_shape_mm"),
+    Fault.FIELD_DISTORTION: ("field_indicator",),
+    Fault.TRACKER_LOST: ("tracker_silence_ms",),
+    Fault.TRACKER_STALE: ("tracker_stale_ms",),
+    Fault.OUTPUT_FAILED: ("output_silence_ms",),
+    Fault.ESTIMATOR_SILENT: ("estimator_silence_ms",),
+}
+"""Keys of the configuration; what is not here has none: it is seen or not."""
+_WATCHING = ("/detectors/", "/watchers/", "/storage/", "/overload.py", "/quality/evidence.py")
+"""What decides that a hazard is there; the other files that name it pass it on."""
+
+
+def hazard_pages(figures: Figures) -> list[str]:
+    """Lines of Markdown."""
+    lines = [
+        "## Each hazard",
+        "",
+        "What is said of being seen is measured with simulated hazards ([evidence.md](evidence.md) has every run, its",
+        "seeds and commit). A share of few runs says little: its interval does.",
+        "",
+    ]
+    for fault, row in HAZARDS.items():
+        seen = of_fault(figures.found, fault)
+        lines += [
+            f"### {fault}",
+            "",
+            f"**{row.text}.** What to do: {row.remedy}. What it leads to: [policy](#policy).",
+            "",
+            *(f"- Watched by `{file}`: {_opening(ROOT / file)}" for file in watchers(fault)),
+            f"- Limit: {_limit(fault)}",
+            f"- Probability to see it, and delay: {_note(fault, seen)}",
+            "",
+            *(_seen(seen) if seen else ()),
+        ]
+    return lines
+
+
+def watchers(fault: Fault) -> list[str]:
+    """Files that decide that it is there."""
+    return [file for file in found_by()[fault] if any(part in file for part in _WATCHING)]
+
+
+def _opening(file: Path) -> str:
+    """The first sentences of its docstring."""
+    told = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return " ".join(told.split("\n\n")[0].split())
+
+
+def _limit(fault: Fault) -> str:
+    defaults = {**Limits().model_dump(), **SupervisorTimes().model_dump()}
+    told = [f"`{name}`, {defaults[name]:g} unless configured" for name in _LIMITS.get(fault, ())]
+    return "; ".join(told) + "." if told else "none to set: it is there or not."
+
+
+def _note(fault: Fault, seen: list[Found]) -> str:
+    if seen:
+        return "see the table."
+    return (
+        "not measured in the last study."
+        if fault in FAULTS.values()
+        else "not measured; the study does not simulate it."
+    )
+
+
+def _seen(seen: list[Found]) -> list[str]:
+    head = ("hazard", "session, tissue", "FAULT (95 %)", "named rightly first", "median delay", "seeds", "commit")
+    rows = [
+        (
+            f"`{one.hazard}`",
+            f"{one.origin.session}, {one.origin.tissue}",
+            str(one.share),
+            f"{one.named} of {one.runs}",
+            one.delay,
+            one.origin.seeds,
+            ", ".join(f"`{commit}`" for commit in one.origin.commits),
+        )
+        for one in seen
+    ]
+    return table(head, rows)

@@ -1,0 +1,89 @@
+"""Which pictures and poses a client has asked for: all from now on, or the next one. Pure."""
+
+from typing import NamedTuple
+
+from drivers.openigtlink.content import NOT_FOUND, NOT_PRESENT, Status
+from drivers.openigtlink.message import Message
+
+_ONCE_S = 5.0
+"""For which one who asked for the next picture or pose waits, until it is told that none comes: as long as a client of
+the feed waits for its first word. Not measured."""
+
+_GRANTED, _DENIED = b"\0", b"\1"
+"""Of RTS_…, by the specification."""
+
+
+class Names(NamedTuple):
+    """Device names of what is passed through. pose: of the transform sensor → tracker."""
+
+    image: str
+    pose: str
+
+
+USUAL_NAMES = Names("Image", "ProbeToTracker")
+"""In PLUS's manner."""
+
+
+class Asked:
+    """streams: types that come until it says stop, IMAGE and TRANSFORM."""
+
+    def __init__(self, names: Names, streams: frozenset[str] = frozenset()) -> None:
+        self.names, self.streams = names, streams
+        self._once: dict[str, float] = {}
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Types that it waits for now."""
+        return self.streams | self._once.keys()
+
+    def concerns(self, message: Message) -> bool:
+        """Whether it asks for pictures or poses. GET_TRANS of any other name asks for a calibration."""
+        command, _, what = message.kind.partition("_")
+        if command == "GET" and _KINDS.get(what) == "TRANSFORM":
+            return message.device == self.names.pose
+        return command in ("GET", "STT", "STP") and what in _KINDS
+
+    def answer(self, message: Message, has_place: bool, now_s: float) -> Message | None:
+        """None where what was asked for is the answer. has_place: whether it may be shown pictures."""
+        command, _, what = message.kind.partition("_")
+        kind = _KINDS[what]
+        named = message.device in ("", self.names.image if kind == "IMAGE" else self.names.pose)
+        granted = command == "STP" or (named and (has_place or kind != "IMAGE"))
+        if command == "GET":
+            if not granted:
+                words = "too many look at pictures already" if named else f"there is only {self.names.image}"
+                return _status(message, NOT_FOUND, words)
+            self._once[kind] = now_s + _ONCE_S
+            return None
+        if granted:
+            self.streams = self.streams | {kind} if command == "STT" else self.streams - {kind}
+        version, content = min(message.version, 2), _GRANTED if granted else _DENIED
+        number = message.number if version > 1 else 0
+        return Message(f"RTS_{what}", message.device, content, version=version, number=number)
+
+    def given(self, kind: str) -> None:
+        """One of them was put to it."""
+        self._once.pop(kind, None)
+
+    def overdue(self, now_s: float) -> tuple[str, ...]:
+        """Device names of what it asked for once and that did not come; it is waited for no longer."""
+        late = tuple(kind for kind, until_s in self._once.items() if now_s > until_s)
+        for kind in late:
+            del self._once[kind]
+        return tuple(self.names.image if kind == "IMAGE" else self.names.pose for kind in late)
+
+
+_KINDS = {"IMAGE": "IMAGE", "TRANS": "TRANSFORM", "TRANSFORM": "TRANSFORM"}
+"""How questions name a type → the type, by the specification and as PLUS writes it."""
+
+
+def nothing_comes(device: str, why: str, version: int) -> Message:
+    """That neither pictures nor poses come at present; never OK."""
+    text = why or "the service hands on none"
+    return Message("STATUS", device, Status(NOT_PRESENT, 0, "nothing comes", text).content, version=version)
+
+
+def _status(message: Message, code: int, words: str) -> Message:
+    version = min(message.version, 2)
+    number = message.number if version > 1 else 0
+    return Message("STATUS", message.device, Status(code, 0, "refused", words).content, version=version, number=number)

@@ -1,0 +1,171 @@
+"""The guided steps of a live recalibration beside the scan itself: water, latency, and the point that closes it.
+
+Not safe for two threads at once; the session has the lock.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from appliance.core.path.latency import Latency
+from appliance.crosswire.checkpoint import LEAST_VIEWS, PASS_MM, PointCheck, check_point
+from appliance.crosswire.latency import BottomLine
+from appliance.crosswire.scan import CrosswireScan
+from appliance.crosswire.water import LARGEST_ERROR, RANGE_C, SCANNER_M_S, for_tissue, speed_of_sound_m_s
+from appliance.service.control.server import ControlRefused
+from appliance.types import PARAMETERS, Calibration, Vector
+from drivers.samples import Frame, Pose
+from tools.shared.crosswire_review import difference_in_sigmas
+
+SETTINGS_M_S = (1400.0, 1700.0)
+"""Of scanners: what `probewatch recalibrate --scanner-m-s` takes."""
+_ELSEWHERE_MM = 10.0
+"""From the crossing of the scan, for the point to be another one: what a wrong scale or rotation misplaces grows with
+that distance, and 5 % of it are then half of what passes. Less checks the scan against itself. Not varied.
+"""
+_MOST_PICTURES = 1800
+"""Of the latency's line: a minute at 30 Hz. More takes memory and the time of a solution, .1 s a thousand."""
+_PER_UNIT = np.array([*(np.degrees(1.0),) * 3, *(100.0,) * 2, *(1.0,) * 3])
+"""deg, %, mm of the service's checks: how many of them are one rad, one relative, one mm."""
+
+
+class Sound:
+    """What the water does to depths. water_c: None where nobody has measured it, as with ethanol in it.
+
+    corrected: the axial scale is to be carried over to tissue; for linear arrays alone. Raises ControlRefused.
+    """
+
+    def __init__(self, water_c: float | None, scanner_m_s: float = SCANNER_M_S, corrected: bool = False) -> None:
+        self.water_c, self.scanner_m_s = water_c, scanner_m_s
+        self.water_m_s: float | None = None
+        if not SETTINGS_M_S[0] <= scanner_m_s <= SETTINGS_M_S[1]:
+            what = f"the scanner's speed of sound must be {SETTINGS_M_S[0]:g} to {SETTINGS_M_S[1]:g} m/s"
+            raise ControlRefused(what, "water", "1540 is usual")
+        if water_c is not None:
+            try:
+                self.water_m_s = speed_of_sound_m_s(water_c)
+            except ValueError:
+                what = f"the water's temperature must be {RANGE_C[0]:g} to {RANGE_C[1]:g} °C"
+                raise ControlRefused(what, "water", "Measure it, or leave it out") from None
+        self.corrected = corrected and water_c is not None
+        if abs(self.error) > LARGEST_ERROR and not corrected:
+            what = f"{self.text}; {100 * LARGEST_ERROR:g} % is the most"
+            remedy = "Warm the water to 48 °C, or have the depths corrected (linear arrays)"
+            raise ControlRefused(what, "water", remedy)
+
+    @property
+    def error(self) -> float:
+        """Relative, of depths: positive where they appear too deep; 0 where it is not known."""
+        return 0.0 if self.water_m_s is None else self.scanner_m_s / self.water_m_s - 1
+
+    @property
+    def text(self) -> str:
+        """In words; empty where nobody has measured it."""
+        if self.water_m_s is None:
+            return ""
+        deep = "too deep" if self.error > 0 else "too shallow"
+        corrected = ", corrected" if self.corrected else ""
+        return (
+            f"water of {self.water_c:g} °C: {self.water_m_s:.0f} m/s, scanner: {self.scanner_m_s:.0f} m/s: "
+            f"depths appear {abs(100 * self.error):.1f} % {deep}{corrected}"
+        )
+
+    def for_tissue(self, calibration: Calibration) -> Calibration:
+        """As it is where sound travels as the scanner thinks, where that was asked for."""
+        if not self.corrected or self.water_m_s is None:
+            return calibration
+        return for_tissue(calibration, self.water_m_s, self.scanner_m_s)
+
+
+class LatencyStep:
+    """The probe is moved up and down over the bottom of the tank. found: None while the motion does not show it."""
+
+    def __init__(self) -> None:
+        self._line = BottomLine()
+        self.found: Latency | None = None
+
+    def take(self, sample: Frame | Pose) -> None:
+        """The next sample of the feed; after a minute no more are taken."""
+        if self._line.pictures < _MOST_PICTURES:
+            self._line.step(sample)
+
+    def solve(self) -> None:
+        """Anew, of all samples so far."""
+        self.found = self._line.latency()
+
+    def fields(self) -> dict[str, Any]:
+        return {
+            "pictures": self._line.pictures,
+            "seen": self._line.seen,
+            "full": self._line.pictures >= _MOST_PICTURES,
+            "latency_ms": None if self.found is None else 1e3 * self.found.value_s,
+            "sigma_ms": None if self.found is None else 1e3 * self.found.sigma_s,
+        }
+
+
+class CheckStep:
+    """A second, short scan of a crossing elsewhere. known_mm: where it is, tracker axes, if a pointer has found it."""
+
+    def __init__(self, latency_ms: float, scale: tuple[float, float], known_mm: Vector | None) -> None:
+        self.scan = CrosswireScan(latency_ms, scale)
+        self._known_mm = known_mm
+
+    def judged(self, calibration: Calibration, crossing_mm: Vector) -> tuple[PointCheck | None, str]:
+        """What that calibration makes of it, and why it does not pass, if so. crossing_mm: of the scan."""
+        views = self.scan.views
+        if len(views) < LEAST_VIEWS:
+            return None, f"{len(views)} passages through the other crossing, {LEAST_VIEWS} are needed"
+        check = check_point(calibration, views, self._known_mm)
+        apart_mm = float(np.linalg.norm(check.points_mm.mean(axis=0) - crossing_mm))
+        if apart_mm < _ELSEWHERE_MM:
+            what = f"it is {apart_mm:.0f} mm from where the scan was made"
+            return check, f"{what}: move the tank by {_ELSEWHERE_MM:g} mm and more, and check again"
+        if not check.passed:
+            return check, f"{check.error_mm:.2f} mm RMS, {PASS_MM:g} mm is the most: see that nothing slips; scan again"
+        return check, ""
+
+    def fields(self, calibration: Calibration, crossing_mm: Vector) -> dict[str, Any]:
+        check, why = self.judged(calibration, crossing_mm)
+        return {
+            "views": len(self.scan.views),
+            "error_mm": None if check is None else check.error_mm,
+            "largest_mm": None if check is None else check.largest_mm,
+            "known": self._known_mm is not None,
+            "why": why,
+        }
+
+    def record(self, calibration: Calibration, crossing_mm: Vector) -> str:
+        """For the provenance of what has passed."""
+        check, _ = self.judged(calibration, crossing_mm)
+        assert check is not None
+        how = "from where it is" if check.known else "about one place"
+        return f"{len(self.scan.views)} views put another point within {check.error_mm:.2f} mm RMS {how}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """What motion over tissue, without a phantom, last said: how far the calibration is from the reference, (8,) in the
+    order and units of PARAMETERS, NaN where that was not observed, and its sigma.
+    """
+
+    change: Vector
+    sigma: Vector
+
+    def less(self, new: Calibration, reference: Calibration) -> tuple[Vector, Vector]:
+        """(8,) the estimate less the new calibration, and that ÷ the sigmas of both. Rotations are small and add."""
+        change = difference_in_sigmas(new, reference)[0] + self.change
+        variance = np.square(self.sigma) + (0.0 if new.covariance is None else np.diag(new.covariance))
+        return change, np.asarray(change / np.sqrt(variance))
+
+
+def estimate_of(status: Mapping[str, Any]) -> Estimate | None:
+    """Of the service's status before the scan, None where it had observed nothing."""
+    told = {check["name"]: check for check in status.get("checks", ())}
+    parts = [told.get(name, {}) for name in PARAMETERS]
+    change, sigma = (
+        np.array([np.nan if part.get(key) is None else part[key] for part in parts]) / _PER_UNIT
+        for key in ("value", "sigma")
+    )
+    return Estimate(change, sigma) if np.any(np.isfinite(change)) else None

@@ -1,0 +1,91 @@
+"""Recordings in a folder or an object store that fsspec reaches: what there is, and a copy while it is needed."""
+
+import re
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from drivers.errors import ConfigurationError, DeviceLost
+from drivers.printable import printable
+from tools.shared.found_recordings import SUFFIXES
+
+_COPY_BYTES = 1 << 22
+"""Taken from the store at once: a request of an object store costs some 50 ms, whatever its size. Not measured."""
+
+_BOX = re.compile(r"-(?P<session>[^-/]+)-(?P<part>\d{5})\.mcap$")
+"""How a recorder names the files of one run."""
+
+
+class NotFetchedError(Exception):
+    """Why a recording did not come; another time it may."""
+
+
+def is_url(name: str) -> bool:
+    """Whether it names a place for fsspec, and not a path of this computer."""
+    return "://" in name
+
+
+def listed(url: str) -> list[tuple[str, ...]]:
+    """URLs of the recordings under a folder, or of the one file that is named; the files of one run of a recorder
+    belong together. Raises ConfigurationError for what cannot be a place, or holds none, DeviceLost where it does not
+    answer.
+    """
+    if urlsplit(url).username is not None:
+        remedy = "Give them as the store's own tools take them, by environment or file"
+        raise ConfigurationError("credentials in an address would stand in the table", printable(url), remedy)
+    filesystem, path = _opened(url)
+    try:
+        names = [path] if filesystem.isfile(path) else filesystem.find(path)
+        found = sorted(filesystem.unstrip_protocol(name) for name in names)
+    except Exception as error:  # each store has its own
+        raise DeviceLost(f"cannot be listed: {_said(error)}", printable(url), "Check address and rights") from error
+    recordings = [name for name in found if name.lower().endswith(SUFFIXES)]
+    if not recordings:
+        raise ConfigurationError("holds no recordings", printable(url), f"It looks for {', '.join(SUFFIXES)}")
+    together: dict[str, list[str]] = {}
+    for name in recordings:
+        box = _BOX.search(name)
+        together.setdefault(name if box is None else box["session"], []).append(name)
+    return [tuple(names) for names in together.values()]
+
+
+@contextmanager
+def fetched(urls: tuple[str, ...]) -> Iterator[tuple[Path, ...]]:
+    """Copies on this computer, under their own names, until the context is left. Raises NotFetchedError."""
+    with tempfile.TemporaryDirectory(prefix="probewatch-study-") as folder:
+        yield tuple(_copied(url, Path(folder) / str(number)) for number, url in enumerate(urls))
+
+
+def _copied(url: str, folder: Path) -> Path:
+    filesystem, path = _opened(url)
+    copy = folder / Path(path).name
+    folder.mkdir()
+    try:
+        with filesystem.open(path, "rb") as source, copy.open("wb") as target:
+            while data := source.read(_COPY_BYTES):
+                target.write(data)
+    except Exception as error:  # each store has its own
+        raise NotFetchedError(_said(error)) from error
+    return copy
+
+
+def _opened(url: str) -> tuple[Any, str]:
+    """(file system, path in it). Raises ConfigurationError."""
+    try:
+        import fsspec  # noqa: PLC0415  an extra that a cart does not have
+    except ImportError:
+        remedy = "Install it: pip install 'probewatch[study]'"
+        raise ConfigurationError("needs the package fsspec", printable(url), remedy) from None
+    try:
+        filesystem, path = fsspec.core.url_to_fs(url)
+    except Exception as error:
+        remedy = "Such as file:///archive or s3://bucket/archive; a store needs its package, such as s3fs"
+        raise ConfigurationError(f"cannot be reached: {_said(error)}", printable(url), remedy) from error
+    return filesystem, path
+
+
+def _said(error: Exception) -> str:
+    return printable(str(error) or type(error).__name__)
