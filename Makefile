@@ -78,7 +78,7 @@ test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, pow
 	$(BIN)/pytest -vv -n 2 --dist loadfile --no-loadscope-reorder -m "cart and not slow" -rsP --durations=20 tests/cart
 
 HOURS ?= 8
-igtl-soak: $(VENV)/dev ## the OpenIGTLink traffic of 8 hours, as fast as it goes: memory and descriptors (about ten minutes)
+igtl-soak: $(VENV)/dev ## the OpenIGTLink traffic of 8 hours, as fast as it goes: memory and descriptors (some twelve minutes)
 	$(BIN)/python -m tests.tools.openigtlink.soak $(HOURS)
 
 soak: $(VENV)/dev ## half an hour of service in a container: memory, files, dropped frames, processor share (root)

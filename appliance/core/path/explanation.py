@@ -160,7 +160,7 @@ class _Steps:
         poses = poses[first:last]
         seen = path[:, begins + ahead] - path[:, begins]
         sensor = SensorSteps.between(poses)
-        return cls(seen, *whole, both - whole, poses, sensor, reference.offset_mm, span_s)
+        return cls(seen, whole[0], whole[1], both - whole, poses, sensor, reference.offset_mm, span_s)
 
     def predicted(self, R: Array, sensor: SensorSteps | None = None) -> Array:
         """(3, m): way of the picture on the grid that X = (R, offset) predicts, of this or another reading."""
@@ -170,6 +170,7 @@ class _Steps:
     def fits(self, convention: Convention, path: Array, reach_s: float) -> _Fits:
         """Of lags up to reach_s either way."""
         lags = np.arange(-round(reach_s / _GRID_S), round(reach_s / _GRID_S) + 1)
+        lags_s = np.asarray(lags * _GRID_S, dtype=np.float64)
         begin, end = self.begin + lags[:, None], self.end + lags[:, None]
         slope = np.diff(path, axis=1)
         moved = np.take(path, end, axis=1) - np.take(path, begin, axis=1)
@@ -179,4 +180,4 @@ class _Steps:
         floor = self.begin.size * _FLOORS[:, None]
         left = np.log((seen + told - 2 * together + floor) / (seen + floor)).sum(axis=0)
         agreement = 2 * together / (seen + told + floor)
-        return _Fits(convention, lags * _GRID_S, 0.5 * self.span_s / _MEMORY_S * left, agreement)
+        return _Fits(convention, lags_s, 0.5 * self.span_s / _MEMORY_S * left, agreement)

@@ -47,8 +47,9 @@ PICTURES_HZ, POSES_HZ, ROUNDS_HZ = 30, 60, 10
 READINGS = 40
 """Of memory in each half; the first quarter is warming up."""
 MOST_MIB = 6.0
-"""Growth from the second to the last quarter that is taken for noise of the allocator: it stays behind by less in
-seconds (measured: see `make igtl-soak`), and a leak of 4 bytes a message is 10 MiB in 8 h."""
+"""Growth from the second to the last quarter that is taken for noise of the allocator: an hour's traffic left .3 MiB. A
+leak of 4 bytes a message is 10 MiB in 8 h.
+"""
 MOST_DESCRIPTORS = 4
 """By how many two counts may differ: connections that come and go, and what waits for them. More hides a connection in
 so many that is left open; less takes one that is just open for a leak. Not measured.
