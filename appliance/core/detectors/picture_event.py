@@ -53,13 +53,18 @@ class PictureChange:
 
 
 class PictureEvent(Detector):
-    """Adds up the changes since the reference was in force."""
+    """Adds up the changes since the reference was in force.
+
+    A change is named once the picture after it is no change back: one spoilt picture withdraws the OK, and alarms
+    nobody.
+    """
 
     def __init__(self, scale_limit_percent: float) -> None:
         self._scale_limit = scale_limit_percent
         self._before: Array32 | None = None
         self._before_ns = 0
         self._followed = 0
+        self._just_changed = False
         self._polarity = (1, 1)
         self._log_zoom = 0.0
 
@@ -77,12 +82,14 @@ class PictureEvent(Detector):
         before, self._before = self._before, small
         gap_ns, self._before_ns = t_ns - self._before_ns, t_ns
         if gap_ns > _GAP_NS:
-            self._followed = 0
+            self._followed, self._just_changed = 0, False
         calm, self._followed = self._followed >= _CALM_FRAMES, self._followed + 1 if followed else 0
-        if not calm or followed or before is None or before.shape != small.shape:
+        known, self._just_changed = calm or self._just_changed, False
+        if not known or followed or before is None or before.shape != small.shape:
             return None
         change = _explanation(before, small)
         if change is not None:
+            self._just_changed = calm
             self._polarity = (self._polarity[0] * change.polarity[0], self._polarity[1] * change.polarity[1])
             self._log_zoom += log(change.zoom)
         return change
@@ -97,17 +104,15 @@ class PictureEvent(Detector):
     def checks(self) -> tuple[Check, ...]:
         """Flipped axes and magnification since the reference, as facts that need no motion."""
         flipped = float(self._polarity.count(-1))
-        zoom = 100 * (np.exp(self._log_zoom) - 1)
+        zoom = float(100 * (np.exp(self._log_zoom) - 1))
         return (
-            Check("picture-flip", Fault.POLARITY, flipped, 0.0, "axes", MOST_FLIPPED, _judged(flipped, MOST_FLIPPED)),
-            Check(
-                "picture-zoom", Fault.SCALE, float(zoom), 0.0, "%", self._scale_limit, _judged(zoom, self._scale_limit)
-            ),
+            self._check("picture-flip", Fault.POLARITY, flipped, "axes", MOST_FLIPPED),
+            self._check("picture-zoom", Fault.SCALE, zoom, "%", self._scale_limit),
         )
 
-
-def _judged(value: float, limit: float) -> VerdictKind:
-    return VerdictKind.FAULT if abs(value) > limit else VerdictKind.OK
+    def _check(self, name: str, fault: Fault, value: float, unit: str, limit: float) -> Check:
+        beyond = VerdictKind.NOT_VERIFIED if self._just_changed else VerdictKind.FAULT
+        return Check(name, fault, value, 0.0, unit, limit, beyond if abs(value) > limit else VerdictKind.OK)
 
 
 def _small(image: GreyImage) -> Array32:

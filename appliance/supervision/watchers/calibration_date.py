@@ -1,4 +1,6 @@
-"""A calibration whose date has passed goes on being watched, and everybody is told; References withholds what ended."""
+"""Whether a date of the calibration in force has passed. It is watched all the same, and everybody is told; with
+`[calibration] overdue = "expires"` it cannot be verified any more, so that the contact opens.
+"""
 
 from appliance.supervision.watchers.facts import Facts
 from appliance.types import Check, Fault, VerdictKind

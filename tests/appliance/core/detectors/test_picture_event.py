@@ -1,0 +1,78 @@
+"""Changes of the picture's geometry between two frames: named where they stay, and not where one picture is spoilt."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from appliance.core.detectors.picture_event import PictureEvent
+from appliance.types import VerdictKind
+from drivers.samples import GreyImage
+
+FRAME_NS = 33_000_000
+CALM = 8
+"""Pictures that were followed before anything happens."""
+
+
+def speckle() -> GreyImage:
+    noise = np.random.default_rng(4).normal(size=(240, 320)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
+    return np.clip(128 + 45 * smooth / smooth.std(), 0, 255).astype(np.uint8)
+
+
+def zoomed(image: GreyImage) -> GreyImage:
+    """As a shallower depth setting shows it, from the middle of the top edge."""
+    M = np.array([[1.2, 0, -0.1 * (image.shape[1] - 1)], [0, 1.2, 0]])
+    return cv2.warpAffine(image, M, image.shape[::-1]).astype(np.uint8)
+
+
+SPOILT: dict[str, Callable[[GreyImage], GreyImage]] = {
+    "mirrored": lambda image: image[:, ::-1].copy(),
+    "upside down": lambda image: image[::-1].copy(),
+    "zoomed": zoomed,
+}
+
+
+def told(detector: PictureEvent) -> set[VerdictKind]:
+    return {check.verdict for check in detector.checks()}
+
+
+def shown(
+    detector: PictureEvent, pictures: list[GreyImage], followed: list[bool], start: int = 0
+) -> list[set[VerdictKind]]:
+    """What is told after each."""
+    said = []
+    for k, (image, seen) in enumerate(zip(pictures, followed, strict=True), start):
+        detector.step(k * FRAME_NS, image, seen)
+        said.append(told(detector))
+    return said
+
+
+@pytest.fixture
+def calm() -> PictureEvent:
+    detector = PictureEvent(5.0)
+    assert shown(detector, [speckle()] * CALM, [True] * CALM) == [{VerdictKind.OK}] * CALM
+    return detector
+
+
+@pytest.mark.parametrize("how", SPOILT)
+def test_what_stays_is_named_with_the_second_picture(how: str, calm: PictureEvent) -> None:
+    changed = SPOILT[how](speckle())
+    first, second, third = shown(calm, [changed] * 3, [False, True, True], CALM)
+    assert first == {VerdictKind.OK, VerdictKind.NOT_VERIFIED}
+    assert second == third == {VerdictKind.OK, VerdictKind.FAULT}
+
+
+@pytest.mark.parametrize("how", SPOILT)
+def test_one_spoilt_picture_is_never_a_fault(how: str, calm: PictureEvent) -> None:
+    first, *after = shown(calm, [SPOILT[how](speckle()), *[speckle()] * 6], [False, False, *[True] * 5], CALM)
+    assert first == {VerdictKind.OK, VerdictKind.NOT_VERIFIED}
+    assert after == [{VerdictKind.OK}] * 6
+
+
+def test_a_picture_that_comes_late_confirms_nothing_back(calm: PictureEvent) -> None:
+    """After a gap the picture before says nothing: what was seen to change stays changed."""
+    calm.step(CALM * FRAME_NS, speckle()[:, ::-1].copy(), False)
+    calm.step((CALM + 30) * FRAME_NS, speckle(), False)
+    assert told(calm) == {VerdictKind.OK, VerdictKind.FAULT}
