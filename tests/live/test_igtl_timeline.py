@@ -92,6 +92,7 @@ def play(cart: Cart, director: Director) -> list[tuple[float, str]]:
     return seen
 
 
+@pytest.mark.slow
 def test_ok_is_never_said_of_a_time_at_which_the_contact_was_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
