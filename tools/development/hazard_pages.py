@@ -32,7 +32,7 @@ _LIMITS: Mapping[Fault, tuple[str, ...]] = {
     Fault.ESTIMATOR_SILENT: ("estimator_silence_ms",),
 }
 """Keys of the configuration; what is not here has none: it is seen or not."""
-_WATCHING = ("/detectors/", "/watchers/", "/storage/", "/overload.py", "/quality/evidence.py")
+_WATCHING = ("/detectors/", "/watchers/", "/storage/", "/overload.py", "/quality/examination.py")
 """What decides that a hazard is there; the other files that name it pass it on."""
 
 

@@ -1,23 +1,18 @@
-"""What the last seconds of motion show of the calibration: latency first, then polarity, then every parameter of X."""
+"""What the last seconds of motion show of the calibration: which windows are examined, and what counts of each."""
 
 from collections import deque
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from math import isnan, nan, sqrt
+from dataclasses import replace
+from math import isnan
 
-import numpy as np
-
-from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check, trusted
-from appliance.core.detectors.polarity import MOST_FLIPPED, flipped, weigh_polarity
+from appliance.core.detectors.calibration_change import latency_check
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.conventions import Convention
 from appliance.core.path.explanation import Explanation, explain
 from appliance.core.path.latency import REACH_S, Latency
 from appliance.core.path.latency_drift import LatencyDrift
 from appliance.core.path.noise import Noise
-from appliance.core.path.residual import TAU
-from appliance.core.path.solver import PathFit, Prior, Solution, solve
 from appliance.core.path.window import PathWindow
+from appliance.core.quality.examination import Finding, agreed, examine, examine_nothing, latency_of, without
 from appliance.core.quality.verification import Standing, Verification
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
@@ -47,50 +42,10 @@ and is not named as a fault. A window of 8 s named −13 % in a gesture over bre
 alone later, and never where it exceeds `_LIVELY_NS`, the longest window under a sign.
 """
 _BREATHED = frozenset({"scale-axial"})
-_UNKNOWN_LATENCY_S = 0.05
-"""Standard deviation of a latency that the paths alone do not tell. More lets scales hide in it, less lets it hide in
-the scales; the limit is .06 s.
-"""
-_RELINEARISE_S = 0.008
-"""Change of the latency from which poses are taken again: a quarter of a frame. The residual is linear in it only while
-the velocity lasts; less costs a second solution more often. Not measured.
-"""
-_LEAST_LATENCY_SIGMA_S = 0.005
-"""No latency counts as better known. Less trusts a fit that knows nothing of what all stamps have in common; more
-withholds OK and FAULT about the limit. Not measured.
-"""
-_LAGS_S = (-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
-"""Where a latency is looked for that the paths do not tell: as far apart as `_UNKNOWN_LATENCY_S` reaches. Each costs a
-misfit; a tracker that is later still is named once the paths tell it.
-"""
-_FAR_BETTER = 30.0
-"""By how much, in −2 log likelihood, a far latency must beat none: it excuses the calibration. Less excuses scale
-faults as latency; more leaves a late tracker unnamed for longer. Not measured.
-"""
-_LEAST_FAR_NS = 3_000_000_000
-"""A shorter window is not asked for a far latency: over so little motion chance finds one. Not measured."""
-_FAR_SIGMA_S = 0.01
-"""Of a lag that only the search for an explanation tells: over the study's sessions it is within 6 ms. More names it
-later where it is near its limit, which the fine search covers."""
 _EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
 """Between two searches for what explains a motion that the reference does not, and the motion that they look at: each
 takes 2 ms, 7 ms where not even a lag explains it. A longer window names later what has just begun, a shorter one leaves
 little of it beside the second at its end whose poses are yet to come.
-"""
-_SAME_X = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2)
-"""rad, relative: X within this of the reference is the reference's, and the far latency is all that is wrong. Within
-the limits, or a wrong X would be excused.
-"""
-_SHARPER = 0.5
-"""Sigma of the solver's latency ÷ that of the paths, below which it takes the place of it: near to one another the two
-are equally good, and the paths' needs no X.
-"""
-_UNSEEN_TILT_RAD = 0.02
-"""A tilt that no motion shows is held near the reference: left free, noise tilts it, and its cosine shrinks the scales.
-"""
-_NEAR = Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0)
-"""Two to four times the limits: wide enough that a fault at twice its limit is not drawn back by much, near enough that
-what the window does not show stays where the model is linear. Not measured.
 """
 _REQUIRED_FOR = {
     Fault.POLARITY: ("polarity",),
@@ -101,29 +56,6 @@ _REQUIRED_FOR = {
 _SLOW = frozenset({"rotation-lateral", "rotation-axial", "offset-lateral", "offset-axial", "offset-elevational"})
 """Shown only by tilt and turn, of which a few seconds hold too little to decide."""
 _OF_X = frozenset(PARAMETERS)
-_UNWEIGHED = Check("polarity", Fault.POLARITY, nan, 0.0, "axes", MOST_FLIPPED, VerdictKind.NOT_VERIFIED)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Finding:
-    """What one window showed."""
-
-    checks: tuple[Check, ...]
-    solution: Solution | None = None
-
-    @property
-    def failed(self) -> frozenset[str]:
-        """Names of the checks that are shown to be outside their limit."""
-        return frozenset(check.name for check in self.checks if check.verdict is VerdictKind.FAULT)
-
-    def shows(self, names: Iterable[str]) -> bool:
-        """Whether every one of these checks is shown to be in order."""
-        return {check.name for check in self.checks if check.verdict is VerdictKind.OK}.issuperset(names)
-
-    @property
-    def shown(self) -> int:
-        """Number of checks that are decided either way."""
-        return sum(check.verdict is not VerdictKind.NOT_VERIFIED for check in self.checks)
 
 
 class Evidence:
@@ -247,7 +179,7 @@ class Evidence:
             self._explain(now_ns)
             finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
         finding = self._carried_on(finding, recent, now_ns)
-        short = _without(finding, _SLOW)
+        short = without(finding, _SLOW)
         confirmed = short.failed & self._suspects
         if confirmed and now_ns >= self._settled_ns:
             self._valid_ns, self._settled_ns, self._culprits = now_ns - _SHORT_NS, now_ns + _SHORT_NS, confirmed
@@ -267,7 +199,7 @@ class Evidence:
         self._suspects = finding.failed | short.failed
         self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful)
         last_sign_ns = self._verification.last_sign_ns
-        self._latest = self._accepted(_without(finding, doubtful), long, now_ns)
+        self._latest = self._accepted(without(finding, doubtful), long, now_ns)
         if not self._verification.contradicted:
             # An answered sign must not come back with the motion that it was of.
             self._valid_ns = max(self._valid_ns, last_sign_ns)
@@ -303,13 +235,13 @@ class Evidence:
     def _examined(self, window: PathWindow, start: Noise | None) -> Finding:
         """What the window shows; while breathing is not known, a wrong axial scale is a sign and not named."""
         finding = examine(window, self._reference, self._limits, start, self._about_s)
-        finding = finding if self._breathing_known else _without(finding, _BREATHED & finding.failed)
+        finding = finding if self._breathing_known else without(finding, _BREATHED & finding.failed)
         return self._with_drift(finding)
 
     def _carried_on(self, finding: Finding, recent: PathWindow, now_ns: int) -> Finding:
         """Take what the short window tells of the latency at its middle, and see where it goes."""
-        check = _latency_of(finding)
-        if _agreed(finding) and check.shown_ns is not None:
+        check = latency_of(finding)
+        if agreed(finding) and check.shown_ns is not None:
             middle_ns = (recent.start_ns + recent.now_ns) // 2
             self._drift.note(middle_ns, Latency(check.value / 1e3, check.sigma / 1e3))
         self._drifted = self._drift.carried_to(now_ns)
@@ -317,14 +249,14 @@ class Evidence:
 
     def _with_drift(self, finding: Finding) -> Finding:
         """A latency that has drifted beyond its limit by now is no OK; nor is it one that may have."""
-        check = _latency_of(finding)
-        if self._drifted is None or not _agreed(finding) or check.verdict is VerdictKind.FAULT:
+        check = latency_of(finding)
+        if self._drifted is None or not agreed(finding) or check.verdict is VerdictKind.FAULT:
             return finding
         now = latency_check(self._drifted, self._limits, self.window.stamps_err_s, check.shown_ns)
         if now.verdict is VerdictKind.OK or abs(now.value) < abs(check.value):
             return finding
         checks = (
-            now if one.name == now.name else one for one in _without(finding, finding.failed - {"polarity"}).checks
+            now if one.name == now.name else one for one in without(finding, finding.failed - {"polarity"}).checks
         )
         return Finding(tuple(checks), finding.solution)
 
@@ -359,13 +291,8 @@ class Evidence:
             window = window.since(last_sign_ns + 1)
             finding = self._examined(window, self._noise_until(now_ns))
             self._contradict(finding.checks, frozenset())
-            finding = _without(finding, finding.failed)
+            finding = without(finding, finding.failed)
         return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))
-
-
-def _agreed(finding: Finding) -> bool:
-    """Whether picture and tracker agree on the motion."""
-    return any(check.fault is Fault.AGREEMENT and check.verdict is VerdictKind.OK for check in finding.checks)
 
 
 def _explained(finding: Finding) -> bool:
@@ -375,137 +302,19 @@ def _explained(finding: Finding) -> bool:
     return needed <= {check.fault for check in finding.checks if check.verdict is VerdictKind.OK}
 
 
-def _latency_of(finding: Finding) -> Check:
-    return next(check for check in finding.checks if check.fault is Fault.LATENCY)
-
-
 def _quick(finding: Finding) -> tuple[Check, ...]:
     """The checks that a few seconds can decide."""
     return tuple(check for check in finding.checks if check.name not in _SLOW)
-
-
-def examine(
-    window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None = None, about_s: float = 0.0
-) -> Finding:
-    """Latency from the two paths, X by maximum likelihood on the in-plane motion, polarity by likelihood.
-
-    A late tracker looks like a wrong scale: no parameter of X is at fault before the latency is known to be in order.
-    start: as in `appliance.core.path.solver.solve`. about_s: latency near which it is looked for; where the fine search
-    finds none there, it may be a FAULT, but no OK.
-    """
-    lag = window.latency(about_s)
-    coarse = lag is None and about_s != 0.0
-    if coarse:
-        lag = Latency(about_s, _FAR_SIGMA_S)
-    solution, solved_lag = _solved(window, reference, lag, start)
-    if solution is None:
-        return examine_nothing(limits)
-    samples = window.samples(0.0 if lag is None else lag.value_s)
-    polarity, polarity_check = weigh_polarity(samples, reference, solution.noise)
-    if polarity != (1, 1):
-        # The noise that a wrong polarity asks for hides much of what speaks against it.
-        mirrored, mirrored_lag = _solved(window, flipped(reference, polarity), lag, None)
-        polarity_check = _UNWEIGHED
-        if mirrored is not None:
-            again, check = weigh_polarity(samples, reference, mirrored.noise)
-            if again == polarity and check.verdict is VerdictKind.FAULT:
-                solution, solved_lag, polarity_check = mirrored, mirrored_lag, check
-    lateness = latency_check(_sharper(lag, solved_lag), limits, window.stamps_err_s, samples.moved_ns)
-    if coarse and lateness.verdict is VerdictKind.OK:
-        lateness = replace(lateness, verdict=VerdictKind.NOT_VERIFIED)
-    parameters = Finding(calibration_checks(solution, limits), solution)
-    if lateness.verdict is not VerdictKind.OK:
-        parameters = _without(parameters, parameters.failed)
-    return Finding((polarity_check, *parameters.checks, lateness, agreement_check(solution)), solution)
 
 
 def _punctual(finding: Finding, limits: Limits) -> bool:
     """Whether the lag is shown within half its limit. A window that holds the onset of a larger one shows less of it
     than there is, and what it makes of the scales is no less wrong; so the short window is to be asked.
     """
-    lateness = _latency_of(finding)
+    lateness = latency_of(finding)
     return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
 
 
 def _sharper_check(check: Check, whole: Check) -> Check:
     """Of two checks on one quantity the one with the smaller sigma; NaN loses."""
     return whole if isnan(check.sigma) or whole.sigma < check.sigma else check
-
-
-def _without(finding: Finding, names: frozenset[str]) -> Finding:
-    """The finding with the named checks left undecided."""
-    checks = (
-        replace(check, verdict=VerdictKind.NOT_VERIFIED) if check.name in names else check for check in finding.checks
-    )
-    return Finding(tuple(checks), finding.solution)
-
-
-def examine_nothing(limits: Limits) -> Finding:
-    """The finding of a window without motion."""
-    checks = (_UNWEIGHED, *calibration_checks(None, limits), latency_check(None, limits, 0.0), agreement_check(None))
-    return Finding(checks)
-
-
-def _solved(
-    window: PathWindow, reference: Calibration, lag: Latency | None, start: Noise | None
-) -> tuple[Solution | None, Latency | None]:
-    """Solution and the latency it found; None for what could not be found."""
-    try:
-        if lag is not None:
-            doubt_s = max(lag.sigma_s, _LEAST_LATENCY_SIGMA_S)
-            solution, lag_s = _solved_near(window, reference, lag.value_s, doubt_s, start)
-            return solution, _solved_latency(solution, lag_s)
-        return _solved_far(window, reference, start)
-    except ValueError:
-        return None, None
-
-
-def _solved_far(window: PathWindow, reference: Calibration, start: Noise | None) -> tuple[Solution, Latency | None]:
-    """Where the paths alone tell no latency: from zero, and from where the reference fits best if that is elsewhere."""
-    solution, _ = _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S, start)
-    if window.span_ns < _LEAST_FAR_NS:
-        return solution, None
-    misfits = [PathFit(window.samples(lag), reference, solution.noise).misfit(reference) for lag in _LAGS_S]
-    best_s = _LAGS_S[int(np.argmin(misfits))]
-    if best_s == 0.0:
-        return solution, None
-    other, other_s = _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S, None)
-    gain = (solution.misfit - other.misfit) * other.motions
-    if gain < _FAR_BETTER or not _unchanged(other):
-        return solution, None
-    return other, _solved_latency(other, other_s)
-
-
-def _unchanged(solution: Solution) -> bool:
-    """Whether X is the reference's: then a far latency is all that is wrong."""
-    return bool(np.all(np.abs(solution.change[:5]) < _SAME_X))
-
-
-def _solved_near(
-    window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float, start: Noise | None
-) -> tuple[Solution, float]:
-    """Solution about one latency, solved again where the first asks for it, and the latency it is linear about."""
-    prior = replace(_NEAR, latency_s=doubt_s)
-    solution = solve(window.samples(lag_s), reference, prior, start)
-    tilted = all(solution.calibration.observed[:2])
-    late = abs(float(solution.change[TAU])) > _RELINEARISE_S
-    if late or not tilted:
-        lag_s += float(solution.change[TAU]) if late else 0.0
-        prior = prior if tilted else replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
-        solution = solve(window.samples(lag_s), reference, prior, solution.noise)
-    return solution, lag_s
-
-
-def _solved_latency(solution: Solution, lag_s: float) -> Latency | None:
-    if not trusted(solution):
-        return None
-    sigma_s = max(sqrt(float(solution.covariance[TAU, TAU])), _LEAST_LATENCY_SIGMA_S)
-    return Latency(lag_s + float(solution.change[TAU]), sigma_s)
-
-
-def _sharper(paths: Latency | None, solved: Latency | None) -> Latency | None:
-    """The joint estimate where the paths alone told nothing, or where it only sharpens what they told."""
-    if solved is None or paths is None:
-        return paths or solved
-    near = abs(solved.value_s - paths.value_s) < paths.sigma_s
-    return solved if near and solved.sigma_s < _SHARPER * paths.sigma_s else paths

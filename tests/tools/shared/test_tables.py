@@ -6,7 +6,7 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from appliance.core.quality.evidence import examine_nothing
+from appliance.core.quality.examination import examine_nothing
 from appliance.core.quality.judgement import judge
 from appliance.core.quality.report import LineReport
 from appliance.core.quality.verification import Standing

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from appliance.core.path.window import PathWindow
-from appliance.core.quality.evidence import Evidence, examine, examine_nothing
+from appliance.core.quality.evidence import Evidence
+from appliance.core.quality.examination import examine, examine_nothing
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, VerdictKind
 from drivers.rigid import rotation_from_vector

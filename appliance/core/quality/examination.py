@@ -1,0 +1,204 @@
+"""What one window of motion shows of the calibration: latency first, then polarity, then every parameter of X."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from math import nan, sqrt
+
+import numpy as np
+
+from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check, trusted
+from appliance.core.detectors.polarity import MOST_FLIPPED, flipped, weigh_polarity
+from appliance.core.path.latency import Latency
+from appliance.core.path.noise import Noise
+from appliance.core.path.residual import TAU
+from appliance.core.path.solver import PathFit, Prior, Solution, solve
+from appliance.core.path.window import PathWindow
+from appliance.limits import Limits
+from appliance.types import Calibration, Check, Fault, VerdictKind
+
+_UNKNOWN_LATENCY_S = 0.05
+"""Standard deviation of a latency that the paths alone do not tell. More lets scales hide in it, less lets it hide in
+the scales; the limit is .06 s.
+"""
+_RELINEARISE_S = 0.008
+"""Change of the latency from which poses are taken again: a quarter of a frame. The residual is linear in it only while
+the velocity lasts; less costs a second solution more often. Not measured.
+"""
+_LEAST_LATENCY_SIGMA_S = 0.005
+"""No latency counts as better known. Less trusts a fit that knows nothing of what all stamps have in common; more
+withholds OK and FAULT about the limit. Not measured.
+"""
+_LAGS_S = (-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
+"""Where a latency is looked for that the paths do not tell: as far apart as `_UNKNOWN_LATENCY_S` reaches. Each costs a
+misfit; a tracker that is later still is named once the paths tell it.
+"""
+_FAR_BETTER = 30.0
+"""By how much, in −2 log likelihood, a far latency must beat none: it excuses the calibration. Less excuses scale
+faults as latency; more leaves a late tracker unnamed for longer. Not measured.
+"""
+_LEAST_FAR_NS = 3_000_000_000
+"""A shorter window is not asked for a far latency: over so little motion chance finds one. Not measured."""
+_FAR_SIGMA_S = 0.01
+"""Of a lag that only the search for an explanation tells: over the study's sessions it is within 6 ms. More names it
+later where it is near its limit, which the fine search covers."""
+_SAME_X = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2)
+"""rad, relative: X within this of the reference is the reference's, and the far latency is all that is wrong. Within
+the limits, or a wrong X would be excused.
+"""
+_SHARPER = 0.5
+"""Sigma of the solver's latency ÷ that of the paths, below which it takes the place of it: near to one another the two
+are equally good, and the paths' needs no X.
+"""
+_UNSEEN_TILT_RAD = 0.02
+"""A tilt that no motion shows is held near the reference: left free, noise tilts it, and its cosine shrinks the scales.
+"""
+_NEAR = Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0)
+"""Two to four times the limits: wide enough that a fault at twice its limit is not drawn back by much, near enough that
+what the window does not show stays where the model is linear. Not measured.
+"""
+_UNWEIGHED = Check("polarity", Fault.POLARITY, nan, 0.0, "axes", MOST_FLIPPED, VerdictKind.NOT_VERIFIED)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finding:
+    """What one window showed."""
+
+    checks: tuple[Check, ...]
+    solution: Solution | None = None
+
+    @property
+    def failed(self) -> frozenset[str]:
+        """Names of the checks that are shown to be outside their limit."""
+        return frozenset(check.name for check in self.checks if check.verdict is VerdictKind.FAULT)
+
+    def shows(self, names: Iterable[str]) -> bool:
+        """Whether every one of these checks is shown to be in order."""
+        return {check.name for check in self.checks if check.verdict is VerdictKind.OK}.issuperset(names)
+
+    @property
+    def shown(self) -> int:
+        """Number of checks that are decided either way."""
+        return sum(check.verdict is not VerdictKind.NOT_VERIFIED for check in self.checks)
+
+
+def agreed(finding: Finding) -> bool:
+    """Whether picture and tracker agree on the motion."""
+    return any(check.fault is Fault.AGREEMENT and check.verdict is VerdictKind.OK for check in finding.checks)
+
+
+def latency_of(finding: Finding) -> Check:
+    return next(check for check in finding.checks if check.fault is Fault.LATENCY)
+
+
+def without(finding: Finding, names: frozenset[str]) -> Finding:
+    """The finding with the named checks left undecided."""
+    checks = (
+        replace(check, verdict=VerdictKind.NOT_VERIFIED) if check.name in names else check for check in finding.checks
+    )
+    return Finding(tuple(checks), finding.solution)
+
+
+def examine(
+    window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None = None, about_s: float = 0.0
+) -> Finding:
+    """Latency from the two paths, X by maximum likelihood on the in-plane motion, polarity by likelihood.
+
+    A late tracker looks like a wrong scale: no parameter of X is at fault before the latency is known to be in order.
+    start: as in `appliance.core.path.solver.solve`. about_s: latency near which it is looked for; where the fine search
+    finds none there, it may be a FAULT, but no OK.
+    """
+    lag = window.latency(about_s)
+    coarse = lag is None and about_s != 0.0
+    if coarse:
+        lag = Latency(about_s, _FAR_SIGMA_S)
+    solution, solved_lag = _solved(window, reference, lag, start)
+    if solution is None:
+        return examine_nothing(limits)
+    samples = window.samples(0.0 if lag is None else lag.value_s)
+    polarity, polarity_check = weigh_polarity(samples, reference, solution.noise)
+    if polarity != (1, 1):
+        # The noise that a wrong polarity asks for hides much of what speaks against it.
+        mirrored, mirrored_lag = _solved(window, flipped(reference, polarity), lag, None)
+        polarity_check = _UNWEIGHED
+        if mirrored is not None:
+            again, check = weigh_polarity(samples, reference, mirrored.noise)
+            if again == polarity and check.verdict is VerdictKind.FAULT:
+                solution, solved_lag, polarity_check = mirrored, mirrored_lag, check
+    lateness = latency_check(_sharper(lag, solved_lag), limits, window.stamps_err_s, samples.moved_ns)
+    if coarse and lateness.verdict is VerdictKind.OK:
+        lateness = replace(lateness, verdict=VerdictKind.NOT_VERIFIED)
+    parameters = Finding(calibration_checks(solution, limits), solution)
+    if lateness.verdict is not VerdictKind.OK:
+        parameters = without(parameters, parameters.failed)
+    return Finding((polarity_check, *parameters.checks, lateness, agreement_check(solution)), solution)
+
+
+def examine_nothing(limits: Limits) -> Finding:
+    """The finding of a window without motion."""
+    checks = (_UNWEIGHED, *calibration_checks(None, limits), latency_check(None, limits, 0.0), agreement_check(None))
+    return Finding(checks)
+
+
+def _solved(
+    window: PathWindow, reference: Calibration, lag: Latency | None, start: Noise | None
+) -> tuple[Solution | None, Latency | None]:
+    """Solution and the latency it found; None for what could not be found."""
+    try:
+        if lag is not None:
+            doubt_s = max(lag.sigma_s, _LEAST_LATENCY_SIGMA_S)
+            solution, lag_s = _solved_near(window, reference, lag.value_s, doubt_s, start)
+            return solution, _solved_latency(solution, lag_s)
+        return _solved_far(window, reference, start)
+    except ValueError:
+        return None, None
+
+
+def _solved_far(window: PathWindow, reference: Calibration, start: Noise | None) -> tuple[Solution, Latency | None]:
+    """Where the paths alone tell no latency: from zero, and from where the reference fits best if that is elsewhere."""
+    solution, _ = _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S, start)
+    if window.span_ns < _LEAST_FAR_NS:
+        return solution, None
+    misfits = [PathFit(window.samples(lag), reference, solution.noise).misfit(reference) for lag in _LAGS_S]
+    best_s = _LAGS_S[int(np.argmin(misfits))]
+    if best_s == 0.0:
+        return solution, None
+    other, other_s = _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S, None)
+    gain = (solution.misfit - other.misfit) * other.motions
+    if gain < _FAR_BETTER or not _unchanged(other):
+        return solution, None
+    return other, _solved_latency(other, other_s)
+
+
+def _unchanged(solution: Solution) -> bool:
+    """Whether X is the reference's: then a far latency is all that is wrong."""
+    return bool(np.all(np.abs(solution.change[:5]) < _SAME_X))
+
+
+def _solved_near(
+    window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float, start: Noise | None
+) -> tuple[Solution, float]:
+    """Solution about one latency, solved again where the first asks for it, and the latency it is linear about."""
+    prior = replace(_NEAR, latency_s=doubt_s)
+    solution = solve(window.samples(lag_s), reference, prior, start)
+    tilted = all(solution.calibration.observed[:2])
+    late = abs(float(solution.change[TAU])) > _RELINEARISE_S
+    if late or not tilted:
+        lag_s += float(solution.change[TAU]) if late else 0.0
+        prior = prior if tilted else replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
+        solution = solve(window.samples(lag_s), reference, prior, solution.noise)
+    return solution, lag_s
+
+
+def _solved_latency(solution: Solution, lag_s: float) -> Latency | None:
+    if not trusted(solution):
+        return None
+    sigma_s = max(sqrt(float(solution.covariance[TAU, TAU])), _LEAST_LATENCY_SIGMA_S)
+    return Latency(lag_s + float(solution.change[TAU]), sigma_s)
+
+
+def _sharper(paths: Latency | None, solved: Latency | None) -> Latency | None:
+    """The joint estimate where the paths alone told nothing, or where it only sharpens what they told."""
+    if solved is None or paths is None:
+        return paths or solved
+    near = abs(solved.value_s - paths.value_s) < paths.sigma_s
+    return solved if near and solved.sigma_s < _SHARPER * paths.sigma_s else paths
