@@ -30,7 +30,8 @@ from appliance.storage.reference import candidate_from_content, in_force
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable
-from tools.recalibration.session import Begin, ScanSession, Signature
+from tools.recalibration.paperwork import Begin, Signature
+from tools.recalibration.session import ScanSession
 from tools.recalibration.terminal import run
 from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound

@@ -25,7 +25,8 @@ from drivers.printable import printable_value
 from tools.page.alarms import LastAlarms
 from tools.page.pictures import Pictures, jpeg
 from tools.page.tokens import Tokens, Visitor
-from tools.recalibration.session import Asked, Begin, ScanSession, Signature
+from tools.recalibration.paperwork import Begin, Signature
+from tools.recalibration.session import Asked, ScanSession
 from tools.shared.status_watch import StatusWatch
 
 _FILES = Path(__file__).parent / "files"

@@ -11,26 +11,22 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
-from appliance.crosswire.water import SCANNER_M_S
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
 from appliance.service.feed.message import FeedMessage, Lost, Ordered, Taken
-from appliance.storage.calibration_file import write_calibration
 from appliance.types import Calibration, State
-from drivers.errors import ConfigurationError, ProbewatchError
+from drivers.errors import ProbewatchError
 from drivers.printable import printable
+from tools.recalibration.paperwork import LONGEST_WORDS, Begin, Signature, checked, sign_off, signed, write_signed
 from tools.recalibration.scanning import Scanned, counts_of, marked, state_fields
 from tools.recalibration.steps import LatencyStep, Sound, estimate_of
 from tools.shared.feed import Feed
-from tools.shared.sign_off import SignOff, whole_record
 from tools.shared.status_watch import Seen, StatusWatch
 
 _LOOK_S = 0.5
@@ -55,8 +51,6 @@ _UNSEEN_S = 300.0
 """Without any browser that may go on before a scan begun by one is given up: a tablet that has fallen asleep, or was
 carried off, is back by then. Longer keeps the cart for nobody. Not measured.
 """
-_LONGEST_WORDS = 200
-"""Characters of a name, a role or a comment."""
 
 
 class Phase(StrEnum):
@@ -77,36 +71,6 @@ _LISTENING = (Phase.LATENCY, Phase.SCANNING, Phase.CHECKING)
 _HELD = (*_LISTENING, Phase.REVIEW)
 """While the service has to recalibrate, and nothing has been taken yet."""
 _OPEN = (*_HELD, Phase.PROVING)
-
-
-@dataclass(frozen=True, slots=True)
-class Begin:
-    """What a person chose. wanted: whole, or zeta alone. technician: who scans. water_c, scanner_m_s, correct_sound: of
-    `Sound`. latency: how late the tracker is, is measured first.
-    """
-
-    probe: str
-    preset: str
-    technician: str
-    reason: str = ""
-    wanted: str = "whole"
-    water_c: float | None = None
-    scanner_m_s: float = SCANNER_M_S
-    correct_sound: bool = False
-    latency: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Signature:
-    """Who accepts it. confirm: the difference from the calibration in force, repeated where it must be accepted.
-    unchecked: why no check at another point was made, where none was, or where it is not counted.
-    """
-
-    name: str
-    role: str
-    comment: str = ""
-    confirm: str = ""
-    unchecked: str = ""
 
 
 class Asked(ControlRefused):
@@ -227,7 +191,7 @@ class ScanSession:
                 raise ControlRefused(
                     f"{who} recalibrates already", "recalibration", "Look on, or have it rejected first"
                 )
-            begin = _checked(begin)
+            begin = checked(begin)
             self._told = self._watch.seen().status or {}
             self._grasp()
             self._latency = LatencyStep() if begin.latency else None
@@ -305,18 +269,18 @@ class ScanSession:
 
     def accept(self, signature: Signature) -> None:
         """Write it, give it to the service, and have that prove it. Raises Asked for a difference to be accepted."""
-        signature = _signed(signature)
+        signature = signed(signature)
         with self._lock:
             self._require(Phase.REVIEW)
             assert self._scanned is not None
             assert self._begin is not None
-            _sign_off(self._begin, signature).check()
+            sign_off(self._begin, signature).check()
             seen = self._watch.seen()
             simulated = bool(seen.status and seen.status.get("simulated"))
             calibration = marked(self._scanned.calibration(), simulated)
-            checked = f"not made: {signature.unchecked}" if signature.unchecked else self._scanned.check_record()
+            check = f"not made: {signature.unchecked}" if signature.unchecked else self._scanned.check_record()
             self._hold(seen)
-            self._file = self._write(calibration, signature, checked)
+            self._file = write_signed(self._folder, calibration, self._begin, signature, self._scanned, check)
             proposal = self._given(self._file, signature.confirm)
             self._sha256 = str(proposal["sha256"])
             self._phase, self._message = Phase.PROVING, ""
@@ -327,7 +291,7 @@ class ScanSession:
         with self._lock:
             if self._phase not in _OPEN:
                 raise ControlRefused("nothing is being recalibrated", "recalibration", "Begin one")
-            self._abort(f"rejected{': ' if why else ''}{printable(why, _LONGEST_WORDS)}")
+            self._abort(f"rejected{': ' if why else ''}{printable(why, LONGEST_WORDS)}")
 
     def dismiss(self) -> None:
         """Back to the beginning, from what has ended."""
@@ -476,32 +440,6 @@ class ScanSession:
         self._let_go()
         return proposal
 
-    def _write(self, calibration: Calibration, signature: Signature, checked: str) -> Path:
-        assert self._begin is not None
-        words = "-".join(filter(None, (_plain(self._begin.probe), _plain(self._begin.preset))))
-        file = self._folder / f"{words or 'probe'}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.toml"
-        if file.exists():
-            raise ConfigurationError("exists already", str(file), "Try again in a second")
-        write_calibration(file, calibration, {**self._provenance(signature), "check": checked})
-        file.chmod(0o640)  # the service, of the same group, reads it
-        return file
-
-    def _provenance(self, signature: Signature) -> dict[str, str]:
-        begin, scanned = self._begin, self._scanned
-        assert begin is not None
-        assert scanned is not None
-        state = scanned.state
-        assert state is not None
-        solved = "all eight parameters" if begin.wanted == "whole" else "ζ alone, closed form"
-        source = f"live scan on the cart, {scanned.scan.pictures} pictures, {scanned.lost} samples lost"
-        record = whole_record(state, _sign_off(begin, signature), source, scanned.sha256)
-        if scanned.sound.text:
-            record["sound"] = scanned.sound.text
-        if scanned.latency is not None:
-            measured = f"{1e3 * scanned.latency.value_s:.2f} +- {1e3 * scanned.latency.sigma_s:.2f}"
-            record["latency_measured_ms"] = f"{measured}, over the tank's bottom; latency_ms is what the scan adds"
-        return {**record, "solved": solved}
-
     def _abort(self, why: str) -> None:
         """Raises ProbewatchError where the service does not answer; then nothing has changed here either."""
         with contextlib.suppress(ControlRefused):  # it does not recalibrate any more
@@ -549,43 +487,3 @@ class ScanSession:
 
     def _client(self) -> ControlClient:
         return ControlClient(self._control, _ANSWER_S)
-
-
-def _checked(begin: Begin) -> Begin:
-    if begin.wanted not in ("whole", "zeta"):
-        raise ControlRefused("unknown choice", begin.wanted, "Choose the whole calibration, or ζ alone")
-    probe, preset, technician, reason = (
-        printable(text.strip(), _LONGEST_WORDS) for text in (begin.probe, begin.preset, begin.technician, begin.reason)
-    )
-    if not (probe and preset and technician):
-        raise ControlRefused("probe, depth and your name are needed", "recalibration", "Fill them in")
-    if begin.correct_sound and begin.wanted != "whole":
-        raise ControlRefused("ζ alone does not change the depths", "water", "Choose the whole calibration")
-    Sound(begin.water_c, begin.scanner_m_s, begin.correct_sound)
-    return replace(begin, probe=probe, preset=preset, technician=technician, reason=reason)
-
-
-def _signed(signature: Signature) -> Signature:
-    name, role, comment, unchecked = (
-        printable(text.strip(), _LONGEST_WORDS)
-        for text in (signature.name, signature.role, signature.comment, signature.unchecked)
-    )
-    if not (name and role):
-        raise ControlRefused("name and role of the second person are needed", "sign-off", "Fill them in")
-    return Signature(name, role, comment, signature.confirm, unchecked)
-
-
-def _sign_off(begin: Begin, signature: Signature) -> SignOff:
-    return SignOff(
-        made_by=begin.technician,
-        signed_by=signature.name,
-        role=signature.role,
-        comment=signature.comment,
-        reason=begin.reason,
-        probe_serial=begin.probe,
-        preset=begin.preset,
-    )
-
-
-def _plain(text: str) -> str:
-    return "".join(sign if sign.isascii() and sign.isalnum() else "_" for sign in text)[:40].strip("_")

@@ -13,7 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from appliance.service.control.server import ControlRefused
-from tools.recalibration.session import Asked, Begin, Phase, ScanSession, Signature
+from tools.recalibration.paperwork import Begin, Signature
+from tools.recalibration.session import Asked, Phase, ScanSession
 from tools.shared.crosswire_review import comparison_table
 
 _EVERY_S = 0.25
