@@ -36,7 +36,7 @@ contracts: $(VENV)/dev ## who may import whom
 quick: $(VENV)/dev ## the quick test suite alone
 	$(BIN)/pytest -n 2 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb"
 
-thorough: $(VENV)/dev ## heavier tests that CI runs too (about two minutes)
+thorough: $(VENV)/dev ## heavier tests that CI runs too (about four minutes)
 	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
 FRAMES ?= 100000
@@ -45,10 +45,10 @@ invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frame
 
 ##@ Before a release
 
-live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about eight minutes)
+live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about thirteen minutes)
 	$(BIN)/python -m tests.rules.retried -n 2 --dist loadfile -m "live and not slow"
 
-mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about eight minutes)
+mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about nine minutes)
 	$(BIN)/python -m tests.rules.mutation
 
 pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root)
