@@ -34,6 +34,7 @@ _FULL_SEEDS, _FULL_DRAWS = 20, 180
 hours of one processor, by .18 s of it for a second of a session.
 """
 _FULL_SESSIONS = ("gesture", "in-plane", "elevational-10", "fan", "mixed")
+"""One of each kind of motion; all nine would take twice as long. What the others would add was not measured."""
 _SHORT_SIZES = (
     *("bend-lateral=-6", "bend-axial=-6", "bend-elevational=-6"),
     *("slide-lateral=-8", "slide-axial=-8", "slide-elevational=-8"),

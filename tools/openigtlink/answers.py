@@ -10,7 +10,6 @@ from drivers.openigtlink.content import (
     NOT_FOUND,
     UNKNOWN_INSTRUCTION,
     Command,
-    Status,
     Words,
     parse_command,
     parse_words,
@@ -19,6 +18,7 @@ from drivers.openigtlink.content import (
 from drivers.openigtlink.message import UTF_8, Message
 from drivers.printable import printable
 from tools.openigtlink.asked import Names
+from tools.openigtlink.replies import number_of, refusal
 from tools.openigtlink.wording import (
     ESTIMATE_NAME,
     NAMES,
@@ -59,7 +59,7 @@ def answer_to(message: Message, seen: Seen, utc_ns: int, names: Names) -> Messag
         "GET_TRANS": lambda: _transform(message, seen, utc_ns, version, names),
         "GET_TRANSFORM": lambda: _transform(message, seen, utc_ns, version, names),
         "GET_CAPABIL": lambda: Message(
-            "CAPABILITY", STATUS_NAME, types_content(TYPES), version=version, number=_number(message)
+            "CAPABILITY", STATUS_NAME, types_content(TYPES), version=version, number=number_of(message)
         ),
         "COMMAND": lambda: _to_command(message, seen, names),
         "STRING": lambda: _to_words(message, seen, names),
@@ -69,31 +69,24 @@ def answer_to(message: Message, seen: Seen, utc_ns: int, names: Names) -> Messag
 
 def _refused(message: Message, version: int) -> Message | None:
     if message.kind.startswith(("STT_", "STP_")):
-        return Message(f"RTS_{message.kind[4:]}"[:12], message.device, b"\1", version=version, number=_number(message))
+        return Message(
+            f"RTS_{message.kind[4:]}"[:12], message.device, b"\1", version=version, number=number_of(message)
+        )
     if message.kind.startswith("GET_"):
-        return _refusal(message, UNKNOWN_INSTRUCTION, f"{_shown(message.kind)} is not answered")
+        return refusal(message, UNKNOWN_INSTRUCTION, f"{_shown(message.kind)} is not answered")
     return None
 
 
 def _transform(message: Message, seen: Seen, utc_ns: int, version: int, names: Names) -> Message:
     name = message.device or TRANSFORM_NAME
     if name not in _CALIBRATIONS:
-        return _refusal(message, NOT_FOUND, _only(names))
+        return refusal(message, NOT_FOUND, _only(names))
     made = transform_message if name == TRANSFORM_NAME else estimate_message
-    return made(seen, utc_ns, version, message.number) or _refusal(message, NOT_FOUND, _CALIBRATIONS[name])
+    return made(seen, utc_ns, version, message.number) or refusal(message, NOT_FOUND, _CALIBRATIONS[name])
 
 
 def _only(names: Names) -> str:
     return f"there are only {', '.join(_CALIBRATIONS)} and {names.pose}"
-
-
-def _refusal(message: Message, code: int, words: str) -> Message:
-    content = Status(code, 0, "refused", words).content
-    return Message("STATUS", message.device, content, version=min(message.version, 2), number=_number(message))
-
-
-def _number(message: Message) -> int:
-    return message.number if message.version > 1 else 0
 
 
 def _to_command(message: Message, seen: Seen, names: Names) -> Message:
@@ -101,7 +94,7 @@ def _to_command(message: Message, seen: Seen, names: Names) -> Message:
     try:
         command = parse_command(message.content)
     except ProtocolError as error:
-        return _refusal(message, UNKNOWN_INSTRUCTION, error.what)
+        return refusal(message, UNKNOWN_INSTRUCTION, error.what)
     name, granted, words = _obeyed(command.text, command.name, seen, names)
     reply = f"<CommandReply Name={quoteattr(name)} {_outcome(granted, words)}></CommandReply>"
     metadata = (("Status", UTF_8, _word(granted)), ("Message" if granted else "Error", UTF_8, words))
@@ -110,7 +103,7 @@ def _to_command(message: Message, seen: Seen, names: Names) -> Message:
         message.device,
         Command(command.number, command.name, reply).content,
         version=min(message.version, 2),
-        number=_number(message),
+        number=number_of(message),
         metadata=metadata if message.version > 1 else (),
     )
 
@@ -122,12 +115,12 @@ def _to_words(message: Message, seen: Seen, names: Names) -> Message | None:
     try:
         text = parse_words(message.content).text
     except ProtocolError as error:
-        return _refusal(message, UNKNOWN_INSTRUCTION, error.what)
+        return refusal(message, UNKNOWN_INSTRUCTION, error.what)
     _, granted, words = _obeyed(text, "", seen, names)
     reply = f"<CommandReply {_outcome(granted, words)} />"
     device = _REPLY + message.device.removeprefix(_ASK)
     version = min(message.version, 2)
-    return Message("STRING", device, Words(reply).content, version=version, number=_number(message))
+    return Message("STRING", device, Words(reply).content, version=version, number=number_of(message))
 
 
 def _obeyed(text: str, name: str, seen: Seen, names: Names) -> tuple[str, bool, str]:

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from drivers.openigtlink.content import NOT_FOUND, NOT_PRESENT, Status
 from drivers.openigtlink.message import Message
+from tools.openigtlink.replies import refusal, reply
 
 _ONCE_S = 5.0
 """For which one who asked for the next picture or pose waits, until it is told that none comes: as long as a client of
@@ -52,14 +53,12 @@ class Asked:
         if command == "GET":
             if not granted:
                 words = "too many look at pictures already" if named else f"there is only {self.names.image}"
-                return _status(message, NOT_FOUND, words)
+                return refusal(message, NOT_FOUND, words)
             self._once[kind] = now_s + _ONCE_S
             return None
         if granted:
             self.streams = self.streams | {kind} if command == "STT" else self.streams - {kind}
-        version, content = min(message.version, 2), _GRANTED if granted else _DENIED
-        number = message.number if version > 1 else 0
-        return Message(f"RTS_{what}", message.device, content, version=version, number=number)
+        return reply(message, f"RTS_{what}", _GRANTED if granted else _DENIED)
 
     def given(self, kind: str) -> None:
         """One of them was put to it."""
@@ -81,9 +80,3 @@ def nothing_comes(device: str, why: str, version: int) -> Message:
     """That neither pictures nor poses come at present; never OK."""
     text = why or "the service hands on none"
     return Message("STATUS", device, Status(NOT_PRESENT, 0, "nothing comes", text).content, version=version)
-
-
-def _status(message: Message, code: int, words: str) -> Message:
-    version = min(message.version, 2)
-    number = message.number if version > 1 else 0
-    return Message("STATUS", message.device, Status(code, 0, "refused", words).content, version=version, number=number)

@@ -8,9 +8,7 @@ from appliance.core.path.solver import changed
 from appliance.storage.calibration_file import calibration_from_image_to_probe, image_to_probe
 from appliance.types import PARAMETERS, VerdictKind
 from drivers.samples import Matrix4
-
-_IN_UNITS = {"deg": float(np.deg2rad(1.0)), "%": 0.01, "mm": 1.0}
-"""Unit of a check → what its value is multiplied by to change a calibration, by definition."""
+from tools.shared.parameter_units import told_change
 
 
 class Estimate(NamedTuple):
@@ -28,16 +26,15 @@ def estimate_of(status: dict[str, Any]) -> Estimate | None:
     checks = {check["name"]: check for check in status["checks"]}
     if reference is None or "polarity" not in reference or _mirrored(checks):
         return None
-    measured = tuple(name for name in PARAMETERS if name in checks and checks[name]["value"] is not None)
-    if not measured:
+    change, _ = told_change(status["checks"])
+    known = np.isfinite(change)
+    if not known.any():
         return None
-    change = np.zeros(len(PARAMETERS))
-    for name in measured:
-        change[PARAMETERS.index(name)] = checks[name]["value"] * _IN_UNITS[checks[name]["unit"]]
+    measured = tuple(name for name, told in zip(PARAMETERS, known, strict=True) if told)
     (width, height), (lateral, axial) = reference["image_size_px"], reference["polarity"]
     matrix = np.array(reference["image_to_probe"])
     watched = calibration_from_image_to_probe(matrix, (width, height), (lateral, axial), "status")
-    return Estimate(image_to_probe(changed(watched, change)), measured)
+    return Estimate(image_to_probe(changed(watched, np.where(known, change, 0.0))), measured)
 
 
 def _mirrored(checks: dict[str, dict[str, Any]]) -> bool:

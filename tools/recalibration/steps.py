@@ -15,9 +15,10 @@ from appliance.crosswire.latency import BottomLine
 from appliance.crosswire.scan import CrosswireScan
 from appliance.crosswire.water import LARGEST_ERROR, RANGE_C, SCANNER_M_S, for_tissue, speed_of_sound_m_s
 from appliance.service.control.server import ControlRefused
-from appliance.types import PARAMETERS, Calibration, Vector
+from appliance.types import Calibration, Vector
 from drivers.samples import Frame, Pose
 from tools.shared.crosswire_review import difference_in_sigmas
+from tools.shared.parameter_units import told_change
 
 SETTINGS_M_S = (1400.0, 1700.0)
 """Of scanners: what `probewatch recalibrate --scanner-m-s` takes."""
@@ -27,8 +28,6 @@ that distance, and 5 % of it are then half of what passes. Less checks the scan 
 """
 _MOST_PICTURES = 1800
 """Of the latency's line: a minute at 30 Hz. More takes memory and the time of a solution, .1 s a thousand."""
-_PER_UNIT = np.array([*(np.degrees(1.0),) * 3, *(100.0,) * 2, *(1.0,) * 3])
-"""deg, %, mm of the service's checks: how many of them are one rad, one relative, one mm."""
 
 
 class Sound:
@@ -162,10 +161,5 @@ class Estimate:
 
 def estimate_of(status: Mapping[str, Any]) -> Estimate | None:
     """Of the service's status before the scan, None where it had observed nothing."""
-    told = {check["name"]: check for check in status.get("checks", ())}
-    parts = [told.get(name, {}) for name in PARAMETERS]
-    change, sigma = (
-        np.array([np.nan if part.get(key) is None else part[key] for part in parts]) / _PER_UNIT
-        for key in ("value", "sigma")
-    )
+    change, sigma = told_change(status.get("checks", ()))
     return Estimate(change, sigma) if np.any(np.isfinite(change)) else None

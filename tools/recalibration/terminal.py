@@ -85,7 +85,7 @@ def _scan(session: ScanSession, alone: bool) -> None:
             scan = fields["scan"]
             complete = scan is not None and scan["result"] is not None and not scan["refusals"]
             if (alone and complete) or (not alone and _line_within(_EVERY_S) is not None):
-                _finish(session, live)
+                _refused_aloud(live.console, session.finish)
             elif alone:
                 select.select([], [], [], _EVERY_S)
 
@@ -150,10 +150,6 @@ def _refused_aloud(console: Console, request: Callable[[], None]) -> None:
         request()
     except ControlRefused as error:
         console.print(str(error))
-
-
-def _finish(session: ScanSession, live: Live) -> None:
-    _refused_aloud(live.console, session.finish)
 
 
 def _review(session: ScanSession, signature: Signature | None) -> None:

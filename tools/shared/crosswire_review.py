@@ -9,11 +9,11 @@ from appliance.crosswire.running import Running
 from appliance.crosswire.whole import WholeSolution
 from appliance.types import PARAMETERS, Calibration, Vector
 from drivers.rigid import vector_from_rotation
+from tools.shared.parameter_units import PER_UNIT
 from tools.shared.tables import FittingTable
 
 _UNITS = ("°",) * 3 + ("%",) * 2 + ("mm",) * 3
-_PER_UNIT = np.array([*(np.degrees(1.0),) * 3, *(100.0,) * 2, *(1.0,) * 3])
-"""Of PARAMETERS: what people read, and how many of it are one rad, one relative, one mm."""
+"""Of PARAMETERS, as people read them."""
 _WORST = 8
 """Views shown where not all are asked for: what a person would strike out is among them."""
 
@@ -43,11 +43,11 @@ def compared(whole: WholeSolution, apart: Mapping[str, tuple[Vector, Vector]]) -
         {
             "name": name,
             "value": float(values[index]),
-            "sigma": float(whole.sigma[index] * _PER_UNIT[index]),
+            "sigma": float(whole.sigma[index] * PER_UNIT[index]),
             "unit": _UNITS[index],
             "others": {
                 who: {
-                    "off": None if np.isnan(change[index]) else float(change[index] * _PER_UNIT[index]),
+                    "off": None if np.isnan(change[index]) else float(change[index] * PER_UNIT[index]),
                     "sigmas": None if np.isnan(sigmas[index]) else float(sigmas[index]),
                 }
                 for who, (change, sigmas) in apart.items()

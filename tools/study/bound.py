@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from drivers.rigid import Array, ComplexArray, inverse, rigid, rotation_from_vector
+from tools.shared.parameter_units import PER_UNIT
 from tools.study.session import FPS, Session, picture_path, steps_between
 
 BOUND_S = 30.0
@@ -28,7 +29,7 @@ _CHAIN_WALK_MM = 0.01
 """Drift per √s of the registration along its chain: the floors that the line itself believes in."""
 _SMALL = np.array([1e-4] * 3 + [1e-4] * 2 + [1e-2] * 3 + [1e-3])
 """Half of a difference, rad, relative, mm, s: the second order is six digits below."""
-SCALE_TO_UNITS = np.array([np.rad2deg(1.0)] * 3 + [100.0] * 2 + [1.0] * 3 + [1000.0])
+SCALE_TO_UNITS = np.array([*PER_UNIT, 1000.0])
 """deg, %, mm and ms."""
 
 

@@ -176,8 +176,10 @@ class Evidence:
         recent = self.window.since(now_ns - _SHORT_NS)
         finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
         if not _explained(finding) and not 0 <= now_ns - self._explained_ns < _EXPLAIN_EVERY_NS:
+            about_s = self._about_s
             self._explain(now_ns)
-            finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
+            if self._about_s != about_s:
+                finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
         finding = self._carried_on(finding, recent, now_ns)
         short = without(finding, _SLOW)
         confirmed = short.failed & self._suspects

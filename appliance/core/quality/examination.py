@@ -57,6 +57,7 @@ _NEAR = Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0)
 what the window does not show stays where the model is linear. Not measured.
 """
 _UNWEIGHED = Check("polarity", Fault.POLARITY, nan, 0.0, "axes", MOST_FLIPPED, VerdictKind.NOT_VERIFIED)
+"""Of a window that does not tell the polarity."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

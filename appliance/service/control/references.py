@@ -297,8 +297,8 @@ class References(threading.Thread):
         """What is not on the disk, or far and not wholly shown, or has expired, is not verified, whatever motion showed
         of it.
         """
-        known = self.current is not None and self.on_disk and not self._expired
-        if known and self.current is not None and not self._not_shown(verdict, self.current.entry):
+        kept = self.current is not None and self.on_disk and not self._not_shown(verdict, self.current.entry)
+        if kept and not self._expired:
             return verdict
         withheld = replace(verdict, verified_ns=None)
         if verdict.kind is not VerdictKind.OK:
