@@ -75,6 +75,7 @@ PREDOMINANT = {
     "rotation": {PLANAR, STILL},
     "elevational": {OUT_OF_PLANE, STILL},
     "sweep": {TRANSLATION, PLANAR},
+    "gestured": {OUT_OF_PLANE, TRANSLATION, PLANAR, STILL},
     "freehand": {OUT_OF_PLANE, TRANSLATION, PLANAR, STILL},
     "guided": {OUT_OF_PLANE, TRANSLATION, PLANAR, STILL},
 }
