@@ -21,8 +21,9 @@ SWEPT_AGE_S = 30.0
 contact closed (docs/coverage.md). Less opens it in quiet scanning, more trusts what motion showed once for longer.
 """
 GESTURE_AGE_S = 120.0
-"""For which the offsets count, which only rocking and twisting show: a gesture, then two minutes of scanning. Less asks
-for the gesture more often, more leaves a body that slid unseen, and slower than the slip watch finds, untold for longer.
+"""For which the offsets count, which only rocking and twisting show: a gesture, then two minutes of scanning
+(docs/gesture.md has what other ages give). Less asks for the gesture more often; more leaves a marker body that slid,
+slower than the slip watch finds, untold for longer.
 """
 
 

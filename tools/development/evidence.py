@@ -68,9 +68,7 @@ def short_plan(seeds: int) -> list[Conditions]:
 def full_plan(seeds: int) -> list[Conditions]:
     """Each standard hazard with motions of every kind; a thousand hours of healthy scanning."""
     sick = [one for one in STANDARD if one.kind != "none"]
-    healthy = planned(
-        tuple(PROGRAMS), TISSUES, seeds, _NOISES_MM, [Hazard()], asked=WITHOUT_OFFSETS, draws=_FULL_DRAWS
-    )
+    healthy = planned(tuple(PROGRAMS), TISSUES, seeds, _NOISES_MM, [Hazard()], asked=WITHOUT_OFFSETS, draws=_FULL_DRAWS)
     return planned(_FULL_SESSIONS, TISSUES, seeds, _NOISES_MM, sick, 60.0, asked=WITHOUT_OFFSETS) + healthy
 
 

@@ -199,8 +199,7 @@ class SimulatedDevices:
             "polaris": ["--pty", str(place), "--rom", str(self.folder / "probe.rom"), "--control", f"{place}.json"],
             "relay_board": ["--pty", str(place)],
         }[name]
-        hand = ["--program", "gestured", "--tank", str(self.tank)]
-        world = ["--seed", str(self.settings.seed), *hand] if name != "relay_board" else []
+        world = ["--seed", str(self.settings.seed), "--tank", str(self.tank)] if name != "relay_board" else []
         self.twins[name] = Part(name, [*TWINS[name], *options, *self._time(), *world])
 
     def _launch_server(self) -> None:

@@ -52,6 +52,8 @@ _PROGRAMS: dict[str, _Waves] = {
 """Program → axis → (amplitude, period in s) of each wave; tilts and turn are a rotation vector about x, y, z."""
 
 PROGRAMS = tuple(sorted(_PROGRAMS))
+USUAL_PROGRAM = "gestured"
+"""Of simulated devices: a cart's contact closes only after the gesture, so that their hand makes it by itself."""
 
 _GESTURE: _Waves = {
     "tilt_lateral_deg": ((8.0, 2.7),),

@@ -167,7 +167,7 @@ def test_verified_means_shown_and_not_contradicted_since(
 
 def test_an_age_limit_of_its_own_bounds_what_was_shown_and_what_is_not_asked_for_does_not_count() -> None:
     ages = RequiredAges.model_validate(
-        {name: None for name in REQUIRED} | {"offset-axial": 60.0, "scale-axial": 10.0, "rotation-axial": 0.0}
+        dict.fromkeys(REQUIRED) | {"offset-axial": 60.0, "scale-axial": 10.0, "rotation-axial": 0.0}
     )
     verification = Verification(Limits(required_age_s=ages))
     asked = set(ages.names)
