@@ -56,9 +56,9 @@ USUAL_PROGRAM = "gestured"
 """Of simulated devices: a cart's contact closes only after the gesture, so that their hand makes it by itself."""
 
 _GESTURE: _Waves = {
-    "tilt_lateral_deg": ((8.0, 2.7),),
-    "tilt_axial_deg": ((8.0, 2.4),),
-    "turn_deg": ((6.0, 2.2),),
+    "tilt_lateral_deg": ((6.0, 3.4),),
+    "tilt_axial_deg": ((6.0, 3.0),),
+    "turn_deg": ((5.0, 2.6),),
 }
 """What "gestured" adds to the sweep now and then, the verification gesture (docs/gesture.md): fan, twist and rock. The
 sweep slides and presses by itself."""

@@ -23,11 +23,11 @@ MOST = dict(
     )
 )
 ROWS = {
-    Gesture.SIDEWAYS: (0, 5.0, 2.3, 0.0),
+    Gesture.SIDEWAYS: (0, 5.0, 1.4, 0.0),
     Gesture.PRESS: (1, 3.0, 0.65, np.pi / 2),
-    Gesture.ROCK: (5, 8.0, 1.5, 0.0),
-    Gesture.TWIST: (4, 8.0, 1.7, 0.0),
-    Gesture.TILT: (3, 8.0, 1.9, 0.0),
+    Gesture.ROCK: (5, 8.0, 1.75, 0.0),
+    Gesture.TWIST: (4, 8.0, 2.15, 0.0),
+    Gesture.TILT: (3, 8.0, 2.65, 0.0),
 }
 """Row of a program, amplitude mm or deg, period s, phase: what the words of the gesture ask for."""
 
