@@ -22,6 +22,7 @@ _EVERY_S = 0.25
 _MOST_REFUSALS = 4
 """Shown at once: what to mend first stands in front."""
 
+_COMPLETE = "The scan is complete: press Enter, or scan on for smaller sigmas."
 _BEFORE = (Phase.LATENCY, Phase.SCANNING, Phase.REVIEW, Phase.CHECKING)
 """Phases before something is taken."""
 
@@ -81,9 +82,9 @@ def _scan(session: ScanSession, alone: bool) -> None:
         while session.phase is Phase.SCANNING:
             session.touch()
             fields = session.fields()
-            live.update(picture(fields))
             scan = fields["scan"]
             complete = scan is not None and scan["result"] is not None and not scan["refusals"]
+            live.update(Group(picture(fields), Text(_COMPLETE, style="bold green")) if complete else picture(fields))
             if (alone and complete) or (not alone and _line_within(_EVERY_S) is not None):
                 _refused_aloud(live.console, session.finish)
             elif alone:
@@ -115,8 +116,10 @@ def latency_text(latency: Fields | None) -> str:
         return "waiting for the first picture"
     seen = f"bottom seen in {latency['seen']} of {latency['pictures']} pictures"
     if latency["latency_ms"] is None:
-        return f"{seen} · not known yet"
-    return f"{seen} · tracker late by {latency['latency_ms']:.1f} ± {latency['sigma_ms']:.1f} ms"
+        anew = " · a minute did not show it, begun anew" if latency["begun_anew"] else ""
+        return f"{seen} · not known yet{anew}"
+    enough = " · enough is collected: take it" if latency["full"] else ""
+    return f"{seen} · tracker late by {latency['latency_ms']:.1f} ± {latency['sigma_ms']:.1f} ms{enough}"
 
 
 def check_text(check: Fields | None) -> str:

@@ -104,7 +104,7 @@ def _commands(cart: SimulatedDevices, file: Path) -> str:
     """What is connected, for a person who configures it."""
     said = tomllib.loads(cart.config_text)
     urls = {"video": said["video"]["url"], "tracker": said["tracker"]["url"], "contact": said["output"][0]["url"]}
-    lines = [f"{name}: {url}" for name, url in urls.items()]
+    lines = [f"{name}: {url}" for name, url in urls.items()] + [f"socket: {cart.socket}"]
     tank = f"While {cart.tank} exists, the probe is over a cross-wire in water"
     return "\n".join([f"then: probewatch configure {file}", *lines, tank])
 
