@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from appliance.service.control.server import ControlRefused
+from drivers.errors import ProbewatchError
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import Asked, Phase, ScanSession
 from tools.shared.crosswire_review import comparison_table
@@ -149,9 +150,10 @@ def _check(session: ScanSession) -> None:
 
 
 def _refused_aloud(console: Console, request: Callable[[], None]) -> None:
+    """What is refused, of whatever kind, costs nobody his scan."""
     try:
         request()
-    except ControlRefused as error:
+    except ProbewatchError as error:
         console.print(str(error))
 
 
@@ -171,10 +173,7 @@ def _review(session: ScanSession, signature: Signature | None) -> None:
         said = click.prompt(
             "accept, check (at another point), scan on, reject, or numbers of views to strike out or take back"
         ).strip()
-        try:
-            _answer(session, said, fields)
-        except ControlRefused as error:
-            console.print(str(error))
+        _refused_aloud(console, partial(_answer, session, said, fields))
 
 
 def _answer(session: ScanSession, said: str, fields: Fields) -> None:
