@@ -1,7 +1,8 @@
 """The first day of a cart, as docs/first-day.md has it: from a package that nobody configured to MONITORING, by the
-documented commands alone, typed at a real terminal.
+documented commands alone, typed at a real terminal. PROBEWATCH_SCREENSHOTS: tests.support.drawn.
 """
 
+import os
 import re
 import signal
 import subprocess
@@ -17,6 +18,7 @@ from appliance.configuration.config import load_config
 from appliance.service.control.client import ControlClient
 from drivers.errors import ProbewatchError
 from tests.support.demo_cart import PROBEWATCH
+from tests.support.drawn import draw_terminal, draws
 from tests.support.person import Person
 from tests.support.polling import until
 from tools.shared.configuration_text import template
@@ -92,6 +94,29 @@ class Day:
             person.types("")
             person.sees("starts by itself")
             assert person.ends() == 0
+            self.draw("first-day-configure", "sudo probewatch configure", person.text)
+
+    def draw(self, name: str, title: str, shown: str) -> None:
+        """For docs/, with the places that a cart has."""
+        parts = self.socket.parent
+        places = {
+            self.file: "/etc/probewatch/probewatch.toml",
+            parts / "alarms": "/var/lib/probewatch",
+            f"ndi:{parts}/polaris?probe={parts}/probe.rom": "ndi:/dev/ttyUSB0?probe=/etc/probewatch/probe.rom",
+            f"sim:{parts}/scanner": "v4l2:/dev/video0",
+            f"relay:{parts}/relay_board": "relay:/dev/ttyUSB1",
+        }
+        for place, usual in places.items():
+            shown = shown.replace(str(place), usual)
+        draw_terminal(name, title, shown)
+
+    def said(self, *arguments: str | Path) -> str:
+        """What a command prints into a pipe."""
+        command = [str(PROBEWATCH), *map(str, arguments)]
+        wide = os.environ | {"COLUMNS": "110"}
+        return subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120, env=wide, check=False
+        ).stdout
 
 
 @pytest.fixture
@@ -203,3 +228,9 @@ def test_from_an_unconfigured_package_to_monitoring_within_ten_minutes(day: Day)
     said = tomllib.loads(file.read_text())
     assert said["simulated"]
     assert (said["provenance"]["made_by"], said["provenance"]["signed_by"]) == ("A. Smith", "B. Jones")
+    if draws():
+        folder = load_config(day.file).alarm.folder
+        known = [day.said("calibration", *what, "--folder", folder) for what in (("list",), ("show", "1"))]
+        day.draw("calibrations", "probewatch calibration list, probewatch calibration show 1", "\n\n".join(known))
+        test = day.said("self-test", "--config", day.file, "--yes", "--lamps", "seen", "--operator", "A. Smith")
+        day.draw("self-test", 'probewatch self-test --operator "A. Smith"', test)

@@ -316,9 +316,8 @@ def _write(file: Path, before: str | None, new: str, yes: bool, person: _Person)
     if new == before:
         click.echo(f"{file} says all that already; nothing was written")
         return False
-    shown = difflib.unified_diff((before or "").splitlines(), new.splitlines(), str(file), "new", lineterm="", n=1)
     click.echo(f"\n{file}, what changes:" if before is not None else f"\n{file} is new:")
-    for line in shown if before is not None else [line for line in new.splitlines() if line[:1] not in ("#", "")]:
+    for line in _difference((before or "").splitlines(), new.splitlines()):
         click.echo(f"  {line}")
     if not yes and not person.agrees("Write it?", True, "--yes"):
         raise click.Abort
@@ -333,6 +332,14 @@ def _write(file: Path, before: str | None, new: str, yes: bool, person: _Person)
         stream.write(new.encode())
     click.echo(f"written: {file}")
     return True
+
+
+def _difference(before: list[str], new: list[str]) -> list[str]:
+    """Of a new file what it says, without comments."""
+    if not before:
+        return [line for line in new if line[:1] not in ("#", "")]
+    lines = difflib.unified_diff(before, new, lineterm="", n=0)
+    return [line for line in lines if not line.startswith(("--- ", "+++ ", "@@ "))]
 
 
 def _tell_next(file: Path, was_configured: bool, contact: str) -> None:

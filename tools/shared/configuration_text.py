@@ -15,15 +15,14 @@ Value = str | bool | None
 Answers = Mapping[Place, Value]
 """Place of a key → what it is to say; None leaves the key out. An entry beyond the last of an array is a new one."""
 
-_SOURCES = (Path(__file__).parent / "probewatch.toml", Path(__file__).parents[2] / "config" / "probewatch.toml")
-"""Of the template: beside this module where it was installed, else in the source tree."""
+_TEMPLATE = Path(__file__).with_name("probewatch.toml")
+"""In the source tree a link to config/probewatch.toml; what is installed has its content."""
 _HEADER = re.compile(r"\s*\[")
 
 
 def template() -> str:
     """The commented configuration as a package ships it: nobody has adapted it yet."""
-    source = next(path for path in _SOURCES if path.is_file())
-    return changed(source.read_text(encoding="utf-8"), {("configured",): False}, source)
+    return changed(_TEMPLATE.read_text(encoding="utf-8"), {("configured",): False}, _TEMPLATE)
 
 
 def changed(text: str, answers: Answers, file: Path) -> str:
