@@ -263,7 +263,11 @@ class Config(_Section):
 
 def load_config(path: Path) -> Config:
     """Raises ConfigurationError, and its kind Mistakes, naming file, line, key, value, bound and what to do."""
-    text = _text(path)
+    return config_of(configuration_text(path), path)
+
+
+def config_of(text: str, path: Path) -> Config:
+    """What the file at `path` would say with that text. Raises as load_config does."""
     values = _parsed(text, path)
     try:
         config = Config.model_validate(values)
@@ -282,14 +286,15 @@ def load_config(path: Path) -> Config:
 
 def is_configured(path: Path) -> bool:
     """Whether a person has adapted the file; one without the key counts as adapted. Raises ConfigurationError."""
-    return _parsed(_text(path), path).get("configured", True) is not False
+    return _parsed(configuration_text(path), path).get("configured", True) is not False
 
 
 def _ns(seconds: float) -> int:
     return round(seconds * 1e9)
 
 
-def _text(path: Path) -> str:
+def configuration_text(path: Path) -> str:
+    """Raises ConfigurationError for a file that cannot be read as text of bounded size."""
     try:
         return read_bounded(path, _MOST_BYTES).decode()
     except OSError as error:
