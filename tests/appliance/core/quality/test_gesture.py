@@ -23,9 +23,9 @@ MOST = dict(
     )
 )
 ROWS = {
-    Gesture.SIDEWAYS: (0, 5.0, 1.4, 0.0),
+    Gesture.SIDEWAYS: (0, 5.0, 1.75, 0.0),
     Gesture.PRESS: (1, 3.0, 0.65, np.pi / 2),
-    Gesture.ROCK: (5, 8.0, 1.75, 0.0),
+    Gesture.ROCK: (5, 8.0, 1.4, 0.0),
     Gesture.TWIST: (4, 8.0, 2.15, 0.0),
     Gesture.TILT: (3, 8.0, 2.65, 0.0),
 }
