@@ -13,6 +13,7 @@ from appliance.core.detectors.marker_slip import MarkerSlip
 from appliance.core.detectors.no_picture import NoPicture
 from appliance.core.detectors.picture_event import PictureEvent
 from appliance.core.detectors.pose_convention import PoseConvention
+from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
 from appliance.core.motion import analyse, plane_step, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
@@ -68,6 +69,7 @@ class Line:
         self._detectors: tuple[Detector, ...] = (
             PictureEvent(limits.scale_percent),
             MarkerSlip(limits, reference),
+            *(SlowSlip(limits, reference, over_s) for over_s in SLIPS_S),
             self._frozen,
             NoPicture(),
             FrozenTracker(stale_ns),
@@ -220,7 +222,7 @@ class Line:
     def _watch(self, item: StampedPair | Unpaired) -> None:
         frame = item.frame
         tracked = self._tracker.step(frame.image, frame.sequence)
-        seen = self._observed(frame, tracked)
+        seen = self._observed(item, tracked)
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None
         if self._seen(seen):
             self._evidence.restart()
@@ -246,8 +248,8 @@ class Line:
         changed = [detector.see(seen) for detector in self._detectors]
         return any(changed)
 
-    def _observed(self, frame: Frame, tracked: Tracked) -> Observation:
-        found = tracked.registration
+    def _observed(self, item: StampedPair | Unpaired, tracked: Tracked) -> Observation:
+        frame, found = item.frame, tracked.registration
         if found is None:
             return Observation(frame.stamp.t_ns, frame.image, repeated=False)
         return Observation(
@@ -258,6 +260,7 @@ class Line:
             step_mm=self._step_mm(tracked),
             moved=None if tracked.step is None else plane_step(*tracked.step, self._reference),
             likeness=found.correlation,
+            pose=item.matrix if isinstance(item, StampedPair) else None,
         )
 
     def _step_mm(self, tracked: Tracked) -> Array | None:

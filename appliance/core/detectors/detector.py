@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from appliance.types import Check, Fault
 from drivers.rigid import Array
-from drivers.samples import GreyImage, Pose
+from drivers.samples import GreyImage, Matrix4, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,6 +19,7 @@ class Observation:
     Tracker registered it. step_mm: (2,) lateral and axial motion since the picture before; None where it was followed
     too badly to testify against the tracker. moved: (3,) way of the picture plane since the picture before, lateral and
     axial mm and turn rad in the axes of that one; None where it is not known. likeness: to its keyframe, 0 … 1.
+    pose: (4, 4) sensor → tracker at its time, mm; None for a picture without one.
     """
 
     t_ns: int
@@ -28,6 +29,7 @@ class Observation:
     step_mm: Array | None = None
     moved: Array | None = None
     likeness: float = 0.0
+    pose: Matrix4 | None = None
 
 
 class Detector:
