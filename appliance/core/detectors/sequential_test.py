@@ -1,0 +1,292 @@
+"""One sequential test of everything that the calibration may have become, from any time of the last seconds on.
+
+For each of a few starts: how much better than the best calibration within its limits does one beyond them explain what
+picture and tracker said since then? The log of that ratio is held against a promised mean time between two false
+alarms. It only ever accuses: that all is well is shown elsewhere (docs/method.md, section 10).
+
+The rows are whitened from the newest block backwards. So what is whitened of the last seconds does not depend on what
+came before, and one factorisation serves every start.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import log, sqrt
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dtrtri
+
+from appliance.core.path.noise import AXIAL, BREATHING, LATERAL, Noise, covariances
+from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU, VALUE, PathResidual
+from appliance.core.path.window import PathWindow
+from appliance.limits import Limits
+from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
+from drivers.rigid import Array
+
+WINDOW_NS = 10_000_000_000
+"""Of the oldest start: as long as the window that measures. Longer finds smaller changes later, and costs time."""
+_STARTS = (8, 12, 17, 25, 36, 50, 70, 100)
+"""Lengths that are tested, in blocks of a tenth of a second: each about 1.4 times the one before. A change between two
+of them is found by the shorter one, later by less than that."""
+_FALSE_ALARM_H = 1000.0
+NAMED_NATS = log(_FALSE_ALARM_H * 3600 * 30)
+"""18.5: log likelihood ratio of a FAULT. By Ville's inequality a true likelihood ratio passes it once in so many
+pictures; the sup over sizes costs a few nats of that and a look at each tenth picture gives two back."""
+WITHDRAWN_NATS = 10.0
+"""The same of a sign, which withdraws the OK and names nothing: once in hours of motion at the limit itself. Less opens
+the contact for nothing, more keeps it closed for longer over what will be named."""
+_AHEAD_NATS = 5.0
+"""By how much the class that is named must explain the motion better than any other: odds of 150."""
+_INFLATED = 1.3**2
+"""Of every variance: tails that are heavier than the model's (mathematics of the issue's simulations: t₅ tails end a
+promise of 1e5 looks after 623). More is later, less trusts the learned noise more than its own scatter allows."""
+_MOST_SPREAD = 4.0
+"""Mean square of what a class leaves, in that of the noise, from which it explains nothing: something else is wrong,
+and it must not be named. A window that holds the leap of a marker body has 3 to 12 (gesture, 6°)."""
+_HUBER = 2.0
+"""Standard deviations from which an innovation counts less, as in the solver."""
+_LEFT_OUT = np.array([np.deg2rad(0.75)] * 3 + [0.009] * 2 + [1.5] * 3 + [0.015])
+"""rad, relative, mm, s: beyond the limits before anything is accused: three standard deviations of what the model of
+the motion leaves out, as the checks have it."""
+_PRIOR = np.array([0.2] * 3 + [0.15] * 2 + [10.0] * 3 + [0.1])
+"""Of what is beyond: it keeps what the motion does not show near the reference."""
+_FREE = 1e-9
+"""Share of that prior that is left within the limits: just enough to divide by."""
+_UNKNOWN_BREATHING_MM2 = np.array([[LATERAL, 0.7**2], [AXIAL, 2.0**2]])
+"""Row, and variance of breathing that is reckoned with until the noise of a breath was learned: quiet breathing beside
+the liver, 4 to 6 mm from peak to peak."""
+_CLASSES: Mapping[Fault, slice] = {
+    Fault.ROTATION: ROTATION, Fault.SCALE: SCALE, Fault.OFFSET: OFFSET, Fault.LATENCY: slice(TAU, TAU + 1),
+}  # fmt: skip
+_NAMES = (*PARAMETERS, "latency")
+_PER_UNIT = np.array([np.rad2deg(1.0)] * 3 + [100.0] * 2 + [1.0] * 3 + [1000.0])
+_UNITS = ("deg",) * 3 + ("%",) * 2 + ("mm",) * 3 + ("ms",)
+_ROUNDS, _TURNS, _SEARCH = 6, 3, 30
+"""Reweighted fits of one linear model, models about the fit before, and bounds that are taken or left: most."""
+_WORTH_NATS = 6.0
+"""From which a linear fit is worth a second, exact one: below WITHDRAWN_NATS by more than the second order."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Accusation:
+    """since_ns: from when on. nats: by how much what is accused explains the motion better than anything within its
+    limits. checks: of the parameter that is farthest beyond, of each class that is as likely, the likeliest first;
+    those of an accusation that names are FAULTs.
+    """
+
+    since_ns: int
+    nats: float
+    checks: tuple[Check, ...]
+
+    @property
+    def named(self) -> bool:
+        return self.checks[0].verdict is VerdictKind.FAULT
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """theta: (9,). cost: −2 log likelihood. information: (9, 9)."""
+
+    theta: Array
+    cost: float
+    information: Array
+
+
+def accuse(
+    window: PathWindow, reference: Calibration, limits: Limits, noise: Noise, lag_s: float, breathing_known: bool
+) -> Accusation | None:
+    """None where a calibration within its limits explains the motion as well, from whatever start.
+
+    noise: learned from motion before the change, or under the calibration that the motion itself asks for. lag_s: of
+    the tracker, near which it is looked for. breathing_known: whether `noise` has seen a breath.
+    """
+    try:
+        rows = _Rows(window, reference, noise if breathing_known else _with_breathing(noise), lag_s)
+    except ValueError:
+        return None
+    trials = (_Trial(rows, n, _bounds(limits, lag_s)) for n in sorted({min(n, len(rows)) for n in _STARTS}))
+    told = [trial for trial in trials if trial.n >= _STARTS[0] and trial.nats >= WITHDRAWN_NATS]
+    if not told:
+        return None
+    best = max(told, key=lambda trial: trial.nats)
+    return best.accusation(rows.start_ns(best.n), limits, lag_s)
+
+
+def _with_breathing(noise: Noise) -> Noise:
+    variances = noise.variances.copy()
+    for row, least in _UNKNOWN_BREATHING_MM2:
+        variances[int(row), BREATHING] = max(variances[int(row), BREATHING], least)
+    return replace(noise, variances=variances)
+
+
+def _bounds(limits: Limits, lag_s: float) -> tuple[Array, Array]:
+    """(9,) least and most of what is within its limit; the latency counts from lag_s."""
+    sizes = [limits.rotation_deg] * 3 + [limits.scale_percent] * 2 + [limits.offset_mm] * 3 + [limits.latency_ms]
+    most = np.array(sizes) / _PER_UNIT + _LEFT_OUT
+    about = np.append(np.zeros(TAU), lag_s)
+    return -most - about, most - about
+
+
+class _Rows:
+    """Innovations of the rows and of their derivatives, the newest first."""
+
+    def __init__(self, window: PathWindow, reference: Calibration, noise: Noise, lag_s: float) -> None:
+        self._samples = window.samples(lag_s)
+        self._residual = PathResidual(self._samples, reference, planar=False)
+        self._residual.linearise_latency(np.zeros(9))
+        backwards = covariances(self._residual.blocks, self._residual.elevation_mm, noise)[:, ::-1, ::-1]
+        self._whitening = [_whitening(C) for C in backwards]
+        self._at_reference = self._white(np.zeros(9), len(self))
+
+    def __len__(self) -> int:
+        """Blocks."""
+        return len(self._residual.blocks)
+
+    def start_ns(self, n: int) -> int:
+        """Stamp of the first of the last n blocks."""
+        return self._samples.stamp_ns(float(self._residual.blocks.t_s[-n]))
+
+    def at_reference(self, n: int) -> Array:
+        """(10, 3 n): of the last n blocks."""
+        return self._at_reference[:, :, :n].reshape(10, -1)
+
+    def at(self, theta: Array, n: int) -> Array:
+        return self._white(theta, n).reshape(10, -1)
+
+    def _white(self, theta: Array, n: int) -> Array:
+        """(10, 3, n). The scales are regressed on the predicted path: the measured one holds the tissue's motion."""
+        linear = self._residual.linear(theta)
+        seen = self._residual.seen(theta)
+        linear[[LATERAL, AXIAL], [3, 4]] = seen - linear[[LATERAL, AXIAL], VALUE]
+        newest = linear[:, :, ::-1][:, :, :n]
+        return np.stack([row @ W[:n, :n].T for row, W in zip(newest, self._whitening, strict=True)], axis=1)
+
+
+def _whitening(covariance: Array) -> Array:
+    factor, refused = dpotrf(covariance, lower=True, clean=True)
+    if refused:
+        raise ValueError("the noise of the path leaves its covariance not positive definite")
+    return np.asarray(dtrtri(factor, lower=True)[0])
+
+
+class _Trial:
+    """Of the last n blocks. nats: by how much the best calibration, wherever it is, beats the best within bounds."""
+
+    def __init__(self, rows: _Rows, n: int, bounds: tuple[Array, Array]) -> None:
+        self.n, self._rows, self._bounds = n, rows, bounds
+        self._prior = np.diag(_PRIOR**-2.0)
+        self.nats = self._linear_nats()
+        if self.nats >= _WORTH_NATS:
+            self._free = self._exact(*_anywhere(), self._prior)
+            self._within = self._exact(*bounds, _FREE * self._prior)
+            self._spread = self._spread_of(self._free)
+            self.nats = self._beyond(self._free)
+
+    def _beyond(self, fit: _Fit) -> float:
+        return 0.5 * (self._within.cost - fit.cost) / self._spread
+
+    def _spread_of(self, fit: _Fit) -> float:
+        """Mean square of what the fit leaves, not less than what every variance is inflated by."""
+        return max(_INFLATED, fit.cost / max(3 * self.n - 9, 1) / 0.954)
+
+    def _linear_nats(self) -> float:
+        rows = self._rows.at_reference(self.n)
+        free = _fitted(rows, np.zeros(9), *_anywhere(), self._prior)
+        self._spread = self._spread_of(free)
+        if 0.5 * (_huber(rows[VALUE]) - free.cost) / self._spread < _WORTH_NATS:
+            return 0.0
+        self._within = _fitted(rows, np.zeros(9), *self._bounds, _FREE * self._prior)
+        return self._beyond(free)
+
+    def _exact(self, low: Array, high: Array, prior: Array) -> _Fit:
+        """Fitted again about where the fit before ended."""
+        theta, fit = np.zeros(9), None
+        for _ in range(_TURNS):
+            fit = _fitted(self._rows.at(theta, self.n), theta, low, high, prior)
+            moved, theta = np.abs(fit.theta - theta), fit.theta
+            if np.all(moved < 0.05 * _LEFT_OUT):
+                break
+        left = self._rows.at(theta, self.n)[VALUE]
+        assert fit is not None
+        return replace(fit, cost=_huber(left) + float(theta @ prior @ theta))
+
+    def accusation(self, since_ns: int, limits: Limits, lag_s: float) -> Accusation:
+        """The classes that explain it, each alone, and whether one of them may be named."""
+        fits = {fault: self._alone(own) for fault, own in _CLASSES.items()}
+        ahead = sorted(fits, key=lambda fault: fits[fault].cost)
+        first = fits[ahead[0]]
+        rivals = [fault for fault in ahead if 0.5 * (fits[fault].cost - first.cost) / self._spread < _AHEAD_NATS]
+        explains = self._spread_of(first) < _MOST_SPREAD
+        named = explains and len(rivals) == 1 and self._beyond(first) >= NAMED_NATS
+        verdict = VerdictKind.FAULT if named else VerdictKind.NOT_VERIFIED
+        checks = (_check(fits[fault], _CLASSES[fault], fault, limits, lag_s, self._spread) for fault in rivals)
+        return Accusation(since_ns, self.nats, tuple(replace(check, verdict=verdict) for check in checks))
+
+    def _alone(self, own: slice) -> _Fit:
+        """Where only one class may be beyond its limits."""
+        low, high = (bound.copy() for bound in self._bounds)
+        low[own], high[own] = -np.inf, np.inf
+        share = np.full(9, _FREE)
+        share[own] = 1.0
+        return self._exact(low, high, self._prior * share)
+
+
+def _check(fit: _Fit, own: slice, fault: Fault, limits: Limits, lag_s: float, spread: float) -> Check:
+    """Of the parameter of a class that is farthest beyond its limit."""
+    limit = {
+        Fault.ROTATION: limits.rotation_deg, Fault.SCALE: limits.scale_percent, Fault.OFFSET: limits.offset_mm,
+        Fault.LATENCY: limits.latency_ms,
+    }[fault]  # fmt: skip
+    values = fit.theta * _PER_UNIT
+    values[TAU] += lag_s * 1e3
+    k = own.start + int(np.argmax(np.abs(values[own])))
+    sigma = sqrt(float(np.linalg.inv(fit.information)[k, k]) * spread) * _PER_UNIT[k]
+    return Check(_NAMES[k], fault, float(values[k]), sigma, _UNITS[k], limit, VerdictKind.NOT_VERIFIED)
+
+
+def _anywhere() -> tuple[Array, Array]:
+    return np.full(9, -np.inf), np.full(9, np.inf)
+
+
+def _huber(innovations: Array) -> float:
+    size = np.abs(innovations)
+    return float(np.where(size <= _HUBER, size**2, 2 * _HUBER * size - _HUBER**2).sum())
+
+
+def _fitted(rows: Array, about: Array, low: Array, high: Array, prior: Array) -> _Fit:
+    """θ between low and high with Huber's weights. rows: (10, k) innovations, linear about `about`.
+
+    Far from the solution everything looks like an outlier, so the weights begin with the scatter that is there.
+    """
+    J, theta = rows[:VALUE], about
+    at_zero = rows[VALUE] - about @ J
+    for _ in range(_ROUNDS):
+        left = np.abs(at_zero + theta @ J)
+        weighed = J / np.maximum(left / (_HUBER * max(1.0, float(np.median(left)) / 0.6745)), 1.0)
+        information = weighed @ J.T + prior
+        before, theta = theta, _minimum(information, -weighed @ at_zero, low, high)
+        if np.all(np.abs(theta - before) < 0.01 * _LEFT_OUT):
+            break
+    return _Fit(theta, _huber(at_zero + theta @ J) + float(theta @ prior @ theta), information)
+
+
+def _minimum(H: Array, g: Array, low: Array, high: Array) -> Array:
+    """(9,) of ½ xᵀ H x − gᵀ x between low and high: bounds are taken as they are met, and left where it pays."""
+    x = np.linalg.solve(H, g)
+    if np.all((x >= low) & (x <= high)):
+        return np.asarray(x)
+    x = np.clip(x, low, high)
+    at_bound = (x <= low) | (x >= high)
+    for _ in range(_SEARCH):
+        free = ~at_bound
+        wanted = np.linalg.solve(H[np.ix_(free, free)], g[free] - H[np.ix_(free, at_bound)] @ x[at_bound])
+        x[free] = np.clip(wanted, low[free], high[free])
+        met = x[free] != wanted
+        if met.any():
+            at_bound[np.flatnonzero(free)[met]] = True
+            continue
+        slope = H @ x - g
+        inwards = np.where(x <= low, -slope, slope) / np.sqrt(np.diag(H)) * at_bound
+        if inwards.max() <= 0.0:
+            break
+        at_bound[int(np.argmax(inwards))] = False
+    return np.asarray(x)
