@@ -24,8 +24,8 @@ from drivers.rigid import Array
 
 WINDOW_NS = 10_000_000_000
 """Of the oldest start: as long as the window that measures. Longer finds smaller changes later, and costs time."""
-_STARTS = (8, 12, 17, 25, 36, 50, 70, 100)
-"""Lengths that are tested, in blocks of a tenth of a second: each about 1.4 times the one before. A change between two
+_STARTS = (10, 14, 19, 26, 36, 45, 58, 76, 100)
+"""Lengths that are tested, in blocks of a tenth of a second: each about 1.3 times the one before. A change between two
 of them is found by the shorter one, later by less than that."""
 _FALSE_ALARM_H = 1000.0
 NAMED_NATS = log(_FALSE_ALARM_H * 3600 * 30)
@@ -57,6 +57,11 @@ the liver, 4 to 6 mm from peak to peak."""
 _CLASSES: Mapping[Fault, slice] = {
     Fault.ROTATION: ROTATION, Fault.SCALE: SCALE, Fault.OFFSET: OFFSET, Fault.LATENCY: slice(TAU, TAU + 1),
 }  # fmt: skip
+_DRIFT = np.array([2.0, 2.0, np.deg2rad(2.0)])
+"""mm/s and rad/s: of each row, for as long as a window: tissue that gives way, a body that creeps. It belongs to
+neither side, or a creep of 1 mm/s would be called a scale while its offset is still within the limit."""
+_VALUE = TAU + 1 + _DRIFT.size
+"""Of the rows of innovations: θ, the drifts, and the value."""
 _NAMES = (*PARAMETERS, "latency")
 _PER_UNIT = np.array([np.rad2deg(1.0)] * 3 + [100.0] * 2 + [1.0] * 3 + [1000.0])
 _UNITS = ("deg",) * 3 + ("%",) * 2 + ("mm",) * 3 + ("ms",)
@@ -84,7 +89,7 @@ class Accusation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
-    """theta: (9,). cost: −2 log likelihood. information: (9, 9)."""
+    """theta: (12,) θ and the drifts. cost: −2 log likelihood. information: (12, 12)."""
 
     theta: Array
     cost: float
@@ -119,11 +124,12 @@ def _with_breathing(noise: Noise) -> Noise:
 
 
 def _bounds(limits: Limits, lag_s: float) -> tuple[Array, Array]:
-    """(9,) least and most of what is within its limit; the latency counts from lag_s."""
+    """(12,) least and most of what is within its limit; the latency counts from lag_s, any drift is."""
     sizes = [limits.rotation_deg] * 3 + [limits.scale_percent] * 2 + [limits.offset_mm] * 3 + [limits.latency_ms]
     most = np.array(sizes) / _PER_UNIT + _LEFT_OUT
     about = np.append(np.zeros(TAU), lag_s)
-    return -most - about, most - about
+    drift = np.full(_DRIFT.size, np.inf)
+    return np.append(-most - about, -drift), np.append(most - about, drift)
 
 
 class _Rows:
@@ -135,7 +141,9 @@ class _Rows:
         self._residual.linearise_latency(np.zeros(9))
         backwards = covariances(self._residual.blocks, self._residual.elevation_mm, noise)[:, ::-1, ::-1]
         self._whitening = [_whitening(C) for C in backwards]
-        self._at_reference = self._white(np.zeros(9), len(self))
+        t_s = self._residual.blocks.t_s
+        self._drift = [(W @ (t_s - t_s[-1])[::-1])[None] for W in self._whitening]
+        self._at_reference = self._white(np.zeros(_VALUE), len(self))
 
     def __len__(self) -> int:
         """Blocks."""
@@ -146,19 +154,25 @@ class _Rows:
         return self._samples.stamp_ns(float(self._residual.blocks.t_s[-n]))
 
     def at_reference(self, n: int) -> Array:
-        """(10, 3 n): of the last n blocks."""
-        return self._at_reference[:, :, :n].reshape(10, -1)
+        """(13, 3 n): of the last n blocks."""
+        return self._at_reference[:, :, :n].reshape(_VALUE + 1, -1)
 
     def at(self, theta: Array, n: int) -> Array:
-        return self._white(theta, n).reshape(10, -1)
+        return self._white(theta, n).reshape(_VALUE + 1, -1)
 
     def _white(self, theta: Array, n: int) -> Array:
-        """(10, 3, n). The scales are regressed on the predicted path: the measured one holds the tissue's motion."""
-        linear = self._residual.linear(theta)
-        seen = self._residual.seen(theta)
+        """(13, 3, n). The scales are regressed on the predicted path: the measured one holds the tissue's motion."""
+        linear = self._residual.linear(theta[: TAU + 1])
+        seen = self._residual.seen(theta[: TAU + 1])
         linear[[LATERAL, AXIAL], [3, 4]] = seen - linear[[LATERAL, AXIAL], VALUE]
         newest = linear[:, :, ::-1][:, :, :n]
-        return np.stack([row @ W[:n, :n].T for row, W in zip(newest, self._whitening, strict=True)], axis=1)
+        white = np.zeros((_VALUE + 1, len(newest), n))
+        for k, (row, W) in enumerate(zip(newest, self._whitening, strict=True)):
+            rows = row @ W[:n, :n].T
+            white[: TAU + 1, k], white[_VALUE, k] = rows[:VALUE], rows[VALUE]
+            white[TAU + 1 + k, k] = self._drift[k][0, :n]
+            white[_VALUE, k] += theta[TAU + 1 + k] * white[TAU + 1 + k, k]
+        return white
 
 
 def _whitening(covariance: Array) -> Array:
@@ -173,11 +187,12 @@ class _Trial:
 
     def __init__(self, rows: _Rows, n: int, bounds: tuple[Array, Array]) -> None:
         self.n, self._rows, self._bounds = n, rows, bounds
-        self._prior = np.diag(_PRIOR**-2.0)
+        self._prior = np.diag(np.append(_PRIOR, _DRIFT) ** -2.0)
+        self._within_prior = self._prior * np.append(np.full(9, _FREE), np.ones(_DRIFT.size))
         self.nats = self._linear_nats()
         if self.nats >= _WORTH_NATS:
             self._free = self._exact(*_anywhere(), self._prior)
-            self._within = self._exact(*bounds, _FREE * self._prior)
+            self._within = self._exact(*bounds, self._within_prior)
             self._spread = self._spread_of(self._free)
             self.nats = self._beyond(self._free)
 
@@ -186,26 +201,26 @@ class _Trial:
 
     def _spread_of(self, fit: _Fit) -> float:
         """Mean square of what the fit leaves, not less than what every variance is inflated by."""
-        return max(_INFLATED, fit.cost / max(3 * self.n - 9, 1) / 0.954)
+        return max(_INFLATED, fit.cost / max(3 * self.n - _VALUE, 1) / 0.954)
 
     def _linear_nats(self) -> float:
         rows = self._rows.at_reference(self.n)
-        free = _fitted(rows, np.zeros(9), *_anywhere(), self._prior)
+        free = _fitted(rows, np.zeros(_VALUE), *_anywhere(), self._prior)
         self._spread = self._spread_of(free)
-        if 0.5 * (_huber(rows[VALUE]) - free.cost) / self._spread < _WORTH_NATS:
+        if 0.5 * (_huber(rows[_VALUE]) - free.cost) / self._spread < _WORTH_NATS:
             return 0.0
-        self._within = _fitted(rows, np.zeros(9), *self._bounds, _FREE * self._prior)
+        self._within = _fitted(rows, np.zeros(_VALUE), *self._bounds, self._within_prior)
         return self._beyond(free)
 
     def _exact(self, low: Array, high: Array, prior: Array) -> _Fit:
         """Fitted again about where the fit before ended."""
-        theta, fit = np.zeros(9), None
+        theta, fit = np.zeros(_VALUE), None
         for _ in range(_TURNS):
             fit = _fitted(self._rows.at(theta, self.n), theta, low, high, prior)
             moved, theta = np.abs(fit.theta - theta), fit.theta
-            if np.all(moved < 0.05 * _LEFT_OUT):
+            if np.all(moved[: TAU + 1] < 0.05 * _LEFT_OUT):
                 break
-        left = self._rows.at(theta, self.n)[VALUE]
+        left = self._rows.at(theta, self.n)[_VALUE]
         assert fit is not None
         return replace(fit, cost=_huber(left) + float(theta @ prior @ theta))
 
@@ -225,9 +240,9 @@ class _Trial:
         """Where only one class may be beyond its limits."""
         low, high = (bound.copy() for bound in self._bounds)
         low[own], high[own] = -np.inf, np.inf
-        share = np.full(9, _FREE)
-        share[own] = 1.0
-        return self._exact(low, high, self._prior * share)
+        prior = self._within_prior.copy()
+        prior[own, own] = self._prior[own, own]
+        return self._exact(low, high, prior)
 
 
 def _check(fit: _Fit, own: slice, fault: Fault, limits: Limits, lag_s: float, spread: float) -> Check:
@@ -236,7 +251,7 @@ def _check(fit: _Fit, own: slice, fault: Fault, limits: Limits, lag_s: float, sp
         Fault.ROTATION: limits.rotation_deg, Fault.SCALE: limits.scale_percent, Fault.OFFSET: limits.offset_mm,
         Fault.LATENCY: limits.latency_ms,
     }[fault]  # fmt: skip
-    values = fit.theta * _PER_UNIT
+    values = fit.theta[: TAU + 1] * _PER_UNIT
     values[TAU] += lag_s * 1e3
     k = own.start + int(np.argmax(np.abs(values[own])))
     sigma = sqrt(float(np.linalg.inv(fit.information)[k, k]) * spread) * _PER_UNIT[k]
@@ -244,7 +259,7 @@ def _check(fit: _Fit, own: slice, fault: Fault, limits: Limits, lag_s: float, sp
 
 
 def _anywhere() -> tuple[Array, Array]:
-    return np.full(9, -np.inf), np.full(9, np.inf)
+    return np.full(_VALUE, -np.inf), np.full(_VALUE, np.inf)
 
 
 def _huber(innovations: Array) -> float:
@@ -253,24 +268,24 @@ def _huber(innovations: Array) -> float:
 
 
 def _fitted(rows: Array, about: Array, low: Array, high: Array, prior: Array) -> _Fit:
-    """θ between low and high with Huber's weights. rows: (10, k) innovations, linear about `about`.
+    """θ between low and high with Huber's weights. rows: (13, k) innovations, linear about `about`.
 
     Far from the solution everything looks like an outlier, so the weights begin with the scatter that is there.
     """
-    J, theta = rows[:VALUE], about
-    at_zero = rows[VALUE] - about @ J
+    J, theta = rows[:_VALUE], about
+    at_zero = rows[_VALUE] - about @ J
     for _ in range(_ROUNDS):
         left = np.abs(at_zero + theta @ J)
         weighed = J / np.maximum(left / (_HUBER * max(1.0, float(np.median(left)) / 0.6745)), 1.0)
         information = weighed @ J.T + prior
         before, theta = theta, _minimum(information, -weighed @ at_zero, low, high)
-        if np.all(np.abs(theta - before) < 0.01 * _LEFT_OUT):
+        if np.all(np.abs(theta - before)[: TAU + 1] < 0.01 * _LEFT_OUT):
             break
     return _Fit(theta, _huber(at_zero + theta @ J) + float(theta @ prior @ theta), information)
 
 
 def _minimum(H: Array, g: Array, low: Array, high: Array) -> Array:
-    """(9,) of ½ xᵀ H x − gᵀ x between low and high: bounds are taken as they are met, and left where it pays."""
+    """(12,) of ½ xᵀ H x − gᵀ x between low and high: bounds are taken as they are met, and left where it pays."""
     x = np.linalg.solve(H, g)
     if np.all((x >= low) & (x <= high)):
         return np.asarray(x)

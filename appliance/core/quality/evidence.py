@@ -192,7 +192,7 @@ class Evidence:
 
         finding: of the short window, whose noise serves until some was learned from before it.
         """
-        learned = self._noise_until(now_ns - _SHORT_NS)
+        learned = self._noise_until(now_ns - WINDOW_NS) or (self._noises[0][1] if self._noises else None)
         if finding.solution is None:
             return None
         window = self.window.since(max(self._valid_ns, now_ns - WINDOW_NS))
@@ -308,7 +308,7 @@ class Evidence:
         """As last learned not after t_ns. A short window is held against noise from before it, into which a change
         within it has not gone.
         """
-        while len(self._noises) > 1 and self._noises[1][0] <= self._noises[-1][0] - _SHORT_NS:
+        while len(self._noises) > 1 and self._noises[1][0] <= self._noises[-1][0] - WINDOW_NS:
             self._noises.popleft()
         return next((noise for learned_ns, noise in reversed(self._noises) if learned_ns <= t_ns), None)
 
