@@ -10,7 +10,7 @@ came before, and one factorisation serves every start.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import log, sqrt
+from math import log
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
@@ -60,6 +60,8 @@ _CLASSES: Mapping[Fault, slice] = {
 _DRIFT = np.array([2.0, 2.0, np.deg2rad(2.0)])
 """mm/s and rad/s: of each row, for as long as a window: tissue that gives way, a body that creeps. It belongs to
 neither side, or a creep of 1 mm/s would be called a scale while its offset is still within the limit."""
+_ANYTHING = np.diag(np.append(_PRIOR, _DRIFT) ** -2.0)
+"""(12, 12): information before any motion is seen."""
 _VALUE = TAU + 1 + _DRIFT.size
 """Of the rows of innovations: θ, the drifts, and the value."""
 _NAMES = (*PARAMETERS, "latency")
@@ -74,8 +76,8 @@ _WORTH_NATS = 6.0
 @dataclass(frozen=True, slots=True, eq=False)
 class Accusation:
     """since_ns: from when on. nats: by how much what is accused explains the motion better than anything within its
-    limits. checks: of the parameter that is farthest beyond, of each class that is as likely, the likeliest first;
-    those of an accusation that names are FAULTs.
+    limits. checks: FAULTs of the parameters that are surely beyond, where one class explains it; else the parameter
+    that is farthest beyond, NOT_VERIFIED, of each class that is as likely, the likeliest first.
     """
 
     since_ns: int
@@ -83,8 +85,9 @@ class Accusation:
     checks: tuple[Check, ...]
 
     @property
-    def named(self) -> bool:
-        return self.checks[0].verdict is VerdictKind.FAULT
+    def named(self) -> frozenset[str]:
+        """Of the checks that are FAULTs."""
+        return frozenset(check.name for check in self.checks if check.verdict is VerdictKind.FAULT)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,8 +111,10 @@ def accuse(
         rows = _Rows(window, reference, noise if breathing_known else _with_breathing(noise), lag_s)
     except ValueError:
         return None
-    trials = (_Trial(rows, n, _bounds(limits, lag_s)) for n in sorted({min(n, len(rows)) for n in _STARTS}))
-    told = [trial for trial in trials if trial.n >= _STARTS[0] and trial.nats >= WITHDRAWN_NATS]
+    starts = [n for n in sorted({min(n, len(rows)) for n in _STARTS}) if n >= _STARTS[0]]
+    worth = (n for n in starts if rows.score(n) >= _WORTH_NATS)
+    trials = (_Trial(rows, n, _bounds(limits, lag_s)) for n in worth)
+    told = [trial for trial in trials if trial.nats >= WITHDRAWN_NATS]
     if not told:
         return None
     best = max(told, key=lambda trial: trial.nats)
@@ -153,6 +158,13 @@ class _Rows:
         """Stamp of the first of the last n blocks."""
         return self._samples.stamp_ns(float(self._residual.blocks.t_s[-n]))
 
+    def score(self, n: int) -> float:
+        """By how much the last n blocks would rather have another calibration than the reference, to first order."""
+        white = self.at_reference(n)
+        slope = white[:_VALUE] @ np.clip(white[_VALUE], -_HUBER, _HUBER)
+        information = white[:_VALUE] @ white[:_VALUE].T + _ANYTHING
+        return 0.5 * float(slope @ np.linalg.solve(information, slope)) / _INFLATED
+
     def at_reference(self, n: int) -> Array:
         """(13, 3 n): of the last n blocks."""
         return self._at_reference[:, :, :n].reshape(_VALUE + 1, -1)
@@ -187,7 +199,7 @@ class _Trial:
 
     def __init__(self, rows: _Rows, n: int, bounds: tuple[Array, Array]) -> None:
         self.n, self._rows, self._bounds = n, rows, bounds
-        self._prior = np.diag(np.append(_PRIOR, _DRIFT) ** -2.0)
+        self._prior = _ANYTHING
         self._within_prior = self._prior * np.append(np.full(9, _FREE), np.ones(_DRIFT.size))
         self.nats = self._linear_nats()
         if self.nats >= _WORTH_NATS:
@@ -232,9 +244,12 @@ class _Trial:
         rivals = [fault for fault in ahead if 0.5 * (fits[fault].cost - first.cost) / self._spread < _AHEAD_NATS]
         explains = self._spread_of(first) < _MOST_SPREAD
         named = explains and len(rivals) == 1 and self._beyond(first) >= NAMED_NATS
-        verdict = VerdictKind.FAULT if named else VerdictKind.NOT_VERIFIED
-        checks = (_check(fits[fault], _CLASSES[fault], fault, limits, lag_s, self._spread) for fault in rivals)
-        return Accusation(since_ns, self.nats, tuple(replace(check, verdict=verdict) for check in checks))
+        own = _checks(first, ahead[0], limits, lag_s, self._spread) if named else []
+        beyond = [replace(check, verdict=VerdictKind.FAULT) for check in own if _surely(check, limits)]
+        if beyond:
+            return Accusation(since_ns, self.nats, tuple(beyond))
+        each = (_checks(fits[fault], fault, limits, lag_s, self._spread) for fault in rivals)
+        return Accusation(since_ns, self.nats, tuple(max(checks, key=lambda check: check.ratio) for checks in each))
 
     def _alone(self, own: slice) -> _Fit:
         """Where only one class may be beyond its limits."""
@@ -245,17 +260,23 @@ class _Trial:
         return self._exact(low, high, prior)
 
 
-def _check(fit: _Fit, own: slice, fault: Fault, limits: Limits, lag_s: float, spread: float) -> Check:
-    """Of the parameter of a class that is farthest beyond its limit."""
+def _checks(fit: _Fit, fault: Fault, limits: Limits, lag_s: float, spread: float) -> list[Check]:
+    """Of each parameter of a class."""
     limit = {
         Fault.ROTATION: limits.rotation_deg, Fault.SCALE: limits.scale_percent, Fault.OFFSET: limits.offset_mm,
         Fault.LATENCY: limits.latency_ms,
     }[fault]  # fmt: skip
     values = fit.theta[: TAU + 1] * _PER_UNIT
     values[TAU] += lag_s * 1e3
-    k = own.start + int(np.argmax(np.abs(values[own])))
-    sigma = sqrt(float(np.linalg.inv(fit.information)[k, k]) * spread) * _PER_UNIT[k]
-    return Check(_NAMES[k], fault, float(values[k]), sigma, _UNITS[k], limit, VerdictKind.NOT_VERIFIED)
+    sigmas = np.sqrt(np.diag(np.linalg.inv(fit.information))[: TAU + 1] * spread) * _PER_UNIT
+    return [
+        Check(_NAMES[k], fault, float(values[k]), float(sigmas[k]), _UNITS[k], limit, VerdictKind.NOT_VERIFIED)
+        for k in range(TAU + 1)[_CLASSES[fault]]
+    ]
+
+
+def _surely(check: Check, limits: Limits) -> bool:
+    return abs(check.value) - limits.confidence_sigma * check.sigma > check.limit
 
 
 def _anywhere() -> tuple[Array, Array]:

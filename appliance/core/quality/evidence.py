@@ -184,7 +184,7 @@ class Evidence:
         finding = self._carried_on(finding, recent, now_ns)
         accusation = self._accused(finding, now_ns)
         self._measure(finding, recent, now_ns)
-        if accusation is not None and accusation.named:
+        if accusation is not None:
             self._latest = _with(self._latest, accusation.checks)
 
     def _accused(self, finding: Finding, now_ns: int) -> Accusation | None:
@@ -202,11 +202,11 @@ class Evidence:
         found = accuse(window, self._reference, self._limits, noise, lag_s, learned is not None)
         if found is None:
             return None
-        if not finding.shows(("polarity",)):
-            # A mirrored picture looks like many things, and is named elsewhere.
-            found = replace(found, checks=tuple(replace(c, verdict=VerdictKind.NOT_VERIFIED) for c in found.checks))
-        names = frozenset(check.name for check in found.checks if found.named)
-        self._contradict(found.checks, names)
+        # A mirrored picture looks like many things, and is named elsewhere.
+        unnamed = frozenset() if self._breathing_known else _BREATHED
+        unnamed = unnamed if finding.shows(("polarity",)) else found.named
+        found = replace(found, checks=without(Finding(found.checks), unnamed).checks)
+        self._contradict(found.checks, found.named)
         if found.named:
             self._valid_ns = max(self._valid_ns, found.since_ns)
         return found
@@ -349,8 +349,8 @@ def _punctual(finding: Finding, limits: Limits) -> bool:
 
 
 def _with(finding: Finding, checks: tuple[Check, ...]) -> Finding:
-    """The finding with these checks in the place of those of their names."""
-    own = {check.name: check for check in checks}
+    """The finding with the FAULTs among the checks in the place of those of their names."""
+    own = {check.name: check for check in checks if check.verdict is VerdictKind.FAULT}
     return Finding(tuple(own.get(check.name, check) for check in finding.checks), finding.solution)
 
 

@@ -139,6 +139,25 @@ def test_before_breathing_is_known_a_wrong_scale_is_named_by_the_lateral_one_alo
     assert fed(evidence, whole, 9, 15, scale=1.15, lateral=False)[-1] == {"scale-axial"}
 
 
+@pytest.mark.thorough
+def test_a_bend_amid_motion_is_named_and_what_was_before_it_is_dropped() -> None:
+    evidence, whole = watched(10.0)
+    fed(evidence, whole, 0, 10)
+    assert evidence.shows("rotation")
+    bent = filled(tilting_path, 16.0, 6, truth=turned(0, 8))
+    evidence.window.poses = bent.poses
+    named = []
+    for index, seen in enumerate(bent._seen):
+        t_s = index / 30
+        if t_s >= 10:
+            evidence.window.add(motion(t_s, index, seen.path_px, seen.path_rad, chain=2))
+            if index % 10 == 9:
+                evidence.solve(evidence.window.now_ns)
+                named.append({check.name for check in evidence.checks() if check.verdict is FAULT})
+    assert set().union(*named) == {"rotation-lateral"}
+    assert by_name(evidence.checks())["rotation-lateral"].value == pytest.approx(8, abs=1)
+
+
 def test_one_solution_alone_accuses_nobody() -> None:
     evidence, whole = watched()
     for seen in list(whole._seen)[:150]:
