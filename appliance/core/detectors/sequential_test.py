@@ -37,8 +37,8 @@ the contact for nothing, more keeps it closed for longer over what will be named
 _AHEAD_NATS = 5.0
 """By how much the class that is named must explain the motion better than any other: odds of 150."""
 _INFLATED = 1.3**2
-"""Of every variance: tails that are heavier than the model's (mathematics of the issue's simulations: t₅ tails end a
-promise of 1e5 looks after 623). More is later, less trusts the learned noise more than its own scatter allows."""
+"""Of every variance: tails that are heavier than the model's. In simulations t₅ tails ended a promise of 1e5 looks
+after 623 without it. More is later, less trusts the learned noise more than its own scatter allows."""
 _MOST_SPREAD = 4.0
 """Mean square of what a class leaves, in that of the noise, from which it explains nothing: something else is wrong,
 and it must not be named. A window that holds the leap of a marker body has 3 to 12 (gesture, 6°)."""
@@ -109,16 +109,15 @@ def accuse(
     """
     try:
         rows = _Rows(window, reference, noise if breathing_known else _with_breathing(noise), lag_s)
+        starts = [n for n in sorted({min(n, len(rows)) for n in _STARTS}) if n >= _STARTS[0]]
+        worth = [n for n in starts if rows.score(n) >= _WORTH_NATS]
+        best = max((_Trial(rows, n, _bounds(limits, lag_s)) for n in worth), key=lambda trial: trial.nats, default=None)
+        if best is None or best.nats < WITHDRAWN_NATS:
+            return None
+        return best.accusation(rows.start_ns(best.n), limits, lag_s)
     except ValueError:
+        # Too few pictures, or a matrix that motion without content leaves singular (LinAlgError).
         return None
-    starts = [n for n in sorted({min(n, len(rows)) for n in _STARTS}) if n >= _STARTS[0]]
-    worth = (n for n in starts if rows.score(n) >= _WORTH_NATS)
-    trials = (_Trial(rows, n, _bounds(limits, lag_s)) for n in worth)
-    told = [trial for trial in trials if trial.nats >= WITHDRAWN_NATS]
-    if not told:
-        return None
-    best = max(told, key=lambda trial: trial.nats)
-    return best.accusation(rows.start_ns(best.n), limits, lag_s)
 
 
 def _with_breathing(noise: Noise) -> Noise:
