@@ -175,6 +175,15 @@ def _slant(elevation_mm: Array) -> Array:
     return structure(z[:, None]) + structure(z) - structure(z[:, None] - z)
 
 
+def covariances(blocks: Blocks, elevation_mm: Array, noise: Noise) -> Array:
+    """(rows, m, m) mm² or rad² of the path, each chain with an unknown offset, by a noise that is known."""
+    parts = blocks.parts(elevation_mm)
+    is_mm = np.isin(np.arange(len(noise.variances)), POSITIONS)
+    sizes = np.maximum(noise.variances, np.where(is_mm[:, None], POSITION_FLOORS, ANGLE_FLOORS))
+    offsets = np.square(np.where(is_mm, _OFFSET_MM, _OFFSET_RAD))
+    return np.asarray(np.tensordot(sizes, parts, 1) + offsets[:, None, None] * blocks.same)
+
+
 class Whitener:
     """Of one row with one set of variances.
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from math import isnan
 
 from appliance.core.detectors.calibration_change import latency_check
+from appliance.core.detectors.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.conventions import Convention
 from appliance.core.path.explanation import Explanation, explain
@@ -181,6 +182,36 @@ class Evidence:
             if self._about_s != about_s:
                 finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
         finding = self._carried_on(finding, recent, now_ns)
+        accusation = self._accused(finding, now_ns)
+        self._measure(finding, recent, now_ns)
+        if accusation is not None:
+            self._latest = _with(self._latest, accusation.checks)
+
+    def _accused(self, finding: Finding, now_ns: int) -> Accusation | None:
+        """What the sequential test says; each sign withdraws the OK, and what was before the change is dropped.
+
+        finding: of the short window, whose noise serves until some was learned from before it.
+        """
+        learned = self._noise_until(now_ns - WINDOW_NS) or (self._noises[0][1] if self._noises else None)
+        if finding.solution is None:
+            return None
+        window = self.window.since(max(self._valid_ns, now_ns - WINDOW_NS))
+        noise = finding.solution.noise if learned is None else learned
+        lateness = latency_of(finding)
+        lag_s = lateness.value / 1e3 if lateness.verdict is VerdictKind.OK else 0.0
+        found = accuse(window, self._reference, self._limits, noise, lag_s, learned is not None)
+        if found is None:
+            return None
+        # A mirrored picture looks like many things, and is named elsewhere.
+        unnamed = frozenset() if self._breathing_known else _BREATHED
+        unnamed = unnamed if finding.shows(("polarity",)) else found.named
+        found = replace(found, checks=without(Finding(found.checks), unnamed).checks)
+        self._contradict(found.checks, found.named)
+        if found.named:
+            self._valid_ns = max(self._valid_ns, found.since_ns)
+        return found
+
+    def _measure(self, finding: Finding, recent: PathWindow, now_ns: int) -> None:
         short = without(finding, _SLOW)
         confirmed = short.failed & self._suspects
         if confirmed and now_ns >= self._settled_ns:
@@ -277,7 +308,7 @@ class Evidence:
         """As last learned not after t_ns. A short window is held against noise from before it, into which a change
         within it has not gone.
         """
-        while len(self._noises) > 1 and self._noises[1][0] <= self._noises[-1][0] - _SHORT_NS:
+        while len(self._noises) > 1 and self._noises[1][0] <= self._noises[-1][0] - WINDOW_NS:
             self._noises.popleft()
         return next((noise for learned_ns, noise in reversed(self._noises) if learned_ns <= t_ns), None)
 
@@ -315,6 +346,12 @@ def _punctual(finding: Finding, limits: Limits) -> bool:
     """
     lateness = latency_of(finding)
     return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
+
+
+def _with(finding: Finding, checks: tuple[Check, ...]) -> Finding:
+    """The finding with the FAULTs among the checks in the place of those of their names."""
+    own = {check.name: check for check in checks if check.verdict is VerdictKind.FAULT}
+    return Finding(tuple(own.get(check.name, check) for check in finding.checks), finding.solution)
 
 
 def _sharper_check(check: Check, whole: Check) -> Check:

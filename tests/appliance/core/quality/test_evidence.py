@@ -12,7 +12,7 @@ from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, VerdictKind
 from drivers.rigid import rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
-from tests.support.windows import elevational_path, filled, motion
+from tests.support.windows import ORIGIN_NS, elevational_path, filled, motion
 
 LIMITS = Limits()
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
@@ -137,6 +137,29 @@ def test_before_breathing_is_known_a_wrong_scale_is_named_by_the_lateral_one_alo
     assert [sign.check.name for sign in evidence.standing.contradicted] == ["scale-axial"], "no OK meanwhile"
     assert not evidence.shows("scale")
     assert fed(evidence, whole, 9, 15, scale=1.15, lateral=False)[-1] == {"scale-axial"}
+
+
+@pytest.mark.thorough
+def test_a_bend_amid_motion_is_named_and_what_was_before_it_is_dropped() -> None:
+    evidence, whole = watched(16.0)
+    fed(evidence, whole, 0, 10)
+    assert evidence.shows("rotation")
+    bent = filled(tilting_path, 16.0, 6, truth=turned(0, 8))
+    poses_s = np.arange(10, 16, 1 / 60)
+    evidence.window.poses.forget(ORIGIN_NS + 10_000_000_000)
+    for t_s, pose in zip(poses_s, bent.poses.at(poses_s, ORIGIN_NS)[0], strict=True):
+        evidence.window.poses.add(ORIGIN_NS + round(t_s * 1e9), pose)
+    named = []
+    for index, seen in enumerate(bent._seen):
+        t_s = index / 30
+        if t_s >= 10:
+            evidence.window.add(motion(t_s, index, seen.path_px, seen.path_rad, chain=2))
+            if index % 10 == 9:
+                evidence.solve(evidence.window.now_ns)
+                named.append({check.name for check in evidence.checks() if check.verdict is FAULT})
+    assert set().union(*named) == {"rotation-lateral"}
+    assert next(k for k, names in enumerate(named) if names) <= 12, "a solution comes each third of a second"
+    assert by_name(evidence.checks())["rotation-lateral"].value == pytest.approx(8, abs=1)
 
 
 def test_one_solution_alone_accuses_nobody() -> None:

@@ -1,0 +1,121 @@
+"""The sequential test against a solver, an optimiser and a promise that are not its own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from appliance.core.detectors.sequential_test import NAMED_NATS, Accusation, _minimum, accuse
+from appliance.core.path.noise import PARTS, WALK, WHITE, Noise
+from appliance.core.path.solver import Prior, solve
+from appliance.core.path.window import PathWindow
+from appliance.limits import Limits
+from appliance.types import Calibration, VerdictKind
+from drivers.rigid import Array, rotation_from_vector
+from tests.support.motions import TRUTH, tilting_path
+from tests.support.windows import filled, motion
+
+LIMITS = Limits()
+
+
+def known(position_mm: float = 0.1, angle_deg: float = 0.02) -> Noise:
+    """White and a small walk, as `filled` makes it: a turn moves the picture by 64 mm of lever."""
+    position, angle = np.zeros((2, PARTS))
+    position[[WHITE, WALK]] = position_mm**2 + (64 * np.deg2rad(angle_deg)) ** 2, 0.01**2
+    angle[[WHITE, WALK]] = np.deg2rad(angle_deg) ** 2, np.deg2rad(0.02) ** 2
+    return Noise(np.array([position, position, angle]))
+
+
+def accused(window: PathWindow, noise: Noise | None = None) -> Accusation | None:
+    return accuse(window, TRUTH, LIMITS, noise or known(), 0.0, breathing_known=True)
+
+
+def turned(axis: int, angle_deg: float) -> Calibration:
+    return replace(TRUTH, rotation=rotation_from_vector(np.deg2rad(angle_deg) * np.eye(3)[axis]) @ TRUTH.rotation)
+
+
+def pushed(window: PathWindow, mm_s: Array, px: Array | None = None) -> PathWindow:
+    """The window's pictures with a drift (2,), and with errors (n, 2) of each picture."""
+    again = PathWindow(TRUTH)
+    again.poses = window.poses
+    for k, seen in enumerate(window._seen):
+        t_s = (seen.stamp.t_ns - window.start_ns) / 1e9
+        error = mm_s * t_s / TRUTH.scale_mm_per_px + (0.0 if px is None else px[k])
+        again.add(motion(t_s, k, seen.path_px + error, seen.path_rad))
+    return again
+
+
+def test_what_is_least_between_bounds_is_what_another_optimiser_finds() -> None:
+    random = np.random.default_rng(0)
+    for _ in range(10):
+        A, b = random.standard_normal((15, 9)), 3 * random.standard_normal(15)
+        low, high = -random.uniform(0.1, 1, 9), random.uniform(0.1, 1, 9)
+        found = _minimum(A.T @ A, A.T @ b, low, high)
+        np.testing.assert_allclose(found, lsq_linear(A, b, (low, high)).x, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("truth", "names"),
+    [
+        (turned(0, 8), {"rotation-lateral"}),
+        (turned(2, -7), {"rotation-elevational"}),
+        (replace(TRUTH, scale_mm_per_px=TRUTH.scale_mm_per_px * [1.12, 1]), {"scale-lateral"}),
+        (replace(TRUTH, offset_mm=np.add(TRUTH.offset_mm, [0, 12, 0])), {"offset-axial"}),
+    ],
+)
+def test_what_is_wrong_is_named_alone(truth: Calibration, names: set[str]) -> None:
+    found = accused(filled(tilting_path, 7.0, 3, truth=truth))
+    assert found is not None
+    assert found.nats >= NAMED_NATS
+    assert found.named == names
+
+
+def test_the_ratio_is_that_of_an_estimate_beyond_its_limit_by_its_sigma() -> None:
+    """½ ((value − limit) ÷ sigma)², value and sigma by the maximum-likelihood solver, of inflated variances."""
+    truth = replace(TRUTH, scale_mm_per_px=TRUTH.scale_mm_per_px * [1.1, 1])
+    told, expected = [], []
+    for seed in range(2):
+        window = filled(tilting_path, 6.0, seed, truth=truth)
+        found = accused(window)
+        solution = solve(window.samples(0.0), TRUTH, Prior(), known(), learn=False)
+        beyond = (solution.change[3] - 0.05 - 3 * 0.003) / np.sqrt(solution.covariance[3, 3])
+        told.append(0.0 if found is None else found.nats)
+        expected.append(0.5 * beyond**2 / 1.3**2)
+    assert np.mean(told) == pytest.approx(np.mean(expected), rel=0.4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_calibration_at_its_limits_is_not_accused(seed: int) -> None:
+    at = replace(turned(0, 2.9), scale_mm_per_px=TRUTH.scale_mm_per_px * [1.049, 0.951])
+    assert accused(filled(tilting_path, 10.0, seed, truth=at)) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_that_is_heavier_and_more_alike_than_told_accuses_nobody(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    heavy = random.standard_t(3, (302, 2)) * 2.0
+    alike_px = (heavy[2:] + heavy[1:-1] + heavy[:-2]) / 3
+    assert accused(pushed(filled(tilting_path, 10.0, seed), np.zeros(2), alike_px)) is None
+
+
+def test_a_body_that_creeps_is_not_called_a_scale() -> None:
+    assert accused(pushed(filled(tilting_path, 6.0, 4), np.array([1.0, -0.5]))) is None
+
+
+def test_motion_that_fits_nothing_is_not_named() -> None:
+    """Pictures of another motion: no calibration explains them."""
+    other = filled(lambda t: tilting_path(1.7 * t + 2), 6.0, 5)
+    mixed = filled(tilting_path, 6.0, 5)
+    again = PathWindow(TRUTH)
+    again.poses = mixed.poses
+    for seen in other._seen:
+        again.add(seen)
+    found = accused(again)
+    assert found is None or not found.named
+    assert found is None or {check.verdict for check in found.checks} == {VerdictKind.NOT_VERIFIED}
+
+
+def test_too_little_motion_tells_nothing() -> None:
+    assert accused(filled(tilting_path, 0.2, 6)) is None
+    assert accused(PathWindow(TRUTH)) is None
