@@ -8,9 +8,9 @@ from appliance.core.detectors.ruler import Ruler, candidates, ruler_again, ruler
 from appliance.core.registration.pyramid import Bits
 from appliance.types import Check, Fault, VerdictKind
 
-_NEW_DEPTH_PERCENT = 2.0
+_NEW_DEPTH_PERCENT = 1.5
 """Change of spacing from which the depth is another, whatever scale the limits tolerate: no scanner steps its depth by
-less, and a ruler is right to .1 or .2 %. Less asks more of rulers with few ticks; more misses a step of 5 mm in 170."""
+less, and a ruler is right to .1 to .3 %. Less asks more of rulers with few ticks; more misses 3 % of six ticks."""
 _UNITS = (2.0, 2.5, 4.0, 5.0, 10.0)
 """Ratios of tick units (1, 2, 5, 10, 20, 50 mm). A spacing that changes by just one of them may be another unit at the
 same depth, so it withdraws the OK and names nothing: motion, or the zoomed picture, must tell."""
@@ -23,8 +23,8 @@ _MOST_COLUMNS = 12
 """Columns that are tried after each search, the fullest first. More find a ruler between much text, and cost longer."""
 
 _GONE = 300
-"""Pictures without the ruler after which another is looked for, 10 s at 30 Hz: the scanner may have moved it. Fewer give
-the ruler up that a menu covers; more stay blind for longer."""
+"""Pictures without the ruler after which another is looked for, 10 s at 30 Hz: the scanner may have moved it. Fewer
+give up a ruler that a menu covers; more stay blind for longer."""
 
 
 class DepthRuler(Detector):
@@ -93,10 +93,10 @@ class DepthRuler(Detector):
         return any(abs(max(ratio, 1 / ratio) / unit - 1) <= slack for unit in _UNITS)
 
     def _look_for(self, seen: Observation) -> None:
-        """Try a column in each picture; the longest ruler of all that were tried is it."""
+        """Try a column in each picture; the ruler with most ticks of all is it: those of the long ones alone are fewer."""
         if self._to_try:
             found = ruler_at(seen.image, self._to_try.pop(0))
-            if found is not None and (self._best is None or found.span_px > self._best.span_px):
+            if found is not None and (self._best is None or found.rows.size > self._best.rows.size):
                 self._best = found
             if not self._to_try and self._best is not None:
                 self._known, self._shown, self._best = self._best, None, None

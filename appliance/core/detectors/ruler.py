@@ -70,11 +70,6 @@ class Ruler:
     profile: Array32
     look: Array32
 
-    @property
-    def span_px(self) -> float:
-        """From the first tick to the last."""
-        return float(self.rows[-1] - self.rows[0])
-
 
 def candidates(image: GreyImage, tissue: Bits) -> tuple[int, ...]:
     """Columns of (h, w) uint8 where as many marks stand still as a ruler has, the fullest first.
@@ -208,7 +203,7 @@ def _ticks(strip: GreyImage, rows: Array) -> Array32:
     """(n, columns) greys of the ticks at these rows above their surroundings."""
     thin = cv2.morphologyEx(np.ascontiguousarray(strip), cv2.MORPH_TOPHAT, _THIN).astype(np.float32)
     places = np.clip(np.round(rows).astype(int), 1, strip.shape[0] - 2)
-    return np.maximum(np.maximum(thin[places - 1], thin[places]), thin[places + 1])
+    return np.asarray(np.maximum(np.maximum(thin[places - 1], thin[places]), thin[places + 1]), np.float32)
 
 
 def _measured(image: GreyImage, columns: tuple[int, int]) -> Ruler | None:

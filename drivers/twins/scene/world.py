@@ -37,7 +37,8 @@ class WorldSettings:
 
     scale_mm_per_px: (lateral, axial), 0.04 … 0.1. tracker_sd_mm, tracker_sd_deg: per axis, white. noise_db: electronic
     noise against the echo of plain tissue near the probe. range_db: what 255 grey levels span.
-    attenuation_db: what the depth gain leaves uncorrected at the bottom. depth_zoom: what the fault `depth` magnifies by.
+    attenuation_db: what the depth gain leaves uncorrected at the bottom. depth_zoom: by what the fault `depth`
+    magnifies.
     """
 
     width_px: int = 640
@@ -203,7 +204,7 @@ class World:
 
 
 class _Screen:
-    """What the scanner draws: the border of the sector, and what never moves: text, probe arc, and a ruler of the depth that is set.
+    """What the scanner draws: the border of the sector, a ruler of its depth, and text and probe arc that never move.
 
     sector: (h, w) uint8 mask, 255 inside. top_row_px: sector top.
     """

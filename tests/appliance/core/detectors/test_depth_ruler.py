@@ -177,11 +177,6 @@ def least_share(hits: int, runs: int) -> float:
     return float(beta.ppf(0.025, hits, runs - hits + 1)) if hits else 0.0
 
 
-def most_share(hits: int, runs: int) -> float:
-    """Upper end of the same interval."""
-    return float(beta.ppf(0.975, hits + 1, runs - hits)) if hits < runs else 1.0
-
-
 def a_style(random: np.random.Generator) -> Style:
     """Any ruler with at least six ticks in view after a change of 10 %."""
     short = int(random.integers(3, 9))
@@ -202,13 +197,14 @@ def a_style(random: np.random.Generator) -> Style:
 @THOROUGH
 @pytest.mark.parametrize("percent", [3, -3, 5, -5, 10, -10])
 def test_changes_of_depth_are_named_by_the_second_picture_over_many_rulers(percent: int) -> None:
-    """60 rulers on each of four grabbers: of those that were found, which are nearly all, all changes are named."""
+    """15 rulers on each of four grabbers: of those that were found, which are nearly all, all changes are named."""
+    runs = 60
     found = named = 0
     z = []
-    for seed in range(240):
+    for seed in range(100 * abs(percent), 100 * abs(percent) + runs):
         style, grabber = a_style(np.random.default_rng((seed, 11))), GRABBERS[seed % 4]
         watched = Watched()
-        if watched.learn(lambda k: grabbed(picture(style, seed, k), seed, k, *grabber), 30) is None:  # noqa: B023
+        if watched.learn(lambda k: grabbed(picture(style, seed, k), seed, k, *grabber), 22) is None:  # noqa: B023
             continue
         found += 1
         check = None
@@ -217,17 +213,17 @@ def test_changes_of_depth_are_named_by_the_second_picture_over_many_rulers(perce
         if check is not None and check.verdict is VerdictKind.FAULT:
             named += 1
             z.append((check.value - percent) / check.sigma)
-    print(f"{percent:+} %: found {found} of 240, named {named}, RMS z {np.sqrt(np.mean(np.square(z))):.2f}")
-    assert least_share(found, 240) > 0.8
+    print(f"{percent:+} %: found {found} of {runs}, named {named}, RMS z {np.sqrt(np.mean(np.square(z))):.2f}")
+    assert least_share(found, runs) > 0.85
     assert least_share(named, found) > 0.9
     assert np.sqrt(np.mean(np.square(z))) < 1.2
 
 
 @THOROUGH
-def test_a_healthy_hour_of_gain_noise_menus_and_marks_names_nothing() -> None:
-    """120 000 pictures, more than an hour at 30 Hz: gain and TGC wander, menus come and go, a focus mark travels."""
+def test_half_an_hour_of_gain_noise_menus_and_marks_names_nothing() -> None:
+    """60 000 pictures, half an hour at 30 Hz: gain and TGC wander, menus come and go, a focus mark travels."""
     faults = withdrawn = pictures = 0
-    for seed in range(60):
+    for seed in range(30):
         random = np.random.default_rng((seed, 13))
         style, grabber = a_style(random), GRABBERS[seed % 4]
         drawn = [picture(style, seed, k, tissue=float(random.uniform(20, 110))) for k in range(8)]
