@@ -11,33 +11,43 @@ More verifies against old poses for longer; less takes the pauses of a slow trac
 """
 
 
-def _as_check(field: str) -> str:
+def check_name(field: str) -> str:
     """Checks have hyphens in their names, as in the JSON reports; so have their keys in the configuration file."""
     return field.replace("_", "-")
 
 
-class RequiredAges(BaseModel):
-    """How old, s, the motion may be that showed each parameter; None: as old as max_verification_age_s; 0: the contact
-    does not ask for it.
+SWEPT_AGE_S = 30.0
+"""For which what ordinary sweeps show counts: as long as the longest window that measures, so that a sweep keeps the
+contact closed (docs/coverage.md). Less opens it in quiet scanning, more trusts what motion showed once for longer.
+"""
+GESTURE_AGE_S = 120.0
+"""For which the offsets count, which only rocking and twisting show: a gesture, then two minutes of scanning
+(docs/gesture.md has what other ages give). Less asks for the gesture more often; more leaves a marker body that slid,
+slower than the slip watch finds, untold for longer.
+"""
 
-    The offsets are shown only by rocking and twisting, which an ordinary sweep may lack, so they are not asked for by
-    default; a sign against one of them opens the contact all the same. Each of the others can be spoiled by a bent
-    marker body, a depth setting or a cable. A longer age closes the contact for longer on what motion showed once; a
-    shorter one asks for that motion more often.
+
+class RequiredAges(BaseModel):
+    """How old, s, the motion may be that showed each parameter, never older than max_verification_age_s; None: as old
+    as that; 0: the contact does not ask for it.
+
+    All ten are asked for by default: each can be spoiled by a wrong or bent marker body, a depth setting or a cable. A
+    sign against a parameter that is not asked for opens the contact all the same. A longer age closes the contact for
+    longer on what motion showed once; a shorter one asks for that motion more often.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, alias_generator=_as_check)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, alias_generator=check_name)
 
-    polarity: float | None = Field(default=None, ge=0, le=600)
-    scale_lateral: float | None = Field(default=None, ge=0, le=600)
-    scale_axial: float | None = Field(default=None, ge=0, le=600)
-    rotation_lateral: float | None = Field(default=None, ge=0, le=600)
-    rotation_axial: float | None = Field(default=None, ge=0, le=600)
-    rotation_elevational: float | None = Field(default=None, ge=0, le=600)
-    offset_lateral: float | None = Field(default=0.0, ge=0, le=600)
-    offset_axial: float | None = Field(default=0.0, ge=0, le=600)
-    offset_elevational: float | None = Field(default=0.0, ge=0, le=600)
-    latency: float | None = Field(default=None, ge=0, le=600)
+    polarity: float | None = Field(default=SWEPT_AGE_S, ge=0, le=600)
+    scale_lateral: float | None = Field(default=SWEPT_AGE_S, ge=0, le=600)
+    scale_axial: float | None = Field(default=SWEPT_AGE_S, ge=0, le=600)
+    rotation_lateral: float | None = Field(default=SWEPT_AGE_S, ge=0, le=600)
+    rotation_axial: float | None = Field(default=SWEPT_AGE_S, ge=0, le=600)
+    rotation_elevational: float | None = Field(default=SWEPT_AGE_S, ge=0, le=600)
+    offset_lateral: float | None = Field(default=GESTURE_AGE_S, ge=0, le=600)
+    offset_axial: float | None = Field(default=GESTURE_AGE_S, ge=0, le=600)
+    offset_elevational: float | None = Field(default=GESTURE_AGE_S, ge=0, le=600)
+    latency: float | None = Field(default=SWEPT_AGE_S, ge=0, le=600)
 
     @model_validator(mode="after")
     def _asks_for_something(self) -> Self:
@@ -53,7 +63,7 @@ class RequiredAges(BaseModel):
     @property
     def ages_s(self) -> dict[str, float | None]:
         """Of each parameter that is asked for, by the name of its check."""
-        return {_as_check(name): age_s for name, age_s in self if age_s != 0}
+        return {check_name(name): age_s for name, age_s in self if age_s != 0}
 
 
 class Limits(BaseModel):

@@ -14,6 +14,7 @@ _COMMANDS = {
     "ack": "acknowledge the alarm",
     "calibration": "the reference in force and its history; compare, go back",
     "check": "check a configuration and its calibration, and start nothing",
+    "configure": "write the configuration of this cart, without an editor",
     "demo": "a simulated cart with injected faults, from bytes to alarm",
     "devices": "what is connected to this host, and whether it can be opened",
     "export": "a black box as .igs.mha or .igs.nrrd, table or film, for other programs",

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, 
 from pydantic_core import PydanticCustomError
 
 from appliance.configuration.mistakes import Mistakes
-from appliance.limits import TRACKER_STALE_MS, Limits
+from appliance.limits import TRACKER_STALE_MS, Limits, check_name
 from appliance.supervision.annunciator import Role
 from appliance.supervision.policy import Durations
 from appliance.supervision.watchers.facts import Patience
@@ -118,7 +118,7 @@ class SupervisorTimes(_Section):
     recalibrate_after_s: float = Field(default=2.0, ge=0, le=60)
     device_lost_after_s: float = Field(default=1.0, ge=0, le=10)
     probation_s: float = Field(default=1.0, ge=0.1, le=30)
-    max_verification_age_s: float = Field(default=30.0, ge=1, le=600)
+    max_verification_age_s: float = Field(default=120.0, ge=1, le=600)
     self_test_s: float = Field(default=20.0, ge=1, le=120)
     starting_s: float = Field(default=10.0, ge=1, le=120)
     video_silence_ms: float = Field(default=500, ge=100, le=5000)
@@ -206,10 +206,12 @@ class Log(_Section):
 
 
 def _bounded_ages(config: "Config") -> "Config":
-    """No parameter's own age may be longer than the supervisor grants to any."""
+    """No parameter's own age may be longer than the supervisor grants to any; a default gives way."""
     most_s = config.supervisor.max_verification_age_s
-    for name, age_s in config.limits.required_age_s.ages_s.items():
-        if age_s is not None and age_s > most_s:
+    required = config.limits.required_age_s
+    stated = {check_name(field) for field in required.model_fields_set}
+    for name, age_s in required.ages_s.items():
+        if name in stated and age_s is not None and age_s > most_s:
             what = f"[limits.required_age_s] {name} = {age_s:g} is longer than [supervisor] max_verification_age_s"
             raise _refused(f"{what} = {most_s:g}, which bounds them all. Raise that one, or shorten this")
     return config
@@ -244,7 +246,7 @@ class Config(_Section):
         """Of each parameter that the contact asks for, how old the motion may be that showed it."""
         most_s = self.supervisor.max_verification_age_s
         ages_s = self.limits.required_age_s.ages_s
-        return {name: _ns(most_s if age_s is None else age_s) for name, age_s in ages_s.items()}
+        return {name: _ns(most_s if age_s is None else min(age_s, most_s)) for name, age_s in ages_s.items()}
 
     @property
     def feed_socket(self) -> Path | None:
@@ -261,7 +263,11 @@ class Config(_Section):
 
 def load_config(path: Path) -> Config:
     """Raises ConfigurationError, and its kind Mistakes, naming file, line, key, value, bound and what to do."""
-    text = _text(path)
+    return config_of(configuration_text(path), path)
+
+
+def config_of(text: str, path: Path) -> Config:
+    """What the file at `path` would say with that text. Raises as load_config does."""
     values = _parsed(text, path)
     try:
         config = Config.model_validate(values)
@@ -280,14 +286,15 @@ def load_config(path: Path) -> Config:
 
 def is_configured(path: Path) -> bool:
     """Whether a person has adapted the file; one without the key counts as adapted. Raises ConfigurationError."""
-    return _parsed(_text(path), path).get("configured", True) is not False
+    return _parsed(configuration_text(path), path).get("configured", True) is not False
 
 
 def _ns(seconds: float) -> int:
     return round(seconds * 1e9)
 
 
-def _text(path: Path) -> str:
+def configuration_text(path: Path) -> str:
+    """Raises ConfigurationError for a file that cannot be read as text of bounded size."""
     try:
         return read_bounded(path, _MOST_BYTES).decode()
     except OSError as error:

@@ -89,7 +89,7 @@ GERMAN = {
     ),
     "Probe on tissue": "Sonde auf Gewebe",
     "slide it sideways, 10 mm to and fro": "seitlich schieben, 10 mm hin und her",
-    "press and release quickly, 4 mm": "schnell drücken und lösen, 4 mm",
+    "press and release quickly, 6 mm": "schnell drücken und lösen, 6 mm",
     "rock it in the picture's plane, 8° each way": "in der Bildebene wippen, 8° nach jeder Seite",
     "twist it about its long axis, 8° each way": "um ihre Längsachse drehen, 8° nach jeder Seite",
     "fan it out of the picture's plane, 8° each way": "aus der Bildebene kippen, 8° nach jeder Seite",

@@ -21,7 +21,7 @@ class Durations:
     recalibrate_after_ns: int = 2_000_000_000
     device_lost_after_ns: int = 1_000_000_000
     probation_ns: int = 1_000_000_000
-    max_verification_age_ns: int = 30_000_000_000
+    max_verification_age_ns: int = 120_000_000_000
     self_test_ns: int = 20_000_000_000
     starting_ns: int = 10_000_000_000
 

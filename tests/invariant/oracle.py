@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.limits import Limits, RequiredAges
+from appliance.limits import SWEPT_AGE_S, Limits, RequiredAges
 from appliance.supervision.supervisor import Durations
 from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
 from drivers.samples import Matrix4
@@ -17,6 +17,7 @@ TICK_NS = 50_000_000
 DISCOVERED_WITHIN_NS = 15_000_000_000
 NAMED_WITHIN_NS = 1_000_000_000
 MAX_AGE_NS = Durations().max_verification_age_ns
+SWEPT_NS = round(SWEPT_AGE_S * 1e9)
 _MOVED_WITHIN_NS = 300_000_000
 _LEAST_MM_PER_S = 0.5
 _FURTHEST_APART_NS = 250_000_000
@@ -25,7 +26,7 @@ SHIPPED = Limits().required_age_s
 STRICT = RequiredAges.model_validate(
     {"offset-lateral": 30.0, "offset-axial": 30.0, "offset-elevational": 30.0, "scale-axial": 18.0}
 )
-"""The offsets too, and one parameter that must be shown more often than the rest."""
+"""The offsets as often as what sweeps show, and one parameter more often than the rest."""
 _SWEPT = frozenset({"polarity", "scale", "rotation"})
 """Classes of the parameters that any sweep shows; an offset takes turns."""
 _ALARMED = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED)

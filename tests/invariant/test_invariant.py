@@ -7,7 +7,7 @@ from tests.invariant.cart import ORIGIN_NS, Cart
 from tests.invariant.circumstances import Pictures, Poses
 from tests.invariant.long_run import long_run
 from tests.invariant.machine import CLOSED_AGAIN_WITHIN_S, Room, room_test
-from tests.invariant.oracle import MAX_AGE_NS, STRICT, TICK_NS
+from tests.invariant.oracle import STRICT, SWEPT_NS, TICK_NS
 from tests.invariant.scenarios import DISTURBANCES, VERIFIED_WITHIN_S, bend_unseen, incident, verified_cart
 from tests.invariant.world import BENT, ELSEWHERE, FLIPPED, NONE, SLID, TALL_ROWS
 
@@ -16,7 +16,7 @@ SLOW = 15.0
 """Frames per second of the quick ones: the promise is the same, and half the pictures take half the time."""
 
 
-def outlasting(disturbance: str, max_age_ns: int = MAX_AGE_NS) -> None:
+def outlasting(disturbance: str, max_age_ns: int = SWEPT_NS) -> None:
     """The oracle objects where the contact is closed for longer than it may."""
     cart = incident(disturbance, 1, fps=SLOW, max_age_ns=max_age_ns)
     assert cart.run((max_age_ns + TICK_NS) / 1e9, until=lambda: not cart.closed), cart.told()

@@ -84,6 +84,11 @@ def test_a_mirrored_picture_from_bytes_to_halt_and_back(tmp_path: Path, folder: 
     assert (fields["passed"], fault["named"], times_s) == (True, "polarity", sorted(times_s))
     assert [switch["energised"] for switch in fields["contact"]] == [True, False, True]
     assert "PASSED" in out.splitlines()[-1]
+    verified_s = next(one["t_s"] for one in fields["timeline"] if one["state"] == "monitoring")
+    asked = [one for one in fields["prompts"] if one["t_s"] < verified_s]
+    assert {one["asked"] for one in asked} == {10}
+    assert any("twist it about its long axis, 8° each way" in one["gesture"] for one in asked)
+    assert len(asked[-1]["missing"]) < len(asked[0]["missing"]), "what is shown already is told"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

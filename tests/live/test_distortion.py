@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from appliance.core.line import Line
-from appliance.limits import Limits
 from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.types import Verdict, VerdictKind
 from drivers.samples import Pose
@@ -21,7 +20,7 @@ from drivers.twins.scene.metal import LEAVES_AT_S, near_metal
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
-from tests.support.sessions import ORIGIN_NS, session
+from tests.support.sessions import ORIGIN_NS, SWEPT, session
 from tools.simulators.whole_cart import TWINS
 
 pytestmark = pytest.mark.slow
@@ -100,7 +99,7 @@ def verdicts(program: str, displaced_mm: float, at_s: float, duration_s: float) 
     """Of the line, from at_s on, when the metal begins to come. Poses at the 40 Hz of an Aurora."""
     world = World(3, program, settings=SMALL)
     before, origin_ns = world.probe_pose(at_s), ORIGIN_NS + round(at_s * 1e9)
-    line = Line(calibration_from_image_to_probe(world.image_to_probe, (400, 300)), Limits())
+    line = Line(calibration_from_image_to_probe(world.image_to_probe, (400, 300)), SWEPT)
     said: list[Verdict] = []
     for sample in session(world, duration_s, pose_hz=40.0):
         since_s = (sample.stamp.t_ns - origin_ns) / 1e9

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from appliance.supervision.policy import Durations
+from appliance.limits import SWEPT_AGE_S
 from appliance.supervision.supervisor import TICK_NS
 from appliance.types import State
 from drivers.twins.faults import Episode, Schedule
@@ -24,10 +24,10 @@ DISTURBANCES = {
     "one future picture": "future-stamp",
     "flickering blank pictures": "flicker-blank",
 }
-SHIPPED_S = Durations().max_verification_age_ns / 1e9
+SHIPPED_S = SWEPT_AGE_S
 SHORTER_S = 12.0
 WATCHED_S = {SHIPPED_S: 75.0, SHORTER_S: 35.0}
-"""max_verification_age → how long after the bend."""
+"""How old what a sweep shows may be → how long after the bend is watched."""
 
 VERIFIED_WITHIN_S = 120.0
 """Four seconds to start and ten of motion on an idle machine. What is asked here is only how long it stays."""

@@ -21,7 +21,14 @@ SIDES = 2
 
 @pytest.mark.parametrize(
     ("name", "pictures"),
-    [("page", 2), ("recalibration", 1), ("first-calibration", 1), ("self-test", 0), ("calibrations", 0)],
+    [
+        ("page", 2),
+        ("recalibration", 1),
+        ("first-calibration", 1),
+        ("self-test", 1),
+        ("calibrations", 1),
+        ("first-day", 1),
+    ],
 )
 def test_it_fits_on_a_sheet(tmp_path: Path, name: str, pictures: int) -> None:
     text = MarkdownIt().enable("table").render((DOCS / f"{name}.md").read_text(encoding="utf-8"))

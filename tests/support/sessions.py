@@ -3,11 +3,16 @@
 from collections.abc import Iterator
 from functools import cache
 
+from appliance.limits import Limits, RequiredAges
 from drivers.samples import Frame, GreyImage, Matrix4, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.faults import Schedule, frozen_image, pose_time_s, spoil_pose
 from drivers.twins.scene.world import World, WorldSettings
 
 ORIGIN_NS = 5_000_000_000
+SWEPT = Limits(
+    required_age_s=RequiredAges.model_validate({f"offset-{axis}": 0.0 for axis in ("lateral", "axial", "elevational")})
+)
+"""Asks for what an ordinary sweep shows, as a configuration may: for tests that are of something else."""
 
 
 class KeptWorld(World):

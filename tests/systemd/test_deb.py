@@ -93,6 +93,9 @@ def test_the_configuration_is_one_that_dpkg_keeps_and_that_says_it_is_to_be_adap
     configuration = (tree / "etc/probewatch/probewatch.toml").read_text()
     assert "\nconfigured = false\n" in configuration
     assert "sim:" not in configuration
+    (begins,) = (tree / OPT).glob("lib/python3.*/site-packages/tools/shared/probewatch.toml")
+    assert not begins.is_symlink(), "with what `probewatch configure` begins where the file is gone"
+    assert begins.read_text() == configuration.replace("\nconfigured = false\n", "\n# configured = true\n")
 
 
 def test_its_list_of_parts_names_every_distribution_in_it(package: Path, tree: Path) -> None:

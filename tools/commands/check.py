@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from appliance.configuration.config import Config, is_configured, load_config
+from appliance.configuration.config import Config, config_of, configuration_text, is_configured
 from appliance.configuration.mistakes import Mistakes
 from appliance.storage.calibration_file import calibration_bytes
 from appliance.storage.reference import candidate_from_content, size_for
@@ -29,23 +29,32 @@ def command(file: Path) -> None:
     \b
     Exit code 0: the service would start with it. 78: it would not.
     """
-    try:
-        config = load_config(file)
-    except ConfigurationError as error:
-        mistakes = _rows(error)
-    else:
-        mistakes = [*_options(config, file), *_calibration(config)]
+    text = configuration_text(file)
+    mistakes = mistakes_in(text, file)
     for mistake in mistakes:
         click.echo(mistake, err=True)
     if mistakes:
         sys.exit(ConfigurationError.exit_code)
-    named = config.calibration.file
+    named = config_of(text, file).calibration.file
     click.echo(f"{file} can be used; it names no calibration" if named is None else f"{file} and {named} can be used")
     if not is_configured(file):
         click.echo("but the service waits until it says configured = true")
 
 
-def _rows(error: ConfigurationError) -> list[str]:
+def mistakes_in(text: str, file: Path) -> list[str]:
+    """Everything that is wrong with a configuration and the calibration it names, one a line.
+
+    file: where it lies, or is to lie.
+    """
+    try:
+        config = config_of(text, file)
+    except ConfigurationError as error:
+        return rows(error)
+    return [*_options(config, file), *_calibration(config)]
+
+
+def rows(error: ConfigurationError) -> list[str]:
+    """Every mistake of it, one a line."""
     return error.rows() if isinstance(error, Mistakes) else [str(error)]
 
 
@@ -69,5 +78,5 @@ def _calibration(config: Config) -> list[str]:
         # Of a device set the first picture may tell the size; any stands for it while nothing is started.
         candidate_from_content(content, str(place.file), size_for(content, place, _ANY_SIZE_PX), place.probe)
     except ConfigurationError as error:
-        return _rows(error)
+        return rows(error)
     return []

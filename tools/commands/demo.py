@@ -20,7 +20,7 @@ from drivers.twins.faults import CART_FAULTS
 from tools.demo.director import Director
 from tools.demo.live_view import LiveView
 from tools.demo.load import DemoLoad
-from tools.demo.outcome import History, Moment, Switch, judge
+from tools.demo.outcome import History, Moment, Prompt, Switch, judge
 from tools.demo.report import Circumstances, print_report, report_fields
 from tools.demo.script import Planned, Script, chosen_plan, default_plan
 from tools.shared.json_report import write_json
@@ -73,9 +73,10 @@ def command(
     """Watch a simulated cart while its faults are found.
 
     Scanner, tracker and relay board are simulated below the protocol, by processes of their own; the service between
-    them is the real one. Without options: 20 s of healthy motion, then one fault after the other, each removed once it
-    has led to its last state and acknowledged as an operator would; the next comes when the calibration is verified
-    again. Takes about two minutes; Ctrl-C stops everything.
+    them is the real one. Without options: 20 s of healthy motion, with the verification gesture: what is shown already
+    and which motion shows the rest is told until the calibration is verified. Then one fault after the other, each
+    removed once it has led to its last state and acknowledged as an operator would; the next comes when the hand has
+    made the gesture again and the calibration is verified. Takes about two and a half minutes; Ctrl-C stops everything.
 
     \b
     --fault NAME@SECONDS puts your own fault in, in place of that script:
@@ -191,6 +192,7 @@ class Operator:
         self._moments: list[Moment] = []
         self._switches: list[Switch] = []
         self._acknowledged_s: list[float] = []
+        self._prompts: list[Prompt] = []
         self._ask_s = 0.0
         self._answered_s = time.monotonic()
         self.counters: dict[str, int] = {}
@@ -207,6 +209,7 @@ class Operator:
         self._answered_s, self.counters = time.monotonic(), status["counters"]
         self._load.look(overloaded=status["load"]["overloaded_s"] is not None)
         self._note_state(t_s, status)
+        self._note_prompt(t_s, status)
         if self._director.step(t_s, State(status["state"])):
             self._cart.show_faults(self._director.orders)
         self._note_contact()
@@ -225,7 +228,8 @@ class Operator:
     def history(self) -> History:
         """Everything seen so far."""
         seen = tuple(self._moments), tuple(self._switches), tuple(self._acknowledged_s)
-        return History(*seen, end_s=self._cart.now_s(), busy_s=self._load.spans_s(self._cart.clock))
+        busy_s, prompts = self._load.spans_s(self._cart.clock), tuple(self._prompts)
+        return History(*seen, end_s=self._cart.now_s(), busy_s=busy_s, prompts=prompts)
 
     def _wait_for_answer(self) -> None:
         if time.monotonic() - self._answered_s > _ANSWER_S:
@@ -249,6 +253,16 @@ class Operator:
         moment = Moment(t_s - status["since_s"] if entered else t_s, state, fault, status["reason"])
         self._moments.append(moment)
         self._view.event(moment.t_s, f"{state.value}: {f'{fault}: ' if fault else ''}{moment.reason}", state)
+
+    def _note_prompt(self, t_s: float, status: Status) -> None:
+        """What motion has shown already, and which motion shows the rest: as long as the service asks for it."""
+        if State(status["state"]) is not State.NOT_VERIFIED or status["fault"] is not None:
+            return
+        asked = sum(check["max_age_s"] is not None for check in status["checks"])
+        prompt = Prompt(t_s, asked, tuple(status["missing"]), tuple(status["gesture"]))
+        if asked and (not self._prompts or prompt.text != self._prompts[-1].text):
+            self._prompts.append(prompt)
+            self._view.event(t_s, prompt.text)
 
     def _note_contact(self) -> None:
         said = [event for event in tuple(self._cart.twins["relay_board"].said) if "energised" in event]

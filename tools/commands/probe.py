@@ -120,7 +120,7 @@ def _probe_source(url: str, open_source: Open, seconds: float) -> None:
     clock = HostClock()
     with open_source(url, clock) as source:
         click.echo(f"connected in {(clock.now_ns() - clock.origin_ns) / 1e9:.2f} s, measuring for {seconds:g} s")
-        measured = _measure(source, seconds, clock)
+        measured = measure(source, seconds, clock)
         description = _description(source)
     _print([*description, *findings(measured)])
     for complaint in complaints(measured):
@@ -132,7 +132,8 @@ def _probe_source(url: str, open_source: Open, seconds: float) -> None:
         raise DeviceLost(what, url, _MEND[_usual_status(measured)])
 
 
-def _measure(source: TrackerSource | VideoSource, seconds: float, clock: HostClock) -> Measured:
+def measure(source: TrackerSource | VideoSource, seconds: float, clock: HostClock) -> Measured:
+    """What comes within that time, or until the device is lost."""
     measured, end_ns = Measured(), clock.now_ns() + round(seconds * 1e9)
     while clock.now_ns() < end_ns:
         try:

@@ -11,7 +11,7 @@ import click
 import numpy as np
 from rich.console import Console
 
-from appliance.configuration.config import load_config
+from appliance.configuration.config import Config, load_config
 from appliance.crosswire.offset import (
     Demand,
     OffsetSolution,
@@ -29,7 +29,7 @@ from appliance.storage.calibration_file import calibration_bytes, is_device_set,
 from appliance.storage.reference import candidate_from_content, in_force
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_writable
+from drivers.files.atomic_file import check_writable, make_folder
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import ScanSession
 from tools.recalibration.terminal import run
@@ -43,6 +43,8 @@ from tools.shared.verification import accepted, await_verification, recalibratin
 
 _LOOK_S = 0.2
 """Between two questions to the service during a live scan: four of its ticks."""
+_FOLDER = "calibrations"
+"""Of the alarm log's folder: the package lets members of the group write there."""
 _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
 
 _HELP = """Scan a cross-wire, solve ζ, write a new calibration, and let the service verify it.
@@ -145,7 +147,11 @@ class _Reference:
 @click.option("--latency-first", is_flag=True, help="with --live: measure first how late the tracker is")
 @click.option("--unchecked", default="", help="with --live --signed-by: why no check at another point is made")
 @click.option("--feed", type=click.Path(path_type=Path), help="with --live: the feed's socket, if not the service's")
-@click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="with --live: for the new file [.]")
+@click.option(
+    "--folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="with --live: for the new file [with --config calibrations in its alarm folder, else .]",
+)
 @click.option("--yes", is_flag=True, help="accept a difference beyond the limits of the checks without being asked")
 @click.option("--wait", "wait_s", default=120.0, show_default=True, type=click.FloatRange(1, 3600), help="for it, in s")
 def command(
@@ -273,11 +279,23 @@ def _live(
     if control is None:
         raise click.UsageError("name the service: --config FILE, or --socket")
     pictures = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
-    with (
-        StatusWatch(control, _LOOK_S) as watch,
-        ScanSession(control, pictures, (folder or Path()).absolute(), watch) as session,
-    ):
+    place = _live_folder(folder, config)
+    with StatusWatch(control, _LOOK_S) as watch, ScanSession(control, pictures, place, watch) as session:
         run(session, begin, signature)
+
+
+def _live_folder(folder: Path | None, config: Config | None) -> Path:
+    """Where the new file is to lie, and the service can read it: it sees nobody's home. Raises ConfigurationError now
+    rather than after the scan.
+    """
+    place = folder or (Path() if config is None else config.alarm.folder / _FOLDER)
+    try:
+        make_folder(place)
+    except OSError as error:
+        what = f"cannot be made ({error.strerror})"
+        raise ConfigurationError(what, str(place), "Be a member of the group probewatch, or name a --folder") from None
+    check_writable(place / "new.toml")
+    return place.absolute()
 
 
 def _in_force(

@@ -12,6 +12,7 @@ from typing import Any
 import click
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from appliance.configuration.config import load_config
 from appliance.service.control.client import ControlClient
@@ -179,7 +180,8 @@ def _print(found: list[Item], kept: Item) -> None:
     table = Table.grid(padding=(0, 2))
     for item in found:
         mark, colour = marks[item.green]
-        table.add_row(f"[{colour}]{mark} {item.name}[/]", f"{item.what}{'. ' if item.remedy else ''}{item.remedy}")
+        told = f"{item.what}{'. ' if item.remedy else ''}{item.remedy}"  # with brackets, as [calibration] due_days
+        table.add_row(Text(f"{mark} {item.name}", style=colour), Text(told, style="" if item.green else colour))
     console = Console(file=sys.stdout, highlight=False)
     console.print(table)
     bad = sum(not item.green for item in found)

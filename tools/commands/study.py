@@ -29,10 +29,10 @@ from tools.study.workers import results
 _EXAMPLES = """
 \b
 Examples:
-  probewatch study --seeds 3                         how often healthy scanning is verified
+  probewatch study --seeds 3 --asked without-offsets how often healthy scanning is verified by itself
   probewatch study --sessions fan,hold --tissues still
   probewatch study --hazards bend-lateral=6@start,latency=450@sudden
-  probewatch study --sessions gesture-in-plane,gesture-fan --asked everything
+  probewatch study --sessions gesture-in-plane,gesture-fan
   probewatch study --hazards all --scheduler tcp://dask:8786
   probewatch study archive/ LIVER2.igs.mha --calibration probe.toml
   probewatch study s3://bucket/archive --calibration probe.toml --scheduler tcp://dask:8786
@@ -108,7 +108,7 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
     type=click.Choice(list(ASKED)),
     default=DEFAULT,
     show_default=True,
-    help="what the contact asks for: as shipped, or the offsets besides, which may be two minutes old",
+    help="what the contact asks for: everything, as shipped, or all but the offsets, which sweeps alone do not show",
 )
 @click.option(
     "--motions",

@@ -38,9 +38,29 @@ class Switch:
 
 
 @dataclass(frozen=True, slots=True)
+class Prompt:
+    """What the status said of a calibration that is not verified. asked: number of parameters that must be shown.
+    missing: those that no motion has shown. gesture: which motion shows them.
+    """
+
+    t_s: float
+    asked: int
+    missing: tuple[str, ...]
+    gesture: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """For the operator."""
+        if not self.missing:
+            return f"shown: all {self.asked}"
+        shown = f"shown: {self.asked - len(self.missing)} of {self.asked}"
+        return f"{shown}; missing: {', '.join(self.missing)}; to show it: {'; '.join(self.gesture)}"
+
+
+@dataclass(frozen=True, slots=True)
 class History:
     """Everything seen during a run, in time order. end_s: when it ended. busy_s: from when until when the machine was
-    too busy for a cart in real time.
+    too busy for a cart in real time. prompts: each that differed from the one before.
     """
 
     moments: tuple[Moment, ...]
@@ -48,6 +68,7 @@ class History:
     acknowledged_s: tuple[float, ...]
     end_s: float
     busy_s: tuple[tuple[float, float], ...] = ()
+    prompts: tuple[Prompt, ...] = ()
 
     def busy(self, from_s: float, until_s: float) -> bool:
         """Whether the machine was too busy then for anything to be told of it."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from rich.console import Console
 
 from appliance.types import State
-from tools.demo.outcome import Finding, History, Moment, Outcome
+from tools.demo.outcome import Finding, History, Moment, Outcome, Prompt
 from tools.shared.tables import NOTHING, FittingTable
 
 VERSION = 1
@@ -78,6 +78,7 @@ def report_fields(outcome: Outcome, history: History, circumstances: Circumstanc
         "faults": [_fault(one) for one in outcome.findings],
         "unexpected": [_moment(one) for one in outcome.unexpected],
         "timeline": [_moment(one) for one in history.moments],
+        "prompts": [_prompt(one) for one in history.prompts],
         "contact": [{"t_s": _number(one.t_s), "energised": one.energised} for one in history.switches],
         "busy": [{"from_s": _number(one), "to_s": _number(other)} for one, other in history.busy_s],
         "counters": dict(circumstances.counters),
@@ -104,6 +105,10 @@ def _fault(one: Finding) -> dict[str, object]:
 
 def _moment(one: Moment) -> dict[str, object]:
     return {"t_s": _number(one.t_s), "state": one.state.value, "fault": one.fault, "reason": one.reason}
+
+
+def _prompt(one: Prompt) -> dict[str, object]:
+    return {"t_s": _number(one.t_s), "asked": one.asked, "missing": [*one.missing], "gesture": [*one.gesture]}
 
 
 def _number(seconds: float | None) -> float | None:

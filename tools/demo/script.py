@@ -8,7 +8,8 @@ from appliance.types import Fault, Kind, State
 from drivers.errors import ConfigurationError
 
 HEALTHY_S = 24.0
-"""The first fault of the default script comes no sooner: about four seconds to start, then healthy motion."""
+"""The first fault of the default script comes no sooner: about four seconds to start, the gesture that verifies, and
+healthy motion."""
 
 DEFAULT = (
     "flip-lateral",
@@ -38,7 +39,8 @@ LONGEST_ON_S = dict.fromkeys(FAULT_CLASS, 8.0) | {"latency": 16.0}
 """Fault → how long the service may take to its last state: 3 s of escalation, 3 s in which the hand may rest, and to
 see it; a late tracker shows only where the hand turns back."""
 LONGEST_RECOVERY_S = 30.0
-"""How long it may take to verify again: new evidence needs up to 10 s of motion."""
+"""How long it may take to verify again: the hand comes to the gesture within 7 s, or 10 where it rests before, and new
+evidence needs up to 10 s of motion."""
 
 _EXPECTED = {
     Kind.CALIBRATION: (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED),

@@ -18,7 +18,7 @@ from tools.shared.terminal import progress_bar
 from tools.study.hand import GESTURED, PROGRAMS
 from tools.study.hazard import STANDARD, Hazard, Manner
 from tools.study.plan import Task, planned, tasks
-from tools.study.samples import KEYS, Conditions
+from tools.study.samples import KEYS, WITHOUT_OFFSETS, Conditions
 from tools.study.session import TISSUES
 from tools.study.summary import Row
 from tools.study.table import StudyTable, code_digest
@@ -53,23 +53,23 @@ def short_hazards() -> tuple[Hazard, ...]:
 
 
 def coverage_plan(seeds: int) -> list[Conditions]:
-    """Every session of ordinary scanning, and after a gesture with everything asked for."""
+    """Every session of ordinary scanning, the offsets not asked for, and after a gesture everything."""
     begun = tuple(name for name in GESTURED if name != "gesture")
-    alone = planned(tuple(PROGRAMS), TISSUES, seeds, _NOISES_MM, [Hazard()])
-    return alone + planned(begun, TISSUES, seeds, _NOISES_MM, [Hazard()], asked="everything")
+    alone = planned(tuple(PROGRAMS), TISSUES, seeds, _NOISES_MM, [Hazard()], asked=WITHOUT_OFFSETS)
+    return alone + planned(begun, TISSUES, seeds, _NOISES_MM, [Hazard()])
 
 
 def short_plan(seeds: int) -> list[Conditions]:
     """Large hazards with a motion that shows everything; one seed of healthy scanning."""
-    healthy = planned(tuple(PROGRAMS), TISSUES, 1, _NOISES_MM, [Hazard()])
+    healthy = planned(tuple(PROGRAMS), TISSUES, 1, _NOISES_MM, [Hazard()], asked=WITHOUT_OFFSETS)
     return planned(("gesture",), ("still",), seeds, _NOISES_MM, short_hazards(), _SHORT_S) + healthy
 
 
 def full_plan(seeds: int) -> list[Conditions]:
     """Each standard hazard with motions of every kind; a thousand hours of healthy scanning."""
     sick = [one for one in STANDARD if one.kind != "none"]
-    healthy = planned(tuple(PROGRAMS), TISSUES, seeds, _NOISES_MM, [Hazard()], draws=_FULL_DRAWS)
-    return planned(_FULL_SESSIONS, TISSUES, seeds, _NOISES_MM, sick, 60.0) + healthy
+    healthy = planned(tuple(PROGRAMS), TISSUES, seeds, _NOISES_MM, [Hazard()], asked=WITHOUT_OFFSETS, draws=_FULL_DRAWS)
+    return planned(_FULL_SESSIONS, TISSUES, seeds, _NOISES_MM, sick, 60.0, asked=WITHOUT_OFFSETS) + healthy
 
 
 PLANS = {"coverage": (coverage_plan, 1), "short": (short_plan, 2), "full": (full_plan, _FULL_SEEDS)}

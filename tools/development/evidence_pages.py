@@ -13,7 +13,7 @@ from tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, 
 from tools.report.svg import Plot, alone
 from tools.study.bound import FALSE_ALARM_H
 from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, Hazard
-from tools.study.samples import DEFAULT
+from tools.study.samples import DEFAULT, WITHOUT_OFFSETS
 from tools.study.session import TISSUES
 from tools.study.summary import Share, false_rate_per_hour
 
@@ -85,7 +85,11 @@ def _coverage(healthy: list[Healthy]) -> str:
         "![share of each session with the contact closed](pictures/coverage.svg)",
         "",
     ]
-    for asked, text in ((DEFAULT, "As shipped, motion alone"), ("everything", "Offsets asked for as well")):
+    headings = (
+        (DEFAULT, "As shipped: everything is asked for, and the session begins with the gesture"),
+        (WITHOUT_OFFSETS, "Offsets not asked for, ordinary motion alone"),
+    )
+    for asked, text in headings:
         some = [one for one in healthy if one.origin.asked == asked]
         lines += [f"## {text}", ""]
         if not some:

@@ -25,6 +25,7 @@ from drivers.printable import printable_value
 from tools.page.alarms import LastAlarms
 from tools.page.pictures import Pictures, jpeg
 from tools.page.tokens import Tokens, Visitor
+from tools.page.wording import worded
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import Asked, ScanSession
 from tools.shared.status_watch import StatusWatch
@@ -122,7 +123,7 @@ class Page:
             "picture_trouble": parts.pictures.trouble,
             "visitor": None if visitor is None else visitor.name,
         }
-        found = printable_value(event)
+        found = printable_value(worded(event))
         assert isinstance(found, dict)
         return found
 
@@ -174,7 +175,8 @@ class Page:
         except Asked as question:
             return JSONResponse({"ok": False, "ask": question.text}, 409)
         except ProbewatchError as error:
-            return _refused(str(error), 409)
+            parts = [text for text in (error.where, error.what, error.remedy) if text]
+            return JSONResponse({"ok": False, "error": str(error), "parts": parts}, 409)
         return JSONResponse({"ok": True})
 
     def _visitor(self, request: Request) -> Visitor | None:

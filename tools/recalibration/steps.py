@@ -26,7 +26,7 @@ _ELSEWHERE_MM = 10.0
 """From the crossing of the scan, for the point to be another one: what a wrong scale or rotation misplaces grows with
 that distance, and 5 % of it are then half of what passes. Less checks the scan against itself. Not varied.
 """
-_MOST_PICTURES = 1800
+MOST_PICTURES = 1800
 """Of the latency's line: a minute at 30 Hz. More takes memory and the time of a solution, .1 s a thousand."""
 
 
@@ -83,22 +83,33 @@ class LatencyStep:
 
     def __init__(self) -> None:
         self._line = BottomLine()
+        self._begun_anew = 0
         self.found: Latency | None = None
+
+    @property
+    def full(self) -> bool:
+        """As much is collected as is kept; no more is taken."""
+        return self._line.pictures >= MOST_PICTURES
 
     def take(self, sample: Frame | Pose) -> None:
         """The next sample of the feed; after a minute no more are taken."""
-        if self._line.pictures < _MOST_PICTURES:
+        if not self.full:
             self._line.step(sample)
 
     def solve(self) -> None:
-        """Anew, of all samples so far."""
+        """Anew, of all samples so far. A whole minute that does not show it is thrown away, and another one begins."""
+        if self.full and self.found is not None:
+            return
         self.found = self._line.latency()
+        if self.full and self.found is None:
+            self._line, self._begun_anew = BottomLine(), self._begun_anew + 1
 
     def fields(self) -> dict[str, Any]:
         return {
             "pictures": self._line.pictures,
             "seen": self._line.seen,
-            "full": self._line.pictures >= _MOST_PICTURES,
+            "full": self.full,
+            "begun_anew": self._begun_anew,
             "latency_ms": None if self.found is None else 1e3 * self.found.value_s,
             "sigma_ms": None if self.found is None else 1e3 * self.found.sigma_s,
         }

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from appliance.service.control.server import ControlRefused
+from drivers.errors import ProbewatchError
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import Asked, Phase, ScanSession
 from tools.shared.crosswire_review import comparison_table
@@ -22,6 +23,7 @@ _EVERY_S = 0.25
 _MOST_REFUSALS = 4
 """Shown at once: what to mend first stands in front."""
 
+_COMPLETE = "The scan is complete: press Enter, or scan on for smaller sigmas."
 _BEFORE = (Phase.LATENCY, Phase.SCANNING, Phase.REVIEW, Phase.CHECKING)
 """Phases before something is taken."""
 
@@ -81,9 +83,9 @@ def _scan(session: ScanSession, alone: bool) -> None:
         while session.phase is Phase.SCANNING:
             session.touch()
             fields = session.fields()
-            live.update(picture(fields))
             scan = fields["scan"]
             complete = scan is not None and scan["result"] is not None and not scan["refusals"]
+            live.update(Group(picture(fields), Text(_COMPLETE, style="bold green")) if complete else picture(fields))
             if (alone and complete) or (not alone and _line_within(_EVERY_S) is not None):
                 _refused_aloud(live.console, session.finish)
             elif alone:
@@ -115,8 +117,10 @@ def latency_text(latency: Fields | None) -> str:
         return "waiting for the first picture"
     seen = f"bottom seen in {latency['seen']} of {latency['pictures']} pictures"
     if latency["latency_ms"] is None:
-        return f"{seen} · not known yet"
-    return f"{seen} · tracker late by {latency['latency_ms']:.1f} ± {latency['sigma_ms']:.1f} ms"
+        anew = " · a minute did not show it, begun anew" if latency["begun_anew"] else ""
+        return f"{seen} · not known yet{anew}"
+    enough = " · enough is collected: take it" if latency["full"] else ""
+    return f"{seen} · tracker late by {latency['latency_ms']:.1f} ± {latency['sigma_ms']:.1f} ms{enough}"
 
 
 def check_text(check: Fields | None) -> str:
@@ -146,9 +150,10 @@ def _check(session: ScanSession) -> None:
 
 
 def _refused_aloud(console: Console, request: Callable[[], None]) -> None:
+    """What is refused, of whatever kind, costs nobody his scan."""
     try:
         request()
-    except ControlRefused as error:
+    except ProbewatchError as error:
         console.print(str(error))
 
 
@@ -168,10 +173,7 @@ def _review(session: ScanSession, signature: Signature | None) -> None:
         said = click.prompt(
             "accept, check (at another point), scan on, reject, or numbers of views to strike out or take back"
         ).strip()
-        try:
-            _answer(session, said, fields)
-        except ControlRefused as error:
-            console.print(str(error))
+        _refused_aloud(console, partial(_answer, session, said, fields))
 
 
 def _answer(session: ScanSession, said: str, fields: Fields) -> None:

@@ -72,7 +72,8 @@ class StatusView:
 def one_line(status: Status) -> str:
     """The status for a file or a pipe."""
     say = _words(status)
-    parts = [f"{_title(status)}: {status['text']}", _advice(status), _age(status, say), _contact(status, say)]
+    said = _advice(status), _prompt(status)
+    parts = [f"{_title(status)}: {status['text']}", *said, _age(status, say), _contact(status, say)]
     return " · ".join(filter(None, parts))
 
 
@@ -134,7 +135,8 @@ def _title(status: Status) -> str:
 def _state(status: Status) -> Panel:
     lamp, say = status["lamp"], _words(status)
     facts = " · ".join([_age(status, say), _contact(status, say), *_latch(status, say)])
-    lines = [Text(shown(status["text"]), style=f"bold {lamp}"), Text(_advice(status)), Text(shown(facts), style=lamp)]
+    said = Text(_advice(status)), Text(_prompt(status), style="bold")
+    lines = [Text(shown(status["text"]), style=f"bold {lamp}"), *said, Text(shown(facts), style=lamp)]
     return Panel(
         Text("\n").join(line for line in lines if line), title=_title(status), title_align="left", border_style=lamp
     )
@@ -146,6 +148,11 @@ def _advice(status: Status) -> str:
         return shown(status["remedy"])
     reason = told(status["reason"], _language(status))
     return "" if reason == status["text"] else shown(reason)
+
+
+def _prompt(status: Status) -> str:
+    """The motion that shows what is missing, while it is asked for."""
+    return shown(status["remedy"]) if status["fault"] is None and status.get("gesture") else ""
 
 
 def _age(status: Status, say: Mapping[str, str]) -> str:

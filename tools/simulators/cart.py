@@ -3,6 +3,7 @@
 import signal
 import tempfile
 import threading
+import tomllib
 from pathlib import Path
 
 import click
@@ -11,6 +12,7 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable, replacing
 from drivers.twins.faults import PICTURE_FAULTS
 from drivers.twins.ndi.tracker import NDI_FAULTS
+from tools.shared.configuration_text import Answers, changed, template
 from tools.simulators.whole_cart import CartSettings, SimulatedDevices
 
 _LOOK_S = 0.5
@@ -23,8 +25,13 @@ _LOOK_S = 0.5
     "--folder", type=click.Path(file_okay=False, path_type=Path), help="of sockets, alarm log and control files"
 )
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of tissue, motion and noise")
+@click.option(
+    "--unconfigured",
+    is_flag=True,
+    help="with --write: a cart that nobody has configured yet, and the URLs of its devices",
+)
 @click.option("--openigtlink", "served", is_flag=True, help="an OpenIGTLink server, as PLUS, hands on both")
-def command(file: Path | None, folder: Path | None, seed: int, served: bool) -> None:
+def command(file: Path | None, folder: Path | None, seed: int, unconfigured: bool, served: bool) -> None:
     """Simulate a whole cart until Ctrl-C: a scanner, an NDI Polaris and a relay board, each a process of its own.
 
     Prints the configuration that fits them as soon as they are ready, or writes it with --write. The service is yours
@@ -35,6 +42,8 @@ def command(file: Path | None, folder: Path | None, seed: int, served: bool) -> 
       probewatch run --config cart.toml             # in a second terminal
       probewatch status --watch --socket …          # in a third; the socket is named in cart.toml
 
+    With --unconfigured the file is the one that a package brings, for `probewatch configure`: docs/first-day.md.
+
     Faults are written into two files, which the configuration names with every fault they know. Three hide what the
     probe does and have no alarm of their own: sparse-poses, the tracker sees the probe in one measurement of twelve;
     flicker-blank, every second picture is black; future-stamp, one picture is stamped a minute ahead.
@@ -43,6 +52,8 @@ def command(file: Path | None, folder: Path | None, seed: int, served: bool) -> 
     that is removed at the end, the alarm log too.
     """
     check_writable(file)
+    if unconfigured and file is None:
+        raise click.UsageError("--unconfigured writes a file: give --write FILE")
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
@@ -54,7 +65,11 @@ def command(file: Path | None, folder: Path | None, seed: int, served: bool) -> 
                 raise click.Abort
 
         with SimulatedDevices(place, CartSettings(seed, served=served), pause) as cart:
-            _hand_out(_head(cart) + cart.config_text, file)
+            if unconfigured and file is not None:
+                _hand_out(_unconfigured(cart), file)
+                click.echo(_commands(cart, file), err=True)
+            else:
+                _hand_out(_head(cart) + cart.config_text, file)
             while not stop.wait(_LOOK_S):
                 cart.require_alive()
 
@@ -76,6 +91,22 @@ def _head(cart: SimulatedDevices) -> str:
         f"# {cart.folder}/polaris.json: {', '.join(NDI_FAULTS)}\n"
         f"# While {cart.tank} exists, the probe is tilted over a cross-wire in water: touch it, scan, remove it.\n"
     )
+
+
+def _unconfigured(cart: SimulatedDevices) -> str:
+    """The template with the places of this cart, so that two carts do not meet; devices are for a person to name."""
+    said = tomllib.loads(cart.config_text)
+    places: Answers = {("control", "socket"): said["control"]["socket"], ("alarm", "folder"): said["alarm"]["folder"]}
+    return changed(template(), places, cart.config)
+
+
+def _commands(cart: SimulatedDevices, file: Path) -> str:
+    """What is connected, for a person who configures it."""
+    said = tomllib.loads(cart.config_text)
+    urls = {"video": said["video"]["url"], "tracker": said["tracker"]["url"], "contact": said["output"][0]["url"]}
+    lines = [f"{name}: {url}" for name, url in urls.items()] + [f"socket: {cart.socket}"]
+    tank = f"While {cart.tank} exists, the probe is over a cross-wire in water"
+    return "\n".join([f"then: probewatch configure {file}", *lines, tank])
 
 
 def _hand_out(text: str, file: Path | None) -> None:

@@ -15,7 +15,7 @@ from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import PICTURE_FAULTS
 from drivers.twins.scanner import Scanner, VideoPlug
 from drivers.twins.scene.tank import PlaceOfWork
-from drivers.twins.scene.trajectory import PROGRAMS
+from drivers.twins.scene.trajectory import PROGRAMS, USUAL_PROGRAM
 from drivers.twins.scene.world import SCENES, World, WorldSettings
 
 
@@ -24,7 +24,13 @@ from drivers.twins.scene.world import SCENES, World, WorldSettings
 @click.option("--socket", type=click.Path(path_type=Path), required=True, help="Unix socket to serve")
 @click.option("--fps", type=click.FloatRange(0.1, 1000), default=30.0, help="pictures per world second [30]")
 @click.option("--seed", type=int, default=1, help="of the world")
-@click.option("--program", type=click.Choice(list(PROGRAMS)), default="sweep", help="how the probe is moved [sweep]")
+@click.option(
+    "--program",
+    type=click.Choice(list(PROGRAMS)),
+    default=USUAL_PROGRAM,
+    show_default=True,
+    help="how the probe is moved",
+)
 @click.option("--scene", type=click.Choice(list(SCENES)), default="tissue", help="what it looks at [tissue]")
 @click.option(
     "--control", type=click.Path(dir_okay=False, path_type=Path), help="JSON list of faults, read again when it changes"

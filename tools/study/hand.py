@@ -28,7 +28,7 @@ _FAN_DEG, _FAN_S = 20.0, 8.0
 """Either way, and to and fro: as one looks along an organ from one window."""
 _DRIFT_MM = ((1.0, 11.0), (0.6, 7.0))
 """Amplitude, mm, and period, s, of the slow in-plane drift of a sweep, lateral and axial."""
-_GESTURE = ((0, 5.0, 2.0), (1, 2.0, 0.75), (5, 8.0, 1.5), (4, 8.0, 1.7), (3, 8.0, 1.9))
+_GESTURE = ((0, 5.0, 2.3), (1, 3.0, 0.65), (5, 8.0, 1.5), (4, 8.0, 1.7), (3, 8.0, 1.9))
 """Row, amplitude, mm or deg, and period, s, of each motion of the verification gesture. Slower shows less in its time;
 quicker blurs the registration. The press is
 quicker than a breath, which it would be taken for: pressed once in 2 s, not one of 20 was verified with breathing."""

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from appliance.limits import Limits, RequiredAges
-from appliance.supervision.policy import Durations
 from appliance.supervision.timeline import Judging
 from appliance.types import PARAMETERS
 from drivers.recordings.metaimage import SequenceItem, read_metaimage, write_metaimage
@@ -40,18 +39,15 @@ KEYS = ("session", "tissue", "seed", "duration_s", "noise_mm", "draw", "asked", 
 """Columns that name a run."""
 
 
-def _everything() -> Judging:
-    """The offsets may be as old as the two minutes that a gesture is to last for; all else as shipped."""
-    shipped_s, offsets_s = Durations().max_verification_age_ns / 1e9, 120.0
-    ages_s = dict.fromkeys(Limits().required_age_s.names, shipped_s)
-    ages_s |= {name: offsets_s for name in PARAMETERS if name.startswith("offset")}
-    durations = Durations(max_verification_age_ns=round(offsets_s * 1e9))
-    return Judging(Limits(required_age_s=RequiredAges.model_validate(ages_s)), durations)
+def _without_offsets() -> Judging:
+    """As shipped, but for the offsets, which an ordinary sweep may lack the motion to show."""
+    ages_s = {name: 0.0 for name in PARAMETERS if name.startswith("offset")}
+    return Judging(Limits(required_age_s=RequiredAges.model_validate(ages_s)))
 
 
-DEFAULT = "shipped"
-ASKED = {DEFAULT: Judging(), "everything": _everything()}
-"""What the contact asks for: as the configuration is shipped, or the offsets besides."""
+DEFAULT, WITHOUT_OFFSETS = "everything", "without-offsets"
+ASKED = {DEFAULT: Judging(), WITHOUT_OFFSETS: _without_offsets()}
+"""What the contact asks for: all ten parameters, as the configuration is shipped, or all but the offsets."""
 
 
 @dataclass(frozen=True)

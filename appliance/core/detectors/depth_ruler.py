@@ -93,7 +93,7 @@ class DepthRuler(Detector):
         return any(abs(max(ratio, 1 / ratio) / unit - 1) <= slack for unit in _UNITS)
 
     def _look_for(self, seen: Observation) -> None:
-        """Try a column in each picture; the ruler with most ticks of all is it: those of the long ones alone are fewer."""
+        """Try a column in each picture; the ruler with most ticks of all is it: the long ones alone are fewer."""
         if self._to_try:
             found = ruler_at(seen.image, self._to_try.pop(0))
             if found is not None and (self._best is None or found.rows.size > self._best.rows.size):

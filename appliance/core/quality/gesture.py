@@ -14,7 +14,7 @@ class Gesture(Enum):
     """One motion of the hand over tissue; the text is the operator's, and has a translation."""
 
     SIDEWAYS = "slide it sideways, 10 mm to and fro"
-    PRESS = "press and release quickly, 4 mm"
+    PRESS = "press and release quickly, 6 mm"
     ROCK = "rock it in the picture's plane, 8° each way"
     TWIST = "twist it about its long axis, 8° each way"
     TILT = "fan it out of the picture's plane, 8° each way"

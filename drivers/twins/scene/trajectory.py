@@ -1,7 +1,7 @@
 """The hand that moves the simulated probe: a seeded, smooth pose of the picture in the tissue.
 
 Every program is a sum of sine waves per axis, so the motion has derivatives of all orders; the one pause of the
-clinical sweep bends time itself, smoothly to its second derivative.
+clinical sweep bends time itself, and the verification gesture comes and goes, smoothly to the second derivative.
 """
 
 from dataclasses import dataclass
@@ -15,15 +15,19 @@ from drivers.samples import Matrix4
 
 _AXES = ("lateral_mm", "axial_mm", "elevational_mm", "tilt_lateral_deg", "tilt_axial_deg", "turn_deg")
 
-_PROGRAMS: dict[str, dict[str, tuple[tuple[float, float], ...]]] = {
-    "sweep": {
-        "lateral_mm": ((7.0, 7.4), (0.7, 2.7)),
-        "axial_mm": ((4.2, 5.3), (0.5, 2.1)),
-        "elevational_mm": ((0.14, 11.0),),
-        "tilt_lateral_deg": ((1.4, 8.7),),
-        "tilt_axial_deg": ((1.2, 6.3),),
-        "turn_deg": ((6.2, 9.3),),
-    },
+_Waves = dict[str, tuple[tuple[float, float], ...]]
+
+_SWEEP: _Waves = {
+    "lateral_mm": ((7.0, 7.4), (0.7, 2.7)),
+    "axial_mm": ((4.2, 5.3), (0.5, 2.1)),
+    "elevational_mm": ((0.14, 11.0),),
+    "tilt_lateral_deg": ((1.4, 8.7),),
+    "tilt_axial_deg": ((1.2, 6.3),),
+    "turn_deg": ((6.2, 9.3),),
+}
+_PROGRAMS: dict[str, _Waves] = {
+    "sweep": _SWEEP,
+    "gestured": _SWEEP,
     "still": {},
     "elevational": {"elevational_mm": ((4.0, 9.0),)},
     "lateral": {"lateral_mm": ((8.0, 7.5),)},
@@ -48,6 +52,18 @@ _PROGRAMS: dict[str, dict[str, tuple[tuple[float, float], ...]]] = {
 """Program → axis → (amplitude, period in s) of each wave; tilts and turn are a rotation vector about x, y, z."""
 
 PROGRAMS = tuple(sorted(_PROGRAMS))
+USUAL_PROGRAM = "gestured"
+"""Of simulated devices: a cart's contact closes only after the gesture, so that their hand makes it by itself."""
+
+_GESTURE: _Waves = {
+    "tilt_lateral_deg": ((8.0, 2.7),),
+    "tilt_axial_deg": ((8.0, 2.4),),
+    "turn_deg": ((6.0, 2.2),),
+}
+"""What "gestured" adds to the sweep now and then, the verification gesture (docs/gesture.md): fan, twist and rock. The
+sweep slides and presses by itself."""
+_GESTURE_FROM_S, _GESTURE_TO_S, _GESTURE_EASE_S = 4.0, 10.0, 1.2
+"""Of each cycle of the sweep: once the service has started, and before the rest. Quicker easing jerks the probe."""
 
 _MOVES_S, _EASES_S, _RESTS_S = 10.0, 1.0, 1.0
 """A clinical sweep rests now and then; checks must stand it. In 26 s the hand is at rest for 1.5 to 4 s
@@ -63,6 +79,15 @@ def _moved_s(t_s: float) -> float:
     return cycles * (_MOVES_S + _EASES_S) + min(t_s, _MOVES_S) + _EASES_S * eased
 
 
+def _gestured(moved_s: float) -> float:
+    """Share of the gesture, 0 … 1, when the hand has moved for so long."""
+    since_s = moved_s % (_MOVES_S + _EASES_S)
+    come = min(max((since_s - _GESTURE_FROM_S) / _GESTURE_EASE_S, 0.0), 1.0)
+    gone = min(max((_GESTURE_TO_S - since_s) / _GESTURE_EASE_S, 0.0), 1.0)
+    share = min(come, gone)
+    return share**3 * (10 - 15 * share + 6 * share**2)
+
+
 @dataclass(frozen=True, slots=True)
 class _Wave:
     amplitude: float
@@ -71,6 +96,14 @@ class _Wave:
 
     def at(self, t_s: float) -> float:
         return self.amplitude * sin(2 * pi * t_s / self.period_s + self.phase_rad)
+
+
+def _drawn(waves: tuple[tuple[float, float], ...], random: np.random.Generator) -> tuple[_Wave, ...]:
+    """Phases within ±45° of the zero crossing: the hand moves from the first instant on."""
+    return tuple(
+        _Wave(size * random.uniform(0.9, 1.05), period_s * random.uniform(0.95, 1.08), random.uniform(-0.8, 0.8))
+        for size, period_s in waves
+    )
 
 
 class Trajectory:
@@ -83,21 +116,15 @@ class Trajectory:
         if program not in _PROGRAMS:
             known = ", ".join(PROGRAMS)
             raise ConfigurationError(f"'{program}' is not a known motion", "trajectory", f"Use one of {known}")
-        self._pauses = program == "sweep"
+        self._pauses = program in ("sweep", "gestured")
         random = np.random.default_rng((seed, 11))
-        self._waves = {
-            axis: tuple(
-                # Phases within ±45° of the zero crossing: the hand moves from the first instant on.
-                _Wave(
-                    size * random.uniform(0.9, 1.05), period_s * random.uniform(0.95, 1.08), random.uniform(-0.8, 0.8)
-                )
-                for size, period_s in _PROGRAMS[program].get(axis, ())
-            )
-            for axis in _AXES
-        }
+        self._waves = {axis: _drawn(_PROGRAMS[program].get(axis, ()), random) for axis in _AXES}
+        asked = _GESTURE if program == "gestured" else {}
+        self._gesture = {axis: _drawn(asked.get(axis, ()), random) for axis in _AXES}
 
-    def _axis(self, axis: str, t_s: float) -> float:
-        return sum(wave.at(t_s) for wave in self._waves[axis])
+    def _axis(self, axis: str, t_s: float, gestured: float) -> float:
+        usual = sum(wave.at(t_s) for wave in self._waves[axis])
+        return usual + gestured * sum(wave.at(t_s) for wave in self._gesture[axis])
 
     def pose(self, t_s: float) -> Matrix4:
         """(4, 4) picture P → tissue C, mm, at world time t_s.
@@ -107,8 +134,9 @@ class Trajectory:
         """
         if self._pauses:
             t_s = _moved_s(t_s)
-        place_mm = [self._axis(axis, t_s) for axis in _AXES[:3]]
-        turn_rad = [radians(self._axis(axis, t_s)) for axis in _AXES[3:]]
+        share = _gestured(t_s)
+        place_mm = [self._axis(axis, t_s, share) for axis in _AXES[:3]]
+        turn_rad = [radians(self._axis(axis, t_s, share)) for axis in _AXES[3:]]
         pose = np.eye(4)
         pose[:3, :3] = Rotation.from_rotvec(turn_rad).as_matrix()
         pose[:3, 3] = -pose[:3, :3] @ place_mm

@@ -87,11 +87,27 @@ def test_the_commented_example_names_every_parameter_with_how_old_its_motion_may
 
 
 def test_a_parameter_may_be_asked_for_with_an_age_of_its_own(tmp_path: Path) -> None:
-    text = GOOD + "[supervisor]\nmax_verification_age_s = 120\n[limits.required_age_s]\n"
-    config = load_config(written(tmp_path, text + "offset-axial = 90.5\nscale-axial = 20\nrotation-axial = 0\n"))
-    ages_ns = config.required_ages_ns
-    assert (ages_ns["offset-axial"], ages_ns["scale-axial"], ages_ns["latency"]) == (90.5e9, 20e9, 120e9)
-    assert not {"rotation-axial", "offset-lateral", "offset-elevational"} & {*ages_ns}
+    text = GOOD + "[limits.required_age_s]\noffset-axial = 90.5\nscale-axial = 20\nrotation-axial = 0\n"
+    ages_ns = load_config(written(tmp_path, text)).required_ages_ns
+    assert (ages_ns["offset-axial"], ages_ns["scale-axial"], ages_ns["latency"]) == (90.5e9, 20e9, 30e9)
+    assert "rotation-axial" not in ages_ns
+    assert ages_ns["offset-lateral"] == 120e9
+
+
+def test_the_supervisors_bound_shortens_every_default_and_refuses_what_is_stated(tmp_path: Path) -> None:
+    text = GOOD + "[supervisor]\nmax_verification_age_s = 20\n"
+    assert {*load_config(written(tmp_path, text)).required_ages_ns.values()} == {20 * 10**9}
+    message = refusal(tmp_path, text + "[limits.required_age_s]\noffset-axial = 21\n")
+    assert "offset-axial = 21 is longer than [supervisor] max_verification_age_s = 20" in message
+
+
+def test_the_commented_way_to_ask_for_less_is_valid_and_leaves_the_offsets_out(tmp_path: Path) -> None:
+    section = EXAMPLE.read_text().split("[limits.required_age_s]")[1].split("[supervisor]")[0]
+    less = re.findall(r"^#   (offset-[a-z]+ = 0)$", section, re.M)
+    config = load_config(written(tmp_path, GOOD + "[limits.required_age_s]\n" + "\n".join(less) + "\n"))
+    assert {*config.required_ages_ns} == {*Limits().required_age_s.names} - {
+        f"offset-{axis}" for axis in ("lateral", "axial", "elevational")
+    }
 
 
 def test_two_outputs(tmp_path: Path) -> None:
@@ -118,7 +134,7 @@ def test_two_outputs(tmp_path: Path) -> None:
         ("[[output]]\nport = 1\n", ["[output] entry 2 url is missing", "[output] entry 2 port is not known"]),
         ("[limits.required_age_s]\npolarity = 0\n", ["[limits] required_age_s", "without polarity and latency"]),
         ("[limits.required_age_s]\nlatency = 0.0\n", ["[limits] required_age_s", "without polarity and latency"]),
-        ("[limits.required_age_s]\noffset-axial = 31\n", ["offset-axial = 31", "max_verification_age_s = 30"]),
+        ("[limits.required_age_s]\noffset-axial = 121\n", ["offset-axial = 121", "max_verification_age_s = 120"]),
         ("[limits.required_age_s]\noffset-axial = -1\n", ["[limits] required_age_s offset-axial = -1"]),
         ("[limits.required_age_s]\noffset-axail = 1\n", ["offset-axail", "did you mean 'offset-axial'?"]),
         ("[limits.required_age_s]\noffset_axial = 1\n", ["offset_axial", "did you mean 'offset-axial'?"]),

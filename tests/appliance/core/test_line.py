@@ -16,7 +16,7 @@ from drivers.rigid import vector_from_rotation
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.faults import Episode, Schedule
 from drivers.twins.scene.world import World, WorldSettings
-from tests.support.sessions import ORIGIN_NS, kept, session
+from tests.support.sessions import ORIGIN_NS, SWEPT, kept, session
 from tools.demo.script import FAULT_CLASS
 
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
@@ -28,7 +28,7 @@ def truth(world: World) -> Calibration:
 
 
 def watched(world: World, duration_s: float, fps: float = 30.0) -> tuple[Line, list[Verdict]]:
-    line = Line(truth(world), Limits())
+    line = Line(truth(world), SWEPT)
     return line, [verdict for sample in session(world, duration_s, fps=fps) for verdict in line.step(sample)]
 
 
@@ -68,7 +68,7 @@ class Covered(Detector):
 
 def test_a_detector_of_sight_that_is_added_withholds_the_ok_and_opens_the_contact() -> None:
     world = kept(3, settings=SMALL)
-    line, supervisor = Line(truth(world), Limits()), Supervisor(Durations())
+    line, supervisor = Line(truth(world), SWEPT), Supervisor(Durations())
     verdicts = (verdict for sample in session(world, 9.0) for verdict in line.step(sample))
     alarms = ((one, supervisor.step(one.t_ns, Inputs((one,)))) for one in verdicts)
     assert any(alarm.energised for _, alarm in alarms)
@@ -86,6 +86,20 @@ def test_a_healthy_sweep_is_verified_within_fifteen_seconds_and_never_faulted(se
     assert line.report().verdict.kind is VerdictKind.OK
 
 
+@THOROUGH
+def test_by_default_a_sweep_closes_the_contact_with_the_gesture_and_not_before() -> None:
+    """The hand of the simulated cart makes the gesture from the fifth second on."""
+    world = kept(3, "gestured", settings=SMALL)
+    line, supervisor, closed_s = Line(truth(world), Limits()), Supervisor(Durations()), list[float]()
+    for sample in session(world, 10.0, fps=15.0):
+        for verdict in line.step(sample):
+            assert verdict.fault is None
+            if supervisor.step(verdict.t_ns, Inputs((verdict,))).energised:
+                closed_s.append((verdict.t_ns - ORIGIN_NS) / 1e9)
+    assert 4.0 < min(closed_s) < 9.0
+    assert max(closed_s) > 9.8
+
+
 @pytest.mark.parametrize(
     ("fault", "within_s"),
     [
@@ -99,7 +113,7 @@ def test_a_healthy_sweep_is_verified_within_fifteen_seconds_and_never_faulted(se
 )
 def test_a_sudden_fault_is_named_at_once(fault: str, within_s: float) -> None:
     world = kept(3, settings=SMALL)
-    found = first_fault(faulty(Line(truth(world), Limits()), world, 4.5, fault, at_s=3.0))
+    found = first_fault(faulty(Line(truth(world), SWEPT), world, 4.5, fault, at_s=3.0))
     assert found is not None
     assert found[1] == FAULT_CLASS[fault]
     assert 3.0 <= found[0] <= 3.0 + within_s
@@ -110,7 +124,7 @@ def test_a_sudden_fault_is_named_at_once(fault: str, within_s: float) -> None:
 def test_a_depth_step_too_small_to_be_seen_in_tissue_is_told_from_the_ruler(zoom: float) -> None:
     """Two pictures, .03 s, so that nothing has moved; the OK goes with the first of them."""
     world = kept(3, settings=replace(SMALL, depth_zoom=zoom))
-    verdicts = faulty(Line(truth(world), Limits()), world, 9.5, "depth", at_s=9.0)
+    verdicts = faulty(Line(truth(world), SWEPT), world, 9.5, "depth", at_s=9.0)
     assert any(v.kind is VerdictKind.OK for v in verdicts)
     assert all(v.kind is not VerdictKind.OK for v in verdicts if v.t_ns - ORIGIN_NS >= 9e9)
     found = first_fault(verdicts)
@@ -122,7 +136,7 @@ def test_a_depth_step_too_small_to_be_seen_in_tissue_is_told_from_the_ruler(zoom
 @THOROUGH
 def test_the_freeze_key_pauses_and_is_no_fault_and_the_contact_is_open_while_it_lasts() -> None:
     world = kept(3, settings=SMALL)
-    line, supervisor = Line(truth(world), Limits()), Supervisor(Durations())
+    line, supervisor = Line(truth(world), SWEPT), Supervisor(Durations())
     plan = Schedule((Episode("user-freeze", 9.0, 11.0),))
     closed_s, told = [], set[tuple[float, str]]()
     for sample in session(world, 12.0, plan):
@@ -145,7 +159,7 @@ def test_the_freeze_key_pauses_and_is_no_fault_and_the_contact_is_open_while_it_
 )
 def test_a_fault_that_was_there_before_the_start_is_found_by_motion(fault: str, within_s: float) -> None:
     world = kept(3, settings=SMALL)
-    line = Line(truth(world), Limits())
+    line = Line(truth(world), SWEPT)
     found = first_fault(faulty(line, world, within_s + 1.5, fault, lasting_s=1.1))
     assert found is not None
     assert found[1] == FAULT_CLASS[fault]
@@ -156,7 +170,7 @@ def test_a_fault_that_was_there_before_the_start_is_found_by_motion(fault: str, 
 def test_a_grabber_faster_than_the_scanner_is_verified_and_its_mirrored_picture_found() -> None:
     """Every picture comes twice, as from a 60 Hz grabber: the second shows nothing new, and takes nothing away."""
     world = kept(3, settings=SMALL)
-    line, verdicts = Line(truth(world), Limits()), list[Verdict]()
+    line, verdicts = Line(truth(world), SWEPT), list[Verdict]()
     for sample in session(world, 9.5, Schedule.parse('[{"fault": "flip-lateral", "from_s": 9.0, "to_s": null}]')):
         if isinstance(sample, Frame):
             again = Stamp(sample.stamp.t_ns + 16_000_000, sample.stamp.err_ns)
@@ -174,7 +188,7 @@ def test_a_grabber_faster_than_the_scanner_is_verified_and_its_mirrored_picture_
 @pytest.mark.parametrize("seed", [3, pytest.param(2, marks=THOROUGH)])
 def test_a_late_tracker_is_named_latency(seed: int) -> None:
     world = kept(seed, settings=SMALL)
-    found = first_fault(faulty(Line(truth(world), Limits()), world, 14.0, "latency", at_s=7.0))
+    found = first_fault(faulty(Line(truth(world), SWEPT), world, 14.0, "latency", at_s=7.0))
     assert found is not None
     assert found[1] == "latency"
     assert found[0] <= 13.0
@@ -190,7 +204,7 @@ def test_motion_that_shows_nothing_is_not_verified(program: str, fps: float) -> 
 
 def test_an_undone_slide_is_forgiven_by_the_marker_check() -> None:
     world = kept(3, settings=SMALL)
-    line = Line(truth(world), Limits())
+    line = Line(truth(world), SWEPT)
     plan = Schedule.parse(json.dumps([{"fault": "slide-marker", "from_s": 2.0, "to_s": 3.0}]))
     verdicts = [v for sample in session(world, 4.0, plan) for v in line.step(sample)]
     shift = {round((v.t_ns - ORIGIN_NS) / 1e9, 1): c for v in verdicts for c in v.checks if c.name == "marker-shift"}
@@ -215,7 +229,7 @@ PICTURES = {
 @pytest.mark.parametrize("alive", [False, True])
 def test_pictures_without_structure_give_a_reason_and_no_exception(picture: np.ndarray, alive: bool) -> None:
     world = kept(3, settings=SMALL)
-    line = Line(truth(world), Limits())
+    line = Line(truth(world), SWEPT)
     noise = np.random.default_rng(0).integers(0, 4, (20, 300, 400)).astype(np.uint8) * alive
     verdicts = []
     for k in range(20):
@@ -227,7 +241,7 @@ def test_pictures_without_structure_give_a_reason_and_no_exception(picture: np.n
 
 def test_a_picture_of_another_size_is_a_scale_fault() -> None:
     world = kept(3, settings=SMALL)
-    line = Line(truth(world), Limits())
+    line = Line(truth(world), SWEPT)
     line.step(pose(1.0, np.eye(4), 0))
     line.step(Frame(Stamp(1_010_000_000, 0), 0, np.zeros((480, 640), np.uint8)))
     (verdict,) = line.step(pose(1.02, np.eye(4), 1))
@@ -237,7 +251,7 @@ def test_a_picture_of_another_size_is_a_scale_fault() -> None:
 
 def test_poses_that_are_not_ok_leave_frames_unpaired_with_the_reason() -> None:
     world = kept(3, settings=SMALL)
-    line = Line(truth(world), Limits())
+    line = Line(truth(world), SWEPT)
     line.step(pose(1.0, None, 0, PoseStatus.MISSING))
     line.step(Frame(Stamp(1_010_000_000, 0), 0, world.frame(0.0, 0)))
     line.step(pose(1.02, np.eye(4), 1))
@@ -245,7 +259,7 @@ def test_poses_that_are_not_ok_leave_frames_unpaired_with_the_reason() -> None:
 
 
 def test_a_tracker_may_repeat_itself_for_as_long_as_the_cart_says() -> None:
-    line = Line(truth(kept(3, settings=SMALL)), Limits(), stale_ns=1_500_000_000)
+    line = Line(truth(kept(3, settings=SMALL)), SWEPT, stale_ns=1_500_000_000)
     line.step(pose(1.0, np.eye(4), 0))
     (check,) = (check for check in line.report().checks if check.name == "frozen-tracker")
     assert (check.limit, check.unit) == (1500.0, "ms")
@@ -256,7 +270,7 @@ def test_a_wrong_rotation_from_the_start_is_named_rotation() -> None:
     turned = truth(world)
     c, s = np.cos(np.deg2rad(10)), np.sin(np.deg2rad(10))
     turned = replace(turned, rotation=np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]) @ turned.rotation)
-    found = first_fault(faulty(Line(turned, Limits()), world, 10.0, None))
+    found = first_fault(faulty(Line(turned, SWEPT), world, 10.0, None))
     assert found is not None
     assert found[1] == "rotation"
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import SimpleITK as sitk  # noqa: N813  as its documentation does
 
 from appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
 from appliance.storage.calibration_file import image_to_probe, read_calibration
@@ -69,3 +70,19 @@ def test_what_is_no_linear_transform_is_refused_by_name(tmp_path: Path, change, 
     file.write_text(change(itk_text(TRUE)))
     with pytest.raises(ConfigurationError, match=what):
         read_itk(file, SIZE_PX)
+
+
+@pytest.mark.parametrize("calibration", [TRUE, FAR])
+def test_by_itk_itself_it_becomes_hdf5_and_comes_back(tmp_path: Path, calibration) -> None:
+    """docs/recalibration.md says so to whoever needs .h5; on the way its reader finds the same numbers in our text."""
+    text, hdf5, back = (str(tmp_path / name) for name in ("probe.tfm", "probe.h5", "back.tfm"))
+    Path(text).write_text(itk_text(calibration))
+    sitk.WriteTransform(sitk.ReadTransform(text), hdf5)
+    found = sitk.AffineTransform(sitk.ReadTransform(hdf5))
+    to_parent = np.linalg.inv(np.array(found.GetMatrix()).reshape(3, 3))
+    pixel = to_parent @ (np.zeros(3) - np.array(found.GetTranslation()))
+    lps = np.diag([-1, -1, 1])
+    np.testing.assert_allclose(lps @ pixel, image_to_probe(calibration)[:3, 3], rtol=0, atol=1e-9)
+    sitk.WriteTransform(sitk.ReadTransform(hdf5), back)
+    read = read_itk(Path(back), SIZE_PX)
+    np.testing.assert_allclose(image_to_probe(read), image_to_probe(calibration), rtol=0, atol=1e-9)

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from appliance.core.line import Line
-from appliance.limits import Limits
-from appliance.supervision.timeline import Timeline
+from appliance.supervision.timeline import Judging, Timeline
 from appliance.types import State
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample
 from tests.appliance.core.test_line import SMALL, truth
-from tests.support.sessions import ORIGIN_NS, kept, session
+from tests.support.sessions import ORIGIN_NS, SWEPT, kept, session
 
 FIRST_S, APART_S = 9.0, 1.5
 """Verified by then; longer apart than a calibration fault takes to halt."""
@@ -63,8 +62,9 @@ def spoilt(samples: Iterator[Sample]) -> Iterator[Sample]:
 @pytest.mark.thorough
 def test_an_outlier_of_one_sample_never_alarms_and_what_stays_wrong_does() -> None:
     world = kept(3, settings=SMALL)
-    line = Line(truth(world), Limits())
-    timeline = Timeline(ORIGIN_NS, ORIGIN_NS, ORIGIN_NS + round((FLIPPED_S + 1) * 1e9))
+    line = Line(truth(world), SWEPT)
+    end_ns = ORIGIN_NS + round((FLIPPED_S + 1) * 1e9)
+    timeline = Timeline(ORIGIN_NS, ORIGIN_NS, end_ns, Judging(SWEPT))
     for sample in spoilt(session(world, FLIPPED_S + 1)):
         timeline.step(sample, line.step(sample))
     timeline.finish()

@@ -27,6 +27,7 @@ from drivers.recordings.replay import open_recording
 from drivers.twins.tool_motion import pose_file
 from tests.appliance.storage.test_calibration_file import calibration
 from tests.support.recordings import SIZE_PX, items
+from tests.support.stopwatch import Stopwatch
 from tools.commands.log import command as log_command
 from tools.commands.replay import command as replay_command
 from tools.shared.json_report import write_json
@@ -73,10 +74,10 @@ def no_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 def refused_at_once(kind: type[ProbewatchError], use: Callable[[Path], object], path: Path) -> str:
     before = None if "\0" in str(path) else (path.lstat().st_mode, path.lstat().st_ino)
-    began_s = time.monotonic()
+    watch = Stopwatch()
     with pytest.raises(kind, match=NAMED) as refusal:
         use(path)
-    assert time.monotonic() - began_s < AT_ONCE_S
+    assert watch.spent_s() < AT_ONCE_S
     assert before is None or before == (path.lstat().st_mode, path.lstat().st_ino), "it is as it was"
     return str(refusal.value)
 

@@ -77,7 +77,7 @@ def record(path: Path, world: World, duration_s: float, rate_hz: int = 20) -> Pa
 @pytest.mark.slow
 def test_from_a_ruler_to_a_verified_calibration(tmp_path) -> None:
     """Rotation 5° off, scales 3 %, offset 8 mm: what a ruler and the eye give."""
-    tissue = record(tmp_path / "tissue.igs.mha", World(1, "sweep", "tissue"), 35)
+    tissue = record(tmp_path / "tissue.igs.mha", World(1, "gestured", "tissue"), 35)
     wires = record(tmp_path / "wires.igs.mha", World(1, "freehand", "cross-wire"), 35)
     true = calibration_from_image_to_probe(World(1).image_to_probe, SIZE_PX)
     axis = np.array([0.6, -0.64, 0.48])

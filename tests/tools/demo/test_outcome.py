@@ -9,7 +9,7 @@ from rich.console import Console
 from appliance.types import State
 from tools.demo.director import Director
 from tools.demo.live_view import LiveView
-from tools.demo.outcome import History, Moment, Switch, judge
+from tools.demo.outcome import History, Moment, Prompt, Switch, judge
 from tools.demo.report import Circumstances, print_report, report_fields
 from tools.demo.script import Injection, Planned, Script
 
@@ -164,3 +164,12 @@ def test_the_live_view_fits_a_small_terminal() -> None:
     assert "next fault: depth in 10 s" in lines[0]
     text = drawn.getvalue()
     assert all(part in text for part in ("HALT", "contact OPEN", "━━━━─────┃  0.50 ✓", "2.00 ✗", "–   ?", "dropped: 3"))
+
+
+def test_a_prompt_says_what_is_shown_what_is_missing_and_which_motion_shows_it() -> None:
+    some = Prompt(5.0, 10, ("offset-axial",), ("rock it",))
+    assert some.text == "shown: 9 of 10; missing: offset-axial; to show it: rock it"
+    assert Prompt(6.0, 10, (), ()).text == "shown: all 10"
+    history = History(GOOD, SWITCHES, (41.0,), 90.0, prompts=(some,))
+    fields = report_fields(judge(SCRIPT, history), history, Circumstances(1, 1.0, {}))
+    assert fields["prompts"] == [{"t_s": 5.0, "asked": 10, "missing": ["offset-axial"], "gesture": ["rock it"]}]

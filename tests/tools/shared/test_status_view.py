@@ -200,3 +200,11 @@ def test_a_refusal_is_ascii_where_the_locale_is_and_names_any_file() -> None:
     odd = subprocess.run([*check, b"/tmp/\xff.toml"], capture_output=True, check=False)
     assert odd.returncode == 78
     assert b"Traceback" not in odd.stderr
+
+
+def test_the_motion_that_is_asked_for_stands_beside_the_reason() -> None:
+    asking = status(remedy="Probe on tissue; rock it", gesture=["rock it"])
+    assert "Probe on tissue; rock it" in " ".join(drawn(80, asking))
+    assert "Probe on tissue; rock it" in one_line(asking)
+    assert "rock it" not in one_line(asking | {"gesture": []})
+    assert one_line(asking | {"fault": "scale"}).count("rock it") == 1, "a fault says what to do about it, once"

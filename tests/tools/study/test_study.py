@@ -20,7 +20,7 @@ from tools.study import workers
 from tools.study.hazard import Hazard
 from tools.study.outcome import run
 from tools.study.plan import Task, planned, tasks
-from tools.study.samples import KEYS, Conditions, rendered, samples
+from tools.study.samples import KEYS, WITHOUT_OFFSETS, Conditions, rendered, samples
 from tools.study.session import Session
 from tools.study.table import StudyTable
 from tools.study.workers import results
@@ -37,7 +37,7 @@ def motions(tmp_path_factory):
 
 
 def outcome(motions, hazard="none"):
-    return run(Conditions(SHORT, Hazard.parse(hazard)), rendered(SHORT, motions))
+    return run(Conditions(SHORT, Hazard.parse(hazard), asked=WITHOUT_OFFSETS), rendered(SHORT, motions))
 
 
 @pytest.mark.thorough
@@ -59,7 +59,7 @@ def test_a_healthy_sweep_is_verified_and_its_figures_are_near_the_truth(motions)
 @pytest.mark.parametrize("tissue", ["still", "breathing"])
 def test_the_gesture_alone_shows_everything_that_can_be_asked_for(tissue):
     session = Session("gesture", tissue, 1, 8.0)
-    told = run(Conditions(session, asked="everything"), rendered(session, None))
+    told = run(Conditions(session), rendered(session, None))
     assert (told.faults, told.closed_s <= 6.0) == ("", True)
     assert all(told.scores[name].shown for name in PARAMETERS)
     assert all(abs(told.scores[name].last) < 4 * told.scores[name].sigma for name in PARAMETERS)

@@ -38,7 +38,7 @@ def row(session="in-plane", seed=1, hazard="none", tissue="still", **changed):
         "duration_s": "60",
         "noise_mm": "0.1",
         "draw": "1",
-        "asked": "shipped",
+        "asked": "everything",
     }
     return key | {"hazard": hazard} | outcome.row() | {"code": "abc"}
 

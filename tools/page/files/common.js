@@ -17,6 +17,7 @@ function whole(parts) {
 }
 // The texts that stand in the page itself, in the language that is told; what the program writes is said where it is written.
 let translated = "en";
+const englishTitle = document.title;
 function translate() {
   document.documentElement.lang = language;
   if (language === translated) return;
@@ -27,8 +28,16 @@ function translate() {
     node.english ??= node.data.trim();
     if (node.english && german(node.english)) node.data = node.data.replace(node.data.trim(), say(node.english));
   }
+  translateUnseen();
 }
-function named(name) { return language === "de" ? (NAMES_DE[name] || name) : name; }
+// The texts that only a screen reader says, and the window's title.
+function translateUnseen() {
+  document.title = say(englishTitle);
+  for (const one of document.querySelectorAll("[aria-label]")) {
+    one.english ??= one.getAttribute("aria-label");
+    if (german(one.english)) one.setAttribute("aria-label", say(one.english));
+  }
+}
 function el(id) { return document.getElementById(id); }
 function make(tag, text, kind) {
   const one = document.createElement(tag);
@@ -56,7 +65,7 @@ function showState(status, silence) {
   if (!status) {
     box.dataset.lamp = "red"; box.dataset.priority = "high";
     set("state-title", say("No answer from the service"));
-    set("state-text", `${say("Do not rely on the overlay")} · ${silence}`);
+    set("state-text", `${say("Do not rely on the overlay")} · ${say(silence)}`);
     return;
   }
   language = status.language || "en";
@@ -65,7 +74,7 @@ function showState(status, silence) {
   set("state-title", status.text);
   const age = status.verification_age_s;
   const verified = age === null ? say("not verified now") : `${say("verified")}: ${aged(age)}`;
-  const what = status.fault ? status.remedy : status.text.endsWith(say(status.reason)) ? "" : say(status.reason);
+  const what = status.fault ? status.remedy : status.text.endsWith(status.reason) ? "" : status.reason;
   set("state-text", [what, verified, `${say("Contact")} ${say(status.energised ? "closed (safe)" : "OPEN")}`].filter(Boolean).join(" · "));
 }
 

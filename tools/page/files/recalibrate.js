@@ -20,6 +20,12 @@ function refused(text) {
   set("refused", text);
 }
 
+// where: what. remedy, as the program puts them together.
+function refusal(parts, error) {
+  const [where, what, remedy] = parts.length === 3 ? parts : ["", ...parts];
+  return parts.length > 3 ? error : `${where && `${where}: `}${what}${remedy ? `. ${remedy}` : ""}`;
+}
+
 async function ask(what, body) {
   refused("");
   try {
@@ -27,7 +33,7 @@ async function ask(what, body) {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body || {}),
     });
     const said = await answer.json();
-    if (!said.ok && !said.ask) refused(say(said.error));
+    if (!said.ok && !said.ask) refused(said.parts ? refusal(whole(said.parts), said.error) : say(said.error));
     return said;
   } catch (error) {
     refused(say("The page does not answer. Try again."));
@@ -56,7 +62,7 @@ function comparison(scan) {
     return cell;
   }));
   rows(el("compare"), lines.map(one => [
-    [named(one.name)],
+    [one.title],
     [`${one.value.toFixed(one.unit === "%" ? 4 : 2)}`, "number"],
     [`${one.sigma.toFixed(3)} ${one.unit}`, "number"],
     ...who.map(name => {
@@ -71,8 +77,8 @@ function comparison(scan) {
 function late(latency) {
   const seen = latency ? `${latency.seen} / ${latency.pictures}` : "…";
   set("late", latency && latency.latency_ms !== null
-    ? `${latency.latency_ms.toFixed(1)} ± ${latency.sigma_ms.toFixed(1)} ms (${seen})`
-    : `${say("not known yet")} (${seen})`);
+    ? `${latency.latency_ms.toFixed(1)} ± ${latency.sigma_ms.toFixed(1)} ms (${seen})${latency.full ? ` · ${say("enough is collected: take it")}` : ""}`
+    : `${say("not known yet")} (${seen})${latency && latency.begun_anew ? ` · ${say("a minute did not show it, begun anew")}` : ""}`);
   el("late-take").disabled ||= !latency || latency.latency_ms === null;
 }
 
@@ -213,7 +219,7 @@ function show(event) {
   late(now.latency);
   comparison(scan);
   checked(scan && scan.check);
-  set("water-told", scan ? scan.sound : "");
+  set("water-told", scan ? say(scan.sound) : "");
   el("trouble").hidden = !now.trouble;
   set("trouble", say(now.trouble));
   if (now.phase === "scanning") set("picture-title", `2. ${say("Scan")}: ${now.probe}, ${now.preset}, ${say("by")} ${now.technician}`);
@@ -223,7 +229,7 @@ function show(event) {
     el("accept").disabled = el("check-now").disabled = !may || !scan || scan.refusals.length > 0;
   } else { confirmed = ""; el("differs").hidden = true; }
   set("accept", say(confirmed ? "Accept that difference" : "Accept"));
-  set("proving", now.message);
+  set("proving", say(now.message));
   set("over-title", say(now.phase === "done" ? "Done" : "Ended"));
   set("over", say(now.message));
   set("over-file", now.phase === "done" ? `${say("Written")}: ${now.file}` : "");
@@ -257,7 +263,8 @@ el("sign-form").onsubmit = async event => {
   if (said.ask) {
     confirmed = said.ask;
     el("differs").hidden = false;
-    set("differs", `${say("It differs from the calibration in force by more than the limits")}: ${said.ask}. ${say("Nothing of it is verified then. Press again to accept that.")}`);
+    const [beyond, by, then] = whole(["It differs from the calibration in force by more than the limits", said.ask, "Nothing of it is verified then. Press again to accept that."]);
+    set("differs", `${beyond}: ${by}. ${then}`);
     set("accept", say("Accept that difference"));
   }
 };

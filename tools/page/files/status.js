@@ -12,7 +12,7 @@ function showChecks(status) {
   const estimated = status.checks.filter(check => check.shown_age_s !== null || check.max_age_s != null || check.name.startsWith("offset"));
   rows(el("shown"), estimated.map(check => {
     const [mark, kind] = MARKS[check.verdict];
-    return [[`${mark} ${named(check.name)}`, kind], [value(check), "number"], [aged(check.shown_age_s), "number"]];
+    return [[`${mark} ${check.title}`, kind], [value(check), "number"], [aged(check.shown_age_s), "number"]];
   }));
   const wanted = status.gesture || [];
   el("gestures").hidden = wanted.length === 0;
@@ -22,15 +22,15 @@ function showChecks(status) {
 function showDevices(status) {
   const lines = status.devices.map(check => {
     const [mark, kind] = MARKS[check.verdict];
-    return [[`${mark} ${check.name}`, kind], [value(check), "number"]];
+    return [[`${mark} ${check.title}`, kind], [value(check), "number"]];
   });
-  const fps = [["video", status.fps.video], ["tracker", status.fps.tracker]].map(([name, rate]) => [[name], [`${rate.toFixed(1)} / s`, "number"]]);
-  const lost = Object.entries(status.lost).map(([device, what]) => [[`✗ ${device}`, "bad"], [what, "bad"]]);
+  const fps = [["video", status.fps.video], ["tracker", status.fps.tracker]].map(([name, rate]) => [[say(name)], [`${rate.toFixed(1)} / s`, "number"]]);
+  const lost = Object.entries(status.lost).map(whole).map(([device, what]) => [[`✗ ${device}`, "bad"], [what, "bad"]]);
   const gone = status.recalibration && status.recalibration.ended;
-  const notices = [...status.notices, ...(gone ? [`${say("Recalibrate")}: ${gone}`] : [])].map(text => [[`! ${text}`, "wait"], [""]]);
+  const notices = [...status.notices, ...(gone ? [whole(["Recalibrate", gone]).join(": ")] : [])].map(text => [[`! ${text}`, "wait"], [""]]);
   rows(el("devices"), [...lost, ...notices, ...fps, ...lines]);
   const reference = status.reference;
-  set("reference", reference ? `${say("Calibration in force")}: ${reference.number} · ${reference.file} · ${reference.utc}` : status.reference_waits || "");
+  set("reference", reference ? `${say("Calibration in force")}: ${reference.number} · ${reference.file} · ${reference.utc}` : say(status.reference_waits || ""));
 }
 
 function showAlarms(alarms) {
@@ -40,7 +40,7 @@ function showAlarms(alarms) {
     line.append(make("strong", `${entry.state} `), make("span", `${isNaN(time) ? entry.utc : time.toLocaleString(language)} · ${entry.reason}`, "soft"));
     return line;
   });
-  el("alarms").replaceChildren(...(lines.length ? lines : [make("li", alarms.trouble || say("none"), "soft")]));
+  el("alarms").replaceChildren(...(lines.length ? lines : [make("li", say(alarms.trouble || "none"), "soft")]));
 }
 
 let told = "";

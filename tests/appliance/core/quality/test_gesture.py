@@ -23,8 +23,8 @@ MOST = dict(
     )
 )
 ROWS = {
-    Gesture.SIDEWAYS: (0, 5.0, 2.0, 0.0),
-    Gesture.PRESS: (1, 2.0, 0.75, np.pi / 2),
+    Gesture.SIDEWAYS: (0, 5.0, 2.3, 0.0),
+    Gesture.PRESS: (1, 3.0, 0.65, np.pi / 2),
     Gesture.ROCK: (5, 8.0, 1.5, 0.0),
     Gesture.TWIST: (4, 8.0, 1.7, 0.0),
     Gesture.TILT: (3, 8.0, 1.9, 0.0),

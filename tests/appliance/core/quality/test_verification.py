@@ -137,7 +137,7 @@ def test_motion_of_the_future_shows_nothing_and_holds_nothing_up() -> None:
 @given(
     st.lists(
         st.tuples(
-            st.sampled_from((*REQUIRED, "offset-axial")),
+            st.sampled_from(REQUIRED),
             st.floats(-12, 12),
             st.floats(0.01, 3),
             st.integers(0, 20),
@@ -166,10 +166,12 @@ def test_verified_means_shown_and_not_contradicted_since(
 
 
 def test_an_age_limit_of_its_own_bounds_what_was_shown_and_what_is_not_asked_for_does_not_count() -> None:
-    ages = RequiredAges.model_validate({"offset-axial": 60.0, "scale-axial": 10.0, "rotation-axial": 0.0})
+    ages = RequiredAges.model_validate(
+        dict.fromkeys(REQUIRED) | {"offset-axial": 60.0, "scale-axial": 10.0, "rotation-axial": 0.0}
+    )
     verification = Verification(Limits(required_age_s=ages))
     asked = set(ages.names)
-    assert asked == {*REQUIRED, "offset-axial"} - {"rotation-axial"}
+    assert asked == {*REQUIRED} - {"rotation-axial"}
     weigh(verification, *(check(name, shown_s=8.0) for name in asked - {"offset-axial"}))
     assert verification.standing.verified_ns is None
     weigh(verification, check("offset-axial", shown_s=3.0))
@@ -178,3 +180,14 @@ def test_an_age_limit_of_its_own_bounds_what_was_shown_and_what_is_not_asked_for
     assert verification.standing.expires_ns == 63 * S, "three seconds and a minute"
     verification.contradict([check("rotation-axial", value=20.0)], frozenset(), 71 * S)
     assert verification.standing.verified_ns is None, "not asked for, and still a contradiction"
+
+
+def test_everything_is_asked_for_by_default_and_the_offsets_count_for_longer() -> None:
+    assert {*REQUIRED} == {"polarity", "latency", *PARAMETERS}
+    verification = Verification(Limits())
+    weigh(verification, *(check(name, shown_s=5.0) for name in REQUIRED if not name.startswith("offset")))
+    assert verification.standing.verified_ns is None
+    weigh(verification, *(check(name, shown_s=1.0) for name in REQUIRED if name.startswith("offset")))
+    assert verification.standing.expires_ns == 35 * S
+    weigh(verification, *(check(name, shown_s=500.0) for name in REQUIRED if not name.startswith("offset")))
+    assert (verification.standing.verified_ns, verification.standing.expires_ns) == (S, 121 * S)

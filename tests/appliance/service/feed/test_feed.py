@@ -9,7 +9,6 @@ import stat
 import struct
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -31,6 +30,7 @@ from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support import stand_in_estimator as stand_in
 from tests.support.polling import until
+from tests.support.stopwatch import Stopwatch
 from tools.shared.feed import Feed
 
 STAND_IN = (sys.executable, "-m", "tests.support.stand_in_estimator")
@@ -75,9 +75,9 @@ class Service:
             heard, verdicts = self.estimator.poll()
             self._heard = self._heard or heard
             self.verdicts += verdicts
-            began_s = time.monotonic()
+            watch = Stopwatch()
             self.feed.look_after()
-            self.slowest_s = max(self.slowest_s, time.monotonic() - began_s)
+            self.slowest_s = max(self.slowest_s, watch.spent_s())
 
     def judged(self, sample: Frame) -> Verdict:
         """Put it, and wait for its verdict."""

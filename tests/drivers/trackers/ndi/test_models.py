@@ -14,6 +14,7 @@ from drivers.twins.ndi.combined_api import BUMPED, PTP_LOST, TOO_HOT
 from drivers.twins.ndi.models import AURORA, MODELS, SPECTRA, VEGA, VICRA, Model
 from drivers.twins.ndi.tool_definitions import REFERENCE
 from tests.support.simulated_ndi import bench, poses, until
+from tests.support.stopwatch import Stopwatch
 
 CASES = {
     "vicra": (VICRA, None, {}, ReplyKind.BX),
@@ -184,9 +185,9 @@ def test_vega_reports_nothing_of_a_tool_that_it_does_not_measure(tmp_path: Path)
     with bench(tmp_path, VEGA, rate=1.0) as cart, cart.open() as tracker:
         poses(tracker, 30)
         cart.faults("stale-counter")
-        began_ns = cart.clock.now_ns()
+        watch = Stopwatch()
         until(tracker, PoseStatus.STALE, reason="nothing new of the tool")
-        assert cart.clock.now_ns() - began_ns < 200e6
+        assert watch.spent_s() < 0.2
         assert tracker.read(0.2) is not None, "word that it is still stale"
         cart.faults()
         assert until(tracker, PoseStatus.OK).matrix is not None

@@ -1,0 +1,160 @@
+"""`probewatch configure`: what it writes, what it refuses, and that it writes nothing that was not accepted."""
+
+import re
+import stat
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from appliance.configuration.config import load_config
+from appliance.storage.calibration_file import write_calibration
+from appliance.supervision.annunciator import Role
+from drivers.errors import ConfigurationError
+from tests.appliance.storage.test_calibration_file import calibration
+from tools.commands.configure import _outputs, command
+from tools.shared.configuration_text import template
+
+DEVICES = (
+    "--video",
+    "v4l2:/dev/video0",
+    "--tracker",
+    "ndi:/dev/ttyUSB0?baud=921600",
+    "--contact",
+    "relay:/dev/ttyUSB1",
+)
+GIVEN = (*DEVICES, "--no-calibration", "--untried", "--yes")
+
+
+def configured(file: Path, *arguments: str) -> Result:
+    return CliRunner().invoke(command, [str(file), *arguments])
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    file = tmp_path / "probewatch.toml"
+    file.write_text(template())
+    return file
+
+
+def refusal(result: Result) -> str:
+    assert isinstance(result.exception, ConfigurationError), result.output
+    return str(result.exception)
+
+
+def test_the_file_of_a_package_becomes_that_of_this_cart(file: Path) -> None:
+    result = configured(file, *GIVEN, "--lamp", "red", "relay:/dev/ttyUSB1?channel=2", "--language", "de")
+    assert result.exit_code == 0, result.output
+    config = load_config(file)
+    assert (config.configured, config.alarm.language, config.calibration.file) == (True, "de", None)
+    assert (config.video.url, config.tracker.url) == (DEVICES[1], DEVICES[3])
+    assert [(one.url, one.signal) for one in config.output] == [
+        ("relay:/dev/ttyUSB1", Role.CONTACT),
+        ("relay:/dev/ttyUSB1?channel=2", Role.RED),
+    ]
+    comments = [line for line in template().splitlines() if re.match("# [A-Z]", line)]
+    assert [line for line in file.read_text().splitlines() if re.match("# [A-Z]", line)] == comments
+    assert "recalibrate --live --solve all" in result.stdout
+
+
+def test_again_with_the_same_nothing_is_written(file: Path) -> None:
+    configured(file, *GIVEN)
+    before = file.stat()
+    assert "says all that already" in configured(file, *GIVEN).stdout
+    assert file.stat().st_mtime_ns == before.st_mtime_ns
+
+
+def test_what_is_not_named_stays_and_a_lamp_is_replaced(file: Path) -> None:
+    configured(file, *GIVEN, "--lamp", "red", "relay:/dev/ttyUSB1?channel=2")
+    result = configured(file, "--lamp", "red", "relay:/dev/ttyUSB1?channel=3", "--language", "de", "--yes")
+    assert result.exit_code == 0, result.output
+    config = load_config(file)
+    assert [one.url for one in config.output] == ["relay:/dev/ttyUSB1", "relay:/dev/ttyUSB1?channel=3"]
+    assert (config.video.url, config.calibration.file, config.alarm.language) == (DEVICES[1], None, "de")
+    assert "systemctl restart" in result.stdout
+
+
+def test_without_a_file_it_begins_with_the_template(tmp_path: Path) -> None:
+    file = tmp_path / "new.toml"
+    assert configured(file, *GIVEN).exit_code == 0
+    assert load_config(file).configured
+    assert file.read_text().count("\n") == template().count("\n")
+
+
+def test_nothing_is_written_before_it_is_accepted(file: Path) -> None:
+    result = configured(file, *DEVICES, "--no-calibration", "--untried")
+    assert "Give --yes" in refusal(result)
+    assert "+configured = true" in result.stdout, "the difference is shown first"
+    assert file.read_text() == template()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (GIVEN[2:], "Give --video URL"),
+        (GIVEN[:2] + GIVEN[4:], "Give --tracker URL"),
+        ((*DEVICES, "--untried", "--yes"), "--calibration FILE, or --no-calibration"),
+        ((*GIVEN, "--video", "/dev/video0"), "Did you mean v4l2:/dev/video0"),
+        ((*GIVEN, "--contact", "relay:/dev/ttyUSB1?chanel=2"), "unknown option 'chanel'"),
+        ((*GIVEN, "--lamp", "purple", "relay:/dev/ttyUSB1?channel=2"), "'purple' is no lamp"),
+        ((*GIVEN, "--lamp", "red", "relay:/dev/ttyUSB1"), "nothing was written"),
+        ((*DEVICES, "--calibration", "/nowhere.toml", "--untried", "--yes"), "nothing was written"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_the_file_stays(file: Path, arguments: tuple[str, ...], said: str) -> None:
+    assert said in refusal(configured(file, *arguments))
+    assert file.read_text() == template()
+
+
+def test_a_calibration_is_named_whole_and_checked(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_calibration(file.parent / "probe.toml", calibration(), {})
+    monkeypatch.chdir(file.parent)
+    assert configured(file, *DEVICES, "--calibration", "probe.toml", "--untried", "--yes").exit_code == 0
+    assert load_config(file).calibration.file == file.parent / "probe.toml"
+
+
+@pytest.mark.parametrize("damage", ["[vidio]\n", "= 3\n", "\x00"])
+def test_a_damaged_file_is_left_alone_unless_begun_anew(file: Path, damage: str) -> None:
+    file.write_text(template() + damage)
+    assert "--fresh" in refusal(configured(file, *GIVEN))
+    assert file.read_text() == template() + damage
+    assert configured(file, *GIVEN, "--fresh").exit_code == 0
+    assert load_config(file).configured
+
+
+def test_what_only_some_may_read_stays_so(file: Path) -> None:
+    """A URL may hold a password."""
+    file.chmod(0o640)
+    assert configured(file, *GIVEN).exit_code == 0
+    assert stat.S_IMODE(file.stat().st_mode) == 0o640
+
+
+def test_a_link_stays_one(file: Path) -> None:
+    link = file.with_name("link.toml")
+    link.symlink_to(file)
+    assert configured(link, *GIVEN).exit_code == 0
+    assert link.is_symlink()
+    assert load_config(file).configured
+
+
+@pytest.mark.parametrize("place", ["nowhere/probewatch.toml", "."])
+def test_a_place_that_cannot_be_written_is_refused_before_anything_is_asked(tmp_path: Path, place: str) -> None:
+    assert "cannot be written" in refusal(configured(tmp_path / place, *GIVEN))
+
+
+def test_a_device_that_does_not_answer_is_told_and_nothing_is_written(file: Path) -> None:
+    arguments = [word for word in GIVEN if word != "--untried"]
+    arguments[1] = f"sim:{file.parent}/nobody"
+    result = configured(file, *arguments)
+    assert getattr(result.exception, "exit_code", 0) == 69
+    assert file.read_text() == template()
+
+
+def test_a_port_that_the_tracker_takes_is_not_offered_for_the_contact() -> None:
+    offered = [url for url, _ in _outputs("ndi:/dev/ttyS0")]
+    assert not any("ttyS0" in url for url in offered)
+
+
+def test_no_half_file_is_left(file: Path) -> None:
+    configured(file, *GIVEN)
+    assert list(file.parent.iterdir()) == [file]

@@ -1,0 +1,353 @@
+"""`probewatch configure`: the configuration of a cart, written without an editor."""
+
+import difflib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from appliance.configuration.config import Config, config_of, configuration_text
+from appliance.configuration.toml_lines import Place
+from appliance.supervision.annunciator import Role
+from drivers.clock.host_clock import HostClock
+from drivers.device_api import TrackerSource, VideoSource
+from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from drivers.files.atomic_file import check_writable, writing
+from drivers.io.inventory import Found, gpio_chips, serial_ports, video_devices
+from drivers.registry import check_options, open_tracker, open_video
+from tools.commands.check import mistakes_in, rows
+from tools.commands.probe import complaints, findings, measure
+from tools.shared.configuration_text import Answers, Value, changed, template
+
+_DEFAULT = Path("/etc/probewatch/probewatch.toml")
+_TRIAL_S = 2.0
+"""For which a device is tried: forty pictures of a slow scanner, and a person does not wait long. Not varied."""
+_WORDS = {
+    "video": "the scanner's picture",
+    "tracker": "the tracker",
+    "output": "the output that drives the contact",
+}
+_EXAMPLES = {
+    "video": "v4l2:/dev/video0, opencv:rtsp://host/stream, igtl://host:18944?image=Image",
+    "tracker": "ndi:/dev/ttyUSB0, ndi+tcp://host:8765, optotrak://host:3020, igtl://host:18944?probe=Probe",
+    "output": "relay:/dev/ttyUSB1, gpio:/dev/gpiochip0?line=17, serialpin:/dev/ttyUSB1?pin=rts",
+}
+_LAMPS = [role.value for role in Role if role is not Role.CONTACT]
+_HELP = """Write the configuration of this cart, without an editor.
+
+FILE is /etc/probewatch/probewatch.toml unless another one is named. What is not given is asked for: the scanner's
+picture, the tracker, the contact, a calibration if there is one, the language. What is connected to this computer is
+listed to choose from by number; each answer has a default in brackets. Scanner and tracker are tried for two seconds;
+the contact is not moved.
+
+FILE keeps all its other lines and comments; where there is none, or with --fresh, it begins as the commented template.
+It is checked as `probewatch check` does, the difference is shown, and nothing is written before it is accepted; then
+the file is the old one or the new one, never a part. A service that waits to be configured starts by itself.
+
+\b
+In a script nobody is asked where video, tracker and contact are given, and --yes:
+  probewatch configure --video v4l2:/dev/video0 --tracker "ndi:/dev/ttyUSB0?probe=/etc/probewatch/probe.rom"
+    --contact relay:/dev/ttyUSB1 --no-calibration --yes
+
+Exit code 0: written, or nothing to change. 69: a device that was tried does not work. 78: it cannot be used so, or not
+be written. 130: not accepted.
+"""
+
+
+class _Person:
+    """Who answers. is_there: whether anybody can be asked."""
+
+    def __init__(self) -> None:
+        self.is_there = sys.stdin.isatty()
+
+    def ask(self, question: str, default: str, option: str) -> str:
+        """Raises ConfigurationError where nobody can be asked."""
+        if not self.is_there:
+            raise ConfigurationError("nobody can be asked", question, f"Give {option}")
+        return str(click.prompt(question, default=default or None, show_default=bool(default))).strip()
+
+    def agrees(self, question: str, default: bool, option: str) -> bool:
+        """Raises ConfigurationError where nobody can be asked."""
+        if not self.is_there:
+            raise ConfigurationError("nobody can be asked", question, f"Give {option}")
+        return click.confirm(question, default=default)
+
+
+@click.command("configure", help=_HELP)
+@click.argument("file", type=click.Path(path_type=Path), default=_DEFAULT)
+@click.option("--video", help="URL of the scanner's picture")
+@click.option("--tracker", help="URL of the tracker")
+@click.option("--contact", help="URL of the output that drives the contact")
+@click.option("--lamp", "lamps", nargs=2, multiple=True, metavar="SIGNAL URL", help=f"{', '.join(_LAMPS)}; repeatable")
+@click.option("--calibration", help="the first reference: our TOML, or a PLUS device set")
+@click.option("--no-calibration", "without", is_flag=True, help="there is none yet: the first is scanned on this cart")
+@click.option("--language", type=click.Choice(["en", "de"]), help="of the operator's texts")
+@click.option("--untried", is_flag=True, help="do not try scanner and tracker")
+@click.option("--fresh", is_flag=True, help="begin with the template, not with what FILE says")
+@click.option("--yes", is_flag=True, help="write it without asking")
+def command(
+    file: Path,
+    video: str | None,
+    tracker: str | None,
+    contact: str | None,
+    lamps: tuple[tuple[str, str], ...],
+    calibration: str | None,
+    without: bool,
+    language: str | None,
+    untried: bool,
+    fresh: bool,
+    yes: bool,
+) -> None:
+    if without and calibration is not None:
+        raise click.UsageError("--calibration names one; leave --no-calibration out")
+    person = _Person()
+    _refuse_unwritable(file)
+    before = configuration_text(file) if file.exists() else None
+    base = template() if fresh or before is None else before
+    known = _known(base, file)
+    old = known if known.configured and base == before else None
+    try_it = None if untried else _try
+    answers: dict[Place, Value] = {("configured",): True}
+    seen = _Device("video", video, old.video.url if old else "", try_it)
+    answers["video", "url"] = seen.url(person, _pictures)
+    tracked = _Device("tracker", tracker, old.tracker.url if old else "", try_it)
+    answers["tracker", "url"] = held = tracked.url(person, _trackers)
+    at = _place(known, Role.CONTACT)
+    opened = _Device("output", contact, old.output[at].url if old else "", None)
+    answers["output", at, "url"] = told = opened.url(person, lambda: _outputs(held))
+    answers |= _lamps(known, lamps)
+    answers["calibration", "file"] = _calibration(calibration, without, old, person)
+    spoken = language or _language(known, person)
+    if spoken != known.alarm.language:
+        answers["alarm", "language"] = spoken
+    if _write(file, before, _checked(base, answers, file), yes, person):
+        _tell_next(file, old is not None, told)
+
+
+def _refuse_unwritable(file: Path) -> None:
+    try:
+        check_writable(file.resolve())
+        if file.exists() and not os.access(file, os.R_OK):
+            raise ConfigurationError("may not be read", str(file), "")
+    except ConfigurationError as error:
+        remedy = error.remedy if os.geteuid() == 0 else "Put sudo before the command, or name another file"
+        raise ConfigurationError(error.what, str(file), remedy or "Check the path and its rights") from None
+
+
+def _known(text: str, file: Path) -> Config:
+    """What the file says already. Raises ConfigurationError where it cannot be used as it is."""
+    try:
+        return config_of(text, file)
+    except ConfigurationError as error:
+        for row in rows(error):
+            click.echo(row, err=True)
+        remedy = "Mend it in an editor (probewatch check), or begin anew with --fresh"
+        raise ConfigurationError("cannot be used as it is, and is left alone", str(file), remedy) from None
+
+
+@dataclass(frozen=True, slots=True)
+class _Device:
+    """One of them. given: its URL by option. before: what the file says; the service may hold that, so it is not tried.
+    try_it: raises ProbewatchError for a (URL, kind) that does not work; None tries nothing.
+    """
+
+    kind: str
+    given: str | None
+    before: str
+    try_it: Callable[[str, str], None] | None
+
+    def url(self, person: _Person, look: Callable[[], Iterator[tuple[str, str]]]) -> str:
+        """By option, or by question. look: (URL, title) of what is connected.
+
+        Raises ProbewatchError for an option's URL that cannot be, or that does not work.
+        """
+        if self.given is not None:
+            self._check(self.given)
+            return self.given
+        if self.before and not person.is_there:
+            return self.before
+        option = f"--{'contact' if self.kind == 'output' else self.kind} URL"
+        found = list(look()) if person.is_there else []
+        if person.is_there:
+            what = _WORDS[self.kind]
+            click.echo(f"\n{what[0].upper()}{what[1:]}: a number, or a URL such as {_EXAMPLES[self.kind]}")
+        for number, (url, title) in enumerate(found, 1):
+            click.echo(f"  {number}  {url}  {title}")
+        default = self.before or ("1" if found else "")
+        while True:
+            said = person.ask(_WORDS[self.kind], default, option)
+            url = found[int(said) - 1][0] if said.isdecimal() and 0 < int(said) <= len(found) else said
+            if (taken := self._taken(url, person)) is not None:
+                return taken
+
+    def _taken(self, url: str, person: _Person) -> str | None:
+        """None where it has to be asked again, and why is told."""
+        try:
+            url = _with_tool(url, person) if self.kind == "tracker" and url != self.before else url
+            self._check(url)
+        except ConfigurationError as error:
+            click.echo(f"! {error}")
+            return None
+        except ProbewatchError as error:
+            click.echo(f"! {error}")
+            return url if person.agrees("Take it all the same?", False, "--untried") else None
+        return url
+
+    def _check(self, url: str) -> None:
+        check_options(url, self.kind)
+        if self.try_it is not None and url != self.before:
+            self.try_it(url, self.kind)
+
+
+def _with_tool(url: str, person: _Person) -> str:
+    """An NDI tracker sees wireless markers only with the tool definition of their body. Raises ConfigurationError."""
+    if not url.startswith(("ndi:", "ndi+tcp:")) or "?" in url:
+        return url
+    tool = person.ask("tool definition file (.rom) of the probe's markers, or 'wired'", "wired", "--tracker URL")
+    if tool == "wired":
+        return url
+    rom = Path(tool).absolute()
+    if not rom.is_file():
+        raise ConfigurationError("is no file", str(rom), "Type its path again")
+    return f"{url}?probe={rom}"
+
+
+def _try(url: str, kind: str) -> None:
+    """Say how well it does. Raises ProbewatchError where it gives nothing."""
+    clock = HostClock()
+    open_source: Callable[[str, HostClock], TrackerSource | VideoSource]
+    open_source = open_video if kind == "video" else open_tracker
+    click.echo(f"  trying {url} for {_TRIAL_S:g} s …")
+    with open_source(url, clock) as source:
+        measured = measure(source, _TRIAL_S, clock)
+    for name, text in findings(measured)[:3]:
+        click.echo(f"  {name}: {text}")
+    for complaint in complaints(measured):
+        click.echo(f"  ! {complaint}")
+    if measured.end is not None:
+        raise measured.end
+    if not measured.samples:
+        raise DeviceLost(f"nothing came within {_TRIAL_S:g} s", url, "Check that it is switched on and measures")
+
+
+def _pictures() -> Iterator[tuple[str, str]]:
+    yield from ((f"v4l2:{found.path}", _title(found)) for found in video_devices())
+
+
+def _trackers() -> Iterator[tuple[str, str]]:
+    yield from ((f"ndi:{found.path}", _title(found)) for found in serial_ports())
+
+
+def _outputs(tracker: str) -> Iterator[tuple[str, str]]:
+    """Of serial ports that the tracker does not take, and of GPIO chips; a line of these must be typed."""
+    ports = [found for found in serial_ports() if found.path not in tracker and found.node not in tracker]
+    yield from ((f"relay:{found.path}", _title(found)) for found in ports)
+    yield from ((f"gpio:{found.path}", f"{_title(found)}; type it with ?line=…") for found in gpio_chips())
+
+
+def _title(found: Found) -> str:
+    return f"{found.title} ({found.obstacle})" if found.obstacle else found.title
+
+
+def _place(known: Config, signal: Role) -> int:
+    """Entry of [[output]] that has that signal, one behind the last where none has."""
+    signals = [output.signal for output in known.output]
+    return signals.index(signal) if signal in signals else len(signals)
+
+
+def _lamps(known: Config, lamps: tuple[tuple[str, str], ...]) -> dict[Place, Value]:
+    """Raises ConfigurationError naming what cannot be."""
+    answers: dict[Place, Value] = {}
+    new = len(known.output)
+    for signal, url in lamps:
+        if signal not in _LAMPS:
+            raise ConfigurationError(f"'{signal}' is no lamp", "--lamp", f"Use one of {', '.join(_LAMPS)}")
+        check_options(url, "output")
+        place = _place(known, Role(signal))
+        if place == len(known.output):
+            place, new = new, new + 1
+        answers["output", place, "url"] = url
+        answers["output", place, "signal"] = signal
+    return answers
+
+
+def _calibration(given: str | None, without: bool, old: Config | None, person: _Person) -> str | None:
+    """As the file is to name it, None for a cart that has none yet. Raises ConfigurationError."""
+    before = None if old is None else old.calibration.file
+    if without:
+        return None
+    if given is None and old is not None and not person.is_there:
+        given = str(before or "none")
+    if given is None:
+        if person.is_there:
+            click.echo(
+                "\nA calibration that you have: our TOML, or a PLUS device set (XML); none: scan it on this cart"
+            )
+        given = person.ask("calibration", str(before or "none"), "--calibration FILE, or --no-calibration")
+    return None if given == "none" else str(Path(given).absolute())
+
+
+def _language(known: Config, person: _Person) -> str:
+    if not person.is_there:
+        return known.alarm.language
+    choice = click.Choice(["en", "de"])
+    return str(click.prompt("\nlanguage of the operator's texts", default=known.alarm.language, type=choice))
+
+
+def _checked(base: str, answers: Answers, file: Path) -> str:
+    """The new text. Raises ConfigurationError for one that could not be used."""
+    new = changed(base, answers, file)
+    mistakes = mistakes_in(new, file)
+    for mistake in mistakes:
+        click.echo(mistake, err=True)
+    if mistakes:
+        raise ConfigurationError("nothing was written", str(file), "Answer otherwise, or begin anew with --fresh")
+    return new
+
+
+def _write(file: Path, before: str | None, new: str, yes: bool, person: _Person) -> bool:
+    """Whether there was anything to write.
+
+    Raises ConfigurationError where it cannot be, click.Abort where the person does not want it.
+    """
+    if new == before:
+        click.echo(f"{file} says all that already; nothing was written")
+        return False
+    click.echo(f"\n{file}, what changes:" if before is not None else f"\n{file} is new:")
+    for line in _difference((before or "").splitlines(), new.splitlines()):
+        click.echo(f"  {line}")
+    if not yes and not person.agrees("Write it?", True, "--yes"):
+        raise click.Abort
+    if (configuration_text(file) if file.exists() else None) != before:
+        raise ConfigurationError("was changed by somebody else meanwhile", str(file), "Run the command again")
+    target = file.resolve()
+    with writing(target) as stream:
+        if target.exists():  # who may read it, and whose it is, stays: a URL may hold a password
+            was = target.stat()
+            os.fchmod(stream.fileno(), was.st_mode & 0o777)
+            os.fchown(stream.fileno(), was.st_uid, was.st_gid)
+        stream.write(new.encode())
+    click.echo(f"written: {file}")
+    return True
+
+
+def _difference(before: list[str], new: list[str]) -> list[str]:
+    """Of a new file what it says, without comments."""
+    if not before:
+        return [line for line in new if line[:1] not in ("#", "")]
+    lines = difflib.unified_diff(before, new, lineterm="", n=0)
+    return [line for line in lines if not line.startswith(("--- ", "+++ ", "@@ "))]
+
+
+def _tell_next(file: Path, was_configured: bool, contact: str) -> None:
+    if was_configured:
+        click.echo("take it into use: sudo systemctl restart probewatch")
+    else:
+        click.echo("a service that waited for it starts by itself; see: probewatch status")
+    click.echo(f"hear the contact while nobody relies on it and no service runs: probewatch probe '{contact}' --click")
+    config = config_of(configuration_text(file), file)
+    if config.calibration.file is None:
+        click.echo(f"no calibration yet? scan it: probewatch recalibrate --live --solve all --config {file}")

@@ -1,0 +1,58 @@
+"""What the service and its log say in English, in the language of the room; the page's own words are in german.js."""
+
+from typing import Any
+
+from appliance.supervision.languages import told
+
+_BACK = "not verified, the calibration before is in force: "
+"""How the session begins when the service has not verified the new calibration; state and reason follow."""
+_BACK_DE = "nicht bestätigt, die Kalibrierung davor ist in Kraft: "
+
+
+def worded(event: dict[str, Any]) -> dict[str, Any]:
+    """The event of the page with these texts in the language of its status; each whole, or as it was.
+
+    Checks and compared parameters get a title beside the name, which stays.
+    """
+    status = event["status"]
+    language = "en" if status is None else status.get("language", "en")
+    event["alarms"] = _alarms(event["alarms"], language)
+    event["recalibration"] = _recalibration(event["recalibration"], language)
+    if status is not None:
+        event["status"] = {
+            **status,
+            "reason": told(status["reason"], language),
+            **{name: [_titled(check, language) for check in status[name]] for name in ("checks", "devices")},
+        }
+    return event
+
+
+def _titled(one: dict[str, Any], language: str) -> dict[str, Any]:
+    return {**one, "title": told(one["name"], language), "unit": told(one["unit"], language)}
+
+
+def _alarms(alarms: dict[str, Any], language: str) -> dict[str, Any]:
+    return {**alarms, "entries": [_entry(entry, language) for entry in alarms["entries"]]}
+
+
+def _entry(entry: dict[str, Any], language: str) -> dict[str, Any]:
+    """State and reason in one language."""
+    said = [told(entry[name], language) for name in ("state", "reason")]
+    if entry["reason"] and said[1] == entry["reason"]:
+        return entry
+    return {**entry, "state": said[0], "reason": said[1]}
+
+
+def _recalibration(fields: dict[str, Any], language: str) -> dict[str, Any]:
+    scan = fields["scan"]
+    if scan is not None:
+        scan = {**scan, "compared": [_titled(one, language) for one in scan["compared"]]}
+    return {**fields, "message": _message(fields["message"], language), "scan": scan}
+
+
+def _message(message: str, language: str) -> str:
+    if language == "en" or not message.startswith(_BACK):
+        return told(message, language)
+    state, _, reason = message.removeprefix(_BACK).partition(": ")
+    said = told(reason, language)
+    return message if said == reason else f"{_BACK_DE}{told(state, language)}: {said}"
