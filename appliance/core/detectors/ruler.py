@@ -76,7 +76,9 @@ def candidates(image: GreyImage, tissue: Bits) -> tuple[int, ...]:
 
     tissue: (h, w) bool, the registration's mask: False where what is drawn never moves.
     """
-    thin = cv2.morphologyEx(image, cv2.MORPH_TOPHAT, _THIN)
+    if image.shape[1] < _WIDTH:
+        return ()
+    thin = cv2.morphologyEx(np.ascontiguousarray(image), cv2.MORPH_TOPHAT, _THIN)
     still = (thin > _LEAST_GREY) & ~tissue
     counts = np.count_nonzero(still[1:] & ~still[:-1], axis=0)
     runs = np.convolve(counts >= _LEAST_TICKS, np.ones(_WIDTH), "valid") >= _WIDTH

@@ -172,6 +172,20 @@ def test_a_ruler_that_the_scanner_moved_is_learned_anew_and_first_says_nothing()
     assert found.verdict is VerdictKind.FAULT
 
 
+def test_a_large_picture_is_searched_in_bands_and_its_ruler_found() -> None:
+    def large(k: int, zoom: float = 1.0) -> GreyImage:
+        image = np.zeros((1080, 1920), np.uint8)
+        image[np.round(np.arange(40, 1060, 30.4 * zoom)).astype(int), 1700:1712] = 200
+        return image
+
+    watched = Watched(np.zeros((1080, 1920), np.bool_))
+    assert watched.learn(large, 130) is not None
+    for k in range(2):
+        found = watched.see(large(k, 1.03))
+    assert found is not None
+    assert found.verdict is VerdictKind.FAULT
+
+
 def least_share(hits: int, runs: int) -> float:
     """Lower end of the 95 % interval of Clopper and Pearson."""
     return float(beta.ppf(0.025, hits, runs - hits + 1)) if hits else 0.0
