@@ -14,7 +14,8 @@ from appliance.core.detectors.marker_slip import MarkerSlip
 from appliance.core.detectors.no_picture import NoPicture
 from appliance.core.detectors.picture_event import PictureEvent
 from appliance.core.detectors.pose_convention import PoseConvention
-from appliance.core.motion import analyse, wants_keyframe
+from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
+from appliance.core.motion import analyse, plane_step, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import Judgement, judge
@@ -22,7 +23,7 @@ from appliance.core.quality.report import LineReport
 from appliance.core.registration.pyramid import Bits
 from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
 from appliance.limits import TRACKER_STALE_MS, Limits
-from appliance.types import Calibration, Check, Fault, Motion, StampedPair, Verdict, VerdictKind
+from appliance.types import Calibration, Check, Fault, Kind, Motion, StampedPair, Verdict, VerdictKind
 from drivers.rigid import Array
 from drivers.samples import Frame, Matrix4, Pose
 
@@ -41,6 +42,13 @@ _SIZE_PERCENT = 0.1
 """The limit told beside a picture of another size, which fails however little it differs: 1 px of 640 is .16 %."""
 _SHOWN_AGAIN_NS = 300_000_000
 """A grabber faster than the scanner hands each picture on several times: no loss of sight, until this is exceeded."""
+
+
+_GAP_NS = 300_000_000
+"""Without a live picture of tissue and its pose, after which whatever a hand can change counts as changed. Shorter asks
+for new motion whenever a hand passes before the markers; longer leaves time to bend them unseen. Poses are bridged for
+250 ms (`MOST_APART_NS`), and the slip watch sees what leaps meanwhile.
+"""
 
 
 class Line:
@@ -62,7 +70,8 @@ class Line:
         self._detectors: tuple[Detector, ...] = (
             PictureEvent(limits.scale_percent),
             DepthRuler(lambda: self._tracker.mask, limits.scale_percent, limits.confidence_sigma),
-            MarkerSlip(limits),
+            MarkerSlip(limits, reference),
+            *(SlowSlip(limits, reference, over_s) for over_s in SLIPS_S),
             self._frozen,
             NoPicture(),
             FrozenTracker(stale_ns),
@@ -71,6 +80,7 @@ class Line:
         self._judgement = Judgement(limits.required_age_s.names)
         self._known_poses: tuple[tuple[int, Matrix4], ...] = ()
         self._solve_ns: int | None = None
+        self._sighted_ns: int | None = None
         self._frames = self._poses = self._paired = 0
         self.motion: Motion | None = None
 
@@ -152,6 +162,7 @@ class Line:
     def _settled(self, item: StampedPair | Unpaired) -> Verdict:
         t_ns = item.frame.stamp.t_ns
         self._paired += isinstance(item, StampedPair)
+        self._note_gap(t_ns)
         if refusal := refused_picture(item.frame.image):
             self._lose_sight(t_ns)
             standing = self._evidence.standing
@@ -169,8 +180,29 @@ class Line:
             self._seen(Observation(t_ns, item.frame.image, repeated=True))
             if self._frozen.repeats_ns > _SHOWN_AGAIN_NS:
                 self._lose_sight(t_ns)
+        self._note_sight(item)
         self._solve(t_ns, _SOLVE_EVERY_NS if isinstance(item, StampedPair) else _SOLVE_UNPAIRED_NS)
         return self._judged(t_ns, self._checks())
+
+    def _note_gap(self, t_ns: int) -> None:
+        """After a gap in sight nothing is shown any more, of whatever parameter."""
+        if self._sighted_ns is not None and not 0 <= t_ns - self._sighted_ns <= _GAP_NS:
+            self._unverify()
+
+    def _note_sight(self, item: StampedPair | Unpaired) -> None:
+        """Whether picture, tissue and pose are there at once; what says that they are not ends what was shown."""
+        blind = any(
+            check.fault.kind in (Kind.SIGHT, Kind.DEVICE) and check.verdict is not VerdictKind.OK
+            for check in self._facts()
+        )
+        if blind and self._sighted_ns is not None:
+            self._unverify()
+        elif not blind and isinstance(item, StampedPair) and not self._frozen.repeats:
+            self._sighted_ns = item.frame.stamp.t_ns
+
+    def _unverify(self) -> None:
+        self._evidence.restart()
+        self._sighted_ns = None
 
     def _checks(self) -> tuple[Check, ...]:
         return (*self._evidence.checks(), *self._facts())
@@ -192,8 +224,7 @@ class Line:
     def _watch(self, item: StampedPair | Unpaired) -> None:
         frame = item.frame
         tracked = self._tracker.step(frame.image, frame.sequence)
-        followed = tracked.registration is not None
-        seen = Observation(frame.stamp.t_ns, frame.image, False, followed, self._step_mm(tracked))
+        seen = self._observed(item, tracked)
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None
         if self._seen(seen):
             self._evidence.restart()
@@ -218,6 +249,21 @@ class Line:
         """Whether some detector has seen the geometry change; each of them takes the picture."""
         changed = [detector.see(seen) for detector in self._detectors]
         return any(changed)
+
+    def _observed(self, item: StampedPair | Unpaired, tracked: Tracked) -> Observation:
+        frame, found = item.frame, tracked.registration
+        if found is None:
+            return Observation(frame.stamp.t_ns, frame.image, repeated=False)
+        return Observation(
+            frame.stamp.t_ns,
+            frame.image,
+            repeated=False,
+            followed=True,
+            step_mm=self._step_mm(tracked),
+            moved=None if tracked.step is None else plane_step(*tracked.step, self._reference),
+            likeness=found.correlation,
+            pose=item.matrix if isinstance(item, StampedPair) else None,
+        )
 
     def _step_mm(self, tracked: Tracked) -> Array | None:
         """(2,) as `Observation` has it."""

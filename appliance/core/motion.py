@@ -4,6 +4,8 @@ It looks at the picture, at the tracker, and at their disagreement, so that a wr
 spoiling the sorting: what the tracker alone calls out-of-plane counts for nothing while the picture looks the same.
 """
 
+from math import cos, sin
+
 import numpy as np
 
 from appliance.core.registration.realtime_tracker import Tracked
@@ -41,6 +43,17 @@ def predicted_motion(calibration: Calibration, first: Matrix4, second: Matrix4) 
     R, t = calibration.rotation, calibration.offset_mm
     R_a = R @ B[:3, :3] @ R.T
     return R @ B[:3, 3] + t - R_a @ t, vector_from_rotation(R_a)
+
+
+def plane_step(u_px: Array, alpha_rad: float, calibration: Calibration) -> Array:
+    """(3,) way of the picture plane, lateral and axial mm and turn rad in the axes of the earlier picture, of a step
+    (u, α) of the tissue in the picture: the inverse of Eq. 3.
+    """
+    lateral, axial = calibration.polarity
+    turn = -alpha_rad * lateral * axial
+    c, s = cos(turn), sin(turn)
+    x, y = -(u_px * calibration.scale_mm_per_px * calibration.polarity)
+    return np.array([c * x - s * y, s * x + c * y, turn])
 
 
 def sort_motion(tracked: Tracked, calibration: Calibration, keyframe_pose: Matrix4, pose: Matrix4) -> MotionKind:

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
 import click
 
@@ -176,7 +177,8 @@ class _Device:
             click.echo(f"\n{what[0].upper()}{what[1:]}: a number, or a URL such as {_EXAMPLES[self.kind]}")
         for number, (url, title) in enumerate(found, 1):
             click.echo(f"  {number}  {url}  {title}")
-        default = self.before or ("1" if found else "")
+        # The contact is not tried, so nobody comes to it by Enter alone.
+        default = self.before or ("1" if found and self.kind != "output" else "")
         while True:
             said = person.ask(_WORDS[self.kind], default, option)
             url = found[int(said) - 1][0] if said.isdecimal() and 0 < int(said) <= len(found) else said
@@ -212,7 +214,7 @@ def _with_tool(url: str, person: _Person) -> str:
     rom = Path(tool).absolute()
     if not rom.is_file():
         raise ConfigurationError("is no file", str(rom), "Type its path again")
-    return f"{url}?probe={rom}"
+    return f"{url}?probe={quote(str(rom))}"
 
 
 def _try(url: str, kind: str) -> None:

@@ -14,6 +14,7 @@ from appliance.types import Fault
 from tools.development.evidence_figures import Figures, Found
 from tools.development.evidence_pages import of_fault, table
 from tools.development.hazards import ROOT, found_by
+from tools.development.slips import slip_pages
 from tools.study.hazard import FAULTS
 
 _LIMITS: Mapping[Fault, tuple[str, ...]] = {
@@ -57,6 +58,7 @@ def hazard_pages(figures: Figures) -> list[str]:
             f"- Probability to see it, and delay: {_note(fault, seen)}",
             "",
             *(_seen(seen) if seen else ()),
+            *slip_pages(fault),
         ]
     return lines
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from appliance.types import Check, Fault
 from drivers.rigid import Array
-from drivers.samples import GreyImage, Pose
+from drivers.samples import GreyImage, Matrix4, Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,7 +17,9 @@ class Observation:
 
     image: (h, w) uint8. repeated: the same picture as the one before, which shows nothing new. followed: the Real-time
     Tracker registered it. step_mm: (2,) lateral and axial motion since the picture before; None where it was followed
-    too badly to testify against the tracker.
+    too badly to testify against the tracker. moved: (3,) way of the picture plane since the picture before, lateral and
+    axial mm and turn rad in the axes of that one; None where it is not known. likeness: to its keyframe, 0 … 1.
+    pose: (4, 4) sensor → tracker at its time, mm; None for a picture without one.
     """
 
     t_ns: int
@@ -25,6 +27,9 @@ class Observation:
     repeated: bool
     followed: bool = False
     step_mm: Array | None = None
+    moved: Array | None = None
+    likeness: float = 0.0
+    pose: Matrix4 | None = None
 
 
 class Detector:

@@ -1,28 +1,29 @@
 """Sees the marker body jump on the probe: the tracker leaps, the picture does not.
 
-A probe in a hand cannot leap. Where the tracker moves far between two poses while the picture shows an ordinary step,
-it was the marker body that moved: bent (it turned) or slid (it only shifted). Leaps add up, so one that is undone is
-forgiven; an outlier, which leaps out and back, sums to nothing.
+A probe in a hand cannot leap. Where the tracker does, between two readings, and the picture, which that leap ought to
+have moved or changed through X, shows none of it, it was the marker body that moved: bent (it turned) or slid (it only
+shifted). Leaps add up, so one that is undone is forgiven; an outlier, which leaps out and back, is none. A leap that no
+picture witnesses names nothing, but what was shown before it counts no more.
 """
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import islice
-from math import hypot
+from math import hypot, log, sqrt
 
 import numpy as np
 
 from appliance.core.acquisition.pairing import MOST_APART_NS
 from appliance.core.detectors.detector import Detector, Observation
-from appliance.core.path.window import sensor_jump
+from appliance.core.detectors.leap import Leap, fit_leap
 from appliance.limits import Limits
-from appliance.types import Check, Fault, VerdictKind
-from drivers.rigid import angle_from_rotation, inverse
+from appliance.types import Calibration, Check, Fault, VerdictKind
+from drivers.rigid import Array, angle_from_rotation, inverse, rigid, rotation_from_vector, vector_from_rotation
 from drivers.samples import Matrix4, Pose
 
-_LEAST_MM, _LEAST_RAD = 2.5, np.deg2rad(2.0)
-"""Smallest leap. A marker that is covered for a moment lets a rigid fit jump by 1 to 2 mm; an offset limit is 4 mm."""
+_LEAST_MM, _LEAST_RAD = 1.0, np.deg2rad(0.75)
+"""Smallest leap that is added up, a quarter of its limit. A smaller one lets noise of .25 mm wake the fit at every
+reading; a larger one loses slips in small steps. Markers that are covered let a fit leap by 1 to 2 mm, and back."""
 _FAST_MM_PER_S, _FAST_RAD_PER_S = 60.0, np.deg2rad(45.0)
 """How much faster a hand may suddenly go. More hides leaps: at 20 poses a second, 3 mm of each are taken for a hand."""
 _HISTORY_NS = 250_000_000
@@ -31,35 +32,44 @@ _LEAST_STEPS = 4
 """Before a leap is looked for: fewer do not tell what the hand does usually, and more are lost after each gap."""
 _STAYS_NS = 100_000_000
 """How long the marker must stay where it leapt to: an outlier of two poses at 20 Hz is over by then."""
-_SHARED, _LIVELY = 1.5, 2.0
-"""How much more than the picture shows, and than the hand did before, is still no leap: the picture shows two of three
-directions, and the liveliest step of a quarter of a second may be outdone."""
+_CERTAIN = 8.0
+"""Sigmas by which a leap is one. Noise alone reaches them once in 1000 h of 60 fits a second of six rows (Student's t
+of 40 degrees of freedom, by calculation); with less, a .25 mm tracker alarms for nothing, with more it misses slides of
+4 mm. Tails heavier than that widen the sigma, which is of the same readings."""
+_FLOOR = np.repeat([0.03, np.deg2rad(0.01)], 3)
+"""mm and rad: least scatter of a reading, as of the best optical trackers. Less trusts a window that happens to fit."""
+_PIECES, _ON_ITS_WAY_NS = 3, 35_000_000
+"""Readings, and time, that may lie on the way: a clamp that gives way is through in 50 ms. More takes a quick hand for
+it."""
+_USUAL, _MEMORY_S = 2.5, 1.0
+"""How many times the usual difference from a steady course is odd, and for how long differences count as usual. Less
+spends a fit on every reading of a tracker of .25 mm, more hides slips at 20 Hz in a lively hand."""
+_SHIFT_NS = 100_000_000
+"""How far before or after the tracker the picture may show the same leap: the limit of the latency and one picture."""
+_DENIED = 1 / 3
+"""Of the way out of the plane that a leap would bring: where likeness falls by less, the leap was none of the probe's.
+More calls a twist of the probe a slip where the beam is thick, less takes the ups and downs of likeness for a motion.
+Not measured on tissue."""
+_ALIKE = 0.3
+"""Likeness to its keyframe from which a picture that was followed is a witness. In the liveliest gesture it goes down
+to .38 (`probewatch study`, seed 1); a leap of 2 mm out of the plane leaves less than .2, and is not followed."""
 _MOST_WAITING = 2_000
 """Poses that wait for a picture to testify, 5 s of the fastest tracker; later they are forgotten."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Leap:
-    """moved_mm, turned_rad: how far the first pose lay from where the sensor would have been at t_ns without it."""
+class _Seen:
+    """A picture. moved: (3,) way of the picture plane since the one before, mm, mm, rad; None for one that is no
+    witness."""
 
     t_ns: int
-    moved_mm: float
-    turned_rad: float
+    moved: Array | None
+    likeness: float
 
-    def undone(self, moved_mm: float, turned_rad: float) -> bool:
-        """Whether less than half of it is left."""
-        return moved_mm < self.moved_mm / 2 and turned_rad < max(self.turned_rad, _LEAST_RAD) / 2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Step:
-    """The sensor at t_ns, and how far it came from the pose taken_ns before: mm and rad, 0 for the first."""
-
-    t_ns: int
-    matrix: Matrix4
-    taken_ns: int = 0
-    moved_mm: float = 0.0
-    turned_rad: float = 0.0
+    @property
+    def away_mm(self) -> float:
+        """How far out of the plane its keyframe's is by their likeness: .6 is 1 mm (mathematics, section 6)."""
+        return sqrt(-2 * log(max(self.likeness, _ALIKE)))
 
 
 class MarkerSlip(Detector):
@@ -69,12 +79,17 @@ class MarkerSlip(Detector):
     would be spread over two of them and each half taken for the hand's.
     """
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: Limits, reference: Calibration) -> None:
         self._limits = limits
+        self._X = rigid(reference.rotation, reference.offset_mm)
+        self._back = inverse(self._X)
+        self._reach_mm = reference.scale_mm_per_px * reference.image_size_px / np.sqrt(12)
         self._waiting: deque[tuple[int, Matrix4]] = deque(maxlen=_MOST_WAITING)
-        self._recent: deque[_Step] = deque()
+        self._track: deque[tuple[int, Matrix4]] = deque()
+        self._pictures: deque[_Seen] = deque()
         self._slip = np.eye(4)
-        self._pending: _Leap | None = None
+        self._usual = np.zeros(2)
+        self._leapt_ns: int | None = None
 
     def pose(self, pose: Pose) -> None:
         """See Detector; it waits for a picture of its time."""
@@ -82,18 +97,22 @@ class MarkerSlip(Detector):
         self._waiting.append((pose.stamp.t_ns, pose.matrix))
 
     def see(self, seen: Observation) -> bool:
-        """See Detector; only a picture that was well followed can testify against the tracker."""
+        """See Detector; True also for a leap that no picture witnessed."""
         if seen.repeated:
             return False
-        if seen.step_mm is None:
-            self.pause(seen.t_ns)
-            return False
-        return self.step(seen.t_ns, float(np.hypot(*seen.step_mm)))
+        witness = seen.moved is not None and seen.likeness >= _ALIKE
+        self._pictures.append(_Seen(seen.t_ns, seen.moved if witness else None, seen.likeness))
+        while self._pictures[0].t_ns < seen.t_ns - 2 * (_HISTORY_NS + _STAYS_NS):
+            self._pictures.popleft()
+        leapt = False
+        while self._waiting and self._waiting[0][0] <= seen.t_ns:
+            leapt |= self._weigh(*self._waiting.popleft())
+        return leapt
 
     def pause(self, t_ns: int) -> None:
-        """See Detector: forget the poses so far."""
-        self._recent.clear()
-        self._pending = None
+        """See Detector: forget pictures and poses so far."""
+        self._pictures.clear()
+        self._restart()
         while self._waiting and self._waiting[0][0] <= t_ns:
             self._waiting.popleft()
 
@@ -103,19 +122,8 @@ class MarkerSlip(Detector):
 
     def forget_poses(self, since_ns: int) -> None:
         """See Detector; the poses before are forgotten as well."""
-        self._recent.clear()
+        self._restart()
         self._waiting.clear()
-        self._pending = None
-
-    def step(self, t_ns: int, seen_mm: float) -> bool:
-        """Take a picture that could be followed and weigh the poses up to its time; True when a leap was confirmed.
-
-        seen_mm: how far the picture moved since the one before. What it shares with the tracker is no leap.
-        """
-        confirmed = False
-        while self._waiting and self._waiting[0][0] <= t_ns:
-            confirmed |= self._weigh(*self._waiting.popleft(), seen_mm)
-        return confirmed
 
     def forgive(self, shows: Callable[[Fault], bool]) -> None:
         """See Detector."""
@@ -134,63 +142,138 @@ class MarkerSlip(Detector):
             _check("marker-shift", Fault.OFFSET, shift, "mm", self._limits.offset_mm, slid and not bent),
         )
 
-    def _weigh(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> bool:
-        if self._pending is not None:
-            return self._confirm(self._pending, t_ns, matrix)
-        if self._recent and not 0 < t_ns - self._recent[-1].t_ns <= MOST_APART_NS:
-            self._recent.clear()
-        if len(self._recent) > _LEAST_STEPS:
-            self._pending = self._leap(t_ns, matrix, seen_mm)
-        if self._pending is not None:
+    def _restart(self) -> None:
+        self._track.clear()
+        self._leapt_ns = None
+
+    def _weigh(self, t_ns: int, matrix: Matrix4) -> bool:
+        if self._track and not 0 < t_ns - self._track[-1][0] <= MOST_APART_NS:
+            self._restart()
+        odd = self._is_odd(t_ns, matrix)
+        self._track.append((t_ns, matrix))
+        if odd and self._leapt_ns is None:
+            self._leapt_ns = t_ns
+        since_ns = (self._leapt_ns or t_ns) - _HISTORY_NS
+        while len(self._track) > _LEAST_STEPS + 1 and self._track[1][0] < since_ns:
+            self._track.popleft()
+        leapt_ns = self._leapt_ns
+        return leapt_ns is not None and t_ns - leapt_ns >= _STAYS_NS and self._conclude(leapt_ns)
+
+    def _is_odd(self, t_ns: int, matrix: Matrix4) -> bool:
+        """Whether the reading is where no steady hand would have brought the marker: then it is worth a fit."""
+        if len(self._track) <= _LEAST_STEPS:
             return False
-        self._recent.append(self._step_to(t_ns, matrix))
-        while len(self._recent) > _LEAST_STEPS + 1 and t_ns - self._recent[1].t_ns > _HISTORY_NS:
-            self._recent.popleft()
-        return False
+        off = self._off_course(t_ns, matrix)
+        odd = off > np.maximum((_LEAST_MM, _LEAST_RAD), _USUAL * np.sqrt(self._usual))
+        share = min((t_ns - self._track[-1][0]) / 1e9 / _MEMORY_S, 1.0)
+        self._usual += share * (np.minimum(off, (_LEAST_MM * 2, _LEAST_RAD * 2)) ** 2 - self._usual)
+        return bool(odd.any())
 
-    def _step_to(self, t_ns: int, matrix: Matrix4) -> _Step:
-        if not self._recent:
-            return _Step(t_ns, matrix)
-        before = self._recent[-1]
-        return _Step(t_ns, matrix, t_ns - before.t_ns, *_extent(sensor_jump(before.matrix, matrix)))
+    def _off_course(self, t_ns: int, matrix: Matrix4) -> Array:
+        """(2,) mm and rad: how far the step to this reading is from the mean velocity of the recent ones, sensor axes;
+        turns are small.
+        """
+        (first_ns, first), (last_ns, last) = self._track[0], self._track[-1]
+        step, way = last[:3, :3].T @ matrix[:3], first[:3, :3].T @ last[:3]
+        share = (t_ns - last_ns) / (last_ns - first_ns)
+        moved = last[:3, :3].T @ (matrix[:3, 3] - last[:3, 3] - (last[:3, 3] - first[:3, 3]) * share)
+        turned = _turn(step) - _turn(way) * share
+        return np.array([hypot(*moved.tolist()), hypot(*turned.tolist())])
 
-    def _leap(self, t_ns: int, matrix: Matrix4, seen_mm: float) -> _Leap | None:
-        """The newest step against the usual ones before it; None where a hand may have made it."""
-        dt_ns = t_ns - self._recent[-1].t_ns
-        dt_s = dt_ns / 1e9
-        moved_mm, turned_rad = _extent(sensor_jump(self._expected(t_ns), matrix))
-        usual_mm, usual_rad = self._liveliest_step(dt_ns)
-        far = moved_mm > max(_LEAST_MM, _FAST_MM_PER_S * dt_s) + _SHARED * seen_mm + _LIVELY * usual_mm
-        turned = turned_rad > max(_LEAST_RAD, _FAST_RAD_PER_S * dt_s) + _LIVELY * usual_rad
-        return _Leap(t_ns, max(moved_mm, _LEAST_MM), turned_rad) if far or turned else None
-
-    def _liveliest_step(self, dt_ns: int) -> tuple[float, float]:
-        """What the liveliest of the recent steps would be over dt_ns, mm and rad: a probe in full swing may well turn
-        round."""
-        steps = [(step, max(dt_ns / step.taken_ns, 1.0)) for step in islice(self._recent, 1, None)]
-        return max(one.moved_mm * by for one, by in steps), max(one.turned_rad * by for one, by in steps)
-
-    def _expected(self, t_ns: int) -> Matrix4:
-        """The latest pose carried on with the mean velocity of the recent ones, in sensor axes."""
-        oldest, latest = self._recent[0], self._recent[-1]
-        step = np.eye(4)
-        share = (t_ns - latest.t_ns) / (latest.t_ns - oldest.t_ns)
-        step[:3, 3] = (inverse(oldest.matrix) @ latest.matrix)[:3, 3] * share
-        expected: Matrix4 = latest.matrix @ step
-        return expected
-
-    def _confirm(self, leap: _Leap, t_ns: int, matrix: Matrix4) -> bool:
-        """A leap counts once the marker has stayed where it leapt to, beside the way that the hand goes on."""
-        found = sensor_jump(self._expected(t_ns), matrix)
-        if leap.undone(*_extent(found)):
-            self._pending = None
+    def _conclude(self, leapt_ns: int) -> bool:
+        """Weigh the leap now that it is seen whether the marker stays; True where something leapt."""
+        self._leapt_ns = None
+        t_ns = np.array([t for t, _ in self._track])
+        after = int(np.searchsorted(t_ns, leapt_ns))
+        base = self._track[after - 1][1]
+        path = self._path(base)
+        found = self._surest(t_ns, path, after)
+        if found is None:
             return False
-        if t_ns - leap.t_ns < _STAYS_NS:
+        unseen = self._unseen(found.size, leapt_ns)
+        if unseen is None:
+            self._leave(after)
+            return True
+        if not self._too_far(unseen, 0):
             return False
-        self._slip = self._slip @ found
-        self._pending = None
-        self._recent.clear()
+        self._slip = self._slip @ self._of_body(unseen)
+        self._leave(after)
         return True
+
+    def _leave(self, after: int) -> None:
+        """What came before the leap says nothing of what the hand does after it."""
+        for _ in range(after):
+            self._track.popleft()
+
+    def _path(self, base: Matrix4) -> Array:
+        """(n, 6) of the picture plane against where it was at base, in its axes: mm and rad, as X and the poses say."""
+        motion = self._X @ inverse(base) @ np.array([matrix for _, matrix in self._track]) @ self._back
+        turns = np.array([vector_from_rotation(one[:3, :3]) for one in motion])
+        return np.column_stack([motion[:, :3, 3], turns])
+
+    def _surest(self, t_ns: Array, path: Array, after: int) -> Leap | None:
+        """The surest of the fits without, one or two readings on the way; None where none is a leap of more than a hand
+        does."""
+        best: Leap | None = None
+        for pieces in range(_PIECES):
+            kept = np.r_[:after, after + pieces : t_ns.size]
+            if pieces and t_ns[after + pieces] - t_ns[after] > _ON_ITS_WAY_NS:
+                break
+            found = fit_leap(t_ns[kept] / 1e9, path[kept], after, _FLOOR)
+            if found is None or found.certain < _CERTAIN or not found.clean:
+                continue
+            taken_ns = int(t_ns[kept][after] - t_ns[after - 1])
+            if self._too_far(found.size, taken_ns) and (best is None or found.certain > best.certain):
+                best = found
+        return best
+
+    def _too_far(self, size: Array, taken_ns: int) -> bool:
+        """Whether the marker went further than a hand may suddenly go in that time."""
+        moved_mm, turned_rad = _extent(self._of_body(size))
+        taken_s = taken_ns / 1e9
+        return moved_mm > max(_LEAST_MM, _FAST_MM_PER_S * taken_s) or turned_rad > max(
+            _LEAST_RAD, _FAST_RAD_PER_S * taken_s
+        )
+
+    def _of_body(self, size: Array) -> Matrix4:
+        """(4, 4) in sensor axes of a leap of the picture plane (6,)."""
+        return np.asarray(self._back @ rigid(rotation_from_vector(size[3:]), size[:3]) @ self._X)
+
+    def _unseen(self, size: Array, leapt_ns: int) -> Array | None:
+        """(6,) what of a leap the pictures do not show; None where they cannot tell."""
+        around = [one for one in self._pictures if abs(one.t_ns - leapt_ns) <= _SHIFT_NS]
+        if len(around) < 2 or any(one.moved is None for one in around):
+            return None
+        left = size.copy()
+        left[[0, 1, 5]] -= self._seen_leap(size[[0, 1, 5]], leapt_ns)
+        out_mm = hypot(size[2], size[3] * self._reach_mm[1], size[4] * self._reach_mm[0])
+        before = [one.away_mm for one in self._pictures if one.t_ns < leapt_ns - _SHIFT_NS]
+        shown_mm = max(one.away_mm for one in around) - max(before, default=0.0)
+        if shown_mm > _DENIED * out_mm:
+            left[2:5] = 0.0
+        return left
+
+    def _seen_leap(self, wanted: Array, leapt_ns: int) -> Array:
+        """(3,) leap of the picture near that time that is most like the wanted one; nothing where that is nearer."""
+        since_ns = leapt_ns - _HISTORY_NS - _SHIFT_NS / 2
+        pictures = [one for one in self._pictures if one.t_ns >= since_ns]
+        moved = [np.zeros(3) if one.moved is None else one.moved for one in pictures]
+        path = np.cumsum(moved, axis=0)
+        t_ns = np.array([one.t_ns for one in pictures])
+        reach = np.array([1.0, 1.0, hypot(*self._reach_mm)])
+        best = np.zeros(3)
+        for after in np.flatnonzero(np.abs(t_ns - leapt_ns) <= _SHIFT_NS):
+            found = fit_leap(t_ns / 1e9, path, int(after), _FLOOR[:3])
+            if found is not None and np.linalg.norm((wanted - found.size) * reach) < np.linalg.norm(
+                (wanted - best) * reach
+            ):
+                best = found.size
+        return best
+
+
+def _turn(step: Array) -> Array:
+    """(3,) rotation vector, rad, of a small turn."""
+    return np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]) / 2
 
 
 def _extent(step: Matrix4) -> tuple[float, float]:

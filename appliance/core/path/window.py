@@ -12,7 +12,7 @@ from appliance.core.path.latency import Latency, estimate_latency
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.steps import predicted_path
 from appliance.types import Calibration, Motion
-from drivers.rigid import Array, ComplexArray, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
+from drivers.rigid import Array, ComplexArray, quaternion_from_rotation, rigid, rotation_from_quaternion
 from drivers.samples import Matrix4
 
 _APART_S = 0.1
@@ -233,8 +233,3 @@ _NOTHING = PathSamples(
     apart_s=_APART_S,
 )
 """Samples of no picture."""
-
-
-def sensor_jump(before: Matrix4, after: Matrix4) -> Matrix4:
-    """(4, 4) D with after = before · D: how the marker body moved in its own axes."""
-    return np.asarray(inverse(before) @ after)

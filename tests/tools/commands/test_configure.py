@@ -11,8 +11,9 @@ from appliance.configuration.config import load_config
 from appliance.storage.calibration_file import write_calibration
 from appliance.supervision.annunciator import Role
 from drivers.errors import ConfigurationError
+from drivers.registry import split_url
 from tests.appliance.storage.test_calibration_file import calibration
-from tools.commands.configure import _outputs, command
+from tools.commands.configure import _outputs, _Person, _with_tool, command
 from tools.shared.configuration_text import template
 
 DEVICES = (
@@ -153,6 +154,21 @@ def test_a_device_that_does_not_answer_is_told_and_nothing_is_written(file: Path
 def test_a_port_that_the_tracker_takes_is_not_offered_for_the_contact() -> None:
     offered = [url for url, _ in _outputs("ndi:/dev/ttyS0")]
     assert not any("ttyS0" in url for url in offered)
+
+
+def test_a_tool_definition_is_named_whatever_its_path(tmp_path: Path) -> None:
+    class Answers(_Person):
+        def ask(self, question: str, default: str, option: str) -> str:
+            return str(rom)
+
+    rom = tmp_path / "my probe+50%&x.rom"
+    rom.write_bytes(b"")
+    url = _with_tool("ndi:/dev/ttyUSB0", Answers())
+    assert split_url(url)[2] == {"probe": str(rom)}
+    assert _with_tool(url, Answers()) == url
+    rom.unlink()
+    with pytest.raises(ConfigurationError, match="is no file"):
+        _with_tool("ndi+tcp://vega", Answers())
 
 
 def test_no_half_file_is_left(file: Path) -> None:

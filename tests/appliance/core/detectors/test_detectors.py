@@ -9,7 +9,6 @@ from appliance.core.detectors.calibration_change import agreement_check, calibra
 from appliance.core.detectors.detector import Observation
 from appliance.core.detectors.frozen_tracker import FrozenTracker
 from appliance.core.detectors.frozen_video import FrozenVideo
-from appliance.core.detectors.marker_slip import MarkerSlip
 from appliance.core.detectors.polarity import weigh_polarity
 from appliance.core.detectors.pose_convention import PoseConvention
 from appliance.core.path.conventions import Convention
@@ -18,7 +17,7 @@ from appliance.core.path.latency import Latency
 from appliance.core.path.solver import Prior, Solution, solve
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Fault, VerdictKind
-from drivers.rigid import rigid, rotation_from_vector
+from drivers.rigid import rigid
 from drivers.samples import Pose, PoseStatus, Stamp
 from tests.support.motions import TRUTH, Noise, planar_path, samples
 
@@ -103,122 +102,7 @@ def test_motion_along_one_axis_does_not_show_the_polarity() -> None:
     assert (best, check.verdict) == ((1, 1), OK)
 
 
-def reading(t_ns: int, matrix: np.ndarray) -> Pose:
-    return Pose(Stamp(t_ns, 0), 0, matrix, 0.1, PoseStatus.OK)
-
-
-def sweep(
-    slip: MarkerSlip, body: np.ndarray, frames: range, seen_mm: float = 0.3, hz: float = 30.0, mm_per_s: float = 9.0
-) -> list[bool]:
-    """Poses of a probe in steady motion; body: (4, 4) how the marker sits on it now."""
-    confirmed = []
-    for k in frames:
-        t_ns = round(k / hz * 1e9)
-        slip.pose(reading(t_ns, rigid(np.eye(3), np.array([mm_per_s * k / hz, 0, 0])) @ body))
-        confirmed.append(slip.step(t_ns, seen_mm))
-    return confirmed
-
-
-BENT = rigid(rotation_from_vector(np.deg2rad([0.0, 5, 0])), np.zeros(3))
-SLID = rigid(np.eye(3), np.array([0.0, -7, 7]))
-
-
-@pytest.mark.parametrize(("body", "fault"), [(BENT, "rotation"), (SLID, "offset")])
-def test_a_leap_of_the_marker_is_confirmed_in_a_tenth_of_a_second_and_named(body, fault) -> None:
-    slip = MarkerSlip(LIMITS)
-    assert not any(sweep(slip, np.eye(4), range(20)))
-    assert sweep(slip, body, range(20, 26)).index(True) == 3
-    failed = [check for check in slip.checks() if check.verdict is FAULT]
-    assert [check.fault for check in failed] == [fault]
-    assert failed[0].value == pytest.approx(5.0 if fault == "rotation" else 9.9, abs=0.3)
-
-
-def test_an_outlier_that_leaps_back_is_no_slip() -> None:
-    slip = MarkerSlip(LIMITS)
-    sweep(slip, np.eye(4), range(20))
-    sweep(slip, SLID, range(20, 21))
-    assert not any(sweep(slip, np.eye(4), range(21, 40)))
-    assert all(check.verdict is OK for check in slip.checks())
-
-
-@pytest.mark.parametrize("mm_per_s", [0.0, 30.0, 60.0])
-@pytest.mark.parametrize("hz", [20.0, 60.0])
-def test_how_fast_the_hand_goes_is_no_part_of_a_leap(mm_per_s: float, hz: float) -> None:
-    """One wrong pose leaves nothing; a leap and its undoing are measured to a millimetre."""
-    slip, number = MarkerSlip(LIMITS), round(hz)
-
-    def go(body: np.ndarray, frames: range) -> float:
-        sweep(slip, body, frames, seen_mm=0.0, hz=hz, mm_per_s=mm_per_s)
-        return slip.checks()[1].value
-
-    go(np.eye(4), range(number))
-    go(SLID, range(number, number + 1))
-    assert go(np.eye(4), range(number + 1, 2 * number)) == 0.0
-    assert go(SLID, range(2 * number, 3 * number)) == pytest.approx(9.9, abs=1.0)
-    assert go(np.eye(4), range(3 * number, 4 * number)) < 1.0
-
-
-def test_a_leap_undone_is_forgiven() -> None:
-    slip = MarkerSlip(LIMITS)
-    sweep(slip, np.eye(4), range(20))
-    assert any(sweep(slip, SLID, range(20, 40)))
-    assert any(sweep(slip, np.eye(4), range(40, 60)))
-    assert all(check.verdict is OK for check in slip.checks())
-
-
-def test_a_leap_that_the_picture_shares_is_a_motion_of_the_probe() -> None:
-    slip = MarkerSlip(LIMITS)
-    sweep(slip, np.eye(4), range(20))
-    assert not any(sweep(slip, SLID, range(20, 30), seen_mm=9.0))
-
-
-def test_nothing_is_concluded_across_a_pause() -> None:
-    slip = MarkerSlip(LIMITS)
-    sweep(slip, np.eye(4), range(20))
-    slip.pause(round(19 / 30 * 1e9))
-    assert not any(sweep(slip, SLID, range(20, 40)))
-
-
-def test_poses_under_pictures_that_were_not_followed_are_forgotten() -> None:
-    slip = MarkerSlip(LIMITS)
-    sweep(slip, np.eye(4), range(20))
-    slip.pose(reading(round(20 / 30 * 1e9), rigid(np.eye(3), np.array([6.0, 0, 0])) @ SLID))
-    slip.pause(round(20 / 30 * 1e9))
-    assert not any(sweep(slip, SLID, range(21, 40)))
-
-
-def test_a_leap_is_not_lost_between_the_pictures_of_a_slow_tracker() -> None:
-    """20 poses a second under 30 pictures: interpolated to the pictures, the leap would be two halves of one."""
-    slip = MarkerSlip(LIMITS)
-    sweep(slip, np.eye(4), range(20), hz=20.0)
-    assert any(sweep(slip, SLID, range(20, 40), hz=20.0))
-    assert slip.checks()[1].verdict is FAULT
-
-
-def test_a_shift_is_forgiven_once_motion_has_shown_the_offset_and_a_turn_is_not() -> None:
-    slip = MarkerSlip(LIMITS)
-    sweep(slip, np.eye(4), range(20))
-    sweep(slip, SLID @ BENT, range(20, 40))
-    slip.forgive(lambda fault: fault == "offset")
-    turn, shift = slip.checks()
-    assert (turn.verdict, shift.verdict) == (FAULT, OK)
-
-
 PICTURE = np.zeros((4, 4), np.uint8)
-
-
-def test_a_picture_that_is_shown_again_neither_testifies_nor_takes_anything_away() -> None:
-    slip = MarkerSlip(LIMITS)
-    sweep(slip, np.eye(4), range(20))
-    assert not slip.see(Observation(round(19.5 / 30 * 1e9), PICTURE, repeated=True))
-    assert any(sweep(slip, SLID, range(20, 40)))
-
-
-def test_a_picture_that_was_badly_followed_cannot_testify() -> None:
-    slip = MarkerSlip(LIMITS)
-    sweep(slip, np.eye(4), range(20))
-    slip.see(Observation(round(19.5 / 30 * 1e9), PICTURE, repeated=False, followed=True))
-    assert not any(sweep(slip, SLID, range(20, 40)))
 
 
 def test_a_frozen_picture_fails_past_its_limit_even_with_a_ticking_clock() -> None:

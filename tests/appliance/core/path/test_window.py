@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from appliance.core.path.steps import SensorSteps, picture_steps, predicted_path, products_and_slopes
-from appliance.core.path.window import PathWindow, PoseTrack, sensor_jump
+from appliance.core.path.window import PathWindow, PoseTrack
 from drivers.rigid import rigid, rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import ORIGIN_NS, filled, motion
@@ -113,8 +113,3 @@ def test_slopes_are_the_derivative_of_the_steps() -> None:
         )
         np.testing.assert_allclose(slopes[0][index] @ steps.moved, (after[0] - before[0]) / 2e-6, atol=1e-6)
         np.testing.assert_allclose(slopes[1][index] @ steps.turn, (after[1] - before[1]) / 2e-6, atol=1e-6)
-
-
-def test_a_jump_of_the_sensor_is_told_in_its_own_axes() -> None:
-    jump = rigid(rotation_from_vector(np.array([0.1, 0, 0])), np.array([1.0, 2, 3]))
-    np.testing.assert_allclose(sensor_jump(X, X @ jump), jump, atol=1e-12)

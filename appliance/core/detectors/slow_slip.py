@@ -1,0 +1,119 @@
+"""Sees tracker and picture drift apart in the plane, within half a second or five, as where a body gives way to a hand.
+
+Tissue that moves looks the same, so that it names nothing: what was shown before counts no more, and new motion tells.
+What is usual is learned, breathing and a late tracker with it. Out of the plane it sees nothing.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from appliance.core.detectors.detector import Detector, Observation
+from appliance.limits import Limits
+from appliance.types import Calibration, Check
+from drivers.rigid import Array, inverse, rigid, vector_from_rotation
+from drivers.samples import Matrix4
+
+SLIPS_S = (0.5, 5.0)
+"""Durations for which the line looks: a clamp that gives way to a push, and one that creeps. Not varied."""
+_SHARE = 0.75
+"""Of the limits of offset and rotation, below which nothing is doubted: less opens the contact whenever a breath begins
+after a pause (2.5 mm in half a second, `tools/study/session.py`), more sees slips only beyond their limit."""
+_USUAL, _MEMORY, _LEARNED = 5.0, 20.0, 4.0
+"""How many times the usual (RMS) is doubted, for how long disagreement counts as usual, and how long it is learned
+before anything is, both in times for which it adds up. Fewer times open the contact of breathing patients, more see
+nothing in them. At 5 no session of docs/alarms.md was doubted; no rate was derived, as breaths have no known
+distribution."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Apart:
+    """(3,) tracker's way less the picture's since the sums began: lateral mm, axial mm, rad."""
+
+    t_ns: int
+    way: Array
+
+
+class SlowSlip(Detector):
+    """Compares the way of the picture plane, as poses and X say, with what the registration saw.
+
+    over_s: for which disagreement adds up. Longer sees slower slips, and more of what the tissue does of its own.
+    """
+
+    def __init__(self, limits: Limits, reference: Calibration, over_s: float) -> None:
+        self._over_s = over_s
+        self._X = rigid(reference.rotation, reference.offset_mm)
+        self._back = inverse(self._X)
+        self._least = _SHARE * np.array([limits.offset_mm, limits.offset_mm, np.deg2rad(limits.rotation_deg)])
+        self._usual, self._learned_s = np.zeros(3), 0.0
+        self._pose: Matrix4 | None = None
+        self._sums: deque[_Apart] = deque()
+        self._latest: deque[tuple[float, Array]] = deque()
+        self._latest_s = 0.0
+
+    def see(self, seen: Observation) -> bool:
+        """See Detector; True where the two have drifted apart by more than is usual."""
+        if seen.repeated:
+            return False
+        if seen.pose is None or seen.moved is None or self._pose is None:
+            self._restart()
+            self._pose = seen.pose
+            return False
+        step = self._X @ inverse(self._pose) @ seen.pose @ self._back
+        self._pose = seen.pose
+        predicted = np.array([step[0, 3], step[1, 3], vector_from_rotation(step[:3, :3])[2]])
+        before = self._sums[-1].way if self._sums else np.zeros(3)
+        self._sums.append(_Apart(seen.t_ns, before + predicted - seen.moved))
+        return self._drifted()
+
+    def pause(self, t_ns: int) -> None:
+        """See Detector."""
+        self._restart()
+
+    def forget_pictures(self, since_ns: int) -> None:
+        """See Detector."""
+        self._restart()
+
+    def forget_poses(self, since_ns: int) -> None:
+        """See Detector."""
+        self._restart()
+
+    def checks(self) -> tuple[Check, ...]:
+        """None: it names nothing."""
+        return ()
+
+    def _restart(self) -> None:
+        self._pose = None
+        self._sums.clear()
+        self._latest.clear()
+        self._latest_s = 0.0
+
+    def _drifted(self) -> bool:
+        now, over_ns = self._sums[-1], self._over_s * 1e9
+        if now.t_ns - self._sums[0].t_ns < over_ns:
+            return False
+        while len(self._sums) > 1 and now.t_ns - self._sums[1].t_ns >= over_ns:
+            self._sums.popleft()
+        apart = now.way - self._sums[0].way
+        drifted = self._learned_s >= _LEARNED * self._over_s and np.any(
+            np.abs(apart) > np.maximum(self._least, _USUAL * np.sqrt(self._usual))
+        )
+        self._learn((now.t_ns - self._sums[-2].t_ns) / 1e9, apart)
+        if drifted:
+            # What is usual is learned again: doubts in a row would leave no motion to name a fault from.
+            self._restart()
+            self._learned_s = 0.0
+        return bool(drifted)
+
+    def _learn(self, taken_s: float, apart: Array) -> None:
+        """Only what is older than the sums counts as usual, so that no slip hides itself."""
+        self._latest.append((taken_s, apart))
+        self._latest_s += taken_s
+        if self._latest_s < self._over_s:
+            return
+        taken_s, apart = self._latest.popleft()
+        self._latest_s -= taken_s
+        self._learned_s += taken_s
+        share = min(taken_s / min(self._learned_s, _MEMORY * self._over_s), 1.0)
+        self._usual += share * (np.square(apart) - self._usual)
