@@ -6,6 +6,7 @@ Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quali
 from appliance.core.acquisition.input_validation import checked_pose, refused_picture
 from appliance.core.acquisition.pairing import Pairing, Unpaired
 from appliance.core.acquisition.stamp_gate import Passage, StampGate
+from appliance.core.detectors.depth_ruler import DepthRuler
 from appliance.core.detectors.detector import Detector, Observation
 from appliance.core.detectors.frozen_tracker import FrozenTracker
 from appliance.core.detectors.frozen_video import FrozenVideo
@@ -68,6 +69,7 @@ class Line:
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
         self._detectors: tuple[Detector, ...] = (
             PictureEvent(limits.scale_percent),
+            DepthRuler(lambda: self._tracker.mask, limits.scale_percent, limits.confidence_sigma),
             MarkerSlip(limits, reference),
             *(SlowSlip(limits, reference, over_s) for over_s in SLIPS_S),
             self._frozen,

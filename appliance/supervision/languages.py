@@ -146,6 +146,7 @@ GERMAN = {
     "picture-flip": "Bild gespiegelt",
     "picture-zoom": "Bild gezoomt",
     "picture-size": "Bildgröße",
+    "depth-ruler": "Tiefenlineal",
     "poses-inverted": "Posen umgekehrt",
     "axes-swapped": "Achsen vertauscht",
     "axis-mirrored": "Achse gespiegelt",

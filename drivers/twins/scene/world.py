@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.errors import ConfigurationError
 from drivers.samples import GreyImage, Matrix4
-from drivers.twins.faults import spoil_image
+from drivers.twins.faults import ZOOM, spoil_image, zoom
 from drivers.twins.scene.tissue import PERIOD_MM, Beam, Floats, Renderer, Tissue, grown
 from drivers.twins.scene.trajectory import Trajectory
 from drivers.twins.scene.wires import Clutter, wire_intensity
@@ -37,7 +37,8 @@ class WorldSettings:
 
     scale_mm_per_px: (lateral, axial), 0.04 … 0.1. tracker_sd_mm, tracker_sd_deg: per axis, white. noise_db: electronic
     noise against the echo of plain tissue near the probe. range_db: what 255 grey levels span.
-    attenuation_db: what the depth gain leaves uncorrected at the bottom.
+    attenuation_db: what the depth gain leaves uncorrected at the bottom. depth_zoom: by what the fault `depth`
+    magnifies.
     """
 
     width_px: int = 640
@@ -51,6 +52,7 @@ class WorldSettings:
     gain_db: float = 0.0
     attenuation_db: float = 6.0
     overlay: bool = True
+    depth_zoom: float = ZOOM
 
     def __post_init__(self) -> None:
         size_mm = self.width_px * self.scale_mm_per_px[0], self.height_px * self.scale_mm_per_px[1]
@@ -133,9 +135,12 @@ class World:
         grey = self.plain_at(picture_pose, index)
         if not self.settings.overlay:
             return spoil_image(grey, active)
-        grey = spoil_image(grey, {"depth"} & set(active), self._screen.top_row_px)
-        grey = spoil_image(grey & self._screen.sector, {"flip-lateral", "flip-vertical"} & set(active))
-        return np.asarray(cv2.max(grey, self._screen.text), np.uint8)
+        screen, magnified = self._screen, 1.0
+        if "depth" in active:
+            magnified = self.settings.depth_zoom
+            grey = zoom(grey, magnified, screen.top_row_px)
+        grey = spoil_image(grey & screen.sector, {"flip-lateral", "flip-vertical"} & set(active))
+        return np.asarray(cv2.max(grey, screen.drawn(magnified)), np.uint8)
 
     def plain_at(self, picture_pose: Matrix4, index: int) -> GreyImage:
         """The echoes alone in 255 grey levels, (height, width) uint8: without faults and what the scanner draws."""
@@ -199,20 +204,33 @@ class World:
 
 
 class _Screen:
-    """What the scanner draws: the border of the sector, and text, ruler and probe arc that never move.
+    """What the scanner draws: the border of the sector, a ruler of its depth, and text and probe arc that never move.
 
-    sector: (h, w) uint8 mask, 255 inside. text: (h, w) uint8, laid over the picture. top_row_px: sector top.
+    sector: (h, w) uint8 mask, 255 inside. top_row_px: sector top.
     """
 
     def __init__(self, width_px: int, height_px: int, axial_mm_per_px: float) -> None:
         self.top_row_px = 0.06 * height_px
         self._size_px = (width_px, height_px)
         self._apex_px = ((width_px - 1) / 2, -1.2 * height_px)
+        self._axial_mm_per_px = axial_mm_per_px
         self.sector = self._sector()
-        self.text = np.zeros((height_px, width_px), np.uint8)
-        self._draw_arcs()
-        self._draw_scale(axial_mm_per_px)
-        self._draw_words()
+        self._drawn: dict[float, GreyImage] = {}
+
+    @property
+    def text(self) -> GreyImage:
+        """(h, w) uint8, laid over the picture at the depth of the calibration."""
+        return self.drawn(1.0)
+
+    def drawn(self, magnified: float) -> GreyImage:
+        """As text, at a depth that magnifies the picture: the ruler's ticks lie that much further apart."""
+        if magnified not in self._drawn:
+            text = np.zeros((self._size_px[1], self._size_px[0]), np.uint8)
+            self._draw_arcs(text)
+            self._draw_scale(text, self._axial_mm_per_px / magnified)
+            self._draw_words(text)
+            self._drawn[magnified] = text
+        return self._drawn[magnified]
 
     def _sector(self) -> GreyImage:
         width, height = self._size_px
@@ -222,24 +240,24 @@ class _Screen:
         inside &= radius < 0.985 * height - self._apex_px[1]
         return np.where(inside, 255, 0).astype(np.uint8)
 
-    def _draw_arcs(self) -> None:
+    def _draw_arcs(self, text: GreyImage) -> None:
         centre = (round(self._apex_px[0]), round(self._apex_px[1]))
         for row_px, grey in ((self.top_row_px - 3, 200), (0.985 * self._size_px[1], 90)):
             radius = round(row_px - self._apex_px[1])
             start, stop = 90 - _HALF_ANGLE_DEG, 90 + _HALF_ANGLE_DEG
-            cv2.ellipse(self.text, centre, (radius, radius), 0, start, stop, grey, 1, cv2.LINE_AA)
+            cv2.ellipse(text, centre, (radius, radius), 0, start, stop, grey, 1, cv2.LINE_AA)
 
-    def _draw_scale(self, axial_mm_per_px: float) -> None:
+    def _draw_scale(self, text: GreyImage, axial_mm_per_px: float) -> None:
         """Ticks every 5 mm of depth along the right edge, and a focus mark."""
         width, height = self._size_px
         rows = np.arange(self.top_row_px, 0.98 * height, 5 / axial_mm_per_px)
         for tick, row in enumerate(rows):
             length = 10 if tick % 2 == 0 else 5
-            cv2.line(self.text, (width - 4 - length, round(row)), (width - 4, round(row)), 220, 1)
+            cv2.line(text, (width - 4 - length, round(row)), (width - 4, round(row)), 220, 1)
         focus = (width - 22, round(0.55 * height))
-        cv2.drawMarker(self.text, focus, 220, cv2.MARKER_TRIANGLE_UP, 9, 1)
+        cv2.drawMarker(text, focus, 220, cv2.MARKER_TRIANGLE_UP, 9, 1)
 
-    def _draw_words(self) -> None:
+    def _draw_words(self, text: GreyImage) -> None:
         width, height = self._size_px
         size = height / 480
         words = (
@@ -255,4 +273,4 @@ class _Screen:
             ("12 cm/s", round(0.45 * width), height - 40),
         ):
             place = (column, round(row * size) if row < 100 else row)
-            cv2.putText(self.text, word, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45 * size, 230, 1, cv2.LINE_AA)
+            cv2.putText(text, word, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45 * size, 230, 1, cv2.LINE_AA)

@@ -120,6 +120,20 @@ def test_a_sudden_fault_is_named_at_once(fault: str, within_s: float) -> None:
 
 
 @THOROUGH
+@pytest.mark.parametrize("zoom", [1.03, 0.97])
+def test_a_depth_step_too_small_to_be_seen_in_tissue_is_told_from_the_ruler(zoom: float) -> None:
+    """Two pictures, .03 s, so that nothing has moved; the OK goes with the first of them."""
+    world = kept(3, settings=replace(SMALL, depth_zoom=zoom))
+    verdicts = faulty(Line(truth(world), SWEPT), world, 9.5, "depth", at_s=9.0)
+    assert any(v.kind is VerdictKind.OK for v in verdicts)
+    assert all(v.kind is not VerdictKind.OK for v in verdicts if v.t_ns - ORIGIN_NS >= 9e9)
+    found = first_fault(verdicts)
+    assert found is not None
+    assert found[1] == "scale"
+    assert 9.0 <= found[0] <= 9.2
+
+
+@THOROUGH
 def test_the_freeze_key_pauses_and_is_no_fault_and_the_contact_is_open_while_it_lasts() -> None:
     world = kept(3, settings=SMALL)
     line, supervisor = Line(truth(world), SWEPT), Supervisor(Durations())

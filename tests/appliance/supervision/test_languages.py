@@ -56,6 +56,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     said |= {gesture.value for gesture in Gesture}
     assert set(GERMAN) == tables | words | reasons | units | said | check_names() | {
         "picture-size",
+        "depth-ruler",
         "no-picture",
         "user-freeze",
         *WRONG,

@@ -147,6 +147,16 @@ def test_overlay_stays_where_it_is_when_the_picture_is_flipped() -> None:
     assert correlation(plain[MIDDLE], flipped[:, ::-1][MIDDLE]) > 0.95
 
 
+def test_the_ruler_alone_of_what_is_drawn_moves_with_the_depth() -> None:
+    world = World(seed=2, settings=WorldSettings(depth_zoom=1.03))
+    plain, deeper = world.frame(1.0, 0), world.frame(1.0, 0, {"depth"})
+    ticks = [np.flatnonzero(image[:, -6] > 200) for image in (plain, deeper)]
+    assert len(ticks[0]) == 7
+    assert np.diff(ticks[1]).mean() / np.diff(ticks[0]).mean() == pytest.approx(1.03, abs=0.005)
+    corner = np.s_[:80, :100]
+    assert np.array_equal(plain[corner], deeper[corner])
+
+
 def test_crossing_lights_up_where_the_truth_says() -> None:
     settings = WorldSettings(overlay=False)
     world = World(seed=1, program="freehand", scene="cross-wire", settings=settings)

@@ -1,0 +1,130 @@
+"""Sees from the scanner's own depth ruler that the depth setting changed; no motion is needed."""
+
+from collections.abc import Callable
+from math import hypot
+
+from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.ruler import Ruler, candidates, ruler_again, ruler_at
+from appliance.core.registration.pyramid import Bits
+from appliance.types import Check, Fault, VerdictKind
+
+_NEW_DEPTH_PERCENT = 1.5
+"""Change of spacing from which the depth is another, whatever scale the limits tolerate: no scanner steps its depth by
+less, and a ruler is right to .1 to .3 %. Less asks more of rulers with few ticks; more misses 3 % of six ticks."""
+_UNITS = (2.0, 2.5, 4.0, 5.0, 10.0)
+"""Ratios of tick units (1, 2, 5, 10, 20, 50 mm). A spacing that changes by just one of them may be another unit at the
+same depth, so it withdraws the OK and names nothing: motion, or the zoomed picture, must tell."""
+_UNIT_SLACK = 0.005
+"""How far beside such a ratio still counts as it, share; the sigmas come on top. More leaves new depths unnamed."""
+_LOOK_EVERY = 15
+"""Pictures between two searches for a ruler that is not known, .5 s at 30 Hz: each costs .5 ms, and .1 ms for each
+column that is then tried, one a picture. Fewer cost more; more learn the ruler later."""
+_MOST_COLUMNS = 12
+"""Columns that are tried after each search, the fullest first. More find a ruler between much text, and cost longer."""
+
+_BAND_PX = 320_000
+"""Pixels that one search looks at, a little more than 640 × 480; larger pictures are searched in bands of columns, one
+after the other. More costs more in one picture (1920 × 1080 as a whole 45 ms); fewer learn the ruler later."""
+_GONE = 300
+"""Pictures without the ruler after which another is looked for, 10 s at 30 Hz: the scanner may have moved it. Fewer
+give up a ruler that a menu covers; more stay blind for longer."""
+
+
+class DepthRuler(Detector):
+    """Compares the ruler's spacing with that of when motion last showed both scales. It never says more of a
+    calibration than that: where no ruler is found, it says nothing.
+
+    A change is named once a second picture shows it; the first withdraws the OK.
+    tissue: (h, w) bool, the registration's mask, None until it is known. confidence_sigma: as in Limits.
+    """
+
+    def __init__(self, tissue: Callable[[], Bits | None], scale_limit_percent: float, confidence_sigma: float) -> None:
+        self._tissue = tissue
+        self._limit = min(_NEW_DEPTH_PERCENT, scale_limit_percent)
+        self._confidence = confidence_sigma
+        self._shown: Ruler | None = None
+        self._known: Ruler | None = None
+        self._visible = False
+        self._just_changed = False
+        self._to_try: list[int] = []
+        self._best: Ruler | None = None
+        self._wait = self._unseen = self._band = 0
+
+    def see(self, seen: Observation) -> bool:
+        """See Detector."""
+        if seen.repeated:
+            return False
+        before, found = self._known, None
+        if before is not None:
+            found = ruler_again(seen.image, before)
+        self._visible = found is not None
+        self._unseen = 0 if self._visible else self._unseen + 1
+        if found is None or before is None:
+            if before is None or self._unseen > _GONE:
+                self._look_for(seen)
+            return False
+        self._known, self._just_changed = found, False
+        if found is before:
+            return False
+        self._to_try.clear()
+        changed = abs(found.spacing_px / before.spacing_px - 1) * 100
+        self._just_changed = changed > _sigma_percent(found, before) * self._confidence + self._limit
+        return self._just_changed
+
+    def forgive(self, shows: Callable[[Fault], bool]) -> None:
+        """See Detector: the ruler of now is that of the reference."""
+        if self._known is not None and self._visible and self._known is not self._shown and shows(Fault.SCALE):
+            self._shown = self._known
+
+    def checks(self) -> tuple[Check, ...]:
+        """Change of the ruler's spacing, %, since motion showed the scales; none where there is no ruler."""
+        if self._shown is None or self._known is None or not self._visible:
+            return ()
+        ratio = self._known.spacing_px / self._shown.spacing_px
+        value, sigma = 100 * (ratio - 1), _sigma_percent(self._known, self._shown)
+        room = self._confidence * sigma
+        verdict = VerdictKind.OK
+        if abs(value) + room > self._limit:
+            certain = abs(value) - room > self._limit and not self._just_changed and not self._another_unit(ratio)
+            verdict = VerdictKind.FAULT if certain else VerdictKind.NOT_VERIFIED
+        return (Check("depth-ruler", Fault.SCALE, value, sigma, "%", self._limit, verdict),)
+
+    def _another_unit(self, ratio: float) -> bool:
+        assert self._shown is not None
+        assert self._known is not None
+        slack = _UNIT_SLACK + self._confidence * _sigma_percent(self._known, self._shown) / 100
+        return any(abs(max(ratio, 1 / ratio) / unit - 1) <= slack for unit in _UNITS)
+
+    def _look_for(self, seen: Observation) -> None:
+        """Try a column in each picture; the ruler with most ticks of all is it: the long ones alone are fewer."""
+        if self._to_try:
+            found = ruler_at(seen.image, self._to_try.pop(0))
+            if found is not None and (self._best is None or found.rows.size > self._best.rows.size):
+                self._best = found
+            if not self._to_try and self._best is not None:
+                self._known, self._shown, self._best = self._best, None, None
+                self._visible = True
+            return
+        tissue, self._wait = self._tissue(), self._wait - 1
+        if tissue is None or self._wait > 0 or tissue.shape != seen.image.shape:
+            return
+        self._wait = _LOOK_EVERY
+        bands = -(-tissue.size // _BAND_PX)
+        self._band = (self._band + 1) % bands
+        width = tissue.shape[1]
+        start, stop = width * self._band // bands, width * (self._band + 1) // bands
+        columns = candidates(seen.image[:, start:stop], tissue[:, start:stop])
+        self._to_try = [start + column for column in _apart(columns)[:_MOST_COLUMNS]]
+
+
+def _apart(columns: tuple[int, ...]) -> list[int]:
+    """Without those beside one that is tried already."""
+    taken = list[int]()
+    for column in columns:
+        if all(abs(column - other) > 2 for other in taken):
+            taken.append(column)
+    return taken
+
+
+def _sigma_percent(one: Ruler, other: Ruler) -> float:
+    return 100 * hypot(one.sigma_px / one.spacing_px, other.sigma_px / other.spacing_px)
