@@ -26,6 +26,9 @@ before anything is, both in times for which it adds up. Fewer times open the con
 nothing in them. At 5 no session of docs/alarms.md was doubted; no rate was derived, as breaths have no known
 distribution."""
 
+_LASTING = 3
+"""Pictures in a row: a torn or shifted one is told by the next two, which lie where they were. More takes longer."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Apart:
@@ -51,6 +54,7 @@ class SlowSlip(Detector):
         self._sums: deque[_Apart] = deque()
         self._latest: deque[tuple[float, Array]] = deque()
         self._latest_s = 0.0
+        self._beyond = 0
 
     def see(self, seen: Observation) -> bool:
         """See Detector; True where the two have drifted apart by more than is usual."""
@@ -88,6 +92,7 @@ class SlowSlip(Detector):
         self._sums.clear()
         self._latest.clear()
         self._latest_s = 0.0
+        self._beyond = 0
 
     def _drifted(self) -> bool:
         now, over_ns = self._sums[-1], self._over_s * 1e9
@@ -96,15 +101,15 @@ class SlowSlip(Detector):
         while len(self._sums) > 1 and now.t_ns - self._sums[1].t_ns >= over_ns:
             self._sums.popleft()
         apart = now.way - self._sums[0].way
-        drifted = self._learned_s >= _LEARNED * self._over_s and np.any(
-            np.abs(apart) > np.maximum(self._least, _USUAL * np.sqrt(self._usual))
-        )
+        beyond = np.any(np.abs(apart) > np.maximum(self._least, _USUAL * np.sqrt(self._usual)))
+        self._beyond = self._beyond + 1 if beyond and self._learned_s >= _LEARNED * self._over_s else 0
+        drifted = self._beyond == _LASTING
         self._learn((now.t_ns - self._sums[-2].t_ns) / 1e9, apart)
         if drifted:
             # What is usual is learned again: doubts in a row would leave no motion to name a fault from.
             self._restart()
             self._learned_s = 0.0
-        return bool(drifted)
+        return drifted
 
     def _learn(self, taken_s: float, apart: Array) -> None:
         """Only what is older than the sums counts as usual, so that no slip hides itself."""
