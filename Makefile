@@ -8,7 +8,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types contracts quick thorough invariant \
-  live mutation pythons slow evidence evidence-full coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
+  failures live mutation pythons slow evidence evidence-full coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z-]+:.*## /{printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -45,7 +45,10 @@ invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frame
 
 ##@ Before a release
 
-live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about thirteen minutes)
+failures: $(VENV)/dev ## every row of docs/failures.md on a simulated cart in real time (about two minutes)
+	$(BIN)/python -m tests.rules.retried -m "live and not slow" tests/live/test_failures.py
+
+live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about fourteen minutes)
 	$(BIN)/python -m tests.rules.retried -n 2 --dist loadfile -m "live and not slow"
 
 mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about nine minutes)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from hashlib import sha256
 from typing import Literal
 
 import numpy as np
@@ -40,8 +41,10 @@ class Session:
 
     @property
     def title(self) -> str:
-        """For file names."""
-        return f"{self.name}-{self.tissue}-{self.seed}-{self.duration_s:g}s"
+        """For file names; of other motion it is another, whatever the session is called."""
+        poses = self.pictures(np.arange(0.0, self.duration_s, 1 / FPS))
+        motion = sha256(np.round(poses, 6).tobytes()).hexdigest()[:8]
+        return f"{self.name}-{self.tissue}-{self.seed}-{self.duration_s:g}s-{motion}"
 
     @cached_property
     def world(self) -> World:
