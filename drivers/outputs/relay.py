@@ -47,8 +47,8 @@ _FASTEST_CLICK_HZ = 1.0
 """Of a mechanical relay: 100 000 clicks under load last a day then; twice as fast, half a day."""
 
 _PAUSE_S = 0.05
-"""Silence that ends a report of unknown length. USB adapters hold bytes back for up to 16 ms; less cuts a report in
-two, more delays the opening."""
+"""Silence that ends the first report, whose length is unknown; later ones are waited for until they are whole. USB
+adapters hold bytes back for up to 16 ms; less cuts a report in two, more delays the opening."""
 
 _ASK_AGAIN_NS = 1_000_000_000
 """Between questions to a board that has not answered so far. Rarer ones leave one that woke up unwatched for longer,
@@ -168,7 +168,7 @@ class RelayOutput:
         Raises DeviceLost when this one is not among them: it can never close.
         """
         with self._port.exchange:
-            contacts = _contacts(self._ask(lambda _: False))
+            contacts = _contacts(self._ask(lambda _: False, _PAUSE_S))
         self._reported = len(contacts)
         if contacts and self._channel not in contacts:
             what = f"the relay board has no contact {self._channel}, it reports {', '.join(map(str, sorted(contacts)))}"
@@ -178,10 +178,10 @@ class RelayOutput:
     def _state(self) -> bool | None:
         """Contact state as the board reports it; None without an answer."""
         with self._port.exchange:
-            received = self._ask(lambda received: len(_CONTACT.findall(received)) >= self._reported)
+            received = self._ask(lambda received: len(_CONTACT.findall(received)) >= self._reported, _ANSWER_S)
         return _contacts(received).get(self._channel)
 
-    def _ask(self, whole: Callable[[bytes], bool]) -> bytes:
+    def _ask(self, whole: Callable[[bytes], bool], pause_s: float) -> bytes:
         """The report, which ends when it is whole, after a pause, or at the deadline."""
         self._port.receive(0)
         self._port.send(STATUS_QUERY)
@@ -190,7 +190,7 @@ class RelayOutput:
         while not whole(received):
             left_ns = deadline_ns - self._clock.now_ns()
             wait_s = self._clock.real_s(max(0, left_ns) / 1e9)
-            heard = self._port.receive(min(wait_s, _PAUSE_S) if received else wait_s)
+            heard = self._port.receive(min(wait_s, pause_s) if received else wait_s)
             received += heard
             if left_ns <= 0 or not heard:
                 break  # what came while this host was busy has been looked at once more

@@ -6,7 +6,6 @@ import csv
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -125,10 +124,9 @@ def _read(path: Path) -> list[Row]:
 
 
 def write(rows: Sequence[Row]) -> None:
-    """A part of the figures that these rows do not speak of stays as it was measured."""
-    now = figures(rows)
+    """Figures that these rows do not speak of stay as they were measured."""
     before = read_figures() if DATA.exists() else Figures([], [])
-    now = replace(now, healthy=now.healthy or before.healthy, found=now.found or before.found)
+    now = before.updated(figures(rows))
     DATA.write_text(json.dumps(now.plain(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     for path, text in pages(now).items():
         path.write_text(text, encoding="utf-8")

@@ -36,6 +36,11 @@ class Origin:
     draws: str
     commits: list[str]
 
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """What was asked for, in the order of the pages."""
+        return self.session, self.tissue, self.noise_mm, self.asked, self.duration_s
+
 
 @dataclass(frozen=True)
 class Healthy:
@@ -94,6 +99,12 @@ class Figures:
     def plain(self) -> dict[str, object]:
         """As JSON takes it."""
         return asdict(self)
+
+    def updated(self, now: "Figures") -> "Figures":
+        """With what was measured now in the place of the same conditions before; all else stays, with its commit."""
+        healthy = {one.origin.conditions: one for one in (*self.healthy, *now.healthy)}
+        found = {(*one.origin.conditions, one.hazard): one for one in (*self.found, *now.found)}
+        return Figures([healthy[key] for key in sorted(healthy)], [found[key] for key in sorted(found)])
 
     @classmethod
     def parse(cls, plain: dict[str, list[dict[str, object]]]) -> "Figures":

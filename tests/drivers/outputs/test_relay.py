@@ -11,8 +11,9 @@ import termios
 import threading
 import time
 import tty
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -288,34 +289,55 @@ def test_whatever_a_board_answers_is_closed_open_or_not_said(report: bytes) -> N
         assert not re.search(rb"CH *0?%d *: *%s\s" % (channel, other), report)
 
 
-@pytest.mark.parametrize(
-    "answer", [b"CH1: ON\r\nCH1: OFF\r\n", b"CH2: ON\r\n", b"\x1b[2JCH1:", b"CH1: ON" * 10_000, b""]
-)
-def test_no_answer_but_a_clear_one_counts(tmp_path: Path, answer: bytes) -> None:
-    """A board that has reported once and then says something else is lost within a second, and nothing worse."""
+@contextmanager
+def answering(*reports: bytes, pause_s: float = 0.0) -> Iterator[tuple[str, list[bytes]]]:
+    """A board on a pseudo-terminal that reports the last of these, in two halves where there is a pause: its path, and
+    the reports."""
     master, slave = os.openpty()
     tty.setraw(slave)
-    path, replies, stop = os.ttyname(slave), [b"CH1: OFF\r\n"], threading.Event()
+    os.set_blocking(master, False)
+    replies, stop = [*reports], threading.Event()
 
     def board() -> None:
         while not stop.is_set():
             if select.select([master], [], [], 0.05)[0] and STATUS_QUERY in os.read(master, 64):
-                os.set_blocking(master, False)
+                report, half = replies[-1], len(replies[-1]) // 2
                 with suppress(BlockingIOError):
-                    os.write(master, replies[-1])
+                    os.write(master, report[:half])
+                    stop.wait(pause_s * (len(replies) > 1))
+                    os.write(master, report[half:])
 
     thread = threading.Thread(target=board)
     thread.start()
     try:
-        with open_output(f"relay:{path}", HostClock()) as output:
-            replies.append(answer)
-            watch = Stopwatch()
-            with pytest.raises(DeviceLost) as refusal:
-                output.write(True)
-            assert watch.spent_s() < 5
-            assert str(refusal.value).isprintable()
+        yield os.ttyname(slave), replies
     finally:
         stop.set()
         thread.join()
         os.close(master)
         os.close(slave)
+
+
+@pytest.mark.parametrize(
+    "answer", [b"CH1: ON\r\nCH1: OFF\r\n", b"CH2: ON\r\n", b"\x1b[2JCH1:", b"CH1: ON" * 10_000, b""]
+)
+def test_no_answer_but_a_clear_one_counts(tmp_path: Path, answer: bytes) -> None:
+    """A board that has reported once and then says something else is lost within a second, and nothing worse."""
+    with answering(b"CH1: OFF\r\n") as (path, replies), open_output(f"relay:{path}", HostClock()) as output:
+        replies.append(answer)
+        watch = Stopwatch()
+        with pytest.raises(DeviceLost) as refusal:
+            output.write(True)
+        assert watch.spent_s() < 5
+        assert str(refusal.value).isprintable()
+
+
+def test_a_report_that_a_busy_host_delivers_in_two_halves_is_one() -> None:
+    with (
+        answering(b"CH1: OFF\r\n", pause_s=0.15) as (path, replies),
+        open_output(f"relay:{path}", HostClock()) as output,
+    ):
+        replies.append(b"CH1: ON\r\n")
+        output.write(True)
+        replies.append(b"CH1: OFF\r\n")
+        output.write(False)

@@ -89,9 +89,16 @@ def test_a_table_of_something_else_is_refused(tmp_path) -> None:
 
 
 def test_what_was_not_measured_again_stays(tmp_path, monkeypatch) -> None:
+    before = [row | {"commit": "before"} for row in ROWS]
+    written: list[Figures] = []
     monkeypatch.setattr(evidence, "DATA", tmp_path / "evidence.json")
-    monkeypatch.setattr(evidence, "read_figures", measured)
-    monkeypatch.setattr(evidence, "pages", lambda now: {tmp_path / "told": f"{len(now.healthy)} {len(now.found)}"})
+    monkeypatch.setattr(evidence, "read_figures", lambda: figures(before))
+    monkeypatch.setattr(evidence, "pages", lambda now: written.append(now) or {})
     (tmp_path / "evidence.json").write_text("{}")
-    evidence.write([one for one in ROWS if one["hazard"] == "none"])
-    assert (tmp_path / "told").read_text() == "1 2"
+    again = [row for row in ROWS if row["hazard"] == "none"]
+    evidence.write(again)
+    (now,) = written
+    assert [one.origin.commits for one in now.found] == [["before"]] * 2
+    assert now.healthy == figures(again).healthy
+    evidence.write([row | {"session": "hold"} for row in again])
+    assert len(written[-1].healthy) == 2, "of other conditions"
