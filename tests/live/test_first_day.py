@@ -15,14 +15,12 @@ from pathlib import Path
 import pytest
 
 from appliance.configuration.config import load_config
-from appliance.service.control.client import ControlClient
-from drivers.errors import ProbewatchError
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.drawn import draw_terminal, draws
 from tests.support.person import Person
 from tests.support.polling import until
 from tools.shared.configuration_text import template
-from tools.simulators.whole_cart import Event
+from tools.simulators.whole_cart import Event, told_by
 
 LONGEST_S = 600.0
 """What the whole day may take."""
@@ -61,11 +59,7 @@ class Day:
         return service
 
     def status(self) -> Event:
-        try:
-            with ControlClient(self.socket) as client:
-                return client.status()
-        except ProbewatchError:
-            return {}
+        return told_by(self.socket)
 
     def waits_for_a_calibration(self) -> None:
         """The devices are there, and nothing is verified."""

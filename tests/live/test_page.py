@@ -90,20 +90,24 @@ def at_the_beginning(page: Page) -> None:
     page.wait_for_selector("body[data-phase=idle]")
 
 
+def begins(page: Page, wanted: str) -> None:
+    """A busy machine loses a device for a moment, and the service refuses; a person tries again."""
+
+    def there() -> bool:
+        if page.is_visible("#begin-form"):
+            page.click("#begin-form button")
+        page.wait_for_timeout(500)
+        return page.get_attribute("body", "data-phase") == wanted
+
+    until(there, 60, 0.5, lambda: page.inner_text("body"))
+
+
 def begun(page: Page, wanted: str = "whole", technician: str = "A. Smith") -> None:
     at_the_beginning(page)
     for name, value in (("probe", "L12-5"), ("preset", "4 cm"), ("technician", technician)):
         page.fill(f"#{name}", value)
     page.select_option("#wanted", wanted)
-
-    def scanning() -> bool:
-        """A busy machine loses a device for a moment, and the service refuses; a person tries again."""
-        if page.is_visible("#begin-form"):
-            page.click("text=Begin to scan")
-        page.wait_for_timeout(500)
-        return page.get_attribute("body", "data-phase") == "scanning"
-
-    until(scanning, 60, 0.5, lambda: page.inner_text("body"))
+    begins(page, "scanning")
 
 
 def views(page: Page) -> int:
@@ -324,15 +328,7 @@ def test_the_latency_is_a_step_and_the_water_is_looked_at(bench: Bench) -> None:
     page.click("text=Begin to scan")
     page.wait_for_selector("#refused >> text=depths appear 3.9 % too deep")
     page.fill("#water", "48")
-
-    def measuring() -> bool:
-        """As in `begun`, a busy machine may refuse once."""
-        if page.is_visible("#begin-form"):
-            page.click("text=Begin to scan")
-        page.wait_for_timeout(500)
-        return page.get_attribute("body", "data-phase") == "latency"
-
-    until(measuring, 60, 0.5, lambda: page.inner_text("body"))
+    begins(page, "latency")
     bench.cart.wait_for("recalibrating")
     drawn(page, "page-latency")
     assert serious(page) == []
@@ -388,15 +384,7 @@ def test_a_german_room_reads_the_whole_page_in_german(bench: Bench) -> None:
         page.wait_for_selector("#refused >> text=Tiefen erscheinen 3.9 % zu tief")
         assert english_left(page) == []
         page.select_option("#corrected", "1")
-
-        def measuring() -> bool:
-            """A busy machine may refuse once."""
-            if page.is_visible("#begin-form"):
-                page.click("#begin-form button")
-            page.wait_for_timeout(500)
-            return page.get_attribute("body", "data-phase") == "latency"
-
-        until(measuring, 60, 0.5, lambda: page.inner_text("body"))
+        begins(page, "latency")
         assert english_left(page) == []
         page.click("#late-skip")
         phase(page, "scanning")

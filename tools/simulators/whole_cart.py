@@ -50,6 +50,15 @@ _LONGEST_DEADLINE_MS = 5000.0
 """
 
 
+def told_by(socket: Path) -> Event:
+    """The status of the service behind this control socket; empty while it does not answer."""
+    try:
+        with ControlClient(socket) as client:
+            return client.status()
+    except ProbewatchError:
+        return {}
+
+
 class Part:
     """One process. said: its JSON lines with `heard_s` (host, s) added. noise: lines that are not JSON.
 
@@ -291,11 +300,7 @@ class SimulatedCart(SimulatedDevices):
 
     def status(self) -> Event:
         """What the service says; empty while it does not answer."""
-        try:
-            with ControlClient(self.socket) as client:
-                return client.status()
-        except ProbewatchError:
-            return {}
+        return told_by(self.socket)
 
     def acknowledge(self) -> bool:
         """Whether the service granted it."""
