@@ -27,6 +27,8 @@ from appliance.types import Calibration, Check, Fault, Kind, Motion, StampedPair
 from drivers.rigid import Array
 from drivers.samples import Frame, Matrix4, Pose
 
+FINDS = (Fault.SCALE,)
+
 _SOLVE_EVERY_NS = 330_000_000
 """Between two solutions of the window. A fault is named by two in a row, so longer names it later; shorter costs the
 processor (the line's share of a picture: `make bench`).

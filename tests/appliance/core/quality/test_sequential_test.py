@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from appliance.core.detectors.sequential_test import NAMED_NATS, Accusation, _minimum, accuse
 from appliance.core.path.noise import PARTS, WALK, WHITE, Noise
 from appliance.core.path.solver import Prior, solve
 from appliance.core.path.window import PathWindow
+from appliance.core.quality.sequential_test import NAMED_NATS, Accusation, _minimum, accuse
 from appliance.limits import Limits
 from appliance.types import Calibration, VerdictKind
 from drivers.rigid import Array, rotation_from_vector
