@@ -19,6 +19,7 @@ from appliance.core.motion import analyse, plane_step, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import Judgement, judge
+from appliance.core.quality.proposal import propose
 from appliance.core.quality.report import LineReport
 from appliance.core.registration.pyramid import Bits
 from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
@@ -125,6 +126,7 @@ class Line:
             checks=verdict.checks,
             verdict=verdict,
             required=self._evidence.required,
+            proposal=propose(verdict.checks, self._reference, 0.0),
         )
 
     def _count(self, sample: Frame | Pose) -> StampGate:

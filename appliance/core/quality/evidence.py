@@ -206,7 +206,7 @@ class Evidence:
         unnamed = frozenset() if self._breathing_known else _BREATHED
         unnamed = unnamed if finding.shows(("polarity",)) else found.named
         found = replace(found, checks=without(Finding(found.checks), unnamed).checks)
-        self._contradict(found.checks, found.named)
+        self._verification.accuse(found.checks, found.named, self.window.now_ns, found.rivals)
         if found.named:
             self._valid_ns = max(self._valid_ns, found.since_ns)
         return found

@@ -20,7 +20,7 @@ from appliance.core.path.noise import AXIAL, BREATHING, LATERAL, Noise, covarian
 from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU, VALUE, PathResidual
 from appliance.core.path.window import PathWindow
 from appliance.limits import Limits
-from appliance.types import Calibration, Check, Fault, VerdictKind
+from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array
 
 FINDS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
@@ -41,7 +41,8 @@ WITHDRAWN_NATS = 10.0
 """The same of a sign, which withdraws the OK and names nothing: once in hours of motion at the limit itself. Less opens
 the contact for nothing, more keeps it closed for longer over what will be named."""
 _AHEAD_NATS = 5.0
-"""By how much the class that is named must explain the motion better than any other: odds of 150."""
+"""By how much the class that is named must explain the motion better than any other: odds of 150. Less names the wrong
+one more often, more tells two for longer. Not measured."""
 _INFLATED = 1.3**2
 """Of every variance: tails that are heavier than the model's. In simulations t₅ tails ended a promise of 1e5 looks
 after 623 without it. More is later, less trusts the learned noise more than its own scatter allows."""
@@ -80,12 +81,14 @@ _WORTH_NATS = 6.0
 class Accusation:
     """since_ns: from when on. nats: by how much what is accused explains the motion better than anything within its
     limits. checks: FAULTs of the parameters that are surely beyond, where one class explains it; else the parameter
-    that is farthest beyond, NOT_VERIFIED, of each class that is as likely, the likeliest first.
+    that is farthest beyond, NOT_VERIFIED, of each class that is as likely, the likeliest first. rivals: those classes,
+    where there are two or more and the likeliest explains it.
     """
 
     since_ns: int
     nats: float
     checks: tuple[Check, ...]
+    rivals: tuple[Rival, ...] = ()
 
     @property
     def named(self) -> frozenset[str]:
@@ -242,7 +245,8 @@ class _Trial:
         fits = {fault: self._alone(own) for fault, own in _CLASSES.items()}
         ahead = sorted(fits, key=lambda fault: fits[fault].cost)
         first = fits[ahead[0]]
-        rivals = [fault for fault in ahead if 0.5 * (fits[fault].cost - first.cost) / self._spread < _AHEAD_NATS]
+        behind = {fault: 0.5 * (fits[fault].cost - first.cost) / self._spread for fault in ahead}
+        rivals = [fault for fault in ahead if behind[fault] < _AHEAD_NATS]
         explains = self._spread_of(first) < _MOST_SPREAD
         named = explains and len(rivals) == 1 and self._beyond(first) >= NAMED_NATS
         own = _checks(first, ahead[0], limits, lag_s, self._spread) if named else []
@@ -250,7 +254,9 @@ class _Trial:
         if beyond:
             return Accusation(since_ns, self.nats, tuple(beyond))
         each = (_checks(fits[fault], fault, limits, lag_s, self._spread) for fault in rivals)
-        return Accusation(since_ns, self.nats, tuple(max(checks, key=lambda check: check.ratio) for checks in each))
+        worst = tuple(max(checks, key=lambda check: check.ratio) for checks in each)
+        as_likely = tuple(Rival(check, behind[check.fault]) for check in worst) if explains and len(worst) > 1 else ()
+        return Accusation(since_ns, self.nats, worst, as_likely)
 
     def _alone(self, own: slice) -> _Fit:
         """Where only one class may be beyond its limits."""
