@@ -89,6 +89,15 @@ def test_the_status_fits_and_nothing_of_it_is_cut(columns: int, language: str, l
     assert len({line.index("┃") for line in bars}) == 1
 
 
+@pytest.mark.parametrize("columns", [38, 80])
+def test_what_is_proposed_stands_below_clause_by_clause(columns: int) -> None:
+    text = "latency is now 132.0 ± 6.0 ms, was 80.0 ms; set latency_ms=132 in the tracker's URL and restart the service"
+    lines = drawn(columns, status(proposal={"text": text, "values": [], "steps": ["set-latency"]}))
+    assert all(cell_len(line) <= columns for line in lines)
+    whole = " ".join(" ".join(lines).split())
+    assert all(f"→ {clause}" in whole for clause in text.split("; "))
+
+
 def test_a_line_is_never_half_german() -> None:
     shown = drawn(80, status("de", reason="something new; calibration verified"))
     assert any("something new; calibration verified" in line for line in shown)
