@@ -68,8 +68,14 @@ def test_ci_runs_what_the_quick_suite_leaves_out_as_thorough() -> None:
     rest = "not slow and not live and not cart and not deb"
     for target, which in (("quick", f"not thorough and {rest}"), ("thorough", f"thorough and {rest}")):
         assert re.search(rf'^{target}:.*\n\t\$\(BIN\)/pytest .*-m "{which}"$', targets, re.M), target
-    for part in ("make test", "make thorough"):
-        assert f"\npart {part}\n" in (ROOT / ".ci/run").read_text()
+
+
+def test_ci_runs_every_part_that_gates_and_no_smaller_one() -> None:
+    """All of `make live`, and the invariant with all of its frames."""
+    parts = re.findall(r"^part (.*)$", (ROOT / ".ci/run").read_text(), re.M)
+    whole = ["make test", "demo", "make thorough", "make test-deb SUITES=bookworm", "make invariant", "make mutation"]
+    whole += ["make pythons", "make live"]
+    assert [part for part in whole if part not in parts] == []
 
 
 def test_this_suite_follows_the_list(pytestconfig: pytest.Config) -> None:
@@ -98,6 +104,7 @@ def test_a_module_that_fails_once_is_run_once_more_and_both_results_are_said(tmp
     assert "test_sound.py: " not in text
 
 
+@pytest.mark.thorough
 def test_a_module_alone_runs_the_same_tests_without_sharing_the_processors(tmp_path: Path) -> None:
     slow = "@pytest.mark.slow\ndef test_slow(): assert False"
     (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = slow\n")
