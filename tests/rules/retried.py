@@ -31,9 +31,9 @@ def main(options: list[str], too_busy: Callable[[Load], bool] = Load.too_busy) -
     with tempfile.TemporaryDirectory() as folder:
         code, load = _pytest(options, folder)
         failed = _failed(Path(folder)) if code == _FAILED else {}
+    print(f"\nin the whole run {load}", flush=True)
     if not failed:
         return code
-    print(f"\nin the whole run {load}", flush=True)
     if len(failed) > MOST and not too_busy(load):
         print(f"tests failed in {len(failed)} modules: too many for chance, so none is run again", flush=True)
         return code

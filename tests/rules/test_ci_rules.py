@@ -155,6 +155,7 @@ def test_what_fails_twice_on_a_busy_machine_is_listed_at_the_end_as_not_judged(t
 def test_the_command_of_make_live_judges_by_what_it_measures(tmp_path: Path) -> None:
     code, text = run(suite(tmp_path, "def test_sound(): pass"), "tests.rules.retried")
     assert (code, "1 passed" in text) == (0, True), text
+    assert "in the whole run others had " in text
 
 
 @pytest.mark.parametrize(
