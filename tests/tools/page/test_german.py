@@ -116,6 +116,7 @@ def test_what_the_check_says_is_recognised() -> None:
 ROOT = Path(tools.page.__file__).parents[2]
 SPEAKERS = (
     "tools/recalibration/session.py",
+    "tools/recalibration/held_service.py",
     "tools/recalibration/steps.py",
     "tools/recalibration/paperwork.py",
     "tools/recalibration/scanning.py",
