@@ -41,7 +41,8 @@ calibration since, in either order, or with a recalibration that was confirmed. 
 
 
 _PROPOSALS = """A FAULT of rotation, offset, scale or latency is told with what has become of it (old, new, sigma) once
-motion has measured that: by `probewatch status`, the page, the alarm log (`proposal`) and the report. Nothing is applied:
+motion has measured that: by `probewatch status`, the page, the alarm log (`proposal`) and the report. Nothing is
+applied:
 
 - latency: set `latency_ms` in the tracker's URL and restart the service;
 - rotation, in-plane offset: `probewatch calibration recover` writes the recovered X, `probewatch calibration use` takes
