@@ -69,6 +69,11 @@ class Verification:
         return tuple(sorted(self._signs.values(), key=lambda sign: -sign.check.ratio))
 
     @property
+    def shown(self) -> frozenset[str]:
+        """Names of the checks that motion has shown since the last loss of sight, of whatever age."""
+        return frozenset(self._shown_ns)
+
+    @property
     def last_sign_ns(self) -> int:
         """Newest motion of any sign that stands; 0 where there is none."""
         return max((sign.until_ns for sign in self._signs.values()), default=0)
