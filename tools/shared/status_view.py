@@ -61,7 +61,7 @@ class StatusView:
         self._note(status["counters"].get("uptime_s", 0.0), checks)
         table = _Checks(checks, {name: tuple(trend) for name, trend in self._trends.items()}, _language(status))
         lines: list[RenderableType] = [_state(status), _rates(status), table]
-        return Group(*lines, *_carried(status), *_remarks(status), *_origin(status))
+        return Group(*lines, *_carried(status), *_proposal(status), *_remarks(status), *_origin(status))
 
     def _note(self, uptime_s: float, checks: list[_Check]) -> None:
         if uptime_s - self._noted_s < _TREND_EVERY_S:
@@ -188,6 +188,12 @@ def _carried(status: Status) -> list[Text]:
     ages = (f"{told(one['name'], _language(status))} {one['shown_age_s']:.0f}/{one['max_age_s']:.0f} s" for one in own)
     line = _words(status)["carried"].format(names=", ".join(ages))
     return [Text(shown(f"{_CARRIED} {line}"), style="cyan")] if own else []
+
+
+def _proposal(status: Status) -> list[Text]:
+    """What the calibration has become, and what follows from that; a clause on each line."""
+    proposal = status.get("proposal")
+    return [] if proposal is None else [Text(shown(f"→ {clause}")) for clause in proposal["text"].split("; ")]
 
 
 def _remarks(status: Status) -> list[Text]:
