@@ -64,11 +64,12 @@ class Line:
         self._reference = reference
         self._frame_gate, self._pose_gate = StampGate(), StampGate()
         self._pairing = Pairing()
-        self._tracker = RealTimeTracker(float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0]))
+        aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
+        self._tracker = RealTimeTracker(aspect)
         self._evidence = Evidence(reference, limits, PathWindow(reference))
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
         self._detectors: tuple[Detector, ...] = (
-            PictureEvent(limits.scale_percent),
+            PictureEvent(limits.scale_percent, aspect),
             DepthRuler(lambda: self._tracker.mask, limits.scale_percent, limits.confidence_sigma),
             MarkerSlip(limits, reference),
             *(SlowSlip(limits, reference, over_s) for over_s in SLIPS_S),
@@ -261,6 +262,7 @@ class Line:
             followed=True,
             step_mm=self._step_mm(tracked),
             moved=None if tracked.step is None else plane_step(*tracked.step, self._reference),
+            warp=tracked.step,
             likeness=found.correlation,
             pose=item.matrix if isinstance(item, StampedPair) else None,
         )
