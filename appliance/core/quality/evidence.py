@@ -9,7 +9,7 @@ from appliance.core.detectors.sequential_test import WINDOW_NS, Accusation, accu
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.conventions import Convention
 from appliance.core.path.explanation import Explanation, explain
-from appliance.core.path.latency import REACH_S, Latency
+from appliance.core.path.latency import Latency
 from appliance.core.path.latency_drift import LatencyDrift
 from appliance.core.path.noise import Noise
 from appliance.core.path.window import PathWindow
@@ -176,7 +176,7 @@ class Evidence:
         """
         recent = self.window.since(now_ns - _SHORT_NS)
         finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
-        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < _EXPLAIN_EVERY_NS:
+        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < self._explain_every_ns:
             about_s = self._about_s
             self._explain(now_ns)
             if self._about_s != about_s:
@@ -224,7 +224,7 @@ class Evidence:
         if finding.solution is not None and long.span_ns >= _BREATHS_NS:
             self._noises.append((now_ns, finding.solution.noise))
             self._breathing_known |= long.span_ns >= _BREATHING_KNOWN_NS
-        doubtful = finding.failed - self._suspects
+        doubtful = finding.failed - self._suspects - self._witnessed
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits - {"latency"}
         early = _SLOW if _punctual(short, self._limits) else _OF_X
@@ -246,8 +246,18 @@ class Evidence:
         if found is None:
             return
         self.explanation = found
-        far = found.convention is Convention.AGREED and abs(found.latency_s) > REACH_S
-        self._about_s = found.latency_s if far else 0.0
+        late = found.convention is Convention.AGREED and abs(found.latency_s) * 1e3 > self._limits.latency_ms
+        self._about_s = found.latency_s if late else 0.0
+
+    @property
+    def _explain_every_ns(self) -> int:
+        """At every solution while there is less motion than is looked at, as each adds much to it."""
+        return 0 if self.window.span_ns < _EXPLAINED_NS else _EXPLAIN_EVERY_NS
+
+    @property
+    def _witnessed(self) -> frozenset[str]:
+        """What the search for an explanation has found by itself: with a solution that shows it they are two."""
+        return frozenset({"latency"}) if self._about_s else frozenset()
 
     def _measured(self, recent: PathWindow, finding: Finding, now_ns: int) -> tuple[PathWindow, Finding]:
         """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
