@@ -46,7 +46,7 @@ _BREATHED = frozenset({"scale-axial"})
 _EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
 """Between two searches for what explains a motion that the reference does not, and the motion that they look at: each
 takes 2 ms, 7 ms where not even a lag explains it. A longer window names later what has just begun, a shorter one leaves
-little of it beside the second at its end whose poses are yet to come.
+little of it to a lag whose poses are yet to come.
 """
 _REQUIRED_FOR = {
     Fault.POLARITY: ("polarity",),
@@ -110,6 +110,7 @@ class Evidence:
         self._noises.clear()
         self._breathing_known = False
         self._long_ns = 0
+        self._about_s = 0.0
         self._drift.clear()
         self._drifted = self.explanation = None
 
