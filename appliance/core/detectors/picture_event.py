@@ -21,6 +21,8 @@ from appliance.types import Check, Fault, VerdictKind
 from drivers.rigid import Array
 from drivers.samples import GreyImage
 
+FINDS = (Fault.POLARITY, Fault.SCALE)
+
 _SMALL_PX = 160
 """Columns in which pictures are compared. More asks for a zoom that is nearer and costs time for each that is tried;
 fewer leave too little speckle to tell a mirrored picture from another.
