@@ -22,7 +22,7 @@ QUICK_PX = np.array([20.0, -8.0])
 def speckle(shape: tuple[int, int] = (240, 320)) -> GreyImage:
     noise = np.random.default_rng(4).normal(size=shape).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
-    return np.clip(128 + 45 * smooth / smooth.std(), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(128 + 45 * smooth / smooth.std(), 0, 255), dtype=np.uint8)
 
 
 def sweep(pictures: int) -> list[GreyImage]:
