@@ -241,7 +241,7 @@ class Evidence:
             self._best = self._latest
 
     def _explain(self, now_ns: int) -> None:
-        """Ask what else explains the motion; the fine search moves to a lag beyond its limit, until another is found."""
+        """Ask what else explains the motion; the fine search moves to a lag beyond its limit until another is found."""
         self._explained_ns = now_ns
         found = explain(self.window.since(max(self._valid_ns, now_ns - _EXPLAINED_NS)), self._reference)
         if found is None:
