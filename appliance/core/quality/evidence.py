@@ -8,7 +8,7 @@ from appliance.core.detectors.calibration_change import latency_check
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.conventions import Convention
 from appliance.core.path.explanation import Explanation, explain
-from appliance.core.path.latency import REACH_S, Latency
+from appliance.core.path.latency import Latency
 from appliance.core.path.latency_drift import LatencyDrift
 from appliance.core.path.noise import Noise
 from appliance.core.path.window import PathWindow
@@ -46,7 +46,7 @@ _BREATHED = frozenset({"scale-axial"})
 _EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
 """Between two searches for what explains a motion that the reference does not, and the motion that they look at: each
 takes 2 ms, 7 ms where not even a lag explains it. A longer window names later what has just begun, a shorter one leaves
-little of it beside the second at its end whose poses are yet to come.
+little of it to a lag whose poses are yet to come.
 """
 _REQUIRED_FOR = {
     Fault.POLARITY: ("polarity",),
@@ -110,6 +110,7 @@ class Evidence:
         self._noises.clear()
         self._breathing_known = False
         self._long_ns = 0
+        self._about_s = 0.0
         self._drift.clear()
         self._drifted = self.explanation = None
 
@@ -184,7 +185,7 @@ class Evidence:
         """
         recent = self.window.since(now_ns - _SHORT_NS)
         finding = self._examined(recent, self._noise_for(recent, now_ns - _SHORT_NS))
-        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < _EXPLAIN_EVERY_NS:
+        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < self._explain_every_ns:
             about_s = self._about_s
             self._explain(now_ns)
             if self._about_s != about_s:
@@ -231,7 +232,7 @@ class Evidence:
         long, finding = self._measured(recent, finding, now_ns)
         if finding.solution is not None and long.span_ns >= _BREATHS_NS:
             self._noises.append((now_ns, finding.solution.noise))
-        doubtful = finding.failed - self._suspects
+        doubtful = finding.failed - self._suspects - self._witnessed
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits - {"latency"}
         early = _SLOW if _punctual(short, self._limits) else _OF_X
@@ -248,14 +249,24 @@ class Evidence:
             self._best = self._latest
 
     def _explain(self, now_ns: int) -> None:
-        """Ask what else explains the motion; a lag beyond the fine search moves it there, until another is found."""
+        """Ask what else explains the motion; the fine search moves to a lag beyond its limit until another is found."""
         self._explained_ns = now_ns
         found = explain(self.window.since(max(self._valid_ns, now_ns - _EXPLAINED_NS)), self._reference)
         if found is None:
             return
         self.explanation = found
-        far = found.convention is Convention.AGREED and abs(found.latency_s) > REACH_S
-        self._about_s = found.latency_s if far else 0.0
+        late = found.convention is Convention.AGREED and abs(found.latency_s) * 1e3 > self._limits.latency_ms
+        self._about_s = found.latency_s if late else 0.0
+
+    @property
+    def _explain_every_ns(self) -> int:
+        """At every solution while there is less motion than is looked at, as each adds much to it."""
+        return 0 if self.window.span_ns < _EXPLAINED_NS else _EXPLAIN_EVERY_NS
+
+    @property
+    def _witnessed(self) -> frozenset[str]:
+        """What the search for an explanation has found by itself: with a solution that shows it they are two."""
+        return frozenset({"latency"}) if self._about_s else frozenset()
 
     def _measured(self, recent: PathWindow, finding: Finding, now_ns: int) -> tuple[PathWindow, Finding]:
         """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
