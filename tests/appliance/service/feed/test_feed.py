@@ -355,7 +355,7 @@ def open_files() -> int:
 
 
 def test_the_process_that_fans_out_goes_behind_the_service_from_its_first_moment(tmp_path: Path) -> None:
-    """Loading its modules takes as much of a processor as watching for half a second."""
+    """Loading its modules takes .3 s of a processor."""
     feed = FeedHost(tmp_path / "feed", command=(sys.executable, "-c", "import time; time.sleep(60)"))
     assert feed.tap() is not None
     with socket.socket(socket.AF_UNIX) as client:
