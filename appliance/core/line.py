@@ -205,7 +205,7 @@ class Line:
             self._sighted_ns = item.frame.stamp.t_ns
 
     def _unverify(self) -> None:
-        self._evidence.restart()
+        self._evidence.lose_sight()
         self._sighted_ns = None
 
     def _checks(self) -> tuple[Check, ...]:

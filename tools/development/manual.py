@@ -40,6 +40,20 @@ calibration since, in either order, or with a recalibration that was confirmed. 
 """
 
 
+_PROPOSALS = """A FAULT of rotation, offset, scale or latency is told with what has become of it (old, new, sigma) once
+motion has measured that: by `probewatch status`, the page, the alarm log (`proposal`) and the report. Nothing is
+applied:
+
+- latency: set `latency_ms` in the tracker's URL and restart the service;
+- rotation, in-plane offset: `probewatch calibration recover` writes the recovered X, `probewatch calibration use` takes
+  it once a person has accepted the difference, and new motion must verify it before the contact closes;
+- a scale, the offset across the picture (ζ), and whatever stands beside one of them: motion alone does not recover it,
+  `probewatch recalibrate` does. A scale is mostly the scanner's depth or zoom: set it as calibrated first.
+
+Where two classes are as likely, none is named: the status, the log (`undecided`) and the report tell each, by how much
+the likeliest leads, and the motion that tells which. The contact is open meanwhile."""
+
+
 def manual(figures: Figures) -> str:
     """The whole page, Markdown. figures: what was last measured."""
     tables = (
@@ -108,7 +122,7 @@ def _policy() -> list[str]:
         for fault, row in POLICY.items()
         if fault is not Fault.AGREEMENT
     ]
-    return ["## Policy", "", text, "", *table(head, rows)]
+    return ["## Policy", "", text, "", *table(head, rows), *_PROPOSALS.splitlines(), ""]
 
 
 def _tones(fault: Fault, row: Policy) -> str:

@@ -113,6 +113,14 @@ class Evidence:
         self._drift.clear()
         self._drifted = self.explanation = None
 
+    def lose_sight(self) -> None:
+        """A hand may have changed whatever it likes meanwhile, so nothing is shown. How the patient breathes it has not
+        changed: what was learned of that is where learning goes on.
+        """
+        noises = [(t_ns, noise) for t_ns, noise in self._noises if noise.habits]
+        self.restart()
+        self._noises.extend(noises[-1:])
+
     def forget(self, since_ns: int) -> None:
         """Motion at or after since_ns was stamped wrongly."""
         self.window.forget(since_ns)
@@ -175,12 +183,12 @@ class Evidence:
         now_ns: time of the latest picture, which may have shown no motion.
         """
         recent = self.window.since(now_ns - _SHORT_NS)
-        finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
+        finding = self._examined(recent, self._noise_for(recent, now_ns - _SHORT_NS))
         if not _explained(finding) and not 0 <= now_ns - self._explained_ns < _EXPLAIN_EVERY_NS:
             about_s = self._about_s
             self._explain(now_ns)
             if self._about_s != about_s:
-                finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
+                finding = self._examined(recent, self._noise_for(recent, now_ns - _SHORT_NS))
         finding = self._carried_on(finding, recent, now_ns)
         accusation = self._accused(finding, now_ns)
         self._measure(finding, recent, now_ns)
@@ -223,7 +231,6 @@ class Evidence:
         long, finding = self._measured(recent, finding, now_ns)
         if finding.solution is not None and long.span_ns >= _BREATHS_NS:
             self._noises.append((now_ns, finding.solution.noise))
-            self._breathing_known |= long.span_ns >= _BREATHING_KNOWN_NS
         doubtful = finding.failed - self._suspects
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits - {"latency"}
@@ -231,6 +238,7 @@ class Evidence:
         doubtful |= self._premature(finding.failed & early, now_ns)
         self._suspects = finding.failed | short.failed
         self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful)
+        self._breathing_known |= finding.solution is not None and long.span_ns >= _BREATHING_KNOWN_NS
         last_sign_ns = self._verification.last_sign_ns
         self._latest = self._accepted(without(finding, doubtful), long, now_ns)
         if not self._verification.contradicted:
@@ -260,7 +268,7 @@ class Evidence:
             longer = self.window.since(max(self._valid_ns, now_ns - span_ns))
             if len(longer) > len(window):
                 window = longer
-                finding = self._examined(window, self._noise_until(now_ns))
+                finding = self._examined(window, self._noise_for(window, now_ns))
             if finding.failed or finding.shows(self.required):
                 break
         return window, finding
@@ -312,8 +320,24 @@ class Evidence:
             self._noises.popleft()
         return next((noise for learned_ns, noise in reversed(self._noises) if learned_ns <= t_ns), None)
 
+    def _noise_for(self, window: PathWindow, t_ns: int) -> Noise | None:
+        """As last learned not after t_ns, with the habits of breaths that are not in the window."""
+        noise = self._noise_until(t_ns)
+        if noise is None:
+            return None
+        before = self._noise_until(window.start_ns - 1)
+        return replace(noise, habits={} if before is None else before.habits)
+
     def _contradict(self, checks: tuple[Check, ...], named: frozenset[str]) -> None:
-        self._verification.contradict(checks, named, self.window.now_ns)
+        """Take the signs among the checks. One that may be a breath, of a parameter that was not shown since the window
+        began, bars no motion: that motion may show that it was a breath.
+        """
+        before_ns = self.window.start_ns - 1
+        barred = {sign.check.name for sign in self._verification.contradicted if sign.until_ns > before_ns}
+        moot = frozenset[str]() if self._breathing_known else _BREATHED - self._verification.shown - named - barred
+        for until_ns, barring in ((before_ns, False), (self.window.now_ns, True)):
+            own = (check for check in checks if (check.name in moot) is not barring)
+            self._verification.contradict(own, named, until_ns)
 
     def _accepted(self, finding: Finding, window: PathWindow, now_ns: int) -> Finding:
         """What the finding shows, or where its window reaches back to the last sign of a fault, what motion after the
@@ -322,7 +346,7 @@ class Evidence:
         last_sign_ns = self._verification.last_sign_ns
         if window.start_ns <= last_sign_ns and not finding.failed:
             window = window.since(last_sign_ns + 1)
-            finding = self._examined(window, self._noise_until(now_ns))
+            finding = self._examined(window, self._noise_for(window, now_ns))
             self._contradict(finding.checks, frozenset())
             finding = without(finding, finding.failed)
         return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))

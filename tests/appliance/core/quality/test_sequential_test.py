@@ -9,7 +9,9 @@ from scipy.optimize import lsq_linear
 from appliance.core.path.noise import PARTS, WALK, WHITE, Noise
 from appliance.core.path.solver import Prior, solve
 from appliance.core.path.window import PathWindow
+from appliance.core.quality.judgement import judge
 from appliance.core.quality.sequential_test import NAMED_NATS, Accusation, _minimum, accuse
+from appliance.core.quality.verification import Verification
 from appliance.limits import Limits
 from appliance.types import Calibration, VerdictKind
 from drivers.rigid import Array, rigid, rotation_from_vector
@@ -146,6 +148,20 @@ def test_two_classes_that_are_as_likely_are_told_with_their_margin() -> None:
     assert found.rivals[0].behind_nats == 0.0
     assert 0 < found.rivals[1].behind_nats < 5
     assert tuple(rival.check for rival in found.rivals) == found.checks
+
+
+def test_both_are_told_with_the_motion_that_tells_which() -> None:
+    """As a person reads it, until one of them is shown to be in order."""
+    found = accused(filled(in_step, 5.0, 2, truth=SLID))
+    assert found is not None
+    verification = Verification(LIMITS)
+    verification.accuse(found.checks, found.named, 5, found.rivals)
+    verdict = judge(5, (), verification.standing)
+    assert (verdict.kind, verdict.rivals) == (VerdictKind.NOT_VERIFIED, found.rivals)
+    assert verdict.reason == (
+        f"one of these is wrong, {found.rivals[1].behind_nats:.1f} nat apart: offset-axial, scale-lateral; "
+        "to tell which: slide it sideways, 10 mm to and fro + rock it in the picture's plane, 8° each way"
+    )
 
 
 def test_the_motion_that_is_asked_for_tells_which() -> None:
