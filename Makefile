@@ -8,10 +8,10 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types contracts quick thorough invariant \
-  failures live mutation pythons slow evidence evidence-full coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
+  failures live mutation pythons slow test-arm64 evidence evidence-full coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z-]+:.*## /{printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z0-9-]+:.*## /{printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 ##@ First
 
@@ -36,7 +36,7 @@ contracts: $(VENV)/dev ## who may import whom
 quick: $(VENV)/dev ## the quick test suite alone
 	$(BIN)/pytest -n 2 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb"
 
-thorough: $(VENV)/dev ## heavier tests that CI runs too (about four minutes)
+thorough: $(VENV)/dev ## heavier tests that CI runs too (about five minutes)
 	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
 FRAMES ?= 100000
@@ -51,7 +51,7 @@ failures: $(VENV)/dev ## every row of docs/failures.md on a simulated cart in re
 live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about fourteen minutes)
 	$(BIN)/python -m tests.rules.retried -n 2 --dist loadfile -m "live and not slow"
 
-mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about nine minutes)
+mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about five minutes)
 	$(BIN)/python -m tests.rules.mutation
 
 pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root)
@@ -79,6 +79,9 @@ test-deb: deb ## builds the packages, then looks at what is in them and runs wha
 
 test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, power cuts (root; 13 to 18 minutes)
 	$(BIN)/pytest -vv -n 2 --dist loadfile --no-loadscope-reorder -m "cart and not slow" -rsP --durations=20 tests/cart
+
+test-arm64: $(VENV)/dev ## the package for arm64 under qemu-user: figures beside this machine's, then the quick tests (root; hours); ARM64_TESTS=tests/drivers for some
+	$(BIN)/python -m tests.arm64 $(ARM64_TESTS)
 
 HOURS ?= 8
 igtl-soak: $(VENV)/dev ## the OpenIGTLink traffic of 8 hours, as fast as it goes: memory and descriptors (some twelve minutes)

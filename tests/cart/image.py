@@ -201,8 +201,10 @@ def _base(image: Image, name: str) -> None:
     bootstrap(name, PACKAGES, image.folder / "base.tar", "minbase")
 
 
-def bootstrap(name: str, packages: str, target: Path, variant: str) -> None:
+def bootstrap(name: str, packages: str, target: Path, variant: str, architecture: str | None = None) -> None:
+    """architecture: another than this machine's, for which nothing can be run: variant extract. Raises NoMirror."""
     options = ("-q", f"--variant={variant}", f"--include={packages}")
+    options += (f"--architectures={architecture}",) if architecture else ()
     try:
         run("mmdebstrap", *options, name, str(target), _sources(name, target))
     except RuntimeError as error:

@@ -19,7 +19,7 @@ def _pose(number: int) -> np.ndarray:
 
 
 def serve(port: int, seconds: float) -> None:
-    """A picture whose grey is its number, and a transform whose x is; STRING besides."""
+    """A picture whose grey is its number, and a transform whose x is; besides, the other types that it knows."""
     server = pyigtl.OpenIGTLinkServer(port=port, local_server=True)
     print(json.dumps({"ready": True}), flush=True)
     end_s, number = time.monotonic() + seconds, 0
@@ -33,6 +33,9 @@ def serve(port: int, seconds: float) -> None:
                 transform.metadata = {"TransformStatus": "OK"}
             server.send_message(transform, wait=False)
             server.send_message(pyigtl.StringMessage("a note", device_name="Note"), wait=False)
+            server.send_message(pyigtl.PointMessage([1.0, 2.0, 3.0], device_name="Point"), wait=False)
+            turned = pyigtl.PositionMessage([1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0], device_name="Position")
+            server.send_message(turned, wait=False)
             number += 1
         time.sleep(0.02)
 

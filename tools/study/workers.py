@@ -4,7 +4,7 @@ import logging
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
@@ -17,6 +17,12 @@ _R = TypeVar("_R")
 
 _ANSWER_S = 10
 """For a scheduler to answer: one in the same building does within a second."""
+_LOOK_S = 15.0
+"""Without a result until the scheduler is asked whether it still answers: its connection outlives one that hangs. How
+late that is noticed, against asking one whose tasks are long. Not measured.
+"""
+_POLL_S = 0.02
+"""Between two looks for a result; a task takes a second or more."""
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 1.0, 30.0
 """Before a scheduler that has gone is tried again, doubled each time: how late it is noticed that it is back, against
 knocking on its door.
@@ -29,8 +35,8 @@ def results(
     work: Callable[[_T], _R], tasks: Iterable[_T], jobs: int, scheduler: str | None, say: Say = lambda _: None
 ) -> Iterator[_R]:
     """work(task) of every task, in the order in which they end. Raises DeviceLost where a worker died, or where the
-    scheduler did not answer in the first place; one that vanishes later is told to `say`, waited for, and given again
-    what it had not done. Raises what work raises.
+    scheduler did not answer in the first place; one that vanishes or hangs later is told to `say`, waited for, and
+    given again what it had not done. Raises what work raises.
     """
     return _local(work, list(tasks), jobs) if scheduler is None else _remote(work, list(tasks), scheduler, say)
 
@@ -67,32 +73,49 @@ def _remote(work: Callable[[_T], _R], tasks: list[_T], scheduler: str, say: Say)
     left = dict(enumerate(tasks))
     while True:
         with client:
-            for number, result in _until_lost(distributed, client, work, left):
-                del left[number]
-                yield result
+            ended = yield from _until_lost(distributed, client, work, left)
         if not left:
             return
-        say(f"the scheduler at {scheduler} has gone; {len(left)} of {len(tasks)} are left; trying again")
+        say(f"the scheduler at {scheduler} {ended}; {len(left)} of {len(tasks)} are left; trying again")
         client = _again(distributed, scheduler)
         say(f"the scheduler at {scheduler} is back")
 
 
 def _until_lost(
-    distributed: Any, client: Any, work: Callable[[_T], _R], tasks: dict[int, _T]
-) -> Iterator[tuple[int, _R]]:
-    """(number of the task, what it gave), until all are done or the scheduler has gone. Raises DeviceLost for a task
-    that kills its workers.
+    distributed: Any, client: Any, work: Callable[[_T], _R], left: dict[int, _T]
+) -> Generator[_R, None, str]:
+    """What each task gave, which is taken from `left`, until all are done or the scheduler is lost; in words, how.
+    Raises DeviceLost for a task that kills its workers.
     """
-    futures = {client.submit(work, task, pure=False): number for number, task in tasks.items()}
-    for future in distributed.as_completed(list(futures)):
+    futures = {client.submit(work, task, pure=False): number for number, task in left.items()}
+    done, heard_s = distributed.as_completed(list(futures)), time.monotonic()
+    while not done.is_empty():
+        if not done.has_ready():
+            if time.monotonic() - heard_s > _LOOK_S:
+                if not _answers(client):
+                    return "hangs"
+                heard_s = time.monotonic()
+            time.sleep(_POLL_S)
+            continue
+        future, heard_s = next(done), time.monotonic()
         try:
             result = future.result()
         except CancelledError:
-            return
+            return "has gone"
         except distributed.KilledWorker as error:
             remedy = "Too little memory? What is done stays, so start it again with larger workers"
             raise DeviceLost("a task has ended every worker that tried it", "study", remedy) from error
-        yield futures[future], result
+        del left[futures[future]]
+        yield result
+    return ""
+
+
+def _answers(client: Any) -> bool:
+    try:
+        client.sync(client.scheduler.identity, callback_timeout=_ANSWER_S)
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def _again(distributed: Any, scheduler: str) -> Any:

@@ -1,6 +1,7 @@
 """Archives of recordings: folders and object stores, one row each, on a Dask cluster whose scheduler may vanish."""
 
 import csv
+import signal
 import socket
 import subprocess
 import sys
@@ -21,9 +22,9 @@ from drivers.recordings.metaimage import write_metaimage
 from tests.support.polling import until
 from tests.support.recordings import items
 from tools.cli import probewatch
+from tools.study import workers
 from tools.study.archive import NOT_FETCHED, ArchiveTask
 from tools.study.store import NotFetchedError, fetched, listed
-from tools.study.workers import results
 
 SIZE_PX = (48, 32)
 
@@ -190,7 +191,7 @@ def test_a_scheduler_that_vanishes_is_said_once_and_what_was_left_is_done_when_i
 
     gone = threading.Thread(target=vanish)
     try:
-        for result in results(slowly, range(20), 1, cluster.address, said.append):
+        for result in workers.results(slowly, range(20), 1, cluster.address, said.append):
             done.append(result)
             if len(done) == 5:
                 gone.start()
@@ -199,3 +200,28 @@ def test_a_scheduler_that_vanishes_is_said_once_and_what_was_left_is_done_when_i
         cluster.kill()
     assert sorted(done) == list(range(20)), "each once"
     assert [one.partition(cluster.address)[2].partition(";")[0] for one in said] == [" has gone", " is back"]
+
+
+@pytest.mark.thorough
+def test_a_scheduler_that_hangs_is_said_once_and_what_was_left_is_done_when_it_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Stopped, it keeps its connections; it goes on once that was said. A busy computer may make it hang once more."""
+    monkeypatch.setattr(workers, "_LOOK_S", 0.5)
+    cluster, said, done = Cluster(), list[str](), list[int]()
+
+    def say(text: str) -> None:
+        said.append(text)
+        cluster.scheduler.send_signal(signal.SIGCONT)
+
+    try:
+        for result in workers.results(slowly, range(20), 1, cluster.address, say):
+            done.append(result)
+            if len(done) == 5:
+                cluster.scheduler.send_signal(signal.SIGSTOP)
+    finally:
+        cluster.kill()
+    assert sorted(done) == list(range(20)), "each once"
+    told = [one.partition(cluster.address)[2].partition(";")[0] for one in said]
+    assert told
+    assert told == [" hangs", " is back"] * (len(told) // 2)
