@@ -65,7 +65,7 @@ def _tried_by() -> dict[Fault, list[str]]:
     finders = found_by()
     alone = {_module(file): hazard for hazard in HAZARDS for file in finders[hazard] if _counted(file, finders) == 1}
     found: dict[Fault, list[str]] = {hazard: [] for hazard in HAZARDS}
-    for file in sorted((ROOT / "tests").rglob("*.py")):
+    for file in sorted((ROOT / "tests").rglob("test_*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         for hazard in _named(tree) | {alone[name] for name in _imported(tree) if name in alone}:
             found[hazard].append(file.relative_to(ROOT).as_posix())
