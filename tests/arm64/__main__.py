@@ -135,7 +135,7 @@ def _lock() -> str:
 
 
 def _wheels(target: Path) -> None:
-    lock = PLACE / "tests.lock"
+    lock = PLACE / "wheels.lock"
     lock.write_text(_lock())
     platforms = [f"--platform=manylinux_2_{glibc}_aarch64" for glibc in (28, 27, 26, 24, 17)]
     foreign = ["--only-binary=:all:", "--python-version=3.11", "--implementation=cp", "--abi=cp311", "--abi=abi3",
@@ -164,13 +164,16 @@ def _compared() -> bool:
     there = json.loads((session.parent / "figures.json").read_text())
     session.unlink()
     told, largest = figures.differences(here, there)
-    print(f"{there['machine']} beside {here['machine']}, {len(here['pairs'])} pairs, {len(here['verdicts'])} verdicts:")
+    print(
+        f"\n{there['machine']} beside {here['machine']}, {len(here['pairs'])} pairs, {len(here['verdicts'])} verdicts:"
+    )
     print("  largest difference: " + ", ".join(f"{value:.2g} {what}" for what, value in largest.items()))
     for one in (here, there):
         print(f"  {one['machine']}: {one['pair_ms']:.1f} ms of the processor a pair, {one['picture_ms']:.1f} a picture")
     print("  CAUTION: qemu translates each instruction, so its times say nothing of a processor for arm64.")
     for what in told:
         print(f"  DIFFERENT: {what}")
+    sys.stdout.flush()
     return not told
 
 
