@@ -36,7 +36,7 @@ contracts: $(VENV)/dev ## who may import whom
 quick: $(VENV)/dev ## the quick test suite alone
 	$(BIN)/pytest -n 2 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb"
 
-thorough: $(VENV)/dev ## heavier tests that CI runs too (about four minutes)
+thorough: $(VENV)/dev ## heavier tests that CI runs too (about five minutes)
 	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
 FRAMES ?= 100000
@@ -51,7 +51,7 @@ failures: $(VENV)/dev ## every row of docs/failures.md on a simulated cart in re
 live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about fourteen minutes)
 	$(BIN)/python -m tests.rules.retried -n 2 --dist loadfile -m "live and not slow"
 
-mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about nine minutes)
+mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about five minutes)
 	$(BIN)/python -m tests.rules.mutation
 
 pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root)

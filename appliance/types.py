@@ -196,6 +196,18 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
+class Rival:
+    """One of the classes that explain what contradicts the calibration about as well as another.
+
+    check: of its parameter that is farthest beyond, were it this class alone. behind_nats: log likelihood by which it
+    explains less than the likeliest of them, whose own is 0.
+    """
+
+    check: Check
+    behind_nats: float
+
+
+@dataclass(frozen=True, slots=True)
 class Verdict:
     """What the line concludes at one time. fault: class of the worst failing check, None unless kind is FAULT.
 
@@ -203,6 +215,7 @@ class Verdict:
     verified_ns: the oldest of the times at which motion last showed a required parameter; None where one was never
     shown or has been contradicted since. Only new motion makes it younger, whatever the time of the verdict.
     expires_ns: when the first of them exceeds an age limit of its own; None where none has one.
+    rivals: what may be wrong where motion so far does not tell which, the likeliest first; never one alone.
     """
 
     t_ns: int
@@ -212,6 +225,7 @@ class Verdict:
     reason: str = ""
     verified_ns: int | None = None
     expires_ns: int | None = None
+    rivals: tuple[Rival, ...] = ()
 
 
 class State(Enum):

@@ -15,7 +15,7 @@ from appliance.supervision.watchers.facts import Patience
 from drivers.errors import ConfigurationError
 from drivers.files.markup import toml_of
 from drivers.files.regular_file import read_bounded
-from drivers.registry import checked_url, is_simulated
+from drivers.registry import checked_url, is_simulated, split_url
 
 _MOST_BYTES = 64_000
 """The commented example has 3000."""
@@ -259,6 +259,11 @@ class Config(_Section):
     def simulated(self) -> tuple[str, ...]:
         """URLs of the sources that are no real device; with none of them it is a real cart."""
         return tuple(device.url for device in (self.video, self.tracker) if is_simulated(device.url))
+
+    @property
+    def tracker_latency_ms(self) -> float:
+        """What the tracker's URL takes off every stamp."""
+        return float(split_url(self.tracker.url, "tracker")[2].get("latency_ms", 0))
 
 
 def load_config(path: Path) -> Config:

@@ -11,7 +11,7 @@ import numpy as np
 
 from appliance.core.order import Order
 from appliance.limits import Limits
-from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
+from appliance.types import Calibration, Check, Fault, Rival, Verdict, VerdictKind
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 Header = dict[str, Any]
@@ -43,7 +43,7 @@ def calibration_fields(calibration: Calibration) -> Header:
 
 
 def verdict_fields(verdict: Verdict) -> Header:
-    """All of it, with every check."""
+    """All of it, with every check and rival."""
     return {
         "t_ns": verdict.t_ns,
         "verdict": verdict.kind.value,
@@ -52,6 +52,7 @@ def verdict_fields(verdict: Verdict) -> Header:
         "verified_ns": verdict.verified_ns,
         "expires_ns": verdict.expires_ns,
         "checks": [_check_fields(check) for check in verdict.checks],
+        "rivals": [_rival_fields(rival) for rival in verdict.rivals],
     }
 
 
@@ -104,6 +105,7 @@ def verdict_of(fields: Header) -> Verdict:
         reason=str(fields["reason"]),
         verified_ns=_whole_or_none(fields["verified_ns"]),
         expires_ns=_whole_or_none(fields["expires_ns"]),
+        rivals=tuple(Rival(_check(rival["check"]), float(rival["behind_nats"])) for rival in fields.get("rivals", ())),
     )
 
 
@@ -143,6 +145,10 @@ def _check_fields(check: Check) -> Header:
         "verdict": check.verdict.value,
         "shown_ns": check.shown_ns,
     }
+
+
+def _rival_fields(rival: Rival) -> Header:
+    return {"check": _check_fields(rival.check), "behind_nats": _number(rival.behind_nats)}
 
 
 def _check(fields: Header) -> Check:

@@ -19,6 +19,7 @@ from appliance.core.motion import analyse, plane_step, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import Judgement, judge
+from appliance.core.quality.proposal import propose
 from appliance.core.quality.report import LineReport
 from appliance.core.registration.pyramid import Bits
 from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
@@ -26,6 +27,8 @@ from appliance.limits import TRACKER_STALE_MS, Limits
 from appliance.types import Calibration, Check, Fault, Kind, Motion, StampedPair, Verdict, VerdictKind
 from drivers.rigid import Array
 from drivers.samples import Frame, Matrix4, Pose
+
+FINDS = (Fault.SCALE,)
 
 _SOLVE_EVERY_NS = 330_000_000
 """Between two solutions of the window. A fault is named by two in a row, so longer names it later; shorter costs the
@@ -123,6 +126,7 @@ class Line:
             checks=verdict.checks,
             verdict=verdict,
             required=self._evidence.required,
+            proposal=propose(verdict.checks, self._reference, 0.0),
         )
 
     def _count(self, sample: Frame | Pose) -> StampGate:

@@ -11,6 +11,7 @@ from appliance.service.control.estimate_notes import EstimateNotes
 from appliance.service.control.event_log import EventLog
 from appliance.service.control.hold import Hold
 from appliance.service.control.live_configuration import LiveConfiguration
+from appliance.service.control.proposals import Proposals
 from appliance.service.control.recalibration import Recalibration
 from appliance.service.control.references import References
 from appliance.service.control.requests import Hands, Requests
@@ -67,6 +68,7 @@ class Daemon:
         self._configuration = LiveConfiguration(
             config, config_file, self._worker, estimator, references, self._supervisor, self._events
         )
+        self._proposals = Proposals(self._events)
         recalibration = self._make_recalibration()
         self._hold = Hold(recalibration.abort, self._events.note)
         self._tick = self._make_tick(self._make_requests(recalibration))
@@ -114,6 +116,7 @@ class Daemon:
             host=self._host,
             feed=self._feed,
             hold=self._hold,
+            proposals=self._proposals,
             dropped_clients=lambda: self._control.dropped_clients,
         )
 
@@ -133,6 +136,7 @@ class Daemon:
             annunciator=self._annunciator,
             notifier=self._notifier,
             estimates=EstimateNotes(self._events),
+            proposals=self._proposals,
             feed=self._feed,
             events=self._events,
         )

@@ -4,6 +4,7 @@ from appliance.service.control.estimate_notes import EstimateNotes
 from appliance.service.control.event_log import EventLog
 from appliance.service.control.hold import Hold
 from appliance.service.control.live_configuration import LiveConfiguration
+from appliance.service.control.proposals import Proposals
 from appliance.service.control.references import References
 from appliance.service.control.requests import Requests
 from appliance.service.control.server import ControlServer
@@ -40,6 +41,7 @@ class Tick:
         annunciator: Annunciator,
         notifier: Notifier,
         estimates: EstimateNotes,
+        proposals: Proposals,
         feed: FeedHost,
         events: EventLog,
     ) -> None:
@@ -47,7 +49,7 @@ class Tick:
         self._devices, self._supervision, self._recorder, self._control = devices, supervision, recorder, control
         self._requests, self._hold, self._configuration = requests, hold, configuration
         self._annunciator, self._notifier, self._estimates = annunciator, notifier, estimates
-        self._feed, self._events = feed, events
+        self._feed, self._events, self._proposals = feed, events, proposals
         self._fed_writes = 0
 
     def step(self) -> None:
@@ -67,6 +69,8 @@ class Tick:
         self._references.see(self._devices.video.size_px)
         self._devices.note_rates(now_ns)
         self._estimates.step(now_ns, alarm, self._supervision.verdict, self._references.current)
+        latency_ms = self._configuration.config.tracker_latency_ms
+        self._proposals.step(alarm, self._supervision.verdict, self._references.current, latency_ms)
         self._events.overdue(self._references.overdue)
         self._feed_watchdog(alarm)
         self._feed.look_after()

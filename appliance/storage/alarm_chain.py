@@ -17,6 +17,8 @@ from typing import Any
 
 from appliance.types import Fault
 
+FINDS = (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED)
+
 MEMORY = "alarm-memory.json"
 BEGUN, AFTER = "chain begun", "after"
 """The event of a chain's first entry, and the field of it that holds the digest of the last entry before it."""

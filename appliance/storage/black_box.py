@@ -51,6 +51,11 @@ _CHECK = _object(
     verdict={"enum": ["OK", "FAULT", "NOT_VERIFIED"]},
     shown_ns=_PERHAPS_INTEGER,
 )
+_RIVAL = _object(
+    "probewatch.Rival",
+    check=_CHECK,
+    behind_nats={**_NUMBER, "description": "log likelihood by which it explains less than the likeliest"},
+)
 _REFERENCE = _object(
     "probewatch.Calibration",
     rotation={**_NUMBERS, "description": "3 x 3 by rows, sensor to picture"},
@@ -109,6 +114,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         verified_ns=_PERHAPS_INTEGER,
         expires_ns=_PERHAPS_INTEGER,
         checks={"type": "array", "items": _CHECK},
+        rivals={"type": "array", "items": _RIVAL, "description": "what may be wrong, the likeliest first"},
     ),
     "/state": {"title": "probewatch.Status", "type": "object", "description": "the status of docs/control.md"},
     "/gap": _object("probewatch.Gap", reason=_TEXT, samples=_INTEGER),

@@ -97,6 +97,20 @@ GERMAN = {
     "verified only in parts": "nur in Teilen bestätigt",
     "not shown yet: {names}": "noch nicht gezeigt: {names}",
     "too little in-plane motion to show: {names}": "zu wenig Bewegung in der Bildebene für: {names}",
+    "one of these is wrong, {margin} nat apart: {names}": "eines davon ist falsch, {margin} nat auseinander: {names}",
+    "to tell which: {motions}": "zur Unterscheidung: {motions}",
+    "{name} is now {value} ± {sigma} {unit}, was {old} {unit}": (
+        "{name} ist jetzt {value} ± {sigma} {unit}, war {old} {unit}"
+    ),
+    "set latency_ms={value} in the tracker's URL and restart the service": (
+        "latency_ms={value} in der URL des Trackers setzen und den Dienst neu starten"
+    ),
+    "write it with 'probewatch calibration recover' and take it with 'probewatch calibration use'": (
+        "mit 'probewatch calibration recover' schreiben und mit 'probewatch calibration use' übernehmen"
+    ),
+    "motion alone does not recover this: recalibrate with 'probewatch recalibrate --live'": (
+        "Bewegung allein stellt das nicht wieder her: mit 'probewatch recalibrate --live' neu kalibrieren"
+    ),
     "picture and tracker disagree: {name} {ratio} × its limit": (
         "Bild und Tracker widersprechen sich: {name} beim {ratio}-Fachen der Grenze"
     ),
@@ -180,7 +194,9 @@ def translated(text: str, language: str) -> str:
     return text if language == "en" else LANGUAGES[language][text]
 
 
-_FIELDS = {"name": ".+?", "names": ".+", "unit": ".*?"}
+_FIELDS = {"name": ".+?", "names": ".+", "unit": ".*?", "motions": ".+"}
+_LISTS = {"name": ", ", "names": ", ", "motions": " + "}
+"""Fields whose parts are texts of the table, and what stands between them."""
 _NUMBER = r"[-+]?\d\S*"
 
 
@@ -221,10 +237,10 @@ def _clause(clause: str, table: Mapping[str, str]) -> str | None:
 
 
 def _filled(template: str, parts: Mapping[str, str], table: Mapping[str, str]) -> str | None:
-    """Names of checks must be known; units that are words are translated, symbols and numbers stay."""
-    names = [name for key in ("name", "names") if key in parts for name in parts[key].split(", ")]
-    if not all(name in table for name in names):
+    """Names of checks and motions must be known; units that are words are translated, symbols and numbers stay."""
+    listed = {key: parts[key].split(joint) for key, joint in _LISTS.items() if key in parts}
+    if not all(one in table for each in listed.values() for one in each):
         return None
-    told_names = ", ".join(table[name] for name in names)
+    said = {key: _LISTS[key].join(table[one] for one in each) for key, each in listed.items()}
     unit = parts.get("unit", "")
-    return template.format(**{**parts, "name": told_names, "names": told_names, "unit": table.get(unit, unit)})
+    return template.format(**{**parts, **said, "unit": table.get(unit, unit)})

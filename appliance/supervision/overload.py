@@ -8,6 +8,8 @@ from math import exp, isnan, nan
 
 from appliance.types import Check, Fault, VerdictKind
 
+FINDS = (Fault.OVERLOADED,)
+
 _MEMORY_S = 1.0
 """Time constant of the means. Longer: a short burst is not called an overload. Shorter: fewer losses come before it."""
 _LONGEST_STEP_S = 0.25

@@ -10,7 +10,6 @@ from tests.crosswire.views import drawn_view, score, world_view
 @pytest.mark.parametrize(
     ("view", "number"),
     [
-        (drawn_view, 40),
         pytest.param(world_view, 60, marks=pytest.mark.thorough),
         pytest.param(drawn_view, 120, marks=pytest.mark.thorough),
         pytest.param(world_view, 1000, marks=pytest.mark.slow),

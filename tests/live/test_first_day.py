@@ -1,5 +1,6 @@
 """The first day of a cart, as docs/first-day.md has it: from a package that nobody configured to MONITORING, by the
-documented commands alone, typed at a real terminal. PROBEWATCH_SCREENSHOTS: tests.support.drawn.
+documented commands alone, typed at a real terminal, or from the scan on by what stands on the page, in a real Chromium.
+PROBEWATCH_SCREENSHOTS: tests.support.drawn.
 """
 
 import os
@@ -13,12 +14,15 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from playwright.sync_api import Page
 
 from appliance.configuration.config import load_config
+from tests.support.browser import CHROMIUM, begins, chromium
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.drawn import draw_terminal, draws
 from tests.support.person import Person
 from tests.support.polling import until
+from tests.support.web_page import WebPage
 from tools.shared.configuration_text import template
 from tools.simulators.whole_cart import Event, told_by
 
@@ -228,3 +232,55 @@ def test_from_an_unconfigured_package_to_monitoring_within_ten_minutes(day: Day)
         day.draw("calibrations", "probewatch calibration list, probewatch calibration show 1", "\n\n".join(known))
         test = day.said("self-test", "--config", day.file, "--yes", "--lamps", "seen", "--operator", "A. Smith")
         day.draw("self-test", 'probewatch self-test --operator "A. Smith"', test)
+
+
+def scanned_and_signed(page: Page, token: str, tank: Path) -> None:
+    """What a technician does who has nothing but the page: every button by the word on it, as it is offered."""
+    page.fill("#token", token)
+    page.click("button:has-text('Unlock')")
+    page.wait_for_selector("#part-token", state="hidden")
+    for label, value in (("Probe", "L12-5"), ("Preset", "4 cm"), ("Your name", "A. Smith")):
+        page.get_by_label(label).fill(value)
+    begins(page, "scanning")
+    tank.touch()
+    until(lambda: "±" in page.inner_text("#zeta") and not page.query_selector("#refusals p"), 300, 0.2)
+    page.click("button:has-text('Scan is complete')")
+    page.wait_for_selector("body[data-phase=review]")
+    tank.unlink()
+    page.fill("#unchecked", "a simulated tank cannot be moved")
+    page.fill("#signer", "B. Jones")
+    page.fill("#role", "clinical engineer")
+    page.click("#accept")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium (chromium)")
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # of playwright's own pipes
+def test_from_an_unconfigured_package_to_monitoring_by_the_page_within_ten_minutes(day: Day) -> None:
+    """The questions of configure are the only words typed beside it; its token is what `page --token` prints."""
+    until(lambda: "not configured yet" in _status(day.socket), 30, 0.2)
+    day.configure()
+    configured_s = time.monotonic() - day.began_s
+    day.service.wait(20)
+    day.service = day.serve()
+    day.waits_for_a_calibration()
+    with WebPage(day.file.parent, day.socket) as web, chromium() as browser:
+        page = browser.new_page()
+        page.set_default_timeout(60_000)
+        page.goto(web.url)
+        page.wait_for_selector("#state:not([data-lamp=green])")
+        page.click("a:has-text('Recalibrate')")
+        scanned_and_signed(page, web.token(), day.tank)
+        page.wait_for_selector("body[data-phase=proving]")
+        scanned_s = time.monotonic() - day.began_s
+        assert not day.status()["energised"], "nothing has been proved"
+        until(lambda: page.get_attribute("body", "data-phase") == "done", 400, 0.2, day.status)
+        took_s = time.monotonic() - day.began_s
+        page.goto(web.url)
+        page.wait_for_selector("#state[data-lamp=green] >> text=Calibration verified")
+    print(f"configured after {configured_s:.0f} s, signed after {scanned_s:.0f} s, monitoring after {took_s:.0f} s")
+    assert took_s < LONGEST_S
+    status = until(lambda: (told := day.status()).get("state") == "monitoring" and told, 60, 0.2, day.status)
+    assert (status["energised"], status["reference"]["number"]) == (True, 1)
+    said = tomllib.loads(Path(status["reference"]["file"]).read_text())
+    assert said["simulated"]
+    assert (said["provenance"]["made_by"], said["provenance"]["signed_by"]) == ("A. Smith", "B. Jones")

@@ -19,7 +19,7 @@ from playwright.sync_api import Browser, BrowserContext, Page
 
 from appliance.service.control.client import ControlClient
 from appliance.storage.alarm_chain import read_log
-from tests.support.browser import CHROMIUM, chromium
+from tests.support.browser import CHROMIUM, begins, chromium
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
 from tests.support.web_page import WebPage
@@ -88,18 +88,6 @@ def at_the_beginning(page: Page) -> None:
     if page.get_attribute("body", "data-phase") in ("done", "ended"):
         page.click("#part-over button")
     page.wait_for_selector("body[data-phase=idle]")
-
-
-def begins(page: Page, wanted: str) -> None:
-    """A busy machine loses a device for a moment, and the service refuses; a person tries again."""
-
-    def there() -> bool:
-        if page.is_visible("#begin-form"):
-            page.click("#begin-form button")
-        page.wait_for_timeout(500)
-        return page.get_attribute("body", "data-phase") == wanted
-
-    until(there, 60, 0.5, lambda: page.inner_text("body"))
 
 
 def begun(page: Page, wanted: str = "whole", technician: str = "A. Smith") -> None:
@@ -461,6 +449,26 @@ def test_the_status_page_shows_the_state_and_says_when_it_has_lost_the_service_o
     pages[0].wait_for_selector("#state[data-lamp=red] >> text=This page has lost its cart")
     bench.web.start()
     pages[0].wait_for_selector("#state[data-lamp=green]")
+
+
+LOCKS = """{
+  const ask = WakeLock.prototype.request;
+  window.locks = [];
+  WakeLock.prototype.request = async function (kind) {
+    const lock = await ask.call(this, kind);
+    locks.push(lock);
+    return lock;
+  };
+}"""
+"""Notes what the browser has granted."""
+
+
+@pytest.mark.parametrize("part", ["", "recalibrate"])
+def test_a_tablet_that_shows_the_page_does_not_fall_asleep(bench: Bench, part: str) -> None:
+    page = bench.person()
+    page.add_init_script(LOCKS)
+    page.goto(bench.web.url + part)
+    page.wait_for_function("locks.some(lock => lock.type === 'screen' && !lock.released)")
 
 
 def test_a_token_is_good_once_and_guessing_is_soon_over(bench: Bench) -> None:

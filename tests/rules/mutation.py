@@ -2,7 +2,8 @@
 
 Written here because the libraries seen (mutmut 3) leave out decorated functions and class bodies, which is where the
 guards and the table of the supervisor are. Each mutant runs in a fork of this process, in which the changed module is
-imported in place of the real one; as many run beside each other as there are processors.
+imported in place of the real one; as many run beside each other as there are processors. The tests that noticed the
+changes before come first: what lies close together in a module is mostly noticed by the same ones.
 """
 
 import ast
@@ -17,6 +18,7 @@ from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
+from typing import NoReturn
 
 import hypothesis.stateful
 import numpy  # noqa: F401  imported once, before the forks
@@ -148,7 +150,13 @@ class Changed(MetaPathFinder, Loader):
 
 
 class Quickest:
-    """Plugin: no time goes into making an example smaller, and the tests of many examples come last."""
+    """Plugin: no time goes into making an example smaller, and the tests of many examples come last. Before them come
+    those of `first`, in its order. The name of a test that fails is written to the descriptor `told`.
+    """
+
+    def __init__(self, first: Sequence[str], told: int) -> None:
+        self._order = {name: place for place, name in enumerate(first)}
+        self._told = told
 
     @pytest.hookimpl(trylast=True)
     def pytest_configure(self, config: pytest.Config) -> None:
@@ -156,7 +164,11 @@ class Quickest:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        items.sort(key=_tries)
+        items.sort(key=lambda item: (_tries(item), self._order.get(item.nodeid, len(self._order))))
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed:
+            os.write(self._told, report.nodeid.encode())
 
 
 def _ordered(name: str) -> list[str]:
@@ -171,34 +183,53 @@ def _tries(item: pytest.Item) -> int:
     return 2 if item.path.stem.endswith("_model") else 0
 
 
-def begin(name: str, tree: ast.Module, limit_s: int) -> int:
-    """The process in which the tests run on the changed module; its exit code says whether all of them passed."""
-    child = os.fork()
-    if child == 0:
-        sink = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(sink, 1)
-        os.dup2(sink, 2)
-        signal.alarm(limit_s)
-        sys.meta_path.insert(0, Changed(name, tree))
-        code = _KILLED
-        try:
-            code = _SURVIVED if pytest.main([*_QUICKLY, *_ordered(name)], plugins=[Quickest()]) == 0 else _KILLED
-        finally:
-            os._exit(code)
-    return child
+class Mutant:
+    """A process in which the tests run on the changed module, those of `first` before the others."""
+
+    def __init__(self, name: str, tree: ast.Module, limit_s: int, first: Sequence[str]) -> None:
+        hears, told = os.pipe()
+        self._hears = hears
+        self.pid = os.fork()
+        if self.pid == 0:
+            _run(name, tree, limit_s, Quickest(first, told))
+        os.close(told)
+
+    def noticed_by(self) -> str:
+        """The test that failed, once the process has ended; empty where none did, or none could even be run."""
+        with os.fdopen(self._hears) as said:
+            return said.read()
+
+
+def _run(name: str, tree: ast.Module, limit_s: int, plugin: Quickest) -> NoReturn:
+    """The exit code says whether all tests passed."""
+    sink = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(sink, 1)
+    os.dup2(sink, 2)
+    signal.alarm(limit_s)
+    sys.meta_path.insert(0, Changed(name, tree))
+    code = _KILLED
+    try:
+        code = _SURVIVED if pytest.main([*_QUICKLY, *_ordered(name)], plugins=[plugin]) == 0 else _KILLED
+    finally:
+        os._exit(code)
 
 
 def survivors(work: Sequence[tuple[str, str, ast.Module]], limit_s: int) -> Iterator[tuple[str, str]]:
     """(module, what was changed) of each mutant on which every test passes."""
-    waiting, running = list(reversed(work)), {}
+    waiting = list(reversed(work))
+    running: dict[int, tuple[str, str, Mutant]] = {}
+    noticing: list[str] = []
     while waiting or running:
         while waiting and len(running) < (os.cpu_count() or 1):
             module, what, tree = waiting.pop()
-            running[begin(f"appliance.supervision.{module}", tree, limit_s)] = (module, what)
+            mutant = Mutant(f"appliance.supervision.{module}", tree, limit_s, noticing)
+            running[mutant.pid] = module, what, mutant
         child, status = os.wait()
-        one = running.pop(child)
+        module, what, mutant = running.pop(child)
+        if noticed := mutant.noticed_by():
+            noticing = [noticed, *(one for one in noticing if one != noticed)]
         if os.waitstatus_to_exitcode(status) == _SURVIVED:
-            yield one
+            yield module, what
 
 
 def main() -> None:

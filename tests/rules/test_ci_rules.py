@@ -14,11 +14,17 @@ ROOT = Path(__file__).parents[2]
 FIRST = next(iter(skips.allowed()))
 
 
-def run(folder: Path, *command: str, ci: str = "true") -> tuple[int, str]:
+def run(folder: Path, *command: str, ci: str = "true", how: tuple[str, ...] = ("-m",)) -> tuple[int, str]:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "CI": ci, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-    whole = [sys.executable, "-m", *command]
+    whole = [sys.executable, *how, *command]
     done = subprocess.run(whole, cwd=folder, capture_output=True, text=True, check=False, env=environment)
     return done.returncode, done.stdout + done.stderr
+
+
+def twice(folder: Path, *options: str, busy: bool = False, ci: str = "true") -> tuple[int, str]:
+    """`tests.rules.retried` on a computer that is taken to be busy or not, whatever it is."""
+    script = f"import sys; from tests.rules import retried; sys.exit(retried.main(sys.argv[1:], lambda load: {busy}))"
+    return run(folder, *options, ci=ci, how=("-c", script))
 
 
 def suite(folder: Path, *lines: str) -> Path:
@@ -62,8 +68,14 @@ def test_ci_runs_what_the_quick_suite_leaves_out_as_thorough() -> None:
     rest = "not slow and not live and not cart and not deb"
     for target, which in (("quick", f"not thorough and {rest}"), ("thorough", f"thorough and {rest}")):
         assert re.search(rf'^{target}:.*\n\t\$\(BIN\)/pytest .*-m "{which}"$', targets, re.M), target
-    for part in ("make test", "make thorough"):
-        assert f"\npart {part}\n" in (ROOT / ".ci/run").read_text()
+
+
+def test_ci_runs_every_part_that_gates_and_no_smaller_one() -> None:
+    """All of `make live`, and the invariant with all of its frames."""
+    parts = re.findall(r"^part (.*)$", (ROOT / ".ci/run").read_text(), re.M)
+    whole = ["make test", "demo", "make thorough", "make test-deb SUITES=bookworm", "make invariant", "make mutation"]
+    whole += ["make pythons", "make live"]
+    assert [part for part in whole if part not in parts] == []
 
 
 def test_this_suite_follows_the_list(pytestconfig: pytest.Config) -> None:
@@ -83,7 +95,7 @@ def test_left_out(): pass
 
 def test_a_module_that_fails_once_is_run_once_more_and_both_results_are_said(tmp_path: Path) -> None:
     (tmp_path / "test_sound.py").write_text("def test_runs_once(): pass\n")
-    code, text = run(suite(tmp_path, FLAKY), "tests.rules.retried", "-m", "not slow", ci="")
+    code, text = twice(suite(tmp_path, FLAKY), "-m", "not slow", ci="")
     assert code == 0, text
     assert "2 failed, 2 passed, 1 skipped" in text
     assert "3 passed, 1 skipped" in text, "all tests of the module, and no other"
@@ -92,11 +104,12 @@ def test_a_module_that_fails_once_is_run_once_more_and_both_results_are_said(tmp
     assert "test_sound.py: " not in text
 
 
+@pytest.mark.thorough
 def test_a_module_alone_runs_the_same_tests_without_sharing_the_processors(tmp_path: Path) -> None:
     slow = "@pytest.mark.slow\ndef test_slow(): assert False"
     (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = slow\n")
-    command = ("tests.rules.retried", "-p", "xdist.plugin", "-n", "2", "-m", "not slow")
-    code, text = run(suite(tmp_path, FLAKY, slow), *command, ci="")
+    options = ("-p", "xdist.plugin", "-n", "2", "-m", "not slow")
+    code, text = twice(suite(tmp_path, FLAKY, slow), *options, ci="")
     assert code == 0, text
     assert "test_slow" not in text
     assert text.count("2 workers [") == 1, text
@@ -104,26 +117,52 @@ def test_a_module_alone_runs_the_same_tests_without_sharing_the_processors(tmp_p
 
 def test_what_fails_twice_fails_the_run(tmp_path: Path) -> None:
     (tmp_path / "test_flaky.py").write_text("import pytest\nfrom pathlib import Path\n" + FLAKY)
-    code, text = run(suite(tmp_path, "def test_broken(): assert False"), "tests.rules.retried", ci="")
+    code, text = twice(suite(tmp_path, "def test_broken(): assert False"), ci="")
     assert code == 1, text
     assert "test_it.py: failed in the whole run (test_broken), failed alone" in text
     assert "test_flaky.py: failed in the whole run (test_first_time_only[1], test_first_time_only[2]), passed" in text
 
 
-@pytest.mark.parametrize(("modules", "again"), [(1, True), (retried.MOST + 1, False)])
-def test_many_failures_are_a_chance_in_one_module_and_none_in_many(modules: int, again: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("modules", "busy", "once_more"),
+    [
+        (1, False, True),
+        (retried.MOST + 1, False, False),
+        pytest.param(retried.MOST + 1, True, True, marks=pytest.mark.thorough),
+    ],
+)
+def test_failures_in_many_modules_are_a_chance_only_on_a_busy_machine(
+    modules: int, busy: bool, once_more: bool, tmp_path: Path
+) -> None:
     many = f"import pytest\n@pytest.mark.parametrize('n', range({retried.MOST + 1}))\ndef test_broken(n): assert n < 0"
     for number in range(modules):
         (tmp_path / f"test_{number}.py").write_text(many)
-    code, text = run(tmp_path, "tests.rules.retried")
-    assert (code, "too many for chance" in text, "once more alone" in text) == (1, not again, again), text
+    code, text = twice(tmp_path, busy=busy)
+    assert (code, "too many for chance" in text) == (int(not busy), not once_more), text
+    assert text.count("once more alone") == modules * once_more, text
+
+
+def test_what_fails_twice_on_a_busy_machine_is_listed_at_the_end_as_not_judged(tmp_path: Path) -> None:
+    """And only that: a module that passed is none of them."""
+    (tmp_path / "test_flaky.py").write_text("import pytest\nfrom pathlib import Path\n" + FLAKY)
+    code, text = twice(suite(tmp_path, "def test_broken(): assert False"), busy=True)
+    assert code == 0, text
+    *_, flaky, broken = text.splitlines()
+    assert flaky.endswith("passed alone")
+    assert "test_it.py: failed in the whole run (test_broken), NOT JUDGED: this computer was too busy (" in broken
+
+
+def test_the_command_of_make_live_judges_by_what_it_measures(tmp_path: Path) -> None:
+    code, text = run(suite(tmp_path, "def test_sound(): pass"), "tests.rules.retried")
+    assert (code, "1 passed" in text) == (0, True), text
+    assert "in the whole run others had " in text
 
 
 @pytest.mark.parametrize(
     "line", [pytest.param("syntax error", id="broken"), pytest.param("", id="empty", marks=pytest.mark.thorough)]
 )
 def test_a_suite_that_could_not_run_is_not_run_again(line: str, tmp_path: Path) -> None:
-    code, text = run(suite(tmp_path, line), "tests.rules.retried")
+    code, text = twice(suite(tmp_path, line), busy=True)
     assert code not in (0, 1), text
     assert "once more" not in text
 

@@ -12,6 +12,15 @@ from drivers.samples import GreyImage, Matrix4
 SIZE_PX = (7, 5)
 PERIOD_NS = 80_000_000
 START_NS = 2_588_141_729_000
+NWIRE_IMAGE_TO_PROBE = np.array(
+    [
+        [-0.0094, -0.0739, -0.0028, -103.5322],
+        [0.0774, -0.0076, -0.0049, -43.1227],
+        [0.0046, -0.0032, 0.0760, -93.3],
+        [0, 0, 0, 1],
+    ]
+)
+"""Pixel → mm in the marker body's frame, as published with the recording NwirePhantomFreehand."""
 
 
 def plus_file(name: str) -> Path:

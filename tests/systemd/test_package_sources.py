@@ -68,6 +68,7 @@ def test_man_reads_every_page_without_a_warning(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr.decode()) == (0, "")
 
 
+@pytest.mark.thorough
 def test_bash_completes_commands_by_the_script_that_the_package_ships(tmp_path: Path) -> None:
     script = tmp_path / "completion"
     script.write_text(documents.completions()[documents.COMPLETIONS["bash"]])

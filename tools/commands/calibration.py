@@ -22,6 +22,7 @@ from appliance.types import Calibration
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.files.atomic_file import writing
 from tools.shared.estimate import check_new
+from tools.shared.recovered import recovered
 from tools.shared.service_socket import socket_option
 from tools.shared.verification import accepted, ask, await_verification, recalibrating
 
@@ -52,6 +53,7 @@ def command() -> None:
       probewatch calibration back 1           # states the difference and asks
       probewatch calibration use new.toml     # a file; --yes where nobody can be asked
       probewatch calibration export 2 --output probe.xml
+      probewatch calibration recover --output new.toml   # after a FAULT of rotation or offset
     """
 
 
@@ -162,6 +164,37 @@ def export(source: str, output: Path, probe: str, image_size: tuple[int, int] | 
     with writing(output) as stream:
         stream.write(text.encode())
     click.echo(f"written: {output}")
+
+
+@command.command(short_help="write what motion says the calibration has become")
+@click.option("--output", required=True, type=click.Path(path_type=Path), help="new file, .toml")
+@socket_option
+def recover(output: Path, control_socket: Path) -> None:
+    """Write the calibration that the running service proposes after a FAULT of rotation or in-plane offset.
+
+    That is the reference with what motion measured of these; scales and ζ stay as they were. Nothing is applied:
+    compare it (`diff`), and give it to the service with `use`, which states the difference, asks, and has it verified
+    by new motion before the contact closes. A changed scale or ζ is not recovered by motion: `probewatch recalibrate`.
+
+    \b
+    Example:
+      probewatch calibration recover --output recovered.toml
+
+    \b
+    Exit code 0: written. 69: no service answers. 78: nothing is proposed that could be written.
+    """
+    check_new(output)
+    with ControlClient(control_socket) as client:
+        status = client.status()
+    write_calibration(output, recovered(status), {"made_by": "probewatch calibration recover", "from": _why(status)})
+    click.echo(f"{_why(status)}\nwritten: {output}")
+
+
+def _why(status: dict[str, Any]) -> str:
+    return "; ".join(
+        f"{one['name']} {one['was']:.4g} → {one['now']:.4g} ± {one['sigma']:.2g} {one['unit']}"
+        for one in status["proposal"]["values"]
+    )
 
 
 @command.command(name="import", short_help="make our file of a PLUS .xml or a .tfm of 3D Slicer")

@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from appliance.service.control.proposals import PROPOSED, UNDECIDED
 from appliance.storage.alarm_chain import BEGUN, Entry, Reading
 from drivers.files.atomic_file import check_writable, writing
 from drivers.printable import LONGEST_TEXT, printable
@@ -86,6 +87,8 @@ def _line(entry: Entry) -> str:
         "request": f"{data.get('do')} by {data.get('who')}{_fault(data.get('reason'))}{_wanted(data)}",
         "started": _started(data),
         "reference": _reference(data.get("reference")),
+        PROPOSED: data.get("text"),
+        UNDECIDED: data.get("text"),
     }.get(entry.event, json.dumps(data, ensure_ascii=False) if any(data.values()) else "")
     colour = _COLOURS.get(str(data.get("state")))
     latch = f" [latched: {entry.latch.state}]" if entry.latch is not None else ""

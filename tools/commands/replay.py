@@ -282,6 +282,8 @@ def _print(outcome: _Outcome) -> None:
         click.echo(_second_opinion(report.second_opinion))
     for change in outcome.timeline:
         click.echo(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}")
+    if report.proposal is not None:
+        click.echo("\n".join(f"→ {clause}" for clause in report.proposal.text.split("; ")))
     fault = f" · {report.verdict.fault}" if report.verdict.fault else ""
     click.echo(f"verdict: {report.verdict.kind.value}{fault}  {report.verdict.reason}")
 

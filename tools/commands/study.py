@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from appliance.core.parameters import MEASURED
 from appliance.storage.calibration_file import calibration_bytes
 from drivers.errors import ConfigurationError, DeviceLost
 from tools.shared.found_recordings import found
@@ -16,7 +17,6 @@ from tools.shared.terminal import progress_bar
 from tools.study.archive import ARCHIVE_KEYS, NOT_FETCHED, ArchiveTask, archive_table
 from tools.study.hand import ALL, PROGRAMS
 from tools.study.hazard import STANDARD, Hazard
-from tools.study.outcome import CHECKS
 from tools.study.page import check_page, write_page
 from tools.study.plan import Task, planned, tasks
 from tools.study.samples import ASKED, DEFAULT, KEYS, Conditions
@@ -241,7 +241,7 @@ def _print(rows: list[dict[str, str]]) -> None:
 
 def _healthy_cells(one: Coverage) -> tuple[str, ...]:
     least, middle, most = one.spread
-    known = {name: one.scores[name].rms for name in CHECKS if isfinite(one.scores[name].rms)}
+    known = {name: one.scores[name].rms for name in MEASURED if isfinite(one.scores[name].rms)}
     worst = max(known, key=lambda name: known[name], default=None)
     return (
         one.session,

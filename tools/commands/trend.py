@@ -11,16 +11,15 @@ from typing import Any
 import click
 from rich.console import Console
 
+from appliance.core.parameters import MEASURED, QUANTITIES, class_of
 from appliance.core.quality.trend import Estimate, Trend, trend
 from appliance.service.control.estimate_notes import EVENT
 from appliance.storage.alarm_chain import Entry
-from appliance.types import PARAMETERS
 from drivers.files.atomic_file import check_writable
 from tools.report.trend_page import write_trend_page
 from tools.shared.alarm_history import settled_log
 from tools.shared.tables import NOTHING, FittingTable
 
-_UNITS = {"rotation": "deg", "scale": "%", "offset": "mm", "latency": "ms"}
 _HEADINGS = ("parameter", "estimates", "now", "limit", "since the first", "per day", "reaches the limit", "is")
 _FAR_DAYS = 3650
 """Ten years: a day later than that says nothing to anybody."""
@@ -85,7 +84,7 @@ def _figures(checks: object) -> dict[str, list[float]]:
     return {
         name: row
         for name, row in rows.items()
-        if name in (*PARAMETERS, "latency")
+        if name in MEASURED
         and isinstance(row, list)
         and [type(one) in (int, float) for one in row] == [True] * 3
         and row[2] > 0
@@ -94,7 +93,7 @@ def _figures(checks: object) -> dict[str, list[float]]:
 
 def unit_of(name: str) -> str:
     """Of a parameter's estimates."""
-    return _UNITS[name.split("-", maxsplit=1)[0]]
+    return QUANTITIES[class_of(name)].unit
 
 
 def _latest(entries: tuple[Entry, ...]) -> int | None:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from appliance.configuration.config import SupervisorTimes
+from appliance.core.parameters import QUANTITIES
 from appliance.limits import Limits
 from appliance.supervision.alarms import HAZARDS
 from appliance.types import Fault
@@ -18,10 +19,7 @@ from tools.development.slips import slip_pages
 from tools.study.hazard import FAULTS
 
 _LIMITS: Mapping[Fault, tuple[str, ...]] = {
-    Fault.SCALE: ("scale_percent",),
-    Fault.ROTATION: ("rotation_deg",),
-    Fault.OFFSET: ("offset_mm",),
-    Fault.LATENCY: ("latency_ms",),
+    **{fault: (quantity.limit_key,) for fault, quantity in QUANTITIES.items()},
     Fault.FROZEN_VIDEO: ("frozen_ms",),
     Fault.USER_FREEZE: ("frozen_ms",),
     Fault.VIDEO_LOST: ("video_silence_ms",),
@@ -33,8 +31,6 @@ _LIMITS: Mapping[Fault, tuple[str, ...]] = {
     Fault.ESTIMATOR_SILENT: ("estimator_silence_ms",),
 }
 """Keys of the configuration; what is not here has none: it is seen or not."""
-_WATCHING = ("/detectors/", "/watchers/", "/storage/", "/overload.py", "/quality/examination.py")
-"""What decides that a hazard is there; the other files that name it pass it on."""
 
 
 def hazard_pages(figures: Figures) -> list[str]:
@@ -53,7 +49,7 @@ def hazard_pages(figures: Figures) -> list[str]:
             "",
             f"**{row.text}.** What to do: {row.remedy}. What it leads to: [policy](#policy).",
             "",
-            *(f"- Watched by `{file}`: {_opening(ROOT / file)}" for file in watchers(fault)),
+            *(f"- Watched by `{file}`: {_opening(ROOT / file)}" for file in found_by()[fault]),
             f"- Limit: {_limit(fault)}",
             f"- Probability to see it, and delay: {_note(fault, seen)}",
             "",
@@ -61,11 +57,6 @@ def hazard_pages(figures: Figures) -> list[str]:
             *slip_pages(fault),
         ]
     return lines
-
-
-def watchers(fault: Fault) -> list[str]:
-    """Files that decide that it is there."""
-    return [file for file in found_by()[fault] if any(part in file for part in _WATCHING)]
 
 
 def _opening(file: Path) -> str:

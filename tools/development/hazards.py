@@ -1,11 +1,12 @@
 """`make docs` writes docs/hazards.md: each hazard, what finds it, what then happens, its tests, its figures.
 
-Found in the code: who makes a check of a class names it, and so does a test that tries it.
+What finds a hazard declares it (`FINDS` of a module of the appliance); a test that tries it names it.
 """
 
 import ast
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 from appliance.supervision.alarms import HAZARDS
@@ -17,13 +18,6 @@ from tools.study.hazard import FAULTS, Hazard
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "hazards.md"
 
-_FINDERS = (
-    "appliance/core",
-    "appliance/storage",
-    "appliance/supervision/watchers",
-    "appliance/supervision/overload.py",
-)
-_TESTS = ("tests",)
 _GENERAL = ("tests/tools", "tests/support", "tests/rules", "tests/data")
 """Tests of how a hazard is shown, not of whether it is found and controlled."""
 
@@ -59,8 +53,10 @@ def hazards(figures: Figures) -> str:
 
 @cache
 def found_by() -> dict[Fault, list[str]]:
-    """Hazard → files of the appliance that name it."""
-    return _named_in(_FINDERS, _named)
+    """Hazard → files of the appliance that declare in `FINDS` that they tell of it."""
+    files = sorted(file.relative_to(ROOT).as_posix() for file in (ROOT / "appliance").rglob("*.py"))
+    finds = {file: getattr(import_module(_module(file)), "FINDS", ()) for file in files}
+    return {hazard: [file for file in files if hazard in finds[file]] for hazard in HAZARDS}
 
 
 @cache
@@ -68,7 +64,12 @@ def _tried_by() -> dict[Fault, list[str]]:
     """Hazard → files of tests that name it, or import what finds it alone."""
     finders = found_by()
     alone = {_module(file): hazard for hazard in HAZARDS for file in finders[hazard] if _counted(file, finders) == 1}
-    return _named_in(_TESTS, lambda tree: _named(tree) | {alone[name] for name in _imported(tree) if name in alone})
+    found: dict[Fault, list[str]] = {hazard: [] for hazard in HAZARDS}
+    for file in sorted((ROOT / "tests").rglob("test_*.py")):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        for hazard in _named(tree) | {alone[name] for name in _imported(tree) if name in alone}:
+            found[hazard].append(file.relative_to(ROOT).as_posix())
+    return found
 
 
 def steps(row: Policy) -> str:
@@ -92,15 +93,6 @@ def _listed(files: Iterable[str]) -> str:
     return ", ".join(f"`{file}`" for file in files)
 
 
-def _named_in(places: tuple[str, ...], named: Callable[[ast.Module], set[Fault]]) -> dict[Fault, list[str]]:
-    """Hazard → files that name it."""
-    found: dict[Fault, list[str]] = {hazard: [] for hazard in HAZARDS}
-    for file in sorted(file for place in places for file in _modules(ROOT / place)):
-        for hazard in named(ast.parse(file.read_text(encoding="utf-8"))):
-            found[hazard].append(file.relative_to(ROOT).as_posix())
-    return found
-
-
 def _counted(file: str, finders: dict[Fault, list[str]]) -> int:
     """How many hazards this file finds: a test of one that finds a single hazard is a test of that hazard."""
     return sum(file in files for files in finders.values())
@@ -112,10 +104,6 @@ def _module(file: str) -> str:
 
 def _imported(tree: ast.Module) -> Iterator[str]:
     return (str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))
-
-
-def _modules(place: Path) -> list[Path]:
-    return [place] if place.is_file() else [*place.rglob("*.py")]
 
 
 def _named(tree: ast.Module) -> set[Fault]:

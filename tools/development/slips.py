@@ -44,17 +44,24 @@ SESSIONS: tuple[tuple[str, Tissue], ...] = (
 QUIET: tuple[tuple[str, Tissue], ...] = (*SESSIONS, ("mixed", "still"))
 """In which it must see nothing; slips are not looked for where the probe is lifted now and then."""
 SIZES: Mapping[str, tuple[float, ...]] = {"bend": (3.5, 6.0), "slide": (5.0, 10.0)}
+"""deg and mm: a little beyond the limit that is set when nothing is configured, and twice the limit and more."""
 AXES = ("lateral", "axial", "elevational")
 LASTING_S: Mapping[float, int] = {0.0: 60, 0.5: 18, 5.0: 6}
-"""How long a slip takes, and of how many each share is made."""
+"""s: between two readings, and over as long as each of SlowSlip's two sums. Beside it, of how many each share is made:
+as often each axis and sign. The slower ones are played for longer and name nothing, so there are fewer of them. 60 of
+60 are more than 94 % (95 %); more narrow it by the root, and take as much longer.
+"""
 SOON_S = 0.2
-"""After a slip is complete, by when it must be named."""
+"""After a slip is complete, by when it must be named: the delay of the slip watch in docs/method.md, section 9. Longer
+would count what the solver finds."""
 _LENGTH_S = 60.0
-"""Of each session."""
+"""Of each session, once its hand has made all its motions several times. Longer takes as much longer to register."""
 _BEFORE_S: Mapping[float, float] = {0.0: 2.0, 0.5: 5.0, 5.0: 30.0}
-"""Before a slip of each duration, for what is usual to be learned."""
+"""s before a slip of each duration, for what is usual to be learned: SlowSlip takes 20 times as long as its sum,
+of which 30 s are what a session of a minute has room for. Less finds less."""
 _DRAWS = 4
-"""Noises of the tracker on each session in which nothing slips."""
+"""Noises of the tracker on each session in which nothing slips: half an hour in all. More bounds the false alarms more
+tightly, but the pictures are the same ones. Not measured."""
 _NO_IMAGE = np.zeros((1, 1), np.uint8)
 
 

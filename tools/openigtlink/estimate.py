@@ -8,7 +8,7 @@ from appliance.core.path.solver import changed
 from appliance.storage.calibration_file import calibration_from_image_to_probe, image_to_probe
 from appliance.types import PARAMETERS, VerdictKind
 from drivers.samples import Matrix4
-from tools.shared.parameter_units import told_change
+from tools.shared.told_change import told_change
 
 
 class Estimate(NamedTuple):

@@ -26,8 +26,9 @@ from tools.page.alarms import LastAlarms
 from tools.page.pictures import Pictures, jpeg
 from tools.page.tokens import Tokens, Visitor
 from tools.page.wording import worded
+from tools.recalibration.held_service import Asked
 from tools.recalibration.paperwork import Begin, Signature
-from tools.recalibration.session import Asked, ScanSession
+from tools.recalibration.session import ScanSession
 from tools.shared.status_watch import StatusWatch
 
 _FILES = Path(__file__).parent / "files"

@@ -17,12 +17,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
 from appliance.service.feed.message import FeedMessage, Lost, Ordered, Taken
 from appliance.types import Calibration, State
 from drivers.errors import ProbewatchError
 from drivers.printable import printable
+from tools.recalibration.held_service import ANSWER_S, Asked, HeldService
 from tools.recalibration.paperwork import LONGEST_WORDS, Begin, Signature, checked, sign_off, signed, write_signed
 from tools.recalibration.scanning import Scanned, counts_of, marked, state_fields
 from tools.recalibration.steps import LatencyStep, Sound, estimate_of
@@ -40,12 +40,6 @@ _FARTHEST_MM = 1e5
 _ABANDONED_S = 900.0
 """Without anybody at the page or the terminal before a scan is given up: a quarter of an hour of a cart that cannot be
 used. Longer keeps it from everybody; shorter loses a scan to a telephone call.
-"""
-_ANSWER_S = 3.0
-"""For the service to answer a request: sixty ticks, as it may read a file before it answers."""
-_HOLD_S = 20.0
-"""Of silence after which the service gives the scan up for us: a page that hangs. The session speaks every `_LOOK_S`;
-longer keeps a cart that nobody can go on with, shorter gives up for a busy computer. Not measured on a cart.
 """
 _UNSEEN_S = 300.0
 """Without any browser that may go on before a scan begun by one is given up: a tablet that has fallen asleep, or was
@@ -73,16 +67,6 @@ _HELD = (*_LISTENING, Phase.REVIEW)
 _OPEN = (*_HELD, Phase.PROVING)
 
 
-class Asked(ControlRefused):
-    """The difference must be accepted first; text is to be repeated."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(
-            f"differs from the calibration in force: {text}", "new calibration", "Accept that, or reject it"
-        )
-        self.text = text
-
-
 class ScanSession:
     """control, feed: sockets of the service. folder: where new calibrations are written, readable to the service.
 
@@ -97,7 +81,8 @@ class ScanSession:
         watch: StatusWatch,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._control, self._feed, self._folder, self._watch, self._now_s = control, feed, folder, watch, now_s
+        self._feed, self._folder, self._watch, self._now_s = feed, folder, watch, now_s
+        self._service = HeldService(control)
         self._lock = threading.RLock()
         self._changed = threading.Event()
         self._ended = threading.Event()
@@ -111,12 +96,10 @@ class ScanSession:
         self._heard_order = False
         self._file: Path | None = None
         self._sha256 = ""
-        self._held: ControlClient | None = None
         self._touched_s = now_s()
         self._seen_s: float | None = None
         self._fields: dict[str, Any] = {}
         self._solved_s = 0.0
-        self._asked_ns = 0
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -126,11 +109,11 @@ class ScanSession:
         """A scan that nobody can finish any more is given up, so that the cart can be used."""
         self._ended.set()
         self._changed.set()
-        self._thread.join(2 * _ANSWER_S)
+        self._thread.join(2 * ANSWER_S)
         with self._lock, contextlib.suppress(ProbewatchError):
             if self._phase in _HELD:
                 self._abort("the page has ended")
-        self._let_go()
+        self._service.let_go()
 
     @property
     def phase(self) -> Phase:
@@ -193,7 +176,7 @@ class ScanSession:
                 )
             begin = checked(begin)
             self._told = self._watch.seen().status or {}
-            self._grasp()
+            self._service.grasp()
             self._latency = LatencyStep() if begin.latency else None
             self._begin, self._scanned, self._file, self._sha256 = begin, None, None, ""
             self._heard_order, self._reference, self._fields, self._seen_s = False, None, {}, None
@@ -279,10 +262,15 @@ class ScanSession:
             simulated = bool(seen.status and seen.status.get("simulated"))
             calibration = marked(self._scanned.calibration(), simulated)
             check = f"not made: {signature.unchecked}" if signature.unchecked else self._scanned.check_record()
-            self._hold(seen)
-            self._file = write_signed(self._folder, calibration, self._begin, signature, self._scanned, check)
-            proposal = self._given(self._file, signature.confirm)
-            self._sha256 = str(proposal["sha256"])
+            self._service.hold(seen)
+            file = write_signed(self._folder, calibration, self._begin, signature, self._scanned, check)
+            self._file = file
+            try:
+                self._sha256 = self._service.give(file, signature.confirm)
+            except Asked:
+                file.unlink(missing_ok=True)
+                self._file = None
+                raise
             self._phase, self._message = Phase.PROVING, ""
         self._changed.set()
 
@@ -381,7 +369,7 @@ class ScanSession:
                         self._abort(why)
                     return
                 try:
-                    self._hold(seen)
+                    self._service.hold(seen)
                     self._trouble = ""
                 except ProbewatchError as error:
                     self._trouble = error.what
@@ -397,23 +385,9 @@ class ScanSession:
             return "abandoned: no browser that may go on with it was there for five minutes"
         return ""
 
-    def _hold(self, seen: Seen) -> None:
-        """The service recalibrates for us, or is asked to again. Raises ProbewatchError, in words."""
-        alive = self._alive()
-        if seen.status is None:
-            raise ControlRefused(f"the service does not answer ({seen.silence}). The scan is kept")
-        if alive and (seen.status["state"] == State.RECALIBRATING.value or self._is_old(seen)):
-            return
-        try:
-            self._grasp()
-        except ControlRefused:
-            lost = "; ".join(f"{device}: {what}" for device, what in seen.status["lost"].items())
-            why = lost or seen.status["reason"]
-            raise ControlRefused(f"{seen.status['state']}: {why}. The scan is kept, and goes on by itself") from None
-
     def _prove(self, seen: Seen) -> None:
         status = seen.status
-        if self._is_old(seen):
+        if self._service.is_older(seen):
             return
         if status is None:
             self._trouble = f"the service does not answer ({seen.silence})"
@@ -427,63 +401,11 @@ class ScanSession:
             self._phase = Phase.ENDED
             self._message = f"not verified, the calibration before is in force: {status['state']}: {status['reason']}"
 
-    def _given(self, file: Path, confirm: str) -> dict[str, Any]:
-        """Raises Asked."""
-        with self._client() as client:
-            proposal = client.propose_calibration(file)
-            if proposal["confirm"] and confirm != proposal["text"]:
-                file.unlink(missing_ok=True)
-                self._file = None
-                raise Asked(str(proposal["text"]))
-            client.end_recalibration(file, str(proposal["text"]))
-        self._asked_ns = time.monotonic_ns()
-        self._let_go()
-        return proposal
-
     def _abort(self, why: str) -> None:
         """Raises ProbewatchError where the service does not answer; then nothing has changed here either."""
-        with contextlib.suppress(ControlRefused):  # it does not recalibrate any more
-            self._ask(lambda client: client.abort_recalibration())
-        self._let_go()
+        self._service.abort()
         self._phase, self._message, self._trouble = Phase.ENDED, why, ""
 
     def _require(self, *phases: Phase) -> None:
         if self._phase not in phases:
             raise ControlRefused(f"not possible while {self._phase.value}", "recalibration", "Reload the page")
-
-    def _ask(self, request: Callable[[ControlClient], None]) -> None:
-        with self._client() as client:
-            request(client)
-        self._asked_ns = time.monotonic_ns()
-
-    def _grasp(self) -> None:
-        """Have the service recalibrate for as long as this connection lives. Raises ProbewatchError."""
-        client = self._client()
-        try:
-            client.begin_recalibration(_HOLD_S)
-        except BaseException:
-            client.close()
-            raise
-        self._let_go()
-        self._held, self._asked_ns = client, time.monotonic_ns()
-
-    def _alive(self) -> bool:
-        """A word over that connection, by which the service knows that we live."""
-        if self._held is not None:
-            try:
-                self._held.status()
-            except ProbewatchError:
-                self._let_go()
-        return self._held is not None
-
-    def _let_go(self) -> None:
-        if self._held is not None:
-            self._held.close()
-            self._held = None
-
-    def _is_old(self, seen: Seen) -> bool:
-        """Whether that was said before the service did what it was asked last."""
-        return seen.status is not None and seen.t_ns <= self._asked_ns
-
-    def _client(self) -> ControlClient:
-        return ControlClient(self._control, _ANSWER_S)

@@ -18,7 +18,7 @@ from appliance.service.control.server import ControlRefused
 from appliance.types import Calibration, Vector
 from drivers.samples import Frame, Pose
 from tools.shared.crosswire_review import difference_in_sigmas
-from tools.shared.parameter_units import told_change
+from tools.shared.told_change import told_change
 
 SETTINGS_M_S = (1400.0, 1700.0)
 """Of scanners: what `probewatch recalibrate --scanner-m-s` takes."""

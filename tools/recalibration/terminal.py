@@ -14,8 +14,9 @@ from rich.text import Text
 
 from appliance.service.control.server import ControlRefused
 from drivers.errors import ProbewatchError
+from tools.recalibration.held_service import Asked
 from tools.recalibration.paperwork import Begin, Signature
-from tools.recalibration.session import Asked, Phase, ScanSession
+from tools.recalibration.session import Phase, ScanSession
 from tools.shared.crosswire_review import comparison_table
 
 _EVERY_S = 0.25

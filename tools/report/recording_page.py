@@ -58,6 +58,8 @@ def write_recording_page(
         parts.append(text(f"The file is damaged: {damage}", "bad"))
     if comparison is not None:
         parts.append(text(comparison.sentence, "note" if comparison.exact else "bad"))
+    if report.proposal is not None:
+        parts.append(section("Proposed, not applied", *(text(clause) for clause in report.proposal.text.split("; "))))
     parts += [
         section("State", _states(changes, trace.duration_s)),
         section("What was missing", _missing(trace, report)),

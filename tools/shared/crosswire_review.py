@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from appliance.core.parameters import PER_UNIT
 from appliance.crosswire.running import Running
 from appliance.crosswire.whole import WholeSolution
 from appliance.types import PARAMETERS, Calibration, Vector
 from drivers.rigid import vector_from_rotation
-from tools.shared.parameter_units import PER_UNIT
 from tools.shared.tables import FittingTable
 
 _UNITS = ("°",) * 3 + ("%",) * 2 + ("mm",) * 3

@@ -58,7 +58,7 @@ class StatusView:
         self._note(status["counters"].get("uptime_s", 0.0), checks)
         table = _Checks(checks, {name: tuple(trend) for name, trend in self._trends.items()}, _language(status))
         lines: list[RenderableType] = [_state(status), _rates(status), table]
-        return Group(*lines, *_remarks(status), *_origin(status))
+        return Group(*lines, *_proposal(status), *_remarks(status), *_origin(status))
 
     def _note(self, uptime_s: float, checks: list[_Check]) -> None:
         if uptime_s - self._noted_s < _TREND_EVERY_S:
@@ -176,6 +176,12 @@ def _rates(status: Status) -> Text:
     left = "" if audio["left_s"] is None else f" {audio['left_s']:.0f} s"
     sound = "" if audio["mode"] == "on" else f" · {say[_SOUNDS[audio['mode']]]}{left}"
     return Text(shown(f"{line}{sound}"))
+
+
+def _proposal(status: Status) -> list[Text]:
+    """What the calibration has become, and what follows from that; a clause on each line."""
+    proposal = status.get("proposal")
+    return [] if proposal is None else [Text(shown(f"→ {clause}")) for clause in proposal["text"].split("; ")]
 
 
 def _remarks(status: Status) -> list[Text]:

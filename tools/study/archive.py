@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from appliance.core.line import Line
+from appliance.core.parameters import MEASURED
 from appliance.core.quality.report import Change, LineReport
 from appliance.limits import Limits
 from appliance.storage.black_box import BlackBox, Series, series_of
@@ -16,7 +17,7 @@ from tools.shared.found_recordings import is_box
 from tools.shared.recording_run import BlackBoxSession, Session, run, run_series
 from tools.shared.rerun import Comparison
 from tools.shared.tables import NOTHING, FittingTable
-from tools.study.outcome import CHECKS, cell, closed_share
+from tools.study.outcome import cell, closed_share
 from tools.study.store import NotFetchedError, fetched
 
 NOT_FETCHED = "not fetched"
@@ -80,7 +81,7 @@ class ArchiveTask:
             "live": "" if comparison is None else f"{comparison.equal} of {comparison.recorded}",
         }
         for check in report.checks:
-            if check.name in CHECKS:
+            if check.name in MEASURED:
                 row |= {f"{check.name} last": cell(check.value), f"{check.name} sigma": cell(check.sigma)}
         return row
 
@@ -127,7 +128,7 @@ def archive_table(rows: list[dict[str, str]]) -> FittingTable:
     return FittingTable(heads, cells)
 
 
-_OF_EACH = tuple(f"{name} {what}" for name in CHECKS for what in ("last", "sigma"))
+_OF_EACH = tuple(f"{name} {what}" for name in MEASURED for what in ("last", "sigma"))
 _COLUMNS = (
     "duration_s",
     "frames",

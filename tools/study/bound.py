@@ -12,8 +12,8 @@ from math import log, radians
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from appliance.core.parameters import PER_UNIT
 from drivers.rigid import Array, ComplexArray, inverse, rigid, rotation_from_vector
-from tools.shared.parameter_units import PER_UNIT
 from tools.study.session import FPS, Session, picture_path, steps_between
 
 BOUND_S = 30.0
@@ -29,8 +29,6 @@ _CHAIN_WALK_MM = 0.01
 """Drift per √s of the registration along its chain: the floors that the line itself believes in."""
 _SMALL = np.array([1e-4] * 3 + [1e-4] * 2 + [1e-2] * 3 + [1e-3])
 """Half of a difference, rad, relative, mm, s: the second order is six digits below."""
-SCALE_TO_UNITS = np.array([*PER_UNIT, 1000.0])
-"""deg, %, mm and ms."""
 
 
 @lru_cache(maxsize=8)
@@ -46,7 +44,7 @@ def bounds(session: Session, noise_mm: float, noise_deg: float, span_s: float = 
     J = (steps[:9] - steps[9:]) / (2 * _SMALL[:, None, None])
     noises = _noises(still, t_s, noise_mm, noise_deg)
     rows = [_whitened(J[:, row], white, walk) for row, (white, walk) in enumerate(noises)]
-    information = sum(row @ row.T for row in rows) / np.outer(SCALE_TO_UNITS, SCALE_TO_UNITS)
+    information = sum(row @ row.T for row in rows) / np.outer(PER_UNIT, PER_UNIT)
     values, axes = np.linalg.eigh(information)
     known = np.where(values > 1e-9 * values[-1], 1 / np.maximum(values, 1e-300), np.inf)
     with np.errstate(invalid="ignore"):

@@ -8,15 +8,15 @@ from math import isfinite, nan
 import numpy as np
 
 from appliance.core.line import Line
+from appliance.core.parameters import MEASURED, PER_UNIT, limit_of_each
 from appliance.core.quality.report import Change
 from appliance.limits import Limits
 from appliance.supervision.timeline import Timeline
-from appliance.types import PARAMETERS, Check, Fault, State, Verdict, VerdictKind
+from appliance.types import Check, Fault, State, Verdict, VerdictKind
 from drivers.samples import Frame, GreyImage
-from tools.study.bound import SCALE_TO_UNITS, bounds
+from tools.study.bound import bounds
 from tools.study.samples import Conditions, samples, seconds, stamp_ns
 
-CHECKS = (*PARAMETERS, "latency")
 _EVERY_NS = 1_000_000_000
 """Between two looks at value and sigma: a few solutions apart. Looks within one window share its motion, so their
 z-scores are no independent ones; the seeds are."""
@@ -76,7 +76,7 @@ class Outcome:
     cost_ms: float = 0.0
     cost_99_ms: float = 0.0
     last_reason: str = ""
-    scores: dict[str, Scores] = field(default_factory=lambda: {name: Scores() for name in CHECKS})
+    scores: dict[str, Scores] = field(default_factory=lambda: {name: Scores() for name in MEASURED})
 
     def row(self) -> dict[str, str]:
         """Column → cell; what is not known is empty."""
@@ -156,7 +156,7 @@ class _Notes:
         truth = _truth(self._conditions, t_s)
         for check in verdict.checks:
             if check.name in self._outcome.scores:
-                self._outcome.scores[check.name].look(check, truth[CHECKS.index(check.name)], t_s)
+                self._outcome.scores[check.name].look(check, truth[MEASURED.index(check.name)], t_s)
         self._outcome.last_reason = verdict.reason
 
 
@@ -165,13 +165,12 @@ def gross(conditions: Conditions, limits: Limits, t_s: float) -> float:
     hazard = conditions.hazard
     if hazard.fault in (Fault.POLARITY, Fault.POSE_CONVENTION):
         return np.inf if hazard.share(np.array([t_s]))[0] else 0.0
-    of_each = [limits.rotation_deg] * 3 + [limits.scale_percent] * 2 + [limits.offset_mm] * 3 + [limits.latency_ms]
-    return float(np.max(np.abs(_truth(conditions, t_s)) / of_each))
+    return float(np.max(np.abs(_truth(conditions, t_s) / PER_UNIT) / limit_of_each(limits)))
 
 
 def _truth(conditions: Conditions, t_s: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """(9,) deg, %, mm, ms: what the estimates should be."""
-    return np.asarray(conditions.hazard.change(np.array([t_s]))[0] * SCALE_TO_UNITS)
+    return np.asarray(conditions.hazard.change(np.array([t_s]))[0] * PER_UNIT)
 
 
 def _closed(changes: list[Change], end_s: float) -> Iterator[tuple[float, float]]:

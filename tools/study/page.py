@@ -11,9 +11,9 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from appliance.core.parameters import MEASURED
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable, writing
-from tools.study.outcome import CHECKS
 from tools.study.session import FPS
 from tools.study.summary import Coverage, Detection, Row, coverages, detections, false_rate_per_hour, healthy_hours
 from tools.study.table import CODE
@@ -113,8 +113,8 @@ def _coverage_plot(healthy: list[Coverage]) -> Figure:
 
 
 def _truth_plot(healthy: list[Coverage]) -> Figure:
-    figure, (ratio, rms) = _axes(len(CHECKS) + 2, 2)
-    for place, name in enumerate(reversed(CHECKS)):
+    figure, (ratio, rms) = _axes(len(MEASURED) + 2, 2)
+    for place, name in enumerate(reversed(MEASURED)):
         for one in healthy:
             scores = one.scores[name]
             for axes, value in ((ratio, scores.ratio), (rms, scores.rms)):
@@ -124,7 +124,7 @@ def _truth_plot(healthy: list[Coverage]) -> Figure:
         axes.set_xscale("log")
         axes.axvline(1.0, color="#888", linewidth=1)
         axes.set_xlabel(label)
-    ratio.set_yticks(range(len(CHECKS)), list(reversed(CHECKS)))
+    ratio.set_yticks(range(len(MEASURED)), list(reversed(MEASURED)))
     return figure
 
 

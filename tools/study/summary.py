@@ -8,8 +8,8 @@ from statistics import median
 
 from scipy.stats import beta
 
+from appliance.core.parameters import MEASURED
 from tools.study.hazard import Hazard
-from tools.study.outcome import CHECKS
 
 Row = dict[str, str]
 _SURE = 0.95
@@ -129,7 +129,7 @@ def _coverage(place: tuple[str, str, str, str], rows: list[Row]) -> Coverage:
         closed=tuple(number(row, "closed") for row in rows),
         closed_s=middle(number(row, "closed_s") for row in rows),
         faulted=Share(sum(bool(row["faults"]) for row in rows), len(rows)),
-        scores={name: _truth(name, rows) for name in CHECKS},
+        scores={name: _truth(name, rows) for name in MEASURED},
     )
 
 

@@ -8,6 +8,7 @@ ORTHOGONAL_WITHIN = 1e-3
 """Error of any element of R Rᵀ. More could hide .06° of shear or .05 % of scale; the tightest limits are .5° and .5 %.
 Less would refuse a matrix whose elements were rounded to three decimals. Not measured.
 """
+_IDENTITY = np.eye(3)
 
 
 def checked_pose(pose: Pose) -> Pose:
@@ -33,5 +34,5 @@ def _refused(matrix: np.ndarray) -> str:
     if not np.all(np.isfinite(matrix)):
         return "pose matrix with values that are not finite"
     R = matrix[:3, :3]
-    rigid = np.allclose(R @ R.T, np.eye(3), atol=ORTHOGONAL_WITHIN) and np.linalg.det(R) > 0
+    rigid = np.abs(R @ R.T - _IDENTITY).max() <= ORTHOGONAL_WITHIN and np.linalg.det(R) > 0
     return "" if rigid else "pose matrix that is no rigid transform"

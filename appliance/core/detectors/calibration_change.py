@@ -3,12 +3,13 @@
 from dataclasses import replace
 from math import hypot, nan, sqrt
 
-import numpy as np
-
+from appliance.core.parameters import CLASSES, QUANTITIES
 from appliance.core.path.latency import Latency
 from appliance.core.path.solver import Solution
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, Fault, VerdictKind
+
+FINDS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
 
 _LEAST_AGREEMENT = 0.9
 """Correlation of measured and predicted motion. Less trusts X where a tracker is late or a picture badly followed; more
@@ -19,11 +20,6 @@ _FIRST_SCALE = PARAMETERS.index("scale-lateral")
 _LEAST_TRAVEL_MM = 1.0
 """Of the probe along an axis, below which nothing is concluded of its scale: skin drags along with the probe, which no
 simulation here shows. A hand that holds still covers .8 mm axially, a fan 1.2 mm (seed 1 of `probewatch study`).
-"""
-_LEFT_OUT = {Fault.ROTATION: 0.25, Fault.SCALE: 0.3, Fault.OFFSET: 0.5}
-"""deg, %, mm: standard deviation of what the model of the motion leaves out, however long it lasts: registration that
-shrinks quick motion, tissue that slants at one place. Measured as what the solver's sigmas lacked on seed 1 of every
-session of `probewatch study`. More withholds OK from good calibrations, less lets chance look like a fault.
 """
 
 
@@ -66,17 +62,13 @@ def agreement_check(solution: Solution | None) -> Check:
 
 
 def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
-    name = PARAMETERS[index]
-    fault = Fault(name.split("-", 1)[0])
-    factor, unit, limit = {
-        Fault.ROTATION: (float(np.rad2deg(1.0)), "deg", limits.rotation_deg),
-        Fault.SCALE: (100.0, "%", limits.scale_percent),
-        Fault.OFFSET: (1.0, "mm", limits.offset_mm),
-    }[fault]
+    name, fault = PARAMETERS[index], CLASSES[index]
+    quantity = QUANTITIES[fault]
+    unit, factor, limit = quantity.unit, quantity.per_unit, quantity.limit(limits)
     if solution is None or not trusted(solution):
         return Check(name, fault, nan, nan, unit, limit, VerdictKind.NOT_VERIFIED)
     value = float(solution.change[index]) * factor
-    sigma = hypot(sqrt(float(solution.covariance[index, index])) * factor, _LEFT_OUT[fault])
+    sigma = hypot(sqrt(float(solution.covariance[index, index])) * factor, quantity.left_out)
     dragged = fault is Fault.SCALE and solution.travel_mm[index - _FIRST_SCALE] < _LEAST_TRAVEL_MM
     if dragged or not solution.calibration.observed[index]:
         return Check(name, fault, nan, sigma, unit, limit, VerdictKind.NOT_VERIFIED)

@@ -8,6 +8,8 @@ from appliance.core.detectors.ruler import Ruler, candidates, ruler_again, ruler
 from appliance.core.registration.pyramid import Bits
 from appliance.types import Check, Fault, VerdictKind
 
+FINDS = (Fault.SCALE,)
+
 _NEW_DEPTH_PERCENT = 1.5
 """Change of spacing from which the depth is another, whatever scale the limits tolerate: no scanner steps its depth by
 less, and a ruler is right to .1 to .3 %. Less asks more of rulers with few ticks; more misses 3 % of six ticks."""

@@ -8,6 +8,8 @@ from appliance.core.detectors.screen_change import ScreenChange, sparse_of
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import GreyImage
 
+FINDS = (Fault.FROZEN_VIDEO, Fault.USER_FREEZE)
+
 _SAME_GREY = 2
 """Difference up to which a pixel is the same: a video codec's ripple. More calls a dark, quiet picture frozen; noise of
 ± 4 greys is live (tests/appliance/core/detectors/test_detectors.py).

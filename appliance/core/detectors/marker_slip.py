@@ -21,6 +21,8 @@ from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array, angle_from_rotation, inverse, rigid, rotation_from_vector, vector_from_rotation
 from drivers.samples import Matrix4, Pose
 
+FINDS = (Fault.ROTATION, Fault.OFFSET)
+
 _LEAST_MM, _LEAST_RAD = 1.0, np.deg2rad(0.75)
 """Smallest leap that is added up, a quarter of its limit. A smaller one lets noise of .25 mm wake the fit at every
 reading; a larger one loses slips in small steps. Markers that are covered let a fit leap by 1 to 2 mm, and back."""

@@ -8,6 +8,8 @@ from appliance.core.registration.texture import Texture, TextureReader
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import GreyImage
 
+FINDS = (Fault.NO_PICTURE,)
+
 _LEAST_ROWS = 200
 """Smaller pictures are not asked for speckle, which is 1 or 2 px wide in them: at 120 rows one tissue picture in six is
 taken for none (tests/appliance/core/detectors/test_no_picture.py). No scanner's video is that small."""

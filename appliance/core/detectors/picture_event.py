@@ -18,6 +18,8 @@ from appliance.core.registration.pyramid import Array32
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import GreyImage
 
+FINDS = (Fault.POLARITY, Fault.SCALE)
+
 _SMALL_PX = 160
 """Columns in which pictures are compared. More asks for a zoom that is nearer and costs time for each that is tried;
 fewer leave too little speckle to tell a mirrored picture from another.

@@ -5,15 +5,20 @@ that leaves the rotation nearest its reference (docs/method.md, equation 7).
 """
 
 from dataclasses import replace
+from math import nan
 
 from appliance.core.path.noise import Noise
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.solver import PathFit
 from appliance.types import Calibration, Check, Fault, VerdictKind
 
+FINDS = (Fault.POLARITY,)
+
 POLARITIES = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 MOST_FLIPPED = 0.5
 """Axes: between none and one."""
+UNWEIGHED = Check("polarity", Fault.POLARITY, nan, 0.0, "axes", MOST_FLIPPED, VerdictKind.NOT_VERIFIED)
+"""Of a window that does not tell it."""
 _WORSE = 40.0
 """By how much, in −2 log likelihood, every other polarity must be worse. Less decides from motion along one axis alone,
 which cannot tell (tests/appliance/core/detectors/test_detectors.py); more decides later. The figure was not measured.
@@ -37,7 +42,7 @@ def weigh_polarity(samples: PathSamples, reference: Calibration, noise: Noise) -
     margin = (min(misfits[p] for p in POLARITIES if p != best) - misfits[best]) * samples.t_s.size
     agreement = fit.agreement(flipped(reference, best))
     if margin < _WORSE or not agreement > _LEAST_RESEMBLANCE:
-        return best, _check(float("nan"), VerdictKind.NOT_VERIFIED, None)
+        return best, UNWEIGHED
     axes = float(best.count(-1))
     return best, _check(axes, VerdictKind.FAULT if axes else VerdictKind.OK, samples.moved_ns)
 

@@ -11,6 +11,8 @@ from appliance.core.path.conventions import READINGS, Convention
 from appliance.core.path.explanation import MARGIN, Explanation
 from appliance.types import Check, Fault, VerdictKind
 
+FINDS = (Fault.POSE_CONVENTION,)
+
 WRONG = frozenset({*READINGS, Convention.SWAPPED})
 """Conventions that are named."""
 

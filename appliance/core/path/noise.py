@@ -138,11 +138,17 @@ class Blocks:
         """
         smooth = _smoothed(elevation_mm)
         way_mm = np.abs(np.diff(smooth, prepend=smooth[0])).cumsum()
-        parts = np.empty((PARTS, len(self), len(self)))
-        parts[WHITE] = np.diag(1 / self.count)
-        parts[WALK] = self._walk(self.t_s)
+        parts = self._of_time.copy()
         parts[WAY] = self._walk(way_mm)
         parts[SLANT] = _slant(smooth)
+        return parts
+
+    @cached_property
+    def _of_time(self) -> Array:
+        """(PARTS, m, m) as `parts`, but for those that ask for the way out of the plane."""
+        parts = np.zeros((PARTS, len(self), len(self)))
+        parts[WHITE] = np.diag(1 / self.count)
+        parts[WALK] = self._walk(self.t_s)
         for part, memory_s in ((BREATHING, _BREATHING_S), (PULSE, _PULSE_S)):
             parts[part] = np.exp(-np.square(self.apart_s / memory_s) / 2)
         return parts

@@ -1,9 +1,10 @@
 """The JSON form of a check, which the status of a service and the report on a recording share."""
 
+from collections.abc import Sequence
 from math import isfinite
 from typing import Any
 
-from appliance.types import Check
+from appliance.types import Check, Rival
 
 
 def check_fields(now_ns: int, check: Check) -> dict[str, Any]:
@@ -19,6 +20,11 @@ def check_fields(now_ns: int, check: Check) -> dict[str, Any]:
         "verdict": check.verdict.value,
         "shown_age_s": None if check.shown_ns is None else (now_ns - check.shown_ns) / 1e9,
     }
+
+
+def rival_fields(now_ns: int, rivals: Sequence[Rival]) -> list[dict[str, Any]]:
+    """Each with the fields of its check, and behind_nats."""
+    return [{**check_fields(now_ns, rival.check), "behind_nats": rival.behind_nats} for rival in rivals]
 
 
 def number_or_none(value: float) -> float | None:

@@ -5,7 +5,6 @@ from dataclasses import replace
 from math import isnan
 
 from appliance.core.detectors.calibration_change import latency_check
-from appliance.core.detectors.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.conventions import Convention
 from appliance.core.path.explanation import Explanation, explain
@@ -14,6 +13,7 @@ from appliance.core.path.latency_drift import LatencyDrift
 from appliance.core.path.noise import Noise
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, agreed, examine, examine_nothing, latency_of, without
+from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.verification import Standing, Verification
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
@@ -206,7 +206,7 @@ class Evidence:
         unnamed = frozenset() if self._breathing_known else _BREATHED
         unnamed = unnamed if finding.shows(("polarity",)) else found.named
         found = replace(found, checks=without(Finding(found.checks), unnamed).checks)
-        self._contradict(found.checks, found.named)
+        self._verification.accuse(found.checks, found.named, self.window.now_ns, found.rivals)
         if found.named:
             self._valid_ns = max(self._valid_ns, found.since_ns)
         return found

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from math import nan, sqrt
+from math import sqrt
 
 import numpy as np
 
 from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check, trusted
-from appliance.core.detectors.polarity import MOST_FLIPPED, flipped, weigh_polarity
+from appliance.core.detectors.polarity import UNWEIGHED, flipped, weigh_polarity
+from appliance.core.parameters import LEFT_OUT
 from appliance.core.path.latency import Latency
 from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
@@ -23,10 +24,6 @@ the scales; the limit is .06 s.
 _RELINEARISE_S = 0.008
 """Change of the latency from which poses are taken again: a quarter of a frame. The residual is linear in it only while
 the velocity lasts; less costs a second solution more often. Not measured.
-"""
-_LEAST_LATENCY_SIGMA_S = 0.005
-"""No latency counts as better known. Less trusts a fit that knows nothing of what all stamps have in common; more
-withholds OK and FAULT about the limit. Not measured.
 """
 _LAGS_S = (-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
 """Where a latency is looked for that the paths do not tell: as far apart as `_UNKNOWN_LATENCY_S` reaches. Each costs a
@@ -56,8 +53,6 @@ _NEAR = Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0)
 """Two to four times the limits: wide enough that a fault at twice its limit is not drawn back by much, near enough that
 what the window does not show stays where the model is linear. Not measured.
 """
-_UNWEIGHED = Check("polarity", Fault.POLARITY, nan, 0.0, "axes", MOST_FLIPPED, VerdictKind.NOT_VERIFIED)
-"""Of a window that does not tell the polarity."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +115,7 @@ def examine(
     if polarity != (1, 1):
         # The noise that a wrong polarity asks for hides much of what speaks against it.
         mirrored, mirrored_lag = _solved(window, flipped(reference, polarity), lag, None)
-        polarity_check = _UNWEIGHED
+        polarity_check = UNWEIGHED
         if mirrored is not None:
             again, check = weigh_polarity(samples, reference, mirrored.noise)
             if again == polarity and check.verdict is VerdictKind.FAULT:
@@ -136,7 +131,7 @@ def examine(
 
 def examine_nothing(limits: Limits) -> Finding:
     """The finding of a window without motion."""
-    checks = (_UNWEIGHED, *calibration_checks(None, limits), latency_check(None, limits, 0.0), agreement_check(None))
+    checks = (UNWEIGHED, *calibration_checks(None, limits), latency_check(None, limits, 0.0), agreement_check(None))
     return Finding(checks)
 
 
@@ -146,7 +141,7 @@ def _solved(
     """Solution and the latency it found; None for what could not be found."""
     try:
         if lag is not None:
-            doubt_s = max(lag.sigma_s, _LEAST_LATENCY_SIGMA_S)
+            doubt_s = max(lag.sigma_s, LEFT_OUT[TAU])
             solution, lag_s = _solved_near(window, reference, lag.value_s, doubt_s, start)
             return solution, _solved_latency(solution, lag_s)
         return _solved_far(window, reference, start)
@@ -193,7 +188,7 @@ def _solved_near(
 def _solved_latency(solution: Solution, lag_s: float) -> Latency | None:
     if not trusted(solution):
         return None
-    sigma_s = max(sqrt(float(solution.covariance[TAU, TAU])), _LEAST_LATENCY_SIGMA_S)
+    sigma_s = max(sqrt(float(solution.covariance[TAU, TAU])), LEFT_OUT[TAU])
     return Latency(lag_s + float(solution.change[TAU]), sigma_s)
 
 

@@ -3,8 +3,9 @@
 from collections import defaultdict
 from collections.abc import Sequence
 
+from appliance.core.quality.gesture import gestures
 from appliance.core.quality.verification import Sign, Standing
-from appliance.types import PARAMETERS, Check, Fault, Kind, Verdict, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, Kind, Rival, Verdict, VerdictKind
 
 _ESTIMATED = frozenset({"polarity", "latency", *PARAMETERS})
 _NEAR = 0.8
@@ -33,7 +34,9 @@ def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing) -> Verdict:
     if unseen is not None:
         return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, f"nothing to compare: {unseen.name}")
     if standing.contradicted:
-        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, _contradiction(standing.contradicted[0]))
+        rivals = standing.rivals
+        reason = _undecided(rivals) if rivals else _contradiction(standing.contradicted[0])
+        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, reason, rivals=rivals)
     missing = [name for name in standing.required if name not in _shown(checks)]
     kind = VerdictKind.NOT_VERIFIED if missing else VerdictKind.OK
     verified = "; ".join(["calibration verified", *_doubts(checks)])
@@ -54,10 +57,11 @@ class Judgement:
         self._failing: dict[Fault, Verdict] = {}
         self._verified_ns: int | None = None
         self._last_ns = 0
+        self._rivals: tuple[Rival, ...] = ()
 
     def note(self, verdict: Verdict) -> None:
         """Take the next verdict of the line, in time order."""
-        self._last_ns = verdict.t_ns
+        self._last_ns, self._rivals = verdict.t_ns, verdict.rivals
         if verdict.kind is VerdictKind.OK:
             self._verified_ns = verdict.t_ns
         for fault in list(self._since_ns):
@@ -81,8 +85,9 @@ class Judgement:
         if self._verified_ns is not None:
             return Verdict(self._last_ns, VerdictKind.OK, checks, None, "calibration verified")
         missing = [name for name in self._required if name not in _shown(checks)]
-        reason = _unverified(checks, "too little in-plane motion to show", missing)
-        return Verdict(self._last_ns, VerdictKind.NOT_VERIFIED, checks, None, reason)
+        unverified = _unverified(checks, "too little in-plane motion to show", missing)
+        reason = _undecided(self._rivals) if self._rivals else unverified
+        return Verdict(self._last_ns, VerdictKind.NOT_VERIFIED, checks, None, reason, rivals=self._rivals)
 
 
 def _replaced(checks: tuple[Check, ...], failing: list[Check]) -> tuple[Check, ...]:
@@ -124,6 +129,13 @@ def _contradiction(sign: Sign) -> str:
     check = sign.check
     wait = "must be shown again by new motion" if sign.named else "waiting for it to be confirmed"
     return f"{_sentence(check)}: {wait}"
+
+
+def _undecided(rivals: Sequence[Rival]) -> str:
+    """Which it may be, how far the second is behind, and the motion that shows which of them it is."""
+    names = [rival.check.name for rival in rivals]
+    motions = " + ".join(gesture.value for gesture in gestures(names))
+    return f"one of these is wrong, {rivals[1].behind_nats:.1f} nat apart: {', '.join(names)}; to tell which: {motions}"
 
 
 def _sentence(check: Check) -> str:

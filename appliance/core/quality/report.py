@@ -9,7 +9,8 @@ import numpy as np
 
 from appliance.core.handeye.observability import observability
 from appliance.core.handeye.second_opinion import SecondOpinion
-from appliance.core.quality.check_fields import check_fields, number_or_none
+from appliance.core.quality.check_fields import check_fields, number_or_none, rival_fields
+from appliance.core.quality.proposal import Proposal, proposal_fields
 from appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.rigid import vector_from_rotation
 
@@ -25,7 +26,8 @@ class LineReport:
 
     unpaired: reason → number of frames without a pose. latency: Check in ms, None where never estimated. estimate: X
     as solved, None where nothing was observed. motions: registered pairs that went into it. second_opinion: by closed
-    forms, without the reference. required: names of the checks that the contact asked for.
+    forms, without the reference. required: names of the checks that the contact asked for. proposal: what is wrong has
+    become, None where nothing is shown to be wrong.
     """
 
     frames: int
@@ -39,6 +41,7 @@ class LineReport:
     verdict: Verdict
     second_opinion: SecondOpinion | None = None
     required: tuple[str, ...] = ()
+    proposal: Proposal | None = None
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -71,6 +74,8 @@ def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any
         "checks": [check_fields(report.verdict.t_ns, check) for check in report.checks],
         "verdict": report.verdict.kind.value,
         "fault": report.verdict.fault,
+        "proposal": None if report.proposal is None else proposal_fields(report.proposal),
+        "rivals": rival_fields(report.verdict.t_ns, report.verdict.rivals),
         "timeline": [{"t_s": change.t_s, "state": change.state.value, "reason": change.reason} for change in timeline],
     }
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from math import isfinite
 
 from appliance.limits import Limits
-from appliance.types import PARAMETERS, Check, VerdictKind
+from appliance.types import PARAMETERS, Check, Rival, VerdictKind
 
 _ROOM = 0.8
 """Share of its limit that a contradicted parameter must be shown within. More gives an OK to a fault that lies at its
@@ -34,13 +34,14 @@ class Standing:
     """Where a calibration stands with all that was shown of it.
 
     required: names of the checks that the contact asks for. verified_ns, expires_ns: as in `Verdict`. contradicted:
-    signs that nothing has answered yet, the worst first.
+    signs that nothing has answered yet, the worst first. rivals: as in `Verdict`, of signs that stand.
     """
 
     required: tuple[str, ...]
     verified_ns: int | None = None
     expires_ns: int | None = None
     contradicted: tuple[Sign, ...] = ()
+    rivals: tuple[Rival, ...] = ()
 
 
 class Verification:
@@ -51,6 +52,7 @@ class Verification:
         self._ages_s = limits.required_age_s.ages_s
         self._shown_ns: dict[str, int] = {}
         self._signs: dict[str, Sign] = {}
+        self._rivals: tuple[Rival, ...] = ()
 
     def restart(self) -> None:
         """The geometry has changed: nothing is shown any more. Signs stand until new motion answers them."""
@@ -69,6 +71,12 @@ class Verification:
         return tuple(sorted(self._signs.values(), key=lambda sign: -sign.check.ratio))
 
     @property
+    def rivals(self) -> tuple[Rival, ...]:
+        """Those that were accused last, as long as a sign stands against each and none is named."""
+        unnamed = {name for name, sign in self._signs.items() if not sign.named}
+        return self._rivals if unnamed.issuperset(rival.check.name for rival in self._rivals) else ()
+
+    @property
     def last_sign_ns(self) -> int:
         """Newest motion of any sign that stands; 0 where there is none."""
         return max((sign.until_ns for sign in self._signs.values()), default=0)
@@ -78,7 +86,7 @@ class Verification:
         """As of now: verified where each required parameter was shown, and none, required or not, is contradicted."""
         required = tuple(self._ages_s)
         if self._signs or not self._shown_ns.keys() >= self._ages_s.keys():
-            return Standing(required, contradicted=self.contradicted)
+            return Standing(required, contradicted=self.contradicted, rivals=self.rivals)
         own = {name: age_s for name, age_s in self._ages_s.items() if age_s is not None}
         own_ns = (self._shown_ns[name] + round(age_s * 1e9) for name, age_s in own.items())
         return Standing(required, min(self._shown_ns[name] for name in required), min(own_ns, default=None))
@@ -86,12 +94,18 @@ class Verification:
     def contradict(self, checks: Iterable[Check], named: frozenset[str], until_ns: int) -> None:
         """Take the signs among the checks, which are of motion up to until_ns. named: those that are told as FAULT."""
         for check in checks:
-            if not self._beyond(check):
-                continue
-            before = self._signs.get(check.name)
-            known = check.name in named or (before is not None and before.named)
-            self._signs[check.name] = Sign(check, until_ns, known)
-            self._shown_ns.pop(check.name, None)
+            if self._beyond(check):
+                self._sign(check, check.name in named, until_ns)
+
+    def accuse(
+        self, checks: Iterable[Check], named: frozenset[str], until_ns: int, rivals: tuple[Rival, ...] = ()
+    ) -> None:
+        """Take each of the checks as a sign, whatever its own sigma: together they explain what nothing within the
+        limits does. rivals: among them, where it is not known which.
+        """
+        for check in checks:
+            self._sign(check, check.name in named, until_ns)
+        self._rivals = rivals
 
     def weigh(self, checks: tuple[Check, ...], since_ns: int) -> tuple[Check, ...]:
         """Accept what the checks show, over motion from since_ns on; an OK that is not accepted is NOT_VERIFIED.
@@ -99,6 +113,11 @@ class Verification:
         Each comes back with the time by which its parameter was last shown; None where that is not so.
         """
         return tuple(self._weighed(check, since_ns) for check in checks)
+
+    def _sign(self, check: Check, named: bool, until_ns: int) -> None:
+        before = self._signs.get(check.name)
+        self._signs[check.name] = Sign(check, until_ns, named or (before is not None and before.named))
+        self._shown_ns.pop(check.name, None)
 
     def _beyond(self, check: Check) -> bool:
         """By its own sigmas, also where naming it waits for the latency to be known."""

@@ -6,6 +6,7 @@ from typing import Any
 from appliance.core.quality.gesture import gestures
 from appliance.service.control.hold import Hold
 from appliance.service.control.live_configuration import LiveConfiguration
+from appliance.service.control.proposals import Proposals
 from appliance.service.control.references import References
 from appliance.service.control.status import (
     alarm_fields,
@@ -41,12 +42,13 @@ class ServiceStatus:
         host: HostWatch,
         feed: FeedHost,
         hold: Hold,
+        proposals: Proposals,
         dropped_clients: Callable[[], int],
     ) -> None:
         self._supervision, self._configuration, self._references = supervision, configuration, references
         self._annunciator, self._devices, self._estimator = annunciator, devices, estimator
         self._recorder, self._host, self._feed, self._dropped_clients = recorder, host, feed, dropped_clients
-        self._hold = hold
+        self._hold, self._proposals = hold, proposals
 
     def fields(self) -> dict[str, Any]:
         """As docs/control.md tells them."""
@@ -55,14 +57,17 @@ class ServiceStatus:
         testing = self._annunciator.testing(now_ns)
         ages_ns = config.required_ages_ns
         lacking = unshown(now_ns, seen.alarm, seen.verdict, ages_ns)
+        rivals = () if seen.verdict is None else seen.verdict.rivals
+        asked = gestures([rival.check.name for rival in rivals] or lacking)
         return {
             "t_ns": now_ns,
-            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, gestures(lacking)),
+            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, asked),
             **origin_fields(config, self._configuration.file, self._references),
             "recalibration": self._hold.fields(now_ns, seen.recalibrating, seen.alarm.state is State.MONITORING),
             "language": config.alarm.language,
             "missing": list(lacking),
             **check_lists(now_ns, seen.verdict, seen.devices, ages_ns),
+            "proposal": self._proposals.fields(config.alarm.language),
             "audio": audio_fields(now_ns, self._annunciator.sound, testing),
             "outputs": output_fields(self._devices.outputs),
             "log": log_fields(self._recorder),

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 from appliance.configuration.config import Config
-from appliance.core.quality.check_fields import check_fields
+from appliance.core.quality.check_fields import check_fields, rival_fields
 from appliance.core.quality.gesture import Gesture, missing
 from appliance.service.control.references import SOFTWARE, References
 from appliance.service.devices.output_thread import OutputThread
@@ -104,6 +104,7 @@ def check_lists(
         "verdict": None if verdict is None else verdict.kind.value,
         "checks": [{**check_fields(now_ns, check), "max_age_s": _seconds(ages_ns.get(check.name))} for check in shown],
         "devices": [check_fields(now_ns, check) for check in devices],
+        "rivals": [] if verdict is None else rival_fields(now_ns, verdict.rivals),
     }
 
 

@@ -3,6 +3,8 @@
 from appliance.supervision.watchers.facts import Facts, Patience, silence
 from appliance.types import Check, Fault, VerdictKind
 
+FINDS = (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED, Fault.LOG_NOT_WRITTEN)
+
 
 def alarm_log_integrity(facts: Facts) -> Check:
     """memory-damaged or log-damaged until all damage is acknowledged; the value counts its kinds."""

@@ -5,6 +5,8 @@
 from appliance.supervision.watchers.facts import Facts
 from appliance.types import Check, Fault, VerdictKind
 
+FINDS = (Fault.CALIBRATION_DUE,)
+
 
 def calibration_date(facts: Facts) -> Check:
     """calibration-due while the reference in force is overdue or has expired."""

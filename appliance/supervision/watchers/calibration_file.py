@@ -3,6 +3,8 @@
 from appliance.supervision.watchers.facts import Facts
 from appliance.types import Check, Fault, VerdictKind
 
+FINDS = (Fault.CALIBRATION_FILE,)
+
 
 def calibration_file(facts: Facts) -> Check:
     """calibration-file while the configured file is neither in force nor the one a person last decided about."""

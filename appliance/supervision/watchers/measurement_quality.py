@@ -6,6 +6,8 @@ from appliance.limits import Limits
 from appliance.supervision.watchers.facts import Facts
 from appliance.types import Check, Fault, VerdictKind
 
+FINDS = (Fault.MARKER_BODY, Fault.FIELD_DISTORTION)
+
 
 def marker_fit(facts: Facts, limits: Limits) -> Check:
     """marker-body when the markers fit the pose that they are said to have worse than limits.marker_fit_mm.

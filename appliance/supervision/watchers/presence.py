@@ -3,6 +3,8 @@
 from appliance.supervision.watchers.facts import Facts, Patience, silence
 from appliance.types import Check, Fault, VerdictKind
 
+FINDS = (Fault.OUTPUT_FAILED, Fault.VIDEO_LOST, Fault.TRACKER_LOST, Fault.ESTIMATOR_SILENT)
+
 
 def output_presence(now_ns: int, facts: Facts, patience: Patience) -> Check:
     """output-failed when some output has completed no write for patience.output_ns: it cannot alarm."""

@@ -4,6 +4,8 @@ from appliance.supervision.watchers.facts import Facts, Patience, silence
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import PoseStatus
 
+FINDS = (Fault.TRACKER_ALERT, Fault.TRACKER_STALE, Fault.LINE_OF_SIGHT)
+
 _UNSEEN = (PoseStatus.MISSING, PoseStatus.OUT_OF_VOLUME, PoseStatus.PARTIAL)
 
 

@@ -66,6 +66,7 @@ class Covered(Detector):
         return (Check("covered", Fault.LINE_OF_SIGHT, 2.0, 0.0, "", 1.0, VerdictKind.NOT_VERIFIED),)
 
 
+@THOROUGH
 def test_a_detector_of_sight_that_is_added_withholds_the_ok_and_opens_the_contact() -> None:
     world = kept(3, settings=SMALL)
     line, supervisor = Line(truth(world), SWEPT), Supervisor(Durations())
@@ -155,7 +156,7 @@ def test_the_freeze_key_pauses_and_is_no_fault_and_the_contact_is_open_while_it_
 
 @pytest.mark.parametrize(
     ("fault", "within_s"),
-    [("flip-lateral", 3.0), ("flip-vertical", 3.0), ("depth", 10.0)],
+    [("flip-lateral", 3.0), ("flip-vertical", 3.0), pytest.param("depth", 10.0, marks=THOROUGH)],
 )
 def test_a_fault_that_was_there_before_the_start_is_found_by_motion(fault: str, within_s: float) -> None:
     world = kept(3, settings=SMALL)
@@ -167,6 +168,7 @@ def test_a_fault_that_was_there_before_the_start_is_found_by_motion(fault: str, 
     assert line.report().verdict.fault == FAULT_CLASS[fault]
 
 
+@THOROUGH
 def test_a_grabber_faster_than_the_scanner_is_verified_and_its_mirrored_picture_found() -> None:
     """Every picture comes twice, as from a 60 Hz grabber: the second shows nothing new, and takes nothing away."""
     world = kept(3, settings=SMALL)
@@ -185,7 +187,8 @@ def test_a_grabber_faster_than_the_scanner_is_verified_and_its_mirrored_picture_
     assert 9.0 <= found[0] < 9.1
 
 
-@pytest.mark.parametrize("seed", [3, pytest.param(2, marks=THOROUGH)])
+@THOROUGH
+@pytest.mark.parametrize("seed", [3, 2])
 def test_a_late_tracker_is_named_latency(seed: int) -> None:
     world = kept(seed, settings=SMALL)
     found = first_fault(faulty(Line(truth(world), SWEPT), world, 14.0, "latency", at_s=7.0))
@@ -195,7 +198,7 @@ def test_a_late_tracker_is_named_latency(seed: int) -> None:
 
 
 @pytest.mark.parametrize("fps", [15.0, pytest.param(30.0, marks=THOROUGH)])
-@pytest.mark.parametrize("program", ["elevational", "still"])
+@pytest.mark.parametrize("program", [pytest.param("elevational", marks=THOROUGH), "still"])
 def test_motion_that_shows_nothing_is_not_verified(program: str, fps: float) -> None:
     line, verdicts = watched(kept(6, program, settings=SMALL), 6.0, fps)
     assert {v.kind for v in verdicts} == {VerdictKind.NOT_VERIFIED}
@@ -265,6 +268,7 @@ def test_a_tracker_may_repeat_itself_for_as_long_as_the_cart_says() -> None:
     assert (check.limit, check.unit) == (1500.0, "ms")
 
 
+@THOROUGH
 def test_a_wrong_rotation_from_the_start_is_named_rotation() -> None:
     world = kept(3, settings=SMALL)
     turned = truth(world)

@@ -13,19 +13,11 @@ from appliance.storage.calibration_file import calibration_from_image_to_probe, 
 from appliance.types import Calibration, Fault, VerdictKind
 from drivers.recordings.replay import open_recording
 from drivers.rigid import vector_from_rotation
-from tests.support.recordings import plus_file
+from tests.support.recordings import NWIRE_IMAGE_TO_PROBE, plus_file
 
 THOROUGH = pytest.mark.thorough
 FCAL = "fCal_Test_Validation_3NWires_fCal2.0.igs.mha"
 NWIRE = "NwirePhantomFreehand.igs.mha"
-NWIRE_IMAGE_TO_PROBE = np.array(
-    [
-        [-0.0094, -0.0739, -0.0028, -103.5322],
-        [0.0774, -0.0076, -0.0049, -43.1227],
-        [0.0046, -0.0032, 0.0760, -93.3],
-        [0, 0, 0, 1],
-    ]
-)
 
 
 @dataclass(frozen=True)

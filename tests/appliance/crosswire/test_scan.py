@@ -61,7 +61,8 @@ def recover(seed: int, seconds: float, settings: WorldSettings = SMALL) -> tuple
     return solution.zeta_mm - float(true.offset_mm[2]), solution.zeta_sigma_mm, scan
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in (2, 3))])
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_zeta_is_recovered_from_rendered_pictures(seed: int) -> None:
     error_mm, sigma_mm, scan = recover(seed, 14)
     assert abs(error_mm) < 2.5 * sigma_mm
@@ -147,6 +148,7 @@ def test_a_bubble_that_comes_and_goes_is_no_crossing() -> None:
     assert scan.views == []
 
 
+@pytest.mark.thorough
 def test_wires_that_never_meet_are_told_with_their_distance() -> None:
     world = World(1, "freehand", "cross-wire", SMALL, Clutter(gap_mm=2.5))
     scan = scanned(session(world, 14, fps=20))

@@ -58,6 +58,7 @@ def coverage(runs: int) -> tuple[np.ndarray, list]:
     return np.array([errors(solution) / solution.sigma for solution in found]), found
 
 
+@pytest.mark.thorough
 def test_stated_sigmas_are_the_scatter() -> None:
     ratios, found = coverage(20)
     assert np.mean(np.abs(ratios) < 1) == pytest.approx(0.68, abs=0.1)

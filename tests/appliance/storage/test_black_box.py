@@ -17,7 +17,7 @@ from appliance.core.order import Order
 from appliance.limits import Limits
 from appliance.storage.black_box import CHUNK_NS, SCHEMAS, BlackBox, BlackBoxWriter
 from appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State, fields_of, item_of
-from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
+from appliance.types import Calibration, Check, Fault, Rival, Verdict, VerdictKind
 from drivers.errors import RecordingError
 from drivers.recordings.mcap_file import MAGIC
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
@@ -232,6 +232,21 @@ def test_the_schemas_name_every_field() -> None:
     assert set(fields_of(VERDICT)[1]["checks"][0]) == set(
         SCHEMAS["/verdict"]["properties"]["checks"]["items"]["properties"]
     )
+
+
+def test_rivals_come_back() -> None:
+    rivals = tuple(Rival(check, behind) for check, behind in zip(VERDICT.checks, (0.0, 2.5), strict=True))
+    topic, fields = fields_of(replace(VERDICT, rivals=rivals))
+    back = item_of(topic, fields)
+    assert isinstance(back, Verdict)
+    assert [rival.behind_nats for rival in back.rivals] == [0.0, 2.5]
+    assert json.dumps(verdict_fields(back)) == json.dumps(fields)
+    del fields["rivals"]
+    older = item_of(topic, fields)
+    assert isinstance(older, Verdict)
+    assert older.rivals == (), "of a version that knew of none"
+    with pytest.raises(ValueError, match="not as documented"):
+        item_of(topic, {**fields, "rivals": [3]})
 
 
 def test_what_would_unpack_to_more_than_a_chunk_holds_is_left_out_unread(tmp_path: Path) -> None:

@@ -10,13 +10,14 @@ from appliance.core.detectors.pose_convention import WRONG
 from appliance.core.line import Line
 from appliance.core.quality.gesture import Gesture
 from appliance.core.quality.judgement import Judgement, judge
-from appliance.core.quality.verification import Standing
+from appliance.core.quality.proposal import propose
+from appliance.core.quality.verification import Sign, Standing
 from appliance.limits import Limits
 from appliance.supervision.alarms import DISTURBED, HAZARDS, OUTDATED, SIGNALS
 from appliance.supervision.languages import GERMAN, told
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
-from appliance.types import PARAMETERS, Check, Fault, State, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, Rival, State, VerdictKind
 from drivers.samples import Frame, Stamp
 from tests.appliance.core.acquisition.test_input_validation import HEALTHY, noisy, verdicts
 from tests.appliance.core.test_line import truth
@@ -25,6 +26,17 @@ from tools.shared.status_view import WORDS
 NOT_VERIFIED = VerdictKind.NOT_VERIFIED
 REQUIRED = Limits().required_age_s.names
 STANDING = Standing(REQUIRED)
+SCALED = Check("scale-lateral", Fault.SCALE, 12.0, 3.0, "%", 5.0, NOT_VERIFIED)
+LATE = Check("latency", Fault.LATENCY, 90.0, 12.0, "ms", 60.0, NOT_VERIFIED)
+UNDECIDED = Standing(
+    REQUIRED, contradicted=(Sign(SCALED, 0, False), Sign(LATE, 0, False)), rivals=(Rival(SCALED, 0.0), Rival(LATE, 2.1))
+)
+PROPOSALS = (
+    propose([Check("latency", Fault.LATENCY, 90.0, 12.0, "ms", 60.0, VerdictKind.FAULT)], truth(HEALTHY), 80.0),
+    propose([Check("rotation-axial", Fault.ROTATION, 9.0, 0.5, "deg", 3.0, VerdictKind.FAULT)], truth(HEALTHY), 0.0),
+    propose([Check("scale-axial", Fault.SCALE, 9.0, 0.5, "%", 5.0, VerdictKind.FAULT)], truth(HEALTHY), 0.0),
+)
+PROPOSED = {clause for one in PROPOSALS if one for clause in one.text.split("; ") if clause in GERMAN}
 LONGEST_NAME = 20
 """Two columns of checks fit 80 columns."""
 
@@ -53,7 +65,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     reasons = {text for text in GERMAN if "{" in text and text not in words}
     units = {"deg", "axes"}
     said = {"calibration verified", "verified only in parts", "Probe on tissue"}
-    said |= {gesture.value for gesture in Gesture}
+    said |= {gesture.value for gesture in Gesture} | PROPOSED
     assert set(GERMAN) == tables | words | reasons | units | said | check_names() | {
         "picture-size",
         "depth-ruler",
@@ -61,7 +73,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
         "user-freeze",
         *WRONG,
     }
-    assert len(reasons) == 9
+    assert len(reasons) == 13
 
 
 def test_every_word_of_the_status_is_translated_with_the_same_fields() -> None:
@@ -90,6 +102,8 @@ def checks(**values: tuple[float, float, VerdictKind]) -> tuple[Check, ...]:
         judge(
             0, (*checks(), Check("no-picture", Fault.NO_PICTURE, 600.0, 0.0, "ms", 500.0, NOT_VERIFIED)), STANDING
         ).reason,
+        judge(0, checks(), UNDECIDED).reason,
+        *(one.text for one in PROPOSALS if one),
         Judgement(REQUIRED).overall(()).reason,
         Judgement(REQUIRED).overall(checks()).reason,
         replace(judge(0, (), STANDING), reason=OUTDATED).reason,

@@ -104,6 +104,7 @@ def test_frames_arrive_on_time_and_show_the_world(tmp_path: Path, twin_at: Calla
     assert not (tmp_path / "video").exists()
 
 
+@pytest.mark.thorough
 def test_a_killed_scanner_is_lost_and_comes_back(tmp_path: Path, twin_at: Callable[..., Twin]) -> None:
     twin = twin_at(tmp_path / "video")
     with open_video(twin.ready["url"], HostClock()) as source:

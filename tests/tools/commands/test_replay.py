@@ -302,6 +302,8 @@ def test_json_is_the_documented_contract():
         ],
         "verdict": "FAULT",
         "fault": "polarity",
+        "proposal": None,
+        "rivals": [],
         "timeline": [{"t_s": 0.5, "state": "device lost", "reason": "no picture"}],
     }
     json.dumps(data, allow_nan=False)

@@ -59,6 +59,7 @@ def test_with_a_calibration_it_is_judged_by_that_one(box: Path) -> None:
     assert "live run" not in text
 
 
+@pytest.mark.thorough
 def test_a_cut_black_box_says_where(box: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(box.read_bytes()[: box.stat().st_size // 2])

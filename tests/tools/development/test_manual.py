@@ -1,5 +1,6 @@
 """The manual says what the code does."""
 
+import ast
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -11,8 +12,7 @@ from appliance.supervision.policy import POLICY
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import AlarmState, Fault, State
 from tools.development.evidence_pages import pages, read_figures
-from tools.development.hazard_pages import watchers
-from tools.development.hazards import PAGE, hazards
+from tools.development.hazards import PAGE, ROOT, found_by, hazards
 from tools.development.manual import MANUAL, manual
 from tools.study.hazard import FAULTS
 
@@ -67,9 +67,33 @@ def test_every_section_says_who_watches_which_limit_what_is_known_and_what_to_do
     assert [section.split("\n")[0] for section in sections] == [*HAZARDS]
     for fault, section in zip(HAZARDS, sections, strict=True):
         assert HAZARDS[fault].remedy in section
-        assert watchers(fault), f"nothing decides that {fault} is there"
+        assert found_by()[fault], f"nothing decides that {fault} is there"
         assert "- Limit: " in section
         assert ("not measured" in section) != ("FAULT (95 %)" in section)
+
+
+MAKES_OF_OTHERS = {"appliance/core/exact_fields.py", "appliance/supervision/watchers/facts.py"}
+"""They read a check, or make one of a class that they are given."""
+
+
+def checks_made(file: Path) -> list[ast.Call]:
+    calls = (node for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(node, ast.Call))
+    return [call for call in calls if isinstance(call.func, ast.Name) and call.func.id == "Check"]
+
+
+def test_whoever_makes_a_check_declares_what_it_finds() -> None:
+    made = {file.relative_to(ROOT).as_posix(): checks_made(file) for file in (ROOT / "appliance").rglob("*.py")}
+    makers = {file: calls for file, calls in made.items() if calls and file not in MAKES_OF_OTHERS}
+    assert len(makers) > 10
+    for file, calls in makers.items():
+        declared = {fault for fault, files in found_by().items() if file in files}
+        told = {node.attr for call in calls for node in ast.walk(call) if is_fault(node)} - {"AGREEMENT"}
+        assert declared, f"{file} makes checks and has no FINDS"
+        assert told <= {fault.name for fault in declared}, f"FINDS of {file} leaves some out"
+
+
+def is_fault(node: ast.AST) -> bool:
+    return isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "Fault"
 
 
 def test_the_page_shows_every_transition() -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import tools.page
+from appliance.core.acquisition.pairing import REASONS
 from appliance.core.quality.calibration_difference import Difference
 from appliance.crosswire import coverage, running
 from appliance.crosswire.crossing import NoCrossing
@@ -72,7 +73,7 @@ def test_every_text_that_a_script_says_has_its_german(script: str) -> None:
 
 
 def test_what_the_scan_says_of_motion_and_of_pictures_has_its_german() -> None:
-    said = [one.value for one in (*Reason, *NoCrossing)]
+    said = [*REASONS, *(one.value for one in (*Reason, *NoCrossing))]
     said += [text for pair in coverage._TOWARDS for text in pair]
     said += [coverage._place_words(row, column) for row in range(3) for column in range(3)]
     said += [f"To show it: {motion}" for motion in running._MOVEMENTS.values()]
@@ -115,6 +116,7 @@ def test_what_the_check_says_is_recognised() -> None:
 ROOT = Path(tools.page.__file__).parents[2]
 SPEAKERS = (
     "tools/recalibration/session.py",
+    "tools/recalibration/held_service.py",
     "tools/recalibration/steps.py",
     "tools/recalibration/paperwork.py",
     "tools/recalibration/scanning.py",

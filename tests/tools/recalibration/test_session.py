@@ -20,8 +20,9 @@ from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.live_scan import RecalibratingService, Scan
 from tests.support.polling import until
+from tools.recalibration.held_service import Asked
 from tools.recalibration.paperwork import Begin, Signature
-from tools.recalibration.session import Asked, Phase, ScanSession
+from tools.recalibration.session import Phase, ScanSession
 from tools.shared.status_watch import StatusWatch
 
 SIZE_PX = (320, 240)

@@ -266,6 +266,7 @@ def test_parts_of_a_recording_say_the_same_bit_for_bit(tmp_path: Path, monkeypat
     assert series.damage_text == ""
 
 
+@pytest.mark.thorough
 def test_names_beside_the_sector_are_never_written(tmp_path: Path) -> None:
     """No pixel that is lit outside the sector, of any picture; nothing at all before the sector is known."""
     recording = recorder(tmp_path, blacken=True)

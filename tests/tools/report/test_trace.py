@@ -37,6 +37,7 @@ def apart_mm(trace: Trace, from_s: float) -> float:
     return float(np.sqrt((apart**2).sum(axis=1).mean()))
 
 
+@pytest.mark.thorough
 def test_both_paths_lie_on_one_another_until_the_marker_body_is_bent() -> None:
     sound, bent = traced(), traced(BENT)
     assert len(sound.paths.t_s) > 100

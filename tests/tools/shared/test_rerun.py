@@ -59,6 +59,7 @@ def test_the_same_verdicts_come_again_bit_for_bit(recorded: tuple[Path, list[Ver
     assert "bit for bit" in comparison.sentence
 
 
+@pytest.mark.thorough
 def test_a_file_that_was_cut_says_the_same_up_to_the_cut(short: tuple[Path, list[Verdict]], tmp_path: Path) -> None:
     path, live = short
     cut = tmp_path / "cut.mcap"

@@ -31,6 +31,8 @@ SETTINGS = {
     "latin1": {"PYTHONIOENCODING": "latin1"},
     "UTF-8": {"LC_ALL": "C.UTF-8"},
 }
+LEADING = {"POSIX", "latin1", "UTF-8"}
+"""One of each encoding."""
 
 
 def status(language: str = "en", **fields: Any) -> dict[str, Any]:
@@ -148,7 +150,9 @@ def asked(setting: str, *commands: tuple[str, ...]) -> list[tuple[int, bytes]]:
     return [(int(code), output) for output, code in zip(told[::2], told[1::2], strict=True)]
 
 
-@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize(
+    "setting", [one if one in LEADING else pytest.param(one, marks=pytest.mark.thorough) for one in SETTINGS]
+)
 def test_the_status_is_readable_in_any_locale_and_its_json_the_same(service: Path, setting: str) -> None:
     status = ("status", "--socket", str(service))
     (code, shown), (_, as_json) = asked(setting, status, (*status, "--json"))
@@ -184,6 +188,7 @@ def test_watching_into_a_pipe_prints_lines(service: Path, as_json: bool) -> None
             assert "\x1b" not in line
 
 
+@pytest.mark.thorough
 def test_help_is_ascii_where_the_locale_is() -> None:
     commands = ("check", "demo", "log", "probe", "recalibrate", "replay", "simulate", "status")
     for code, shown in asked("POSIX", *((command, "--help") for command in commands)):

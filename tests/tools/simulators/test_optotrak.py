@@ -83,6 +83,7 @@ def test_poses_of_a_recording_arrive_as_recorded(tmp_path: Path, simulate: Calla
             np.testing.assert_allclose(pose.matrix, turn(0.1 * t_s, 20 * t_s), atol=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_control_file_switches_faults_while_it_runs(tmp_path: Path, simulate: Callable[..., str]) -> None:
     control = tmp_path / "faults.json"
     with open_tracker(simulate("--control", str(control)), HostClock()) as tracker:

@@ -6,7 +6,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from tools.study.outcome import CHECKS, Outcome
+from appliance.core.parameters import MEASURED
+from tools.study.outcome import Outcome
 from tools.study.page import write_page
 from tools.study.summary import Share, coverages, detections, false_rate_per_hour, healthy_hours
 
@@ -28,7 +29,7 @@ def row(session="in-plane", seed=1, hazard="none", tissue="still", **changed):
     outcome = Outcome(frames=1800, closed=0.9, closed_s=2.0)
     for name, value in changed.items():
         setattr(outcome, name, value)
-    for name in CHECKS:
+    for name in MEASURED:
         scores = outcome.scores[name]
         scores.last, scores.sigma, scores.bound, scores.looks, scores.squares, scores.worst = 0.1, 0.2, 0.1, 50, 200, 4
     key = {

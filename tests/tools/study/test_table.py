@@ -28,6 +28,7 @@ def test_rows_come_back_and_count_as_done(tmp_path):
     assert again.rows[0] == row(1) | {"code": code_digest(), "commit": commit()}
 
 
+@pytest.mark.thorough
 def test_a_row_that_was_cut_is_done_again(tmp_path):
     table(tmp_path).add([row(1), row(2)])
     whole = (tmp_path / "study.csv").read_bytes()

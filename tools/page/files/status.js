@@ -17,6 +17,8 @@ function showChecks(status) {
   const wanted = status.gesture || [];
   el("gestures").hidden = wanted.length === 0;
   set("gestures", `${say("To show what is missing")}: ${wanted.join("; ")}`);
+  el("proposal").hidden = !status.proposal;
+  set("proposal", status.proposal ? `→ ${status.proposal.text}` : "");
 }
 
 function showDevices(status) {

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.acquisition.pairing import GAP, NEVER, NO_POSE, NOT_OK, Pairing, Unpaired
+from appliance.core.acquisition.pairing import GAP, NEVER, NO_POSE, NOT_OK, REASONS, Pairing, Unpaired
 from appliance.types import StampedPair
 from drivers.rigid import rigid, rotation_from_vector
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
@@ -32,7 +32,10 @@ def settled(pairing: Pairing, *samples: Frame | Pose) -> list[StampedPair | Unpa
 
 
 def reasons(items: list[StampedPair | Unpaired]) -> list[str]:
-    return [item.reason for item in items if isinstance(item, Unpaired)]
+    """Each of them one that the page can say in every language."""
+    found = [item.reason for item in items if isinstance(item, Unpaired)]
+    assert set(found) <= set(REASONS)
+    return found
 
 
 @pytest.mark.parametrize("t_ms", [100, 101, 110, 119, 120])

@@ -112,6 +112,7 @@ def watched(duration_s: float = 16.0) -> tuple[Evidence, PathWindow]:
     return Evidence(TRUTH, LIMITS, window), whole
 
 
+@pytest.mark.thorough
 def test_a_change_of_scale_is_named_within_four_seconds_and_only_by_its_name() -> None:
     evidence, whole = watched(20.0)
     assert set().union(*fed(evidence, whole, 0, 12)) == set()

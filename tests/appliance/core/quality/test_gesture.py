@@ -6,22 +6,17 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from appliance.core.parameters import MEASURED, PER_UNIT, limit_of_each
 from appliance.core.quality.gesture import Gesture, gestures, missing
 from appliance.limits import Limits
-from appliance.types import PARAMETERS, Check, Fault, VerdictKind
+from appliance.types import Check, Fault, VerdictKind
 from drivers.rigid import Array
 from tools.study import hand
 from tools.study.bound import bounds
 from tools.study.session import Session
 
 LIMITS = Limits()
-MOST = dict(
-    zip(
-        (*PARAMETERS, "latency"),
-        [LIMITS.rotation_deg] * 3 + [LIMITS.scale_percent] * 2 + [LIMITS.offset_mm] * 3 + [LIMITS.latency_ms],
-        strict=True,
-    )
-)
+MOST = dict(zip(MEASURED, PER_UNIT * limit_of_each(LIMITS), strict=True))
 ROWS = {
     Gesture.SIDEWAYS: (0, 5.0, 1.75, 0.0),
     Gesture.PRESS: (1, 3.0, 0.65, np.pi / 2),

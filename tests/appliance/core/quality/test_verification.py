@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from appliance.core.quality.verification import Verification
 from appliance.limits import Limits, RequiredAges
-from appliance.types import PARAMETERS, Check, Fault, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, Rival, VerdictKind
 
 S = 1_000_000_000
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
@@ -191,3 +191,26 @@ def test_everything_is_asked_for_by_default_and_the_offsets_count_for_longer() -
     assert verification.standing.expires_ns == 35 * S
     weigh(verification, *(check(name, shown_s=500.0) for name in REQUIRED if not name.startswith("offset")))
     assert (verification.standing.verified_ns, verification.standing.expires_ns) == (S, 121 * S)
+
+
+def test_an_accusation_withdraws_the_ok_whatever_its_own_sigma() -> None:
+    verification = all_shown()
+    blunt = check("offset-axial", 6.0, 5.0)
+    verification.contradict([blunt], frozenset(), 6 * S)
+    assert verification.standing.verified_ns is not None, "by its sigma it says nothing"
+    verification.accuse([blunt], frozenset(), 6 * S)
+    assert verification.standing.verified_ns is None
+
+
+def test_rivals_stand_until_one_of_them_is_answered_or_named() -> None:
+    two = check("offset-axial", 6.0, 5.0), check("scale-lateral", 6.0, 5.0)
+    rivals = tuple(Rival(one, behind) for one, behind in zip(two, (0.0, 1.0), strict=True))
+    for answer, named in ((check("offset-axial"), frozenset[str]()), (two[1], frozenset({"scale-lateral"}))):
+        verification = all_shown()
+        verification.accuse(two, frozenset(), 6 * S, rivals)
+        assert verification.standing.rivals == rivals
+        if named:
+            verification.contradict([check("scale-lateral", 20.0)], named, 7 * S)
+        else:
+            weigh(verification, answer, since_s=7.0)
+        assert verification.standing.rivals == ()

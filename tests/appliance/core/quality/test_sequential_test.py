@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from appliance.core.detectors.sequential_test import NAMED_NATS, Accusation, _minimum, accuse
 from appliance.core.path.noise import PARTS, WALK, WHITE, Noise
 from appliance.core.path.solver import Prior, solve
 from appliance.core.path.window import PathWindow
+from appliance.core.quality.sequential_test import NAMED_NATS, Accusation, _minimum, accuse
 from appliance.limits import Limits
 from appliance.types import Calibration, VerdictKind
-from drivers.rigid import Array, rotation_from_vector
+from drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import filled, motion
 
@@ -119,3 +119,36 @@ def test_motion_that_fits_nothing_is_not_named() -> None:
 def test_too_little_motion_tells_nothing() -> None:
     assert accused(filled(tilting_path, 0.2, 6)) is None
     assert accused(PathWindow(TRUTH)) is None
+
+
+def in_step(t_s: Array) -> Array:
+    """Slid and rocked in step: each looks like the other, for any scale and the offset along the beam."""
+    swing = np.sin(2.6 * t_s)
+    centre = np.stack([8 * swing, 0.3 * np.sin(7 * t_s), 0 * t_s], axis=1)
+    return rigid(rotation_from_vector(np.stack([0 * t_s, 0 * t_s, 0.12 * swing], axis=1)), centre)
+
+
+def in_turn(t_s: Array) -> Array:
+    """Slid, then rocked faster."""
+    slide, rock = np.sin(2.6 * t_s), np.sin(4.1 * t_s)
+    centre = np.stack([8 * slide, 0.3 * np.sin(7 * t_s), 0 * t_s], axis=1)
+    return rigid(rotation_from_vector(np.stack([0 * t_s, 0 * t_s, 0.12 * rock], axis=1)), centre)
+
+
+SLID = replace(TRUTH, offset_mm=np.add(TRUTH.offset_mm, [0, 12, 0]))
+
+
+def test_two_classes_that_are_as_likely_are_told_with_their_margin() -> None:
+    found = accused(filled(in_step, 5.0, 2, truth=SLID))
+    assert found is not None
+    assert found.named == frozenset()
+    assert [rival.check.name for rival in found.rivals] == ["offset-axial", "scale-lateral"]
+    assert found.rivals[0].behind_nats == 0.0
+    assert 0 < found.rivals[1].behind_nats < 5
+    assert tuple(rival.check for rival in found.rivals) == found.checks
+
+
+def test_the_motion_that_is_asked_for_tells_which() -> None:
+    found = accused(filled(in_turn, 5.0, 2, truth=SLID))
+    assert found is not None
+    assert (found.named, found.rivals) == ({"offset-axial"}, ())

@@ -15,12 +15,15 @@ from math import log
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
+from appliance.core.parameters import LEFT_OUT, MEASURED, PER_UNIT, QUANTITIES, limit_of_each
 from appliance.core.path.noise import AXIAL, BREATHING, LATERAL, Noise, covariances
 from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU, VALUE, PathResidual
 from appliance.core.path.window import PathWindow
 from appliance.limits import Limits
-from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
+from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array
+
+FINDS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
 
 WINDOW_NS = 10_000_000_000
 """Of the oldest start: as long as the window that measures. Longer finds smaller changes later, and costs time."""
@@ -28,6 +31,9 @@ _STARTS = (10, 14, 19, 26, 36, 45, 58, 76, 100)
 """Lengths that are tested, in blocks of a tenth of a second: each about 1.3 times the one before. A change between two
 of them is found by the shorter one, later by less than that."""
 _FALSE_ALARM_H = 1000.0
+"""Mean time between two false FAULTs that is promised: a cart's year of scanning or so. Twice as much names everything
+.7 nats later. Not measured: docs/evidence.md has the hours of healthy scanning that were run.
+"""
 NAMED_NATS = log(_FALSE_ALARM_H * 3600 * 30)
 """18.5: log likelihood ratio of a FAULT. By Ville's inequality a true likelihood ratio passes it once in so many
 pictures; the sup over sizes costs a few nats of that and a look at each tenth picture gives two back."""
@@ -35,7 +41,8 @@ WITHDRAWN_NATS = 10.0
 """The same of a sign, which withdraws the OK and names nothing: once in hours of motion at the limit itself. Less opens
 the contact for nothing, more keeps it closed for longer over what will be named."""
 _AHEAD_NATS = 5.0
-"""By how much the class that is named must explain the motion better than any other: odds of 150."""
+"""By how much the class that is named must explain the motion better than any other: odds of 150. Less names the wrong
+one more often, more tells two for longer. Not measured."""
 _INFLATED = 1.3**2
 """Of every variance: tails that are heavier than the model's. In simulations t₅ tails ended a promise of 1e5 looks
 after 623 without it. More is later, less trusts the learned noise more than its own scatter allows."""
@@ -44,7 +51,7 @@ _MOST_SPREAD = 4.0
 and it must not be named. A window that holds the leap of a marker body has 3 to 12 (gesture, 6°)."""
 _HUBER = 2.0
 """Standard deviations from which an innovation counts less, as in the solver."""
-_LEFT_OUT = np.array([np.deg2rad(0.75)] * 3 + [0.009] * 2 + [1.5] * 3 + [0.015])
+_LEFT_OUT = 3 * LEFT_OUT
 """rad, relative, mm, s: beyond the limits before anything is accused: three standard deviations of what the model of
 the motion leaves out, as the checks have it."""
 _PRIOR = np.array([0.2] * 3 + [0.15] * 2 + [10.0] * 3 + [0.1])
@@ -64,9 +71,6 @@ _ANYTHING = np.diag(np.append(_PRIOR, _DRIFT) ** -2.0)
 """(12, 12): information before any motion is seen."""
 _VALUE = TAU + 1 + _DRIFT.size
 """Of the rows of innovations: θ, the drifts, and the value."""
-_NAMES = (*PARAMETERS, "latency")
-_PER_UNIT = np.array([np.rad2deg(1.0)] * 3 + [100.0] * 2 + [1.0] * 3 + [1000.0])
-_UNITS = ("deg",) * 3 + ("%",) * 2 + ("mm",) * 3 + ("ms",)
 _ROUNDS, _TURNS, _SEARCH = 6, 3, 30
 """Reweighted fits of one linear model, models about the fit before, and bounds that are taken or left: most."""
 _WORTH_NATS = 6.0
@@ -77,12 +81,14 @@ _WORTH_NATS = 6.0
 class Accusation:
     """since_ns: from when on. nats: by how much what is accused explains the motion better than anything within its
     limits. checks: FAULTs of the parameters that are surely beyond, where one class explains it; else the parameter
-    that is farthest beyond, NOT_VERIFIED, of each class that is as likely, the likeliest first.
+    that is farthest beyond, NOT_VERIFIED, of each class that is as likely, the likeliest first. rivals: those classes,
+    where there are two or more and the likeliest explains it.
     """
 
     since_ns: int
     nats: float
     checks: tuple[Check, ...]
+    rivals: tuple[Rival, ...] = ()
 
     @property
     def named(self) -> frozenset[str]:
@@ -129,8 +135,7 @@ def _with_breathing(noise: Noise) -> Noise:
 
 def _bounds(limits: Limits, lag_s: float) -> tuple[Array, Array]:
     """(12,) least and most of what is within its limit; the latency counts from lag_s, any drift is."""
-    sizes = [limits.rotation_deg] * 3 + [limits.scale_percent] * 2 + [limits.offset_mm] * 3 + [limits.latency_ms]
-    most = np.array(sizes) / _PER_UNIT + _LEFT_OUT
+    most = limit_of_each(limits) + _LEFT_OUT
     about = np.append(np.zeros(TAU), lag_s)
     drift = np.full(_DRIFT.size, np.inf)
     return np.append(-most - about, -drift), np.append(most - about, drift)
@@ -240,7 +245,8 @@ class _Trial:
         fits = {fault: self._alone(own) for fault, own in _CLASSES.items()}
         ahead = sorted(fits, key=lambda fault: fits[fault].cost)
         first = fits[ahead[0]]
-        rivals = [fault for fault in ahead if 0.5 * (fits[fault].cost - first.cost) / self._spread < _AHEAD_NATS]
+        behind = {fault: 0.5 * (fits[fault].cost - first.cost) / self._spread for fault in ahead}
+        rivals = [fault for fault in ahead if behind[fault] < _AHEAD_NATS]
         explains = self._spread_of(first) < _MOST_SPREAD
         named = explains and len(rivals) == 1 and self._beyond(first) >= NAMED_NATS
         own = _checks(first, ahead[0], limits, lag_s, self._spread) if named else []
@@ -248,7 +254,9 @@ class _Trial:
         if beyond:
             return Accusation(since_ns, self.nats, tuple(beyond))
         each = (_checks(fits[fault], fault, limits, lag_s, self._spread) for fault in rivals)
-        return Accusation(since_ns, self.nats, tuple(max(checks, key=lambda check: check.ratio) for checks in each))
+        worst = tuple(max(checks, key=lambda check: check.ratio) for checks in each)
+        as_likely = tuple(Rival(check, behind[check.fault]) for check in worst) if explains and len(worst) > 1 else ()
+        return Accusation(since_ns, self.nats, worst, as_likely)
 
     def _alone(self, own: slice) -> _Fit:
         """Where only one class may be beyond its limits."""
@@ -261,15 +269,13 @@ class _Trial:
 
 def _checks(fit: _Fit, fault: Fault, limits: Limits, lag_s: float, spread: float) -> list[Check]:
     """Of each parameter of a class."""
-    limit = {
-        Fault.ROTATION: limits.rotation_deg, Fault.SCALE: limits.scale_percent, Fault.OFFSET: limits.offset_mm,
-        Fault.LATENCY: limits.latency_ms,
-    }[fault]  # fmt: skip
-    values = fit.theta[: TAU + 1] * _PER_UNIT
+    quantity = QUANTITIES[fault]
+    unit, limit = quantity.unit, quantity.limit(limits)
+    values = fit.theta[: TAU + 1] * PER_UNIT
     values[TAU] += lag_s * 1e3
-    sigmas = np.sqrt(np.diag(np.linalg.inv(fit.information))[: TAU + 1] * spread) * _PER_UNIT
+    sigmas = np.sqrt(np.diag(np.linalg.inv(fit.information))[: TAU + 1] * spread) * PER_UNIT
     return [
-        Check(_NAMES[k], fault, float(values[k]), float(sigmas[k]), _UNITS[k], limit, VerdictKind.NOT_VERIFIED)
+        Check(MEASURED[k], fault, float(values[k]), float(sigmas[k]), unit, limit, VerdictKind.NOT_VERIFIED)
         for k in range(TAU + 1)[_CLASSES[fault]]
     ]
 

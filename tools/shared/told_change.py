@@ -1,14 +1,12 @@
-"""The units in which people and checks read the eight parameters of a calibration, and what checks say in theirs."""
+"""What the checks of a status say of the eight parameters of a calibration, in the units of those."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
+from appliance.core.parameters import PER_UNIT
 from appliance.types import PARAMETERS, Vector
-
-PER_UNIT = np.array([*(np.degrees(1.0),) * 3, *(100.0,) * 2, *(1.0,) * 3])
-"""deg, %, mm: how many of them are one rad, one relative, one mm, in the order of PARAMETERS."""
 
 
 def told_change(checks: Iterable[Mapping[str, Any]]) -> tuple[Vector, Vector]:
@@ -18,7 +16,7 @@ def told_change(checks: Iterable[Mapping[str, Any]]) -> tuple[Vector, Vector]:
     told = {check["name"]: check for check in checks}
     parts = [told.get(name, {}) for name in PARAMETERS]
     change, sigma = (
-        np.array([np.nan if part.get(key) is None else part[key] for part in parts]) / PER_UNIT
+        np.array([np.nan if part.get(key) is None else part[key] for part in parts]) / PER_UNIT[: len(PARAMETERS)]
         for key in ("value", "sigma")
     )
     return change, sigma

@@ -1,0 +1,62 @@
+"""The one table of what motion measures: in which unit people read it, its limit, and what the model leaves out.
+
+The nine quantities are the parameters of X and the latency; θ of a solution has them in rad, relative, mm and s.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+
+from appliance.limits import Limits
+from appliance.types import PARAMETERS, Fault, Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One class of parameters. unit: of checks and texts. per_unit: how many of it are one rad, one relative, one mm or
+    one s. limit_key: its field of Limits, in that unit. left_out: standard deviation, in that unit, of what the model
+    of the motion leaves out, however long it lasts.
+    """
+
+    unit: str
+    per_unit: float
+    limit_key: str
+    left_out: float
+
+    def limit(self, limits: Limits) -> float:
+        """In `unit`."""
+        return float(getattr(limits, self.limit_key))
+
+
+QUANTITIES: Mapping[Fault, Quantity] = {
+    Fault.ROTATION: Quantity("deg", degrees(1.0), "rotation_deg", 0.25),
+    Fault.SCALE: Quantity("%", 100.0, "scale_percent", 0.3),
+    Fault.OFFSET: Quantity("mm", 1.0, "offset_mm", 0.5),
+    Fault.LATENCY: Quantity("ms", 1000.0, "latency_ms", 5.0),
+}
+"""By the class that a check of it names. Left out: registration that shrinks quick motion, tissue that slants at one
+place, stamps of pictures and poses that waver together. That of X was measured as what the solver's sigmas lacked on
+seed 1 of every session of `probewatch study`, that of the latency was not. More withholds OK and FAULT from what is
+near its limit, less lets chance look like a fault.
+"""
+
+
+def class_of(name: str) -> Fault:
+    """Of one of MEASURED."""
+    return Fault(name.split("-", 1)[0])
+
+
+MEASURED = (*PARAMETERS, Fault.LATENCY.value)
+"""Names of the checks, in the order of θ."""
+CLASSES = tuple(class_of(name) for name in MEASURED)
+PER_UNIT: Vector = np.array([QUANTITIES[fault].per_unit for fault in CLASSES])
+"""(9,) deg, %, mm and ms in one rad, relative, mm and s."""
+LEFT_OUT: Vector = np.array([QUANTITIES[fault].left_out for fault in CLASSES]) / PER_UNIT
+"""(9,) rad, relative, mm and s."""
+
+
+def limit_of_each(limits: Limits) -> Vector:
+    """(9,) limits in rad, relative, mm and s."""
+    return np.array([QUANTITIES[fault].limit(limits) for fault in CLASSES]) / PER_UNIT

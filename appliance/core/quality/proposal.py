@@ -1,0 +1,124 @@
+"""What the calibration has become, where motion shows that it is wrong: proposed to a person, never applied.
+
+As in the paper, registration and tracker recover rotation, in-plane offset and latency without a phantom; a scale or
+the offset across the picture (ζ) demands a recalibration.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from enum import Enum
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES
+from appliance.core.path.solver import changed
+from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
+
+RECOVERED = frozenset({*PARAMETERS[:3], "offset-lateral", "offset-axial"})
+"""Parameters of X that motion recovers without a phantom."""
+
+
+class Step(Enum):
+    """What follows from a proposal; the value is the word for it in JSON."""
+
+    SET_LATENCY = "set-latency"
+    TAKE_X = "take-x"
+    RECALIBRATE = "recalibrate"
+
+
+@dataclass(frozen=True, slots=True)
+class NewValue:
+    """Of a parameter that is shown to be wrong. was, now: rotations about the picture's axes from the reference, deg;
+    scales mm/px; offsets mm; latency ms, what the tracker's URL states and what it ought to state.
+    """
+
+    name: str
+    was: float
+    now: float
+    sigma: float
+    unit: str
+
+    @property
+    def text(self) -> str:
+        """One clause."""
+        digits = 4 if self.unit == "mm/px" else 1
+        now, sigma, was = (f"{number:.{digits}f}" for number in (self.now, self.sigma, self.was))
+        return f"{self.name} is now {now} ± {sigma} {self.unit}, was {was} {self.unit}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """values: what is wrong. steps: what follows. calibration: the reference with all that motion recovers of X, where
+    that is all that is wrong of it, else None.
+    """
+
+    values: tuple[NewValue, ...]
+    steps: tuple[Step, ...]
+    calibration: Calibration | None
+
+    @property
+    def about(self) -> tuple[str, ...]:
+        """Names of what is wrong."""
+        return tuple(value.name for value in self.values)
+
+    @property
+    def text(self) -> str:
+        """One sentence of clauses, in English."""
+        told = {
+            Step.SET_LATENCY: f"set latency_ms={self.values[0].now:.0f} in the tracker's URL and restart the service",
+            Step.TAKE_X: "write it with 'probewatch calibration recover' and take it with 'probewatch calibration use'",
+            Step.RECALIBRATE: "motion alone does not recover this: recalibrate with 'probewatch recalibrate --live'",
+        }
+        return "; ".join([*(value.text for value in self.values), *(told[step] for step in self.steps)])
+
+
+def propose(checks: Sequence[Check], reference: Calibration, latency_ms: float) -> Proposal | None:
+    """None where no parameter is shown to be wrong by motion, or where the picture is mirrored, so that none is known.
+
+    A latency alone is proposed before anything else: what a late tracker says of X is not X. latency_ms: what the
+    tracker's URL states.
+    """
+    wrong = {check.name: check for check in checks if check.name in MEASURED and _shown_wrong(check)}
+    if not wrong or any(check.fault is Fault.POLARITY and check.verdict is VerdictKind.FAULT for check in checks):
+        return None
+    late = wrong.get(Fault.LATENCY.value)
+    if late is not None:
+        now_ms = latency_ms + late.value
+        steps = (Step.SET_LATENCY,) if now_ms >= 0 else ()
+        return Proposal((NewValue(late.name, latency_ms, now_ms, late.sigma, late.unit),), steps, None)
+    values = tuple(_new_value(check, reference) for check in wrong.values())
+    if wrong.keys() <= RECOVERED:
+        return Proposal(values, (Step.TAKE_X,), _recovered(checks, reference))
+    return Proposal(values, (Step.RECALIBRATE,), None)
+
+
+def proposal_fields(proposal: Proposal) -> dict[str, Any]:
+    """Ready for JSON, in English."""
+    return {
+        "text": proposal.text,
+        "values": [asdict(value) for value in proposal.values],
+        "steps": [step.value for step in proposal.steps],
+    }
+
+
+def _shown_wrong(check: Check) -> bool:
+    return check.verdict is VerdictKind.FAULT and isfinite(check.value) and check.sigma > 0
+
+
+def _new_value(check: Check, reference: Calibration) -> NewValue:
+    index = PARAMETERS.index(check.name)
+    if check.fault is Fault.SCALE:
+        was = float(reference.scale_mm_per_px[index - 3])
+        share = QUANTITIES[Fault.SCALE].per_unit
+        return NewValue(check.name, was, was * (1 + check.value / share), was * check.sigma / share, "mm/px")
+    was = float(reference.offset_mm[index - 5]) if check.fault is Fault.OFFSET else 0.0
+    return NewValue(check.name, was, was + check.value, check.sigma, check.unit)
+
+
+def _recovered(checks: Sequence[Check], reference: Calibration) -> Calibration:
+    """What was not measured, and what motion alone does not recover, stays the reference's."""
+    measured = {check.name: check.value for check in checks if check.name in RECOVERED and isfinite(check.value)}
+    change = np.array([measured.get(name, 0.0) for name in PARAMETERS]) / PER_UNIT[: len(PARAMETERS)]
+    return changed(reference, change)

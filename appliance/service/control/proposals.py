@@ -1,0 +1,59 @@
+"""What motion proposes and what it leaves undecided, kept for whoever comes to the cart later, and in the alarm log."""
+
+from typing import Any
+
+from appliance.core.quality.proposal import Proposal, proposal_fields, propose
+from appliance.service.control.event_log import EventLog
+from appliance.storage.calibration_file import image_to_probe
+from appliance.storage.reference import Reference
+from appliance.supervision.languages import told
+from appliance.types import AlarmState, State, Verdict
+
+PROPOSED, UNDECIDED = "proposal", "undecided"
+
+
+class Proposals:
+    """current: the latest since the calibration was verified last, under the reference in force; None where there is
+    none. Each is noted once in the alarm log, and each choice between the same classes.
+    """
+
+    def __init__(self, events: EventLog) -> None:
+        self.current: Proposal | None = None
+        self._events = events
+        self._reference: int | None = None
+        self._seen: Verdict | None = None
+        self._noted: set[tuple[str, ...]] = set()
+
+    def step(self, alarm: AlarmState, verdict: Verdict | None, reference: Reference | None, latency_ms: float) -> None:
+        """Take what is in force at this tick. latency_ms: what the tracker's URL states."""
+        number = None if reference is None else reference.entry.number
+        if alarm.state is State.MONITORING or number != self._reference:
+            self.current, self._reference = None, number
+            self._noted.clear()
+        if verdict is None or verdict is self._seen or reference is None:
+            return
+        self._seen = verdict
+        found = propose(verdict.checks, reference.calibration, latency_ms)
+        if found is not None:
+            self.current = found
+            self._note((PROPOSED, *found.about), **proposal_fields(found))
+        if verdict.rivals:
+            names = sorted(rival.check.name for rival in verdict.rivals)
+            self._note((UNDECIDED, *names), text=verdict.reason, names=names)
+
+    def fields(self, language: str) -> dict[str, Any] | None:
+        """Ready for JSON; text in the language of the room."""
+        proposal = self.current
+        if proposal is None:
+            return None
+        X = proposal.calibration
+        return {
+            **proposal_fields(proposal),
+            "text": told(proposal.text, language),
+            "image_to_probe": None if X is None else image_to_probe(X).tolist(),
+        }
+
+    def _note(self, key: tuple[str, ...], **data: Any) -> None:
+        if key not in self._noted:
+            self._noted.add(key)
+            self._events.note(key[0], **data)

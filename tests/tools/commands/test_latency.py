@@ -1,0 +1,55 @@
+"""`probewatch latency` on real recordings of PLUS: the figure that is known of each, and a sigma that covers it."""
+
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from drivers.errors import RecordingError
+from drivers.recordings.replay import open_recording
+from tests.support.recordings import NWIRE_IMAGE_TO_PROBE, plus_file
+from tools.commands.latency import command
+
+
+def n_wires(folder: Path) -> list[object]:
+    """With the published calibration."""
+    recording = plus_file("NwirePhantomFreehand.igs.mha")
+    size_px = open_recording(recording).size_px
+    assert size_px is not None
+    published = calibration_from_image_to_probe(NWIRE_IMAGE_TO_PROBE, size_px)
+    write_calibration(folder / "published.toml", published, {})
+    return [recording, "--calibration", folder / "published.toml"]
+
+
+def water_tank(_: Path) -> list[object]:
+    poses = plus_file("WaterTankBottomTranslationTrackerBuffer-trimmed.igs.mha")
+    return [plus_file("WaterTankBottomTranslationVideoBuffer.igs.mha"), "--poses", poses]
+
+
+def fcal(_: Path) -> list[object]:
+    recording = plus_file("fCal_Test_Validation_3NWires_fCal2.0.igs.mha")
+    return [recording, "--calibration", plus_file("PlusDeviceSet_fCal_Sim_VolumeReconstruction.xml")]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("arguments", "known_ms", "within_ms"), [(water_tank, -65, 10), (n_wires, 75, 30), (fcal, 20, 30)]
+)
+def test_what_is_known_of_a_real_recording_is_found_and_covered(
+    arguments, known_ms: float, within_ms: float, tmp_path: Path
+) -> None:
+    done = CliRunner().invoke(command, [str(one) for one in arguments(tmp_path)])
+    assert done.exit_code == 0, done.output
+    told = re.search(r"late by (\S+) ± (\S+) ms", done.output)
+    assert told is not None
+    value_ms, sigma_ms = map(float, told.groups())
+    assert abs(value_ms - known_ms) < within_ms
+    assert abs(value_ms - known_ms) < 2 * sigma_ms < 20
+
+
+def test_a_recording_without_pictures_is_refused() -> None:
+    done = CliRunner().invoke(command, [str(plus_file("WaterTankBottomTranslationTrackerBuffer-trimmed.igs.mha"))])
+    assert isinstance(done.exception, RecordingError)
+    assert "holds no pictures" in str(done.exception)

@@ -1,0 +1,120 @@
+"""The service as the session of a scan holds it: asked to recalibrate over a connection that lives as long as the scan.
+
+Where that connection breaks, or says nothing for long, the service gives the scan up by itself.
+"""
+
+import contextlib
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from appliance.service.control.client import ControlClient
+from appliance.service.control.server import ControlRefused
+from appliance.types import State
+from drivers.errors import ProbewatchError
+from tools.shared.status_watch import Seen
+
+ANSWER_S = 3.0
+"""For the service to answer a request: sixty ticks, as it may read a file before it answers."""
+_HOLD_S = 20.0
+"""Of silence after which the service gives the scan up for us: a page that hangs. The session speaks twice a second;
+longer keeps a cart that nobody can go on with, shorter gives up for a busy computer. Not measured on a cart.
+"""
+
+_Answer = TypeVar("_Answer")
+
+
+class Asked(ControlRefused):
+    """The difference must be accepted first; text is to be repeated."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(
+            f"differs from the calibration in force: {text}", "new calibration", "Accept that, or reject it"
+        )
+        self.text = text
+
+
+class HeldService:
+    """control: its socket. Requests raise ProbewatchError, in words for the technician."""
+
+    def __init__(self, control: Path) -> None:
+        self._control = control
+        self._held: ControlClient | None = None
+        self._asked_ns = 0
+
+    def grasp(self) -> None:
+        """Have it recalibrate for as long as this connection lives."""
+        client = self._client()
+        try:
+            client.begin_recalibration(_HOLD_S)
+        except BaseException:
+            client.close()
+            raise
+        self.let_go()
+        self._held, self._asked_ns = client, time.monotonic_ns()
+
+    def hold(self, seen: Seen) -> None:
+        """It recalibrates for us, or is asked to again. seen: its status."""
+        alive = self._alive()
+        if seen.status is None:
+            raise ControlRefused(f"the service does not answer ({seen.silence}). The scan is kept")
+        if alive and (seen.status["state"] == State.RECALIBRATING.value or self.is_older(seen)):
+            return
+        try:
+            self.grasp()
+        except ControlRefused:
+            lost = "; ".join(f"{device}: {what}" for device, what in seen.status["lost"].items())
+            why = lost or seen.status["reason"]
+            raise ControlRefused(f"{seen.status['state']}: {why}. The scan is kept, and goes on by itself") from None
+
+    def give(self, file: Path, confirm: str) -> str:
+        """Have it take and prove a new calibration; its SHA-256. confirm: the difference that a person has accepted.
+
+        Raises Asked for a difference that must be.
+        """
+
+        def given(client: ControlClient) -> dict[str, Any]:
+            proposal = client.propose_calibration(file)
+            if proposal["confirm"] and confirm != proposal["text"]:
+                raise Asked(str(proposal["text"]))
+            client.end_recalibration(file, str(proposal["text"]))
+            return proposal
+
+        proposal = self._ask(given)
+        self.let_go()
+        return str(proposal["sha256"])
+
+    def abort(self) -> None:
+        """The calibration before stays in force. Raises ProbewatchError where it does not answer."""
+        with contextlib.suppress(ControlRefused):  # it does not recalibrate any more
+            self._ask(lambda client: client.abort_recalibration())
+        self.let_go()
+
+    def let_go(self) -> None:
+        """End the connection."""
+        if self._held is not None:
+            self._held.close()
+            self._held = None
+
+    def is_older(self, seen: Seen) -> bool:
+        """Whether that was said before it did what it was asked last."""
+        return seen.status is not None and seen.t_ns <= self._asked_ns
+
+    def _alive(self) -> bool:
+        """A word over that connection, by which the service knows that we live."""
+        if self._held is not None:
+            try:
+                self._held.status()
+            except ProbewatchError:
+                self.let_go()
+        return self._held is not None
+
+    def _ask(self, request: Callable[[ControlClient], _Answer]) -> _Answer:
+        with self._client() as client:
+            answer = request(client)
+        self._asked_ns = time.monotonic_ns()
+        return answer
+
+    def _client(self) -> ControlClient:
+        return ControlClient(self._control, ANSWER_S)

@@ -1,0 +1,26 @@
+"""The calibration that a service proposes in its status, as one that can be written down."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.types import Calibration
+from drivers.errors import ConfigurationError
+
+
+def recovered(status: dict[str, Any]) -> Calibration:
+    """The reference in force with what motion says of rotation and in-plane offset; simulated where the reference or a
+    source is. Raises ConfigurationError where the service proposes none.
+    """
+    proposal, reference = status.get("proposal"), status["reference"]
+    if proposal is None or reference is None:
+        what = "proposes nothing: no parameter is shown to be wrong"
+        raise ConfigurationError(what, "the service", "Move the probe over tissue until the fault is shown by motion")
+    if proposal["image_to_probe"] is None:
+        raise ConfigurationError("proposes no calibration", "the service", proposal["text"])
+    (width, height), (lateral, axial) = reference["image_size_px"], reference["polarity"]
+    matrix = np.array(proposal["image_to_probe"], np.float64)
+    found = calibration_from_image_to_probe(matrix, (width, height), (lateral, axial), "status")
+    return replace(found, simulated=bool(reference["simulated"] or status["simulated"]))
