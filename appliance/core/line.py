@@ -34,6 +34,10 @@ _SOLVE_EVERY_NS = 330_000_000
 """Between two solutions of the window. A fault is named by two in a row, so longer names it later; shorter costs the
 processor (the line's share of a picture: `make bench`).
 """
+_SOLVE_FIRST_NS, _FIRST_NS = 200_000_000, 2_000_000_000
+"""The same while the window is so short: what is wrong from the start shows within it, and short windows cost little.
+Less has two solutions in a row share more of their noise; more names flips, lags and pose conventions later.
+"""
 _SOLVE_UNPAIRED_NS = 1_000_000_000
 """Without poses only what leaves the window changes. When a tracker returns, all pictures that wait are settled in one
 step, and a step longer than `Patience.estimator_ns` is told as a silent estimator."""
@@ -67,11 +71,12 @@ class Line:
         self._reference = reference
         self._frame_gate, self._pose_gate = StampGate(), StampGate()
         self._pairing = Pairing()
-        self._tracker = RealTimeTracker(float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0]))
+        aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
+        self._tracker = RealTimeTracker(aspect)
         self._evidence = Evidence(reference, limits, PathWindow(reference))
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
         self._detectors: tuple[Detector, ...] = (
-            PictureEvent(limits.scale_percent),
+            PictureEvent(limits.scale_percent, aspect),
             DepthRuler(lambda: self._tracker.mask, limits.scale_percent, limits.confidence_sigma),
             MarkerSlip(limits, reference),
             *(SlowSlip(limits, reference, over_s) for over_s in SLIPS_S),
@@ -185,7 +190,7 @@ class Line:
             if self._frozen.repeats_ns > _SHOWN_AGAIN_NS:
                 self._lose_sight(t_ns)
         self._note_sight(item)
-        self._solve(t_ns, _SOLVE_EVERY_NS if isinstance(item, StampedPair) else _SOLVE_UNPAIRED_NS)
+        self._solve(t_ns, self._paired_every_ns if isinstance(item, StampedPair) else _SOLVE_UNPAIRED_NS)
         return self._judged(t_ns, self._checks())
 
     def _note_gap(self, t_ns: int) -> None:
@@ -205,7 +210,7 @@ class Line:
             self._sighted_ns = item.frame.stamp.t_ns
 
     def _unverify(self) -> None:
-        self._evidence.restart()
+        self._evidence.lose_sight()
         self._sighted_ns = None
 
     def _checks(self) -> tuple[Check, ...]:
@@ -265,6 +270,7 @@ class Line:
             followed=True,
             step_mm=self._step_mm(tracked),
             moved=None if tracked.step is None else plane_step(*tracked.step, self._reference),
+            warp=tracked.step,
             likeness=found.correlation,
             pose=item.matrix if isinstance(item, StampedPair) else None,
         )
@@ -275,6 +281,10 @@ class Line:
         if tracked.step is None or found is None or found.correlation < _STEADY_CORRELATION:
             return None
         return tracked.step[0] * self._reference.scale_mm_per_px
+
+    @property
+    def _paired_every_ns(self) -> int:
+        return _SOLVE_FIRST_NS if self._evidence.window.span_ns < _FIRST_NS else _SOLVE_EVERY_NS
 
     def _solve(self, t_ns: int, every_ns: int) -> None:
         if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < every_ns:

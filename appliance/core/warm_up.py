@@ -16,7 +16,7 @@ def warm_up(width_px: int = 640, height_px: int = 480) -> None:
     noise = np.random.default_rng(1).integers(0, 255, (height_px, width_px), dtype=np.uint8)
     picture: GreyImage = np.asarray(cv2.GaussianBlur(noise, (0, 0), 3), dtype=np.uint8)
     pictures = [*([picture] * 8), np.asarray(cv2.flip(picture, 1), dtype=np.uint8)]
-    event, tracker = PictureEvent(5.0), RealTimeTracker(1.0)
+    event, tracker = PictureEvent(5.0, 1.0), RealTimeTracker(1.0)
     for number, image in enumerate(pictures):
         tracked = tracker.step(image, number)
         event.step(number * _FRAME_NS, image, followed=tracked.registration is not None)

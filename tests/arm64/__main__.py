@@ -35,6 +35,14 @@ NO_WHEEL = {
 """Of the development lock: crcmod has no wheel for arm64, and with it pyigtl and scikit-surgerynditracker; the others
 judge the sources, which are the same.
 """
+LEFT_OUT = (
+    "tests/drivers/openigtlink/test_tracker.py",
+    "tests/drivers/openigtlink/test_video.py",
+    "tests/drivers/twins/test_openigtlink.py",
+)
+"""qemu-user 7.2 answers TCP_INFO with four bytes: without the round trip time, by which an OpenIGTLink server's stamps
+are placed, none can be opened there. A kernel for arm64 gives it.
+"""
 MAGIC = (
     r":aarch64:M::\x7fELF\x02\x01\x01\x00\x00\x00\x00\x00\x00\x00\x00\x00\x02\x00\xb7\x00"
     r":\xff\xff\xff\xff\xff\xff\xff\x00\xff\xff\xff\xff\xff\xff\xff\xff\xfe\xff\xff\xff:"
@@ -63,7 +71,9 @@ def main(arguments: list[str]) -> int:
         print(f"NOT RUN: {error}", file=sys.stderr)
         return 2
     same = _compared()
-    tests = ["-m", "pytest", "-p", "no:cacheprovider", "-m", QUICK, *(arguments or ["-n", "2"])]
+    print(f"LEFT OUT, since qemu does not tell TCP's round trip time: {', '.join(LEFT_OUT)}", flush=True)
+    left_out = [f"--ignore={name}" for name in LEFT_OUT]
+    tests = ["-m", "pytest", *left_out, "-p", "no:cacheprovider", "-m", QUICK, *(arguments or ["-n", "2"])]
     return emulated(*tests) or int(not same)
 
 
@@ -135,7 +145,7 @@ def _lock() -> str:
 
 
 def _wheels(target: Path) -> None:
-    lock = PLACE / "tests.lock"
+    lock = PLACE / "wheels.lock"
     lock.write_text(_lock())
     platforms = [f"--platform=manylinux_2_{glibc}_aarch64" for glibc in (28, 27, 26, 24, 17)]
     foreign = ["--only-binary=:all:", "--python-version=3.11", "--implementation=cp", "--abi=cp311", "--abi=abi3",
@@ -164,13 +174,16 @@ def _compared() -> bool:
     there = json.loads((session.parent / "figures.json").read_text())
     session.unlink()
     told, largest = figures.differences(here, there)
-    print(f"{there['machine']} beside {here['machine']}, {len(here['pairs'])} pairs, {len(here['verdicts'])} verdicts:")
+    print(
+        f"\n{there['machine']} beside {here['machine']}, {len(here['pairs'])} pairs, {len(here['verdicts'])} verdicts:"
+    )
     print("  largest difference: " + ", ".join(f"{value:.2g} {what}" for what, value in largest.items()))
     for one in (here, there):
         print(f"  {one['machine']}: {one['pair_ms']:.1f} ms of the processor a pair, {one['picture_ms']:.1f} a picture")
     print("  CAUTION: qemu translates each instruction, so its times say nothing of a processor for arm64.")
     for what in told:
         print(f"  DIFFERENT: {what}")
+    sys.stdout.flush()
     return not told
 
 

@@ -43,6 +43,8 @@ while True:
 """
 READERS, SLEEPERS, FLOODERS = 5, 3, 2
 """Clients of OpenIGTLink: those of them that read see pictures and poses."""
+VIEWERS = 5
+"""Of the feed: recorder, page, OpenIGTLink and two more."""
 
 
 def clients(port: int) -> None:
@@ -111,7 +113,13 @@ def everything(cart: Cart, folder: Path) -> Iterator[None]:
         python("looker", "-c", LOOKER, f"{web.url}picture")
         for every in (1, 2):
             python("viewer", "-c", READER, cart.socket.with_name("feed"), every)
-        until(lambda: cart.status()["feed"]["clients"] >= 5, 60)
+
+        def viewers() -> int:
+            for part in parts:
+                part.require()
+            return int(cart.status()["feed"]["clients"])
+
+        until(lambda: viewers() >= VIEWERS, 240, otherwise=lambda: f"{viewers()} of {VIEWERS} viewers of the feed")
         yield
         for part in parts:
             part.require()

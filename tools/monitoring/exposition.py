@@ -123,6 +123,8 @@ def _checks(status: Status) -> Iterator[Metric]:
     yield _gauges("check_failed", "1: outside its limit", "check", failed)
     shown = {name: float(name in line and line[name]["verdict"] == "OK") for name in SHOWN}
     yield _gauges("parameter_shown", "1: shown by motion to be within its limit", "parameter", shown)
+    carried = {name: float(name in line and bool(line[name].get("carried"))) for name in SHOWN}
+    yield _gauges("parameter_carried", "1: shown by earlier motion alone, which is not too old", "parameter", carried)
     ages = {name: line[name]["shown_age_s"] for name in SHOWN if name in line}
     yield _gauges("parameter_age_seconds", "Age of the motion that showed the parameter", "parameter", ages)
     latency = line.get("latency", {})

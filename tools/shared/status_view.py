@@ -30,6 +30,7 @@ WORDS = {
     "paused": "sound paused",
     "silenced": "sound acknowledged",
     "off": "sound off",
+    "carried": "present motion does not show it; within its age, as no watcher saw a change: {names}",
 }
 """Every word of the picture that the service does not say itself."""
 
@@ -42,6 +43,8 @@ _TREND_EVERY_S = 1.0
 _STEPS = "▁▂▃▄▅▆▇█"
 _COLOURS = {"OK": "green", "FAULT": "red", "NOT_VERIFIED": "cyan"}
 _MARKS = {"OK": "✓", "FAULT": "✗", "NOT_VERIFIED": "?"}
+_CARRIED = "~"
+"""Mark of what earlier motion showed, is not too old yet, and is not shown by the present motion."""
 _SOUNDS = {"paused": "paused", "acknowledged": "silenced", "off": "off"}
 
 
@@ -58,7 +61,7 @@ class StatusView:
         self._note(status["counters"].get("uptime_s", 0.0), checks)
         table = _Checks(checks, {name: tuple(trend) for name, trend in self._trends.items()}, _language(status))
         lines: list[RenderableType] = [_state(status), _rates(status), table]
-        return Group(*lines, *_proposal(status), *_remarks(status), *_origin(status))
+        return Group(*lines, *_carried(status), *_proposal(status), *_remarks(status), *_origin(status))
 
     def _note(self, uptime_s: float, checks: list[_Check]) -> None:
         if uptime_s - self._noted_s < _TREND_EVERY_S:
@@ -100,7 +103,8 @@ class _Checks:
         trend = self._trends.get(check["name"], ())[-max(1, cells) :]
         bar = _trend(trend, colour, cells) if len(trend) > 1 else _bar(0.0 if ratio is None else ratio, colour, cells)
         number = "  –  " if ratio is None else f"{min(ratio, 99.99):5.2f}"
-        mark = Text(f"{number} {_MARKS[check['verdict']]}", style=colour, no_wrap=True)
+        told_by = _CARRIED if check.get("carried") else _MARKS[check["verdict"]]
+        mark = Text(f"{number} {told_by}", style=colour, no_wrap=True)
         return Text(self._names[at], no_wrap=True, overflow="ellipsis"), bar, mark
 
 
@@ -176,6 +180,14 @@ def _rates(status: Status) -> Text:
     left = "" if audio["left_s"] is None else f" {audio['left_s']:.0f} s"
     sound = "" if audio["mode"] == "on" else f" · {say[_SOUNDS[audio['mode']]]}{left}"
     return Text(shown(f"{line}{sound}"))
+
+
+def _carried(status: Status) -> list[Text]:
+    """What is not shown by the present motion, with its age and the age that it may have."""
+    own = [check for check in status["checks"] if check.get("carried")]
+    ages = (f"{told(one['name'], _language(status))} {one['shown_age_s']:.0f}/{one['max_age_s']:.0f} s" for one in own)
+    line = _words(status)["carried"].format(names=", ".join(ages))
+    return [Text(shown(f"{_CARRIED} {line}"), style="cyan")] if own else []
 
 
 def _proposal(status: Status) -> list[Text]:

@@ -8,7 +8,7 @@ ORTHOGONAL_WITHIN = 1e-3
 """Error of any element of R Rᵀ. More could hide .06° of shear or .05 % of scale; the tightest limits are .5° and .5 %.
 Less would refuse a matrix whose elements were rounded to three decimals. Not measured.
 """
-_IDENTITY = np.eye(3)
+_IDENTITY = np.eye(3)  # made once: every pose is held against it
 
 
 def checked_pose(pose: Pose) -> Pose:

@@ -31,8 +31,10 @@ _FLOORS = np.square([0.1, 0.1, np.deg2rad(0.03)])
 """mm² and rad² in which lateral and axial steps and turns do not matter: noise of a tracker's two readings."""
 _MEMORY_S = 0.35
 """Steps nearer to one another say the same, as for the fine search (`appliance.core.path.latency`)."""
-_LEAST_S = 1.5
-"""Of motion: with less, a tenth of the hypotheses fits by chance what two turns of a hand show."""
+_LEAST_S = 0.6
+"""Of motion whose poses are known at a lag, for that lag to be weighed: as long as two steps that share nothing. What
+less motion shows is too little for `MARGIN` anyway.
+"""
 _MOST_STEPS = 150
 """A longer window leaves out every other step, and so on: they overlap, and cost time."""
 _LEAST_SCORE, MARGIN = 15.0, 15.0
@@ -147,9 +149,8 @@ class _Steps:
         if bracketed.size < 2:
             return None
         first, last = int(bracketed[0]), int(bracketed[-1]) + 1
-        reach = round(_FARTHEST_S / _GRID_S)
         place = (t_s - start_s) / _GRID_S - first
-        told = (place - reach >= 0) & (place + reach + 1 < last - first)
+        told = (place >= 0) & (place + 1 < last - first)
         begins = np.flatnonzero((chain[ahead:] == chain[:-ahead]) & told[ahead:] & told[:-ahead])
         begins = begins[:: 1 + begins.size // _MOST_STEPS]
         if not begins.size or t_s[begins[-1]] - t_s[begins[0]] < _LEAST_S:
@@ -173,11 +174,16 @@ class _Steps:
         lags_s = np.asarray(lags * _GRID_S, dtype=np.float64)
         begin, end = self.begin + lags[:, None], self.end + lags[:, None]
         slope = np.diff(path, axis=1)
+        reached = (begin >= 0) & (end < slope.shape[1])
+        begin, end = np.where(reached, begin, 0), np.where(reached, end, 0)
         moved = np.take(path, end, axis=1) - np.take(path, begin, axis=1)
         moved += self.share[1] * np.take(slope, end, axis=1) - self.share[0] * np.take(slope, begin, axis=1)
+        moved *= reached
         together = np.einsum("rn,rkn->rk", self.seen, moved)
-        seen, told = np.square(self.seen).sum(axis=1)[:, None], np.square(moved).sum(axis=2)
-        floor = self.begin.size * _FLOORS[:, None]
+        seen, told = np.square(self.seen) @ reached.T, np.square(moved).sum(axis=2)
+        floor = np.maximum(reached.sum(axis=1), 1) * _FLOORS[:, None]
         left = np.log((seen + told - 2 * together + floor) / (seen + floor)).sum(axis=0)
         agreement = 2 * together / (seen + told + floor)
-        return _Fits(convention, lags_s, 0.5 * self.span_s / _MEMORY_S * left, agreement)
+        span_s = self.span_s * reached.mean(axis=1)
+        scores = np.where(span_s >= _LEAST_S, 0.5 * span_s / _MEMORY_S * left, 0.0)
+        return _Fits(convention, lags_s, scores, agreement)

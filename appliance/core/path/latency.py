@@ -24,8 +24,6 @@ _PARABOLA = np.linalg.pinv(np.vander(_NEAR_S, 3))
 """(3, k): coefficients of the parabola through k values at `_NEAR_S`."""
 _RANGE_S = (_REACH + _NEAR) * _GRID_S
 """How far from a picture poses are asked for."""
-REACH_S = (_REACH - 5) * _GRID_S
-"""Farthest lag that is found without knowing where to look: what lies nearer to the end of the grid may be missed."""
 _STRIDE = 3
 """One step in so many is looked at where all lags are: a third of the work. About the best lag all steps are."""
 _LAGS_S = (0.08, 0.16, 0.32)

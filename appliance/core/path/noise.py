@@ -6,7 +6,7 @@ tenth of a second or more: half a minute is two hundred blocks, few enough to be
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -67,13 +67,25 @@ so that a window which happens to fit does not count as certain, and equal poses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Habit:
+    """What the breaths of one row of a path have in common.
+
+    shape_mm: (8,) as in the state of `appliance.core.path.breaths.Breaths`. length_s: usual.
+    """
+
+    shape_mm: Array
+    length_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Noise:
     """variances: (rows, PARTS), mm² or rad², in the units of `Blocks.parts`. followed: (rows, PARTS) what is left of
-    them where breaths are followed, NaN in rows where they are not.
+    them where breaths are followed, NaN in rows where they are not. habits: of each row in which breaths were followed.
     """
 
     variances: Array
     followed: Array | None = None
+    habits: Mapping[int, Habit] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

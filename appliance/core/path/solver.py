@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.path.breaths import Breaths
-from appliance.core.path.noise import AXIAL, LATERAL, PARTS, POSITIONS, TURN, WHITE, LearnedNoise, Noise
+from appliance.core.path.noise import AXIAL, LATERAL, PARTS, POSITIONS, TURN, WHITE, Habit, LearnedNoise, Noise
 from appliance.core.path.residual import ROTATION, SCALE, TAU, VALUE, PathResidual
 from appliance.core.path.samples import PathSamples
 from appliance.types import Calibration
@@ -52,6 +52,11 @@ for longer windows. Not measured.
 _BREATHS_S = 12.0
 """Length of a window from which breaths are followed: three quiet ones. Of 10 s, the scale was observed in one window
 of 16; of 12 and 14 s in 44 and 94 %, with sigmas of 1.5 and 1.0 % and z-scores of .8 and .9 (in-plane, eight seeds).
+"""
+_BREATHS_AGAIN_S = 8.0
+"""The same where the shape of the breaths is known from before. Of 8, 10, 12 and 14 s, the scale was observed in 2, 9,
+9 and 12 windows of 12, sigma 2.7 to 1.4 % (mixed, paths without pictures). In 7 s a patient whose breathing had turned
+upside down since drew it by six sigmas once in eight.
 """
 _BREATH_ROUNDS, _BREATH_ROUNDS_ON, _MOST_BREATH_ROUNDS = 10, 3, 16
 """Least and most of estimate, noise and breaths by turns, the least as `_ROUNDS`: after 5, sigma of a sweep was 1.4
@@ -117,8 +122,8 @@ def solve(
 ) -> Solution:
     """Maximum-likelihood X near the reference. Needs at least 8 samples in one chain; raises ValueError below that.
 
-    start: noise of a window that shares most of its motion with this one, which is then learned sooner. learn: False
-    where the noise is known to be `start`.
+    start: noise of a window that shares most of its motion with this one, which is then learned sooner; its habits are
+    of breaths that are not in this one. learn: False where the noise is known to be `start`.
     """
     return _Problem(samples, reference, prior, start, learn).solved()
 
@@ -199,15 +204,14 @@ class _Problem:
         for _ in range(self._rounds):
             theta = self._learned(theta)
         theta, J = self._minimised(theta, _ITERATIONS)
-        noise = replace(self._noise.noise, followed=None)
+        noise = replace(self._noise.noise, followed=None, habits={})
         hidden = [k for k in (LATERAL, AXIAL) if not self._followed(J)[k]]
-        if hidden and self._rounds and np.ptp(self.residual.blocks.t_s) >= _BREATHS_S:
+        if hidden and self._rounds:
             breaths = self._found(hidden, theta)
             if breaths:
-                theta, J, settled = self._with_breaths(breaths, theta)
-                followed = set(breaths) if settled else set()
-                noise = replace(noise, followed=self._noise.left(list(breaths)) if settled else None)
-                hidden = [k for k in (LATERAL, AXIAL) if not self._followed(J)[k] or k in set(hidden) - followed]
+                theta, J, habits = self._with_breaths(breaths, theta)
+                noise = replace(noise, followed=self._noise.left(list(habits)) if habits else None, habits=habits)
+                hidden = [k for k in (LATERAL, AXIAL) if not self._followed(J)[k] or k in set(hidden) - set(habits)]
         return self._concluded(theta, J, noise, hidden)
 
     def _learned(self, theta: Array) -> Array:
@@ -225,11 +229,19 @@ class _Problem:
     def _found(self, hidden: list[int], theta: Array) -> dict[int, Breaths]:
         """Breaths of the hidden rows, where there are any."""
         path = self._linear(theta)[:, VALUE]
-        found = {k: Breaths.found(self.residual.blocks, self._noise.breathing(k, path[k])) for k in hidden}
+        found = {k: self._breaths(k, self._noise.breathing(k, path[k])) for k in hidden}
         return {k: breaths for k, breaths in found.items() if breaths is not None}
 
-    def _with_breaths(self, found: dict[int, Breaths], theta: Array) -> tuple[Array, Array, bool]:
-        """Estimate, noise and breaths by turns: θ, J, and whether they settled."""
+    def _breaths(self, k: int, breathing_mm: Array) -> Breaths | None:
+        """Of row k: with a shape of their own where there are enough of them, else with the shape of those before."""
+        blocks, habit = self.residual.blocks, self._noise.noise.habits.get(k)
+        own = Breaths.found(blocks, breathing_mm) if np.ptp(blocks.t_s) >= _BREATHS_S else None
+        if own is not None or habit is None or np.ptp(blocks.t_s) < _BREATHS_AGAIN_S:
+            return own
+        return Breaths.found(blocks, breathing_mm, habit)
+
+    def _with_breaths(self, found: dict[int, Breaths], theta: Array) -> tuple[Array, Array, dict[int, Habit]]:
+        """Estimate, noise and breaths by turns: θ, J, and the habits of those that settled."""
         t_s = self.residual.blocks.t_s
         least = _BREATH_ROUNDS if self._noise.noise.followed is None else _BREATH_ROUNDS_ON
         self._tissue_out = True
@@ -247,7 +259,8 @@ class _Problem:
             settled = bool(np.all(np.abs(theta - before)[SCALE] < _SETTLED))
             if settled and done >= least:
                 break
-        return *self._minimised(theta, _ITERATIONS), settled
+        habits = {k: breaths.habit(states[k]) for k, breaths in found.items()} if settled else {}
+        return *self._minimised(theta, _ITERATIONS), habits
 
     def _linear(self, theta: Array) -> Array:
         """The residual's rows less the breaths that are followed; then without the tissue's own motion in the measured

@@ -8,7 +8,7 @@ from appliance.core.detectors.calibration_change import latency_check
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.conventions import Convention
 from appliance.core.path.explanation import Explanation, explain
-from appliance.core.path.latency import REACH_S, Latency
+from appliance.core.path.latency import Latency
 from appliance.core.path.latency_drift import LatencyDrift
 from appliance.core.path.noise import Noise
 from appliance.core.path.window import PathWindow
@@ -46,7 +46,7 @@ _BREATHED = frozenset({"scale-axial"})
 _EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
 """Between two searches for what explains a motion that the reference does not, and the motion that they look at: each
 takes 2 ms, 7 ms where not even a lag explains it. A longer window names later what has just begun, a shorter one leaves
-little of it beside the second at its end whose poses are yet to come.
+little of it to a lag whose poses are yet to come.
 """
 _REQUIRED_FOR = {
     Fault.POLARITY: ("polarity",),
@@ -110,8 +110,17 @@ class Evidence:
         self._noises.clear()
         self._breathing_known = False
         self._long_ns = 0
+        self._about_s = 0.0
         self._drift.clear()
         self._drifted = self.explanation = None
+
+    def lose_sight(self) -> None:
+        """A hand may have changed whatever it likes meanwhile, so nothing is shown. How the patient breathes it has not
+        changed: what was learned of that is where learning goes on.
+        """
+        noises = [(t_ns, noise) for t_ns, noise in self._noises if noise.habits]
+        self.restart()
+        self._noises.extend(noises[-1:])
 
     def forget(self, since_ns: int) -> None:
         """Motion at or after since_ns was stamped wrongly."""
@@ -175,12 +184,12 @@ class Evidence:
         now_ns: time of the latest picture, which may have shown no motion.
         """
         recent = self.window.since(now_ns - _SHORT_NS)
-        finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
-        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < _EXPLAIN_EVERY_NS:
+        finding = self._examined(recent, self._noise_for(recent, now_ns - _SHORT_NS))
+        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < self._explain_every_ns:
             about_s = self._about_s
             self._explain(now_ns)
             if self._about_s != about_s:
-                finding = self._examined(recent, self._noise_until(now_ns - _SHORT_NS))
+                finding = self._examined(recent, self._noise_for(recent, now_ns - _SHORT_NS))
         finding = self._carried_on(finding, recent, now_ns)
         accusation = self._accused(finding, now_ns)
         self._measure(finding, recent, now_ns)
@@ -224,14 +233,14 @@ class Evidence:
         long, finding = self._measured(recent, finding, now_ns)
         if finding.solution is not None and long.span_ns >= _BREATHS_NS:
             self._noises.append((now_ns, finding.solution.noise))
-            self._breathing_known |= long.span_ns >= _BREATHING_KNOWN_NS
-        doubtful = finding.failed - self._suspects
+        doubtful = finding.failed - self._suspects - self._witnessed
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits - {"latency"}
         early = _SLOW if _punctual(short, self._limits) else _OF_X
         doubtful |= self._premature(finding.failed & early, now_ns)
         self._suspects = finding.failed | short.failed
         self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful)
+        self._breathing_known |= finding.solution is not None and long.span_ns >= _BREATHING_KNOWN_NS
         last_sign_ns = self._verification.last_sign_ns
         self._latest = self._accepted(without(finding, doubtful), long, now_ns)
         if not self._verification.contradicted:
@@ -241,14 +250,24 @@ class Evidence:
             self._best = self._latest
 
     def _explain(self, now_ns: int) -> None:
-        """Ask what else explains the motion; a lag beyond the fine search moves it there, until another is found."""
+        """Ask what else explains the motion; the fine search moves to a lag beyond its limit until another is found."""
         self._explained_ns = now_ns
         found = explain(self.window.since(max(self._valid_ns, now_ns - _EXPLAINED_NS)), self._reference)
         if found is None:
             return
         self.explanation = found
-        far = found.convention is Convention.AGREED and abs(found.latency_s) > REACH_S
-        self._about_s = found.latency_s if far else 0.0
+        late = found.convention is Convention.AGREED and abs(found.latency_s) * 1e3 > self._limits.latency_ms
+        self._about_s = found.latency_s if late else 0.0
+
+    @property
+    def _explain_every_ns(self) -> int:
+        """At every solution while there is less motion than is looked at, as each adds much to it."""
+        return 0 if self.window.span_ns < _EXPLAINED_NS else _EXPLAIN_EVERY_NS
+
+    @property
+    def _witnessed(self) -> frozenset[str]:
+        """What the search for an explanation has found by itself: with a solution that shows it they are two."""
+        return frozenset({"latency"}) if self._about_s else frozenset()
 
     def _measured(self, recent: PathWindow, finding: Finding, now_ns: int) -> tuple[PathWindow, Finding]:
         """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
@@ -261,7 +280,7 @@ class Evidence:
             longer = self.window.since(max(self._valid_ns, now_ns - span_ns))
             if len(longer) > len(window):
                 window = longer
-                finding = self._examined(window, self._noise_until(now_ns))
+                finding = self._examined(window, self._noise_for(window, now_ns))
             if finding.failed or finding.shows(self.required):
                 break
         return window, finding
@@ -313,8 +332,24 @@ class Evidence:
             self._noises.popleft()
         return next((noise for learned_ns, noise in reversed(self._noises) if learned_ns <= t_ns), None)
 
+    def _noise_for(self, window: PathWindow, t_ns: int) -> Noise | None:
+        """As last learned not after t_ns, with the habits of breaths that are not in the window."""
+        noise = self._noise_until(t_ns)
+        if noise is None:
+            return None
+        before = self._noise_until(window.start_ns - 1)
+        return replace(noise, habits={} if before is None else before.habits)
+
     def _contradict(self, checks: tuple[Check, ...], named: frozenset[str]) -> None:
-        self._verification.contradict(checks, named, self.window.now_ns)
+        """Take the signs among the checks. One that may be a breath, of a parameter that was not shown since the window
+        began, bars no motion: that motion may show that it was a breath.
+        """
+        before_ns = self.window.start_ns - 1
+        barred = {sign.check.name for sign in self._verification.contradicted if sign.until_ns > before_ns}
+        moot = frozenset[str]() if self._breathing_known else _BREATHED - self._verification.shown - named - barred
+        for until_ns, barring in ((before_ns, False), (self.window.now_ns, True)):
+            own = (check for check in checks if (check.name in moot) is not barring)
+            self._verification.contradict(own, named, until_ns)
 
     def _accepted(self, finding: Finding, window: PathWindow, now_ns: int) -> Finding:
         """What the finding shows, or where its window reaches back to the last sign of a fault, what motion after the
@@ -323,7 +358,7 @@ class Evidence:
         last_sign_ns = self._verification.last_sign_ns
         if window.start_ns <= last_sign_ns and not finding.failed:
             window = window.since(last_sign_ns + 1)
-            finding = self._examined(window, self._noise_until(now_ns))
+            finding = self._examined(window, self._noise_for(window, now_ns))
             self._contradict(finding.checks, frozenset())
             finding = without(finding, finding.failed)
         return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))

@@ -71,6 +71,11 @@ class Verification:
         return tuple(sorted(self._signs.values(), key=lambda sign: -sign.check.ratio))
 
     @property
+    def shown(self) -> frozenset[str]:
+        """Names of the checks that motion has shown since the last loss of sight, of whatever age."""
+        return frozenset(self._shown_ns)
+
+    @property
     def rivals(self) -> tuple[Rival, ...]:
         """Those that were accused last, as long as a sign stands against each and none is named."""
         unnamed = {name for name, sign in self._signs.items() if not sign.named}

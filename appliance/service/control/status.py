@@ -16,7 +16,7 @@ from appliance.storage.reference import Reference
 from appliance.supervision.alarms import HAZARDS, SIGNALS, operator_text
 from appliance.supervision.audio import Sound
 from appliance.supervision.languages import translated
-from appliance.types import AlarmState, Check, Fault, State, Verdict
+from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
 
 _SIMULATED = {"en": "SIMULATED · ", "de": "SIMULIERT · "}
 """Before the text of every state while a source is no real device."""
@@ -102,14 +102,18 @@ def check_lists(
     shown = () if verdict is None else verdict.checks
     return {
         "verdict": None if verdict is None else verdict.kind.value,
-        "checks": [{**check_fields(now_ns, check), "max_age_s": _seconds(ages_ns.get(check.name))} for check in shown],
+        "checks": [_line_check(now_ns, check, ages_ns.get(check.name)) for check in shown],
         "devices": [check_fields(now_ns, check) for check in devices],
         "rivals": [] if verdict is None else rival_fields(now_ns, verdict.rivals),
     }
 
 
-def _seconds(t_ns: int | None) -> float | None:
-    return None if t_ns is None else t_ns / 1e9
+def _line_check(now_ns: int, check: Check, age_ns: int | None) -> dict[str, Any]:
+    """age_ns: how old the motion that showed it may be; None where the contact does not ask for it."""
+    earlier = check.verdict is VerdictKind.NOT_VERIFIED and check.shown_ns is not None
+    carried = earlier and age_ns is not None and now_ns - (check.shown_ns or 0) <= age_ns
+    max_age_s = None if age_ns is None else age_ns / 1e9
+    return {**check_fields(now_ns, check), "max_age_s": max_age_s, "carried": carried}
 
 
 def audio_fields(now_ns: int, sound: Sound | None, testing: bool) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """The process that fans out, started by process_host: `-m appliance.service.feed.process VIEWERS FD…`."""
 
+import os
 import signal
 import socket
 import sys
@@ -12,6 +13,8 @@ from appliance.service.estimator.tap import NOTHING, TapFds, Wish
 from appliance.service.feed.server import FeedServer
 from appliance.service.host.child_process import end_with_parent
 
+_NICER = 15
+"""Steps of nice(2) behind the service: whoever looks on waits for whoever watches."""
 _FIRST_KILLED = 500
 """oom_score_adj, as of the programs that look on from outside: where memory runs out, this goes before the service."""
 
@@ -22,6 +25,7 @@ def main(arguments: list[str]) -> None:
     end_with_parent(signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError):
+        os.nice(_NICER)
         Path("/proc/self/oom_score_adj").write_text(str(_FIRST_KILLED))
     fds = TapFds.of([int(number) for number in tap])
     barred = frozenset(int(uid) for uid in viewers.split(",") if uid)

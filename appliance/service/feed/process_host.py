@@ -29,10 +29,6 @@ _LASTED_S = 60.0
 """Of a process after which its death is no sign that it cannot run."""
 _BURIAL_S = 1.0
 """For which the end of the service waits for a killed process."""
-_NICER = 15
-"""Steps of nice(2) behind the service: whoever looks on waits for whoever watches. Less takes from the estimator; more,
-on a busy cart, leaves viewers without a picture.
-"""
 _BACKLOG = 128
 """Clients that wait at the door, in order, so that a crowd which says nothing keeps nobody out for long."""
 
@@ -128,8 +124,6 @@ class FeedHost:
             self._start_at_s = now_s + self._wait_s
             self._log.warning("the feed cannot be started", why=error.strerror or str(error))
             return
-        with suppress(OSError):  # before it loads its modules, .3 s of a processor, and not by itself afterwards
-            os.setpriority(os.PRIO_PROCESS, self._process.pid, os.getpriority(os.PRIO_PROCESS, 0) + _NICER)
         self._started_s = now_s
 
     def _note_end(self, code: int, now_s: float) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from appliance.core.line import Line
+from appliance.core.path.noise import PARTS, Habit, Noise
 from appliance.limits import Limits, RequiredAges
 from appliance.types import PARAMETERS, Check, Fault, VerdictKind
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
@@ -79,6 +80,16 @@ def test_after_a_gap_no_parameter_is_shown(lasting_s: float, during: During) -> 
     assert watched._evidence.standing.verified_ns is None
     known = {name for name in SHOWN if name in watched._evidence._verification._shown_ns}
     assert known == set()
+
+
+def test_after_a_gap_the_breathing_is_still_known_and_nothing_else() -> None:
+    watched = line()
+    learned = Noise(np.ones((3, PARTS)), np.ones((3, PARTS)), {1: Habit(np.ones(8), 4.0)})
+    watched._evidence._noises.extend([(NS, learned), (2 * NS, Noise(np.ones((3, PARTS))))])
+    lasting_s, during = GAPS["nothing"]
+    after(watched, lasting_s, during)
+    assert [noise for _, noise in watched._evidence._noises] == [learned]
+    assert not watched._evidence._breathing_known, "a wrong axial scale is not named before it was learned again"
 
 
 def test_a_hand_that_passes_before_the_markers_takes_nothing_away() -> None:

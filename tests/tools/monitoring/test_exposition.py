@@ -52,6 +52,7 @@ def test_a_verified_cart() -> None:
     }
     verdicts = {check["name"]: check["verdict"] for check in status["checks"]}
     assert [value(seen, "parameter_shown", parameter=name) for name in SHOWN] == [verdicts[n] == "OK" for n in SHOWN]
+    assert {value(seen, "parameter_carried", parameter=name) for name in SHOWN} == {0}
     assert value(seen, "latency_seconds") == pytest.approx(
         next(check["value"] for check in status["checks"] if check["name"] == "latency") / 1e3
     )

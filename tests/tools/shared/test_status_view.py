@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -16,9 +17,10 @@ from rich.console import Console
 
 from appliance.core.quality.check_fields import check_fields
 from appliance.service.control.server import ControlServer
+from appliance.service.control.status import check_lists
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
-from appliance.types import PARAMETERS, Check, Fault, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, Verdict, VerdictKind
 from tests.support.simulated import PROBEWATCH
 from tools.shared.status_view import StatusView, one_line
 
@@ -104,6 +106,31 @@ def test_a_line_is_never_half_german() -> None:
     shown = drawn(80, status("de", reason="something new; calibration verified"))
     assert any("something new; calibration verified" in line for line in shown)
     assert any("jetzt nicht bestätigt · Kontakt OFFEN · nicht quittiert" in line for line in shown)
+
+
+@pytest.mark.parametrize(
+    ("language", "said"), [("en", "no watcher saw a change: offset-axial 48/120 s"), ("de", "Versatz axial 48/120 s")]
+)
+def test_what_is_carried_is_told_apart_from_what_motion_shows(language: str, said: str) -> None:
+    known = [
+        Check("scale-axial", Fault.SCALE, 1.0, 0.3, "%", 5.0, VerdictKind.OK, 40 * 10**9),
+        Check("offset-axial", Fault.OFFSET, 1.0, 2.0, "mm", 4.0, VerdictKind.NOT_VERIFIED, 2 * 10**9),
+        Check("offset-lateral", Fault.OFFSET, 1.0, 2.0, "mm", 4.0, VerdictKind.NOT_VERIFIED),
+    ]
+    verdict = Verdict(50 * 10**9, VerdictKind.NOT_VERIFIED, tuple(known))
+    lists = check_lists(50 * 10**9, verdict, (), {check.name: 120 * 10**9 for check in known})
+    assert [check["carried"] for check in lists["checks"]] == [False, True, False]
+    told = "\n".join(drawn(38, status(language, **lists, energised=True)))
+    assert re.findall(r"0\.2[05] (.)", told) == ["✓", "~", "?"]
+    assert said in " ".join(told.split())
+
+
+def test_what_was_shown_longer_ago_than_it_may_be_is_not_carried() -> None:
+    old = Check("offset-axial", Fault.OFFSET, 1.0, 2.0, "mm", 4.0, VerdictKind.NOT_VERIFIED, 0)
+    verdict = Verdict(121 * 10**9, VerdictKind.NOT_VERIFIED, (old,))
+    for ages_s, carried in (({"offset-axial": 120}, False), ({"offset-axial": 122}, True), ({}, False)):
+        ages_ns = {name: age_s * 10**9 for name, age_s in ages_s.items()}
+        assert check_lists(121 * 10**9, verdict, (), ages_ns)["checks"][0]["carried"] is carried
 
 
 def test_monitoring_does_not_say_the_same_twice() -> None:

@@ -23,6 +23,7 @@ const GERMAN = {
   "not verified now": "jetzt nicht bestätigt",
   "To show what is missing": "Um das Fehlende zu zeigen",
   "nothing is missing": "es fehlt nichts",
+  "Not shown by the present motion; within its age, as no watcher saw a change": "Von der jetzigen Bewegung nicht gezeigt; innerhalb seines Alters, da kein Wächter eine Änderung sah",
   "none": "keine",
   "Quantity": "Größe",
   "Now": "Jetzt",

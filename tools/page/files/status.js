@@ -1,5 +1,6 @@
 "use strict";
 
+const CARRIED = ["~", "wait"];
 const MARKS = { OK: ["✓", "good"], FAULT: ["✗", "bad"], NOT_VERIFIED: ["?", "wait"] };
 
 function value(check) {
@@ -11,9 +12,12 @@ function value(check) {
 function showChecks(status) {
   const estimated = status.checks.filter(check => check.shown_age_s !== null || check.max_age_s != null || check.name.startsWith("offset"));
   rows(el("shown"), estimated.map(check => {
-    const [mark, kind] = MARKS[check.verdict];
-    return [[`${mark} ${check.title}`, kind], [value(check), "number"], [aged(check.shown_age_s), "number"]];
+    const [mark, kind] = check.carried ? CARRIED : MARKS[check.verdict];
+    const age = check.carried ? `${aged(check.shown_age_s)} / ${aged(check.max_age_s)}` : aged(check.shown_age_s);
+    return [[`${mark} ${check.title}`, kind], [value(check), "number"], [age, "number"]];
   }));
+  el("carried").hidden = !estimated.some(check => check.carried);
+  set("carried", `~ ${say("Not shown by the present motion; within its age, as no watcher saw a change")}`);
   const wanted = status.gesture || [];
   el("gestures").hidden = wanted.length === 0;
   set("gestures", `${say("To show what is missing")}: ${wanted.join("; ")}`);

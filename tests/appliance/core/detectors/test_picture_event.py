@@ -15,10 +15,21 @@ CALM = 8
 """Pictures that were followed before anything happens."""
 
 
-def speckle() -> GreyImage:
-    noise = np.random.default_rng(4).normal(size=(240, 320)).astype(np.float32)
+QUICK_PX = np.array([20.0, -8.0])
+"""Between two pictures: 30 mm/s at 30 Hz, of a picture 16 mm wide."""
+
+
+def speckle(shape: tuple[int, int] = (240, 320)) -> GreyImage:
+    noise = np.random.default_rng(4).normal(size=shape).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
-    return np.clip(128 + 45 * smooth / smooth.std(), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(128 + 45 * smooth / smooth.std(), 0, 255), dtype=np.uint8)
+
+
+def sweep(pictures: int) -> list[GreyImage]:
+    """Of a quick hand: what lies in the picture goes by QUICK_PX."""
+    wide = speckle((480, 700))
+    starts = [(np.array([350, 120]) - k * QUICK_PX).astype(int) for k in range(pictures)]
+    return [wide[row : row + 240, column : column + 320].copy() for column, row in starts]
 
 
 def zoomed(image: GreyImage) -> GreyImage:
@@ -32,6 +43,13 @@ SPOILT: dict[str, Callable[[GreyImage], GreyImage]] = {
     "upside down": lambda image: image[::-1].copy(),
     "zoomed": zoomed,
 }
+
+
+def followed_quickly(pictures: list[GreyImage]) -> PictureEvent:
+    detector = PictureEvent(5.0, 1.0)
+    for k, image in enumerate(pictures):
+        detector.step(k * FRAME_NS, image, k > 0, (QUICK_PX, 0.0) if k else None)
+    return detector
 
 
 def told(detector: PictureEvent) -> set[VerdictKind]:
@@ -51,7 +69,7 @@ def shown(
 
 @pytest.fixture
 def calm() -> PictureEvent:
-    detector = PictureEvent(5.0)
+    detector = PictureEvent(5.0, 1.0)
     assert shown(detector, [speckle()] * CALM, [True] * CALM) == [{VerdictKind.OK}] * CALM
     return detector
 
@@ -69,6 +87,30 @@ def test_one_spoilt_picture_is_never_a_fault(how: str, calm: PictureEvent) -> No
     first, *after = shown(calm, [SPOILT[how](speckle()), *[speckle()] * 6], [False, False, *[True] * 5], CALM)
     assert first == {VerdictKind.OK, VerdictKind.NOT_VERIFIED}
     assert after == [{VerdictKind.OK}] * 6
+
+
+@pytest.mark.parametrize("how", SPOILT)
+def test_a_change_during_quick_motion_is_seen(how: str) -> None:
+    pictures = sweep(CALM + 3)
+    detector = followed_quickly(pictures[:CALM])
+    first, second, _ = shown(detector, [SPOILT[how](one) for one in pictures[CALM:]], [False, True, True], CALM)
+    assert first == {VerdictKind.OK, VerdictKind.NOT_VERIFIED}
+    assert second == {VerdictKind.OK, VerdictKind.FAULT}
+
+
+@pytest.mark.parametrize("how", SPOILT)
+def test_one_spoilt_picture_during_quick_motion_is_never_a_fault(how: str) -> None:
+    pictures = sweep(CALM + 3)
+    detector = followed_quickly(pictures[:CALM])
+    said = shown(detector, [SPOILT[how](pictures[CALM]), *pictures[CALM + 1 :]], [False, False, True], CALM)
+    assert said == [{VerdictKind.OK, VerdictKind.NOT_VERIFIED}, {VerdictKind.OK}, {VerdictKind.OK}]
+
+
+def test_quick_motion_alone_is_no_change() -> None:
+    """Also where nobody could follow it."""
+    pictures = sweep(CALM + 3)
+    detector = followed_quickly(pictures[:CALM])
+    assert shown(detector, pictures[CALM:], [False] * 3, CALM) == [{VerdictKind.OK}] * 3
 
 
 def test_a_picture_that_comes_late_confirms_nothing_back(calm: PictureEvent) -> None:

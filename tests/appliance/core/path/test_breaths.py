@@ -76,6 +76,22 @@ def test_what_is_believed_of_the_breaths_explains_them_once_it_is_fitted() -> No
     assert np.std(left) < 0.05
 
 
+def test_of_breaths_that_are_known_one_whole_breath_is_enough_and_keeps_their_shape() -> None:
+    whole = blocks()
+    known = Breaths.found(whole, breathing_mm(whole.t_s))
+    assert known is not None
+    habit = known.habit(known.usual)
+    assert habit.length_s == pytest.approx(np.median(np.diff(STARTS_S)), abs=0.3)
+    few = blocks(8)
+    assert Breaths.found(few, breathing_mm(few.t_s)) is None
+    found = Breaths.found(few, breathing_mm(few.t_s), habit)
+    assert found is not None
+    path, _ = found.linear(few.t_s, found.usual)
+    assert np.std(few.without_offsets(breathing_mm(few.t_s) - path)) < 0.4
+    rest = blocks(3)
+    assert Breaths.found(rest, breathing_mm(rest.t_s), habit) is None, "less than one"
+
+
 def test_its_derivatives_are_those_of_differences() -> None:
     given = blocks(12)
     found = Breaths.found(given, breathing_mm(given.t_s))

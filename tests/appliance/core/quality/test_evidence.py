@@ -9,7 +9,7 @@ from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.examination import examine, examine_nothing
 from appliance.limits import Limits
-from appliance.types import PARAMETERS, Calibration, Check, VerdictKind
+from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 from drivers.rigid import rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import ORIGIN_NS, elevational_path, filled, motion
@@ -138,6 +138,19 @@ def test_before_breathing_is_known_a_wrong_scale_is_named_by_the_lateral_one_alo
     assert [sign.check.name for sign in evidence.standing.contradicted] == ["scale-axial"], "no OK meanwhile"
     assert not evidence.shows("scale")
     assert fed(evidence, whole, 9, 15, scale=1.15, lateral=False)[-1] == {"scale-axial"}
+
+
+@pytest.mark.parametrize("was_shown", [True, False])
+def test_a_sign_that_may_be_a_breath_bars_the_motion_before_it_where_it_withdraws_an_ok(was_shown: bool) -> None:
+    evidence = Evidence(TRUTH, LIMITS, filled(tilting_path, 2.0, 6))
+    good = Check("scale-axial", Fault.SCALE, 0.0, 0.5, "%", 5.0, VerdictKind.OK, evidence.window.start_ns)
+    if was_shown:
+        evidence._verification.weigh((good,), 0)
+    wrong = replace(good, value=12.0, verdict=VerdictKind.FAULT, shown_ns=None)
+    for _ in range(2):
+        evidence._contradict((wrong,), frozenset())
+        (sign,) = evidence.standing.contradicted
+        assert sign.until_ns == (evidence.window.now_ns if was_shown else evidence.window.start_ns - 1)
 
 
 @pytest.mark.thorough

@@ -354,17 +354,6 @@ def open_files() -> int:
     return sum(1 for _ in Path("/proc/self/fd").iterdir())
 
 
-def test_the_process_that_fans_out_goes_behind_the_service_from_its_first_moment(tmp_path: Path) -> None:
-    """Loading its modules takes as much of a processor as watching for half a second."""
-    feed = FeedHost(tmp_path / "feed", command=(sys.executable, "-c", "import time; time.sleep(60)"))
-    assert feed.tap() is not None
-    with socket.socket(socket.AF_UNIX) as client:
-        client.connect(str(tmp_path / "feed"))
-        feed.look_after()
-        assert os.getpriority(os.PRIO_PROCESS, feed.pid) == min(os.getpriority(os.PRIO_PROCESS, 0) + 15, 19)
-        feed.close()
-
-
 def test_where_files_run_out_the_estimator_goes_before_the_feed(tmp_path: Path) -> None:
     feed = FeedHost(tmp_path / "feed")
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
