@@ -213,7 +213,8 @@ class Evidence:
             return None
         # A mirrored picture looks like many things, and is named elsewhere.
         unnamed = frozenset() if self._breathing_known else _BREATHED
-        unnamed = unnamed if finding.shows(("polarity",)) else found.named
+        if not finding.shows(("polarity",)):
+            unnamed, found = found.named, replace(found, rivals=())
         found = replace(found, checks=without(Finding(found.checks), unnamed).checks)
         self._verification.accuse(found.checks, found.named, self.window.now_ns, found.rivals)
         if found.named:
