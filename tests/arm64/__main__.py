@@ -135,7 +135,7 @@ def _lock() -> str:
 
 
 def _wheels(target: Path) -> None:
-    lock = PLACE / "tests.lock"
+    lock = (PLACE / "tests").with_suffix(".lock")
     lock.write_text(_lock())
     platforms = [f"--platform=manylinux_2_{glibc}_aarch64" for glibc in (28, 27, 26, 24, 17)]
     foreign = ["--only-binary=:all:", "--python-version=3.11", "--implementation=cp", "--abi=cp311", "--abi=abi3",

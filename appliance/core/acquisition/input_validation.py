@@ -9,6 +9,7 @@ ORTHOGONAL_WITHIN = 1e-3
 Less would refuse a matrix whose elements were rounded to three decimals. Not measured.
 """
 _IDENTITY = np.eye(3)
+"""Made once: each pose is held against it."""
 
 
 def checked_pose(pose: Pose) -> Pose:
