@@ -301,10 +301,12 @@ def answering(*reports: bytes, pause_s: float = 0.0) -> Iterator[tuple[str, list
     def board() -> None:
         while not stop.is_set():
             if select.select([master], [], [], 0.05)[0] and STATUS_QUERY in os.read(master, 64):
-                report, half = replies[-1], len(replies[-1]) // 2
+                report, halved = replies[-1], pause_s > 0 and len(replies) > 1
+                half = len(report) // 2 if halved else 0
                 with suppress(BlockingIOError):
-                    os.write(master, report[:half])
-                    stop.wait(pause_s * (len(replies) > 1))
+                    if halved:
+                        os.write(master, report[:half])
+                        stop.wait(pause_s)
                     os.write(master, report[half:])
 
     thread = threading.Thread(target=board)
