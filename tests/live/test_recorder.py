@@ -27,6 +27,8 @@ def recording(cart: Cart, text: str) -> Iterator[subprocess.Popen[bytes]]:
     config = cart.config.with_name("recorder.toml")
     own = f'[recorder]\nfolder = "{folder}"\nsocket = "{folder}.socket"\ntext = "{text}"\nleave_free_gb = 0.1\n'
     config.write_text(f"{cart.config_text}\n{own}")
+    # A recorder that is there before the feed notes a gap.
+    until((cart.config.parent / "feed").exists, 30)
     process = subprocess.Popen([PROBEWATCH, "record", "--config", config], stderr=subprocess.PIPE)
     try:
         yield process
