@@ -40,7 +40,7 @@ thorough: $(VENV)/dev ## heavier tests that CI runs too (about five minutes)
 	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
 FRAMES ?= 100000
-invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (15 minutes of one processor)
+invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (two processors for eight minutes)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.invariant $(FRAMES)
 
 ##@ Before a release
@@ -48,7 +48,7 @@ invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frame
 failures: $(VENV)/dev ## every row of docs/failures.md on a simulated cart in real time (about two minutes)
 	$(BIN)/python -m tests.rules.retried -m "live and not slow" tests/live/test_failures.py
 
-live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about fourteen minutes)
+live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about twenty minutes)
 	$(BIN)/python -m tests.rules.retried -n 2 --dist loadfile -m "live and not slow"
 
 mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about five minutes)
