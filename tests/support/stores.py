@@ -14,6 +14,7 @@ from appliance.service.control.references import References
 from appliance.service.host.log import configure
 from appliance.storage.alarm_chain import digest_of
 from appliance.storage.calibration_file import write_calibration
+from appliance.storage.reference import Reference
 from appliance.storage.reference_store import FOLDER, HISTORY, History, read_history
 from appliance.types import Calibration
 from tests.support.polling import until
@@ -63,6 +64,15 @@ def started(config: Config) -> References:
     if references.current is not None:
         until(lambda: references.on_disk, otherwise=lambda: references.waits)
     return references
+
+
+def first_reference(folder: Path) -> Reference:
+    """Of a new cart."""
+    written(folder / "probe.toml")
+    references = started(configuration(folder))
+    references.close()
+    assert references.current is not None
+    return references.current
 
 
 def settled(references: References) -> References:

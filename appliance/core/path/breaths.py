@@ -26,7 +26,7 @@ _PROMINENCE = 0.5
 """Of the end of a breath, in usual depths. Less takes a pause for an end, more leaves shallow breaths out."""
 _HARMONICS = 2 * np.pi * np.arange(1, 5)[:, None]
 """Of the shape: breathing in takes about a quarter of a breath."""
-_COEFFICIENTS = 2 * len(_HARMONICS)
+_COEFFICIENTS = 2 * len(_HARMONICS)  # a cosine and a sine of each
 _SHAPE_AGAIN = 0.1
 """Standard deviation of the shape's coefficients, in usual depths, where breaths before these told it. With .2 and .05,
 sigma of the axial scale after 10 s in the plane was 2.2 and 2.1, 2.3 and 2.0 % (two seeds). Where the patient breathes

@@ -2,7 +2,6 @@
 
 import io
 import json
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -17,12 +16,12 @@ from appliance.configuration.config import Config
 from appliance.core.parameters import QUANTITIES, class_of
 from appliance.core.quality.calibration_difference import difference
 from appliance.core.quality.proposal import proposal_fields, propose
-from appliance.service.control.server import ControlServer
 from appliance.storage.alarm_log import AlarmLog
 from appliance.storage.calibration_file import image_to_probe, parse_calibration, read_calibration
 from appliance.storage.reference_store import HISTORY
 from appliance.types import Calibration, Check, VerdictKind
 from drivers.rigid import rotation_from_vector
+from tests.support.answering import Answering
 from tests.support.answers import answered
 from tests.support.stores import PLUS, configuration, kept, log, place, settled, started, written
 from tools.shared.status_view import _origin
@@ -151,19 +150,10 @@ def test_the_status_names_the_reference_and_what_is_not_in_force(config):
 
 @contextmanager
 def service_that_says(path: Path, status: dict[str, Any]) -> Iterator[Path]:
-    """The control socket of a service that answers every request with this status."""
-    stop = threading.Event()
-
-    def serve(control: ControlServer) -> None:
-        while not stop.wait(0.005):
-            control.poll(lambda *_: {"status": status})
-
-    with ControlServer(path) as control:
-        thread = threading.Thread(target=serve, args=(control,))
-        thread.start()
+    """The control socket of a service that answers with this status."""
+    with Answering(path) as service:
+        service.status = status
         yield path
-        stop.set()
-        thread.join()
 
 
 def proposing(values: list[tuple[str, float]], simulated: tuple[str, ...] = ()) -> dict[str, Any]:

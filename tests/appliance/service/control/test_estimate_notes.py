@@ -14,7 +14,7 @@ from appliance.storage.reference import Reference
 from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from tests.support.polling import until
-from tests.support.stores import configuration, log, started, written
+from tests.support.stores import first_reference, log
 
 __all__ = ["log"]
 pytestmark = pytest.mark.usefixtures("log")
@@ -34,12 +34,7 @@ def alarm(state: State = State.MONITORING, since_s: float = 0.0) -> AlarmState:
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory: pytest.TempPathFactory) -> Reference:
     """The first of a new cart."""
-    folder = tmp_path_factory.mktemp("store")
-    written(folder / "probe.toml")
-    references = started(configuration(folder))
-    references.close()
-    assert references.current is not None
-    return references.current
+    return first_reference(tmp_path_factory.mktemp("store"))
 
 
 Step = tuple[float, AlarmState, Verdict | None]

@@ -14,7 +14,7 @@ from appliance.storage.reference import Reference
 from appliance.types import AlarmState, Check, Fault, Rival, State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from tests.support.polling import until
-from tests.support.stores import configuration, log, started, written
+from tests.support.stores import first_reference, log
 from tools.shared.recovered import recovered
 
 __all__ = ["log"]
@@ -36,12 +36,7 @@ HALT, SAFE = alarm(State.HALT), alarm(State.MONITORING)
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory: pytest.TempPathFactory) -> Reference:
-    folder = tmp_path_factory.mktemp("store")
-    written(folder / "probe.toml")
-    references = started(configuration(folder))
-    references.close()
-    assert references.current is not None
-    return references.current
+    return first_reference(tmp_path_factory.mktemp("store"))
 
 
 @pytest.fixture
