@@ -4,7 +4,6 @@ import errno
 import fcntl
 import os
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from drivers.errors import ConfigurationError, DeviceLost
 from drivers.registry import open_video
 from drivers.video.v4l2 import abi
 from drivers.video.v4l2.source import V4l2Video
+from tests.support.descriptors import leaves_nothing_open
 from tests.support.simulated_v4l2 import FLAGS, Driver, noise
 
 NODE = "v4l2:/dev/null"
@@ -31,10 +31,6 @@ def driver(monkeypatch: pytest.MonkeyPatch) -> Iterator[Driver]:
     yield made
     made.close()
     os.close(made.fd)
-
-
-def open_files() -> int:
-    return len(list(Path("/proc/self/fd").iterdir()))
 
 
 def opened(query: str = "", rate: float = 1.0) -> V4l2Video:
@@ -114,7 +110,7 @@ def test_a_device_that_is_unplugged_amid_a_picture_is_closed_at_once(driver: Dri
         driver.refuse[abi.QBUF] = errno.ENODEV
         with pytest.raises(DeviceLost, match="unplugged") as refusal:
             source.read(1.0)
-    assert open_files() == before
+    assert open_files() <= before
     assert refusal.value.remedy
 
 
@@ -137,7 +133,7 @@ def test_refusals_at_opening_are_losses_and_leave_nothing_open(
         opened()
     assert refusal.value.remedy
     del refusal
-    assert open_files() == before
+    assert open_files() <= before
     driver.refuse.clear()
     with opened() as source:
         driver.send(noise().tobytes())
