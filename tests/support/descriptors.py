@@ -2,7 +2,6 @@
 
 import contextlib
 import gc
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +11,7 @@ def open_files() -> frozenset[str]:
     held = []
     for entry in Path("/proc/self/fd").iterdir():
         with contextlib.suppress(FileNotFoundError):  # the descriptor of this very listing
-            held.append(f"{entry.name} {os.readlink(entry)}")
+            held.append(f"{entry.name} {entry.readlink()}")
     return frozenset(held)
 
 

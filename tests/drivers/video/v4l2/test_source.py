@@ -104,13 +104,11 @@ def test_a_crop_outside_the_picture_is_said_at_opening(driver: Driver) -> None:
 
 def test_a_device_that_is_unplugged_amid_a_picture_is_closed_at_once(driver: Driver) -> None:
     """Also while the error is still at hand: a busy node could not be opened again."""
-    before = open_files()
-    with opened() as source:
+    with leaves_nothing_open(), opened() as source:
         driver.send(noise().tobytes())
         driver.refuse[abi.QBUF] = errno.ENODEV
         with pytest.raises(DeviceLost, match="unplugged") as refusal:
             source.read(1.0)
-    assert open_files() <= before
     assert refusal.value.remedy
 
 
@@ -128,12 +126,11 @@ def test_refusals_at_opening_are_losses_and_leave_nothing_open(
     driver: Driver, request_number: int, number: int, words: str
 ) -> None:
     driver.refuse[request_number] = number
-    before = open_files()
-    with pytest.raises(DeviceLost, match=words) as refusal:
-        opened()
-    assert refusal.value.remedy
-    del refusal
-    assert open_files() <= before
+    with leaves_nothing_open():
+        with pytest.raises(DeviceLost, match=words) as refusal:
+            opened()
+        assert refusal.value.remedy
+        del refusal
     driver.refuse.clear()
     with opened() as source:
         driver.send(noise().tobytes())
