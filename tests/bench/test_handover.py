@@ -3,6 +3,7 @@
 import pytest
 
 from tests.bench import handover
+from tests.bench.receiver import METHODS
 
 
 @pytest.mark.thorough
@@ -12,5 +13,5 @@ def test_every_table_of_the_hand_over_is_filled(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(handover, "_IDLE_S", 0.2)
     measured = handover.measure()
     assert len(measured["hops"]) == len(handover.SIZES_PX)
-    assert {row["method"] for row in measured["delays"]} == set(handover.METHODS)
+    assert {row["method"] for row in measured["delays"]} == set(METHODS)
     assert "estimator" in {row["process"] for row in measured["idle"]}
