@@ -80,7 +80,9 @@ def lucas_kanade(before: GreyImage, after: GreyImage, mask: Bits | None) -> Warp
     corners = cv2.goodFeaturesToTrack(before, 400, 0.01, 7, mask=_bytes(mask))
     if corners is None:
         return None
-    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, corners, np.empty_like(corners), winSize=(21, 21), maxLevel=4)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(
+        before, after, corners, np.empty_like(corners), winSize=(21, 21), maxLevel=4
+    )
     good = found.ravel() == 1
     if np.count_nonzero(good) < 8:
         return None
