@@ -161,7 +161,7 @@ class PathFit:
         return cost / int(np.count_nonzero(self._samples.kept))
 
     def agreement(self, reference: Calibration) -> float:
-        """As `Solution.correlation`, under the reference itself; of a motion as short as those steps, of shorter ones."""
+        """As `Solution.correlation`, under the reference itself; by shorter steps where the motion is too short."""
         residual, nothing = self._residual(reference), (np.zeros(9), np.zeros(1))
         agreed = _agreement(residual, self._noise, *nothing)
         return _agreement(residual, self._noise, *nothing, _SHORT_LAG_S) if isnan(agreed) else agreed
