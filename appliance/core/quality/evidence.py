@@ -38,9 +38,10 @@ windows of 3.5 to 10 s of breathing did.
 """
 _BREATHING_KNOWN_NS = 9_500_000_000
 """Until noise was learned from as much, an axial scale that is wrong may be a breath: it withdraws the OK, as any sign,
-and is not named as a fault. A window of 8 s named −13 % in a gesture over breathing tissue (pressed once in 2 s, seed
-20 of 20). A depth setting changes the lateral scale as well, which is named as before. Longer names an axial scale
-alone later, and never where it exceeds `_LIVELY_NS`, the longest window under a sign.
+and no window names it, only the sequential test, which reckons with breathing. A window of 8 s named −13 % in a gesture
+over breathing tissue (pressed once in 2 s, seed 20 of 20). A depth setting changes the lateral scale as well, which is
+named as before. Longer names an axial scale alone later, and never where it exceeds `_LIVELY_NS`, the longest window
+under a sign.
 """
 _BREATHED = frozenset({"scale-axial"})
 _EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
