@@ -121,11 +121,11 @@ class Blocks:
             left[..., own] -= values[..., own].mean(axis=-1, keepdims=True)
         return left
 
-    def agreement(self, seen_mm: Array, missed_mm: Array) -> float:
-        """Correlation of a measured path (m,) with the predicted, of which it differs by what was missed, over about
-        half a second; NaN where the probe has not moved.
+    def agreement(self, seen_mm: Array, missed_mm: Array, lag_s: float = _AGREEMENT_LAG_S) -> float:
+        """Correlation of a measured path (m,) with the predicted, of which it differs by what was missed, over lag_s;
+        NaN where the probe has not moved, or for less than that.
         """
-        lag = max(1, round(_AGREEMENT_LAG_S / max(float(np.median(np.diff(self.t_s))), 1e-3)))
+        lag = max(1, round(lag_s / max(float(np.median(np.diff(self.t_s))), 1e-3)))
         same = self.chain[lag:] == self.chain[:-lag]
         moved, missed = ((path[lag:] - path[:-lag])[same] for path in (seen_mm, missed_mm))
         if len(moved) <= 2 or moved.std() <= _LEAST_MOVED_MM:

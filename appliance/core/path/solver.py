@@ -22,6 +22,9 @@ from drivers.rigid import Array, rotation_from_vector
 
 _ROUNDS, _ROUNDS_ON = 12, 3
 """Of estimate and noise by turns: from nothing, and from the noise of a window that shares most of the motion."""
+_SHORT_LAG_S = 0.2
+"""Over which the paths are compared in motion too short for the usual half second: two blocks. Longer tells a polarity
+later; shorter drowns in tracker noise, so that it stays untold. Not varied."""
 _ITERATIONS = 4
 """Most Gauss–Newton steps of the last round; near the reference a step of less than 1e-6 mostly ends it sooner."""
 _HUBER = 2.0
@@ -165,8 +168,10 @@ class PathFit:
         return cost / int(np.count_nonzero(self._samples.kept))
 
     def agreement(self, reference: Calibration) -> float:
-        """As `Solution.correlation`, under the reference itself."""
-        return _agreement(self._residual(reference), self._noise, np.zeros(9), np.zeros(1))
+        """As `Solution.correlation`, under the reference itself; by shorter steps where the motion is too short."""
+        residual, nothing = self._residual(reference), (np.zeros(9), np.zeros(1))
+        agreed = _agreement(residual, self._noise, *nothing)
+        return _agreement(residual, self._noise, *nothing, _SHORT_LAG_S) if isnan(agreed) else agreed
 
     def _residual(self, reference: Calibration) -> PathResidual:
         if reference.polarity not in self._known:
@@ -401,11 +406,11 @@ class _Problem:
         return tuple(bool(flag) for flag in observed)
 
 
-def _agreement(residual: PathResidual, noise: LearnedNoise, theta: Array, breathing: Array) -> float:
+def _agreement(residual: PathResidual, noise: LearnedNoise, theta: Array, breathing: Array, *lag_s: float) -> float:
     """Correlation of the measured with the predicted path, worse moving axis, once breathing and pulse are out."""
     path, seen = residual.linear(theta)[:, VALUE] - breathing, residual.seen(theta)
     clean = (path[k] - noise.rows[k].tissue(path[k]) for k in (LATERAL, AXIAL))
-    agreed = [residual.blocks.agreement(*both) for both in zip(seen, clean, strict=True)]
+    agreed = [residual.blocks.agreement(*both, *lag_s) for both in zip(seen, clean, strict=True)]
     return min((r for r in agreed if not isnan(r)), default=nan)
 
 

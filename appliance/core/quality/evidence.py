@@ -7,7 +7,7 @@ from math import isnan
 from appliance.core.detectors.calibration_change import latency_check
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.conventions import Convention
-from appliance.core.path.explanation import Explanation, explain
+from appliance.core.path.explanation import Explanation, explain, recent_lag
 from appliance.core.path.latency import Latency
 from appliance.core.path.latency_drift import LatencyDrift
 from appliance.core.path.noise import Noise
@@ -38,9 +38,10 @@ windows of 3.5 to 10 s of breathing did.
 """
 _BREATHING_KNOWN_NS = 9_500_000_000
 """Until noise was learned from as much, an axial scale that is wrong may be a breath: it withdraws the OK, as any sign,
-and is not named as a fault. A window of 8 s named −13 % in a gesture over breathing tissue (pressed once in 2 s, seed
-20 of 20). A depth setting changes the lateral scale as well, which is named as before. Longer names an axial scale
-alone later, and never where it exceeds `_LIVELY_NS`, the longest window under a sign.
+and no window names it, only the sequential test, which reckons with breathing. A window of 8 s named −13 % in a gesture
+over breathing tissue (pressed once in 2 s, seed 20 of 20). A depth setting changes the lateral scale as well, which is
+named as before. Longer names an axial scale alone later, and never where it exceeds `_LIVELY_NS`, the longest window
+under a sign.
 """
 _BREATHED = frozenset({"scale-axial"})
 _EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
@@ -48,6 +49,10 @@ _EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
 takes 2 ms, 7 ms where not even a lag explains it. A longer window names later what has just begun, a shorter one leaves
 little of it to a lag whose poses are yet to come.
 """
+_SURELY_LATE_S, _OTHER_LAG_S = 0.02, 0.05
+"""Beyond its limit, from which a lag of the last second counts at once, and how far from the one that is known. Less
+takes a slow drift, which is followed elsewhere, for a new lag at each solution; more leaves it to windows of 3.5 s,
+which name it two seconds later."""
 _REQUIRED_FOR = {
     Fault.POLARITY: ("polarity",),
     Fault.SCALE: ("scale-lateral", "scale-axial"),
@@ -77,7 +82,7 @@ class Evidence:
         self._latest = self._best = self._nothing
         self._suspects: frozenset[str] = frozenset()
         self._culprits: frozenset[str] = frozenset()
-        self._valid_ns = self._settled_ns = 0
+        self._valid_ns = self._settled_ns = self._lagged_ns = 0
         self._failing_ns: int | None = None
         self._noises: deque[tuple[int, Noise]] = deque()
         self._breathing_known = False
@@ -127,7 +132,8 @@ class Evidence:
         self.window.forget(since_ns)
         self._verification.forget(since_ns)
         self._latest = self._nothing
-        self._valid_ns, self._settled_ns = (min(t_ns, since_ns) for t_ns in (self._valid_ns, self._settled_ns))
+        times_ns = self._valid_ns, self._settled_ns, self._lagged_ns
+        self._valid_ns, self._settled_ns, self._lagged_ns = (min(t_ns, since_ns) for t_ns in times_ns)
         self._long_ns = self._explained_ns = 0
         self._failing_ns = None
         self._drift.clear()
@@ -183,7 +189,8 @@ class Evidence:
 
         now_ns: time of the latest picture, which may have shown no motion.
         """
-        recent = self.window.since(now_ns - _SHORT_NS)
+        self._look_for_new_lag(now_ns)
+        recent = self.window.since(max(self._lagged_ns, now_ns - _SHORT_NS))
         finding = self._examined(recent, self._noise_for(recent, now_ns - _SHORT_NS))
         if not _explained(finding) and not 0 <= now_ns - self._explained_ns < self._explain_every_ns:
             about_s = self._about_s
@@ -212,10 +219,8 @@ class Evidence:
         if found is None:
             return None
         # A mirrored picture looks like many things, and is named elsewhere.
-        unnamed = frozenset() if self._breathing_known else _BREATHED
         if not finding.shows(("polarity",)):
-            unnamed, found = found.named, replace(found, rivals=())
-        found = replace(found, checks=without(Finding(found.checks), unnamed).checks)
+            found = replace(found, checks=without(Finding(found.checks), found.named).checks, rivals=())
         self._verification.accuse(found.checks, found.named, self.window.now_ns, found.rivals)
         if found.named:
             self._valid_ns = max(self._valid_ns, found.since_ns)
@@ -248,6 +253,16 @@ class Evidence:
             self._valid_ns = max(self._valid_ns, last_sign_ns)
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
+
+    def _look_for_new_lag(self, now_ns: int) -> None:
+        """Drop what was before a lag that has just begun: a window that holds both shows neither for seconds."""
+        beyond_s = self._limits.latency_ms / 1e3 + _SURELY_LATE_S
+        found = recent_lag(self.window, self._reference, beyond_s)
+        if found is None or abs(found[1].latency_s - self._about_s) <= _OTHER_LAG_S:
+            return
+        self._lagged_ns, self.explanation = found
+        self._about_s, self._explained_ns = self.explanation.latency_s, now_ns
+        self._valid_ns = max(self._valid_ns, self._lagged_ns)
 
     def _explain(self, now_ns: int) -> None:
         """Ask what else explains the motion; the fine search moves to a lag beyond its limit until another is found."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from appliance.core.path.conventions import Convention
-from appliance.core.path.explanation import explain
+from appliance.core.path.explanation import explain, recent_lag
 from appliance.core.path.window import PathWindow, PoseTrack
 from drivers.rigid import Array, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
 from tests.support.motions import TRUTH, planar_path, tilting_path
@@ -144,3 +144,23 @@ def test_motion_that_has_nothing_to_do_with_the_poses_is_not_explained() -> None
     window, other = filled(tilting_path, 6.0, 8), filled(lambda t_s: tremor_path(1.3 * t_s + 5), 6.0, 9)
     window.poses = other.poses
     assert explain(window, TRUTH) is None
+
+
+@pytest.mark.parametrize("late_s", [0.1, -0.3])
+def test_a_lag_of_the_latest_motion_is_found_with_the_time_since_which_it_explains_it(late_s: float) -> None:
+    window = filled(tilting_path, 3.0, 2, late_s=late_s)
+    found = recent_lag(window, TRUTH, 0.08)
+    assert found is not None
+    since_ns, explanation = found
+    assert explanation.latency_s == pytest.approx(late_s, abs=0.02)
+    assert 1.0 < (window.now_ns - since_ns) / 1e9 <= 2.0
+
+
+@pytest.mark.parametrize(
+    ("path", "seconds", "late_s"),
+    [(tilting_path, 3.0, 0.0), (tilting_path, 3.0, 0.06), (tilting_path, 0.8, 0.3), (elevational_path, 3.0, 0.3)],
+)
+def test_no_lag_is_found_where_a_lesser_one_explains_the_motion_or_there_is_too_little(
+    path: Callable[[Array], Array], seconds: float, late_s: float
+) -> None:
+    assert recent_lag(filled(path, seconds, 2, late_s=late_s), TRUTH, 0.08) is None

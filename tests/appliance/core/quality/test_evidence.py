@@ -10,7 +10,7 @@ from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.examination import examine, examine_nothing
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
-from drivers.rigid import rotation_from_vector
+from drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import ORIGIN_NS, elevational_path, filled, motion
 
@@ -128,16 +128,26 @@ def test_a_change_of_scale_is_named_within_four_seconds_and_only_by_its_name() -
 
 
 @pytest.mark.thorough
-def test_before_breathing_is_known_a_wrong_scale_is_named_by_the_lateral_one_alone() -> None:
+def test_before_breathing_is_known_a_wrong_axial_scale_is_named_where_no_breath_explains_it() -> None:
     evidence, whole = watched()
-    named = fed(evidence, whole, 0, 9, scale=1.15)
-    assert set().union(*named) == {"scale-lateral"}
-    assert not evidence.shows("scale")
-    evidence, whole = watched()
-    assert set().union(*fed(evidence, whole, 0, 9, scale=1.15, lateral=False)) == set()
-    assert [sign.check.name for sign in evidence.standing.contradicted] == ["scale-axial"], "no OK meanwhile"
-    assert not evidence.shows("scale")
-    assert fed(evidence, whole, 9, 15, scale=1.15, lateral=False)[-1] == {"scale-axial"}
+    assert set().union(*fed(evidence, whole, 0, 9, scale=1.15, lateral=False)) == {"scale-axial"}
+    assert evidence.standing.verified_ns is None
+
+
+def breathing_path(t_s: Array) -> Array:
+    """4 mm along the axis in 4 s, quicker in than out, below `tilting_path`."""
+    rise = np.stack([0 * t_s, 4 * np.cos(np.pi * (t_s + 1) / 4) ** 4, 0 * t_s], axis=1)
+    return rigid(np.tile(np.eye(3), (len(t_s), 1, 1)), rise) @ tilting_path(t_s)
+
+
+@pytest.mark.thorough
+def test_before_breathing_is_known_a_breath_is_not_named() -> None:
+    still, breathing = filled(tilting_path, 9.0, 6), filled(breathing_path, 9.0, 6)
+    window = PathWindow(TRUTH)
+    window.poses = still.poses
+    evidence = Evidence(TRUTH, LIMITS, window)
+    assert set().union(*fed(evidence, breathing, 0, 9)) == set()
+    assert evidence.standing.verified_ns is None or evidence.shows("scale")
 
 
 @pytest.mark.parametrize("was_shown", [True, False])
@@ -251,6 +261,34 @@ def test_a_far_latency_that_is_mended_comes_back_to_ok() -> None:
             evidence.solve(evidence.window.now_ns)
     assert by_name(evidence.checks())["latency"].verdict is OK
     assert evidence.standing.verified_ns is not None
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("late_s", [0.1, 0.45])
+def test_a_lag_that_begins_amid_motion_is_named_with_its_value_within_two_seconds(late_s: float) -> None:
+    whole = filled(tilting_path, 14.0, 6)
+    window = PathWindow(TRUTH)
+    evidence = Evidence(TRUTH, LIMITS, window)
+    onset_ns = whole.start_ns + 10_000_000_000
+    whole.poses.arrays(0)
+    asked_ns = whole.poses._times_ns - np.where(whole.poses._times_ns >= onset_ns, round(late_s * 1e9), 0)
+    poses, _ = whole.poses.at((asked_ns - whole.start_ns) / 1e9, whole.start_ns)
+    track = list(zip(whole.poses._times_ns, poses, strict=True))
+    named_s = None
+    for index, seen in enumerate(whole._seen):
+        window.add(seen)
+        while track and track[0][0] <= window.now_ns:
+            t_ns, pose = track.pop(0)
+            window.poses.add(int(t_ns), pose)
+        if index % 10 == 9:
+            evidence.solve(window.now_ns)
+            latency = by_name(evidence.checks())["latency"]
+            assert latency.verdict is not FAULT or window.now_ns > onset_ns
+            if latency.verdict is FAULT and named_s is None:
+                named_s = (window.now_ns - onset_ns) / 1e9
+                assert latency.value == pytest.approx(1e3 * late_s, abs=30)
+    assert named_s is not None
+    assert named_s < 2.0
 
 
 @pytest.mark.thorough

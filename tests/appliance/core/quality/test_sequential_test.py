@@ -9,8 +9,9 @@ from scipy.optimize import lsq_linear
 from appliance.core.path.noise import PARTS, WALK, WHITE, Noise
 from appliance.core.path.solver import Prior, solve
 from appliance.core.path.window import PathWindow
+from appliance.core.quality.bounded_fit import minimum
 from appliance.core.quality.judgement import judge
-from appliance.core.quality.sequential_test import NAMED_NATS, Accusation, _minimum, accuse
+from appliance.core.quality.sequential_test import NAMED_NATS, Accusation, accuse
 from appliance.core.quality.verification import Verification
 from appliance.limits import Limits
 from appliance.types import Calibration, VerdictKind
@@ -53,7 +54,7 @@ def test_what_is_least_between_bounds_is_what_another_optimiser_finds() -> None:
     for _ in range(10):
         A, b = random.standard_normal((15, 9)), 3 * random.standard_normal(15)
         low, high = -random.uniform(0.1, 1, 9), random.uniform(0.1, 1, 9)
-        found = _minimum(A.T @ A, A.T @ b, low, high)
+        found = minimum(A.T @ A, A.T @ b, low, high)
         np.testing.assert_allclose(found, lsq_linear(A, b, (low, high)).x, atol=1e-5)
 
 

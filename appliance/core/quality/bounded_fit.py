@@ -1,0 +1,86 @@
+"""Least squares between bounds, with Huber's weights: θ of the sequential test, and a steady drift of each row."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from appliance.core.parameters import LEFT_OUT
+from appliance.core.path.residual import TAU
+from drivers.rigid import Array
+
+HUBER = 2.0
+"""Standard deviations from which an innovation counts less, as in the solver."""
+BEYOND = 3 * LEFT_OUT
+"""rad, relative, mm, s: beyond the limits before anything is accused: three standard deviations of what the model of
+the motion leaves out, as the checks have it."""
+PRIOR = np.array([0.2] * 3 + [0.15] * 2 + [10.0] * 3 + [0.1])
+"""Of what is beyond: it keeps what the motion does not show near the reference."""
+DRIFT = np.array([2.0, 2.0, np.deg2rad(2.0)])
+"""mm/s and rad/s: of each row, for as long as a window: tissue that gives way, a body that creeps. It belongs to
+neither side, or a creep of 1 mm/s would be called a scale while its offset is still within the limit."""
+ANYTHING = np.diag(np.append(PRIOR, DRIFT) ** -2.0)
+"""(12, 12): information before any motion is seen."""
+VALUE_ROW = TAU + 1 + DRIFT.size
+"""Of the rows of innovations: θ, the drifts, and the value."""
+_ROUNDS, _SEARCH = 6, 30
+"""Reweighted fits of one linear model, and bounds that are taken or left: most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """theta: (12,) θ and the drifts. cost: −2 log likelihood. information: (12, 12)."""
+
+    theta: Array
+    cost: float
+    information: Array
+
+
+def anywhere() -> tuple[Array, Array]:
+    """(12,) and (12,): no bounds."""
+    return np.full(VALUE_ROW, -np.inf), np.full(VALUE_ROW, np.inf)
+
+
+def huber(innovations: Array) -> float:
+    """−2 log likelihood of innovations of any shape, those beyond HUBER standard deviations counted less."""
+    size = np.abs(innovations)
+    return float(np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
+
+
+def fitted(rows: Array, about: Array, low: Array, high: Array, prior: Array) -> Fit:
+    """θ between low and high with Huber's weights. rows: (13, k) innovations, linear about `about`.
+
+    Far from the solution everything looks like an outlier, so the weights begin with the scatter that is there.
+    """
+    J, theta = rows[:VALUE_ROW], about
+    at_zero = rows[VALUE_ROW] - about @ J
+    for _ in range(_ROUNDS):
+        left = np.abs(at_zero + theta @ J)
+        weighed = J / np.maximum(left / (HUBER * max(1.0, float(np.median(left)) / 0.6745)), 1.0)
+        information = weighed @ J.T + prior
+        before, theta = theta, minimum(information, -weighed @ at_zero, low, high)
+        if np.all(np.abs(theta - before)[: TAU + 1] < 0.01 * BEYOND):
+            break
+    return Fit(theta, huber(at_zero + theta @ J) + float(theta @ prior @ theta), information)
+
+
+def minimum(H: Array, g: Array, low: Array, high: Array) -> Array:
+    """(12,) of ½ xᵀ H x − gᵀ x between low and high: bounds are taken as they are met, and left where it pays."""
+    x = np.linalg.solve(H, g)
+    if np.all((x >= low) & (x <= high)):
+        return np.asarray(x)
+    x = np.clip(x, low, high)
+    at_bound = (x <= low) | (x >= high)
+    for _ in range(_SEARCH):
+        free = ~at_bound
+        wanted = np.linalg.solve(H[np.ix_(free, free)], g[free] - H[np.ix_(free, at_bound)] @ x[at_bound])
+        x[free] = np.clip(wanted, low[free], high[free])
+        met = x[free] != wanted
+        if met.any():
+            at_bound[np.flatnonzero(free)[met]] = True
+            continue
+        slope = H @ x - g
+        inwards = np.where(x <= low, -slope, slope) / np.sqrt(np.diag(H)) * at_bound
+        if inwards.max() <= 0.0:
+            break
+        at_bound[int(np.argmax(inwards))] = False
+    return np.asarray(x)
