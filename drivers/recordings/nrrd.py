@@ -55,6 +55,7 @@ def write_nrrd(
     path: Path, items: Iterable[SequenceItem], size_px: tuple[int, int] | None, *, orientation: str = "MFA"
 ) -> None:
     """As write_metaimage, compressed. A sequence of poses only has pictures of one black pixel, as PLUS writes it.
+    Pictures have a third spatial axis of one plane: 3D Slicer by itself reads no others, PLUS either.
 
     Raises OSError, and ValueError for an image of another size.
     """
@@ -65,13 +66,13 @@ def write_nrrd(
         head = [
             "NRRD0004",
             "type: uchar",
-            "dimension: 3",
-            "space dimension: 2",
-            f"sizes: {width} {height} {lines.count}",
-            "space directions: (1,0) (0,1) none",
-            "kinds: domain domain list",
+            "dimension: 4",
+            "space dimension: 3",
+            f"sizes: {width} {height} 1 {lines.count}",
+            "space directions: (1,0,0) (0,1,0) (0,0,1) none",
+            "kinds: domain domain domain list",
             "encoding: gzip",
-            "space origin: (0,0)",
+            "space origin: (0,0,0)",
             f"UltrasoundImageOrientation:={orientation}",
             "UltrasoundImageType:=BRIGHTNESS",
         ]

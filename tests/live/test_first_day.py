@@ -123,18 +123,29 @@ def day(tmp_path: Path) -> Iterator[Day]:
         yield Day(tmp_path, left)
 
 
-def test_what_is_configured_is_what_was_answered_and_the_service_takes_it(day: Day) -> None:
+def configured(day: Day) -> float:
+    """s since the day began."""
     until(lambda: "not configured yet" in _status(day.socket), 30, 0.2)
     day.configure()
+    return time.monotonic() - day.began_s
+
+
+def served_again(day: Day) -> None:
+    """The service ends, as it does once it is configured, and the unit starts it again."""
+    assert day.service.wait(20) == 0
+    day.service = day.serve()
+    day.waits_for_a_calibration()
+
+
+def test_what_is_configured_is_what_was_answered_and_the_service_takes_it(day: Day) -> None:
+    configured(day)
     config = load_config(day.file)
     assert (config.video.url, config.tracker.url) == (day.urls["video"], day.urls["tracker"])
     assert (config.output[0].url, config.calibration.file) == (day.urls["contact"], None)
     assert subprocess.run([PROBEWATCH, "check", day.file], check=False).returncode == 0
     comments = [line for line in template().splitlines() if re.match("# [A-Z]", line)]
     assert [line for line in day.file.read_text().splitlines() if re.match("# [A-Z]", line)] == comments
-    assert day.service.wait(20) == 0, "the unit starts it again"
-    day.service = day.serve()
-    day.waits_for_a_calibration()
+    served_again(day)
 
 
 def test_an_answer_that_cannot_be_is_asked_again_and_nothing_is_written_before_it_is_accepted(day: Day) -> None:
@@ -186,12 +197,8 @@ def _status(socket: Path) -> str:
 
 
 def test_from_an_unconfigured_package_to_monitoring_within_ten_minutes(day: Day) -> None:
-    until(lambda: "not configured yet" in _status(day.socket), 30, 0.2)
-    day.configure()
-    configured_s = time.monotonic() - day.began_s
-    day.service.wait(20)
-    day.service = day.serve()
-    day.waits_for_a_calibration()
+    configured_s = configured(day)
+    served_again(day)
     day.tank.touch()
     with Person("recalibrate", "--live", "--solve", "all", "--config", day.file) as person:
         for question, answer in (("probe:", "L12-5"), ("preset of the scanner:", "4 cm"), ("your name:", "A. Smith")):
@@ -257,12 +264,8 @@ def scanned_and_signed(page: Page, token: str, tank: Path) -> None:
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # of playwright's own pipes
 def test_from_an_unconfigured_package_to_monitoring_by_the_page_within_ten_minutes(day: Day) -> None:
     """The questions of configure are the only words typed beside it; its token is what `page --token` prints."""
-    until(lambda: "not configured yet" in _status(day.socket), 30, 0.2)
-    day.configure()
-    configured_s = time.monotonic() - day.began_s
-    day.service.wait(20)
-    day.service = day.serve()
-    day.waits_for_a_calibration()
+    configured_s = configured(day)
+    served_again(day)
     with WebPage(day.file.parent, day.socket) as web, chromium() as browser:
         page = browser.new_page()
         page.set_default_timeout(60_000)

@@ -24,11 +24,12 @@ from drivers.openigtlink.image import parse_image
 from drivers.openigtlink.message import Message
 from drivers.registry import open_tracker, open_video
 from drivers.samples import PoseStatus
+from tests.support.answering import Answering
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
 from tests.support.simulated import PROBEWATCH
 from tests.support.told_feed import ToldFeed
-from tests.support.told_status import MATRIX, OPEN, ToldService
+from tests.support.told_status import MATRIX, OPEN, told_status
 from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
 from tools.shared.status_watch import StatusWatch
@@ -96,9 +97,10 @@ def relay(*arguments: str) -> Iterator[int]:
 
 
 @contextmanager
-def state_server(folder: Path, unasked: bool = False) -> Iterator[tuple[ToldService, StateServer]]:
-    service, stop = ToldService(folder / "control"), Event()
+def state_server(folder: Path, unasked: bool = False) -> Iterator[tuple[Answering, StateServer]]:
+    stop = Event()
     with (
+        Answering(folder / "control", told_status) as service,
         StatusWatch(service.path, 0.05) as watch,
         Passage(folder / "feed", print) as passage,
         StateServer(("127.0.0.1", 0), watch, 0.05, passage, unasked=unasked) as server,
@@ -111,7 +113,6 @@ def state_server(folder: Path, unasked: bool = False) -> Iterator[tuple[ToldServ
         finally:
             stop.set()
             thread.join()
-            service.close()
 
 
 def test_pictures_and_poses_of_pyigtl_are_read() -> None:

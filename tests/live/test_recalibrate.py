@@ -4,17 +4,16 @@ import hashlib
 import io
 import signal
 import subprocess
-import threading
 import time
 import tomllib
 from dataclasses import replace
 from pathlib import Path
-from typing import Self
+from typing import Any
 
 import numpy as np
 import pytest
 
-from appliance.service.control.server import ControlRefused, ControlServer
+from appliance.service.control.server import ControlRefused, Peer
 from appliance.storage.calibration_file import (
     calibration_from_image_to_probe,
     image_to_probe,
@@ -24,6 +23,7 @@ from appliance.storage.calibration_file import (
 from drivers.recordings.metaimage import SequenceItem, write_metaimage
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support import stores
+from tests.support.answering import Answers
 from tests.support.answers import Answer, answered
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.polling import until
@@ -181,30 +181,15 @@ def test_a_simulated_scan_marks_its_calibration(tmp_path) -> None:
     assert read_calibration(new).simulated
 
 
-class Scripted:
+class Scripted(Answers):
     """A control socket that grants everything but `declined`, and after the end of the scan is in `state`."""
 
     def __init__(self, path: Path, state: str, declined: str = "", simulated: tuple[str, ...] = ()) -> None:
+        super().__init__(path)
         self.asked: list[str] = []
         self._state, self._declined, self._simulated = state, declined, simulated
-        self._end = threading.Event()
-        self._server = ControlServer(path)
-        self._thread = threading.Thread(target=self._run)
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._end.set()
-        self._thread.join()
-        self._server.__exit__()
-
-    def _run(self) -> None:
-        while not self._end.wait(0.005):
-            self._server.poll(self._answer)
-
-    def _answer(self, do: str, request: dict[str, object], who: str) -> dict[str, object]:
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
         self.asked.append(do)
         if do == self._declined:
             raise ControlRefused("not possible while halt")

@@ -124,7 +124,7 @@ def test_a_difference_is_stated_and_nothing_is_taken_before_it_is_accepted(
 ) -> None:
     with (
         Scan(service, wires(700)),
-        Person("recalibrate", "--live", "--socket", service.control, "--folder", tmp_path, *ASKED) as person,
+        Person("recalibrate", "--live", "--socket", service.path, "--folder", tmp_path, *ASKED) as person,
     ):
         person.sees("The scan is complete: press Enter", 240)
         person.types("")

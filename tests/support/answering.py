@@ -1,10 +1,13 @@
-"""A real control socket that answers `status` with one that a real service once gave, changed as the test wants."""
+"""A real control socket that answers as the test wants: a status that a real service once gave, or anything else."""
 
 import copy
 import json
 import threading
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from appliance.service.control.server import ControlRefused, ControlServer, Peer
 
@@ -16,16 +19,14 @@ def recorded(**fields: Any) -> dict[str, Any]:
     return {**copy.deepcopy(RECORDED), **fields}
 
 
-class Answering:
-    """Serves `path` while the block runs. status: what it answers. mute: it says nothing, as one that hangs."""
+class Answers(ABC):
+    """Serves `path` while the block runs. mute: it says nothing, as one that hangs."""
 
     def __init__(self, path: Path) -> None:
-        self.status = recorded()
-        self.mute = False
-        self.asked: list[str] = []
-        self.path, self._end = path, threading.Event()
+        self.path, self.mute = path, False
+        self._end = threading.Event()
 
-    def __enter__(self) -> "Answering":
+    def __enter__(self) -> Self:
         self._server = ControlServer(self.path)
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -36,13 +37,27 @@ class Answering:
         self._thread.join()
         self._server.__exit__()
 
-    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
-        self.asked.append(do)
-        if do != "status":
-            raise ControlRefused("only the status is answered here")
-        return {"status": self.status}
-
     def _run(self) -> None:
         while not self._end.wait(0.002):
             if not self.mute:
                 self._server.poll(self._answer)
+
+    @abstractmethod
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        """As `Answer`."""
+
+
+class Answering(Answers):
+    """Answers nothing but `status`. tell: makes each answer's status, with `changes`. asked: how often what was."""
+
+    def __init__(self, path: Path, tell: Callable[..., dict[str, Any]] = recorded) -> None:
+        super().__init__(path)
+        self.tell = tell
+        self.changes: dict[str, Any] = {}
+        self.asked: Counter[str] = Counter()
+
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        self.asked[do] += 1
+        if do != "status":
+            raise ControlRefused("only the status is answered here")
+        return {"status": self.tell(**self.changes)}

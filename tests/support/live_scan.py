@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from appliance.limits import Limits
-from appliance.service.control.server import ControlRefused, ControlServer, Peer
+from appliance.service.control.server import ControlRefused, Peer
 from appliance.service.estimator.link import Order, link_pair
 from appliance.service.estimator.ring import FRAMES, Ring, RingFds
 from appliance.service.estimator.tap import Tap, TapFds, Wish
@@ -17,39 +17,24 @@ from appliance.service.feed.server import FeedServer
 from appliance.service.host.unix_socket import listening
 from appliance.types import Calibration
 from drivers.samples import Sample
-from tests.support.answering import recorded
+from tests.support.answering import Answers, recorded
 
 
-class RecalibratingService:
+class RecalibratingService(Answers):
     """Grants what a supervisor would. state: it may be put into another. refuse: answers no request but the status.
 
     asked: all requests but those for the status. holder: who began last. proposal: what it says of a new calibration.
     """
 
     def __init__(self, folder: Path, reference: Calibration | None) -> None:
-        self.control, self.feed = folder / "control", folder / "feed"
+        super().__init__(folder / "control")
+        self.feed = folder / "feed"
         self.reference = reference
         self.state, self.sha256, self.refuse = "monitoring", "before", False
         self.proposal: dict[str, Any] = {"text": "hardly", "confirm": False, "sha256": "new"}
         self.asked: list[str] = []
         self.holder: Peer | None = None
         self.taken: bytes | None = None
-        self._ended = threading.Event()
-
-    def __enter__(self) -> Self:
-        self._server = ControlServer(self.control)
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._ended.set()
-        self._thread.join()
-        self._server.__exit__()
-
-    def _run(self) -> None:
-        while not self._ended.wait(0.002):
-            self._server.poll(self._answer)
 
     @property
     def is_held(self) -> bool:

@@ -1,11 +1,7 @@
-"""A status as the service tells it, and a service that tells what the test wants, over its real control socket."""
+"""The status of a verified cart, of this moment, and of one whose contact is open."""
 
-import threading
 import time
-from pathlib import Path
 from typing import Any
-
-from appliance.service.control.server import ControlServer, Peer
 
 MATRIX = [[0.08, 0.0, 0.0, -25.0], [0.0, 0.07, 0.0, -17.0], [0.0, 0.0, 1.0, 3.5], [0.0, 0.0, 0.0, 1.0]]
 
@@ -29,31 +25,3 @@ def told_status(**changes: Any) -> dict[str, Any]:
 
 OPEN = {"state": "halt", "text": "Do not use the navigation", "reason": "polarity +1 axes", "fault": "polarity",
         "energised": False, "verification_age_s": None}  # fmt: skip
-
-
-class ToldService:
-    """changes: of the status, from now on. asked: how often it was. hangs: it does not answer."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.changes: dict[str, Any] = {}
-        self.asked = 0
-        self.hangs = False
-        self._end = threading.Event()
-        self._server = ControlServer(path)
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
-        self.asked += 1
-        return {"status": told_status(**self.changes)}
-
-    def _run(self) -> None:
-        while not self._end.wait(0.01):
-            if not self.hangs:
-                self._server.poll(self._answer)
-
-    def close(self) -> None:
-        self._end.set()
-        self._thread.join()
-        self._server.__exit__()

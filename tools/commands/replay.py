@@ -245,6 +245,9 @@ def _box_fields(comparison: Comparison, damage: str) -> dict[str, object]:
         "gaps": comparison.gaps,
         "verdicts_without_past": comparison.without_past,
         "equal_anyway": comparison.equal_anyway,
+        "same_kind_and_fault": comparison.alike,
+        "ok_only_live": comparison.unproved,
+        "ok_only_now": comparison.proved,
         "text": comparison.text,
         "damage": damage or None,
     }

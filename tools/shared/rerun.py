@@ -17,7 +17,7 @@ from appliance.core.quality.report import LineReport
 from appliance.limits import Limits
 from appliance.storage.black_box import Series
 from appliance.storage.black_box_fields import Gap, Item, Made
-from appliance.types import Calibration, Verdict
+from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.samples import Frame, Pose, Sample
 
 
@@ -41,7 +41,9 @@ class Step(NamedTuple):
 class Comparison:
     """recorded, equal: verdicts of lines that are in the file from their first sample on and without a gap, and how
     many of them came again bit for bit. difference: the first that did not, in words. without_past, equal_anyway: the
-    same of lines some of whose past is not in the file. gaps: what is missing, in words. text, every: as of `Begun`.
+    same of lines some of whose past is not in the file. alike: of both, how many came again with the same kind and
+    fault. unproved: said OK live, and not verified now. proved: OK now, and not live. gaps: what is missing, in words.
+    text, every: as of `Begun`.
     """
 
     recorded: int = 0
@@ -49,6 +51,9 @@ class Comparison:
     difference: str = ""
     without_past: int = 0
     equal_anyway: int = 0
+    alike: int = 0
+    unproved: int = 0
+    proved: int = 0
     gaps: list[str] = field(default_factory=list)
     text: str = "kept"
     every: int = 1
@@ -64,6 +69,8 @@ class Comparison:
         if self.recorded + self.without_past == 0:
             return "the recording holds no verdicts to compare with"
         said = self._of_whole_lines() if self.recorded else ""
+        if self.text != "kept":
+            said = f"{said}; {self._likeness()}" if said else self._likeness()
         if not self.without_past:
             return said
         partial = (
@@ -79,6 +86,13 @@ class Comparison:
         if self.text == "kept" and self.every == 1:
             return f"{said}; nothing is missing in the file: another version, or processor? First: {self.difference}"
         return f"{said}; no wonder: {self._why()}. First: {self.difference}"
+
+    def _likeness(self) -> str:
+        """What can be held against blackened pictures, whose figures are never quite the same."""
+        return (
+            f"{self.alike} of {self.recorded + self.without_past} verdicts came again with the same kind and fault, "
+            f"{self.unproved} that were OK are not verified now, {self.proved} are OK now and were not"
+        )
 
     def _why(self) -> str:
         why = [f"gaps: {len(self.gaps)}"] if self.gaps else []
@@ -145,12 +159,20 @@ class Rerun:
                 self._differs(f"at {said.t_ns} ns, there was one that does not come again")
             elif said.t_ns > again.t_ns:
                 self._differs(f"at {again.t_ns} ns, there comes one that was not there")
-            elif json.dumps(verdict_fields(said)) != json.dumps(verdict_fields(again)):
-                self._differs(f"at {said.t_ns} ns, {_difference(said, again)}")
-            elif self._whole:
-                self.comparison.equal += 1
             else:
-                self.comparison.equal_anyway += 1
+                self._hold_against(said, again)
+
+    def _hold_against(self, said: Verdict, again: Verdict) -> None:
+        """Two verdicts on the same picture."""
+        if json.dumps(verdict_fields(said)) != json.dumps(verdict_fields(again)):
+            self._differs(f"at {said.t_ns} ns, {_difference(said, again)}")
+        elif self._whole:
+            self.comparison.equal += 1
+        else:
+            self.comparison.equal_anyway += 1
+        self.comparison.alike += (said.kind, said.fault) == (again.kind, again.fault)
+        self.comparison.unproved += said.kind is VerdictKind.OK and again.kind is VerdictKind.NOT_VERIFIED
+        self.comparison.proved += said.kind is not VerdictKind.OK and again.kind is VerdictKind.OK
 
     def _left_over(self) -> None:
         if self._said:

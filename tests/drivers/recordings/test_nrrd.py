@@ -23,6 +23,12 @@ def path(tmp_path: Path) -> Path:
     return path
 
 
+def test_pictures_have_the_axes_that_slicer_reads(path: Path) -> None:
+    """3D Slicer's own reader takes three spatial axes and a list, and refuses two; with these it read every pixel."""
+    head = path.read_bytes().partition(b"\n\n")[0].decode().splitlines()
+    assert {"dimension: 4", f"sizes: {SIZE_PX[0]} {SIZE_PX[1]} 1 4", "kinds: domain domain domain list"} <= {*head}
+
+
 def test_it_says_the_same_as_a_metaimage(path: Path, tmp_path: Path) -> None:
     other = tmp_path / "scan.igs.mha"
     write_metaimage(other, items(), SIZE_PX)
@@ -43,7 +49,7 @@ def test_simpleitk_reads_equal_pixels_stamps_and_transforms(write, tmp_path: Pat
     volume = sitk.ReadImage(str(path))
     pixels = sitk.GetArrayFromImage(volume)
     if write is write_nrrd:
-        pixels = np.moveaxis(pixels, -1, 0)  # ITK takes a list of pictures for one with several components
+        pixels = np.moveaxis(pixels[0], -1, 0)  # ITK takes a list of pictures for one with several components
     assert pixels.shape == (4, SIZE_PX[1], SIZE_PX[0])
     for index, item in enumerate(items()):
         np.testing.assert_array_equal(pixels[index], picture(index))
@@ -91,12 +97,13 @@ def changed(path: Path, old: bytes, new: bytes) -> Path:
     [
         (b"encoding: gzip", b"encoding: bzip2", "neither raw nor gzip"),
         (b"type: uchar", b"type: float", "not MET_UCHAR"),
-        (b"kinds: domain domain list", b"kinds: list domain domain", "not domain domain list"),
-        (b"kinds: domain domain list", b"kinds: domain domain domain", "no sequence"),
-        (b"kinds: domain domain list", b"kinds: vector domain list", "not domain domain list"),
-        (b"sizes: 7 5 4", b"sizes: 7 5 5", "says 5 frames"),
-        (b"sizes: 7 5 4", b"sizes: 99999 99999 4", "not width, height"),
-        (b"dimension: 3", b"dimension 3", "neither 'field: value'"),
+        (b"kinds: domain domain domain list", b"kinds: list domain domain domain", "not domain domain list"),
+        (b"kinds: domain domain domain list", b"kinds: domain domain domain domain", "no sequence"),
+        (b"kinds: domain domain domain list", b"kinds: vector domain domain list", "not domain domain list"),
+        (b"sizes: 7 5 1 4", b"sizes: 7 5 1 5", "says 5 frames"),
+        (b"sizes: 7 5 1 4", b"sizes: 7 5 4 1", "not width, height"),
+        (b"sizes: 7 5 1 4", b"sizes: 99999 99999 1 4", "not width, height"),
+        (b"dimension: 4", b"dimension 4", "neither 'field: value'"),
         (b"Timestamp:=2588", b"Timestamp:=noon", "not a time"),
     ],
 )

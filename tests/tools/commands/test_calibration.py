@@ -151,8 +151,7 @@ def test_the_status_names_the_reference_and_what_is_not_in_force(config):
 @contextmanager
 def service_that_says(path: Path, status: dict[str, Any]) -> Iterator[Path]:
     """The control socket of a service that answers with this status."""
-    with Answering(path) as service:
-        service.status = status
+    with Answering(path, lambda: status):
         yield path
 
 

@@ -1,32 +1,25 @@
 """`probewatch reload`, which `systemctl reload` runs: the service's own answer becomes its exit code."""
 
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from appliance.service.control.server import ControlRefused, ControlServer, Peer
+from appliance.service.control.server import ControlRefused, Peer
+from tests.support.answering import Answers
 from tests.support.answers import answered
 
 UNIT = Path(__file__).parents[3] / "systemd" / "probewatch.service"
 
 
-class Service:
+class Service(Answers):
     """Serves the socket and nothing else."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.refusal = path, ""
+        super().__init__(path)
+        self.refusal = ""
         self.asked: list[str] = []
-        self._end = threading.Event()
-        self._server = ControlServer(path)
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self) -> None:
-        while not self._end.wait(0.002):
-            self._server.poll(self._answer)
 
     def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
         self.asked.append(do)
@@ -34,17 +27,11 @@ class Service:
             raise ControlRefused(self.refusal)
         return {}
 
-    def close(self) -> None:
-        self._end.set()
-        self._thread.join()
-        self._server.__exit__()
-
 
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[Service]:
-    service = Service(tmp_path / "control")
-    yield service
-    service.close()
+    with Service(tmp_path / "control") as service:
+        yield service
 
 
 def reload(socket: Path) -> tuple[int, str]:

@@ -140,7 +140,7 @@ def test_a_service_that_is_away_or_silent_or_no_service(tmp_path: Path, monkeypa
         }
         service.mute = False
         assert samples(exposition.collect())[("probewatch_up", ())] == 1, "it comes back by itself"
-        service.status = {"hello": 1}
+        service.tell = lambda: {"hello": 1}
         assert samples(exposition.collect())[("probewatch_up", ())] == 0
     assert set(service.asked) == {"status"}, "it asks nothing else"
 

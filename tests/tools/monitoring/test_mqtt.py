@@ -131,7 +131,13 @@ def test_who_comes_later_knows_the_state_and_who_looks_on_learns_of_the_end(serv
         with Program(tmp_path / "control", "--broker", f"mqtt://127.0.0.1:{broker.port}") as program:
             with Reader(broker.port) as first:
                 until(lambda: first.state().get("verified") and first.seen.get(AVAILABLE) == "online", 60)
-                service.status = recorded(energised=False, state="halt", text="HALT", priority="high", fault="scale")
+                service.changes = {
+                    "energised": False,
+                    "state": "halt",
+                    "text": "HALT",
+                    "priority": "high",
+                    "fault": "scale",
+                }
                 until(lambda: first.state().get("state") == "halt", 20)
                 assert (first.state()["verified"], first.state()["alarm"]) == (False, True)
             with Reader(broker.port) as later:

@@ -20,11 +20,9 @@ from dataclasses import asdict, dataclass
 from itertools import count
 from pathlib import Path
 from threading import Event
-from typing import Any
 
 import numpy as np
 
-from appliance.service.control.server import Peer
 from drivers.clock.host_clock import HostClock
 from drivers.openigtlink.content import parse_status, parse_transform
 from drivers.openigtlink.image import grey_picture, parse_image
@@ -34,9 +32,10 @@ from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import Schedule
 from drivers.twins.openigtlink import FAULTS, IgtlTwin
+from tests.support.answering import Answering
 from tests.support.igtl_listener import Listener
 from tests.support.told_feed import ToldFeed
-from tests.support.told_status import ToldService, told_status
+from tests.support.told_status import told_status
 from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
 from tools.shared.status_watch import StatusWatch
@@ -158,14 +157,6 @@ def _decoded(message: Message) -> int:
     return 1
 
 
-class BusyService(ToldService):
-    """Something new in every answer."""
-
-    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
-        self.asked += 1
-        return {"status": told_status(reason=f"answer {self.asked}")}
-
-
 def outgoing(hours: float) -> Half:
     """As many rounds of STATUS as in that time at one client; what else is sent meanwhile comes on top."""
     wanted = round(hours * HOUR_S * ROUNDS_HZ)
@@ -204,8 +195,9 @@ def _come_and_go(address: tuple[str, int], turn: int) -> None:
 @contextmanager
 def _served() -> Iterator[tuple[StateServer, ToldFeed]]:
     with tempfile.TemporaryDirectory() as folder, ExitStack() as running:
-        service = BusyService(Path(folder) / "control")
-        running.callback(service.close)
+        numbers = count()
+        busy = Answering(Path(folder) / "control", lambda: told_status(reason=f"answer {next(numbers)}"))
+        service = running.enter_context(busy)
         feed = ToldFeed(Path(folder) / "feed")
         running.callback(feed.close)
         watch = running.enter_context(StatusWatch(service.path, 0.01))

@@ -16,11 +16,12 @@ from drivers.openigtlink.content import NOT_FOUND, NOT_PRESENT, OK, parse_status
 from drivers.openigtlink.image import grey_picture, parse_image
 from drivers.openigtlink.message import Message, encode
 from drivers.samples import PoseStatus
+from tests.support.answering import Answering
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
 from tests.support.told_feed import ToldFeed, unread
-from tests.support.told_status import ToldService
+from tests.support.told_status import told_status
 from tools.openigtlink import asked
 from tools.openigtlink.asked import USUAL_NAMES
 from tools.openigtlink.passage import Passage
@@ -35,8 +36,7 @@ class Bench:
         self.said: list[str] = []
         self._running = ExitStack()
         enter = self._running.enter_context
-        self.service = ToldService(folder / "control")
-        self._running.callback(self.service.close)
+        self.service = enter(Answering(folder / "control", told_status))
         self.feed = ToldFeed(folder / "feed", size_px)
         self._running.callback(self._close_feed)
         self.watch = enter(StatusWatch(self.service.path, EVERY_S))

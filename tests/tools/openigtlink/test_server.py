@@ -14,11 +14,12 @@ from click.testing import CliRunner
 from drivers.errors import ConfigurationError
 from drivers.openigtlink.content import OK, TIMEOUT, Status, parse_status
 from drivers.openigtlink.message import Message, encode
+from tests.support.answering import Answering
 from tests.support.igtl import good_bytes
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
-from tests.support.told_status import OPEN, ToldService
+from tests.support.told_status import OPEN, told_status
 from tools.cli import probewatch
 from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
@@ -28,7 +29,7 @@ EVERY_S = 0.05
 
 
 class Bench:
-    def __init__(self, service: ToldService, server: StateServer, watch: StatusWatch) -> None:
+    def __init__(self, service: Answering, server: StateServer, watch: StatusWatch) -> None:
         self.service, self.server, self.watch = service, server, watch
 
     def connect(self) -> Listener:
@@ -37,8 +38,9 @@ class Bench:
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
-    service, stop = ToldService(tmp_path / "control"), Event()
+    stop = Event()
     with (
+        Answering(tmp_path / "control", told_status) as service,
         StatusWatch(service.path, EVERY_S) as watch,
         Passage(tmp_path / "feed", print) as passage,
         StateServer(("127.0.0.1", 0), watch, EVERY_S, passage) as server,
@@ -51,7 +53,6 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
         finally:
             stop.set()
             thread.join()
-            service.close()
 
 
 def status_of(message: Message) -> Status:
@@ -80,13 +81,13 @@ def test_a_client_is_told_everything_at_once_and_then_what_changes(bench: Bench)
 def test_a_service_that_hangs_is_told_as_silent_and_comes_back(bench: Bench) -> None:
     with bench.connect() as client:
         said(client, OK)
-        bench.service.hangs = True
+        bench.service.mute = True
         hung_ns = time.time_ns()
         silent = said(client, TIMEOUT)
         assert status_of(silent).error == "service silent"
         last_ok = max(one.time_ns for one in client.heard if one.kind == "STATUS" and status_of(one).code == OK)
         assert last_ok <= hung_ns + 100_000_000, "an OK has the time for which it was true"
-        bench.service.hangs = False
+        bench.service.mute = False
         said(client, OK)
 
 
@@ -125,9 +126,10 @@ def test_clients_that_sleep_flood_or_break_off_hold_up_nobody(bench: Bench) -> N
         said(client, 10)
         assert watch.spent_s() < 2.0
         until(lambda: bench.server.dropped >= 1)
-        asked, began_s = bench.service.asked, time.monotonic()
+        asked, began_s = bench.service.asked.total(), time.monotonic()
         time.sleep(0.5)
-        assert bench.service.asked - asked <= (time.monotonic() - began_s) / EVERY_S + 2, "the service notices nothing"
+        asked = bench.service.asked.total() - asked
+        assert asked <= (time.monotonic() - began_s) / EVERY_S + 2, "the service notices nothing"
 
 
 def _flood(line: socket.socket) -> None:

@@ -54,11 +54,11 @@ class Bench:
 
     def __init__(self, folder: Path, running: ExitStack, reference: Calibration | None = None) -> None:
         self.service = running.enter_context(RecalibratingService(folder, reference or truth()))
-        watch = running.enter_context(StatusWatch(self.service.control, 0.01))
+        watch = running.enter_context(StatusWatch(self.service.path, 0.01))
         watch.want(1)
         self.ahead_s = 0.0
         self._ticks = itertools.count()
-        self.session = ScanSession(self.service.control, self.service.feed, folder, watch, self._now_s)
+        self.session = ScanSession(self.service.path, self.service.feed, folder, watch, self._now_s)
         self._running = running
         running.enter_context(self.session)
         until(lambda: watch.seen().status)
@@ -155,8 +155,8 @@ def test_a_scan_that_nobody_looks_at_is_given_up(bench: Bench) -> None:
 def test_the_end_of_the_page_gives_the_scan_up(tmp_path: Path) -> None:
     with ExitStack() as running:
         service = running.enter_context(RecalibratingService(tmp_path, None))
-        watch = running.enter_context(StatusWatch(service.control, 0.01))
-        with ScanSession(service.control, service.feed, tmp_path, watch) as session:
+        watch = running.enter_context(StatusWatch(service.path, 0.01))
+        with ScanSession(service.path, service.feed, tmp_path, watch) as session:
             until(lambda: watch.seen().status)
             session.begin(CHOSEN)
         assert service.asked == ["begin-recalibration", "abort-recalibration"]

@@ -69,7 +69,7 @@ def test_a_sequence_has_equal_pixels_stamps_and_transforms_for_simpleitk_and_for
     volume = sitk.ReadImage(str(path))
     pixels = sitk.GetArrayFromImage(volume)
     if form == ".igs.nrrd":
-        pixels = np.moveaxis(pixels, -1, 0)
+        pixels = np.moveaxis(pixels[0], -1, 0)
     session = open_recording(path)
     frames = list(session.frame_samples())
     poses = list(session.pose_samples())

@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,11 +15,11 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from appliance.core.quality.check_fields import check_fields
-from appliance.service.control.server import ControlServer
 from appliance.service.control.status import check_lists
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import PARAMETERS, Check, Fault, Verdict, VerdictKind
+from tests.support.answering import Answering
 from tests.support.simulated import PROBEWATCH
 from tools.shared.status_view import StatusView, one_line
 
@@ -141,19 +140,9 @@ def test_monitoring_does_not_say_the_same_twice() -> None:
 
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[Path]:
-    """The control socket of a service that answers every request with this status, in German."""
-    stop, path = threading.Event(), tmp_path / "control"
-
-    def serve(control: ControlServer) -> None:
-        while not stop.wait(0.005):
-            control.poll(lambda *_: {"status": status("de", outputs=[])})
-
-    with ControlServer(path) as control:
-        thread = threading.Thread(target=serve, args=(control,))
-        thread.start()
-        yield path
-        stop.set()
-        thread.join()
+    """The control socket of a service that answers with this status, in German."""
+    with Answering(tmp_path / "control", lambda: status("de", outputs=[])) as service:
+        yield service.path
 
 
 def environment(setting: str) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 import json
 import os
-import resource
 import signal
 import socket
 import stat
@@ -29,7 +28,6 @@ from drivers.errors import DeviceLost
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support import stand_in_estimator as stand_in
-from tests.support.descriptors import leaves_nothing_open, open_files
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
 from tools.shared.feed import Feed
@@ -349,22 +347,6 @@ def test_an_estimator_that_dies_is_told_as_the_end(tmp_path: Path) -> None:
             found(feed, lambda message: False)
         until(lambda: service.estimator.restarts == 1 and service.estimator.speaking)
         Feed(service.path).close()
-
-
-def test_where_files_run_out_the_estimator_goes_before_the_feed(tmp_path: Path) -> None:
-    before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    with leaves_nothing_open():
-        feed = FeedHost(tmp_path / "feed")
-        opened = len(open_files())
-        try:
-            for more in range(8):
-                resource.setrlimit(resource.RLIMIT_NOFILE, (opened + more, before[1]))
-                tap = feed.tap()
-                assert tap is None or more >= 5
-        finally:
-            resource.setrlimit(resource.RLIMIT_NOFILE, before)
-        assert feed.tap() is not None
-        feed.close()
 
 
 def test_what_is_in_the_way_is_told_and_the_service_goes_on(tmp_path: Path) -> None:
