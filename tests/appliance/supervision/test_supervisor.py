@@ -832,3 +832,23 @@ def test_a_picture_without_tissue_opens_the_contact_without_an_alarm() -> None:
         State.NOT_VERIFIED
     )
     assert room.alarm.fault == "no-picture"
+
+
+def test_what_was_latched_as_one_of_two_is_told_as_what_it_turns_out_to_be() -> None:
+    room = room_in(State.MONITORING)
+    for _ in range(3):
+        room.fault(S_NS, "undecided")
+    assert (room.alarm.state, room.alarm.latched_fault) == (State.HALT, Fault.UNDECIDED)
+    room.at(TICK_NS, unsure(room.now_ns + TICK_NS))
+    assert room.alarm.fault is Fault.UNDECIDED
+    room.fault(name="rotation")
+    assert (room.alarm.fault, room.alarm.latched_fault, room.alarm.reason) == (Fault.ROTATION, Fault.ROTATION, "seen")
+    room.fault(name="offset")
+    assert room.alarm.energised is False
+    assert room.alarm.latched_fault is not Fault.UNDECIDED
+
+
+def test_a_latched_fault_that_has_a_name_keeps_it() -> None:
+    room = room_in(State.HALT)
+    room.fault(name="undecided")
+    assert (room.alarm.fault, room.alarm.latched_fault) == (Fault.SCALE, Fault.SCALE)
