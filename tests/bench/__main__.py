@@ -54,7 +54,7 @@ def measure(scenes: Sequence[Scene], count: int, done: Callable[[], None]) -> di
     """All figures; `done` is called len(scenes) · count + 7 times on the way."""
     started = os.getloadavg()[0]
     rows = accuracy.measure(scenes, count, done)
-    result = {"errors": accuracy.errors(rows), "times": accuracy.times(rows)}
+    result: dict[str, Any] = {"errors": accuracy.errors(rows), "times": accuracy.times(rows)}
     result["coverage"] = accuracy.coverage(scenes, 4 * count)
     done()
     result["self-check"] = selfcheck.measure(40 * count)

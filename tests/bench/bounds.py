@@ -24,13 +24,13 @@ _PLACES = 2
 def white_noise_px() -> float:
     """Bound set by the scanner's electronic noise and 8 bits alone."""
     seen = world(1, PLAIN, False)
-    one, two = (np.float32(seen.frame_at(np.eye(4), k)) for k in (0, 1))
+    one, two = (seen.frame_at(np.eye(4), k).astype(np.float32) for k in (0, 1))
     noise = float(np.var(one - two)) / 2
     mean = (one + two) / 2
     gx, gy = cv2.Sobel(mean, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(mean, cv2.CV_32F, 0, 1, scale=0.125)
     y, x = np.mgrid[: mean.shape[0], : mean.shape[1]] - np.array([239.5, 319.5])[:, None, None]
     J = np.stack([gx.ravel(), gy.ravel(), (gy * x - gx * y).ravel()], axis=1).astype(np.float64)
-    return _rms_px(np.linalg.inv(J.T @ J / (2 * noise)))
+    return _rms_px(np.asarray(np.linalg.inv(J.T @ J / (2 * noise)), np.float64))
 
 
 def decorrelation_px(elevation_mm: float) -> float:
@@ -54,7 +54,7 @@ def coherence(elevation_mm: float) -> Array:
             first = moved(np.eye(4), PLAIN, (20.0 * k, 0), 0, 2.0 * k - 1)
             later = moved(first, PLAIN, elevation_mm=elevation_mm)
             seen = world(tissue, PLAIN, False)
-            a, b = (spectra(np.float64(seen.frame_at(pose, 9 + k))) for k, pose in enumerate((first, later)))
+            a, b = (spectra(seen.frame_at(pose, 9 + k).astype(np.float64)) for k, pose in enumerate((first, later)))
             auto_a, auto_b = (auto + np.square(np.abs(part)).sum(axis=0) for auto, part in ((auto_a, a), (auto_b, b)))
             cross, count = cross + (a * b.conj()).sum(axis=0), count + len(a)
     found = np.abs(cross) ** 2 / (auto_a * auto_b)

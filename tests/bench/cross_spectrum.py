@@ -26,7 +26,7 @@ def reached_px(scene: Scene, count: int) -> float:
     told = coherence(scene.elevation_mm)
     errors = []
     for pair in pairs(scene, count):
-        before, after = np.float32(pair.before), np.float32(pair.after)
+        before, after = pair.before.astype(np.float32), pair.after.astype(np.float32)
         found = pair.truth
         for _ in range(_ROUNDS):
             found = closer(before, after, found, told / (1 - told))
@@ -43,7 +43,7 @@ def closer(before: NDArray[np.float32], after: NDArray[np.float32], warp: Warp, 
     place = np.column_stack([turn, warp[0] + centre - turn @ centre])
     flags = cv2.INTER_LANCZOS4 | cv2.WARP_INVERSE_MAP
     back = cv2.warpAffine(after, place, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-    cross = spectra(back) * spectra(before).conj()
+    cross = spectra(np.asarray(back, np.float32)) * spectra(before).conj()
     weighted = cross * (told / np.maximum(np.abs(cross.mean(axis=0)), 1e-9))
     score = np.stack([-(weighted.imag * omega).sum(axis=(1, 2)) for omega in (_ACROSS, _DOWN)])
     curve = weighted.real.mean(axis=0)
@@ -59,4 +59,4 @@ def _middles(height: int, width: int) -> Array:
     """(2, n) columns and rows of the middles of the same windows."""
     rows, columns = (np.arange(0, side - WINDOW_PX + 1, WINDOW_PX // 2) for side in (height, width))
     y, x = np.meshgrid(rows, columns, indexing="ij")
-    return np.stack([x.ravel(), y.ravel()]) + (WINDOW_PX - 1) / 2
+    return np.stack([x.ravel(), y.ravel()]).astype(np.float64) + (WINDOW_PX - 1) / 2

@@ -147,7 +147,7 @@ def quantile(values: Sequence[float], share: float) -> tuple[float, float, float
     value stands where there are too few for an upper one.
     """
     ordered, n = np.sort(values), len(values)
-    low, high = binom.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], n, share)
+    low, high = (float(binom.ppf(tail, n, share)) for tail in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2))
     return (
         float(np.quantile(ordered, share)),
         float(ordered[max(int(low) - 1, 0)]),

@@ -43,7 +43,15 @@ def ecc(
 ) -> Warp | None:
     start, seen = np.eye(2, 3, dtype=np.float32), _bytes(mask)
     try:
-        found = cv2.findTransformECC(before, after, start, cv2.MOTION_EUCLIDEAN, criteria, seen, SMOOTHED_PX)
+        found = cv2.findTransformECC(
+            before,
+            after,
+            start,
+            cv2.MOTION_EUCLIDEAN,
+            criteria,
+            seen,  # type: ignore[arg-type]  # OpenCV's stubs deny the None that it takes
+            SMOOTHED_PX,
+        )
     except cv2.error:
         return None
     return _centred(found[1])
@@ -63,7 +71,7 @@ def ecc_multi_scale(before: GreyImage, after: GreyImage, mask: Bits | None) -> W
 
 def phase_correlation(before: GreyImage, after: GreyImage, mask: Bits | None) -> Warp | None:
     window = cv2.createHanningWindow((before.shape[1], before.shape[0]), cv2.CV_32F)
-    (dx, dy), _ = cv2.phaseCorrelate(np.float32(before), np.float32(after), window)
+    (dx, dy), _ = cv2.phaseCorrelate(before.astype(np.float32), after.astype(np.float32), window)
     return np.array([dx, dy]), 0.0
 
 
@@ -72,7 +80,9 @@ def lucas_kanade(before: GreyImage, after: GreyImage, mask: Bits | None) -> Warp
     corners = cv2.goodFeaturesToTrack(before, 400, 0.01, 7, mask=_bytes(mask))
     if corners is None:
         return None
-    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, corners, None, winSize=(21, 21), maxLevel=4)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(
+        before, after, corners, np.empty_like(corners), winSize=(21, 21), maxLevel=4
+    )
     good = found.ravel() == 1
     if np.count_nonzero(good) < 8:
         return None
@@ -101,7 +111,7 @@ def simple_itk(before: GreyImage, after: GreyImage, mask: Bits | None) -> Warp |
     start.SetCenter(centre_px(before.shape[1], before.shape[0]).tolist())
     method.SetInitialTransform(start, inPlace=True)
     try:
-        fixed, moving = (sitk.GetImageFromArray(np.float32(image)) for image in (before, after))
+        fixed, moving = (sitk.GetImageFromArray(image.astype(np.float32)) for image in (before, after))
         method.Execute(fixed, moving)
     except RuntimeError:
         return None

@@ -45,7 +45,7 @@ def _polled(reply: int, fds: list[int]) -> None:
 
 
 def _piped(reply: int, fds: list[int]) -> None:
-    with Connection(*fds) as pipe:
+    with Connection(fds[0]) as pipe:
         while True:
             np.frombuffer(pipe.recv_bytes(), np.uint8)
             _answer(reply)

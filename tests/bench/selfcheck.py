@@ -16,7 +16,8 @@ def measure(count: int) -> dict[str, Any]:
     """Good pairs: up to 60 px, 1.5° and 0.4 mm of elevation, with overlay. Bad ones start 25–120 px beside the truth,
     or show another slice, or a picture turned by 20–40°. An honest descent may still recover from a bad start."""
     random = np.random.default_rng(7)
-    good, bad = [], []
+    good: list[bool] = []
+    bad: list[bool] = []
     for k in range(count):
         accepted, error_px = _pair(k, random, spoilt=k % 10 < 3)
         (good if error_px <= _GOOD_PX else bad).append(accepted)

@@ -42,5 +42,5 @@ def _fields(random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     one, other = (np.fft.fft2(random.normal(size=SHAPE)) * np.exp(-((radius / 0.8) ** 2) / 2) for _ in range(2))
     shared = np.sqrt(coherence(radius))
     mixed = shared * one + np.sqrt(1 - shared**2) * other
-    before, after = (np.float32(100 + 40 * np.fft.ifft2(part).real) for part in (one, mixed))
+    before, after = ((100 + 40 * np.fft.ifft2(part).real).astype(np.float32) for part in (one, mixed))
     return before, after
