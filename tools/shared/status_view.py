@@ -148,8 +148,8 @@ def _state(status: Status) -> Panel:
 
 
 def _advice(status: Status) -> str:
-    """What to do; in the calm states, and where it is not clear what is wrong, rather why they are what they are, if that
-    is more than the text says.
+    """What to do; in the calm states, and where it is not clear what is wrong, rather why they are what they are, if
+    that is more than the text says.
     """
     if status["fault"] not in (None, Fault.UNDECIDED):
         return shown(status["remedy"])

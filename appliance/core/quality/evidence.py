@@ -262,7 +262,7 @@ class Evidence:
             self._best = self._latest
 
     def _changed(self, short: Finding) -> dict[str, float] | None:
-        """What two short windows in a row show to be wrong, and by how much, where what came before it is to be dropped;
+        """What two short windows in a row show to be wrong, and by how much, where what came before it is dropped;
         empty where what was wrong is mended. None where all of it is known and still as it was: dropped again and
         again, no window would be long enough for the second of two faults at once.
         """

@@ -14,8 +14,8 @@ open before either."""
 
 
 def undecided(found: Accusation, excused: AbstractSet[str]) -> Check | None:
-    """A FAULT where nothing within the limits explains the motion, by the evidence that names a fault, and two classes do
-    as well as one another; else None.
+    """A FAULT where nothing within the limits explains the motion, by the evidence that names a fault, and two
+    classes do as well as one another; else None.
 
     excused: parameters that may look wrong for another reason; none of the two may be among them.
     """
