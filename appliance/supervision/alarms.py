@@ -92,6 +92,7 @@ HAZARDS: dict[Fault, Hazard] = {
     Fault.OFFSET: Hazard("Marker body has slipped", "Check the marker clamp, then recalibrate"),
     Fault.LATENCY: Hazard("Tracker and picture are out of step", "Check frame rate and persistence"),
     Fault.POSE_CONVENTION: Hazard("Tracker's axes do not fit", "Check the tool file and the tracker's export"),
+    Fault.UNDECIDED: Hazard("Wrong, not clear yet what", "Make the motion that tells which of the two it is"),
     Fault.FROZEN_VIDEO: Hazard("Picture is frozen", "Unfreeze the scanner; check the video cable"),
     Fault.VIDEO_LOST: Hazard("No picture from the scanner", "Check the scanner and the video cable"),
     Fault.TRACKER_ALERT: Hazard("Tracker reports a fault", "See its remarks; check a bumped sensor, clear it"),

@@ -82,6 +82,8 @@ def _device(tested: bool = False) -> Policy:
 GROSS = _calibration("gross_halt_after")
 """Misleads about the side at once."""
 PLAIN = _calibration("halt_after")
+UNCLEAR = Policy((Step(State.WARNING), Step(State.HALT, ("halt_after",))), Ending.VERIFIED)
+"""Surely wrong, and not known what: the motion that tells is asked for, and what it then names has a row of its own."""
 DEVICE, OUTPUT = _device(), _device(tested=True)
 SILENT = Policy(
     (Step(State.INTERNAL_FAULT),),
@@ -102,6 +104,7 @@ POLICY: Mapping[Fault, Policy] = {
     Fault.OFFSET: PLAIN,
     Fault.LATENCY: PLAIN,
     Fault.POSE_CONVENTION: GROSS,
+    Fault.UNDECIDED: UNCLEAR,
     Fault.AGREEMENT: ADVISORY,
     Fault.FROZEN_VIDEO: DEVICE,
     Fault.VIDEO_LOST: DEVICE,

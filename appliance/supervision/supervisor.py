@@ -4,7 +4,8 @@ Decisions that the table alone does not tell:
 - A calibration fault once shown stands until the line says OK; NOT_VERIFIED neither lifts it nor lets it escalate.
 - A frozen picture is of the device kind: the contact opens at once, and monitoring resumes by itself after the
   picture moves again and the calibration has been verified again; nothing about the calibration is to be done.
-- A latched state keeps the fault that led to it; a device lost meanwhile does not replace it. It is left only when a
+- A latched state keeps the fault that led to it, unless that was one of two and motion has since told which; a device
+  lost meanwhile does not replace it. It is left only when a
   person has acknowledged it and the line has verified the calibration since, in either order, or by a recalibration
   that was confirmed; a recalibration that was given up comes back to it.
 - Damage to the alarm's memory or log opens the contact until a person has acknowledged it.
@@ -178,6 +179,7 @@ class Supervisor:
         if self.state is not before:
             self._since_ns = now_ns
             self._enter(before)
+        self._name_what_was_undecided()
         return self._alarm_state(self._since_ns)
 
     def refusal(self, request: Request) -> str:
@@ -220,6 +222,13 @@ class Supervisor:
         elif self.state is not State.RECALIBRATING:
             self._ledger.release()
         return None
+
+    def _name_what_was_undecided(self) -> None:
+        """What was latched as one of two is told as what motion has since shown it to be."""
+        shown = self._ledger.calibration
+        if self.state in LATCHED and self._fault is Fault.UNDECIDED and shown.shown and shown.fault is not self._fault:
+            self._fault, self._reason = shown.fault, shown.reason
+            self._ledger.latched_fault = shown.fault
 
     def _alarm_state(self, since_ns: int) -> AlarmState:
         ledger = self._ledger

@@ -51,7 +51,9 @@ applied:
   `probewatch recalibrate` does. A scale is mostly the scanner's depth or zoom: set it as calibrated first.
 
 Where two classes are as likely, none is named: the status, the log (`undecided`) and the report tell each, by how much
-the likeliest leads, and the motion that tells which. The contact is open meanwhile."""
+the likeliest leads, and the motion that tells which. The contact is open meanwhile. Once the evidence that something is
+wrong is what names a fault, and the choice has lasted a second, it is the hazard `undecided`: WARNING, then HALT. What
+motion then names takes its place, also while it is latched."""
 
 
 def manual(figures: Figures) -> str:

@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from appliance.supervision.languages import told, translated
+from appliance.types import Fault
 from tools.shared.plain_text import shown
 
 Status = Mapping[str, Any]
@@ -147,8 +148,10 @@ def _state(status: Status) -> Panel:
 
 
 def _advice(status: Status) -> str:
-    """What to do; in the calm states rather why they are what they are, if that is more than the text says."""
-    if status["fault"] is not None:
+    """What to do; in the calm states, and where it is not clear what is wrong, rather why they are what they are, if
+    that is more than the text says.
+    """
+    if status["fault"] not in (None, Fault.UNDECIDED):
         return shown(status["remedy"])
     reason = told(status["reason"], _language(status))
     return "" if reason == status["text"] else shown(reason)
@@ -156,7 +159,7 @@ def _advice(status: Status) -> str:
 
 def _prompt(status: Status) -> str:
     """The motion that shows what is missing, while it is asked for."""
-    return shown(status["remedy"]) if status["fault"] is None and status.get("gesture") else ""
+    return shown(status["remedy"]) if status["fault"] in (None, Fault.UNDECIDED) and status.get("gesture") else ""
 
 
 def _age(status: Status, say: Mapping[str, str]) -> str:

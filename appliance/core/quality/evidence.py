@@ -14,6 +14,7 @@ from appliance.core.path.noise import Noise
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, agreed, examine, examine_nothing, latency_of, without
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
+from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
@@ -44,6 +45,9 @@ named as before. Longer names an axial scale alone later, and never where it exc
 under a sign.
 """
 _BREATHED = frozenset({"scale-axial"})
+_AS_IT_WAS = 0.5
+"""Share of its limit by which what is wrong may move and is no other change: two to three sigmas of a short window in
+the study's gesture. Less begins anew for noise, more takes one that grows still for one that stands."""
 _EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
 """Between two searches for what explains a motion that the reference does not, and the motion that they look at: each
 takes 2 ms, 7 ms where not even a lag explains it. A longer window names later what has just begun, a shorter one leaves
@@ -70,7 +74,7 @@ class Evidence:
     A short window sees a change soon, the long one measures well. Once the short one shows a fault, what came before it
     is dropped, so that old and new calibration are never mixed into one estimate. A fault counts when two solutions in
     a row show it; while the short window still holds some of the time before the change, only that fault may be named,
-    and a late tracker, which looks like any other.
+    and a late tracker, which looks like any other. Then the window grows again, and shows what else is wrong.
     """
 
     def __init__(self, reference: Calibration, limits: Limits, window: PathWindow) -> None:
@@ -78,10 +82,11 @@ class Evidence:
         self._limits = limits
         self.window = window
         self._nothing = examine_nothing(limits)
+        self._choice = Choice()
         self._verification = Verification(limits)
         self._latest = self._best = self._nothing
         self._suspects: frozenset[str] = frozenset()
-        self._culprits: frozenset[str] = frozenset()
+        self._culprits: dict[str, float] = {}
         self._valid_ns = self._settled_ns = self._lagged_ns = 0
         self._failing_ns: int | None = None
         self._noises: deque[tuple[int, Noise]] = deque()
@@ -109,7 +114,9 @@ class Evidence:
         self.window.restart()
         self._verification.restart()
         self._latest = self._nothing
+        self._choice = Choice()
         self._suspects = frozenset()
+        self._culprits = {}
         self._settled_ns = 0
         self._failing_ns = None
         self._noises.clear()
@@ -134,14 +141,16 @@ class Evidence:
         self._latest = self._nothing
         times_ns = self._valid_ns, self._settled_ns, self._lagged_ns
         self._valid_ns, self._settled_ns, self._lagged_ns = (min(t_ns, since_ns) for t_ns in times_ns)
+        self._choice = Choice()
         self._long_ns = self._explained_ns = 0
         self._failing_ns = None
         self._drift.clear()
         self._drifted = None
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks of the latest solution."""
-        return self._latest.checks
+        """Checks of the latest solution, and of the choice that it leaves, while neither of its two is answered."""
+        choice = self._choice.check if self._verification.rivals else None
+        return self._latest.checks if choice is None else (*self._latest.checks, choice)
 
     @property
     def required(self) -> tuple[str, ...]:
@@ -202,6 +211,9 @@ class Evidence:
         self._measure(finding, recent, now_ns)
         if accusation is not None:
             self._latest = _with(self._latest, accusation.checks)
+        excused = frozenset[str]() if self._breathing_known else _BREATHED
+        unnamed = None if accusation is None or self._latest.failed else undecided(accusation, excused)
+        self._choice.note(unnamed, now_ns)
 
     def _accused(self, finding: Finding, now_ns: int) -> Accusation | None:
         """What the sequential test says; each sign withdraws the OK, and what was before the change is dropped.
@@ -228,9 +240,9 @@ class Evidence:
 
     def _measure(self, finding: Finding, recent: PathWindow, now_ns: int) -> None:
         short = without(finding, _SLOW)
-        confirmed = short.failed & self._suspects
-        if confirmed and now_ns >= self._settled_ns:
-            self._valid_ns, self._settled_ns, self._culprits = now_ns - _SHORT_NS, now_ns + _SHORT_NS, confirmed
+        changed = self._changed(short)
+        if changed is not None and now_ns >= self._settled_ns:
+            self._valid_ns, self._settled_ns, self._culprits = now_ns - _SHORT_NS, now_ns + _SHORT_NS, changed
         if not self._due(self.window.since(max(self._valid_ns, now_ns - _LONG_NS)), short, now_ns):
             self._contradict(_quick(short), frozenset())
             return
@@ -240,7 +252,7 @@ class Evidence:
             self._noises.append((now_ns, finding.solution.noise))
         doubtful = finding.failed - self._suspects - self._witnessed
         if now_ns < self._settled_ns:
-            doubtful |= finding.failed - self._culprits - {"latency"}
+            doubtful |= finding.failed - self._culprits.keys() - {"latency"}
         early = _SLOW if _punctual(short, self._limits) else _OF_X
         doubtful |= self._premature(finding.failed & early, now_ns)
         self._suspects = finding.failed | short.failed
@@ -263,6 +275,16 @@ class Evidence:
         self._lagged_ns, self.explanation = found
         self._about_s, self._explained_ns = self.explanation.latency_s, now_ns
         self._valid_ns = max(self._valid_ns, self._lagged_ns)
+
+    def _changed(self, short: Finding) -> dict[str, float] | None:
+        """What two short windows in a row show to be wrong, and by how much, where what came before it is dropped;
+        empty where what was wrong is mended. None where all of it is known and still as it was: dropped again and
+        again, no window would be long enough for the second of two faults at once.
+        """
+        confirmed = [check for check in short.checks if check.name in short.failed & self._suspects]
+        if any(_moved(check, self._culprits.get(check.name)) for check in confirmed):
+            return {check.name: check.value for check in confirmed}
+        return {} if any(short.shows((name,)) for name in self._culprits) else None
 
     def _explain(self, now_ns: int) -> None:
         """Ask what else explains the motion; the fine search moves to a lag beyond its limit until another is found."""
@@ -384,6 +406,11 @@ def _explained(finding: Finding) -> bool:
     axes of the sensor."""
     needed = {Fault.AGREEMENT, Fault.POLARITY, Fault.LATENCY}
     return needed <= {check.fault for check in finding.checks if check.verdict is VerdictKind.OK}
+
+
+def _moved(check: Check, before: float | None) -> bool:
+    """Whether a parameter that is wrong is so otherwise than before, None for not at all."""
+    return before is None or abs(check.value - before) > _AS_IT_WAS * check.limit
 
 
 def _quick(finding: Finding) -> tuple[Check, ...]:

@@ -28,8 +28,12 @@ def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing) -> Verdict:
     """
     failed = [check for check in checks if check.verdict is VerdictKind.FAULT]
     if failed:
-        worst = min(failed, key=_urgency)
-        return Verdict(t_ns, VerdictKind.FAULT, checks, worst.fault, _sentence(worst))
+        worst = _worst_of_each(failed)
+        rivals = standing.rivals if Fault.UNDECIDED in worst else ()
+        reason = "; ".join(
+            _undecided(rivals) if fault is Fault.UNDECIDED else _sentence(worst[fault]) for fault in worst
+        )
+        return Verdict(t_ns, VerdictKind.FAULT, checks, next(iter(worst)), reason, rivals=rivals)
     unseen = next((one for one in checks if one.fault.kind is Kind.SIGHT and one.verdict is not VerdictKind.OK), None)
     if unseen is not None:
         return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, f"nothing to compare: {unseen.name}")
@@ -81,7 +85,7 @@ class Judgement:
         if fault is not None and self._lasted_ns[fault] >= _LASTING_NS:
             failing = self._failing[fault]
             checks = _replaced(checks, [check for check in failing.checks if check.verdict is VerdictKind.FAULT])
-            return Verdict(self._last_ns, VerdictKind.FAULT, checks, fault, failing.reason)
+            return Verdict(self._last_ns, VerdictKind.FAULT, checks, fault, failing.reason, rivals=failing.rivals)
         if self._verified_ns is not None:
             return Verdict(self._last_ns, VerdictKind.OK, checks, None, "calibration verified")
         missing = [name for name in self._required if name not in _shown(checks)]
@@ -121,8 +125,17 @@ def _doubts(checks: tuple[Check, ...]) -> list[str]:
 
 
 def _urgency(check: Check) -> tuple[int, float]:
+    """What is not decided comes after all that has a name."""
     rank = _FIRST.index(check.fault) if check.fault in _FIRST else len(_FIRST)
-    return rank, -check.ratio
+    return rank + (check.fault is Fault.UNDECIDED), -check.ratio
+
+
+def _worst_of_each(failed: list[Check]) -> dict[Fault, Check]:
+    """Of each class, the most urgent first: of two faults at once both are told."""
+    of_each: dict[Fault, Check] = {}
+    for check in sorted(failed, key=_urgency):
+        of_each.setdefault(check.fault, check)
+    return of_each
 
 
 def _contradiction(sign: Sign) -> str:

@@ -65,7 +65,8 @@ def alarm_fields(
     """
     text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
     told = [translated(gesture.value, language) for gesture in wanted]
-    if alarm.state is State.NOT_VERIFIED and alarm.fault is None and told:
+    shows = alarm.fault is None if alarm.state is State.NOT_VERIFIED else alarm.fault is Fault.UNDECIDED
+    if shows and told:
         remedy = "; ".join([translated("Probe on tissue", language), *told])
     signal = SIGNALS[alarm.state]
     return {

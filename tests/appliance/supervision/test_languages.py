@@ -71,6 +71,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
         "depth-ruler",
         "no-picture",
         "user-freeze",
+        "undecided",
         *WRONG,
     }
     assert len(reasons) == 13

@@ -738,8 +738,16 @@ def test_only_latched_states_come_back() -> None:
         Supervisor(DURATIONS, State.WARNING, "scale")
 
 
-@pytest.mark.parametrize("name", [name for name in HAZARDS if name.kind is Kind.CALIBRATION])
-def test_every_calibration_class_walks_the_whole_way(name: str) -> None:
+def test_what_nobody_can_name_halts_and_asks_for_no_recalibration() -> None:
+    room = room_in(State.MONITORING)
+    seen = [room.fault(S_NS // 10, Fault.UNDECIDED) for _ in range(40)]
+    assert [state for state, _ in itertools.groupby(seen)] == [W, H]
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in HAZARDS if name.kind is Kind.CALIBRATION and name is not Fault.UNDECIDED]
+)
+def test_every_named_calibration_class_walks_the_whole_way(name: str) -> None:
     room = room_in(State.MONITORING)
     seen = [room.fault(S_NS // 10, name) for _ in range(40)]
     assert [state for state, _ in itertools.groupby(seen)] == [W, H, Q]
@@ -832,3 +840,23 @@ def test_a_picture_without_tissue_opens_the_contact_without_an_alarm() -> None:
         State.NOT_VERIFIED
     )
     assert room.alarm.fault == "no-picture"
+
+
+def test_what_was_latched_as_one_of_two_is_told_as_what_it_turns_out_to_be() -> None:
+    room = room_in(State.MONITORING)
+    for _ in range(3):
+        room.fault(S_NS, "undecided")
+    assert (room.alarm.state, room.alarm.latched_fault) == (State.HALT, Fault.UNDECIDED)
+    room.at(TICK_NS, unsure(room.now_ns + TICK_NS))
+    assert room.alarm.fault is Fault.UNDECIDED
+    room.fault(name="rotation")
+    assert (room.alarm.fault, room.alarm.latched_fault, room.alarm.reason) == (Fault.ROTATION, Fault.ROTATION, "seen")
+    room.fault(name="offset")
+    assert room.alarm.energised is False
+    assert room.alarm.latched_fault is not Fault.UNDECIDED
+
+
+def test_a_latched_fault_that_has_a_name_keeps_it() -> None:
+    room = room_in(State.HALT)
+    room.fault(name="undecided")
+    assert (room.alarm.fault, room.alarm.latched_fault) == (Fault.SCALE, Fault.SCALE)

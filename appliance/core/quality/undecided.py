@@ -1,0 +1,41 @@
+"""One of two: surely wrong, and as likely the one as the other. An alarm in its own right, with both names."""
+
+from collections.abc import Set as AbstractSet
+
+from appliance.core.quality.sequential_test import NAMED_NATS, Accusation
+from appliance.types import Check, Fault, VerdictKind
+
+FINDS = (Fault.UNDECIDED,)
+
+_HELD_NS = 1_000_000_000
+"""For which the choice must last: a window that has just come to hold enough of a sudden scale left it open for a third
+of a second, twice, before the name (simulated, one seed). Longer alarms later where no motion tells; the contact is
+open before either."""
+
+
+def undecided(found: Accusation, excused: AbstractSet[str]) -> Check | None:
+    """A FAULT where nothing within the limits explains the motion, by the evidence that names a fault, and two
+    classes do as well as one another; else None.
+
+    excused: parameters that may look wrong for another reason; none of the two may be among them.
+    """
+    if not found.rivals or found.nats < NAMED_NATS or excused & {rival.check.name for rival in found.rivals}:
+        return None
+    return Check("undecided", Fault.UNDECIDED, found.nats, 0.0, "nat", NAMED_NATS, VerdictKind.FAULT)
+
+
+class Choice:
+    """check: the choice, once it has lasted; None before, and where there is none."""
+
+    def __init__(self) -> None:
+        self.check: Check | None = None
+        self._since_ns: int | None = None
+
+    def note(self, check: Check | None, now_ns: int) -> None:
+        """What the solution at now_ns leaves open; None where it leaves nothing open."""
+        if check is None:
+            self._since_ns = None
+        elif self._since_ns is None:
+            self._since_ns = now_ns
+        held = self._since_ns is not None and now_ns - self._since_ns >= _HELD_NS
+        self.check = check if held else None
