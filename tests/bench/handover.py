@@ -28,7 +28,6 @@ from appliance.service.estimator.ring import FRAMES, Ring
 from appliance.supervision.watchers.facts import Patience
 from appliance.types import Calibration
 from drivers.samples import Frame, GreyImage, Stamp
-from tests.bench import report
 from tests.bench.receiver import METHODS, PIPED
 from tests.support.frame_walk import HOPS, copies, walk
 from tests.support.polling import until
@@ -199,4 +198,7 @@ def _spent(pid: int) -> tuple[float, int]:
 
 
 if __name__ == "__main__":
+    # Its peers are installed for the whole bench alone.
+    from tests.bench import report
+
     report.show_handover(measure())
