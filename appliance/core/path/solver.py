@@ -43,13 +43,6 @@ numbers that mean nothing; less calls a parameter unobserved that could still sh
 """
 _FIRST_MM, _FIRST_RAD = 0.3, np.deg2rad(0.3)
 """Noise of a block with which the first estimate weighs the rows; the noise is learned from what that leaves."""
-_FIRST_SCALE = 0.01
-"""Prior standard deviation of the axial scale in that first estimate, relative. With the solver's own, a breath that
-runs against the press is a scale of -45 % from the first round on, and the noise is learned from what that leaves:
-sigma was 2 % (two of 25 simulated mixed sessions, paths without pictures; with this in none). The likelihoods of both
-are alike, so nothing tells them apart; begun from here, the breathing is learned, and the scale is not observed. Of
-still tissue both beginnings end alike, to .1 %.
-"""
 _FOLLOWED = 30.0
 """Information on a scale ÷ what the tissue's own motion pretends of it, below which the scale is not observed. With
 breathing it is 2 to 7, without 40 and more (seed 1 of every session of `probewatch study`).
@@ -195,15 +188,12 @@ class _Problem:
         self._noise = LearnedNoise(residual.blocks, residual.elevation_mm, start or self._first_noise(left))
 
     def _first_estimate(self) -> tuple[Array, Array]:
-        """θ by least squares with the axial scale about the reference's, and (rows, m) what it leaves, each chain with
-        an offset of its own.
-        """
+        """θ by least squares, and (rows, m) what it leaves, each chain with an offset of its own."""
         linear = self.residual.blocks.without_offsets(self._at_reference)
         size = np.where(np.isin(np.arange(len(linear)), POSITIONS), _FIRST_MM, _FIRST_RAD)
         J, r = linear[:, :VALUE] / size[:, None, None], linear[:, VALUE] / size[:, None]
-        known = self._known.copy()
-        known[SCALE, SCALE][AXIAL, AXIAL] += 1 / _FIRST_SCALE**2
-        theta = -np.linalg.solve(np.einsum("kim,kjm->ij", J, J) + known, np.einsum("kim,km->i", J, r))
+        H = np.einsum("kim,kjm->ij", J, J) + self._known
+        theta = -np.linalg.solve(H, np.einsum("kim,km->i", J, r))
         return theta, linear[:, VALUE] + np.einsum("i,kim->km", theta, linear[:, :VALUE])
 
     def _first_noise(self, left: Array) -> Noise:

@@ -11,7 +11,6 @@ from appliance.core.path.samples import PathSamples
 from appliance.core.path.solver import Prior, Solution, solve
 from drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, Noise, samples
-from tools.study.session import Session
 
 SECONDS = 26
 STARTS_S = np.array([-1.5, 2.2, 6.6, 10.4, 14.9, 18.6, 22.4, 26.9])
@@ -144,17 +143,3 @@ def test_breaths_with_nothing_in_common_leave_the_scale_unobserved_or_its_sigma_
     sigma = np.sqrt(found.covariance[SCALE_AXIAL, SCALE_AXIAL])
     assert not found.calibration.observed[SCALE_AXIAL] or sigma > 0.01
     assert abs(found.change[SCALE_AXIAL]) < 3 * sigma or not found.calibration.observed[SCALE_AXIAL]
-
-
-@pytest.mark.parametrize(("seed", "start_s", "pictures"), [(411, 2.8, 105), (422, 0.0, 80)])
-def test_a_breath_that_runs_against_the_press_is_no_scale(seed: int, start_s: float, pictures: int) -> None:
-    """It looks like a scale of -45 %, as likely as the truth, to a noise that was begun with that scale: sigma 2 %."""
-    session = Session("mixed", "breathing", seed, 13.0)
-    reference = session.reference
-    given = samples(session.probe, pictures, 2, Noise(), truth=reference, start_s=start_s)
-    breathed_px = np.outer(session._tissue_mm(given.t_s), [0, 1]) / (reference.scale_mm_per_px * reference.polarity)
-    prior = Prior(tilt_rad=0.2, rotation_rad=0.2, scale=0.15, offset_mm=10.0, latency_s=0.005)
-    found = solve(replace(given, u_px=given.u_px + breathed_px), reference, prior)
-    sigma = np.sqrt(found.covariance[SCALE_AXIAL, SCALE_AXIAL])
-    assert not found.calibration.observed[SCALE_AXIAL]
-    assert abs(found.change[SCALE_AXIAL]) < 3 * sigma
