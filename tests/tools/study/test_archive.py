@@ -117,7 +117,7 @@ def test_a_store_is_studied_on_a_cluster_and_what_was_missing_is_done_later(
     fill(store, "bad.mha", data=b"no recording")
     there = list(listed(store))
     monkeypatch.setattr("tools.commands.study.listed", lambda url: [*there, (f"{store}/late.mha",)])
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster:
         options = ("--calibration", calibration, "--output", tmp_path / "out", "--scheduler", cluster.scheduler_address)
         first = study(store, *options)
         assert isinstance(first.exception, DeviceLost), first.output

@@ -143,7 +143,7 @@ def dask(workers):
     """(address, worker processes) of a scheduler with workers of its own, as a cluster has them."""
     from distributed import LocalCluster  # noqa: PLC0415  takes a second that other tests need not wait for
 
-    options = {"threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    options = {"threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
     with LocalCluster(n_workers=workers, **options) as cluster:
         yield cluster.scheduler_address, [worker.process.process for worker in cluster.workers.values()]
 
