@@ -5,9 +5,9 @@ Decisions that the table alone does not tell:
 - A frozen picture is of the device kind: the contact opens at once, and monitoring resumes by itself after the
   picture moves again and the calibration has been verified again; nothing about the calibration is to be done.
 - A latched state keeps the fault that led to it, unless that was one of two and motion has since told which; a device
-  lost meanwhile does not replace it. It is left only when a
-  person has acknowledged it and the line has verified the calibration since, in either order, or by a recalibration
-  that was confirmed; a recalibration that was given up comes back to it.
+  lost meanwhile does not replace it. It is left only when a person has acknowledged it and the line has verified the
+  calibration since, in either order, or by a recalibration that was confirmed; a recalibration that was given up comes
+  back to it.
 - Damage to the alarm's memory or log opens the contact until a person has acknowledged it.
 - Verification is forgotten whenever a hazard is active or the probe is out of the tracker's sight.
 """

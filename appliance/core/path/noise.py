@@ -47,7 +47,7 @@ _BEATS_S = 2.0
 pulse hides the tremor: sigma of the axial scale would be .8 instead of .25 % with known breaths (in-plane, 30 s); a
 memory of 5 s gives no more.
 """
-_AGREEMENT_LAG_S = 0.5
+AGREEMENT_LAG_S = 0.5
 """Over which the two paths are compared. Shorter, tracker noise spoils the correlation of good calibrations; longer,
 few steps are independent in a window of 3.5 s. Not measured.
 """
@@ -121,7 +121,7 @@ class Blocks:
             left[..., own] -= values[..., own].mean(axis=-1, keepdims=True)
         return left
 
-    def agreement(self, seen_mm: Array, missed_mm: Array, lag_s: float = _AGREEMENT_LAG_S) -> float:
+    def agreement(self, seen_mm: Array, missed_mm: Array, lag_s: float = AGREEMENT_LAG_S) -> float:
         """Correlation of a measured path (m,) with the predicted, of which it differs by what was missed, over lag_s;
         NaN where the probe has not moved, or for less than that.
         """

@@ -14,7 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.path.breaths import Breaths
-from appliance.core.path.noise import AXIAL, LATERAL, PARTS, POSITIONS, TURN, WHITE, Habit, LearnedNoise, Noise
+from appliance.core.path.noise import (
+    AGREEMENT_LAG_S,
+    AXIAL,
+    LATERAL,
+    PARTS,
+    POSITIONS,
+    TURN,
+    WHITE,
+    Habit,
+    LearnedNoise,
+    Noise,
+)
 from appliance.core.path.residual import ROTATION, SCALE, TAU, VALUE, PathResidual
 from appliance.core.path.samples import PathSamples
 from appliance.types import Calibration
@@ -396,11 +407,13 @@ class _Problem:
         return tuple(bool(flag) for flag in observed)
 
 
-def _agreement(residual: PathResidual, noise: LearnedNoise, theta: Array, breathing: Array, *lag_s: float) -> float:
+def _agreement(
+    residual: PathResidual, noise: LearnedNoise, theta: Array, breathing: Array, lag_s: float = AGREEMENT_LAG_S
+) -> float:
     """Correlation of the measured with the predicted path, worse moving axis, once breathing and pulse are out."""
     path, seen = residual.linear(theta)[:, VALUE] - breathing, residual.seen(theta)
     clean = (path[k] - noise.rows[k].tissue(path[k]) for k in (LATERAL, AXIAL))
-    agreed = [residual.blocks.agreement(*both, *lag_s) for both in zip(seen, clean, strict=True)]
+    agreed = [residual.blocks.agreement(*both, lag_s) for both in zip(seen, clean, strict=True)]
     return min((r for r in agreed if not isnan(r)), default=nan)
 
 

@@ -1,5 +1,6 @@
 """One of two: an alarm with both names, by the evidence that names a fault and no less."""
 
+from collections.abc import Callable
 from copy import deepcopy
 
 import pytest
@@ -12,6 +13,7 @@ from appliance.core.quality.verification import Sign, Standing
 from appliance.limits import Limits
 from appliance.supervision.languages import told
 from appliance.types import Check, Fault, Rival, VerdictKind
+from drivers.rigid import Array
 from tests.appliance.core.quality.test_sequential_test import SLID, in_step, in_turn
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import filled
@@ -75,7 +77,7 @@ def test_a_recording_in_which_it_lasted_is_told_as_that() -> None:
     assert (whole.kind, whole.fault, whole.rivals) == (VerdictKind.FAULT, Fault.UNDECIDED, TWO)
 
 
-def evidence_of(path, seconds: float) -> Evidence:  # type: ignore[no-untyped-def]
+def evidence_of(path: Callable[[Array], Array], seconds: float) -> Evidence:
     """Of a body that has slipped while nothing was in sight, after healthy motion that showed the noise."""
     evidence = Evidence(TRUTH, Limits(), filled(tilting_path, 10.0, 1))
     evidence.solve(evidence.window.now_ns)
