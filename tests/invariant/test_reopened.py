@@ -1,8 +1,8 @@
 """The invariant is worth what it finds: an old hole, opened again in the code of today, breaks it.
 
 One defence is taken away at a time, where its hole was; what holds the contact open elsewhere, such as the hazard of
-pictures without tissue, stays. Hole 4 is not among them: a reference as wrong as it was is named today before anything
-is verified, so that no single defence keeps it shut.
+pictures without tissue, stays. Hole 4 takes two: today a reference as wrong as it was is named before anything is
+verified, and a sign against it withdraws the OK before it is named; each of them alone keeps the contact open.
 """
 
 from collections.abc import Callable
@@ -13,13 +13,20 @@ import pytest
 from appliance.core.acquisition.pairing import Unpaired
 from appliance.core.acquisition.stamp_gate import Passage, StampGate
 from appliance.core.line import Line
+from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.verification import Sign, Verification
+from appliance.limits import RequiredAges
 from appliance.types import Check, StampedPair, Verdict, VerdictKind
 from tests.invariant import test_invariant as holes
+from tests.invariant.cart import Cart
 from tests.invariant.circumstances import Pictures
+from tests.invariant.oracle import Broken
 from tests.invariant.scenarios import verified_cart
+from tests.invariant.world import ELSEWHERE
 
 Settled = Callable[[Line, StampedPair | Unpaired], Verdict]
+SWEEPS_ALONE = RequiredAges.model_validate(dict.fromkeys(("offset-lateral", "offset-axial", "offset-elevational"), 0.0))
+"""As a cart may be configured, and as every cart was when hole 4 was found; shipped, ζ itself must be shown first."""
 
 
 def repeated(monkeypatch: pytest.MonkeyPatch, which: Callable[[StampedPair | Unpaired], bool]) -> None:
@@ -67,6 +74,39 @@ def test_hole_3_evidence_is_dated_by_the_newest_picture(monkeypatch: pytest.Monk
     cart.meet(pictures=pictures)
     with pytest.raises(AssertionError):
         cart.run(10.0)
+
+
+def never_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Confirmation waits for ever: neither the long window nor the sequential test names what is wrong."""
+    monkeypatch.setattr(Evidence, "_premature", lambda self, failed, now_ns: failed)
+    monkeypatch.setattr(Evidence, "_accused", lambda self, finding, now_ns: None)
+
+
+def sign_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A check beyond its limit by its own sigmas withdraws nothing."""
+    monkeypatch.setattr(Verification, "_sign", lambda self, check, named, until_ns: None)
+
+
+def verify_elsewhere() -> None:
+    """Long enough for a healthy sweep to close the contact; asked for is that nothing contradicts what is closed."""
+    Cart(1, change=ELSEWHERE, fps=holes.SLOW, enforced="b", asked=SWEEPS_ALONE).run(15.0)
+
+
+@pytest.mark.thorough
+def test_hole_4_what_contradicts_the_reference_waits_to_be_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    never_named(monkeypatch)
+    sign_ignored(monkeypatch)
+    with pytest.raises(Broken, match="offset-elevational reads"):
+        verify_elsewhere()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("taken_away", [never_named, sign_ignored])
+def test_hole_4_either_defence_alone_keeps_the_contact_open(
+    monkeypatch: pytest.MonkeyPatch, taken_away: Callable[[pytest.MonkeyPatch], None]
+) -> None:
+    taken_away(monkeypatch)
+    verify_elsewhere()
 
 
 @pytest.mark.slow
