@@ -467,6 +467,13 @@ def test_a_line_in_another_place_shows_also_where_it_begins_a_chain(tmp_path: Pa
     assert unseen == []
 
 
+def test_a_beginning_of_a_chain_that_stands_twice_is_said_to_be_moved_or_copied(tmp_path: Path) -> None:
+    _, second = two_chains(tmp_path)
+    lines = second.read_bytes().splitlines(keepends=True)
+    second.write_bytes(b"".join([*lines, lines[0]]))
+    assert any("which begins a chain, follows entry 8" in one.what for one in read_log(tmp_path).damages)
+
+
 def test_a_segment_under_another_name_shows(tmp_path: Path) -> None:
     _, second = two_chains(tmp_path)
     content = second.read_bytes()

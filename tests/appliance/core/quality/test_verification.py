@@ -110,6 +110,17 @@ def test_a_sign_that_was_never_named_is_answered_by_as_sharp_a_measurement_withi
     assert (verification.contradicted == ()) == answered
 
 
+def test_what_answers_a_sign_does_not_bring_back_what_was_shown_before_it() -> None:
+    """Within its limit and not shown: nothing speaks against the parameter any more, and nothing for it since."""
+    verification = all_shown()
+    verification.contradict([check("offset-axial", value=9.0, sigma=1.0)], frozenset(), 6 * S)
+    weigh(verification, check("offset-axial", value=2.0, sigma=1.4, shown_s=8.0), since_s=6.1)
+    assert verification.contradicted == ()
+    assert verification.standing.verified_ns is None
+    weigh(verification, check("offset-axial", shown_s=9.0), since_s=6.1)
+    assert verification.standing.verified_ns == 5 * S
+
+
 def test_a_sign_that_was_named_once_stays_named() -> None:
     verification = all_shown()
     for named in (frozenset({"offset-axial"}), frozenset()):
