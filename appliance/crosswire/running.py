@@ -274,14 +274,14 @@ def _refuse_senseless(view: View, image_size_px: tuple[int, int]) -> None:
     poses = [pose for pose in (view.matrix, view.earlier, view.later) if pose is not None]
     numbers = [view.centre_px, view.covariance_px, np.array([view.apart_s]), *poses]
     if not all(np.all(np.abs(part) < _MOST) for part in numbers):
-        raise ValueError("a view holds what is no number, or none of this world")
+        raise ValueError("a view holds a number that is not finite, or too large")
     if not all(0 <= value <= side - 1 for value, side in zip(view.centre_px, image_size_px, strict=True)):
         raise ValueError("a view's crossing lies outside of the picture")
     if np.linalg.eigvalsh(view.covariance_px)[0] < 0:
         raise ValueError("a view's covariance is none")
     for pose in poses:
         if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > ORTHOGONAL_WITHIN:
-            raise ValueError("a view's pose is no rigid motion")
+            raise ValueError("a view's pose is not a rigid motion")
 
 
 def _shown(name: str, value: float) -> str:

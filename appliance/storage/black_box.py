@@ -168,7 +168,7 @@ class BlackBox:
         if first is None or not isinstance(first.item, Begun):
             what = "; ".join(self.damage) or "its first message is not /begun"
             raise RecordingError(
-                f"is no black box ({what})", str(path), "Give a file that probewatch record has written"
+                f"is not a black box ({what})", str(path), "Give a file that probewatch record has written"
             )
         if first.item.format != FORMAT:
             what = f"is a black box of format {first.item.format}; this version reads format {FORMAT}"

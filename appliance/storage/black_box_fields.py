@@ -142,7 +142,7 @@ def _frame(fields: Mapping[str, Any]) -> Frame:
         raise ValueError("a picture of /picture is not of the size that it says")
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint8 or image.shape != (height, width):
-        raise ValueError("a picture of /picture is no grey PNG of 8 bits")
+        raise ValueError("a picture of /picture is not an 8-bit grey PNG")
     return Frame(stamp_of(dict(fields)), whole(fields["sequence"]), np.asarray(image, np.uint8))
 
 
@@ -170,7 +170,7 @@ def _made(made: Made) -> dict[str, Any]:
 def _read_made(fields: Mapping[str, Any]) -> Made:
     order = None if fields["order"] is None else order_of(fields["order"])
     if order is not None and not _sane(order.reference):
-        raise ValueError("the reference of /order is no calibration of a probe")
+        raise ValueError("the reference of /order is not a calibration of a probe")
     return Made(order, whole(fields["step"]))
 
 

@@ -46,7 +46,7 @@ def read_itk(path: Path, image_size_px: tuple[int, int], polarity: tuple[int, in
     """The calibration in an ITK text transform. image_size_px: (width, height). Raises ConfigurationError."""
     data = calibration_bytes(path)
     if len(data) > _MOST_BYTES or not data.startswith(_MAGIC.encode()):
-        raise ConfigurationError("is no ITK text transform", str(path), "Save it from 3D Slicer as .tfm")
+        raise ConfigurationError("is not an ITK text transform", str(path), "Save it from 3D Slicer as .tfm")
     matrix = _matrix(data.decode("utf-8", "replace"), str(path))
     return calibration_from_image_to_probe(matrix, image_size_px, polarity, str(path))
 

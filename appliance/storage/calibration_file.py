@@ -240,7 +240,7 @@ def _xml_transforms(data: bytes, path: Path) -> list[tuple[str, str, str]]:
     try:
         root = xml_of(data)
     except ValueError as error:
-        raise ConfigurationError(f"is no XML that PLUS writes: {error}", str(path), "Restore the file") from error
+        raise ConfigurationError(f"is not XML as PLUS writes it: {error}", str(path), "Restore the file") from error
     nodes = root.iterfind(".//CoordinateDefinitions//Transform")
     return [(node.get("From", ""), node.get("To", ""), node.get("Matrix", "")) for node in nodes]
 

@@ -141,8 +141,8 @@ GERMAN = {
     "sound paused": "Ton pausiert",
     "sound acknowledged": "Ton quittiert",
     "sound off": "Ton aus",
-    "present motion does not show it; within its age, as no watcher saw a change: {names}": (
-        "von der jetzigen Bewegung nicht gezeigt; innerhalb seines Alters, da kein Wächter eine Änderung sah: {names}"
+    "present motion does not show it; within its age, as no detector saw a change: {names}": (
+        "von der jetzigen Bewegung nicht gezeigt; innerhalb seines Alters, da kein Detektor eine Änderung sah: {names}"
     ),
     "deg": "Grad",
     "axes": "Achsen",

@@ -272,7 +272,7 @@ _SWITCHED = ("SWITCH1_IS_ON", "SWITCH2_IS_ON", "SWITCH3_IS_ON")
 def _checked(matrix: Matrix4, name: str) -> TransformReading:
     """Servers send the identity, or zeros, for a tool that is not seen; no tool lies in the tracker's own origin."""
     if np.array_equal(matrix, np.eye(4)) or not matrix[:3].any():
-        return TransformReading(None, PoseStatus.MISSING, f"{printable(name)} is no measurement (identity or zeros)")
+        return TransformReading(None, PoseStatus.MISSING, f"{printable(name)} is not a measurement (identity or zeros)")
     if np.abs(matrix[:3, 3]).max() > FURTHEST_MM:
         return TransformReading(None, PoseStatus.FAULT, f"{printable(name)} is further away than any tool")
     return rigid_reading(matrix, printable(name))

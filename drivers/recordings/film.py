@@ -84,7 +84,7 @@ class Film:
             raise unreadable(self.path, error) from error
         film = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         if not film.isOpened():
-            raise RecordingError("is no film that can be decoded", str(self.path), "Convert it to MP4 or MKV")
+            raise RecordingError("cannot be decoded as a film", str(self.path), "Convert it to MP4 or MKV")
         return film
 
     def _looked_through(self) -> tuple[list[int], tuple[int, int]]:
@@ -119,7 +119,7 @@ class PoseTable:
         try:
             self._rows = list(rows)
         except csv.Error as error:
-            raise RecordingError(f"is no CSV ({error})", str(path), "Save the table as CSV") from None
+            raise RecordingError(f"is not CSV ({error})", str(path), "Save the table as CSV") from None
         names = [name.strip() for name in rows.fieldnames or ()]
         self._rows = [{str(key).strip(): value for key, value in row.items()} for row in self._rows]
         self._columns = next((one for one in (_MATRIX, _QUATERNION) if set(one) <= set(names)), ())

@@ -92,7 +92,7 @@ class McapReader:
             remedy = "Check the name and the permissions"
             raise RecordingError(f"cannot be read: {error.strerror}", str(path), remedy) from error
         if head != MAGIC:
-            raise RecordingError("is no MCAP file", str(path), "Give a file that probewatch record has written")
+            raise RecordingError("is not an MCAP file", str(path), "Give a file that probewatch record has written")
 
     def entries(self) -> Iterator[Entry]:
         """Everything that can be read: a chunk whose checksum does not fit is left out, a file that was cut ends
@@ -160,7 +160,7 @@ class McapReader:
             if isinstance(fields, dict):
                 yield Entry(self._channels.get(record.channel_id, ""), record.log_time, fields)
             else:
-                self.damage.append(f"a message of {self._channels.get(record.channel_id, '?')} is no JSON object")
+                self.damage.append(f"a message of {self._channels.get(record.channel_id, '?')} is not a JSON object")
 
     def _check_summary(self, stream: BinaryIO) -> None:
         """Nothing here reads the summary, but other programs do."""

@@ -87,7 +87,7 @@ def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str
     """The header in the words of MetaImage."""
     axes = list(zip(general.get("sizes", "").split(), general.get("kinds", "").lower().split(), strict=False))
     if [kind for _, kind in axes if kind in ("list", "time")] == [] or len(axes) > _MOST_AXES:
-        what = f"kinds '{general.get('kinds', '')}' and sizes '{general.get('sizes', '')}' are no sequence of pictures"
+        what = f"kinds '{general.get('kinds', '')}' and sizes '{general.get('sizes', '')}' are not those of a sequence"
         raise RecordingError(what, str(path), "Store the whole sequence, as PLUS and 3D Slicer do: domain domain list")
     if any(kind not in ("domain", "space", "list", "time") for _, kind in axes) or axes[-1][1] not in ("list", "time"):
         what = f"kinds '{general['kinds']}' are not domain domain list"

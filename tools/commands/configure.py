@@ -49,12 +49,12 @@ It is checked as `probewatch check` does, the difference is shown, and nothing i
 the file is the old one or the new one, never a part. A service that waits to be configured starts by itself.
 
 \b
-In a script nobody is asked where video, tracker and contact are given, and --yes:
+In a script, give video, tracker, contact and --yes, and nothing is asked:
   probewatch configure --video v4l2:/dev/video0 --tracker "ndi:/dev/ttyUSB0?probe=/etc/probewatch/probe.rom"
     --contact relay:/dev/ttyUSB1 --no-calibration --yes
 
-Exit code 0: written, or nothing to change. 69: a device that was tried does not work. 78: it cannot be used so, or not
-be written. 130: not accepted.
+Exit code 0: written, or nothing to change. 69: a device that was tried does not work. 78: the configuration would be
+refused, or cannot be written. 130: declined.
 """
 
 
@@ -145,7 +145,7 @@ def _known(text: str, file: Path) -> Config:
     except ConfigurationError as error:
         for row in rows(error):
             click.echo(row, err=True)
-        remedy = "Mend it in an editor (probewatch check), or begin anew with --fresh"
+        remedy = "Mend it in an editor (probewatch check), or start over with --fresh"
         raise ConfigurationError("cannot be used as it is, and is left alone", str(file), remedy) from None
 
 
@@ -213,7 +213,7 @@ def _with_tool(url: str, person: _Person) -> str:
         return url
     rom = Path(tool).absolute()
     if not rom.is_file():
-        raise ConfigurationError("is no file", str(rom), "Type its path again")
+        raise ConfigurationError("is not a file", str(rom), "Type its path again")
     return f"{url}?probe={quote(str(rom))}"
 
 
@@ -266,7 +266,7 @@ def _lamps(known: Config, lamps: tuple[tuple[str, str], ...]) -> dict[Place, Val
     new = len(known.output)
     for signal, url in lamps:
         if signal not in _LAMPS:
-            raise ConfigurationError(f"'{signal}' is no lamp", "--lamp", f"Use one of {', '.join(_LAMPS)}")
+            raise ConfigurationError(f"'{signal}' is not a lamp", "--lamp", f"Use one of {', '.join(_LAMPS)}")
         check_options(url, "output")
         place = _place(known, Role(signal))
         if place == len(known.output):
@@ -306,7 +306,7 @@ def _checked(base: str, answers: Answers, file: Path) -> str:
     for mistake in mistakes:
         click.echo(mistake, err=True)
     if mistakes:
-        raise ConfigurationError("nothing was written", str(file), "Answer otherwise, or begin anew with --fresh")
+        raise ConfigurationError("nothing was written", str(file), "Answer otherwise, or start over with --fresh")
     return new
 
 

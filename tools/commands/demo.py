@@ -95,9 +95,9 @@ def command(
       probewatch demo --fault depth@20 --fault lose-tracker@30 --json demo.json
       probewatch demo --duration 100 --seed 7
 
-    Exit code 0: every fault was found, rightly named and recovered from, and nothing else alarmed. 1: not so; the last
-    line says why. 69: a part of the cart died. 75: not so either, but this computer was too busy with other programs
-    for anything to be told; try again when it is not. 78: the script or a file cannot be.
+    Exit code 0: every fault was found, rightly named and recovered from, and nothing else alarmed. 1: some was not; the
+    last line says which. 69: a part of the cart died. 75: undecided, because this computer was too busy with other
+    programs; try again when it is not. 78: the script is not possible, or a file cannot be used.
     """
     check_writable(json_path)
     plan = chosen_plan(faults, duration_s) if faults else default_plan(duration_s)

@@ -14,7 +14,7 @@ from tools.shared.found_recordings import found
 @click.command()
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--to", "form", required=True, type=click.Choice(FORMS), help="what to write")
-@click.option("--output", type=click.Path(path_type=Path), help="its name [that of the recording, beside you]")
+@click.option("--output", type=click.Path(path_type=Path), help="file to write [name of the recording, in this folder]")
 def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> None:
     """Write RECORDINGS, the black boxes (.mcap) of one run of the recorder, in a form of other programs.
 
@@ -28,14 +28,14 @@ def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> Non
       probewatch export kept/20260102T030405-a1b2c3d4-00007.mcap --to .igs.mha
       probewatch export kept/*-a1b2c3d4-*.mcap --to mp4 --output alarm.mp4
 
-    Nothing is taken out: what was blackened while recording is black, what was kept is there.
+    Pictures are written as they were recorded: text is black only where the recorder has blackened it.
     """
     boxes, refused = found(recordings)
     for what in refused:
         click.secho(what, err=True, fg="yellow")
     series = [one for one in boxes if isinstance(one, Series)]
     if len(series) != 1 or len(boxes) != 1:
-        what = "are several recordings" if len(boxes) > 1 else "is no black box"
+        what = "are several recordings" if len(boxes) > 1 else "is not a black box"
         raise RecordingError(what, str(recordings[0]), "Name the .mcap files of one run of the recorder")
     ending = form if form.startswith(".") else f".{form}"
     path = output or Path(f"{series[0].boxes[0].path.stem}{ending}")

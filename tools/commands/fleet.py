@@ -16,13 +16,13 @@ _SPAN = re.compile(r"[1-9][0-9]{0,5}[smhd]", re.ASCII)
 
 def _span(_context: click.Context, _option: click.Parameter, text: str) -> str:
     if not _SPAN.fullmatch(text):
-        raise click.BadParameter("is no span of time such as 30m, 1h or 7d")
+        raise click.BadParameter("is not a time span such as 30m, 1h or 7d")
     return text
 
 
 def _job(_context: click.Context, _option: click.Parameter, text: str) -> str:
     if not re.fullmatch(r"[\w.:/-]+", text, re.ASCII):
-        raise click.BadParameter("is no name of a job")
+        raise click.BadParameter("is not a job name")
     return text
 
 
@@ -34,12 +34,12 @@ def _job(_context: click.Context, _option: click.Parameter, text: str) -> str:
 def command(prometheus: str, job: str, over: str, as_json: bool) -> None:
     """One table of all carts: which are unreachable, unverified, near a limit, or due for a check.
 
-    It asks a Prometheus that scrapes `probewatch metrics` (docs/monitoring.md), not the carts. A cart is as old in it
-    as its last scrape. Drifting is a parameter whose mean has come beyond 70 % of its limit; due, a reference whose
-    term ends within two weeks.
+    It asks a Prometheus that scrapes `probewatch metrics` (docs/monitoring.md), not the carts: what
+    it shows of a cart is as old as the last scrape. A parameter drifts once its mean is beyond 70 % of its limit; a
+    reference is due when its term ends within two weeks.
 
     \b
-    Exit code 0: no cart needs anybody. 1: some do. 69: no Prometheus answers. 78: what is named is no URL.
+    Exit code 0: no cart needs attention. 1: some do. 69: no Prometheus answers. 78: the argument is not a URL.
     """
     carts = reports(prometheus, job, over)
     if as_json:

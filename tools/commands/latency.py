@@ -37,13 +37,13 @@ def command(
     reference: str | None,
     orientation: str | None,
 ) -> None:
-    """How late the tracker's stamps are against the pictures' in RECORDING (PLUS .igs.mha or .mhd), ± 1 sigma.
+    """Measure how late the tracker's stamps are against the pictures' in RECORDING (PLUS .igs.mha or .mhd), ± 1 sigma.
 
     Positive: the tracker is late; the pose stamped t + latency belongs to the picture stamped t. Give the figure to
     `recalibrate --latency-ms`, or to the recorder.
 
     Without --calibration the recording is of a water tank: move the probe straight up and down over its bottom, which
-    shows as one bright line, for a quarter of a minute, 2 s to and fro, turning sharply. Needs nothing but that line.
+    shows as one bright line, for 15 s, 2 s to and fro, turning sharply. It needs nothing but that line.
 
     With --calibration it is of tissue or a phantom, moved sideways and in depth; a rough calibration is enough.
 
@@ -51,6 +51,8 @@ def command(
     Examples:
       probewatch latency tank.igs.mha
       probewatch latency tissue.igs.mha --calibration probe.toml
+
+    \b
     Exit code 0: found. 65: the recording cannot be used, or does not show it; 78: the calibration or an option cannot.
     """
     session = open_recording(recording, poses=poses, probe=probe, reference=reference, orientation=orientation)

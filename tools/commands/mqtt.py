@@ -27,18 +27,18 @@ def _topic(_context: click.Context, _option: click.Parameter, text: str | None) 
 @socket_option
 @click.option("--broker", required=True, metavar="URL", help="mqtts://HOST[:PORT], or mqtt://HOST[:PORT] in the clear")
 @click.option("--cart", callback=_topic, help="name of this cart in the topics; the host's name unless given")
-@click.option("--user", help="as which to log in")
+@click.option("--user", help="name to log in with")
 @click.option("--password-file", type=_FILE, help="its first line is the password; others may not read the file")
-@click.option("--ca", type=_FILE, help="authority that has signed the broker's certificate; the system's unless given")
-@click.option("--certificate", type=_FILE, help="of this cart, PEM")
-@click.option("--key", type=_FILE, help="of that certificate, PEM")
-@click.option("--prefix", default="probewatch", show_default=True, callback=_topic, help="of the topics")
+@click.option("--ca", type=_FILE, help="CA that signed the broker's certificate; the system's CAs unless given")
+@click.option("--certificate", type=_FILE, help="client certificate of this cart, PEM")
+@click.option("--key", type=_FILE, help="private key of that certificate, PEM")
+@click.option("--prefix", default="probewatch", show_default=True, callback=_topic, help="first part of the topics")
 @click.option(
     "--discovery",
     default="homeassistant",
     show_default=True,
     callback=_topic,
-    help='prefix of Home Assistant; "": none',
+    help='discovery prefix of Home Assistant; "" for none',
 )
 def command(
     control_socket: Path,
@@ -52,13 +52,13 @@ def command(
     prefix: str,
     discovery: str,
 ) -> None:
-    """Tell the state of this cart to an MQTT broker until Ctrl-C.
+    """Publish the state of this cart to an MQTT broker until Ctrl-C.
 
-    PREFIX/CART/state is JSON, retained, told at every change and every 15 s; PREFIX/CART/availability is online, or
-    offline as soon as the broker misses this program. Home Assistant finds the cart by itself.
+    PREFIX/CART/state is JSON, retained, published at every change and every 15 s; PREFIX/CART/availability is online,
+    or offline as soon as the broker misses this program. Home Assistant finds the cart by itself.
 
-    It reads the status as `probewatch status` does and takes no message, so nothing that a broker does reaches the
-    contact. A broker that vanishes is said once on stderr and tried again for ever.
+    It reads the status as `probewatch status` does and accepts no messages, so a broker cannot affect the
+    contact. A broker that vanishes is reported once on stderr, and tried again for as long as it takes.
 
     \b
       probewatch mqtt --broker mqtts://broker.example --user cart-2 --password-file /etc/probewatch/mqtt-password

@@ -38,8 +38,8 @@ _LONGEST_HEADERS = 16_384
 @click.option("--listen", default=_LISTEN, show_default=True, help="HOST:PORT; port 0 takes a free one")
 @click.option("--host", "hosts", multiple=True, help="another name by which browsers call this computer")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="for new calibrations [.]")
-@click.option("--door", type=click.Path(path_type=Path), help=f"where --token is asked for [{_DOOR}]")
-@click.option("--token", "ask", is_flag=True, help="print URL and a one-time token of the page that runs, and end")
+@click.option("--door", type=click.Path(path_type=Path), help=f"socket on which --token asks the page [{_DOOR}]")
+@click.option("--token", "ask", is_flag=True, help="print the URL and a one-time token of the running page, and end")
 def command(
     config_file: Path | None,
     control: Path | None,
@@ -52,14 +52,14 @@ def command(
 ) -> None:
     """Serve the cart's web page on http://127.0.0.1:9780 until Ctrl-C: what the service sees, for the whole room.
 
-    Looking needs no token. Recalibrating does: a one-time token, which whoever may use the control socket asks for, and
-    which makes one browser able to for twelve hours.
+    Looking needs no token. Recalibrating does: whoever may use the control socket can ask for a one-time token, which
+    lets one browser recalibrate for twelve hours.
 
     \b
       probewatch page --token         # in a terminal of the cart; then type it into the page
 
-    The page asks the service and its feed as any client may, so whatever becomes of it, the alarm does not notice. It
-    loads nothing from elsewhere. docs/page.md has pictures of it; docs/security.md says what listens.
+    The page asks the service and its feed as any client may, so it cannot affect the alarm. It loads nothing from
+    elsewhere. docs/page.md has pictures of it; docs/security.md says what listens.
     """
     if ask:
         token, url = invitation(door or _DOOR)

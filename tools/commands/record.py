@@ -16,12 +16,12 @@ _CONFIG = Path("/etc/probewatch/probewatch.toml")
 @click.command()
 @click.argument("action", required=False, type=click.Choice(["start", "stop", "status"]))
 @click.option("--config", "config_path", default=_CONFIG, show_default=True, type=click.Path(path_type=Path))
-@click.option("--reason", default="", help="with start or stop: why, in a few words, written beside it")
+@click.option("--reason", default="", help="with start or stop: why, in a few words; kept with the stretch")
 def command(action: str | None, config_path: Path, reason: str) -> None:
     """Record what the service sees into a bounded ring of black boxes, until Ctrl-C; the recorder's unit runs it.
 
     start and stop mark a stretch that the running recorder keeps, as it keeps the minutes around each alarm; status
-    says how it does. The stretch ends by itself after an hour.
+    says how the recorder is doing. The stretch ends by itself after an hour.
 
     \b
       probewatch record                                  what the unit runs
@@ -29,8 +29,9 @@ def command(action: str | None, config_path: Path, reason: str) -> None:
       probewatch record stop
       probewatch replay /var/lib/probewatch-recorder     what was recorded, judged again
 
-    Bounds, folder, and what becomes of names on the picture: [recorder] of the configuration, docs/black-box.md. The
-    service takes no notice of a recorder: a full or broken disk is told in the journal and by status, and nowhere else.
+    [recorder] of the configuration sets folder, bounds, and whether text on the picture is blackened; see
+    docs/black-box.md. A recorder cannot affect the service: a full or broken disk is reported in the journal and by
+    status, and nowhere else.
     """
     config = load_config(config_path)
     if action is not None:

@@ -18,7 +18,7 @@ def command(control_socket: Path) -> None:
     `systemctl restart probewatch`.
 
     \b
-    Exit code 0: taken. 69: no service answers. 75: refused, and why is said on stderr.
+    Exit code 0: taken. 69: no service answers. 75: refused; stderr says why.
     """
     with ControlClient(control_socket) as client:
         client.reload()

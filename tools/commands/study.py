@@ -29,7 +29,7 @@ from tools.study.workers import results
 _EXAMPLES = """
 \b
 Examples:
-  probewatch study --seeds 3 --asked without-offsets how often healthy scanning is verified by itself
+  probewatch study --seeds 3 --asked without-offsets     # how often healthy scanning is verified by itself
   probewatch study --sessions fan,hold --tissues still
   probewatch study --hazards bend-lateral=6@start,latency=450@sudden
   probewatch study --sessions gesture-in-plane,gesture-fan

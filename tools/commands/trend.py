@@ -31,11 +31,12 @@ _FAR_DAYS = 3650
 @click.option("--html", "html_path", type=click.Path(path_type=Path), help="write a page with plots there")
 @click.option("--json", "as_json", is_flag=True, help="JSON, null for what is not known")
 def command(folder: Path, reference: int | None, html_path: Path | None, as_json: bool) -> None:
-    """Tell where each parameter of the calibration is going, long before it meets its limit.
+    """Show which way each parameter of the calibration is drifting, long before it reaches its limit.
 
     While the calibration is verified the service notes every five minutes what motion showed of it, in the alarm log of
-    FOLDER, [alarm] folder of the configuration. A weighted mean of these estimates (EWMA) that leaves its control
-    limits is moving: something bends, slides or is exchanged, though each estimate by itself is still in order.
+    FOLDER, [alarm] folder of the configuration. Where a weighted mean of these estimates (EWMA) leaves its
+    control limits, something is moving: a part bends, slides or was exchanged, though each estimate by itself is still
+    within its limit.
 
     \b
     Examples:

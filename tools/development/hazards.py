@@ -30,7 +30,7 @@ all of them, *closed ⇒ everything required was shown by motion recent enough, 
 random disturbances in `tests/invariant/`; the loss of each part is walked by `tests/live/test_failures.py`. What a user
 reads and does is in [alarms.md](alarms.md), what the product is not for in [intended-use.md](intended-use.md).
 
-It is no risk analysis of a medical device: severity and probability of harm depend on what the contact is wired to.
+It is not the risk analysis of a medical device: severity and probability of harm depend on what the contact drives.
 """
 
 

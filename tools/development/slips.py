@@ -260,9 +260,9 @@ def slip_pages(fault: Fault) -> list[str]:
 
 _HEAD = """In plain sight, by the slip watches alone: slips about or along each axis in turn, either sign, at random
 times of one minute of each session (seed 1, 0.1 mm, 60 poses a second). *Named* is a FAULT with the right name within
-{soon:g} s after the slip was complete; *withdrawn* is no name, but what was shown before counts no more: the contact
-opens until new motion has shown everything again. Slower slips name nothing here, since tissue that moves looks the
-same; out of the plane they are not seen. `python -m tools.development.slips` measures again.
+{soon:g} s after the slip was complete; *withdrawn* names nothing, but what was shown before no longer counts: the
+contact opens until new motion has shown everything again. Slower slips name nothing here, since tissue that moves looks
+the same; out of the plane they are not seen. `python -m tools.development.slips` measures again.
 """
 _COLUMNS = ("size", "over", "session, tissue", "named (95 %)", "named otherwise", "withdrawn")
 

@@ -95,7 +95,7 @@ def _observe(metric: HistogramMetricFamily, labels: Sequence[str], delays: Statu
 def _state(status: Status) -> Iterator[Metric]:
     version = {"version": str(status["software"]), "configuration_sha256": str(status["configuration"]["sha256"])}
     yield InfoMetricFamily("probewatch", "Version and configuration in force", value=version)
-    yield _gauge("simulated", "1: some source is no real device", bool(status["simulated"]))
+    yield _gauge("simulated", "1: some source is not a real device", bool(status["simulated"]))
     yield _gauge("uptime_seconds", "Since the start of the service", status["counters"]["uptime_s"])
     states = {state.value: float(state.value == status["state"]) for state in State}
     yield _gauges("state", "1 for the state in force, 0 for the others", "state", states)

@@ -144,7 +144,7 @@ def _asked(base: str, query: str) -> list[tuple[Mapping[str, str], float]]:
     except urllib.error.HTTPError as error:
         raise _lost(base, f"Prometheus refused the question ({error.code} {error.reason})") from None
     except (ValueError, InvalidURL) as error:
-        raise ConfigurationError(f"is no URL: {error}", base, "Such as http://127.0.0.1:9090") from None
+        raise ConfigurationError(f"is not a URL: {error}", base, "Such as http://127.0.0.1:9090") from None
     except (OSError, HTTPException) as error:
         raise _lost(base, f"no Prometheus answers ({getattr(error, 'reason', error)})") from None
     return _series(base, content)
@@ -158,7 +158,7 @@ def _series(base: str, content: bytes) -> list[tuple[Mapping[str, str], float]]:
         found = json.loads(content)["data"]["result"]
         return [({str(k): str(v) for k, v in one["metric"].items()}, float(one["value"][1])) for one in found]
     except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
-        raise _lost(base, f"what answers is no Prometheus ({error})") from None
+        raise _lost(base, f"what answers is not Prometheus ({error})") from None
 
 
 def _lost(base: str, what: str) -> DeviceLost:

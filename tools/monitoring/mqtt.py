@@ -67,7 +67,7 @@ def broker_of(
         parts, port = urlsplit(""), None
     if port is None or not parts.hostname or parts.path.strip("/") or parts.username is not None:
         remedy = "Such as mqtts://broker.example or mqtt://127.0.0.1:1883; who logs in is --user and --password-file"
-        raise ConfigurationError("is no address of a broker", printable(url), remedy)
+        raise ConfigurationError("is not the address of a broker", printable(url), remedy)
     secure = parts.scheme == "mqtts"
     if not secure and password_file is not None and parts.hostname not in _LOCAL:
         remedy = "Use mqtts://, or a broker on this computer"
@@ -88,7 +88,7 @@ def _password(file: Path) -> str:
             f"cannot be read ({error.strerror})", str(file), "Check the path and its rights"
         ) from None
     except UnicodeDecodeError:
-        raise ConfigurationError("is no text", str(file), "Write the password into its first line") from None
+        raise ConfigurationError("is not text", str(file), "Write the password into its first line") from None
 
 
 def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:

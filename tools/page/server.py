@@ -233,7 +233,7 @@ def _name(host: str) -> str:
 
 
 async def _body(request: Request) -> dict[str, Any]:
-    """Empty where it is no JSON object, or too long."""
+    """Empty where it is not a JSON object, or too long."""
     data = b""
     async for part in request.stream():
         data += part

@@ -131,5 +131,5 @@ def _software(found: Summary) -> str:
 def _log(found: Summary) -> str:
     if found.damages:
         return text("The chain is NOT whole: " + "; ".join(found.damages[:5]), "bad")
-    begun = f"; it was begun anew {found.chains} times" if found.chains else ""
+    begun = f"; it was begun again {found.chains} times" if found.chains else ""
     return text(f"The chain of the alarm log is whole{begun}.", "bad" if found.chains else "good")

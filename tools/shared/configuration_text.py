@@ -39,7 +39,7 @@ def changed(text: str, answers: Answers, file: Path) -> str:
         said = None
     if said is None or _filled(said) != _filled(_expected(text, answers)):
         what = "is laid out in a way that cannot be changed line by line"
-        raise ConfigurationError(what, str(file), "Begin anew with --fresh, or change it in an editor")
+        raise ConfigurationError(what, str(file), "Start over with --fresh, or change it in an editor")
     return new
 
 

@@ -31,7 +31,7 @@ WORDS = {
     "paused": "sound paused",
     "silenced": "sound acknowledged",
     "off": "sound off",
-    "carried": "present motion does not show it; within its age, as no watcher saw a change: {names}",
+    "carried": "present motion does not show it; within its age, as no detector saw a change: {names}",
 }
 """Every word of the picture that the service does not say itself."""
 

@@ -35,4 +35,4 @@ def _refused(matrix: np.ndarray) -> str:
         return "pose matrix with values that are not finite"
     R = matrix[:3, :3]
     rigid = np.abs(R @ R.T - _IDENTITY).max() <= ORTHOGONAL_WITHIN and np.linalg.det(R) > 0
-    return "" if rigid else "pose matrix that is no rigid transform"
+    return "" if rigid else "pose matrix that is not a rigid transform"

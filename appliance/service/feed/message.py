@@ -150,7 +150,7 @@ def unpacked(header: bytes, pixels: bytes) -> FeedMessage:
         kind = fields["kind"]
         return _frame(fields, pixels) if kind == "frame" else _KINDS[kind](fields)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
-        raise ProtocolError(f"is no message of the feed ({error!r})", _PLACE, _REMEDY) from None
+        raise ProtocolError(f"is not a message of the feed ({error!r})", _PLACE, _REMEDY) from None
 
 
 def _hello(fields: Header) -> Hello:

@@ -171,7 +171,7 @@ def packet_length(data: bytes) -> int | None:
     if not HEADER_BYTES <= size <= MAX_PACKET_BYTES:
         raise ProtocolError(f"no RTC3D packet has {size} bytes")
     if kind not in frozenset(PacketType):
-        raise ProtocolError(f"{kind} is no RTC3D packet type")
+        raise ProtocolError(f"{kind} is not an RTC3D packet type")
     return int(size)
 
 
@@ -216,7 +216,7 @@ def _decode_text(kind: PacketType, payload: bytes) -> Text:
     try:
         decoded = text.decode()
     except UnicodeDecodeError:
-        raise ProtocolError("a text with bytes that are no characters") from None
+        raise ProtocolError("a text with bytes that are not characters") from None
     if "\0" in decoded:
         raise ProtocolError("a text with a NUL inside")
     return Text(kind, decoded, len(text) < len(payload))

@@ -163,7 +163,12 @@ def test_one_damaged_second_does_not_take_the_others_with_it(tmp_path: Path) -> 
 
 @pytest.mark.parametrize(
     ("data", "what"),
-    [(b"", "no MCAP"), (b"NRRD0004\n", "no MCAP"), (MAGIC, "no black box"), (MAGIC + bytes(200), "no black box")],
+    [
+        (b"", "not an MCAP"),
+        (b"NRRD0004\n", "not an MCAP"),
+        (MAGIC, "not a black box"),
+        (MAGIC + bytes(200), "not a black box"),
+    ],
 )
 def test_what_is_no_black_box_is_refused(tmp_path: Path, data: bytes, what: str) -> None:
     path = tmp_path / "x.mcap"

@@ -54,15 +54,15 @@ def test_a_centre_of_rotation_is_taken_into_account(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "what"),
     [
-        (lambda text: text.replace("#Insight", "#Outsight"), "is no ITK text transform"),
+        (lambda text: text.replace("#Insight", "#Outsight"), "is not an ITK text transform"),
         (lambda text: text.replace("Affine", "BSpline"), "not one linear transform"),
         (lambda text: text + text, "not one linear transform"),
         (lambda text: text.replace("Parameters: ", "Parameters: 7 ", 1), "Parameters are not 12 numbers"),
         (lambda text: text.replace("FixedParameters: 0", "FixedParameters: nan"), "FixedParameters are not 3 numbers"),
         (lambda text: text[: text.index("Parameters")], "FixedParameters are not 3 numbers"),
         (lambda text: f"{text[: text.index('Param')]}Parameters: {'0 ' * 12}\nFixedParameters: 0 0 0\n", "turned back"),
-        (lambda text: text + "#" * 30_000, "is no ITK text transform"),
-        (lambda text: "", "is no ITK text transform"),
+        (lambda text: text + "#" * 30_000, "is not an ITK text transform"),
+        (lambda text: "", "is not an ITK text transform"),
     ],
 )  # fmt: skip
 def test_what_is_no_linear_transform_is_refused_by_name(tmp_path: Path, change, what: str) -> None:

@@ -145,8 +145,8 @@ def spoilt(change: Callable[[Matrix4], Any]) -> Matrix4:
 @pytest.mark.parametrize(
     ("matrix", "wanted", "what"),
     [
-        (np.eye(4), PoseStatus.MISSING, "no measurement"),
-        (np.zeros((4, 4)), PoseStatus.MISSING, "no measurement"),
+        (np.eye(4), PoseStatus.MISSING, "not a measurement"),
+        (np.zeros((4, 4)), PoseStatus.MISSING, "not a measurement"),
         (spoilt(lambda m: m.__setitem__((0, 0), 1.2)), PoseStatus.FAULT, "not a rotation"),
         (spoilt(lambda m: m.__setitem__((slice(3), 2), -m[:3, 2])), PoseStatus.FAULT, "not a rotation"),
         (spoilt(lambda m: m.__setitem__((1, 1), math.nan)), PoseStatus.FAULT, "not finite"),

@@ -88,7 +88,7 @@ def test_a_table_that_is_none_is_refused_by_line_and_column(tmp_path: Path, text
 def test_a_film_that_is_none_or_has_no_poses_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "scan.mp4"
     path.write_bytes(b"\x00\x00\x00\x18ftypmp42" + bytes(100))
-    with pytest.raises(RecordingError, match=r"no film that can be decoded|holds no pictures"):
+    with pytest.raises(RecordingError, match=r"cannot be decoded as a film|holds no pictures"):
         open_recording(path, poses=path)
     with pytest.raises(RecordingError, match="--poses"):
         open_recording(film(tmp_path / "scan.mkv", 2))

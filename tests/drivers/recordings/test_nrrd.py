@@ -98,7 +98,7 @@ def changed(path: Path, old: bytes, new: bytes) -> Path:
         (b"encoding: gzip", b"encoding: bzip2", "neither raw nor gzip"),
         (b"type: uchar", b"type: float", "not MET_UCHAR"),
         (b"kinds: domain domain domain list", b"kinds: list domain domain domain", "not domain domain list"),
-        (b"kinds: domain domain domain list", b"kinds: domain domain domain domain", "no sequence"),
+        (b"kinds: domain domain domain list", b"kinds: domain domain domain domain", "not those of a sequence"),
         (b"kinds: domain domain domain list", b"kinds: vector domain domain list", "not domain domain list"),
         (b"sizes: 7 5 1 4", b"sizes: 7 5 1 5", "says 5 frames"),
         (b"sizes: 7 5 1 4", b"sizes: 7 5 4 1", "not width, height"),

@@ -97,7 +97,7 @@ def test_nothing_is_written_before_it_is_accepted(file: Path) -> None:
         ((*DEVICES, "--untried", "--yes"), "--calibration FILE, or --no-calibration"),
         ((*GIVEN, "--video", "/dev/video0"), "Did you mean v4l2:/dev/video0"),
         ((*GIVEN, "--contact", "relay:/dev/ttyUSB1?chanel=2"), "unknown option 'chanel'"),
-        ((*GIVEN, "--lamp", "purple", "relay:/dev/ttyUSB1?channel=2"), "'purple' is no lamp"),
+        ((*GIVEN, "--lamp", "purple", "relay:/dev/ttyUSB1?channel=2"), "'purple' is not a lamp"),
         ((*GIVEN, "--lamp", "red", "relay:/dev/ttyUSB1"), "nothing was written"),
         ((*DEVICES, "--calibration", "/nowhere.toml", "--untried", "--yes"), "nothing was written"),
     ],
@@ -167,7 +167,7 @@ def test_a_tool_definition_is_named_whatever_its_path(tmp_path: Path) -> None:
     assert split_url(url)[2] == {"probe": str(rom)}
     assert _with_tool(url, Answers()) == url
     rom.unlink()
-    with pytest.raises(ConfigurationError, match="is no file"):
+    with pytest.raises(ConfigurationError, match="is not a file"):
         _with_tool("ndi+tcp://vega", Answers())
 
 

@@ -249,7 +249,7 @@ def test_tls_only_with_a_broker_whose_certificate_is_good(service: Answering, tm
     "url", ["", "broker", "http://broker", "mqtt://", "mqtt://a:b", "mqtt://a:99999", "mqtts://me:word@a", "mqtt://a/b"]
 )
 def test_what_is_no_broker_is_refused(url: str) -> None:
-    with pytest.raises(ConfigurationError, match="is no address of a broker"):
+    with pytest.raises(ConfigurationError, match="is not the address of a broker"):
         broker_of(url, None, None, None, None, None)
 
 

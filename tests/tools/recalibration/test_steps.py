@@ -43,7 +43,7 @@ def test_a_minute_that_shows_nothing_is_begun_anew_and_says_so() -> None:
     step.solve()
     told = step.fields()
     assert (told["pictures"], told["full"], told["latency_ms"], told["begun_anew"]) == (0, False, None, 1)
-    assert "begun anew" in latency_text(told)
+    assert "started again" in latency_text(told)
     step.take(Frame(Stamp(1, 1), 1, np.zeros((120, 8), np.uint8)))
     assert step.fields()["pictures"] == 1, "it collects again"
 

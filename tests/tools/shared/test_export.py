@@ -122,5 +122,5 @@ def test_what_cannot_be_exported_is_refused(box: Path, tmp_path: Path) -> None:
     other = tmp_path / "x.igs.mha"
     other.write_bytes(b"ObjectType = Image\n")
     runner = CliRunner()
-    assert "is no black box" in str(runner.invoke(command, [str(other), "--to", "csv"]).exception)
+    assert "is not a black box" in str(runner.invoke(command, [str(other), "--to", "csv"]).exception)
     assert "does not end in .mp4" in runner.invoke(command, [str(box), "--to", "mp4", "--output", "x.avi"]).output

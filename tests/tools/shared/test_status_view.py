@@ -108,7 +108,7 @@ def test_a_line_is_never_half_german() -> None:
 
 
 @pytest.mark.parametrize(
-    ("language", "said"), [("en", "no watcher saw a change: offset-axial 48/120 s"), ("de", "Versatz axial 48/120 s")]
+    ("language", "said"), [("en", "no detector saw a change: offset-axial 48/120 s"), ("de", "Versatz axial 48/120 s")]
 )
 def test_what_is_carried_is_told_apart_from_what_motion_shows(language: str, said: str) -> None:
     known = [

@@ -78,7 +78,7 @@ function late(latency) {
   const seen = latency ? `${latency.seen} / ${latency.pictures}` : "…";
   set("late", latency && latency.latency_ms !== null
     ? `${latency.latency_ms.toFixed(1)} ± ${latency.sigma_ms.toFixed(1)} ms (${seen})${latency.full ? ` · ${say("enough is collected: take it")}` : ""}`
-    : `${say("not known yet")} (${seen})${latency && latency.begun_anew ? ` · ${say("a minute did not show it, begun anew")}` : ""}`);
+    : `${say("not known yet")} (${seen})${latency && latency.begun_anew ? ` · ${say("a minute did not show it, started again")}` : ""}`);
   el("late-take").disabled ||= !latency || latency.latency_ms === null;
 }
 

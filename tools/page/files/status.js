@@ -17,7 +17,7 @@ function showChecks(status) {
     return [[`${mark} ${check.title}`, kind], [value(check), "number"], [age, "number"]];
   }));
   el("carried").hidden = !estimated.some(check => check.carried);
-  set("carried", `~ ${say("Not shown by the present motion; within its age, as no watcher saw a change")}`);
+  set("carried", `~ ${say("Not shown by the present motion; within its age, as no detector saw a change")}`);
   const wanted = status.gesture || [];
   el("gestures").hidden = wanted.length === 0;
   set("gestures", `${say("To show what is missing")}: ${wanted.join("; ")}`);

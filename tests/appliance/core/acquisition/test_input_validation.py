@@ -68,9 +68,9 @@ def test_two_identical_pictures_show_no_motion_and_no_fault() -> None:
     [
         (np.full((4, 4), np.nan), "not finite"),
         (np.diag([np.inf, 1, 1, 1]), "not finite"),
-        (np.zeros((4, 4)), "no rigid transform"),
-        (np.diag([1.0, 1, -1, 1]), "no rigid transform"),
-        (np.diag([2.0, 2, 2, 1]), "no rigid transform"),
+        (np.zeros((4, 4)), "not a rigid transform"),
+        (np.diag([1.0, 1, -1, 1]), "not a rigid transform"),
+        (np.diag([2.0, 2, 2, 1]), "not a rigid transform"),
         (np.eye(3), "of shape (3, 3)"),
     ],
     ids=["nan", "inf", "zeros", "mirror", "scaled", "3x3"],

@@ -91,7 +91,7 @@ def test_what_was_lost_is_a_number() -> None:
 
 @given(st.binary(max_size=60), st.binary(max_size=20))
 def test_garbage_is_told_as_garbage(header, pixels) -> None:
-    with pytest.raises(ProtocolError, match="no message of the feed"):
+    with pytest.raises(ProtocolError, match="not a message of the feed"):
         unpacked(header, pixels)
 
 

@@ -185,7 +185,7 @@ def _changed(at: int, value: int, data: bytes = TWO_BODIES) -> bytes:
         (TWO_BODIES + b"\0", "size does not fit"),
         (_changed(0, 7), "no RTC3D packet has 7 bytes"),
         (_changed(0, MAX_PACKET_BYTES + 1), "no RTC3D packet has 50001 bytes"),
-        (_changed(4, 6), "6 is no RTC3D packet type"),
+        (_changed(4, 6), "6 is not an RTC3D packet type"),
         (_changed(8, 6), "6 components"),
         (_changed(8, 2), "breaks off in its header"),
         (_changed(8, 0), "88 bytes follow"),
@@ -195,7 +195,7 @@ def _changed(at: int, value: int, data: bytes = TWO_BODIES) -> bytes:
         (struct.pack(">II", 10, 3) + b"\0\0", "without a count"),
         (struct.pack(">II", 9, 4) + b"\0", "without data carries data"),
         (struct.pack(">II", 12, 1) + b"a\0b\0", "a NUL inside"),
-        (struct.pack(">II", 10, 0) + b"\xe4\xff", "no characters"),
+        (struct.pack(">II", 10, 0) + b"\xe4\xff", "not characters"),
     ],
 )
 def test_what_disagrees_is_refused(data: bytes, words: str) -> None:
