@@ -4,7 +4,7 @@ from pathlib import Path
 
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
-from tools.page.door import invitation
+from tools.page.token_socket import invitation
 from tools.simulators.whole_cart import Part
 
 

@@ -12,9 +12,9 @@ import uvicorn
 from appliance.configuration.config import load_config
 from drivers.errors import ConfigurationError
 from tools.page.alarms import LastAlarms
-from tools.page.door import Door, invitation
 from tools.page.pictures import Pictures
 from tools.page.server import Page, Parts
+from tools.page.token_socket import Door, invitation
 from tools.page.tokens import TOKEN_S, Tokens
 from tools.recalibration.session import ScanSession
 from tools.shared.status_watch import StatusWatch

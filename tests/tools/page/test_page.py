@@ -13,7 +13,7 @@ from drivers.errors import DeviceLost
 from tests.support.answering import Answering
 from tests.support.polling import until
 from tests.support.web_page import WebPage
-from tools.page.door import invitation
+from tools.page.token_socket import invitation
 
 
 @pytest.fixture(scope="module")
