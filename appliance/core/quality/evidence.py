@@ -1,18 +1,14 @@
 """What the last seconds of motion show of the calibration: which windows are examined, and what counts of each."""
 
-from collections import deque
 from dataclasses import replace
 from math import isnan
 
 from appliance.core.detectors.calibration_change import latency_check
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
-from appliance.core.path.conventions import Convention
-from appliance.core.path.explanation import Explanation, explain, recent_lag
-from appliance.core.path.latency import Latency
-from appliance.core.path.latency_drift import LatencyDrift
-from appliance.core.path.noise import Noise
+from appliance.core.path.explanation import Explanation
 from appliance.core.path.window import PathWindow
-from appliance.core.quality.examination import Finding, agreed, examine, examine_nothing, latency_of, without
+from appliance.core.quality.examination import Finding, examine, examine_nothing, latency_of, without
+from appliance.core.quality.examiner import BREATHED, Examiner
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
@@ -32,31 +28,9 @@ _LONG_EVERY_NS, _GROWN_NS = 1_000_000_000, 10_000_000_000
 """Between two solutions of the long window, once it is so long that a second changes little: it costs three times the
 short one. Where anything speaks against its last solution it is solved each time.
 """
-_BREATHS_NS = 8_000_000_000
-"""Two quiet breaths: noise learned from less may know nothing of them. Begun with it, a solution drew the axial scale
-to −40 % five seconds after the start (`probewatch study`, in-plane, breathing, seed 1). Begun from nothing, none of 500
-windows of 3.5 to 10 s of breathing did.
-"""
-_BREATHING_KNOWN_NS = 9_500_000_000
-"""Until noise was learned from as much, an axial scale that is wrong may be a breath: it withdraws the OK, as any sign,
-and no window names it, only the sequential test, which reckons with breathing. A window of 8 s named −13 % in a gesture
-over breathing tissue (pressed once in 2 s, seed 20 of 20). A depth setting changes the lateral scale as well, which is
-named as before. Longer names an axial scale alone later, and never where it exceeds `_LIVELY_NS`, the longest window
-under a sign.
-"""
-_BREATHED = frozenset({"scale-axial"})
 _AS_IT_WAS = 0.5
 """Share of its limit by which what is wrong may move and is no other change: two to three sigmas of a short window in
 the study's gesture. Less begins anew for noise, more takes one that grows still for one that stands."""
-_EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
-"""Between two searches for what explains a motion that the reference does not, and the motion that they look at: each
-takes 2 ms, 7 ms where not even a lag explains it. A longer window names later what has just begun, a shorter one leaves
-little of it to a lag whose poses are yet to come.
-"""
-_SURELY_LATE_S, _OTHER_LAG_S = 0.02, 0.05
-"""Beyond its limit, from which a lag of the last second counts at once, and how far from the one that is known. Less
-takes a slow drift, which is followed elsewhere, for a new lag at each solution; more leaves it to windows of 3.5 s,
-which name it two seconds later."""
 _REQUIRED_FOR = {
     Fault.POLARITY: ("polarity",),
     Fault.SCALE: ("scale-lateral", "scale-axial"),
@@ -89,15 +63,8 @@ class Evidence:
         self._culprits: dict[str, float] = {}
         self._valid_ns = self._settled_ns = self._lagged_ns = 0
         self._failing_ns: int | None = None
-        self._noises: deque[tuple[int, Noise]] = deque()
-        self._breathing_known = False
         self._long_ns = 0
-        self._about_s = 0.0
-        self._drift = LatencyDrift()
-        self._drifted: Latency | None = None
-        self._explained_ns = 0
-        self.explanation: Explanation | None = None
-        """The latest of a motion that the reference does not explain; None where there was none since a change."""
+        self._examiner = Examiner(reference, limits, window)
 
     @property
     def estimate(self) -> Calibration | None:
@@ -109,30 +76,32 @@ class Evidence:
         """Pictures that went into the estimate."""
         return 0 if self._best.solution is None else self._best.solution.motions
 
+    @property
+    def explanation(self) -> Explanation | None:
+        """The latest of a motion that the reference does not explain; None where there was none since a change."""
+        return self._examiner.explanation
+
     def restart(self) -> None:
         """The geometry has changed: what was measured before says nothing of what comes."""
+        self._examiner.restart()
+        self._begin_anew()
+
+    def lose_sight(self) -> None:
+        """A hand may have changed whatever it likes meanwhile, so nothing is shown. How the patient breathes it has not
+        changed: what was learned of that is where learning goes on.
+        """
+        self._examiner.lose_sight()
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
         self.window.restart()
         self._verification.restart()
         self._latest = self._nothing
         self._choice = Choice()
         self._suspects = frozenset()
         self._culprits = {}
-        self._settled_ns = 0
+        self._settled_ns = self._long_ns = 0
         self._failing_ns = None
-        self._noises.clear()
-        self._breathing_known = False
-        self._long_ns = 0
-        self._about_s = 0.0
-        self._drift.clear()
-        self._drifted = self.explanation = None
-
-    def lose_sight(self) -> None:
-        """A hand may have changed whatever it likes meanwhile, so nothing is shown. How the patient breathes it has not
-        changed: what was learned of that is where learning goes on.
-        """
-        noises = [(t_ns, noise) for t_ns, noise in self._noises if noise.habits]
-        self.restart()
-        self._noises.extend(noises[-1:])
 
     def forget(self, since_ns: int) -> None:
         """Motion at or after since_ns was stamped wrongly."""
@@ -142,10 +111,9 @@ class Evidence:
         times_ns = self._valid_ns, self._settled_ns, self._lagged_ns
         self._valid_ns, self._settled_ns, self._lagged_ns = (min(t_ns, since_ns) for t_ns in times_ns)
         self._choice = Choice()
-        self._long_ns = self._explained_ns = 0
+        self._long_ns = 0
         self._failing_ns = None
-        self._drift.clear()
-        self._drifted = None
+        self._examiner.forget()
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution, and of the choice that it leaves, while neither of its two is answered."""
@@ -168,10 +136,11 @@ class Evidence:
 
     def final(self) -> tuple[Check, ...]:
         """Checks of the solution that showed most, the one over everything remembered among them."""
-        whole = examine(self.window.since(self._valid_ns), self._reference, self._limits, about_s=self._about_s)
+        about_s = self._examiner.about_s
+        whole = examine(self.window.since(self._valid_ns), self._reference, self._limits, about_s=about_s)
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
             self._best = whole
-        latency = latency_check(self.window.latency(self._about_s), self._limits, self.window.stamps_err_s)
+        latency = latency_check(self.window.latency(about_s), self._limits, self.window.stamps_err_s)
         return tuple(
             _sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks
         )
@@ -179,7 +148,7 @@ class Evidence:
     def second_opinion(self) -> SecondOpinion | None:
         """The closed forms on everything remembered since the last change."""
         window = self.window.since(self._valid_ns)
-        latency = window.latency(self._about_s)
+        latency = window.latency(self._examiner.about_s)
         samples = window.samples(0.0 if latency is None else latency.value_s)
         return second_opinion(samples, self._reference)
 
@@ -198,20 +167,17 @@ class Evidence:
 
         now_ns: time of the latest picture, which may have shown no motion.
         """
-        self._look_for_new_lag(now_ns)
+        lagged_ns = self._examiner.new_lag(now_ns)
+        if lagged_ns is not None:
+            # A window that holds motion from before the lag shows neither for seconds.
+            self._lagged_ns, self._valid_ns = lagged_ns, max(self._valid_ns, lagged_ns)
         recent = self.window.since(max(self._lagged_ns, now_ns - _SHORT_NS))
-        finding = self._examined(recent, self._noise_for(recent, now_ns - _SHORT_NS))
-        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < self._explain_every_ns:
-            about_s = self._about_s
-            self._explain(now_ns)
-            if self._about_s != about_s:
-                finding = self._examined(recent, self._noise_for(recent, now_ns - _SHORT_NS))
-        finding = self._carried_on(finding, recent, now_ns)
+        finding = self._examiner.look(recent, self._valid_ns, now_ns - _SHORT_NS, now_ns)
         accusation = self._accused(finding, now_ns)
         self._measure(finding, recent, now_ns)
         if accusation is not None:
             self._latest = _with(self._latest, accusation.checks)
-        excused = frozenset[str]() if self._breathing_known else _BREATHED
+        excused = frozenset[str]() if self._examiner.noises.breathing_known else BREATHED
         unnamed = None if accusation is None or self._latest.failed else undecided(accusation, excused)
         self._choice.note(unnamed, now_ns)
 
@@ -220,7 +186,7 @@ class Evidence:
 
         finding: of the short window, whose noise serves until some was learned from before it.
         """
-        learned = self._noise_until(now_ns - WINDOW_NS) or (self._noises[0][1] if self._noises else None)
+        learned = self._examiner.noises.until(now_ns - WINDOW_NS) or self._examiner.noises.first
         if finding.solution is None:
             return None
         window = self.window.since(max(self._valid_ns, now_ns - WINDOW_NS))
@@ -248,8 +214,8 @@ class Evidence:
             return
         self._long_ns = now_ns
         long, finding = self._measured(recent, finding, now_ns)
-        if finding.solution is not None and long.span_ns >= _BREATHS_NS:
-            self._noises.append((now_ns, finding.solution.noise))
+        if finding.solution is not None:
+            self._examiner.noises.learn(now_ns, finding.solution.noise, long.span_ns)
         doubtful = finding.failed - self._suspects - self._witnessed
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits.keys() - {"latency"}
@@ -257,7 +223,8 @@ class Evidence:
         doubtful |= self._premature(finding.failed & early, now_ns)
         self._suspects = finding.failed | short.failed
         self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful)
-        self._breathing_known |= finding.solution is not None and long.span_ns >= _BREATHING_KNOWN_NS
+        if finding.solution is not None:
+            self._examiner.noises.see_breathing(long.span_ns)
         last_sign_ns = self._verification.last_sign_ns
         self._latest = self._accepted(without(finding, doubtful), long, now_ns)
         if not self._verification.contradicted:
@@ -265,16 +232,6 @@ class Evidence:
             self._valid_ns = max(self._valid_ns, last_sign_ns)
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
-
-    def _look_for_new_lag(self, now_ns: int) -> None:
-        """Drop what was before a lag that has just begun: a window that holds both shows neither for seconds."""
-        beyond_s = self._limits.latency_ms / 1e3 + _SURELY_LATE_S
-        found = recent_lag(self.window, self._reference, beyond_s)
-        if found is None or abs(found[1].latency_s - self._about_s) <= _OTHER_LAG_S:
-            return
-        self._lagged_ns, self.explanation = found
-        self._about_s, self._explained_ns = self.explanation.latency_s, now_ns
-        self._valid_ns = max(self._valid_ns, self._lagged_ns)
 
     def _changed(self, short: Finding) -> dict[str, float] | None:
         """What two short windows in a row show to be wrong, and by how much, where what came before it is dropped;
@@ -286,25 +243,10 @@ class Evidence:
             return {check.name: check.value for check in confirmed}
         return {} if any(short.shows((name,)) for name in self._culprits) else None
 
-    def _explain(self, now_ns: int) -> None:
-        """Ask what else explains the motion; the fine search moves to a lag beyond its limit until another is found."""
-        self._explained_ns = now_ns
-        found = explain(self.window.since(max(self._valid_ns, now_ns - _EXPLAINED_NS)), self._reference)
-        if found is None:
-            return
-        self.explanation = found
-        late = found.convention is Convention.AGREED and abs(found.latency_s) * 1e3 > self._limits.latency_ms
-        self._about_s = found.latency_s if late else 0.0
-
-    @property
-    def _explain_every_ns(self) -> int:
-        """At every solution while there is less motion than is looked at, as each adds much to it."""
-        return 0 if self.window.span_ns < _EXPLAINED_NS else _EXPLAIN_EVERY_NS
-
     @property
     def _witnessed(self) -> frozenset[str]:
         """What the search for an explanation has found by itself: with a solution that shows it they are two."""
-        return frozenset({"latency"}) if self._about_s else frozenset()
+        return frozenset({"latency"}) if self._examiner.about_s else frozenset()
 
     def _measured(self, recent: PathWindow, finding: Finding, now_ns: int) -> tuple[PathWindow, Finding]:
         """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
@@ -317,38 +259,10 @@ class Evidence:
             longer = self.window.since(max(self._valid_ns, now_ns - span_ns))
             if len(longer) > len(window):
                 window = longer
-                finding = self._examined(window, self._noise_for(window, now_ns))
+                finding = self._examiner.examined(window, self._examiner.noises.for_window(window, now_ns))
             if finding.failed or finding.shows(self.required):
                 break
         return window, finding
-
-    def _examined(self, window: PathWindow, start: Noise | None) -> Finding:
-        """What the window shows; while breathing is not known, a wrong axial scale is a sign and not named."""
-        finding = examine(window, self._reference, self._limits, start, self._about_s)
-        finding = finding if self._breathing_known else without(finding, _BREATHED & finding.failed)
-        return self._with_drift(finding)
-
-    def _carried_on(self, finding: Finding, recent: PathWindow, now_ns: int) -> Finding:
-        """Take what the short window tells of the latency at its middle, and see where it goes."""
-        check = latency_of(finding)
-        if agreed(finding) and check.shown_ns is not None:
-            middle_ns = (recent.start_ns + recent.now_ns) // 2
-            self._drift.note(middle_ns, Latency(check.value / 1e3, check.sigma / 1e3))
-        self._drifted = self._drift.carried_to(now_ns)
-        return self._with_drift(finding)
-
-    def _with_drift(self, finding: Finding) -> Finding:
-        """A latency that has drifted beyond its limit by now is no OK; nor is it one that may have."""
-        check = latency_of(finding)
-        if self._drifted is None or not agreed(finding) or check.verdict is VerdictKind.FAULT:
-            return finding
-        now = latency_check(self._drifted, self._limits, self.window.stamps_err_s, check.shown_ns)
-        if now.verdict is VerdictKind.OK or abs(now.value) < abs(check.value):
-            return finding
-        checks = (
-            now if one.name == now.name else one for one in without(finding, finding.failed - {"polarity"}).checks
-        )
-        return Finding(tuple(checks), finding.solution)
 
     def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
         """Whether the long window is worth another solution: it grows still, or something speaks against its last."""
@@ -359,23 +273,7 @@ class Evidence:
     def _doubted(self) -> bool:
         """Whether a sign stands, but for one that may be a breath: only a long window can answer that."""
         signs = self._verification.contradicted
-        return any(sign.named or sign.check.name not in _BREATHED for sign in signs)
-
-    def _noise_until(self, t_ns: int) -> Noise | None:
-        """As last learned not after t_ns. A short window is held against noise from before it, into which a change
-        within it has not gone.
-        """
-        while len(self._noises) > 1 and self._noises[1][0] <= self._noises[-1][0] - WINDOW_NS:
-            self._noises.popleft()
-        return next((noise for learned_ns, noise in reversed(self._noises) if learned_ns <= t_ns), None)
-
-    def _noise_for(self, window: PathWindow, t_ns: int) -> Noise | None:
-        """As last learned not after t_ns, with the habits of breaths that are not in the window."""
-        noise = self._noise_until(t_ns)
-        if noise is None:
-            return None
-        before = self._noise_until(window.start_ns - 1)
-        return replace(noise, habits={} if before is None else before.habits)
+        return any(sign.named or sign.check.name not in BREATHED for sign in signs)
 
     def _contradict(self, checks: tuple[Check, ...], named: frozenset[str]) -> None:
         """Take the signs among the checks. One that may be a breath, of a parameter that was not shown since the window
@@ -383,7 +281,8 @@ class Evidence:
         """
         before_ns = self.window.start_ns - 1
         barred = {sign.check.name for sign in self._verification.contradicted if sign.until_ns > before_ns}
-        moot = frozenset[str]() if self._breathing_known else _BREATHED - self._verification.shown - named - barred
+        known = self._examiner.noises.breathing_known
+        moot = frozenset[str]() if known else BREATHED - self._verification.shown - named - barred
         for until_ns, barring in ((before_ns, False), (self.window.now_ns, True)):
             own = (check for check in checks if (check.name in moot) is not barring)
             self._verification.contradict(own, named, until_ns)
@@ -395,17 +294,10 @@ class Evidence:
         last_sign_ns = self._verification.last_sign_ns
         if window.start_ns <= last_sign_ns and not finding.failed:
             window = window.since(last_sign_ns + 1)
-            finding = self._examined(window, self._noise_for(window, now_ns))
+            finding = self._examiner.examined(window, self._examiner.noises.for_window(window, now_ns))
             self._contradict(finding.checks, frozenset())
             finding = without(finding, finding.failed)
         return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))
-
-
-def _explained(finding: Finding) -> bool:
-    """Whether the reference at a known latency explains the motion: a wrong polarity looks like a lag, and like swapped
-    axes of the sensor."""
-    needed = {Fault.AGREEMENT, Fault.POLARITY, Fault.LATENCY}
-    return needed <= {check.fault for check in finding.checks if check.verdict is VerdictKind.OK}
 
 
 def _moved(check: Check, before: float | None) -> bool:

@@ -85,11 +85,14 @@ def test_after_a_gap_no_parameter_is_shown(lasting_s: float, during: During) -> 
 def test_after_a_gap_the_breathing_is_still_known_and_nothing_else() -> None:
     watched = line()
     learned = Noise(np.ones((3, PARTS)), np.ones((3, PARTS)), {1: Habit(np.ones(8), 4.0)})
-    watched._evidence._noises.extend([(NS, learned), (2 * NS, Noise(np.ones((3, PARTS))))])
+    noises = watched._evidence._examiner.noises
+    noises.learn(NS, learned, 10 * NS)
+    noises.learn(2 * NS, Noise(np.ones((3, PARTS))), 10 * NS)
+    noises.see_breathing(10 * NS)
     lasting_s, during = GAPS["nothing"]
     after(watched, lasting_s, during)
-    assert [noise for _, noise in watched._evidence._noises] == [learned]
-    assert not watched._evidence._breathing_known, "a wrong axial scale is not named before it was learned again"
+    assert noises.first is noises.until(9 * NS) is learned
+    assert not noises.breathing_known, "a wrong axial scale is not named before it was learned again"
 
 
 def test_a_hand_that_passes_before_the_markers_takes_nothing_away() -> None:

@@ -1,0 +1,135 @@
+"""Examines windows by what is known beside them: the noise of those before, a far lag, and a latency that drifts."""
+
+from appliance.core.detectors.calibration_change import latency_check
+from appliance.core.path.conventions import Convention
+from appliance.core.path.explanation import Explanation, explain, recent_lag
+from appliance.core.path.latency import Latency
+from appliance.core.path.latency_drift import LatencyDrift
+from appliance.core.path.noise import Noise
+from appliance.core.path.window import PathWindow
+from appliance.core.quality.examination import Finding, agreed, examine, latency_of, without
+from appliance.core.quality.noise_memory import NoiseMemory
+from appliance.limits import Limits
+from appliance.types import Calibration, Fault, VerdictKind
+
+BREATHED = frozenset({"scale-axial"})
+"""What a breath can spoil that is not known yet."""
+_EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
+"""Between two searches for what explains a motion that the reference does not, and the motion that they look at: each
+takes 2 ms, 7 ms where not even a lag explains it. A longer window names later what has just begun, a shorter one leaves
+little of it to a lag whose poses are yet to come.
+"""
+_SURELY_LATE_S, _OTHER_LAG_S = 0.02, 0.05
+"""Beyond its limit, from which a lag of the last second counts at once, and how far from the one that is known. Less
+takes a slow drift, which is followed elsewhere, for a new lag at each solution; more leaves it to windows of 3.5 s,
+which name it two seconds later."""
+
+
+class Examiner:
+    """noises: as learned. about_s: lag near which the latency is looked for; 0 where none beyond the limit is known.
+    explanation: the latest of a motion that the reference does not explain; None where there was none since a change.
+    window: everything that is remembered.
+    """
+
+    def __init__(self, reference: Calibration, limits: Limits, window: PathWindow) -> None:
+        self._reference, self._limits, self._window = reference, limits, window
+        self.noises = NoiseMemory()
+        self.about_s = 0.0
+        self.explanation: Explanation | None = None
+        self._explained_ns = 0
+        self._drift = LatencyDrift()
+        self._drifted: Latency | None = None
+
+    def restart(self) -> None:
+        """The geometry has changed: what was measured before says nothing of what comes."""
+        self.noises.restart()
+        self._begin_lag_anew()
+
+    def lose_sight(self) -> None:
+        """As `restart`, but that how the patient breathes is still known."""
+        self.noises.lose_sight()
+        self._begin_lag_anew()
+
+    def _begin_lag_anew(self) -> None:
+        self.about_s, self.explanation = 0.0, None
+        self._drift.clear()
+        self._drifted = None
+
+    def forget(self) -> None:
+        """Some motion was stamped wrongly."""
+        self._explained_ns = 0
+        self._drift.clear()
+        self._drifted = None
+
+    def examined(self, window: PathWindow, start: Noise | None) -> Finding:
+        """What the window shows; while breathing is not known, a wrong axial scale is a sign and not named."""
+        finding = examine(window, self._reference, self._limits, start, self.about_s)
+        finding = finding if self.noises.breathing_known else without(finding, BREATHED & finding.failed)
+        return self._with_drift(finding)
+
+    def look(self, recent: PathWindow, valid_ns: int, before_ns: int, now_ns: int) -> Finding:
+        """What the recent window shows, by noise from before_ns; where that leaves the motion unexplained, again by
+        what explains it.
+
+        valid_ns: of the last change; what is older explains nothing.
+        """
+        finding = self.examined(recent, self.noises.for_window(recent, before_ns))
+        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < self._explain_every_ns:
+            about_s = self.about_s
+            self._explain(max(valid_ns, now_ns - _EXPLAINED_NS), now_ns)
+            if self.about_s != about_s:
+                finding = self.examined(recent, self.noises.for_window(recent, before_ns))
+        return self._carried_on(finding, recent, now_ns)
+
+    def new_lag(self, now_ns: int) -> int | None:
+        """Stamp since which a lag explains the motion that has just begun; None where none has."""
+        found = recent_lag(self._window, self._reference, self._limits.latency_ms / 1e3 + _SURELY_LATE_S)
+        if found is None or abs(found[1].latency_s - self.about_s) <= _OTHER_LAG_S:
+            return None
+        since_ns, self.explanation = found
+        self.about_s, self._explained_ns = self.explanation.latency_s, now_ns
+        return since_ns
+
+    def _explain(self, since_ns: int, now_ns: int) -> None:
+        """Ask what else explains the motion; the fine search moves to a lag beyond its limit until another is found."""
+        self._explained_ns = now_ns
+        found = explain(self._window.since(since_ns), self._reference)
+        if found is None:
+            return
+        self.explanation = found
+        late = found.convention is Convention.AGREED and abs(found.latency_s) * 1e3 > self._limits.latency_ms
+        self.about_s = found.latency_s if late else 0.0
+
+    @property
+    def _explain_every_ns(self) -> int:
+        """At every solution while there is less motion than is looked at, as each adds much to it."""
+        return 0 if self._window.span_ns < _EXPLAINED_NS else _EXPLAIN_EVERY_NS
+
+    def _carried_on(self, finding: Finding, recent: PathWindow, now_ns: int) -> Finding:
+        """Take what the short window tells of the latency at its middle, and see where it goes."""
+        check = latency_of(finding)
+        if agreed(finding) and check.shown_ns is not None:
+            middle_ns = (recent.start_ns + recent.now_ns) // 2
+            self._drift.note(middle_ns, Latency(check.value / 1e3, check.sigma / 1e3))
+        self._drifted = self._drift.carried_to(now_ns)
+        return self._with_drift(finding)
+
+    def _with_drift(self, finding: Finding) -> Finding:
+        """A latency that has drifted beyond its limit by now is no OK; nor is it one that may have."""
+        check = latency_of(finding)
+        if self._drifted is None or not agreed(finding) or check.verdict is VerdictKind.FAULT:
+            return finding
+        now = latency_check(self._drifted, self._limits, self._window.stamps_err_s, check.shown_ns)
+        if now.verdict is VerdictKind.OK or abs(now.value) < abs(check.value):
+            return finding
+        checks = (
+            now if one.name == now.name else one for one in without(finding, finding.failed - {"polarity"}).checks
+        )
+        return Finding(tuple(checks), finding.solution)
+
+
+def _explained(finding: Finding) -> bool:
+    """Whether the reference at a known latency explains the motion: a wrong polarity looks like a lag, and like swapped
+    axes of the sensor."""
+    needed = {Fault.AGREEMENT, Fault.POLARITY, Fault.LATENCY}
+    return needed <= {check.fault for check in finding.checks if check.verdict is VerdictKind.OK}

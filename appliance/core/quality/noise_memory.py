@@ -1,0 +1,70 @@
+"""Noise as the long windows have learned it, kept for the windows that come after them."""
+
+from collections import deque
+from dataclasses import replace
+
+from appliance.core.path.noise import Noise
+from appliance.core.path.window import PathWindow
+from appliance.core.quality.sequential_test import WINDOW_NS
+
+_BREATHS_NS = 8_000_000_000
+"""Two quiet breaths: noise learned from less may know nothing of them. Begun with it, a solution drew the axial scale
+to −40 % five seconds after the start (`probewatch study`, in-plane, breathing, seed 1). Begun from nothing, none of 500
+windows of 3.5 to 10 s of breathing did.
+"""
+_BREATHING_KNOWN_NS = 9_500_000_000
+"""Until noise was learned from as much, an axial scale that is wrong may be a breath: it withdraws the OK, as any sign,
+and no window names it, only the sequential test, which reckons with breathing. A window of 8 s named −13 % in a gesture
+over breathing tissue (pressed once in 2 s, seed 20 of 20). A depth setting changes the lateral scale as well, which is
+named as before. Longer names an axial scale alone later, and never where it exceeds the longest window under a sign
+(`evidence`).
+"""
+
+
+class NoiseMemory:
+    """breathing_known: whether it was learned from a window long enough to know how the patient breathes."""
+
+    def __init__(self) -> None:
+        self._learned: deque[tuple[int, Noise]] = deque()
+        self.breathing_known = False
+
+    def restart(self) -> None:
+        """Forget everything."""
+        self._learned.clear()
+        self.breathing_known = False
+
+    def lose_sight(self) -> None:
+        """How the patient breathes is where learning goes on."""
+        learned = [(t_ns, noise) for t_ns, noise in self._learned if noise.habits]
+        self.restart()
+        self._learned.extend(learned[-1:])
+
+    def learn(self, now_ns: int, noise: Noise, span_ns: int) -> None:
+        """Take what a window of that length until now has learned."""
+        if span_ns >= _BREATHS_NS:
+            self._learned.append((now_ns, noise))
+
+    def see_breathing(self, span_ns: int) -> None:
+        """A window of that length was solved."""
+        self.breathing_known |= span_ns >= _BREATHING_KNOWN_NS
+
+    @property
+    def first(self) -> Noise | None:
+        """The oldest that is kept."""
+        return self._learned[0][1] if self._learned else None
+
+    def until(self, t_ns: int) -> Noise | None:
+        """As last learned not after t_ns. A short window is held against noise from before it, into which a change
+        within it has not gone.
+        """
+        while len(self._learned) > 1 and self._learned[1][0] <= self._learned[-1][0] - WINDOW_NS:
+            self._learned.popleft()
+        return next((noise for learned_ns, noise in reversed(self._learned) if learned_ns <= t_ns), None)
+
+    def for_window(self, window: PathWindow, t_ns: int) -> Noise | None:
+        """As last learned not after t_ns, with the habits of breaths that are not in the window."""
+        noise = self.until(t_ns)
+        if noise is None:
+            return None
+        before = self.until(window.start_ns - 1)
+        return replace(noise, habits={} if before is None else before.habits)
