@@ -118,7 +118,7 @@ class Line:
     def report(self) -> LineReport:
         """What the whole session showed; frames still waiting for a pose stay unpaired."""
         self._pairing.finish()
-        verdict = self._judgement.overall((*self._evidence.final(), *self._facts()))
+        verdict = self._judgement.overall((*self._evidence.final(), *self._detected()))
         return LineReport(
             frames=self._frames,
             poses=self._poses,
@@ -176,7 +176,7 @@ class Line:
             self._lose_sight(t_ns)
             standing = self._evidence.standing
             shown_ns = standing.verified_ns, standing.expires_ns
-            verdict = Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._facts(), None, refusal, *shown_ns)
+            verdict = Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._detected(), None, refusal, *shown_ns)
             self._judgement.note(verdict)
             return verdict
         height, width = item.frame.image.shape
@@ -202,7 +202,7 @@ class Line:
         """Whether picture, tissue and pose are there at once; what says that they are not ends what was shown."""
         blind = any(
             check.fault.kind in (Kind.SIGHT, Kind.DEVICE) and check.verdict is not VerdictKind.OK
-            for check in self._facts()
+            for check in self._detected()
         )
         if blind and self._sighted_ns is not None:
             self._unverify()
@@ -214,14 +214,14 @@ class Line:
         self._sighted_ns = None
 
     def _checks(self) -> tuple[Check, ...]:
-        return (*self._evidence.checks(), *self._facts())
+        return (*self._evidence.checks(), *self._detected())
 
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
         verdict = judge(t_ns, checks, self._evidence.standing)
         self._judgement.note(verdict)
         return verdict
 
-    def _facts(self) -> tuple[Check, ...]:
+    def _detected(self) -> tuple[Check, ...]:
         return tuple(check for detector in self._detectors for check in detector.checks())
 
     def _lose_sight(self, t_ns: int) -> None:

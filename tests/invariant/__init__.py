@@ -22,8 +22,8 @@ e. Liveness. With everything well again, lively motion and a person who acknowle
    marker body that was moved while nobody could see it may need a confirmed recalibration first. Without this the
    others would hold for a contact that never closes.
 f. Sight. Pictures without steady tissue (black, noise, every second one blank) for 1 s and a tick, and nothing else
-   wrong ⇒ contact open. Only pictures of 208 rows are asked for tissue; those of 120 rows, of which every second cart
-   has some, are not, so that evidence must outlast noise and black there.
+   wrong ⇒ contact open. Every second cart takes whatever comes for tissue instead, so that evidence alone must outlast
+   noise and black there.
 
 a is generous: it takes as shown whatever any line could have used, so a failure is never a matter of taste.
 

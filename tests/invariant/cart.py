@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from appliance.core.detectors.no_picture import NoPicture
 from appliance.core.line import Line
 from appliance.limits import Limits, RequiredAges
 from appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
@@ -15,7 +16,7 @@ from appliance.types import AlarmState, Verdict
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from tests.invariant.circumstances import Circumstances, Pictures, Poses, Stamps
 from tests.invariant.oracle import MAX_AGE_NS, SHIPPED, TICK_NS, Broken, Oracle
-from tests.invariant.world import NONE, ROWS, TALL_ROWS, Change, Hand, Scanner, Tracker, reference
+from tests.invariant.world import NONE, Change, Hand, Scanner, Tracker, reference
 
 ORIGIN_NS = 10_000_000_000_000
 """Later than any stamp in these tests is early: none is negative."""
@@ -52,8 +53,8 @@ class Cart:
     change: how the true calibration differs from the reference from the start. tilt_deg: of the hand. enforced: the
     clauses of the invariant that are raised; of the others `broken` tells. attended: somebody acknowledges whatever is
     latched. received: samples pass the threads of their devices, which refuse what is stamped later than it arrives;
-    without, the line alone must cope. rows: of the pictures. max_age_ns: after which a verification is none. asked:
-    what the contact asks for.
+    without, the line alone must cope. discerning: without, whatever comes is taken for tissue, and evidence alone must
+    outlast noise and black. max_age_ns: after which a verification is none. asked: what the contact asks for.
     """
 
     frames = 0
@@ -69,7 +70,7 @@ class Cart:
         enforced: str = "abcdf",
         attended: bool = True,
         received: bool = False,
-        rows: int = ROWS,
+        discerning: bool = True,
         max_age_ns: int = MAX_AGE_NS,
         asked: RequiredAges = SHIPPED,
     ) -> None:
@@ -82,13 +83,15 @@ class Cart:
         self.alarm: AlarmState | None = None
         self.newest: Verdict | None = None
         self._enforced = enforced
-        self._hand, self._scanner, self._tracker = Hand(seed, tilt_deg), Scanner(seed, rows), Tracker(seed)
+        self._hand, self._scanner, self._tracker = Hand(seed, tilt_deg), Scanner(seed), Tracker(seed)
         self._limits = Limits(required_age_s=asked)
-        self._reference, self._judged_for_tissue = reference(rows), rows >= TALL_ROWS
+        self._reference, self._discerning = reference(), discerning
         self.line, self._supervisor = (
             Line(self._reference, self._limits),
             Supervisor(Durations(max_verification_age_ns=max_age_ns)),
         )
+        if not discerning:
+            self.line._detectors = tuple(one for one in self.line._detectors if not isinstance(one, NoPicture))
         self._facts = Facts(started_ns=ORIGIN_NS)
         self._verdicts: list[Verdict] = []
         self._request: Request | None = None
@@ -249,7 +252,7 @@ class Cart:
         self._note_moment(alarm)
         self.alarm = alarm
         lively_in_view = self.circumstances.in_view and self.circumstances.moving
-        blank = self.circumstances.blank and self._judged_for_tissue
+        blank = self.circumstances.blank and self._discerning
         for broken in self.oracle.tick(now_ns, lively_in_view, blank, alarm, self.newest):
             self.broken.append((self.t_s, broken))
             if broken.clause in self._enforced:

@@ -11,7 +11,7 @@ from appliance.limits import RequiredAges
 from tests.invariant.cart import Cart
 from tests.invariant.circumstances import Circumstances, Pictures, Poses, Stamps
 from tests.invariant.oracle import SHIPPED, STRICT
-from tests.invariant.world import CHANGES, NONE, ROWS, TALL_ROWS, Change
+from tests.invariant.world import CHANGES, NONE, Change
 
 SPELL_S = st.sampled_from([0.5, 3.0, 3.0, 8.0, 34.0])
 """How long a disturbance lasts by itself; the longest outlasts any verification."""
@@ -38,14 +38,21 @@ class Room(RuleBasedStateMachine):
         wrong=st.sampled_from([NONE, NONE, NONE, *CHANGES]),
         tilt_deg=st.sampled_from([1.4, 1.4, 1.0]),  # without any tilt two of the rotations are never shown
         seconds=st.sampled_from([7.0, 7.0, 16.0]),
-        rows=st.sampled_from([ROWS, TALL_ROWS]),
+        discerning=st.booleans(),
         asked=st.sampled_from([SHIPPED, STRICT]),
     )
     def switched_on(
-        self, seed: int, wrong: Change, tilt_deg: float, seconds: float, rows: int, asked: RequiredAges
+        self, seed: int, wrong: Change, tilt_deg: float, seconds: float, discerning: bool, asked: RequiredAges
     ) -> None:
         self.cart = Cart(
-            seed, change=wrong, tilt_deg=tilt_deg, fps=self.fps, attended=False, received=True, rows=rows, asked=asked
+            seed,
+            change=wrong,
+            tilt_deg=tilt_deg,
+            fps=self.fps,
+            attended=False,
+            received=True,
+            discerning=discerning,
+            asked=asked,
         )
         self.body_was_moved = wrong.moves_body
         self.cart.run(seconds)

@@ -27,9 +27,16 @@ DISTURBANCES: Mapping[str, tuple[dict[str, Any], dict[str, Any]]] = {
 """Name → circumstances of the first and of the second seed: of stamps those of the pictures, then of the poses."""
 
 
-def verified_cart(seed: int, *, fps: float = 30.0, max_age_ns: int = MAX_AGE_NS, asked: RequiredAges = SHIPPED) -> Cart:
+def verified_cart(
+    seed: int,
+    *,
+    fps: float = 30.0,
+    max_age_ns: int = MAX_AGE_NS,
+    asked: RequiredAges = SHIPPED,
+    discerning: bool = True,
+) -> Cart:
     """A healthy cart whose contact has been closed for a second."""
-    cart = Cart(seed, fps=fps, max_age_ns=max_age_ns, asked=asked)
+    cart = Cart(seed, fps=fps, max_age_ns=max_age_ns, asked=asked, discerning=discerning)
     assert cart.run(VERIFIED_WITHIN_S, until=lambda: cart.closed), cart.told()
     cart.run(1.0)
     return cart
@@ -45,9 +52,11 @@ def bend_unseen(cart: Cart) -> None:
     cart.meet(poses=kept)
 
 
-def incident(disturbance: str, seed: int, *, fps: float = 30.0, max_age_ns: int = MAX_AGE_NS) -> Cart:
+def incident(
+    disturbance: str, seed: int, *, fps: float = 30.0, max_age_ns: int = MAX_AGE_NS, discerning: bool = True
+) -> Cart:
     """Verified, disturbed half a second later, bent unseen."""
-    cart = verified_cart(seed, fps=fps, max_age_ns=max_age_ns)
+    cart = verified_cart(seed, fps=fps, max_age_ns=max_age_ns, discerning=discerning)
     cart.meet(**DISTURBANCES[disturbance][(seed - 1) % 2])
     cart.run(0.5)
     bend_unseen(cart)

@@ -17,8 +17,8 @@ from drivers.rigid import rigid, rotation_from_vector, vector_from_rotation
 from drivers.samples import GreyImage, Matrix4
 from drivers.twins.faults import BEND_AXIS, BEND_DEG, SLIDE_MM
 
-WIDTH_PX, ROWS, TALL_ROWS = 160, 120, 208
-"""Pictures of ROWS take half the time; only those of TALL_ROWS are asked whether they show tissue (`no-picture`)."""
+WIDTH_PX, ROWS = 160, 120
+"""The smallest in which the features of a sweep are followed: the time goes into the pictures."""
 SCALE_MM_PER_PX = (0.12, 0.11)
 _LIMITS = Limits()
 _GRID_MM = 0.06
@@ -30,14 +30,14 @@ _FROM_TISSUE = rigid(rotation_from_vector(np.array([1.9, 0.7, -0.5])), np.array(
 X_REFERENCE = rigid(rotation_from_vector(np.array([0.62, -0.41, 0.93])), np.array([11.0, 62.0, 14.0]))
 
 
-def reference(rows: int = ROWS) -> Calibration:
-    """For pictures of so many rows."""
+def reference() -> Calibration:
+    """For the pictures of the scanner."""
     return Calibration(
         rotation=X_REFERENCE[:3, :3],
         polarity=(1, 1),
         scale_mm_per_px=np.array(SCALE_MM_PER_PX),
         offset_mm=X_REFERENCE[:3, 3],
-        image_size_px=(WIDTH_PX, rows),
+        image_size_px=(WIDTH_PX, ROWS),
     )
 
 
@@ -133,12 +133,7 @@ def tissue() -> GreyImage:
 
 @cache
 def _noise() -> GreyImage:
-    return (
-        np.random.default_rng(21)
-        .normal(12, _NOISE_GREY, (TALL_ROWS + 512, WIDTH_PX + 512))
-        .clip(0, 255)
-        .astype(np.uint8)
-    )
+    return np.random.default_rng(21).normal(12, _NOISE_GREY, (ROWS + 512, WIDTH_PX + 512)).clip(0, 255).astype(np.uint8)
 
 
 _WAVES = (
@@ -185,11 +180,11 @@ def _rigid(turn_rad: NDArray[np.float64], place_mm: NDArray[np.float64]) -> Matr
 
 
 class Scanner:
-    """Cuts pictures of so many rows out of the tissue."""
+    """Cuts its pictures out of the tissue."""
 
-    def __init__(self, seed: int, rows: int = ROWS) -> None:
+    def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng((seed, 2))
-        self._shape = rows, WIDTH_PX
+        self._shape = ROWS, WIDTH_PX
 
     def picture(self, pose: Matrix4, change: Change = NONE) -> GreyImage:
         """(h, w) uint8 at pose picture → tissue."""

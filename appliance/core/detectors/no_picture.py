@@ -10,9 +10,12 @@ from drivers.samples import GreyImage
 
 FINDS = (Fault.NO_PICTURE,)
 
-_LEAST_ROWS = 200
-"""Smaller pictures are not asked for speckle, which is 1 or 2 px wide in them: at 120 rows one tissue picture in six is
-taken for none (tests/appliance/core/detectors/test_no_picture.py). No scanner's video is that small."""
+_SMALL_ROWS, _ASKED, _ASKED_OF_SMALL = 200, 1.0, 0.4
+"""`Texture.tissue` from which on a picture shows tissue. One of fewer rows is asked for less: speckle is 1 or 2 px wide
+in it, and at 160 × 120 the tissue of 256 lines falls below 0.65 in one picture in ten (the share of pictures that may
+lack it is `_STEADY`). Black, noise, snow and flat greys came to 0 there, bars to 0.25. What this trades: below 200 rows
+menus (up to 2.2) and letters (up to 1.3) may be taken for tissue, and so may noise from a JPEG, once in eighty
+(tests/appliance/core/detectors/test_no_picture.py)."""
 _LIMIT_NS = 500_000_000
 """Without steady tissue. Longer, the hazard is named later than within a second; shorter, a cough is an alarm."""
 _MEMORY_NS, _STEADY = 250_000_000, 0.75
@@ -44,8 +47,7 @@ class NoPicture(Detector):
 
     def see(self, seen: Observation) -> bool:
         """See Detector."""
-        if seen.image.shape[0] >= _LEAST_ROWS:
-            self.step(seen.t_ns, seen.image)
+        self.step(seen.t_ns, seen.image)
         return False
 
     def checks(self) -> tuple[Check, ...]:
@@ -59,7 +61,8 @@ class NoPicture(Detector):
         """Take the next picture, (h, w) uint8, of t_ns; returns the one check."""
         since_ns = 0 if self._before_ns is None else t_ns - self._before_ns
         self._before_ns = t_ns
-        seen = self._judged(since_ns, image).tissue >= 1
+        asked = _ASKED if image.shape[0] >= _SMALL_ROWS else _ASKED_OF_SMALL
+        seen = self._judged(since_ns, image).tissue >= asked
         # A stamp that has not advanced says nothing good.
         for_ns = min(max(since_ns, 0 if seen else _SHORTEST_NS), _LONGEST_NS)
         self._recent = seen + (self._recent - seen) * exp(-for_ns / _MEMORY_NS)

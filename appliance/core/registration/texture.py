@@ -60,7 +60,7 @@ _SPECKLE_SHARE, _SPOT_SHARE = 0.25, 0.55
 """Of the patches that show anything, how many must be speckle or else spots. Higher, little contact and strong noise
 are called no picture; lower, menus in large letters and lone lines on black are called one. Tissue came to 1.05 to 4
 times the share, water to 1.17 and more but for the faintest wall, all else to 0.9 at most; at 160 × 120, where speckle
-and letters are hardly drawn, one menu in forty passes and one picture of tissue in six does not."""
+and letters are hardly drawn, one menu in forty comes to 1 and one picture of tissue in six does not."""
 _FEWEST = 3
 """Patches of either kind below which chance decides; the faintest wall in water has 2 and is lost, most have 4 on."""
 

@@ -6,6 +6,7 @@ picture, over many seeds.
 
 from collections.abc import Callable, Iterator
 from functools import cache
+from itertools import cycle, islice
 from zlib import crc32
 
 import cv2
@@ -157,6 +158,29 @@ def test_a_reader_of_pictures_of_different_sizes_says_the_same_as_a_new_one_of_e
     reader = TextureReader()
     pictures = [no_tissue.menu(seeded("menu", k), SIZES[k % 4]) for k in range(6)]
     assert [reader.read(image) for image in pictures] == [texture(image) for image in pictures]
+
+
+SMALL = (120, 160)
+NOTHING = [kind for kind in no_tissue.KINDS if kind not in ("menu", "words on black", "desktop")]
+"""Kinds that are told from tissue in small pictures too."""
+
+
+def said_of(pictures: Iterator[GreyImage]) -> VerdictKind:
+    """After a second and a half of them."""
+    detector = NoPicture()
+    return [detector.step(k * STEP_NS, image).verdict for k, image in enumerate(islice(pictures, 45))][-1]
+
+
+@pytest.mark.parametrize("kind", NOTHING)
+def test_a_small_picture_that_shows_nothing_is_no_picture(kind: str) -> None:
+    random = seeded(kind, 3)
+    shown = [no_tissue.KINDS[kind](random, SMALL) for _ in range(9)]
+    assert said_of(cycle(shown)) is VerdictKind.NOT_VERIFIED
+
+
+@pytest.mark.parametrize("kind", ["curved array", "256 lines", "gain +20 dB", "a third, noisy"])
+def test_a_small_picture_of_tissue_is_a_picture(kind: str) -> None:
+    assert said_of(cycle(list(scattered(kind, 5, 3, (SMALL,))))) is VerdictKind.OK
 
 
 def blank() -> GreyImage:
