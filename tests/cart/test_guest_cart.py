@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from tests.cart.bench import (
+    CONTACT,
     RELAY,
     HostTwins,
     await_device_events,
@@ -66,7 +67,7 @@ def cart(guest: Guest) -> Iterator[Guest]:
         guest.restore()
         guest.qmp("watchdog-set-action", {"action": "none"})  # units are read again for longer than its 10 s here
         guest.put_scripts()
-        configure(guest, VIDEO, TRACKER, ["gpio:/dev/gpiochip0?line=relay"], shrunk=SHRUNK)
+        configure(guest, VIDEO, TRACKER, [CONTACT], shrunk=SHRUNK)
         guest.sh("mkdir -p /run/systemd/system/probewatch.service.d")
         guest.put("/run/systemd/system/probewatch.service.d/slower.conf", SLOWER.format(rate=guest.rate))
         for node, direction in ((0, "video"), (1, "video-out")):
