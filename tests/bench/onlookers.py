@@ -2,7 +2,7 @@
 
 Each sample is what the service logs of a switch: from the word FAULT to the last byte of the command. With: metrics and
 who scrapes them, MQTT with its broker, OpenIGTLink with ten clients, half of them asleep or hostile, the recorder, the
-page with one who looks at it, two viewers of the feed; all niced as their units are. Quantiles come with the interval
+page with one who looks at it, two viewers of the feed; all idle, as their units are. Quantiles come with the interval
 that their order statistics give, their ratio with one by resampling.
 """
 
@@ -33,7 +33,7 @@ BLOCKS = 4
 SHARES = (0.5, 0.99)
 CONFIDENCE = 0.95
 _RESAMPLED = 5000
-_NICE = ["/usr/bin/nice", "-n", "10"]
+_IDLE = ["/usr/bin/chrt", "-i", "0"]
 _SCRAPER = """
 import sys, time, urllib.request
 while True:
@@ -89,7 +89,7 @@ def everything(cart: Cart, folder: Path) -> Iterator[None]:
     with ExitStack() as running:
 
         def start(name: str, *command: object) -> Part:
-            part = Part(name, [*_NICE, *map(str, command)])
+            part = Part(name, [*_IDLE, *map(str, command)])
             running.callback(part.end, kill=True)
             parts.append(part)
             return part
@@ -109,7 +109,7 @@ def everything(cart: Cart, folder: Path) -> Iterator[None]:
         until(lambda: _listens(igtl), 60)
         python("clients", "-m", "tests.bench.onlookers", "clients", igtl)
         start("recorder", PROBEWATCH, "record", "--config", _recorder_config(cart))
-        web = running.enter_context(WebPage(folder, cart.socket))
+        web = running.enter_context(WebPage(folder, cart.socket, before=_IDLE))
         python("looker", "-c", LOOKER, f"{web.url}picture")
         for every in (1, 2):
             python("viewer", "-c", READER, cart.socket.with_name("feed"), every)

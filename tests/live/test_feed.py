@@ -61,7 +61,7 @@ def opened_after_s(cart: Cart) -> float:
 
 @contextmanager
 def onlookers(cart: Cart, web: WebPage) -> Iterator[None]:
-    """Two who read, one who never does, and one who looks at the page's picture; niced, as their units are."""
+    """Two who read, one who never does, and one who looks at the page's picture; niced, where their units are idle."""
     path = str(cart.socket.with_name("feed"))
     with ExitStack() as running:
         for how in ((READER, path, "1"), (READER, path, "2"), (SLEEPER, path), (LOOKER, f"{web.url}picture")):

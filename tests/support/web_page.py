@@ -1,5 +1,6 @@
 """The cart's web page as a process of its own."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from tests.support.demo_cart import PROBEWATCH
@@ -9,11 +10,11 @@ from tools.simulators.whole_cart import Part
 
 
 class WebPage:
-    """`probewatch page` for the service at a socket. url: where it is reached."""
+    """`probewatch page` for the service at a socket. url: where it is reached. before: command that starts it."""
 
-    def __init__(self, folder: Path, control: Path, listen: str = "127.0.0.1:0") -> None:
+    def __init__(self, folder: Path, control: Path, listen: str = "127.0.0.1:0", before: Sequence[str] = ()) -> None:
         self.door = folder / "door"
-        self._command = [str(PROBEWATCH), "page", "--socket", str(control), "--folder", str(folder)]
+        self._command = [*before, str(PROBEWATCH), "page", "--socket", str(control), "--folder", str(folder)]
         self._command += ["--door", str(self.door)]
         if (config := control.with_name("probewatch.toml")).exists():
             self._command += ["--config", str(config)]

@@ -58,13 +58,19 @@ def test_it_is_never_left_silently_dead() -> None:
     assert unit["WatchdogSignal"] == ["SIGKILL"]
 
 
+@pytest.mark.parametrize("unit", [unit for unit in UNITS if unit != UNIT], ids=lambda unit: unit.name)
+def test_whoever_looks_on_makes_way_for_the_service(unit: Path) -> None:
+    beside = settings(unit)
+    assert beside["CPUWeight"] == beside["CPUSchedulingPolicy"] == ["idle"]
+    assert settings()["CPUWeight"] == ["500"]
+
+
 def test_what_stands_beside_it_can_touch_nothing_and_is_reached_from_this_computer_alone() -> None:
     unit = settings(BESIDE)
     assert unit["DynamicUser"] == unit["PrivateDevices"] == ["yes"]
     assert "DeviceAllow" not in unit
     assert unit["IPAddressAllow"] == ["localhost"]
     assert unit["SocketBindAllow"] == ["tcp:18944"]
-    assert int(unit["Nice"][0]) > 0
     assert "Requires" not in settings(UNIT), "the service needs nobody"
 
 
@@ -75,7 +81,6 @@ def test_the_page_is_a_user_of_its_own_without_devices_and_reached_from_this_com
     assert unit["IPAddressAllow"] == ["localhost"]
     assert unit["SocketBindAllow"] == ["tcp:9780"]
     assert (unit["StateDirectory"], unit["StateDirectoryMode"]) == (["probewatch-page"], ["0750"])
-    assert int(unit["Nice"][0]) > 0
     assert not {"DeviceAllow", "Requires", "BindsTo"} & unit.keys()
 
 
@@ -85,7 +90,6 @@ def test_who_writes_of_it_has_no_device_no_network_and_a_folder_of_its_own(unit:
     assert found["PrivateDevices"] == found["PrivateNetwork"] == ["yes"]
     assert found["RestrictAddressFamilies"] == ["AF_UNIX"]
     assert found["User"] == found["StateDirectory"]
-    assert int(found["Nice"][0]) > 0
     assert found["OOMScoreAdjust"] == ["500"]
     assert not {"DeviceAllow", "Requires", "BindsTo"} & found.keys()
 
