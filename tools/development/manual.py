@@ -40,7 +40,11 @@ calibration since, in either order, or with a recalibration that was confirmed. 
 """
 
 
-_PROPOSALS = """A FAULT of rotation, offset, scale or latency is told with what has become of it (old, new, sigma) once
+_PROPOSALS = """As in the paper, a recalibration is requested only for what motion does not recover: a scale, and the offset across the
+picture (ζ); its time counts from when that was first shown, whether alone or beside other faults. All else ends in HALT, with
+the way out of it: set the flip back, mend the tool file, or take what is proposed. HALT is no milder: both latch.
+
+A FAULT of rotation, offset, scale or latency is told with what has become of it (old, new, sigma) once
 motion has measured that: by `probewatch status`, the page, the alarm log (`proposal`) and the report. Nothing is
 applied:
 
@@ -109,8 +113,9 @@ def _said(guard: object) -> str:
 
 def _policy() -> list[str]:
     text = (
-        "What each hazard leads to while it is shown; nothing else does. The supervisor reads this table\n"
-        "(`appliance/supervision/policy.py`), `tests/appliance/supervision/test_policy.py` walks each row."
+        "What each hazard leads to while it is shown; nothing else does. *Of* names the checks whose time counts where\n"
+        "not every check of the hazard leads there. The supervisor reads this table (`appliance/supervision/policy.py`),\n"
+        "`tests/appliance/supervision/test_policy.py` walks each row."
     )
     head = ("hazard", "leads to", "tone", "during a recalibration scan", "ends when")
     rows = [
