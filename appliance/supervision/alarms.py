@@ -141,6 +141,8 @@ SILENCES = frozenset(
 _EXPLAINED = (State.WAITING, State.NOT_VERIFIED, State.WARNING, State.DEVICE_LOST, State.INTERNAL_FAULT)
 """States that silence alone can lead to."""
 
+EARLIER, PARTLY_EARLIER = "by earlier motion", "in part by earlier motion"
+"""What a calibration that is verified rests on, where the present motion does not show all of it."""
 OUTDATED = "the last verification is too old; move the probe over tissue"
 DISTURBED = "verified only before a disturbance; move the probe over tissue"
 """Why a calibration that the line has called verified does not count as verified."""

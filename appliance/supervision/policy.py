@@ -96,7 +96,7 @@ PLAIN = _calibration("halt_after")
 for, and what it then names has a row of its own.
 """
 SCALE = _unrecovered()
-OFFSET = _unrecovered("offset-elevational", "marker-shift-elevational")
+OFFSET = _unrecovered("offset-elevational", "marker-elevational")
 """Motion recovers the offset in the picture's plane alone."""
 DEVICE, OUTPUT = _device(), _device(tested=True)
 SILENT = Policy(

@@ -18,7 +18,7 @@ from appliance.supervision.supervisor import AlarmTable
 from appliance.types import Fault, State
 from tools.development.evidence_figures import Figures
 from tools.development.evidence_pages import pages, read_figures, table
-from tools.development.hazard_pages import hazard_pages
+from tools.development.hazard_pages import hazard_pages, remedies
 from tools.development.hazards import PAGE, hazards, step_told, steps
 
 MANUAL = Path(__file__).parents[2] / "docs" / "alarms.md"
@@ -40,9 +40,10 @@ calibration since, in either order, or with a recalibration that was confirmed. 
 """
 
 
-_PROPOSALS = """As in the paper, a recalibration is requested only for what motion does not recover: a scale, and the offset across the
-picture (ζ); its time counts from when that was first shown, whether alone or beside other faults. All else ends in HALT, with
-the way out of it: set the flip back, mend the tool file, or take what is proposed. HALT is no milder: both latch.
+_PROPOSALS = """As in the paper, a recalibration is requested only for what motion does not recover: a scale, and the offset across
+the picture (ζ); its time counts from when that was first shown, whether alone or beside other faults. All else ends in
+HALT, with the way out of it: set the flip back, mend the tool file, or take what is proposed. HALT is no milder: both
+latch.
 
 A FAULT of rotation, offset, scale or latency is told with what has become of it (old, new, sigma) once
 motion has measured that: by `probewatch status`, the page, the alarm log (`proposal`) and the report. Nothing is
@@ -113,9 +114,9 @@ def _said(guard: object) -> str:
 
 def _policy() -> list[str]:
     text = (
-        "What each hazard leads to while it is shown; nothing else does. *Of* names the checks whose time counts where\n"
-        "not every check of the hazard leads there. The supervisor reads this table (`appliance/supervision/policy.py`),\n"
-        "`tests/appliance/supervision/test_policy.py` walks each row."
+        "What each hazard leads to while it is shown; nothing else does. *Of* names the checks whose time counts,\n"
+        "where not every check of the hazard leads there. The supervisor reads this table\n"
+        "(`appliance/supervision/policy.py`), `tests/appliance/supervision/test_policy.py` walks each row."
     )
     head = ("hazard", "leads to", "tone", "during a recalibration scan", "ends when")
     rows = [
@@ -167,7 +168,7 @@ def _period(number: int) -> str:
 def _hazards() -> list[str]:
     head = ("class", "kind", "self-test", "text", "remedy")
     rows = [
-        (f"`{name}`", name.kind.value, "yes" if POLICY[name].tested else "", row.text, row.remedy)
+        (f"`{name}`", name.kind.value, "yes" if POLICY[name].tested else "", row.text, remedies(row))
         for name, row in HAZARDS.items()
     ]
     return ["## Hazards", "", *table(head, rows)]

@@ -145,7 +145,7 @@ class MarkerSlip(Detector):
         return (
             _check("marker-turn", Fault.ROTATION, turn, "deg", self._limits.rotation_deg, bent),
             _check("marker-shift", Fault.OFFSET, shift, "mm", most_mm, shift > most_mm and not bent),
-            _check("marker-shift-elevational", Fault.OFFSET, across, "mm", most_mm, abs(across) > most_mm and not bent),
+            _check("marker-elevational", Fault.OFFSET, across, "mm", most_mm, abs(across) > most_mm and not bent),
         )
 
     def _restart(self) -> None:

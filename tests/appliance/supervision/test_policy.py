@@ -105,7 +105,7 @@ def test_the_supervisor_takes_each_step_at_its_time_and_no_other(
         (Fault.OFFSET, "offset-axial", State.HALT),
         (Fault.OFFSET, "offset-elevational", State.RECALIBRATION_REQUESTED),
         (Fault.OFFSET, "marker-shift", State.HALT),
-        (Fault.OFFSET, "marker-shift-elevational", State.RECALIBRATION_REQUESTED),
+        (Fault.OFFSET, "marker-elevational", State.RECALIBRATION_REQUESTED),
         (Fault.LATENCY, "latency", State.HALT),
         (Fault.POSE_CONVENTION, "axes-swapped", State.HALT),
         (Fault.UNDECIDED, "undecided", State.HALT),
