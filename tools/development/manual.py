@@ -40,10 +40,10 @@ calibration since, in either order, or with a recalibration that was confirmed. 
 """
 
 
-_PROPOSALS = """As in the paper, a recalibration is requested only for what motion does not recover: a scale, and the offset across
-the picture (ζ); its time counts from when that was first shown, whether alone or beside other faults. All else ends in
-HALT, with the way out of it: set the flip back, mend the tool file, or take what is proposed. HALT is no milder: both
-latch.
+_PROPOSALS = """As in the paper, a recalibration is requested only for what motion does not recover: a scale, and the
+offset across the picture (ζ); its time counts from when that was first shown, whether alone or beside other faults. All
+else ends in HALT, with the way out of it: set the flip back, mend the tool file, or take what is proposed. HALT is no
+milder: both latch.
 
 A FAULT of rotation, offset, scale or latency is told with what has become of it (old, new, sigma) once
 motion has measured that: by `probewatch status`, the page, the alarm log (`proposal`) and the report. Nothing is
