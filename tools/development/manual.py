@@ -9,7 +9,8 @@ from pathlib import Path
 
 from statemachine.transition import Transition
 
-from appliance.supervision.alarms import HAZARDS, SIGNALS, Signal
+from appliance.core.quality.shown import PRESENT_NS
+from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, Signal
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
 from appliance.supervision.ledger import Ledger
@@ -146,7 +147,12 @@ def _durations() -> list[str]:
 
 def _signals() -> list[str]:
     rows = [_signal(state, row) for state, row in SIGNALS.items()]
-    return ["## Signals", "", *table(("state", "priority", "lamp", "tone", "text", "remedy"), rows)]
+    head = ("state", "priority", "lamp", "tone", "text", "remedy")
+    carried = (
+        f"While monitoring the text adds *{EARLIER}*, or *{PARTLY_EARLIER}*, where motion of the last {PRESENT_NS / 1e9:g} s\n"
+        "does not show all that is verified: it is carried until it is too old, and then missing."
+    )
+    return ["## Signals", "", carried, "", *table(head, rows)]
 
 
 def _signal(state: State, row: Signal) -> Sequence[str]:
