@@ -5,11 +5,14 @@ study, docs/hazards.md from code and tests, docs/coverage.md and docs/evidence.m
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
+from math import exp
 from pathlib import Path
 
 from statemachine.transition import Transition
 
+from appliance.core.quality.sequential_test import NAMED_NATS, WITHDRAWN_NATS
 from appliance.core.quality.shown import PRESENT_NS
+from appliance.limits import Limits
 from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, Signal
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
@@ -65,7 +68,7 @@ motion then names takes its place, also while it is latched."""
 def manual(figures: Figures) -> str:
     """The whole page, Markdown. figures: what was last measured."""
     tables = (
-        *(_diagram(), _transitions(), _guards(), _policy(), _durations()),
+        *(_diagram(), _transitions(), _guards(), _policy(), _certainty(), _durations()),
         *(_signals(), _hazards(), _audio(), hazard_pages(figures)),
     )
     return "\n".join((_HEAD, *(line for table in tables for line in table)))
@@ -134,6 +137,37 @@ def _policy() -> list[str]:
     return ["## Policy", "", text, "", *table(head, rows), *_PROPOSALS.splitlines(), ""]
 
 
+def _certainty() -> list[str]:
+    """The policy's other half: how probable it must be before a row of the table counts."""
+    sigma, hours = Limits().confidence_sigma, exp(NAMED_NATS) / 3600 / 30
+    rows = [
+        ("beyond its limit, but by less than that", "nothing; the reason tells it as *not certain*", "none"),
+        (
+            f"beyond its limit by {sigma:g} sigma in one window, or by a likelihood ratio of {WITHDRAWN_NATS:g} nats",
+            "the OK is withdrawn: not verified at once, until new motion answers it",
+            "1 pulse once",
+        ),
+        (
+            "a leap of the marker body that no picture witnessed; a slower slip",
+            "what was shown before counts no more: not verified at once",
+            "1 pulse once",
+        ),
+        (
+            f"the same in two windows in a row, or by {NAMED_NATS:.1f} nats (once in {hours:.0f} h for nothing) "
+            "and by one class alone; or a fact, as a mirrored picture",
+            "the row of its hazard, for as long as it is shown",
+            "as the row says",
+        ),
+        (
+            f"by {NAMED_NATS:.1f} nats, and by two classes alike, for a second",
+            "the row of `undecided`",
+            "as the row says",
+        ),
+    ]
+    head = ("how sure the line is that something is wrong", "what follows", "tone")
+    return ["### How sure, before how loud", "", *table(head, rows)]
+
+
 def _tones(fault: Fault, row: Policy) -> str:
     tones = [_tone(pulses(step.state, fault)) for step in row.steps]
     return ", then ".join(dict.fromkeys(tones)) or "silent"
@@ -148,9 +182,10 @@ def _durations() -> list[str]:
 def _signals() -> list[str]:
     rows = [_signal(state, row) for state, row in SIGNALS.items()]
     head = ("state", "priority", "lamp", "tone", "text", "remedy")
+    told = f"While monitoring the text adds *{EARLIER}*, or *{PARTLY_EARLIER}*, where motion"
     carried = (
-        f"While monitoring the text adds *{EARLIER}*, or *{PARTLY_EARLIER}*, where motion of the last {PRESENT_NS / 1e9:g} s\n"
-        "does not show all that is verified: it is carried until it is too old, and then missing."
+        f"{told}\nof the last {PRESENT_NS / 1e9:g} s does not show all that is verified: it is carried until it is too"
+        " old, and then missing."
     )
     return ["## Signals", "", carried, "", *table(head, rows)]
 

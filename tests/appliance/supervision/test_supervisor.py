@@ -223,6 +223,15 @@ def test_short_device_silence_warns_and_recovers_without_loss() -> None:
     assert room.ok(DURATIONS.probation_ns - S_NS // 4) is M
 
 
+def test_a_warning_that_nothing_verifies_ends_unverified() -> None:
+    room = room_in(State.MONITORING)
+    assert room.at(TICK_NS, device()) is W
+    assert room.at(TICK_NS) is W
+    assert room.at(DURATIONS.probation_ns - 1) is W
+    assert room.at(1) is N
+    assert room.ok() is M
+
+
 def test_warning_leaves_at_the_end_of_probation_not_before() -> None:
     room = room_in(State.WARNING)
     assert room.ok() is W
@@ -332,15 +341,16 @@ def test_device_silence_in_halt_stays_halt_until_verified_after_it() -> None:
     assert room.ok(S_NS) is M
 
 
-def test_a_halt_is_not_left_before_a_device_that_was_gone_has_passed_its_probation() -> None:
-    room = room_in(State.HALT)
+@LATCHED
+def test_a_halt_is_not_left_before_a_device_that_was_gone_has_passed_its_probation(state: State) -> None:
+    room = room_in(state)
     room.ok()
     room.ask(Request.ACKNOWLEDGE)
-    assert room.at(TICK_NS, device()) is H
-    assert room.at(5 * S_NS, device()) is H
+    assert room.at(TICK_NS, device()) is state
+    assert room.at(5 * S_NS, device()) is state
     back_ns = room.now_ns + TICK_NS
-    assert room.at(TICK_NS) is H
-    assert room.ok(DURATIONS.probation_ns - 1) is H
+    assert room.at(TICK_NS) is state
+    assert room.ok(DURATIONS.probation_ns - 1) is state
     assert room.now_ns == back_ns + DURATIONS.probation_ns - 1
     assert room.ok(1) is M
 
