@@ -47,10 +47,13 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Hazard:
-    """One class of fault: what the operator reads and does."""
+    """One class of fault: what the operator reads and does. requested: does instead once a recalibration is requested;
+    empty where it never is.
+    """
 
     text: str
     remedy: str
+    requested: str = ""
 
 
 def _high(technical: bool, text: str, remedy: str) -> Signal:
@@ -87,10 +90,18 @@ SIGNALS = {
 
 HAZARDS: dict[Fault, Hazard] = {
     Fault.POLARITY: Hazard("Picture is mirrored", "Reset the scanner's left/right and up/down flip"),
-    Fault.SCALE: Hazard("Picture scale has changed", "Set the scanner's depth and zoom as calibrated"),
-    Fault.ROTATION: Hazard("Marker body has turned", "Check the marker clamp, then recalibrate"),
-    Fault.OFFSET: Hazard("Marker body has slipped", "Check the marker clamp, then recalibrate"),
-    Fault.LATENCY: Hazard("Tracker and picture are out of step", "Check frame rate and persistence"),
+    Fault.SCALE: Hazard(
+        "Picture scale has changed",
+        "Set the scanner's depth and zoom as calibrated",
+        "Set the scanner's depth and zoom as calibrated, else recalibrate",
+    ),
+    Fault.ROTATION: Hazard("Marker body has turned", "Check the clamp; then 'probewatch calibration recover'"),
+    Fault.OFFSET: Hazard(
+        "Marker body has slipped",
+        "Check the clamp; then 'probewatch calibration recover'",
+        "Check the marker clamp, then recalibrate",
+    ),
+    Fault.LATENCY: Hazard("Tracker and picture are out of step", "Check frame rate; set latency_ms as proposed"),
     Fault.POSE_CONVENTION: Hazard("Tracker's axes do not fit", "Check the tool file and the tracker's export"),
     Fault.UNDECIDED: Hazard("Wrong, not clear yet what", "Make the motion that tells which of the two it is"),
     Fault.FROZEN_VIDEO: Hazard("Picture is frozen", "Unfreeze the scanner; check the video cable"),
@@ -130,6 +141,8 @@ SILENCES = frozenset(
 _EXPLAINED = (State.WAITING, State.NOT_VERIFIED, State.WARNING, State.DEVICE_LOST, State.INTERNAL_FAULT)
 """States that silence alone can lead to."""
 
+EARLIER, PARTLY_EARLIER = "by earlier motion", "in part by earlier motion"
+"""What a calibration that is verified rests on, where the present motion does not show all of it."""
 OUTDATED = "the last verification is too old; move the probe over tissue"
 DISTURBED = "verified only before a disturbance; move the probe over tissue"
 """Why a calibration that the line has called verified does not count as verified."""
@@ -148,4 +161,5 @@ def operator_text(state: State, fault: Fault | None, language: str = "en", overl
     if fault is None:
         return text, translated(signal.remedy, language)
     hazard = HAZARDS[fault]
-    return f"{text} · {translated(hazard.text, language)}", translated(hazard.remedy, language)
+    requested = hazard.requested if state is State.RECALIBRATION_REQUESTED else ""
+    return f"{text} · {translated(hazard.text, language)}", translated(requested or hazard.remedy, language)

@@ -7,7 +7,11 @@ from appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
 
 
 class Ledger:
-    """Hazards and verification as of the last tick; its boolean properties are the guards named in the table."""
+    """Hazards and verification as of the last tick; its boolean properties are the guards named in the table.
+
+    calibration: what is wrong of it. unrecovered: what of that the policy requests a recalibration for, on its own
+    time: what motion recovers, shown for long, does not hasten it.
+    """
 
     def __init__(self, durations: Durations) -> None:
         self.durations = durations
@@ -22,7 +26,7 @@ class Ledger:
         self.acknowledged = False
         self.latched: State | None = None
         self.latched_fault: Fault | None = None
-        self.calibration, self.device = Condition(), Condition()
+        self.calibration, self.unrecovered, self.device = Condition(), Condition(), Condition()
         self.internal, self.integrity = Condition(), Condition()
         self._unseen = Condition()
         self._accepted: frozenset[Fault] = frozenset()
@@ -41,7 +45,7 @@ class Ledger:
             for verdict in verdicts:
                 self._note_verdict(verdict)
         if not verdicts and (self.device.active or self.internal.active):
-            self.calibration.stand()
+            self._stand()
 
     def _frozen(self, verdict: Verdict | None) -> list[Fault]:
         """The line's own device hazard: a frozen picture is the scanner's doing, not the calibration's."""
@@ -101,9 +105,24 @@ class Ledger:
         elif verdict.fault is not None and verdict.fault.kind is Kind.CALIBRATION:
             self.barrier_ns = max(min(verdict.t_ns, self.now_ns), self.barrier_ns)
             self.acknowledged = self.acknowledged and self.calibration.active
-            self.calibration.show(self.now_ns, verdict.fault, verdict.reason or HAZARDS[verdict.fault].text)
+            self._show(verdict.fault, verdict.reason or HAZARDS[verdict.fault].text, verdict.checks)
         else:
-            self.calibration.stand()
+            self._stand()
+
+    def _show(self, fault: Fault | None, reason: str, checks: tuple[Check, ...] = ()) -> None:
+        """checks: of the verdict that shows it; of several faults at once each counts. fault: None where unknown."""
+        self.calibration.show(self.now_ns, fault, reason)
+        told = [(check.fault, check.name) for check in checks if check.verdict is VerdictKind.FAULT]
+        told += [] if fault is None else [(fault, "")]
+        unrecovered = next((one for one, check in told if _requests(one, check)), None)
+        if unrecovered is None:
+            self.unrecovered.stand()
+        else:
+            self.unrecovered.show(self.now_ns, unrecovered, reason)
+
+    def _stand(self) -> None:
+        self.calibration.stand()
+        self.unrecovered.stand()
 
     def _note_verification(self, verdict: Verdict) -> None:
         """Age counts from the motion, not from the verdict. What was measured before the last disturbance, or claims to
@@ -117,6 +136,7 @@ class Ledger:
     def _note_ok(self, verdict: Verdict) -> None:
         if self.verified_ns is not None:
             self.calibration.lift(self.now_ns)
+            self.unrecovered.lift(self.now_ns)
 
     def acknowledge(self) -> None:
         """A person has seen the latched state; a fault that comes again is not acknowledged."""
@@ -139,8 +159,8 @@ class Ledger:
 
     def restore(self, reason: str) -> None:
         """What is latched stands again until the line disproves it."""
-        self.calibration.show(self.now_ns, self.latched_fault, reason)
-        self.calibration.stand()
+        self._show(self.latched_fault, reason)
+        self._stand()
 
     def begin_recalibration(self) -> None:
         """What the probe shows during the scan says nothing of the calibration in force."""
@@ -160,7 +180,7 @@ class Ledger:
 
     def _start_afresh(self) -> None:
         self.last = None
-        self.calibration = Condition()
+        self.calibration, self.unrecovered = Condition(), Condition()
         self.forget_verification()
 
     @property
@@ -222,8 +242,8 @@ class Ledger:
 
     @property
     def recalibration_due(self) -> bool:
-        """A calibration fault is shown now, and has been for as long as the policy says before the request."""
-        return self._led(self.calibration, _row(self.calibration).step_to(State.RECALIBRATION_REQUESTED))
+        """What motion does not recover is shown now, and has been for as long as the policy says before the request."""
+        return self._led(self.unrecovered, _row(self.unrecovered).step_to(State.RECALIBRATION_REQUESTED))
 
     @property
     def losing_device(self) -> bool:
@@ -279,6 +299,11 @@ class Ledger:
 
     def _running_ns(self) -> int:
         return 0 if self.started_ns is None else self.now_ns - self.started_ns
+
+
+def _requests(fault: Fault, check: str) -> bool:
+    step = POLICY[fault].step_to(State.RECALIBRATION_REQUESTED)
+    return step is not None and step.led_by(check)
 
 
 def _row(condition: Condition) -> Policy:

@@ -2,6 +2,9 @@
 
 The supervisor's transitions say from where to where it may go; how soon, for which hazard and how loudly is said here
 and nowhere else. docs/alarms.md shows the table.
+
+As in the paper, a recalibration is requested only for what motion does not recover: a scale, and the offset across the
+picture (ζ). What motion recovers, and what is mended at the scanner or the tracker, ends in HALT.
 """
 
 from collections.abc import Mapping
@@ -38,14 +41,21 @@ class Ending(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """state: entered once the hazard has been shown for the sum of the durations that after names; () is at once."""
+    """state: entered once the hazard has been shown for the sum of the durations that after names; () is at once.
+    by: names of the checks that lead there, where not every check of the hazard does; then their time counts alone.
+    """
 
     state: State
     after: tuple[str, ...] = ()
+    by: tuple[str, ...] = ()
 
     def after_ns(self, durations: Durations) -> int:
         """In ns."""
         return sum(int(getattr(durations, f"{name}_ns")) for name in self.after)
+
+    def led_by(self, check: str) -> bool:
+        """Whether that check of the hazard leads there; "" where it is not known which one tells it."""
+        return not self.by or check in self.by
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +75,13 @@ class Policy:
         return next((step for step in self.steps if step.state is state), None)
 
 
-def _calibration(halt: str) -> Policy:
-    steps = (
-        Step(State.WARNING),
-        Step(State.HALT, (halt,)),
-        Step(State.RECALIBRATION_REQUESTED, (halt, "recalibrate_after")),
-    )
-    return Policy(steps, Ending.VERIFIED)
+def _calibration(halt: str, *more: Step) -> Policy:
+    return Policy((Step(State.WARNING), Step(State.HALT, (halt,)), *more), Ending.VERIFIED)
+
+
+def _unrecovered(*by: str) -> Policy:
+    after = ("halt_after", "recalibrate_after")
+    return _calibration("halt_after", Step(State.RECALIBRATION_REQUESTED, after, by))
 
 
 def _device(tested: bool = False) -> Policy:
@@ -80,10 +90,14 @@ def _device(tested: bool = False) -> Policy:
 
 
 GROSS = _calibration("gross_halt_after")
-"""Misleads about the side at once."""
+"""Misleads about the side at once. Mended where it was set wrong, at the scanner or the tracker."""
 PLAIN = _calibration("halt_after")
-UNCLEAR = Policy((Step(State.WARNING), Step(State.HALT, ("halt_after",))), Ending.VERIFIED)
-"""Surely wrong, and not known what: the motion that tells is asked for, and what it then names has a row of its own."""
+"""Motion recovers it, or tells the value to set. Or it is not known yet what is wrong: the motion that tells is asked
+for, and what it then names has a row of its own.
+"""
+SCALE = _unrecovered()
+OFFSET = _unrecovered("offset-elevational", "marker-elevational")
+"""Motion recovers the offset in the picture's plane alone."""
 DEVICE, OUTPUT = _device(), _device(tested=True)
 SILENT = Policy(
     (Step(State.INTERNAL_FAULT),),
@@ -99,12 +113,12 @@ ADVISORY = Policy((), Ending.NONE)
 
 POLICY: Mapping[Fault, Policy] = {
     Fault.POLARITY: GROSS,
-    Fault.SCALE: PLAIN,
+    Fault.SCALE: SCALE,
     Fault.ROTATION: PLAIN,
-    Fault.OFFSET: PLAIN,
+    Fault.OFFSET: OFFSET,
     Fault.LATENCY: PLAIN,
     Fault.POSE_CONVENTION: GROSS,
-    Fault.UNDECIDED: UNCLEAR,
+    Fault.UNDECIDED: PLAIN,
     Fault.AGREEMENT: ADVISORY,
     Fault.FROZEN_VIDEO: DEVICE,
     Fault.VIDEO_LOST: DEVICE,

@@ -4,6 +4,8 @@ Decisions that the table alone does not tell:
 - A calibration fault once shown stands until the line says OK; NOT_VERIFIED neither lifts it nor lets it escalate.
 - A frozen picture is of the device kind: the contact opens at once, and monitoring resumes by itself after the
   picture moves again and the calibration has been verified again; nothing about the calibration is to be done.
+- HALT is what a calibration fault ends in. A recalibration is requested for what motion does not recover, whether that
+  was wrong from the start or joined what motion recovers, and is then named.
 - A latched state keeps the fault that led to it, unless that was one of two and motion has since told which; a device
   lost meanwhile does not replace it. It is left only when a person has acknowledged it and the line has verified the
   calibration since, in either order, or by a recalibration that was confirmed; a recalibration that was given up comes
@@ -216,8 +218,9 @@ class Supervisor:
             if self.state in LATCHED:
                 return self._ledger.restore(self._reason)
         if self.state in LATCHED:
-            calibration = self._ledger.calibration
-            self._fault, self._reason = calibration.fault, calibration.reason
+            requested = self.state is State.RECALIBRATION_REQUESTED
+            cause = self._ledger.unrecovered if requested else self._ledger.calibration
+            self._fault, self._reason = cause.fault, cause.reason
             self._ledger.latch(self.state, self._fault)
         elif self.state is not State.RECALIBRATING:
             self._ledger.release()

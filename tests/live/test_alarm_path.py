@@ -64,13 +64,13 @@ def restart(cart: Cart) -> float:
 
 @pytest.mark.parametrize("state", ["halt", "recalibration requested"])
 def test_a_latched_state_outlives_the_process_and_needs_a_person(monitoring: Cart, state: str) -> None:
-    monitoring.say("polarity")
+    monitoring.say("scale")
     monitoring.wait_for(state)
     until(lambda: read_log(log_folder(monitoring)).entries[-1].latch)
     restart(monitoring)
     latched = until(lambda: (now := monitoring.status()) and now)
     assert latched["latched"] in {"halt", "recalibration requested"}
-    assert (latched["fault"], latched["energised"], latched["acknowledged"]) == ("polarity", False, False)
+    assert (latched["fault"], latched["energised"], latched["acknowledged"]) == ("scale", False, False)
     monitoring.say(None)
     until(lambda: monitoring.status().get("verdict") == "OK")
     time.sleep(1.5)

@@ -101,7 +101,7 @@ def test_an_alarm_of_the_cart_is_kept_with_what_was_asked_for(tmp_path: Path) ->
         with recording(cart, "keep"):
             until(lambda: told(cart).get("recording"), 30)
             cart.say("polarity")
-            cart.wait_for("recalibration requested")
+            cart.wait_for("halt")
             ask(cart.config.parent / "recorder.socket", "start", "by hand")
             with pytest.raises(DeviceLost, match="already"):
                 ask(cart.config.parent / "recorder.socket", "start")
@@ -111,7 +111,7 @@ def test_an_alarm_of_the_cart_is_kept_with_what_was_asked_for(tmp_path: Path) ->
         marks = [told.item for path in kept for told in BlackBox(path).items() if isinstance(told.item, Mark)]
         assert {mark.kind for mark in marks} == {"alarm", "start", "stop"}
         states = [told.item for path in kept for told in BlackBox(path).items() if isinstance(told.item, State)]
-        assert {"monitoring", "recalibration requested"} <= {state.status["state"] for state in states}
+        assert {"monitoring", "halt"} <= {state.status["state"] for state in states}
 
 
 def test_a_disk_that_takes_nothing_is_told_and_moves_no_contact(tmp_path: Path) -> None:

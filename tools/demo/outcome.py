@@ -171,6 +171,9 @@ def _wrong_states(finding: Finding) -> str:
     missing = [state.value for state in states if state not in finding.reached]
     if missing:
         return f"did not lead to '{missing[0]}'"
+    beyond = [state.value for state in finding.reached if state not in states]
+    if beyond:
+        return f"led to '{beyond[0]}' as well"
     times_s = [finding.reached[state] for state in states]
     return "" if times_s == sorted(times_s) else "led to the right states in the wrong order"
 

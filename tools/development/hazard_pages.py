@@ -10,7 +10,7 @@ from pathlib import Path
 from appliance.configuration.config import SupervisorTimes
 from appliance.core.parameters import QUANTITIES
 from appliance.limits import Limits
-from appliance.supervision.alarms import HAZARDS
+from appliance.supervision.alarms import HAZARDS, Hazard
 from appliance.types import Fault
 from tools.development.evidence_figures import Figures, Found
 from tools.development.evidence_pages import of_fault, table
@@ -47,7 +47,7 @@ def hazard_pages(figures: Figures) -> list[str]:
         lines += [
             f"### {fault}",
             "",
-            f"**{row.text}.** What to do: {row.remedy}. What it leads to: [policy](#policy).",
+            f"**{row.text}.** What to do: {remedies(row)}. What it leads to: [policy](#policy).",
             "",
             *(f"- Watched by `{file}`: {_opening(ROOT / file)}" for file in found_by()[fault]),
             f"- Limit: {_limit(fault)}",
@@ -57,6 +57,11 @@ def hazard_pages(figures: Figures) -> list[str]:
             *slip_pages(fault),
         ]
     return lines
+
+
+def remedies(row: Hazard) -> str:
+    """What the operator does, also once a recalibration is requested."""
+    return f"{row.remedy}; once a recalibration is requested: {row.requested}" if row.requested else row.remedy
 
 
 def _opening(file: Path) -> str:

@@ -80,7 +80,8 @@ def steps(row: Policy) -> str:
 def step_told(step: Step) -> str:
     """One step of it."""
     after = " + ".join(f"`{name}`" for name in step.after)
-    return f"{step.state.value} {f'after {after}' if after else 'at once'}"
+    by = " or ".join(f"`{name}`" for name in step.by)
+    return f"{step.state.value} {f'after {after}' if after else 'at once'}{f' of {by}' if by else ''}"
 
 
 def _figures(hazard: Fault, figures: Figures) -> str:

@@ -5,11 +5,15 @@ study, docs/hazards.md from code and tests, docs/coverage.md and docs/evidence.m
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
+from math import exp
 from pathlib import Path
 
 from statemachine.transition import Transition
 
-from appliance.supervision.alarms import HAZARDS, SIGNALS, Signal
+from appliance.core.quality.sequential_test import NAMED_NATS, WITHDRAWN_NATS
+from appliance.core.quality.shown import PRESENT_NS
+from appliance.limits import Limits
+from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, Signal
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
 from appliance.supervision.ledger import Ledger
@@ -18,7 +22,7 @@ from appliance.supervision.supervisor import AlarmTable
 from appliance.types import Fault, State
 from tools.development.evidence_figures import Figures
 from tools.development.evidence_pages import pages, read_figures, table
-from tools.development.hazard_pages import hazard_pages
+from tools.development.hazard_pages import hazard_pages, remedies
 from tools.development.hazards import PAGE, hazards, step_told, steps
 
 MANUAL = Path(__file__).parents[2] / "docs" / "alarms.md"
@@ -40,7 +44,12 @@ calibration since, in either order, or with a recalibration that was confirmed. 
 """
 
 
-_PROPOSALS = """A FAULT of rotation, offset, scale or latency is told with what has become of it (old, new, sigma) once
+_PROPOSALS = """As in the paper, a recalibration is requested only for what motion does not recover: a scale, and the
+offset across the picture (ζ); its time counts from when that was first shown, whether alone or beside other faults. All
+else ends in HALT, with the way out of it: set the flip back, mend the tool file, or take what is proposed. HALT is no
+milder: both latch.
+
+A FAULT of rotation, offset, scale or latency is told with what has become of it (old, new, sigma) once
 motion has measured that: by `probewatch status`, the page, the alarm log (`proposal`) and the report. Nothing is
 applied:
 
@@ -59,7 +68,7 @@ motion then names takes its place, also while it is latched."""
 def manual(figures: Figures) -> str:
     """The whole page, Markdown. figures: what was last measured."""
     tables = (
-        *(_diagram(), _transitions(), _guards(), _policy(), _durations()),
+        *(_diagram(), _transitions(), _guards(), _policy(), _certainty(), _durations()),
         *(_signals(), _hazards(), _audio(), hazard_pages(figures)),
     )
     return "\n".join((_HEAD, *(line for table in tables for line in table)))
@@ -109,7 +118,8 @@ def _said(guard: object) -> str:
 
 def _policy() -> list[str]:
     text = (
-        "What each hazard leads to while it is shown; nothing else does. The supervisor reads this table\n"
+        "What each hazard leads to while it is shown; nothing else does. *Of* names the checks whose time counts,\n"
+        "where not every check of the hazard leads there. The supervisor reads this table\n"
         "(`appliance/supervision/policy.py`), `tests/appliance/supervision/test_policy.py` walks each row."
     )
     head = ("hazard", "leads to", "tone", "during a recalibration scan", "ends when")
@@ -127,6 +137,37 @@ def _policy() -> list[str]:
     return ["## Policy", "", text, "", *table(head, rows), *_PROPOSALS.splitlines(), ""]
 
 
+def _certainty() -> list[str]:
+    """The policy's other half: how probable it must be before a row of the table counts."""
+    sigma, hours = Limits().confidence_sigma, exp(NAMED_NATS) / 3600 / 30
+    rows = [
+        ("beyond its limit, but by less than that", "nothing; the reason tells it as *not certain*", "none"),
+        (
+            f"beyond its limit by {sigma:g} sigma in one window, or by a likelihood ratio of {WITHDRAWN_NATS:g} nats",
+            "the OK is withdrawn: not verified at once, until new motion answers it",
+            "1 pulse once",
+        ),
+        (
+            "a leap of the marker body that no picture witnessed; a slower slip",
+            "what was shown before counts no more: not verified at once",
+            "1 pulse once",
+        ),
+        (
+            f"the same in two windows in a row, or by {NAMED_NATS:.1f} nats (once in {hours:.0f} h for nothing) "
+            "and by one class alone; or a fact, as a mirrored picture",
+            "the row of its hazard, for as long as it is shown",
+            "as the row says",
+        ),
+        (
+            f"by {NAMED_NATS:.1f} nats, and by two classes alike, for a second",
+            "the row of `undecided`",
+            "as the row says",
+        ),
+    ]
+    head = ("how sure the line is that something is wrong", "what follows", "tone")
+    return ["### How sure, before how loud", "", *table(head, rows)]
+
+
 def _tones(fault: Fault, row: Policy) -> str:
     tones = [_tone(pulses(step.state, fault)) for step in row.steps]
     return ", then ".join(dict.fromkeys(tones)) or "silent"
@@ -140,7 +181,13 @@ def _durations() -> list[str]:
 
 def _signals() -> list[str]:
     rows = [_signal(state, row) for state, row in SIGNALS.items()]
-    return ["## Signals", "", *table(("state", "priority", "lamp", "tone", "text", "remedy"), rows)]
+    head = ("state", "priority", "lamp", "tone", "text", "remedy")
+    told = f"While monitoring the text adds *{EARLIER}*, or *{PARTLY_EARLIER}*, where motion"
+    carried = (
+        f"{told}\nof the last {PRESENT_NS / 1e9:g} s does not show all that is verified: it is carried until it is too"
+        " old, and then missing."
+    )
+    return ["## Signals", "", carried, "", *table(head, rows)]
 
 
 def _signal(state: State, row: Signal) -> Sequence[str]:
@@ -162,7 +209,7 @@ def _period(number: int) -> str:
 def _hazards() -> list[str]:
     head = ("class", "kind", "self-test", "text", "remedy")
     rows = [
-        (f"`{name}`", name.kind.value, "yes" if POLICY[name].tested else "", row.text, row.remedy)
+        (f"`{name}`", name.kind.value, "yes" if POLICY[name].tested else "", row.text, remedies(row))
         for name, row in HAZARDS.items()
     ]
     return ["## Hazards", "", *table(head, rows)]

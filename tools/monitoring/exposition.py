@@ -121,8 +121,8 @@ def _checks(status: Status) -> Iterator[Metric]:
     yield _gauges("check_sigma_ratio", "Standard deviation of the value divided by its limit", "check", sigmas)
     failed = {name: float(check["verdict"] == "FAULT") for name, check in checks.items()}
     yield _gauges("check_failed", "1: outside its limit", "check", failed)
-    shown = {name: float(name in line and line[name]["verdict"] == "OK") for name in SHOWN}
-    yield _gauges("parameter_shown", "1: shown by motion to be within its limit", "parameter", shown)
+    shown = {name: float(name in line and _shown_now(line[name])) for name in SHOWN}
+    yield _gauges("parameter_shown", "1: the present motion shows it within its limit", "parameter", shown)
     carried = {name: float(name in line and bool(line[name].get("carried"))) for name in SHOWN}
     yield _gauges("parameter_carried", "1: shown by earlier motion alone, which is not too old", "parameter", carried)
     ages = {name: line[name]["shown_age_s"] for name in SHOWN if name in line}
@@ -130,6 +130,11 @@ def _checks(status: Status) -> Iterator[Metric]:
     latency = line.get("latency", {})
     yield _gauge("latency_seconds", "How late the tracker's stamps are", _share(latency.get("value"), 1e3))
     yield _gauge("latency_sigma_seconds", "Standard deviation of that", _share(latency.get("sigma"), 1e3))
+
+
+def _shown_now(check: Mapping[str, Any]) -> bool:
+    """`shown` is null where the contact does not ask for the parameter; then the verdict tells."""
+    return bool(check["verdict"] == "OK" and check.get("shown") in (None, "verified"))
 
 
 def _share(value: float | None, whole: float | None) -> float | None:

@@ -52,6 +52,8 @@ _UNKNOWN = 2
 _SAID = ("state", "text", "remedy", "fault", "reason", "latched", "acknowledged", "notices", "since_s",
          "verification_age_s", "simulated", "fps")  # fmt: skip
 _MEASURED = ("name", "value", "sigma", "unit", "limit", "ratio", "verdict", "shown_age_s")
+_TOLD = ("max_age_s", "shown", "carried")
+"""Of the checks of the line besides, as far as this version of the service tells them."""
 _MOST_BYTES = 60_000
 """Of a STRING, which counts to 65,535. The usual one has 4000."""
 
@@ -86,8 +88,12 @@ def fields_of(seen: Seen) -> dict[str, Any]:
         **_facts(seen),
         "reference": None if reference is None else {key: reference[key] for key in ("number", "origin", "sha256")},
         "estimate": shown,
-        "checks": [{key: check[key] for key in _MEASURED} for check in (*status["checks"], *status["devices"])],
+        "checks": [_check(check) for check in (*status["checks"], *status["devices"])],
     }
+
+
+def _check(check: dict[str, Any]) -> dict[str, Any]:
+    return {key: check[key] for key in _MEASURED} | {key: check[key] for key in _TOLD if key in check}
 
 
 def _facts(seen: Seen) -> dict[str, Any]:

@@ -100,13 +100,20 @@ class _Checks:
 
     def _cells(self, at: int, cells: int) -> tuple[Text, Text, Text]:
         check = self._checks[at]
-        colour, ratio = _COLOURS[check["verdict"]], check["ratio"]
+        verdict, ratio = _now(check), check["ratio"]
+        colour = _COLOURS[verdict]
         trend = self._trends.get(check["name"], ())[-max(1, cells) :]
         bar = _trend(trend, colour, cells) if len(trend) > 1 else _bar(0.0 if ratio is None else ratio, colour, cells)
         number = "  –  " if ratio is None else f"{min(ratio, 99.99):5.2f}"
-        told_by = _CARRIED if check.get("carried") else _MARKS[check["verdict"]]
+        told_by = _CARRIED if check.get("carried") else _MARKS[verdict]
         mark = Text(f"{number} {told_by}", style=colour, no_wrap=True)
         return Text(self._names[at], no_wrap=True, overflow="ellipsis"), bar, mark
+
+
+def _now(check: _Check) -> str:
+    """The verdict as of now: what was shown too long ago, or before a disturbance, is not verified any more."""
+    earlier = check["verdict"] == "OK" and check.get("shown") in ("carried", "missing")
+    return "NOT_VERIFIED" if earlier else str(check["verdict"])
 
 
 def _bar(ratio: float, colour: str, cells: int) -> Text:
@@ -154,7 +161,7 @@ def _advice(status: Status) -> str:
     if status["fault"] not in (None, Fault.UNDECIDED):
         return shown(status["remedy"])
     reason = told(status["reason"], _language(status))
-    return "" if reason == status["text"] else shown(reason)
+    return "" if reason in status["text"] else shown(reason)
 
 
 def _prompt(status: Status) -> str:

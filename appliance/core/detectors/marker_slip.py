@@ -135,13 +135,17 @@ class MarkerSlip(Detector):
             self._slip[:3, 3] = 0.0
 
     def checks(self) -> tuple[Check, ...]:
-        """Turn and shift of the marker body since the reference, deg and mm."""
+        """Turn and shift of the marker body since the reference, deg and mm; of the shift also what is across the
+        picture, which motion does not recover.
+        """
         shift, turn_rad = _extent(self._slip)
-        turn = float(np.rad2deg(turn_rad))
-        bent, slid = turn > self._limits.rotation_deg, shift > self._limits.offset_mm
+        across = float(self._X[2, :3] @ self._slip[:3, 3])
+        turn, most_mm = float(np.rad2deg(turn_rad)), self._limits.offset_mm
+        bent = turn > self._limits.rotation_deg
         return (
             _check("marker-turn", Fault.ROTATION, turn, "deg", self._limits.rotation_deg, bent),
-            _check("marker-shift", Fault.OFFSET, shift, "mm", self._limits.offset_mm, slid and not bent),
+            _check("marker-shift", Fault.OFFSET, shift, "mm", most_mm, shift > most_mm and not bent),
+            _check("marker-elevational", Fault.OFFSET, across, "mm", most_mm, abs(across) > most_mm and not bent),
         )
 
     def _restart(self) -> None:

@@ -7,8 +7,6 @@ parameters named beside it within their limits, by three sigmas, unless said oth
 from collections.abc import Iterable, Mapping
 from enum import Enum
 
-from appliance.types import Check, VerdictKind
-
 
 class Gesture(Enum):
     """One motion of the hand over tissue; the text is the operator's, and has a translation."""
@@ -37,18 +35,3 @@ def gestures(missing: Iterable[str]) -> tuple[Gesture, ...]:
     wanted = {gesture for gesture, shows in _SHOWS.items() if names.intersection(shows)}
     wanted |= {gesture for name, gesture in _WITH.items() if name in names}
     return tuple(gesture for gesture in Gesture if gesture in wanted)
-
-
-def missing(checks: Iterable[Check], since_ns: Mapping[str, int]) -> tuple[str, ...]:
-    """Parameters that are asked for and were not shown to be in order by motion that counts.
-
-    since_ns: of each that is asked for, from when on motion counts.
-    """
-    by_name = {check.name: check for check in checks}
-    return tuple(name for name, first_ns in since_ns.items() if not _shown(by_name.get(name), first_ns))
-
-
-def _shown(check: Check | None, first_ns: int) -> bool:
-    if check is None or check.shown_ns is None or check.verdict is VerdictKind.FAULT:
-        return False
-    return check.shown_ns >= first_ns

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from appliance.core.quality.gesture import gestures
+from appliance.core.quality.shown import Shown
 from appliance.service.control.hold import Hold
 from appliance.service.control.live_configuration import LiveConfiguration
 from appliance.service.control.proposals import Proposals
@@ -15,7 +16,7 @@ from appliance.service.control.status import (
     log_fields,
     origin_fields,
     output_fields,
-    unshown,
+    shown_of_each,
 )
 from appliance.service.control.supervision import Supervision
 from appliance.service.devices.cart_devices import CartDevices
@@ -56,17 +57,18 @@ class ServiceStatus:
         assert seen.alarm is not None
         testing = self._annunciator.testing(now_ns)
         ages_ns = config.required_ages_ns
-        lacking = unshown(now_ns, seen.alarm, seen.verdict, ages_ns)
+        shown_now = shown_of_each(now_ns, seen.alarm, seen.verdict, ages_ns)
+        lacking = [name for name, one in shown_now.items() if one is Shown.MISSING]
         rivals = () if seen.verdict is None else seen.verdict.rivals
         asked = gestures([rival.check.name for rival in rivals] or lacking)
         return {
             "t_ns": now_ns,
-            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, asked),
+            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, asked, shown_now),
             **origin_fields(config, self._configuration.file, self._references),
             "recalibration": self._hold.fields(now_ns, seen.recalibrating, seen.alarm.state is State.MONITORING),
             "language": config.alarm.language,
-            "missing": list(lacking),
-            **check_lists(now_ns, seen.verdict, seen.devices, ages_ns),
+            "missing": lacking,
+            **check_lists(now_ns, seen.verdict, seen.devices, ages_ns, shown_now),
             "proposal": self._proposals.fields(config.alarm.language),
             "audio": audio_fields(now_ns, self._annunciator.sound, testing),
             "outputs": output_fields(self._devices.outputs),

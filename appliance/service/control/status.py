@@ -7,17 +7,19 @@ from typing import Any
 
 from appliance.configuration.config import Config
 from appliance.core.quality.check_fields import check_fields, rival_fields
-from appliance.core.quality.gesture import Gesture, missing
+from appliance.core.quality.gesture import Gesture
+from appliance.core.quality.shown import Shown, shown
 from appliance.service.control.references import SOFTWARE, References
 from appliance.service.devices.output_thread import OutputThread
 from appliance.service.host.recorder import Recorder
 from appliance.storage.calibration_file import image_to_probe
 from appliance.storage.reference import Reference
-from appliance.supervision.alarms import HAZARDS, SIGNALS, operator_text
+from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, operator_text
 from appliance.supervision.audio import Sound
 from appliance.supervision.languages import translated
-from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
+from appliance.types import AlarmState, Check, Fault, State, Verdict
 
+NONE: Mapping[str, Shown] = MappingProxyType({})
 _SIMULATED = {"en": "SIMULATED · ", "de": "SIMULIERT · "}
 """Before the text of every state while a source is no real device."""
 
@@ -58,12 +60,18 @@ def _matrix_of(reference: Reference) -> dict[str, Any]:
 
 
 def alarm_fields(
-    now_ns: int, alarm: AlarmState, language: str, simulated: Sequence[str] = (), wanted: Sequence[Gesture] = ()
+    now_ns: int,
+    alarm: AlarmState,
+    language: str,
+    simulated: Sequence[str] = (),
+    wanted: Sequence[Gesture] = (),
+    shown_now: Mapping[str, Shown] = NONE,
 ) -> dict[str, Any]:
     """What the room is told, in its language. simulated: URLs of the sources that are no real device. wanted: motion
-    that is still asked for.
+    that is still asked for. shown_now: of `shown_of_each`.
     """
     text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
+    text += _carried_by(alarm, shown_now, language)
     told = [translated(gesture.value, language) for gesture in wanted]
     shows = alarm.fault is None if alarm.state is State.NOT_VERIFIED else alarm.fault is Fault.UNDECIDED
     if shows and told:
@@ -87,34 +95,53 @@ def alarm_fields(
     }
 
 
-def unshown(now_ns: int, alarm: AlarmState, verdict: Verdict | None, ages_ns: Mapping[str, int]) -> tuple[str, ...]:
-    """Parameters that are asked for and that motion has not shown since the last disturbance, or too long ago.
+def _carried_by(alarm: AlarmState, shown_now: Mapping[str, Shown], language: str) -> str:
+    """What a verified calibration rests on, where that is not the present motion alone."""
+    carried = [one is Shown.CARRIED for one in shown_now.values()]
+    if alarm.state is not State.MONITORING or not any(carried):
+        return ""
+    return f" · {translated(EARLIER if all(carried) else PARTLY_EARLIER, language)}"
 
-    ages_ns: of each that is asked for, how old that motion may be.
+
+def shown_of_each(
+    now_ns: int, alarm: AlarmState, verdict: Verdict | None, ages_ns: Mapping[str, int]
+) -> dict[str, Shown]:
+    """Of each parameter that is asked for. What was shown before the last disturbance, or too long ago, is missing.
+
+    ages_ns: of each, how old the motion may be that showed it.
     """
-    since_ns = {name: max(alarm.barrier_ns + 1, now_ns - age_ns) for name, age_ns in ages_ns.items()}
-    return missing(() if verdict is None else verdict.checks, since_ns)
+    checks = {check.name: check for check in (() if verdict is None else verdict.checks)}
+    return {
+        name: shown(checks.get(name), now_ns, max(alarm.barrier_ns + 1, now_ns - age_ns))
+        for name, age_ns in ages_ns.items()
+    }
 
 
 def check_lists(
-    now_ns: int, verdict: Verdict | None, devices: tuple[Check, ...], ages_ns: Mapping[str, int] = MappingProxyType({})
+    now_ns: int,
+    verdict: Verdict | None,
+    devices: tuple[Check, ...],
+    ages_ns: Mapping[str, int] = MappingProxyType({}),
+    shown_now: Mapping[str, Shown] = NONE,
 ) -> dict[str, Any]:
-    """What the line and the device watchers see. ages_ns: as `unshown` has it."""
-    shown = () if verdict is None else verdict.checks
+    """What the line and the device watchers see. ages_ns, shown_now: as `shown_of_each` has them."""
+    seen = () if verdict is None else verdict.checks
     return {
         "verdict": None if verdict is None else verdict.kind.value,
-        "checks": [_line_check(now_ns, check, ages_ns.get(check.name)) for check in shown],
+        "checks": [_line_check(now_ns, check, ages_ns.get(check.name), shown_now.get(check.name)) for check in seen],
         "devices": [check_fields(now_ns, check) for check in devices],
         "rivals": [] if verdict is None else rival_fields(now_ns, verdict.rivals),
     }
 
 
-def _line_check(now_ns: int, check: Check, age_ns: int | None) -> dict[str, Any]:
+def _line_check(now_ns: int, check: Check, age_ns: int | None, shown_now: Shown | None) -> dict[str, Any]:
     """age_ns: how old the motion that showed it may be; None where the contact does not ask for it."""
-    earlier = check.verdict is VerdictKind.NOT_VERIFIED and check.shown_ns is not None
-    carried = earlier and age_ns is not None and now_ns - (check.shown_ns or 0) <= age_ns
-    max_age_s = None if age_ns is None else age_ns / 1e9
-    return {**check_fields(now_ns, check), "max_age_s": max_age_s, "carried": carried}
+    return {
+        **check_fields(now_ns, check),
+        "max_age_s": None if age_ns is None else age_ns / 1e9,
+        "shown": None if shown_now is None else shown_now.value,
+        "carried": shown_now is Shown.CARRIED,
+    }
 
 
 def audio_fields(now_ns: int, sound: Sound | None, testing: bool) -> dict[str, Any]:

@@ -45,7 +45,16 @@ def test_every_hazard_in_every_state_has_a_text_that_fits(state: State, language
 
 def test_every_text_of_the_tables_is_translated() -> None:
     texts = {text for row in (*SIGNALS.values(), *HAZARDS.values()) for text in (row.text, row.remedy)}
+    texts |= {row.requested for row in HAZARDS.values() if row.requested}
     assert texts <= set(GERMAN)
+
+
+@pytest.mark.parametrize("fault", [fault for fault in HAZARDS if fault.kind is Kind.CALIBRATION])
+def test_nobody_is_sent_to_recalibrate_what_motion_recovers(fault: Fault) -> None:
+    halted, requested = (operator_text(state, fault)[1] for state in (State.HALT, State.RECALIBRATION_REQUESTED))
+    assert "recalibrate" not in halted
+    assert ("recalibrate" in requested) is (fault in (Fault.SCALE, Fault.OFFSET))
+    assert ("calibration recover" in halted) is (fault in (Fault.ROTATION, Fault.OFFSET))
 
 
 def test_every_fault_has_a_row_but_the_fact_that_never_fails() -> None:

@@ -13,7 +13,7 @@ from appliance.core.quality.judgement import Judgement, judge
 from appliance.core.quality.proposal import propose
 from appliance.core.quality.verification import Sign, Standing
 from appliance.limits import Limits
-from appliance.supervision.alarms import DISTURBED, HAZARDS, OUTDATED, SIGNALS
+from appliance.supervision.alarms import DISTURBED, EARLIER, HAZARDS, OUTDATED, PARTLY_EARLIER, SIGNALS
 from appliance.supervision.languages import GERMAN, told
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
@@ -61,7 +61,8 @@ def test_every_check_is_translated_and_its_name_is_short() -> None:
 
 def test_nothing_is_translated_that_nobody_says() -> None:
     tables = {text for row in (*SIGNALS.values(), *HAZARDS.values()) for text in (row.text, row.remedy)}
-    words = {*WORDS.values(), *(state.value for state in State), OUTDATED, DISTURBED}
+    tables |= {row.requested for row in HAZARDS.values() if row.requested}
+    words = {*WORDS.values(), *(state.value for state in State), OUTDATED, DISTURBED, EARLIER, PARTLY_EARLIER}
     reasons = {text for text in GERMAN if "{" in text and text not in words}
     units = {"deg", "axes"}
     said = {"calibration verified", "verified only in parts", "Probe on tissue"}

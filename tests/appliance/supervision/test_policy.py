@@ -27,24 +27,27 @@ LONGER_NS = 4 * S_NS
 
 ONE_OF_EACH = {(row, fault.kind): fault for fault, row in POLICY.items() if fault in HAZARDS}.values()
 """A hazard of each row."""
+BY_CHECK = [(fault, name) for fault, row in POLICY.items() for step in row.steps for name in step.by]
+"""Hazards with the checks of theirs that lead further than the others."""
 
 
-def shown(t_ns: int, fault: Fault) -> Inputs:
+def shown(t_ns: int, fault: Fault, check: str = "") -> Inputs:
     """A hazard as it is told: by the line where it is about the calibration, by a watcher else, while the line rests on
-    what it has shown.
+    what it has shown. check: by which check of the line; "" by one that has no step of its own.
     """
     if fault.kind is Kind.CALIBRATION:
-        return Inputs((Verdict(t_ns, VerdictKind.FAULT, (), fault, "seen"),))
+        failing = Check(check or "some", fault, 2.0, 0.0, "", 1.0, VerdictKind.FAULT)
+        return Inputs((Verdict(t_ns, VerdictKind.FAULT, (failing,), fault, "seen"),))
     told = VerdictKind.NOT_VERIFIED if fault.kind is Kind.SIGHT else VerdictKind.FAULT
     resting = Verdict(t_ns, VerdictKind.NOT_VERIFIED, (), verified_ns=t_ns)
     return Inputs((resting,), (Check("watcher", fault, 2.0, 0.0, "", 1.0, told),))
 
 
-def keep_showing(room: Room, fault: Fault, for_ns: int = LONGER_NS) -> list[tuple[State, int]]:
+def keep_showing(room: Room, fault: Fault, for_ns: int = LONGER_NS, check: str = "") -> list[tuple[State, int]]:
     """(state, ns since the hazard was first shown) of each state that is entered."""
     before, changes = room.supervisor.state, []
     for since_ns in range(0, for_ns, TICK_NS):
-        state = room.at(TICK_NS, shown(room.now_ns + TICK_NS, fault))
+        state = room.at(TICK_NS, shown(room.now_ns + TICK_NS, fault, check))
         changes += [(state, since_ns)] if state is not before else []
         before = state
     return changes
@@ -83,10 +86,35 @@ def test_every_duration_that_a_row_names_is_one_of_the_configuration() -> None:
 
 
 @pytest.mark.parametrize("durations", [DURATIONS, OTHERS], ids=["shipped", "others"])
-@pytest.mark.parametrize("fault", HAZARDS)
-def test_the_supervisor_takes_each_step_at_its_time_and_no_other(fault: Fault, durations: Durations) -> None:
-    steps = [(step.state, step.after_ns(durations)) for step in POLICY[fault].steps]
-    assert keep_showing(monitoring(durations), fault) == steps
+@pytest.mark.parametrize(("fault", "check"), [*((fault, "") for fault in HAZARDS), *BY_CHECK])
+def test_the_supervisor_takes_each_step_at_its_time_and_no_other(
+    fault: Fault, check: str, durations: Durations
+) -> None:
+    steps = [(step.state, step.after_ns(durations)) for step in POLICY[fault].steps if not step.by or check in step.by]
+    assert keep_showing(monitoring(durations), fault, check=check) == steps
+
+
+@pytest.mark.parametrize(
+    ("fault", "check", "last"),
+    [
+        (Fault.POLARITY, "polarity", State.HALT),
+        (Fault.SCALE, "scale-axial", State.RECALIBRATION_REQUESTED),
+        (Fault.SCALE, "depth-ruler", State.RECALIBRATION_REQUESTED),
+        (Fault.ROTATION, "rotation-axial", State.HALT),
+        (Fault.OFFSET, "offset-lateral", State.HALT),
+        (Fault.OFFSET, "offset-axial", State.HALT),
+        (Fault.OFFSET, "offset-elevational", State.RECALIBRATION_REQUESTED),
+        (Fault.OFFSET, "marker-shift", State.HALT),
+        (Fault.OFFSET, "marker-elevational", State.RECALIBRATION_REQUESTED),
+        (Fault.LATENCY, "latency", State.HALT),
+        (Fault.POSE_CONVENTION, "axes-swapped", State.HALT),
+        (Fault.UNDECIDED, "undecided", State.HALT),
+    ],
+)
+def test_a_recalibration_is_requested_for_what_motion_does_not_recover_alone(
+    fault: Fault, check: str, last: State
+) -> None:
+    assert keep_showing(monitoring(DURATIONS), fault, check=check)[-1][0] is last
 
 
 @pytest.mark.parametrize("fault", [fault for fault in HAZARDS if fault.kind is not Kind.SIGHT])
@@ -123,7 +151,8 @@ def test_what_ends_a_hazard_is_what_its_row_says(fault: Fault, durations: Durati
         room.ask(Request.ACKNOWLEDGE)
         after = [state for state, _ in gone(room)]
     assert after[-1:] == ([] if ending is Ending.NONE else [State.MONITORING])
-    assert last is (POLICY[fault].steps[-1].state if POLICY[fault].steps else State.MONITORING)
+    own = [step.state for step in POLICY[fault].steps if not step.by]
+    assert last is (own[-1] if own else State.MONITORING)
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,15 @@ def scale(t_ns: int) -> Inputs:
     return fault(t_ns, "scale")
 
 
+def faults(t_ns: int, *checks: str) -> Inputs:
+    """Several at once, each told by the check of that name; the first names the verdict."""
+    failing = tuple(Check(name, Fault(name.partition("-")[0]), 9.0, 0.1, "", 4.0, VerdictKind.FAULT) for name in checks)
+    healthy = Check("scale-lateral", Fault.SCALE, 0.0, 0.1, "%", 5.0, VerdictKind.OK)
+    return Inputs(
+        verdicts=(Verdict(t_ns, VerdictKind.FAULT, (healthy, *failing), failing[0].fault, ", ".join(checks)),)
+    )
+
+
 def device(name: str = "video-lost", verdict: VerdictKind = VerdictKind.FAULT) -> Inputs:
     return Inputs(devices=(Check("watcher", Fault(name), 900.0, 0.0, "ms", 500.0, verdict),))
 
@@ -214,6 +223,15 @@ def test_short_device_silence_warns_and_recovers_without_loss() -> None:
     assert room.ok(DURATIONS.probation_ns - S_NS // 4) is M
 
 
+def test_a_warning_that_nothing_verifies_ends_unverified() -> None:
+    room = room_in(State.MONITORING)
+    assert room.at(TICK_NS, device()) is W
+    assert room.at(TICK_NS) is W
+    assert room.at(DURATIONS.probation_ns - 1) is W
+    assert room.at(1) is N
+    assert room.ok() is M
+
+
 def test_warning_leaves_at_the_end_of_probation_not_before() -> None:
     room = room_in(State.WARNING)
     assert room.ok() is W
@@ -239,7 +257,7 @@ def test_a_fault_of_another_calibration_class_continues_the_same_condition() -> 
     room = room_in(State.WARNING)
     assert room.fault(S_NS, "rotation") is H
     assert room.alarm.fault == "rotation"
-    assert room.fault(2 * S_NS, "offset") is Q
+    assert room.fault(10 * S_NS, "offset") is H
 
 
 def test_latched_states_keep_the_fault_that_led_there() -> None:
@@ -323,15 +341,16 @@ def test_device_silence_in_halt_stays_halt_until_verified_after_it() -> None:
     assert room.ok(S_NS) is M
 
 
-def test_a_halt_is_not_left_before_a_device_that_was_gone_has_passed_its_probation() -> None:
-    room = room_in(State.HALT)
+@LATCHED
+def test_a_halt_is_not_left_before_a_device_that_was_gone_has_passed_its_probation(state: State) -> None:
+    room = room_in(state)
     room.ok()
     room.ask(Request.ACKNOWLEDGE)
-    assert room.at(TICK_NS, device()) is H
-    assert room.at(5 * S_NS, device()) is H
+    assert room.at(TICK_NS, device()) is state
+    assert room.at(5 * S_NS, device()) is state
     back_ns = room.now_ns + TICK_NS
-    assert room.at(TICK_NS) is H
-    assert room.ok(DURATIONS.probation_ns - 1) is H
+    assert room.at(TICK_NS) is state
+    assert room.ok(DURATIONS.probation_ns - 1) is state
     assert room.now_ns == back_ns + DURATIONS.probation_ns - 1
     assert room.ok(1) is M
 
@@ -393,8 +412,7 @@ def test_a_mirrored_picture_halts_sooner_than_a_drift() -> None:
     assert room.fault() is W
     assert room.fault(DURATIONS.gross_halt_after_ns - 1) is W
     assert room.fault(1) is H
-    assert room.fault(DURATIONS.recalibrate_after_ns - 1) is H
-    assert room.fault(1) is Q
+    assert room.fault(60 * S_NS) is H, "it is mended at the scanner"
 
 
 def test_a_stale_fault_does_not_escalate_while_the_device_is_gone() -> None:
@@ -738,20 +756,99 @@ def test_only_latched_states_come_back() -> None:
         Supervisor(DURATIONS, State.WARNING, "scale")
 
 
-def test_what_nobody_can_name_halts_and_asks_for_no_recalibration() -> None:
-    room = room_in(State.MONITORING)
-    seen = [room.fault(S_NS // 10, Fault.UNDECIDED) for _ in range(40)]
-    assert [state for state, _ in itertools.groupby(seen)] == [W, H]
-
-
-@pytest.mark.parametrize(
-    "name", [name for name in HAZARDS if name.kind is Kind.CALIBRATION and name is not Fault.UNDECIDED]
-)
-def test_every_named_calibration_class_walks_the_whole_way(name: str) -> None:
+@pytest.mark.parametrize("name", [name for name in HAZARDS if name.kind is Kind.CALIBRATION])
+def test_every_calibration_class_halts_and_a_scale_asks_for_recalibration(name: str) -> None:
     room = room_in(State.MONITORING)
     seen = [room.fault(S_NS // 10, name) for _ in range(40)]
-    assert [state for state, _ in itertools.groupby(seen)] == [W, H, Q]
+    assert [state for state, _ in itertools.groupby(seen)] == [W, H, *[Q] * (name == "scale")]
     assert room.alarm.fault == name
+
+
+REQUEST_AFTER_NS = DURATIONS.halt_after_ns + DURATIONS.recalibrate_after_ns
+UNRECOVERED = pytest.mark.parametrize(
+    ("check", "named"), [("scale-axial", "scale"), ("offset-elevational", "offset"), ("offset-axial", None)]
+)
+
+
+@UNRECOVERED
+@pytest.mark.parametrize("first", ["polarity", "rotation-axial", "offset-lateral", "latency"])
+def test_what_motion_does_not_recover_counts_from_when_it_joins_what_it_does(
+    first: str, check: str, named: str
+) -> None:
+    room = room_in(State.MONITORING)
+    for _ in range(60):
+        room.at(S_NS, faults(room.now_ns + S_NS, first))
+    assert (room.alarm.state, room.alarm.latched_fault) == (H, first.partition("-")[0])
+    room.ask(Request.ACKNOWLEDGE)
+    assert room.at(TICK_NS, faults(room.now_ns + TICK_NS, first, check)) is H
+    assert room.at(REQUEST_AFTER_NS - 1, faults(room.now_ns + REQUEST_AFTER_NS - 1, first, check)) is H
+    assert room.alarm.acknowledged
+    if named is None:
+        assert room.at(60 * S_NS, faults(room.now_ns + 60 * S_NS, first, check)) is H
+        return
+    assert room.at(1, faults(room.now_ns + 1, first, check)) is Q
+    assert (room.alarm.fault, room.alarm.latched_fault, room.alarm.acknowledged) == (named, named, False)
+    assert room.alarm.reason == f"{first}, {check}"
+    assert room.at(60 * S_NS, faults(room.now_ns + 60 * S_NS, first)) is Q, "it is latched"
+
+
+@UNRECOVERED
+def test_it_counts_from_the_start_where_it_was_there_from_the_start(check: str, named: str | None) -> None:
+    room = room_in(State.MONITORING)
+    assert room.at(TICK_NS, faults(room.now_ns + TICK_NS, "polarity", check)) is W
+    assert room.at(S_NS, faults(room.now_ns + S_NS, "polarity", check)) is H
+    assert room.at(2 * S_NS, faults(room.now_ns + 2 * S_NS, "polarity", check)) is (H if named is None else Q)
+
+
+def test_what_is_not_shown_any_more_asks_for_no_recalibration() -> None:
+    room = room_in(State.MONITORING)
+    room.at(TICK_NS, faults(room.now_ns + TICK_NS, "rotation-axial", "scale-axial"))
+    for _ in range(20):
+        room.at(S_NS, faults(room.now_ns + S_NS, "rotation-axial"))
+        room.at(TICK_NS, unsure(room.now_ns + TICK_NS))
+        assert room.at(S_NS, device()) is H
+    assert room.at(TICK_NS, faults(room.now_ns + TICK_NS, "rotation-axial", "scale-axial")) is Q, "it stood"
+
+
+@pytest.mark.parametrize("how", ["verified", "scanned"])
+def test_what_was_disproved_begins_anew(how: str) -> None:
+    room = room_in(State.HALT)
+    if how == "verified":
+        room.ok()
+    else:
+        room.ask(Request.BEGIN_RECALIBRATION)
+        room.ask(Request.END_RECALIBRATION)
+        room.fault(name="rotation")
+        room.ask(Request.ABORT_RECALIBRATION)
+        room.ok()
+    for _ in range(10):
+        assert room.fault(S_NS, "rotation") is H
+    began_ns = room.now_ns + TICK_NS
+    room.fault(name="scale")
+    assert room.fault(REQUEST_AFTER_NS - 1, "scale") is H
+    assert room.fault(1, "scale") is Q
+    assert room.now_ns == began_ns + REQUEST_AFTER_NS
+
+
+def test_a_scan_forgets_what_asked_for_a_recalibration() -> None:
+    room = room_in(State.MONITORING)
+    room.fault(name="scale")
+    room.ask(Request.BEGIN_RECALIBRATION)
+    assert room.ask(Request.ABORT_RECALIBRATION) is N
+    for _ in range(10):
+        room.fault(S_NS, "rotation")
+    assert room.fault(name="scale") is H
+    assert room.fault(REQUEST_AFTER_NS - 1, "scale") is H
+
+
+@pytest.mark.parametrize("name", [None, "offset", "rotation"])
+def test_a_halt_that_comes_back_asks_for_nothing_that_is_not_shown(name: str | None) -> None:
+    room = Room(State.HALT, name)
+    room.step()
+    for _ in range(10):
+        assert room.fault(S_NS, "offset") is H
+    assert room.at(TICK_NS, faults(room.now_ns + TICK_NS, "offset-elevational")) is H
+    assert room.at(REQUEST_AFTER_NS, faults(room.now_ns + REQUEST_AFTER_NS, "offset-elevational")) is Q
 
 
 @pytest.mark.parametrize("name", [name for name in HAZARDS if name.kind is Kind.DEVICE])

@@ -15,6 +15,16 @@ STEPS_NS = st.sampled_from([50, 50, 50, 300, 950, 1000, 2000, 31_000]).map(lambd
 CALIBRATION = [name for name in HAZARDS if name.kind is Kind.CALIBRATION]
 WATCHED = [name for name in HAZARDS if name.kind in (Kind.DEVICE, Kind.INTERNAL) and name != "frozen-video"]
 DAMAGE = [name for name in HAZARDS if name.kind is Kind.INTEGRITY]
+UNRECOVERED = (
+    Check("scale-axial", Fault.SCALE, 9, 0.1, "%", 5, VerdictKind.FAULT),
+    Check("offset-elevational", Fault.OFFSET, 9, 0.1, "mm", 4, VerdictKind.FAULT),
+)
+BESIDE = [
+    (),
+    (Check("offset-axial", Fault.OFFSET, 9, 0.1, "mm", 4, VerdictKind.FAULT),),
+    (Check("scale-axial", Fault.SCALE, 0, 0.1, "%", 5, VerdictKind.OK),),
+    *((check,) for check in UNRECOVERED),
+]
 RECALIBRATION = [Request.BEGIN_RECALIBRATION, Request.END_RECALIBRATION, Request.ABORT_RECALIBRATION]
 LATCHED = {State.HALT, State.RECALIBRATION_REQUESTED}
 ALARMED = LATCHED | {State.DEVICE_LOST, State.INTERNAL_FAULT, State.SELF_TEST, State.WAITING}
@@ -38,6 +48,7 @@ class Room(RuleBasedStateMachine):
         self.faulty = False  # the last word that was no shrug said FAULT
         self.watched_since_ns: int | None = None
         self.acknowledged = self.disproved = self.confirmed = False
+        self.unrecovered = False  # shown since the contact was closed last: a scale, or an offset across the picture
         self.step(50 * MS_NS)
 
     def step(self, delta_ns: int, verdict: Verdict | None = None, request: Request | None = None) -> None:
@@ -58,6 +69,9 @@ class Room(RuleBasedStateMachine):
         if before in LATCHED and self.alarm.state not in LATCHED and self.alarm.state is not State.RECALIBRATING:
             assert self.acknowledged, "nobody acknowledged it"
             assert self.disproved, "nothing disproved it"
+        if self.alarm.state is State.RECALIBRATION_REQUESTED:
+            assert self.unrecovered, "motion recovers it"
+        self.unrecovered = self.unrecovered and not self.alarm.energised
         if self.alarm.state in LATCHED and before not in LATCHED | {State.RECALIBRATING}:
             self.acknowledged = self.disproved = False
 
@@ -77,10 +91,11 @@ class Room(RuleBasedStateMachine):
         self.fault_since_ns, self.frozen = None, False
         self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.NOT_VERIFIED, (), verified_ns=self.ok_ns))
 
-    @rule(delta_ns=STEPS_NS, fault=st.sampled_from(CALIBRATION))
-    def line_says_fault(self, delta_ns: int, fault: str) -> None:
+    @rule(delta_ns=STEPS_NS, fault=st.sampled_from(CALIBRATION), beside=st.sampled_from(BESIDE))
+    def line_says_fault(self, delta_ns: int, fault: Fault, beside: tuple[Check, ...]) -> None:
         since_ns = self.now_ns + delta_ns if self.fault_since_ns is None else self.fault_since_ns
-        self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.FAULT, (), fault))
+        self.unrecovered |= fault is Fault.SCALE or any(check in UNRECOVERED for check in beside)
+        self.step(delta_ns, Verdict(self.now_ns + delta_ns, VerdictKind.FAULT, beside, fault))
         self.fault_since_ns, self.faulty, self.frozen = since_ns, True, False
         self.ok_ns = None
 

@@ -2,8 +2,13 @@
 
 import pytest
 
+from appliance.limits import Limits
+from appliance.supervision.policy import POLICY
 from appliance.types import State
 from drivers.errors import ConfigurationError
+from drivers.twins.faults import SLIDE_MM
+from drivers.twins.scene.world import World
+from tests.appliance.core.test_line import truth
 from tools.demo.director import Director
 from tools.demo.outcome import History, Moment, judge
 from tools.demo.script import FAULT_CLASS, HEALTHY_S, Injection, Planned, Script, chosen_plan, default_plan
@@ -37,8 +42,13 @@ def test_every_fault_has_its_class_and_its_states() -> None:
     for fault, fault_class in FAULT_CLASS.items():
         injection = Injection(fault, 20.0, 24.0)
         assert injection.fault_class == fault_class
-        assert injection.states[0] is WARNING
-        assert injection.states[-1] in (REQUESTED, LOST)
+        assert injection.states == tuple(step.state for step in POLICY[fault_class].steps if not step.by)
+    assert [one for one in FAULT_CLASS if Injection(one, 20.0, 24.0).states[-1] is REQUESTED] == ["depth"]
+
+
+def test_the_simulated_slide_is_one_that_motion_recovers() -> None:
+    across_mm = float(truth(World()).rotation[2] @ SLIDE_MM)
+    assert abs(across_mm) < Limits().offset_mm
 
 
 class Play:

@@ -51,6 +51,10 @@ def test_a_run_as_it_should_be_passes() -> None:
         ((*HEALTHY, *TRACKER, *BACK_AGAIN), "At 30.0 s depth was not found."),
         ((*HEALTHY, moment(30.1, WARNING, "offset"), *DEPTH[1:], *BACK, *TRACKER, *BACK_AGAIN), "was named offset"),
         ((*HEALTHY, *DEPTH[:2], *BACK, *TRACKER, *BACK_AGAIN), "did not lead to 'recalibration requested'"),
+        (
+            (*HEALTHY, *DEPTH, *BACK, *TRACKER, moment(62, HALT, "tracker-lost"), *BACK_AGAIN),
+            "At 60.0 s lose-tracker led to 'halt' as well",
+        ),
         ((*HEALTHY, DEPTH[0], moment(31, REQUESTED, "scale"), moment(32, HALT, "scale"), *BACK), "in the wrong order"),
         ((*HEALTHY, *DEPTH, moment(61, MONITORING)), "At 30.0 s depth was removed, but is not verified again in time"),
         ((*GOOD, moment(75, WARNING, "latency")), "At 75.0 s 'warning' (latency) came up without that fault."),

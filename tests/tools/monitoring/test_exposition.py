@@ -61,6 +61,27 @@ def test_a_verified_cart() -> None:
     assert value(seen, "log_disk_free_bytes") == status["log"]["free_bytes"]
 
 
+@pytest.mark.parametrize(
+    ("verdict", "said", "shown", "carried"),
+    [
+        ("OK", "verified", 1, 0),
+        ("OK", "carried", 0, 1),
+        ("OK", "missing", 0, 0),
+        ("NOT_VERIFIED", "carried", 0, 1),
+        ("OK", None, 1, 0),
+    ],
+)
+def test_what_the_present_motion_shows_and_what_is_carried_are_two_metrics(
+    verdict: str, said: str | None, shown: int, carried: int
+) -> None:
+    status = recorded()
+    (scale,) = (check for check in status["checks"] if check["name"] == "scale-axial")
+    scale |= {"verdict": verdict, "shown": said, "carried": said == "carried"}
+    seen = of(status)
+    assert value(seen, "parameter_shown", parameter="scale-axial") == shown
+    assert value(seen, "parameter_carried", parameter="scale-axial") == carried
+
+
 def test_delays_are_a_histogram_in_seconds() -> None:
     status = recorded()
     status["outputs"][0]["delays"] = {"le_ms": [10.0, 100.0], "counts": [3, 2, 1], "sum_ms": 1500.0}

@@ -105,6 +105,14 @@ def test_the_string_holds_every_value_with_its_sigma() -> None:
     assert (fields["verification_age_s"], fields["state"]) == (2.5, "monitoring")
 
 
+def test_the_string_tells_what_is_carried() -> None:
+    told = {"max_age_s": 30.0, "shown": "carried", "carried": True}
+    fields = json.loads(
+        parse_words(state_message(seen(checks=[told_status()["checks"][0] | told]), UTC_NS).content).text
+    )
+    assert {key: fields["checks"][0][key] for key in told} == told
+
+
 def test_a_string_that_would_not_fit_goes_without_its_checks() -> None:
     many = [told_status()["checks"][0] | {"name": "x" * 200} for _ in range(1000)]
     words = parse_words(state_message(seen(checks=many), UTC_NS).content)

@@ -15,10 +15,12 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from appliance.core.quality.check_fields import check_fields
-from appliance.service.control.status import check_lists
+from appliance.core.quality.shown import Shown
+from appliance.service.control.status import alarm_fields, check_lists, shown_of_each
+from appliance.supervision.alarms import DISPLAY_COLUMNS
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
-from appliance.types import PARAMETERS, Check, Fault, Verdict, VerdictKind
+from appliance.types import PARAMETERS, AlarmState, Check, Fault, State, Verdict, VerdictKind
 from tests.support.answering import Answering
 from tests.support.simulated import PROBEWATCH
 from tools.shared.status_view import StatusView, one_line
@@ -111,25 +113,42 @@ def test_a_line_is_never_half_german() -> None:
     ("language", "said"), [("en", "no detector saw a change: offset-axial 48/120 s"), ("de", "Versatz axial 48/120 s")]
 )
 def test_what_is_carried_is_told_apart_from_what_motion_shows(language: str, said: str) -> None:
+    now_ns = 50 * 10**9
     known = [
-        Check("scale-axial", Fault.SCALE, 1.0, 0.3, "%", 5.0, VerdictKind.OK, 40 * 10**9),
-        Check("offset-axial", Fault.OFFSET, 1.0, 2.0, "mm", 4.0, VerdictKind.NOT_VERIFIED, 2 * 10**9),
-        Check("offset-lateral", Fault.OFFSET, 1.0, 2.0, "mm", 4.0, VerdictKind.NOT_VERIFIED),
+        Check("scale-axial", Fault.SCALE, 1.0, 0.3, "%", 5.0, VerdictKind.OK, 42 * 10**9),
+        Check("offset-axial", Fault.OFFSET, 1.0, 2.0, "mm", 4.0, VerdictKind.OK, 2 * 10**9),
+        Check("offset-lateral", Fault.OFFSET, 1.0, 2.0, "mm", 4.0, VerdictKind.OK, 1 * 10**9),
     ]
-    verdict = Verdict(50 * 10**9, VerdictKind.NOT_VERIFIED, tuple(known))
-    lists = check_lists(50 * 10**9, verdict, (), {check.name: 120 * 10**9 for check in known})
+    ages_ns = {check.name: 120 * 10**9 for check in known}
+    alarm = AlarmState(State.MONITORING, 0, None, "", True, 2 * 10**9, barrier_ns=10**9)
+    verdict = Verdict(now_ns, VerdictKind.NOT_VERIFIED, tuple(known))
+    each = shown_of_each(now_ns, alarm, verdict, ages_ns)
+    lists = check_lists(now_ns, verdict, (), ages_ns, each)
+    assert [check["shown"] for check in lists["checks"]] == ["verified", "carried", "missing"]
     assert [check["carried"] for check in lists["checks"]] == [False, True, False]
     told = "\n".join(drawn(38, status(language, **lists, energised=True)))
     assert re.findall(r"0\.2[05] (.)", told) == ["✓", "~", "?"]
     assert said in " ".join(told.split())
 
 
-def test_what_was_shown_longer_ago_than_it_may_be_is_not_carried() -> None:
-    old = Check("offset-axial", Fault.OFFSET, 1.0, 2.0, "mm", 4.0, VerdictKind.NOT_VERIFIED, 0)
-    verdict = Verdict(121 * 10**9, VerdictKind.NOT_VERIFIED, (old,))
-    for ages_s, carried in (({"offset-axial": 120}, False), ({"offset-axial": 122}, True), ({}, False)):
-        ages_ns = {name: age_s * 10**9 for name, age_s in ages_s.items()}
-        assert check_lists(121 * 10**9, verdict, (), ages_ns)["checks"][0]["carried"] is carried
+@pytest.mark.parametrize(
+    ("shown", "text"),
+    [
+        ("VERIFIED VERIFIED", "Calibration verified"),
+        ("VERIFIED CARRIED", "Calibration verified · in part by earlier motion"),
+        ("CARRIED CARRIED", "Calibration verified · by earlier motion"),
+        ("", "Calibration verified"),
+    ],
+)
+def test_the_text_says_what_a_verified_calibration_rests_on(shown: str, text: str) -> None:
+    alarm = AlarmState(State.MONITORING, 0, None, "Calibration verified", True, 0)
+    each = {str(k): Shown[one] for k, one in enumerate(shown.split())}
+    said = alarm_fields(0, alarm, "en", shown_now=each)
+    assert said["text"] == text
+    assert len(said["text"]) <= DISPLAY_COLUMNS
+    assert one_line(status(**said)).count("Calibration verified") == 1
+    halted = AlarmState(State.HALT, 0, Fault.SCALE, "", False, None)
+    assert "motion" not in alarm_fields(0, halted, "en", shown_now=each)["text"]
 
 
 def test_monitoring_does_not_say_the_same_twice() -> None:

@@ -74,7 +74,7 @@ function showState(status, silence) {
   set("state-title", status.text);
   const age = status.verification_age_s;
   const verified = age === null ? say("not verified now") : `${say("verified")}: ${aged(age)}`;
-  const what = status.fault ? status.remedy : status.text.endsWith(status.reason) ? "" : status.reason;
+  const what = status.fault ? status.remedy : status.text.includes(status.reason) ? "" : status.reason;
   set("state-text", [what, verified, `${say("Contact")} ${say(status.energised ? "closed (safe)" : "OPEN")}`].filter(Boolean).join(" · "));
 }
 

@@ -12,7 +12,8 @@ function value(check) {
 function showChecks(status) {
   const estimated = status.checks.filter(check => check.shown_age_s !== null || check.max_age_s != null || check.name.startsWith("offset"));
   rows(el("shown"), estimated.map(check => {
-    const [mark, kind] = check.carried ? CARRIED : MARKS[check.verdict];
+    const old = check.verdict === "OK" && check.shown === "missing";
+    const [mark, kind] = check.carried ? CARRIED : MARKS[old ? "NOT_VERIFIED" : check.verdict];
     const age = check.carried ? `${aged(check.shown_age_s)} / ${aged(check.max_age_s)}` : aged(check.shown_age_s);
     return [[`${mark} ${check.title}`, kind], [value(check), "number"], [age, "number"]];
   }));

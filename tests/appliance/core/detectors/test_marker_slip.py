@@ -94,8 +94,27 @@ def test_a_leap_about_and_along_each_axis_is_named_within_a_fifth_of_a_second(ha
     assert cart.first == fault
     assert cart.faults[0][0] <= 1.2
     assert cart.doubts == [cart.faults[0][0]]
-    (failed,) = [check for check in cart.slip.checks() if check.verdict is VerdictKind.FAULT]
-    assert failed.value == pytest.approx(3.5 if fault == "rotation" else 5.0, abs=0.5)
+    failed = {check.name: check.value for check in cart.slip.checks() if check.verdict is VerdictKind.FAULT}
+    names = ["marker-turn"] if fault == "rotation" else ["marker-shift", *["marker-elevational"] * (axis == 2)]
+    assert [*failed] == names
+    assert [*failed.values()] == pytest.approx([3.5 if fault == "rotation" else 5.0] * len(names), abs=0.5)
+
+
+@pytest.mark.parametrize(("across_mm", "told"), [(-6.0, True), (3.0, False)])
+def test_what_of_a_slide_is_across_the_picture_is_told_apart(across_mm, told) -> None:
+    """Motion does not recover that."""
+    cart = Cart().go(1.0).go(1.4, slid(0, 5.0) @ slid(2, across_mm))
+    checks = {check.name: check for check in cart.slip.checks()}
+    assert checks["marker-shift"].verdict is VerdictKind.FAULT
+    assert checks["marker-elevational"].value == pytest.approx(across_mm, abs=0.5)
+    assert (checks["marker-elevational"].verdict is VerdictKind.FAULT) is told
+
+
+def test_what_a_bend_shifts_is_left_for_motion_to_measure() -> None:
+    cart = Cart().go(1.0).go(1.4, slid(2, 6.0) @ bent(0, 6.0))
+    checks = {check.name: check for check in cart.slip.checks()}
+    assert abs(checks["marker-elevational"].value) > 5
+    assert [name for name, check in checks.items() if check.verdict is VerdictKind.FAULT] == ["marker-turn"]
 
 
 @pytest.mark.parametrize("hz", [20.0, 30.0, 120.0])
@@ -181,8 +200,8 @@ def test_a_picture_that_is_shown_again_neither_testifies_nor_takes_anything_away
 def test_a_shift_is_forgiven_once_motion_has_shown_the_offset_and_a_turn_is_not() -> None:
     cart = Cart().go(1.0).go(2.0, SLID @ BENT)
     cart.slip.forgive(lambda fault: fault == "offset")
-    turn, shift = cart.slip.checks()
-    assert (turn.verdict, shift.verdict) == (VerdictKind.FAULT, VerdictKind.OK)
+    turn, shift, across = cart.slip.checks()
+    assert (turn.verdict, shift.verdict, across.value) == (VerdictKind.FAULT, VerdictKind.OK, 0.0)
 
 
 def test_the_step_of_a_picture_is_that_of_the_plane_in_the_earlier_axes() -> None:

@@ -1,15 +1,13 @@
 """The gesture that is asked for shows what is missing, by bounds that were not made by the line."""
 
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
 from appliance.core.parameters import MEASURED, PER_UNIT, limit_of_each
-from appliance.core.quality.gesture import Gesture, gestures, missing
+from appliance.core.quality.gesture import Gesture, gestures
 from appliance.limits import Limits
-from appliance.types import Check, Fault, VerdictKind
 from drivers.rigid import Array
 from tools.study import hand
 from tools.study.bound import bounds
@@ -64,14 +62,3 @@ def test_without_it_the_parameter_stays_unshown(name: str, monkeypatch: pytest.M
 
 def test_nothing_missing_asks_for_nothing() -> None:
     assert gestures(()) == ()
-
-
-def test_missing_is_what_no_motion_that_counts_has_shown() -> None:
-    shown = Check("scale-axial", Fault.SCALE, 0.1, 0.1, "%", 5.0, VerdictKind.OK, 70)
-    since_ns = {"scale-axial": 70, "latency": 0}
-    assert missing((), since_ns) == ("scale-axial", "latency")
-    assert missing((shown,), since_ns) == ("latency",)
-    assert missing((shown,), {"scale-axial": 71}) == ("scale-axial",)
-    assert missing((replace(shown, shown_ns=None),), {"scale-axial": 0}) == ("scale-axial",)
-    assert missing((replace(shown, verdict=VerdictKind.NOT_VERIFIED),), {"scale-axial": 70}) == ()
-    assert missing((replace(shown, verdict=VerdictKind.FAULT),), {"scale-axial": 70}) == ("scale-axial",)

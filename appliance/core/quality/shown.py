@@ -1,0 +1,26 @@
+"""Of a parameter that the contact asks for: whether the present motion shows it, earlier motion did, or none has."""
+
+from enum import Enum
+
+from appliance.types import Check, VerdictKind
+
+PRESENT_NS = 10_000_000_000
+"""How old the motion may be by which a parameter is verified now: the window of lively motion (`evidence`). The windows
+reach back by 30 s, so that their OK outlives the motion: what they show of a probe at rest is carried. Longer calls
+that verified; shorter calls carried what a hand shows that goes on."""
+
+
+class Shown(Enum):
+    """The value is the word for it in JSON."""
+
+    VERIFIED = "verified"
+    CARRIED = "carried"
+    MISSING = "missing"
+
+
+def shown(check: Check | None, now_ns: int, first_ns: int) -> Shown:
+    """first_ns: from when on motion counts. check: None where the line does not speak of it."""
+    if check is None or check.shown_ns is None or check.verdict is VerdictKind.FAULT or check.shown_ns < first_ns:
+        return Shown.MISSING
+    present = check.verdict is VerdictKind.OK and now_ns - check.shown_ns <= PRESENT_NS
+    return Shown.VERIFIED if present else Shown.CARRIED
