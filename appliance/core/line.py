@@ -236,6 +236,7 @@ class Line:
         seen = self._observed(item, tracked)
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None
         if self._seen(seen):
+            self._tracker.renew_keyframe()
             self._evidence.restart()
         elif motion is not None and motion.usable and self._tracker.settled:
             self._evidence.window.add(motion)
