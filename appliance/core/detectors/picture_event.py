@@ -147,11 +147,11 @@ class PictureEvent(Detector):
         followed.
         """
         likeness = _likeness_in_place(own.carried(before, gap_ns, self._aspect), now)
-        if known and self._likenesses and likeness < fmean(self._likenesses) - _FELL:
-            return False
+        fell = known and likeness < fmean(self._likenesses or [0.0]) - _FELL
         self._likenesses.append(likeness)
-        self._course = own
-        return True
+        if not fell:
+            self._course = own
+        return not fell
 
     def _change(self, expected: Array32, before: Array32, now: Array32, followed: bool) -> PictureChange | None:
         """What was followed is neither mirrored nor another depth by far."""
@@ -212,8 +212,10 @@ def _stretch(expected: Array32, now: Array32, aspect: float) -> PictureChange | 
     best, change = max(plain + _STRETCH_BETTER_BY, _LEAST_LIKENESS), None
     for start in _STARTS:
         found = stretch_between(expected, now, aspect, start)
-        if found is None or np.all(np.abs(found.magnification - 1) < _LEAST_STRETCH):
+        if found is None:
             continue
+        if np.all(np.abs(found.magnification - 1) < _LEAST_STRETCH):
+            return change
         likeness = _likeness(warped(expected, found.warp), now)
         if likeness > best:
             best, change = likeness, PictureChange(zoom=(float(found.magnification[0]), float(found.magnification[1])))
