@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -118,6 +119,44 @@ def test_a_sudden_fault_is_named_at_once(fault: str, within_s: float) -> None:
     assert found is not None
     assert found[1] == FAULT_CLASS[fault]
     assert 3.0 <= found[0] <= 3.0 + within_s
+
+
+@pytest.mark.parametrize(
+    "factors",
+    [(0.9, 1.0), *(pytest.param(one, marks=THOROUGH) for one in ((1.1, 1.0), (1.0, 1.1), (1.0, 0.9)))],
+)
+def test_a_picture_that_is_stretched_along_one_axis_is_named_scale_at_once_and_nothing_else(factors) -> None:
+    """The OK goes with the first such picture, as the registration follows it from there on."""
+    world, named, at_ns = kept(3, settings=SMALL), list[tuple[float, str]](), ORIGIN_NS + round(3e9)
+    line = Line(truth(world), SWEPT)
+    middle = (np.array([SMALL.width_px, SMALL.height_px]) - 1) / 2
+    warp = np.column_stack([np.diag(factors), middle * (1 - np.array(factors))])
+    for sample in session(world, 6.5):
+        if isinstance(sample, Frame) and sample.stamp.t_ns >= at_ns:
+            image = cv2.warpAffine(sample.image, warp, sample.image.shape[::-1]).astype(np.uint8)
+            sample = replace(sample, image=image)
+        for verdict in line.step(sample):
+            named += [((verdict.t_ns - ORIGIN_NS) / 1e9, check.fault) for check in verdict.checks if check.verdict is VerdictKind.FAULT]
+    assert named
+    assert 3.0 <= named[0][0] <= 3.1
+    assert {fault for _, fault in named} == {Fault.SCALE}
+
+
+@THOROUGH
+@pytest.mark.parametrize("late_s", [0.1, 0.45])
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_tracker_that_begins_to_lag_is_named_latency_and_nothing_before_it(seed: int, late_s: float) -> None:
+    world, since_s = kept(seed, "gestured", settings=SMALL), 7.0
+    line, named = Line(truth(world), SWEPT), list[tuple[float, str]]()
+    for sample in session(world, 10.0):
+        if isinstance(sample, Pose) and (t_s := (sample.stamp.t_ns - ORIGIN_NS) / 1e9) >= since_s:
+            sample = replace(sample, matrix=world.measured_pose(t_s - late_s, sample.sequence))
+        for verdict in line.step(sample):
+            t_s = (verdict.t_ns - ORIGIN_NS) / 1e9
+            assert verdict.kind is not VerdictKind.OK or t_s < since_s + 0.4
+            named += [(t_s, check.fault) for check in verdict.checks if check.verdict is VerdictKind.FAULT]
+    assert {fault for _, fault in named} == {Fault.LATENCY}
+    assert since_s < named[0][0] <= since_s + 2.8, "the gesture is over by then, and a sweep shows less"
 
 
 @THOROUGH
