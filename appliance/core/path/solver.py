@@ -171,6 +171,18 @@ class PathFit:
             cost += len(one) * np.log(_huber_cost(row.white(one)) / len(one)) + row.log_volume
         return cost / int(np.count_nonzero(self._samples.kept))
 
+    def cost(self, reference: Calibration) -> float:
+        """−2 log likelihood where the noise is as large as it is said to be, but for what all have in common."""
+        return sum(_huber_cost(one) for one in self._innovations(reference))
+
+    def surprise(self, reference: Calibration) -> float:
+        """Mean of `cost` over the innovations: below 1 where the noise is as it is said to be, or less."""
+        return self.cost(reference) / max(sum(one.size for one in self._innovations(reference)), 1)
+
+    def _innovations(self, reference: Calibration) -> list[Array]:
+        path = self._residual(reference).linear(np.zeros(9))[:, VALUE]
+        return [row.white(one) for row, one in zip(self._noise.rows, path, strict=True)]
+
     def agreement(self, reference: Calibration) -> float:
         """As `Solution.correlation`, under the reference itself; by shorter steps where the motion is too short."""
         residual, nothing = self._residual(reference), (np.zeros(9), np.zeros(1))
