@@ -57,7 +57,7 @@ _ALIKE = 0.3
 """Likeness to its keyframe from which a picture that was followed is a witness. In the liveliest gesture it goes down
 to .38 (`probewatch study`, seed 1); a leap of 2 mm out of the plane leaves less than .2, and is not followed."""
 _PAST_NS = 1_200_000_000
-"""Path that a leap may repeat: lags of 1 s are named (`appliance.core.path.explanation`), and a leap takes .1 s more."""
+"""Path that a leap may repeat: lags of 1 s are named (`appliance.core.path.explanation`), a leap takes .1 s more."""
 _RETRACED = 4.0
 """Mean square of what a path differs from an earlier part of itself, in that of noise, up to which it repeats it. Of
 poses that fell back by .1 to .8 s it was .1 to 1.1, of slips by 5 mm or 3.5° 90 and more (60 each, in-plane and gesture

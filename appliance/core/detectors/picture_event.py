@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from statistics import fmean
+
 import cv2
 import numpy as np
 
@@ -63,7 +64,7 @@ _FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
 
 @dataclass(frozen=True, slots=True)
 class PictureChange:
-    """What happened to the picture: polarity ±1 and magnification, each (lateral, axial), relative to the frame before."""
+    """What happened to the picture since the one before: polarity ±1 and magnification, each (lateral, axial)."""
 
     polarity: tuple[int, int] = (1, 1)
     zoom: tuple[float, float] = (1.0, 1.0)
@@ -173,7 +174,7 @@ class PictureEvent(Detector):
             self._log_zoom = np.zeros(2)
 
     def checks(self) -> tuple[Check, ...]:
-        """Flipped axes and magnification since the reference, of the axis that has more, as facts that need no motion."""
+        """Flipped axes, and magnification of the axis that has more, since the reference; they need no motion."""
         flipped = float(self._polarity.count(-1))
         zoom = float(max(100 * (np.exp(self._log_zoom) - 1), key=abs))
         return (

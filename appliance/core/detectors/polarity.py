@@ -37,14 +37,14 @@ _GENEROUS = Noise(
         + [np.square(np.deg2rad([0.1, 0.3, 0.3, 0.3, 0.1, 0.1]))]
     )
 )
-"""mm and rad of each part, in the order of `Noise.variances`, lateral, axial and turn: 2.5 times the noise of an optical
-tracker, and quiet breaths of 4 to 6 mm. A flip that stands out of it needs no noise to be learned. More names flips
-later (twice as much: in-plane after 1 s instead of .8), less takes lags for them: of .15 mm, one of 40 of −300 ms."""
+"""Of each part, in the order of `Noise.variances`, lateral, axial and turn: 2.5 times the noise of an optical tracker,
+and quiet breaths of 4 to 6 mm. A flip that stands out of it needs no noise to be learned. More names flips later (twice
+as much: in-plane after 1 s instead of .8, median of 16), less takes lags for them (.15 mm: one of 40 of -300 ms)."""
 _SURELY_WORSE = 2 * NAMED_NATS
 """In −2 log likelihood: as the sequential test promises."""
 _FITS = 0.5
-"""Mean square of what the flip leaves, in `_GENEROUS`, up to which it explains the motion: .02 to .1 where the rest of the
-calibration is right, .6 where it is off by 20° (one second of a sweep, one seed). More names a flip where a lag or
+"""Mean square of what the flip leaves, in `_GENEROUS`, up to which it explains the motion: .02 to .1 where the rest of
+the calibration is right, .6 where it is off by 20° (one second of a sweep, one seed). More names a flip where a lag or
 another convention is near it, less asks for a calibration that is right but for the flip."""
 
 

@@ -185,7 +185,7 @@ class Evidence:
         self._choice.note(unnamed, now_ns)
 
     def glance(self) -> None:
-        """Look at the first motion for a flip that needs no solution: at every picture, as long as the polarity is open."""
+        """Look for a flip that needs no solution: at every picture of the first motion, while the polarity is open."""
         if self._polarity_known or not 0 < self.window.span_ns < _GLANCED_NS:
             return
         try:

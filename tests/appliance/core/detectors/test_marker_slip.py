@@ -247,12 +247,14 @@ def test_what_is_repeated_at_some_lag_and_what_is_not() -> None:
     random, noise = np.random.default_rng(2), np.array([0.1, 0.1])
 
     def way(t_s: Array) -> Array:
-        return np.stack([5 * np.sin(3 * t_s), 3 * np.cos(5 * t_s)], axis=-1) + noise * random.standard_normal((t_s.size, 2))
+        return np.stack([5 * np.sin(3 * t_s), 3 * np.cos(5 * t_s)], axis=-1) + noise * random.standard_normal(
+            (t_s.size, 2)
+        )
 
     past_s, later_s = np.arange(60) / 60, 1 + np.arange(7) / 60
     past = way(past_s)
     assert retraced(past_s, past, later_s, way(later_s - 0.337), noise) < 3
     assert retraced(past_s, past, later_s, way(later_s - 0.05), noise) < 3, "beyond the lag nothing is known"
-    assert retraced(past_s, past, later_s, way(later_s - 0.337) + [1.5, 0], noise) > 10
+    assert retraced(past_s, past, later_s, way(later_s - 0.337) + np.array([1.5, 0]), noise) > 10
     assert retraced(past_s, past, later_s, way(later_s - 2.0), noise) > 10
     assert retraced(past_s[:2], past[:2], later_s, way(later_s), noise) == np.inf

@@ -1,4 +1,4 @@
-"""A picture that is mirrored from the start is named by the first third of a second of lively motion; nothing else is."""
+"""A picture that is mirrored from the start is named within .3 s of lively motion, and nothing else is."""
 
 from collections.abc import Callable
 from dataclasses import replace
