@@ -8,6 +8,7 @@ the calibration was made for.
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import sqrt
 from statistics import fmean
 
 import cv2
@@ -246,7 +247,9 @@ def _likeness_in_place(a: Array32, b: Array32) -> float:
     """As `_likeness`, where the place is known."""
     rows, columns = a.shape[0] // 10, a.shape[1] // 10
     middle = np.s_[rows : a.shape[0] - rows, columns : a.shape[1] - columns]
-    return float(cv2.matchTemplate(b[middle], a[middle], cv2.TM_CCOEFF_NORMED)[0, 0])
+    own, other = (image[middle].ravel() - image[middle].mean() for image in (a, b))
+    power = float(own @ own) * float(other @ other)
+    return float(own @ other) / sqrt(power) if power > 0 else 1.0
 
 
 def _likeness(a: Array32, b: Array32) -> float:

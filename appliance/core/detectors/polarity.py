@@ -12,7 +12,6 @@ import numpy as np
 from appliance.core.path.noise import Noise
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.solver import PathFit
-from appliance.core.quality.sequential_test import NAMED_NATS
 from appliance.types import Calibration, Check, Fault, VerdictKind
 
 FINDS = (Fault.POLARITY,)
@@ -40,22 +39,23 @@ _GENEROUS = Noise(
 """Of each part, in the order of `Noise.variances`, lateral, axial and turn: 2.5 times the noise of an optical tracker,
 and quiet breaths of 4 to 6 mm. A flip that stands out of it needs no noise to be learned. More names flips later (twice
 as much: in-plane after 1 s instead of .8, median of 16), less takes lags for them (.15 mm: one of 40 of -300 ms)."""
-_SURELY_WORSE = 2 * NAMED_NATS
-"""In −2 log likelihood: as the sequential test promises."""
 _FITS = 0.5
 """Mean square of what the flip leaves, in `_GENEROUS`, up to which it explains the motion: .02 to .1 where the rest of
 the calibration is right, .6 where it is off by 20° (one second of a sweep, one seed). More names a flip where a lag or
 another convention is near it, less asks for a calibration that is right but for the flip."""
 
 
-def evident_flip(samples: PathSamples, reference: Calibration) -> Check | None:
+def evident_flip(samples: PathSamples, reference: Calibration, ahead_nats: float) -> Check | None:
     """FAULT where one flip explains the motion and nothing else does, whatever the noise; None anywhere else. It needs
     no solution, and less motion. Raises ValueError where the samples are too few.
+
+    ahead_nats: log likelihood by which it must explain the motion better than every other polarity.
     """
     fit = PathFit(samples, reference, _GENEROUS)
     costs = {p: fit.cost(flipped(reference, p)) for p in POLARITIES}
     best, second = sorted(costs, key=lambda p: costs[p])[:2]
-    if best == (1, 1) or costs[second] - costs[best] < _SURELY_WORSE or fit.surprise(flipped(reference, best)) > _FITS:
+    margin = (costs[second] - costs[best]) * fit.innovations
+    if best == (1, 1) or margin < 2 * ahead_nats or costs[best] > _FITS:
         return None
     return _check(float(best.count(-1)), VerdictKind.FAULT, samples.moved_ns)
 

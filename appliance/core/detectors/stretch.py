@@ -88,7 +88,7 @@ def _found(around: Array32, part: Array32) -> tuple[float, float] | None:
     """Column and row of the part in what is around, to a fraction of a px; None where it is not there."""
     if part.std() == 0 or around.std() == 0:
         return None
-    likeness = cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED)
+    likeness = np.asarray(cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED), np.float32)
     _, best, _, (column, row) = cv2.minMaxLoc(likeness)
     if best < _LEAST_ALIKE:
         return None
@@ -121,4 +121,4 @@ def _fitted(columns: Array, moved: Array) -> tuple[Array, NDArray[np.bool_]]:
         fit = np.linalg.lstsq(weighed.reshape(-1, 5), (moved * near[:, None]).ravel(), rcond=None)[0]
         off_px = np.linalg.norm(moved - columns @ fit, axis=1)
         near = 1 / np.sqrt(np.maximum(off_px, _NEAR_PX))
-    return fit, off_px < _ASTRAY_PX
+    return np.asarray(fit), np.asarray(off_px < _ASTRAY_PX)

@@ -172,16 +172,15 @@ class PathFit:
         return cost / int(np.count_nonzero(self._samples.kept))
 
     def cost(self, reference: Calibration) -> float:
-        """−2 log likelihood where the noise is as large as it is said to be, but for what all have in common."""
-        return sum(_huber_cost(one) for one in self._innovations(reference))
-
-    def surprise(self, reference: Calibration) -> float:
-        """Mean of `cost` over the innovations: below 1 where the noise is as it is said to be, or less."""
-        return self.cost(reference) / max(sum(one.size for one in self._innovations(reference)), 1)
-
-    def _innovations(self, reference: Calibration) -> list[Array]:
+        """Mean h of (21) over the innovations, by the noise as it is said to be: 1 where it is so, less below it."""
         path = self._residual(reference).linear(np.zeros(9))[:, VALUE]
-        return [row.white(one) for row, one in zip(self._noise.rows, path, strict=True)]
+        rows = zip(self._noise.rows, path, strict=True)
+        return sum(_huber_cost(row.white(one)) for row, one in rows) / path.size
+
+    @property
+    def innovations(self) -> int:
+        """Number of them, under any polarity."""
+        return 3 * len(self._samples.blocks)
 
     def agreement(self, reference: Calibration) -> float:
         """As `Solution.correlation`, under the reference itself; by shorter steps where the motion is too short."""

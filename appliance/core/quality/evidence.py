@@ -10,7 +10,7 @@ from appliance.core.path.explanation import Explanation
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, examine, examine_nothing, latency_of, without
 from appliance.core.quality.examiner import BREATHED, Examiner
-from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
+from appliance.core.quality.sequential_test import NAMED_NATS, WINDOW_NS, Accusation, accuse
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
 from appliance.limits import Limits
@@ -189,7 +189,7 @@ class Evidence:
         if self._polarity_known or not 0 < self.window.span_ns < _GLANCED_NS:
             return
         try:
-            check = evident_flip(self.window.samples(0.0), self._reference)
+            check = evident_flip(self.window.samples(0.0), self._reference, NAMED_NATS)
         except ValueError:
             return
         if check is not None:
