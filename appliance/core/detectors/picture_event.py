@@ -214,10 +214,8 @@ def _stretch(expected: Array32, now: Array32, aspect: float) -> PictureChange | 
     best, change = max(plain + _STRETCH_BETTER_BY, _LEAST_LIKENESS), None
     for start in _STARTS:
         found = stretch_between(expected, now, aspect, start)
-        if found is None:
+        if found is None or np.all(np.abs(found.magnification - 1) < _LEAST_STRETCH):
             continue
-        if np.all(np.abs(found.magnification - 1) < _LEAST_STRETCH):
-            return change
         likeness = _likeness(warped(expected, found.warp), now)
         if likeness > best:
             best, change = likeness, PictureChange(zoom=(float(found.magnification[0]), float(found.magnification[1])))
