@@ -191,6 +191,7 @@ class Line:
                 self._lose_sight(t_ns)
         self._note_sight(item)
         self._solve(t_ns, self._paired_every_ns if isinstance(item, StampedPair) else _SOLVE_UNPAIRED_NS)
+        self._evidence.glance()
         return self._judged(t_ns, self._checks())
 
     def _note_gap(self, t_ns: int) -> None:
@@ -236,6 +237,7 @@ class Line:
         seen = self._observed(item, tracked)
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None
         if self._seen(seen):
+            self._tracker.renew_keyframe()
             self._evidence.restart()
         elif motion is not None and motion.usable and self._tracker.settled:
             self._evidence.window.add(motion)

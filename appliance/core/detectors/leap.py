@@ -16,16 +16,20 @@ a hand for a leap, a higher one the leap for a turn; a third of a second of a ge
 _CLEAN = 0.25
 """Of a leap. An outlier of two of the readings after it leaves .3 and more; the noise of a leap of 8 sigmas .3 at
 most, and .15 usually."""
+_LEAST_BESIDE, _OF_BOTH = 2, 1.5
+"""Readings that must lie beside the past, and variance of the difference of two, in that of one, where the past is
+interpolated between two of them: 1.5 half-way, 2 at a reading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leap:
     """size, sigma: of each row, in its unit; sigma from what the fit left of its kind (moves, turns). left: the most
-    that it left of a row of one reading."""
+    that it left of a row of one reading. noise: standard deviation of a reading, by the same."""
 
     size: Array
     sigma: Array
     left: Array
+    noise: Array
 
     @property
     def certain(self) -> float:
@@ -56,5 +60,29 @@ def fit_leap(t_s: Array, path: Array, after: int, floor: Array) -> Leap | None:
     found = inverse @ path
     left = np.abs(path - basis @ found)
     kinds = np.repeat(np.square(left).sum(axis=0).reshape(-1, 3).mean(axis=1) / spare, 3)
-    sigma = np.sqrt(np.maximum(kinds, floor**2) * np.square(inverse[0]).sum())
-    return Leap(found[0], sigma, left.max(axis=0))
+    noise = np.sqrt(np.maximum(kinds, floor**2))
+    return Leap(found[0], noise * float(np.linalg.norm(inverse[0])), left.max(axis=0), noise)
+
+
+def retraced(past_s: Array, past: Array, t_s: Array, path: Array, noise: Array) -> float:
+    """How nearly a path repeats what went before: mean square of the difference, in that of the noise of both, at the
+    lag at which it is least; infinite where no lag puts two readings beside the past.
+
+    past_s: (m,) ascending, past: (m, rows). t_s: (n,) later, path: (n, rows). noise: (rows,) standard deviation of a
+    reading.
+    """
+    period_s = float(np.median(np.diff(past_s)))
+    lags_s = np.arange(t_s[0] - past_s[-1], t_s[0] - past_s[0], period_s)
+    asked_s = t_s - lags_s[:, None]
+    known = (asked_s <= past_s[-1]) & (asked_s >= past_s[0])
+    then = np.stack([np.interp(asked_s, past_s, row) for row in past.T], axis=-1)
+    apart = (path - then) * known[..., None] / (noise * np.sqrt(_OF_BOTH))
+    # Between two lags the difference changes evenly.
+    first, change = apart[:-1], np.diff(apart, axis=0)
+    both = np.logical_and(known[:-1], known[1:])
+    first, change = first * both[..., None], change * both[..., None]
+    power = np.square(change).sum(axis=(1, 2))
+    share = np.clip(-(first * change).sum(axis=(1, 2)) / np.maximum(power, 1e-12), 0.0, 1.0)
+    counted = np.count_nonzero(both, axis=1)
+    squares = np.square(first + share[:, None, None] * change).mean(axis=2).sum(axis=1) / np.maximum(counted, 1)
+    return float(np.min(squares[counted >= _LEAST_BESIDE], initial=np.inf))

@@ -3,11 +3,12 @@
 A probe in a hand cannot leap. Where the tracker does, between two readings, and the picture, which that leap ought to
 have moved or changed through X, shows none of it, it was the marker body that moved: bent (it turned) or slid (it only
 shifted). Leaps add up, so one that is undone is forgiven; an outlier, which leaps out and back, is none. A leap that no
-picture witnesses names nothing, but what was shown before it counts no more.
+picture witnesses names nothing, but what was shown before it counts no more; nor does one to a place of before from
+which the path goes on as it went then: poses that suddenly come late do that, and a body that slips does not.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import hypot, log, sqrt
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from appliance.core.acquisition.pairing import MOST_APART_NS
 from appliance.core.detectors.detector import Detector, Observation
-from appliance.core.detectors.leap import Leap, fit_leap
+from appliance.core.detectors.leap import Leap, fit_leap, retraced
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array, angle_from_rotation, inverse, rigid, rotation_from_vector, vector_from_rotation
@@ -55,6 +56,12 @@ Not measured on tissue."""
 _ALIKE = 0.3
 """Likeness to its keyframe from which a picture that was followed is a witness. In the liveliest gesture it goes down
 to .38 (`probewatch study`, seed 1); a leap of 2 mm out of the plane leaves less than .2, and is not followed."""
+_PAST_NS = 1_200_000_000
+"""Path that a leap may repeat: lags of 1 s are named (`appliance.core.path.explanation`), a leap takes .1 s more."""
+_RETRACED = 4.0
+"""Mean square of what a path differs from an earlier part of itself, in that of noise, up to which it repeats it. Of
+poses that fell back by .1 to .8 s it was .1 to 1.1, of slips by 5 mm or 3.5° 90 and more (60 each, in-plane and gesture
+of the study, seed 1). Less names late poses as slips, more doubts slips without naming them."""
 _MOST_WAITING = 2_000
 """Poses that wait for a picture to testify, 5 s of the fastest tracker; later they are forgotten."""
 
@@ -88,6 +95,7 @@ class MarkerSlip(Detector):
         self._reach_mm = reference.scale_mm_per_px * reference.image_size_px / np.sqrt(12)
         self._waiting: deque[tuple[int, Matrix4]] = deque(maxlen=_MOST_WAITING)
         self._track: deque[tuple[int, Matrix4]] = deque()
+        self._past: deque[tuple[int, Matrix4]] = deque()
         self._pictures: deque[_Seen] = deque()
         self._slip = np.eye(4)
         self._usual = np.zeros(2)
@@ -99,7 +107,7 @@ class MarkerSlip(Detector):
         self._waiting.append((pose.stamp.t_ns, pose.matrix))
 
     def see(self, seen: Observation) -> bool:
-        """See Detector; True also for a leap that no picture witnessed."""
+        """See Detector; True also for a leap that no picture witnessed, and for poses that fell back."""
         if seen.repeated:
             return False
         witness = seen.moved is not None and seen.likeness >= _ALIKE
@@ -150,6 +158,7 @@ class MarkerSlip(Detector):
 
     def _restart(self) -> None:
         self._track.clear()
+        self._past.clear()
         self._leapt_ns = None
 
     def _weigh(self, t_ns: int, matrix: Matrix4) -> bool:
@@ -157,6 +166,9 @@ class MarkerSlip(Detector):
             self._restart()
         odd = self._is_odd(t_ns, matrix)
         self._track.append((t_ns, matrix))
+        self._past.append((t_ns, matrix))
+        while self._past[0][0] < t_ns - _PAST_NS:
+            self._past.popleft()
         if odd and self._leapt_ns is None:
             self._leapt_ns = t_ns
         since_ns = (self._leapt_ns or t_ns) - _HISTORY_NS
@@ -192,7 +204,7 @@ class MarkerSlip(Detector):
         t_ns = np.array([t for t, _ in self._track])
         after = int(np.searchsorted(t_ns, leapt_ns))
         base = self._track[after - 1][1]
-        path = self._path(base)
+        path = self._path(base, self._track)
         found = self._surest(t_ns, path, after)
         if found is None:
             return False
@@ -202,18 +214,26 @@ class MarkerSlip(Detector):
             return True
         if not self._too_far(unseen, 0):
             return False
-        self._slip = self._slip @ self._of_body(unseen)
+        if not self._falls_back(base, t_ns, path, after, found):
+            self._slip = self._slip @ self._of_body(unseen)
         self._leave(after)
         return True
+
+    def _falls_back(self, base: Matrix4, t_ns: Array, path: Array, after: int, found: Leap) -> bool:
+        """Whether the readings from the leap on repeat those of before it."""
+        past = [reading for reading in self._past if reading[0] < t_ns[after]]
+        past_s = np.array([t for t, _ in past]) / 1e9
+        later_s, later = t_ns[after:] / 1e9, path[after:]
+        return retraced(past_s, self._path(base, past), later_s, later, found.noise) <= _RETRACED
 
     def _leave(self, after: int) -> None:
         """What came before the leap says nothing of what the hand does after it."""
         for _ in range(after):
             self._track.popleft()
 
-    def _path(self, base: Matrix4) -> Array:
+    def _path(self, base: Matrix4, readings: Iterable[tuple[int, Matrix4]]) -> Array:
         """(n, 6) of the picture plane against where it was at base, in its axes: mm and rad, as X and the poses say."""
-        motion = self._X @ inverse(base) @ np.array([matrix for _, matrix in self._track]) @ self._back
+        motion = self._X @ inverse(base) @ np.array([matrix for _, matrix in readings]) @ self._back
         turns = np.array([vector_from_rotation(one[:3, :3]) for one in motion])
         return np.column_stack([motion[:, :3, 3], turns])
 

@@ -7,6 +7,8 @@ that leaves the rotation nearest its reference (docs/method.md, equation 7).
 from dataclasses import replace
 from math import nan
 
+import numpy as np
+
 from appliance.core.path.noise import Noise
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.solver import PathFit
@@ -27,6 +29,35 @@ _LEAST_RESEMBLANCE = 0.7
 """Correlation of picture and tracker under the reference itself, with its best polarity. Lower than what is asked of a
 solution, as a reference whose rotation is off by 45° still has this; less decides where the two have nothing in common.
 """
+
+_GENEROUS = Noise(
+    np.stack(
+        [np.square([0.25, 0.3, 0.3, 0.1, breathing_mm, 0.3]) for breathing_mm in (0.7, 2.0)]
+        + [np.square(np.deg2rad([0.1, 0.3, 0.3, 0.3, 0.1, 0.1]))]
+    )
+)
+"""Of each part, in the order of `Noise.variances`, lateral, axial and turn: 2.5 times the noise of an optical tracker,
+and quiet breaths of 4 to 6 mm. A flip that stands out of it needs no noise to be learned. More names flips later (twice
+as much: in-plane after 1 s instead of .8, median of 16), less takes lags for them (.15 mm: one of 40 of -300 ms)."""
+_FITS = 0.5
+"""Mean square of what the flip leaves, in `_GENEROUS`, up to which it explains the motion: .02 to .1 where the rest of
+the calibration is right, .6 where it is off by 20° (one second of a sweep, one seed). More names a flip where a lag or
+another convention is near it, less asks for a calibration that is right but for the flip."""
+
+
+def evident_flip(samples: PathSamples, reference: Calibration, ahead_nats: float) -> Check | None:
+    """FAULT where one flip explains the motion and nothing else does, whatever the noise; None anywhere else. It needs
+    no solution, and less motion. Raises ValueError where the samples are too few.
+
+    ahead_nats: log likelihood by which it must explain the motion better than every other polarity.
+    """
+    fit = PathFit(samples, reference, _GENEROUS)
+    costs = {p: fit.cost(flipped(reference, p)) for p in POLARITIES}
+    best, second = sorted(costs, key=lambda p: costs[p])[:2]
+    margin = (costs[second] - costs[best]) * fit.innovations
+    if best == (1, 1) or margin < 2 * ahead_nats or costs[best] > _FITS:
+        return None
+    return _check(float(best.count(-1)), VerdictKind.FAULT, samples.moved_ns)
 
 
 def weigh_polarity(samples: PathSamples, reference: Calibration, noise: Noise) -> tuple[tuple[int, int], Check]:

@@ -171,6 +171,17 @@ class PathFit:
             cost += len(one) * np.log(_huber_cost(row.white(one)) / len(one)) + row.log_volume
         return cost / int(np.count_nonzero(self._samples.kept))
 
+    def cost(self, reference: Calibration) -> float:
+        """Mean h of (21) over the innovations, by the noise as it is said to be: 1 where it is so, less below it."""
+        path = self._residual(reference).linear(np.zeros(9))[:, VALUE]
+        rows = zip(self._noise.rows, path, strict=True)
+        return sum(_huber_cost(row.white(one)) for row, one in rows) / path.size
+
+    @property
+    def innovations(self) -> int:
+        """Number of them, under any polarity."""
+        return 3 * len(self._samples.blocks)
+
     def agreement(self, reference: Calibration) -> float:
         """As `Solution.correlation`, under the reference itself; by shorter steps where the motion is too short."""
         residual, nothing = self._residual(reference), (np.zeros(9), np.zeros(1))

@@ -4,12 +4,13 @@ from dataclasses import replace
 from math import isnan
 
 from appliance.core.detectors.calibration_change import latency_check
+from appliance.core.detectors.polarity import evident_flip
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.explanation import Explanation
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, examine, examine_nothing, latency_of, without
 from appliance.core.quality.examiner import BREATHED, Examiner
-from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
+from appliance.core.quality.sequential_test import NAMED_NATS, WINDOW_NS, Accusation, accuse
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
 from appliance.limits import Limits
@@ -31,6 +32,8 @@ short one. Where anything speaks against its last solution it is solved each tim
 _AS_IT_WAS = 0.5
 """Share of its limit by which what is wrong may move and is no other change: two to three sigmas of a short window in
 the study's gesture. Less begins anew for noise, more takes one that grows still for one that stands."""
+_GLANCED_NS = 2_000_000_000
+"""Length of the window up to which each picture is looked at for an evident flip, 1 ms: a solution tells it by then."""
 _REQUIRED_FOR = {
     Fault.POLARITY: ("polarity",),
     Fault.SCALE: ("scale-lateral", "scale-axial"),
@@ -180,6 +183,25 @@ class Evidence:
         excused = frozenset[str]() if self._examiner.noises.breathing_known else BREATHED
         unnamed = None if accusation is None or self._latest.failed else undecided(accusation, excused)
         self._choice.note(unnamed, now_ns)
+
+    def glance(self) -> None:
+        """Look for a flip that needs no solution: at every picture of the first motion, while the polarity is open."""
+        if self._polarity_known or not 0 < self.window.span_ns < _GLANCED_NS:
+            return
+        try:
+            check = evident_flip(self.window.samples(0.0), self._reference, NAMED_NATS)
+        except ValueError:
+            return
+        if check is not None:
+            self._verification.contradict((check,), frozenset({check.name}), self.window.now_ns)
+            self._suspects |= {check.name}
+            checks = (check if one.name == check.name else one for one in self._latest.checks)
+            self._latest = Finding(tuple(checks), self._latest.solution)
+
+    @property
+    def _polarity_known(self) -> bool:
+        own = next(check for check in self._latest.checks if check.fault is Fault.POLARITY)
+        return own.verdict is not VerdictKind.NOT_VERIFIED
 
     def _accused(self, finding: Finding, now_ns: int) -> Accusation | None:
         """What the sequential test says; each sign withdraws the OK, and what was before the change is dropped.

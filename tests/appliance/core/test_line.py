@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -118,6 +119,60 @@ def test_a_sudden_fault_is_named_at_once(fault: str, within_s: float) -> None:
     assert found is not None
     assert found[1] == FAULT_CLASS[fault]
     assert 3.0 <= found[0] <= 3.0 + within_s
+
+
+@pytest.mark.parametrize(
+    ("factors", "until_s"),
+    [
+        ((0.9, 1.0), 4.0),
+        *(pytest.param(one, 6.5, marks=THOROUGH) for one in ((0.9, 1.0), (1.1, 1.0), (1.0, 1.1), (1.0, 0.9))),
+    ],
+)
+def test_a_picture_that_is_stretched_along_one_axis_is_named_scale_at_once_and_nothing_else(factors, until_s) -> None:
+    """Though the registration follows some of them against a keyframe from before."""
+    world, named, at_ns = kept(3, settings=SMALL), list[tuple[float, str]](), ORIGIN_NS + round(3e9)
+    line = Line(truth(world), SWEPT)
+    middle = (np.array([SMALL.width_px, SMALL.height_px]) - 1) / 2
+    warp = np.column_stack([np.diag(factors), middle * (1 - np.array(factors))])
+
+    def shown(sample: Frame | Pose) -> Frame | Pose:
+        if isinstance(sample, Pose) or sample.stamp.t_ns < at_ns:
+            return sample
+        image = cv2.warpAffine(sample.image, warp, sample.image.shape[::-1])
+        return replace(sample, image=image.astype(np.uint8))
+
+    for sample in session(world, until_s):
+        for verdict in line.step(shown(sample)):
+            named += [
+                ((verdict.t_ns - ORIGIN_NS) / 1e9, check.fault)
+                for check in verdict.checks
+                if check.verdict is VerdictKind.FAULT
+            ]
+    assert named
+    assert 3.0 <= named[0][0] <= 3.1
+    assert {fault for _, fault in named} == {Fault.SCALE}
+
+
+@THOROUGH
+@pytest.mark.parametrize("late_s", [0.1, 0.45])
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_tracker_that_begins_to_lag_is_named_latency_and_nothing_before_it(seed: int, late_s: float) -> None:
+    world, since_s = kept(seed, "gestured", settings=SMALL), 7.0
+    line, named = Line(truth(world), SWEPT), list[tuple[float, str]]()
+
+    def told(sample: Frame | Pose) -> Frame | Pose:
+        t_s = (sample.stamp.t_ns - ORIGIN_NS) / 1e9
+        if isinstance(sample, Frame) or t_s < since_s:
+            return sample
+        return replace(sample, matrix=world.measured_pose(t_s - late_s, sample.sequence))
+
+    for sample in session(world, 10.0):
+        for verdict in line.step(told(sample)):
+            t_s = (verdict.t_ns - ORIGIN_NS) / 1e9
+            assert verdict.kind is not VerdictKind.OK or t_s < since_s + 0.4
+            named += [(t_s, check.fault) for check in verdict.checks if check.verdict is VerdictKind.FAULT]
+    assert {fault for _, fault in named} == {Fault.LATENCY}
+    assert since_s < named[0][0] <= since_s + 2.8, "the gesture is over by then, and a sweep shows less"
 
 
 @THOROUGH

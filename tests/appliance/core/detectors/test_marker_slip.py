@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from appliance.core.detectors.detector import Observation
-from appliance.core.detectors.leap import fit_leap
+from appliance.core.detectors.leap import fit_leap, retraced
 from appliance.core.detectors.marker_slip import MarkerSlip
 from appliance.core.motion import plane_step, predicted_motion
 from appliance.limits import Limits
@@ -58,6 +58,11 @@ class Cart:
     def plane(self, t_s: float) -> Array:
         row = self._hand(t_s)
         return rigid(rotation_from_vector(row[3:]), row[:3])
+
+    def late(self, late_s: float) -> "Cart":
+        """The poses to come are of so long before."""
+        self._late_s = late_s
+        return self
 
     def go(self, until_s: float, body: Array = REST, likeness: float = 0.9, sees: bool = True) -> "Cart":
         """Go on until then with the marker sitting so."""
@@ -128,6 +133,34 @@ def test_a_tracker_that_is_late_within_its_limit_changes_nothing(late_s) -> None
     cart = Cart(gesture, late_s=late_s).go(4.0)
     assert (cart.faults, cart.doubts) == ([], [])
     assert cart.go(4.4, SLID).first == "offset"
+
+
+def trembling(t_s: float) -> Array:
+    """A straight sweep, along which a slide would pass for a lag but for the tremor of the hand."""
+    hz = np.array([1.3, 2.1, 3.4, 1.1, 2.7, 4.2])
+    return np.r_[0, 0, 15 * t_s, 0, 0, 0] + np.r_[np.full(3, 0.4), np.full(3, 0.004)] * np.sin(2 * np.pi * hz * t_s)
+
+
+@pytest.mark.parametrize("hand", [gesture, trembling])
+@pytest.mark.parametrize(("hz", "noise_mm"), [(60.0, 0.1), (60.0, 0.25), (20.0, 0.1), (120.0, 0.05)])
+@pytest.mark.parametrize("late_s", [0.1, 0.25, 0.45, 0.95])
+def test_poses_that_fall_back_are_doubted_and_no_slip(hand, hz, noise_mm, late_s) -> None:
+    """They repeat what went before; motion tells the lag."""
+    cart = Cart(hand, hz, noise_mm).go(1.5).late(late_s).go(2.5)
+    assert cart.faults == []
+    assert len(cart.doubts) <= 1
+    if hand is gesture and hz > 20.0:
+        assert [1.5 < t_s < 1.7 for t_s in cart.doubts] == [True]
+
+
+@pytest.mark.parametrize("mm", [-5.0, 5.0])
+def test_a_slide_along_the_way_of_the_hand_is_named(mm) -> None:
+    """Back by a third of a second of its way, or on by as much."""
+    assert Cart(trembling).go(1.5).go(2.0, slid(2, mm)).first == "offset"
+
+
+def test_after_poses_have_fallen_back_a_slip_is_named_still() -> None:
+    assert Cart(gesture).go(1.5).late(0.1).go(2.0).go(2.5, SLID).first == "offset"
 
 
 @pytest.mark.parametrize("hand", [sweep, gesture])
@@ -227,3 +260,20 @@ def test_a_fit_of_too_few_readings_is_none_and_an_outlier_makes_none_certain() -
     found = fit_leap(t_s, path, 12, floor)
     assert found is not None
     assert found.size == pytest.approx([5.0, 5.0, 5.0])
+
+
+def test_what_is_repeated_at_some_lag_and_what_is_not() -> None:
+    random, noise = np.random.default_rng(2), np.array([0.1, 0.1])
+
+    def way(t_s: Array) -> Array:
+        return np.stack([5 * np.sin(3 * t_s), 3 * np.cos(5 * t_s)], axis=-1) + noise * random.standard_normal(
+            (t_s.size, 2)
+        )
+
+    past_s, later_s = np.arange(60) / 60, 1 + np.arange(7) / 60
+    past = way(past_s)
+    assert retraced(past_s, past, later_s, way(later_s - 0.337), noise) < 3
+    assert retraced(past_s, past, later_s, way(later_s - 0.05), noise) < 3, "beyond the lag nothing is known"
+    assert retraced(past_s, past, later_s, way(later_s - 0.337) + np.array([1.5, 0]), noise) > 10
+    assert retraced(past_s, past, later_s, way(later_s - 2.0), noise) > 10
+    assert retraced(past_s[:2], past[:2], later_s, way(later_s), noise) == np.inf

@@ -38,6 +38,13 @@ def zoomed(image: GreyImage) -> GreyImage:
     return cv2.warpAffine(image, M, image.shape[::-1]).astype(np.uint8)
 
 
+def stretched(image: GreyImage, across: float, down: float, about: tuple[float, float] = (0.5, 0.5)) -> GreyImage:
+    """As a grabber shows it that scales the two axes differently. about: share of width and height that stays."""
+    factors, place = np.array([across, down]), np.array(about) * np.array(image.shape[::-1])
+    M = np.column_stack([np.diag(factors), place * (1 - factors)])
+    return cv2.warpAffine(image, M, image.shape[::-1]).astype(np.uint8)
+
+
 SPOILT: dict[str, Callable[[GreyImage], GreyImage]] = {
     "mirrored": lambda image: image[:, ::-1].copy(),
     "upside down": lambda image: image[::-1].copy(),
@@ -50,6 +57,67 @@ def followed_quickly(pictures: list[GreyImage]) -> PictureEvent:
     for k, image in enumerate(pictures):
         detector.step(k * FRAME_NS, image, k > 0, (QUICK_PX, 0.0) if k else None)
     return detector
+
+
+STRETCHES = [(1.1, 1.0), (0.9, 1.0), (1.0, 1.1), (1.0, 0.9), (1.06, 1.0), (1.0, 0.94), (1.15, 1.0), (0.93, 0.93)]
+WORSE = {0.93: -7.0, 0.94: -6.0, 1.15: 15.0, 1.06: 6.0, 1.1: 10.0, 0.9: -10.0}
+STILL = (np.zeros(2), 0.0)
+
+
+def watching(pictures: list[GreyImage], course: tuple[np.ndarray, float]) -> PictureEvent:
+    """All of them followed, each with its way since the one before."""
+    detector = PictureEvent(5.0, 1.0)
+    for k, image in enumerate(pictures):
+        detector.step(k * FRAME_NS, image, k > 0, course if k else None)
+    assert told(detector) == {VerdictKind.OK}
+    return detector
+
+
+def zoom_of(detector: PictureEvent) -> tuple[VerdictKind, float]:
+    return next((check.verdict, check.value) for check in detector.checks() if check.name == "picture-zoom")
+
+
+@pytest.mark.parametrize("followed", [True, False])
+@pytest.mark.parametrize("about", [(0.5, 0.5), (0.5, 0.0), (0.0, 0.0)])
+@pytest.mark.parametrize(("across", "down"), STRETCHES)
+def test_a_stretch_is_seen_at_once_whether_or_not_the_picture_was_followed(across, down, about, followed) -> None:
+    """Also where the registration took it for another place, as it does with small ones."""
+    calm, changed = watching([speckle()] * CALM, STILL), stretched(speckle(), across, down, about)
+    warp = (np.array([1.5, -2.0]), 0.01) if followed else None
+    change = calm.step(CALM * FRAME_NS, changed, followed, warp)
+    assert change is not None
+    assert change.zoom == pytest.approx((across, down), abs=0.015)
+    assert zoom_of(calm)[0] is VerdictKind.NOT_VERIFIED
+    calm.step((CALM + 1) * FRAME_NS, changed, True, STILL)
+    worse = WORSE[across if across != 1 else down]
+    assert zoom_of(calm) == (VerdictKind.FAULT, pytest.approx(worse, abs=1.5))
+
+
+@pytest.mark.parametrize(("across", "down"), STRETCHES[:4])
+def test_one_stretched_picture_is_never_a_fault(across, down) -> None:
+    calm = watching([speckle()] * CALM, STILL)
+    calm.step(CALM * FRAME_NS, stretched(speckle(), across, down), True, STILL)
+    for k in range(1, 4):
+        calm.step((CALM + k) * FRAME_NS, speckle(), True, STILL)
+        assert told(calm) == {VerdictKind.OK}
+
+
+@pytest.mark.parametrize(("across", "down"), STRETCHES[:4])
+def test_a_stretch_during_quick_motion_is_seen(across, down) -> None:
+    pictures = sweep(CALM + 2)
+    detector = watching(pictures[:CALM], (QUICK_PX, 0.0))
+    detector.step(CALM * FRAME_NS, stretched(pictures[CALM], across, down), True, (0.7 * QUICK_PX, 0.02))
+    detector.step((CALM + 1) * FRAME_NS, stretched(pictures[CALM + 1], across, down), True, (QUICK_PX, 0.0))
+    assert zoom_of(detector)[0] is VerdictKind.FAULT
+
+
+def test_a_picture_that_was_followed_badly_but_is_not_stretched_is_no_change() -> None:
+    """The hand turned, or the registration went astray: parts of the picture have not moved apart."""
+    calm = watching([speckle()] * CALM, STILL)
+    assert calm.step(CALM * FRAME_NS, speckle(), True, (np.array([9.0, 5.0]), 0.0)) is None
+    grainy = speckle().astype(np.float32) + np.random.default_rng(5).normal(0, 60, (240, 320))
+    assert calm.step((CALM + 1) * FRAME_NS, np.clip(grainy, 0, 255).astype(np.uint8), True, STILL) is None
+    assert told(calm) == {VerdictKind.OK}
 
 
 def told(detector: PictureEvent) -> set[VerdictKind]:

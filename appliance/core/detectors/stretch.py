@@ -1,0 +1,124 @@
+"""How much one picture is stretched against another, along each axis, from how far its parts have moved.
+
+A shift moves all parts alike, a turn moves them across, a stretch moves them apart, whatever it is about.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from appliance.core.registration.pyramid import Array32
+from drivers.rigid import Array
+
+_SIDE_PX, _REACH_PX = 32, 10
+"""px of a picture of 160 columns: side of a part, and how far it is looked for. A larger part is itself torn by a
+stretch, a smaller one is alike elsewhere; at the edge a stretch by 12 % moves it by 8 px, and the hand by some more."""
+_GRID = (5, 4)
+"""Parts across and down: four and more in each direction, so that some behind text or shadow leave enough."""
+_LEAST_ALIKE = 0.4
+"""Correlation of a part with where it is found: less takes another place for it, more loses parts of quick motion."""
+_ASTRAY_PX, _LEAST_PARTS = 1.5, 9
+"""How far beside the fit a part has been taken for another, and the fewest that tell: less than half of the grid is one
+corner of the picture."""
+_TURNS, _NEAR_PX = 8, 0.3
+"""Of reweighting, and distance from the fit within which a part counts fully: what the vertex of a peak is right to."""
+_LOOKS = 2
+"""At a picture that is stretched as found by then: the second finds parts that the first did not, and to .2 %."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """magnification: (2,) across and down. warp: (2, 3) from a place in the picture before to its place in this one."""
+
+    magnification: Array
+    warp: Array
+
+
+def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[float, float]) -> Stretch | None:
+    """Of two pictures (h, w) of the same size; None where too few parts are found again.
+
+    start: magnification about which it is looked for, as far as 8 % beside. aspect: λ_axial ÷ λ_lateral.
+    """
+    middle = (np.array(before.shape[::-1]) - 1) / 2
+    M = np.diag(start)
+    warp = np.column_stack([M, middle - M @ middle])
+    for _ in range(_LOOKS):
+        fit = _apart(warped(before, warp), now, aspect)
+        if fit is None:
+            return None
+        M = np.array([[1 + fit[3], -aspect * fit[2]], [fit[2] / aspect, 1 + fit[4]]])
+        warp = M @ warp + np.column_stack([np.zeros((2, 2)), middle + fit[:2] - M @ middle])
+    return Stretch(np.hypot(warp[[0, 1], [0, 1]], warp[[1, 0], [0, 1]] * [aspect, 1 / aspect]), warp)
+
+
+def warped(image: Array32, warp: Array) -> Array32:
+    """warp: (2, 3) from a place in the image to where it goes."""
+    return np.asarray(cv2.warpAffine(image, warp, (image.shape[1], image.shape[0])), dtype=np.float32)
+
+
+def _apart(before: Array32, now: Array32, aspect: float) -> Array | None:
+    """(5,) shift px, turn rad and stretch that move the parts as they have moved."""
+    places, moved = _parts(before, now)
+    if len(places) < _LEAST_PARTS:
+        return None
+    fit, near = _fitted(_columns(places, aspect), moved)
+    return fit if np.count_nonzero(near) >= _LEAST_PARTS else None
+
+
+def _parts(before: Array32, now: Array32) -> tuple[Array, Array]:
+    """(n, 2) places in the picture before, px from its middle, and (n, 2) px by which what lies there has moved."""
+    height, width = before.shape
+    places, moved = list[list[float]](), list[list[float]]()
+    for row in np.linspace(0, max(height - _SIDE_PX, 0), _GRID[1]).astype(int):
+        for column in np.linspace(0, max(width - _SIDE_PX, 0), _GRID[0]).astype(int):
+            part = before[row : row + _SIDE_PX, column : column + _SIDE_PX]
+            top, left = max(row - _REACH_PX, 0), max(column - _REACH_PX, 0)
+            around = now[top : row + _SIDE_PX + _REACH_PX, left : column + _SIDE_PX + _REACH_PX]
+            found = _found(around, part)
+            if found is not None:
+                middle = (np.array(part.shape[::-1]) - 1) / 2 - [(width - 1) / 2, (height - 1) / 2]
+                places.append([column + middle[0], row + middle[1]])
+                moved.append([left + found[0] - column, top + found[1] - row])
+    return np.array(places).reshape(-1, 2), np.array(moved).reshape(-1, 2)
+
+
+def _found(around: Array32, part: Array32) -> tuple[float, float] | None:
+    """Column and row of the part in what is around, to a fraction of a px; None where it is not there."""
+    if part.std() == 0 or around.std() == 0:
+        return None
+    likeness = np.asarray(cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED), np.float32)
+    _, best, _, (column, row) = cv2.minMaxLoc(likeness)
+    if best < _LEAST_ALIKE:
+        return None
+    return column + _vertex(likeness[row], column), row + _vertex(likeness[:, column], row)
+
+
+def _vertex(values: Array32, peak: int) -> float:
+    """Where a parabola through the peak and its neighbours is highest, −½ … ½; 0 at either end."""
+    if not 0 < peak < len(values) - 1:
+        return 0.0
+    below, at, above = (float(value) for value in values[peak - 1 : peak + 2])
+    bend = 2 * at - below - above
+    return 0.5 * (above - below) / bend if bend > 0 else 0.0
+
+
+def _columns(places: Array, aspect: float) -> Array:
+    """(n, 2, 5): px by which each part moves by a shift (2), a turn and a stretch (2) of 1."""
+    x, y = places.T
+    one, none = np.ones_like(x), np.zeros_like(x)
+    across = np.stack([one, none, -aspect * y, x, none], axis=1)
+    down = np.stack([none, one, x / aspect, none, y], axis=1)
+    return np.stack([across, down], axis=1)
+
+
+def _fitted(columns: Array, moved: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """(5,) by least distances, so that parts gone astray do not draw it; (n,) whether each part lies near the fit."""
+    near = np.ones(len(moved))
+    for _ in range(_TURNS):
+        weighed = columns * near[:, None, None]
+        fit = np.linalg.lstsq(weighed.reshape(-1, 5), (moved * near[:, None]).ravel(), rcond=None)[0]
+        off_px = np.linalg.norm(moved - columns @ fit, axis=1)
+        near = 1 / np.sqrt(np.maximum(off_px, _NEAR_PX))
+    return np.asarray(fit), np.asarray(off_px < _ASTRAY_PX)
