@@ -64,6 +64,7 @@ class Evidence:
         self._valid_ns = self._settled_ns = self._lagged_ns = 0
         self._failing_ns: int | None = None
         self._long_ns = 0
+        self.nats: float | None = None
         self._examiner = Examiner(reference, limits, window)
 
     @property
@@ -188,13 +189,15 @@ class Evidence:
         """
         learned = self._examiner.noises.until(now_ns - WINDOW_NS) or self._examiner.noises.first
         if finding.solution is None:
+            self.nats = None
             return None
         window = self.window.since(max(self._valid_ns, now_ns - WINDOW_NS))
         noise = finding.solution.noise if learned is None else learned
         lateness = latency_of(finding)
         lag_s = lateness.value / 1e3 if lateness.verdict is VerdictKind.OK else 0.0
         found = accuse(window, self._reference, self._limits, noise, lag_s, learned is not None)
-        if found is None:
+        self.nats = found.nats
+        if not found.checks:
             return None
         # A mirrored picture looks like many things, and is named elsewhere.
         if not finding.shows(("polarity",)):

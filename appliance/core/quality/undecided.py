@@ -2,7 +2,8 @@
 
 from collections.abc import Set as AbstractSet
 
-from appliance.core.quality.sequential_test import NAMED_NATS, Accusation
+from appliance.core.quality.sequential_test import Accusation
+from appliance.limits import NAMED_NATS
 from appliance.types import Check, Fault, VerdictKind
 
 FINDS = (Fault.UNDECIDED,)
