@@ -58,7 +58,8 @@ class Outcome:
     hazard, or from the start, until the first FAULT, and until the contact was open for good. warnings, halts: how
     often these states began. ok_beyond_s, ok_gross_s: for how long it said OK with a parameter 1.3 and 2 times its
     limit away; closed_gross_s: for how long the contact was closed so. nats: largest log likelihood ratio of the
-    sequential test, with a hazard since its onset; NaN where it had nothing to test. cost_ms, cost_99_ms: processor time per picture.
+    sequential test, with a hazard since its onset; NaN where it had nothing to test. cost_ms, cost_99_ms: processor
+    time per picture.
     """
 
     frames: int = 0
