@@ -262,10 +262,10 @@ def _confusion(found: list[Found]) -> list[str]:
 
 
 _ROC = """Of one threshold after the other: the share of healthy runs, and of runs with a hazard of each class, in which
-the log likelihood ratio of the sequential test reached it at any time (with a hazard: after its onset). *Area*: of a run with
-the hazard and a healthy one, how often the former came higher, ties by half. It is the test's own, without what is seen
-to happen and without the second condition of a name, that one class alone explains it. Rows that were measured before
-the study kept the ratio are left out: {left} of {all} runs.
+the log likelihood ratio of the sequential test reached it at any time (with a hazard: after its onset). *Area*: of a
+run with the hazard and a healthy one, how often the former came higher, ties by half. It is the test's own, without
+what is seen to happen and without the second condition of a name, that one class alone explains it. Rows that were
+measured before the study kept the ratio are left out: {left} of {all} runs.
 """
 
 
