@@ -65,7 +65,7 @@ class Heard:
 def heard_in_sequence(
     path: Path, calibration: Path, limits: Limits, stale_ns: int, watched: Watched
 ) -> tuple[Heard, bool]:
-    """Of a sequence, and whether its calibration says that it is simulated. Raises RecordingError, ConfigurationError."""
+    """Of a sequence, and whether its calibration is simulated. Raises RecordingError, ConfigurationError."""
     recording = open_recording(path)
     nominal = read_calibration(calibration, recording.size_px)
     line, heard = _line(nominal, limits, stale_ns), Heard(path)

@@ -19,12 +19,13 @@ LEVELS_NATS = (6.0, 8.0, 10.0, 12.0, 14.0, 16.0)
 """Above which peaks are counted. Below the first the test mostly tells 0. Each of the others is heard where enough
 peaks lie above it, so that a tail that becomes flatter is not taken for the steeper one of its beginning."""
 _ENOUGH = 5
-"""Peaks above a level beyond the first, from which it is heard: fewer say more of their number than of the tail. Not
-measured."""
+"""Peaks above a level from which they bound the tail by themselves, and from which a level beyond the first is heard.
+With fewer the bound would be several times what was seen, and rests on the theory; with more it would do so for longer.
+Not measured."""
 _ASSUMED = 20
-"""Peaks of 1 nat above their level that are added to those that were seen. A likelihood ratio becomes rarer by e for
-each nat (Ville), and by more with the test's inflated variances; so few peaks cannot make the tail look endless, nor
-none make it look short. More trusts the theory for longer; less asks for more hours. Not measured."""
+"""Peaks of 1 nat above their level that are added to those that were seen: a bound that holds with none. A likelihood
+ratio becomes rarer by e for each nat (Ville), and by more with the test's inflated variances. More asks for fewer hours
+and trusts the theory for longer. Not measured."""
 _SURE = 0.95
 """Of each of the two bounds."""
 
@@ -48,7 +49,7 @@ class Tail:
 
 
 def tail_of(peaks: Sequence[float], hours: float) -> Tail:
-    """peaks: largest value of each block. hours: of all of them, above 0. The level that gives the highest threshold."""
+    """Of the level that asks for the highest threshold. peaks: largest value of each block. hours: of all, above 0."""
     tails = [_above(level, peaks, hours) for level in LEVELS_NATS]
     heard = [tail for tail in tails[1:] if tail.exceedances >= _ENOUGH]
     return max([tails[0], *heard], key=lambda tail: tail.threshold_nats)
@@ -70,8 +71,16 @@ def _above(level: float, peaks: Sequence[float], hours: float) -> Tail:
 
 
 def _tail_nats(number: int, excess: float) -> float:
-    """Upper bound of the mean excess of an exponential tail (χ² of twice as many degrees of freedom)."""
-    return 2 * (excess + _ASSUMED) / float(chi2.ppf(1 - _SURE, 2 * (number + _ASSUMED)))
+    """Upper bound of the mean excess of an exponential tail: by what was assumed, and by the peaks alone where they are
+    enough, whichever is longer.
+    """
+    assumed = _longest(number + _ASSUMED, excess + _ASSUMED)
+    return max(assumed, _longest(number, excess)) if number >= _ENOUGH else assumed
+
+
+def _longest(number: int, excess: float) -> float:
+    """χ² of twice as many degrees of freedom."""
+    return 2 * excess / float(chi2.ppf(1 - _SURE, 2 * number))
 
 
 def _most_events(number: int) -> float:
