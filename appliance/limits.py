@@ -1,5 +1,6 @@
 """The bounds of the checks. One place; the configuration file overrides them within the stated ranges."""
 
+from math import log
 from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -9,6 +10,16 @@ TRACKER_STALE_MS = 500.0
 """For which a tracker may repeat one measurement where the configuration (supervisor.tracker_stale_ms) does not say.
 More verifies against old poses for longer; less takes the pauses of a slow tracker for a standstill. Not measured.
 """
+FALSE_ALARM_H = 1000.0
+"""Mean time between two false FAULTs of the sequential test that is promised: a cart's year of scanning or so. Twice as
+much names everything .7 nats later. docs/evidence.md has the hours of healthy scanning that were run.
+"""
+NAMED_NATS = log(FALSE_ALARM_H * 3600 * 30)
+"""18.5: log likelihood ratio of a FAULT. By Ville's inequality a true likelihood ratio passes it once in so many
+pictures; the sup over sizes costs a few nats of that and a look at each tenth picture gives two back."""
+MOST_NAMED_NATS = 2 * NAMED_NATS
+"""37.0: to which healthy scanning may raise it. From there a change takes twice as long to be named, and scanning that
+comes near it is not what the model of the noise describes, so that no threshold keeps a promise."""
 
 
 def check_name(field: str) -> str:
@@ -83,3 +94,6 @@ class Limits(BaseModel):
         default=3.0, ge=1, le=6, description="standard deviations between 'seen' and 'shown'"
     )
     required_age_s: RequiredAges = RequiredAges()
+    named_nats: float = Field(
+        default=NAMED_NATS, ge=NAMED_NATS, le=MOST_NAMED_NATS, description="log likelihood ratio of a name, nats"
+    )

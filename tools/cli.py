@@ -24,6 +24,7 @@ _COMMANDS = {
     "log": "read, filter and verify the alarm log; export it as CSV",
     "metrics": "serve the status to Prometheus, over HTTP or as a file of node_exporter",
     "mqtt": "publish the state to an MQTT broker, for Home Assistant and others",
+    "noise": "learn from healthy scanning of this cart how sure a FAULT must be to be named",
     "openigtlink": "show OpenIGTLink clients, such as 3D Slicer, what the service sees",
     "page": "serve the web page of the cart: status for the room, live recalibration",
     "pause": "pause the alarm sound, switch it off with a reason, or on again",

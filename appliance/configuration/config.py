@@ -8,7 +8,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, 
 from pydantic_core import PydanticCustomError
 
 from appliance.configuration.mistakes import Mistakes
-from appliance.limits import TRACKER_STALE_MS, Limits, check_name
+from appliance.configuration.noise_file import LearnedNoise, judged_by, read_noise
+from appliance.configuration.toml_lines import key_lines, line_of
+from appliance.limits import NAMED_NATS, TRACKER_STALE_MS, Limits, check_name
 from appliance.supervision.annunciator import Role
 from appliance.supervision.policy import Durations
 from appliance.supervision.watchers.facts import Patience
@@ -108,6 +110,14 @@ class CalibrationPlace(_Section):
     probe: str = Field(default="Probe", min_length=1)
     due_days: int | None = Field(default=None, ge=1, le=3650)
     overdue: Literal["advise", "expires"] = "advise"
+
+
+class NoisePlace(_Section):
+    """What `probewatch noise` has learned from healthy scanning of this cart; a relative path counts from the folder of
+    the configuration file. file: None for the threshold that probewatch ships with.
+    """
+
+    file: _Place | None = None
 
 
 class SupervisorTimes(_Section):
@@ -217,6 +227,14 @@ def _bounded_ages(config: "Config") -> "Config":
     return config
 
 
+def _not_by_hand(config: "Config") -> "Config":
+    if "named_nats" in config.limits.model_fields_set:
+        raise _refused(
+            "[limits] named_nats is not set by hand. Learn it, probewatch noise, and name the file in [noise]"
+        )
+    return config
+
+
 class Config(_Section):
     """The whole file. configured: False until a person has adapted it. output holds one or more alarm outputs."""
 
@@ -226,6 +244,7 @@ class Config(_Section):
     output: Annotated[tuple[Output, ...], Field(min_length=1, max_length=8, strict=False), AfterValidator(_watched)]
     calibration: CalibrationPlace = CalibrationPlace()
     limits: Limits = Limits()
+    noise: NoisePlace = NoisePlace()
     supervisor: SupervisorTimes = SupervisorTimes()
     control: Control = Control()
     feed: Feed = Feed()
@@ -234,7 +253,14 @@ class Config(_Section):
     log: Log = Log()
 
     _sha256: str = PrivateAttr(default="")
+    _learned: LearnedNoise | None = PrivateAttr(default=None)
     _check_ages = model_validator(mode="after")(_bounded_ages)
+    _check_noise = model_validator(mode="after")(_not_by_hand)
+
+    @property
+    def learned_noise(self) -> LearnedNoise | None:
+        """What the limits' threshold of a name is from; None for the one that probewatch ships with."""
+        return self._learned
 
     @property
     def sha256(self) -> str:
@@ -279,6 +305,8 @@ def config_of(text: str, path: Path) -> Config:
     except ValidationError as error:
         raise Mistakes.found(error, Config, text, path, f"Mend it; {_EXAMPLE}") from None
     config._sha256 = hashlib.sha256(text.encode()).hexdigest()
+    if config.noise.file is not None:
+        config = _with_noise(config, path.parent / config.noise.file, text, path)
     file = config.calibration.file
     place = config.calibration.model_copy(update={"file": None if file is None else path.parent / file})
     if config.feed_socket == config.control.socket:
@@ -287,6 +315,30 @@ def config_of(text: str, path: Path) -> Config:
     alarm = config.alarm.model_copy(update={"folder": path.parent / config.alarm.folder})
     recorder = config.recorder.model_copy(update={"folder": path.parent / config.recorder.folder})
     return config.model_copy(update={"calibration": place, "alarm": alarm, "recorder": recorder})
+
+
+def _with_noise(config: Config, file: Path, text: str, path: Path) -> Config:
+    """The configuration with the threshold that was learned. Raises Mistakes of either file."""
+
+    def refused(what: str) -> Mistakes:
+        line = line_of(("noise", "file"), key_lines(text))
+        return Mistakes(path, [(line, f"[noise] file = '{file}': {what}")], "Learn it again: probewatch noise")
+
+    try:
+        learned = read_noise(file)
+    except Mistakes:
+        raise
+    except ConfigurationError as error:
+        raise refused(error.what) from None
+    if learned.limits != judged_by(config.limits):
+        told = ", ".join(f"{name} = {value:g}" for name, value in learned.limits.items())
+        raise refused(f"was learned under other [limits], {told}")
+    if learned.simulated and not config.simulated:
+        raise refused("was learned from simulated devices, and those of this cart are real")
+    limits = config.limits.model_copy(update={"named_nats": max(learned.named_nats, NAMED_NATS)})
+    config = config.model_copy(update={"limits": limits, "noise": NoisePlace(file=file)})
+    config._learned = learned
+    return config
 
 
 def is_configured(path: Path) -> bool:

@@ -98,6 +98,11 @@ class Line:
         return self._tracker.mask
 
     @property
+    def nats(self) -> float | None:
+        """As of `Evidence`."""
+        return self._evidence.nats
+
+    @property
     def reference(self) -> Calibration:
         """The calibration that is watched."""
         return self._reference

@@ -5,7 +5,7 @@ Each figure says with which sessions, seeds and commits it was measured, so that
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from itertools import groupby
 from math import isfinite
 from statistics import median
@@ -45,7 +45,8 @@ class Origin:
 @dataclass(frozen=True)
 class Healthy:
     """closed: share of each run with the contact closed, in order; first_s: until it closed first, of those that did.
-    faulted, warnings, halts: runs with a FAULT, and how often the states began.
+    faulted, warnings, halts: runs with a FAULT, and how often the states began. nats: of each run that kept it, as of
+    `Outcome`, in order.
     """
 
     origin: Origin
@@ -56,6 +57,7 @@ class Healthy:
     faulted: int
     warnings: int
     halts: int
+    nats: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,7 @@ class Found:
     """Runs with one hazard. named: runs that named it first as what it is; told: name that came first → runs; nothing
     is "". fault_s: delays of the FAULT, in order; open_s: until the contact was open for good, in order. soon: FAULTs
     within SOON_S. gross: runs with an OK at twice the limit. bound_s: median least delay; None where none is known.
+    nats: as of Healthy.
     """
 
     origin: Origin
@@ -75,6 +78,7 @@ class Found:
     soon: int
     gross: int
     bound_s: float | None
+    nats: list[float] = field(default_factory=list)
 
     @property
     def share(self) -> Share:
@@ -158,6 +162,7 @@ def _healthy(rows: list[Row]) -> Healthy:
         faulted=sum(bool(row["faults"]) for row in rows),
         warnings=sum(int(row["warnings"]) for row in rows),
         halts=sum(int(row["halts"]) for row in rows),
+        nats=_known(rows, "nats"),
     )
 
 
@@ -177,6 +182,7 @@ def _found(rows: list[Row]) -> Found:
         soon=sum(delay_s <= SOON_S for delay_s in delays_s),
         gross=sum(number(row, "ok_gross_s") > 0 for row in rows),
         bound_s=_bound_s(hazard, rows),
+        nats=_known(rows, "nats"),
     )
 
 

@@ -2,12 +2,15 @@
 
 import json
 from collections.abc import Iterable, Sequence
+from itertools import cycle
 from math import sqrt
 from pathlib import Path
 from statistics import mean, median, stdev
 
 from scipy.stats import t as student
 
+from appliance.core.quality.sequential_test import WITHDRAWN_NATS
+from appliance.limits import NAMED_NATS
 from appliance.types import Fault
 from tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, Origin
 from tools.report.svg import Plot, alone
@@ -43,8 +46,7 @@ _EVIDENCE = """# Evidence: what is found, how soon, and how often it alarms for 
 `make evidence` (short) or `make evidence-full` measures and writes this page; `make docs` writes it again from
 `docs/evidence.json`. Intervals are 95 %: of shares those of Clopper and Pearson, of rates Poisson's upper bound.
 **Few runs make wide intervals: read the intervals, not the shares.** Everything is of the simulated world of
-[study.md](study.md), with what that cannot tell. A ROC was not measured: the study keeps what was told, not how near it
-came to being told.
+[study.md](study.md), with what that cannot tell.
 
 One row's runs again: `{command}`, with what the row says; `--seeds` as many as its highest seed, `--draws` likewise.
 """
@@ -63,6 +65,7 @@ def pages(figures: Figures) -> dict[Path, str]:
         DOCS / "pictures" / "coverage.svg": _coverage_picture(figures.healthy),
         DOCS / "pictures" / "sensitivity.svg": _sensitivity_picture(figures.found),
         DOCS / "pictures" / "delay.svg": _delay_picture(figures.found),
+        DOCS / "pictures" / "roc.svg": _roc_picture(figures),
     }
 
 
@@ -166,6 +169,7 @@ def _evidence(figures: Figures) -> str:
             for line in _kind_table(kind, some)
         ),
         *_confusion(found),
+        *_roc(figures),
         *_note(),
     ]
     return "\n".join(lines)
@@ -255,6 +259,80 @@ def _confusion(found: list[Found]) -> list[str]:
     head = ("", *(f"`{name}`" for name in told), "nothing", "right")
     text = "Rows: what it is. Columns: the name that came first."
     return ["## Confusion", "", text, "", *table(head, rows)]
+
+
+_ROC = """Of one threshold after the other: the share of healthy runs, and of runs with a hazard of each class, in which
+the log likelihood ratio of the sequential test reached it at any time (with a hazard: after its onset). *Area*: of a
+run with the hazard and a healthy one, how often the former came higher, ties by half. It is the test's own, without
+what is seen to happen and without the second condition of a name, that one class alone explains it. Rows that were
+measured before the study kept the ratio are left out: {left} of {all} runs.
+"""
+
+
+def _roc(figures: Figures) -> list[str]:
+    """What the sequential test would tell at other thresholds."""
+    quiet = _quiet_nats(figures)
+    everything = [*figures.healthy, *figures.found]
+    runs = sum(one.runs for one in everything)
+    left = runs - sum(len(one.nats) for one in everything)
+    lines = ["## ROC of the sequential test", "", _ROC.format(left=left, all=runs)]
+    classes = _class_nats(figures.found)
+    if not quiet or not classes:
+        return [*lines, "Not measured.", ""]
+    rows = [
+        (f"`{fault}`", str(Share(_reached(nats, WITHDRAWN_NATS), len(nats))), str(_named(nats)), _area(nats, quiet))
+        for fault, nats in classes.items()
+    ]
+    rows += [("healthy", str(Share(_reached(quiet, WITHDRAWN_NATS), len(quiet))), str(_named(quiet)), "–")]
+    head = ("", f"reached {WITHDRAWN_NATS:g} nats", f"reached {NAMED_NATS:.1f} nats", "area")
+    origins = sorted({(*one.origin.conditions, one.origin.seeds) for one in everything if one.nats})
+    of = "; ".join(
+        f"{session}, {tissue}, {length} s, seeds {seeds}" for session, tissue, _, _, length, seeds in origins
+    )
+    picture = "![share of runs with a hazard over the share of healthy runs](pictures/roc.svg)"
+    return [*lines, picture, "", *table(head, rows), f"Of {of}.", ""]
+
+
+def _quiet_nats(figures: Figures) -> list[float]:
+    return [nats for one in figures.healthy for nats in one.nats]
+
+
+def _class_nats(found: list[Found]) -> dict[Fault, list[float]]:
+    """Of each class that was measured."""
+    each = {fault: [nats for one in of_fault(found, fault) for nats in one.nats] for fault in FAULTS.values()}
+    return {fault: nats for fault, nats in each.items() if nats}
+
+
+def _reached(nats: list[float], level: float) -> int:
+    return sum(one >= level for one in nats)
+
+
+def _named(nats: list[float]) -> Share:
+    return Share(_reached(nats, NAMED_NATS), len(nats))
+
+
+def _area(nats: list[float], quiet: list[float]) -> str:
+    pairs = [(one > other) + 0.5 * (one == other) for one in nats for other in quiet]
+    return f"{mean(pairs):.3f}"
+
+
+_CURVES = ("a", "b", "bad", "mark", "c", "d")
+"""Colours of the classes; a seventh would take the first again."""
+
+
+def _roc_picture(figures: Figures) -> str:
+    quiet, classes = _quiet_nats(figures), _class_nats(figures.found)
+    plot = Plot((0, 100), (0, 100), "% of healthy runs", "% of runs with the hazard", 300)
+    # The longest name first: at the right edge there is room for a short one.
+    for kind, fault in zip(cycle(_CURVES), sorted(classes, key=len, reverse=True), strict=False):
+        levels = sorted({*classes[fault], *quiet}, reverse=True)
+        xs, ys = ([_percent(nats, level) for level in levels] for nats in (quiet, classes[fault]))
+        plot.line([0.0, *xs], [0.0, *ys], kind, str(fault))
+    return alone(plot.svg("ROC of the sequential test, a line for each class of hazard"))
+
+
+def _percent(nats: list[float], level: float) -> float:
+    return 100 * _reached(nats, level) / len(nats) if nats else 0.0
 
 
 def of_fault(found: list[Found], fault: Fault) -> list[Found]:

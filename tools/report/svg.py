@@ -15,6 +15,9 @@ _TICKS = 5
 _ALONE = (
     "<style>svg{background:#fff}text{font:12px sans-serif;fill:#1c1b1f}text.tick,text.label{text-anchor:middle;"
     "fill:#555}text.left{text-anchor:end}.grid{stroke:#ddd}.limit{stroke:#b3261e;stroke-dasharray:6 4}"
+    "polyline{fill:none;stroke-width:2}polyline.a{stroke:#2f6ea8}polyline.b{stroke:#c77d1e}polyline.bad{stroke:#b3261e}"
+    "polyline.mark{stroke:#1c1b1f}polyline.c{stroke:#2e7d32}polyline.d{stroke:#7b3fa0}text.a{fill:#2f6ea8}"
+    "text.b{fill:#c77d1e}text.bad{fill:#b3261e}text.c{fill:#2e7d32}text.d{fill:#7b3fa0}"
     "rect.a{fill:#9dbfdd}rect.b{fill:#f0c48c}rect.bad{fill:#b3261e}rect.mark{fill:#1c1b1f}</style>"
 )
 """Of a drawing that stands in a file of its own, where no page gives it colours."""

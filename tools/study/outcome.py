@@ -57,7 +57,9 @@ class Outcome:
     times, NaN for never. faults: names in the order in which they were told. fault_s, opened_s: from the onset of the
     hazard, or from the start, until the first FAULT, and until the contact was open for good. warnings, halts: how
     often these states began. ok_beyond_s, ok_gross_s: for how long it said OK with a parameter 1.3 and 2 times its
-    limit away; closed_gross_s: for how long the contact was closed so. cost_ms, cost_99_ms: processor time per picture.
+    limit away; closed_gross_s: for how long the contact was closed so. nats: largest log likelihood ratio of the
+    sequential test, with a hazard since its onset; NaN where it had nothing to test. cost_ms, cost_99_ms: processor
+    time per picture.
     """
 
     frames: int = 0
@@ -73,6 +75,7 @@ class Outcome:
     ok_beyond_s: float = 0.0
     ok_gross_s: float = 0.0
     closed_gross_s: float = 0.0
+    nats: float = nan
     cost_ms: float = 0.0
     cost_99_ms: float = 0.0
     last_reason: str = ""
@@ -101,7 +104,7 @@ def run(conditions: Conditions, pictures: list[GreyImage]) -> Outcome:
             costs_ms.append(0.0)
         timeline.step(sample, verdicts)
         for verdict in verdicts:
-            notes.take(verdict)
+            notes.take(verdict, line.nats)
     timeline.finish()
     notes.finish()
     outcome.cost_ms, outcome.cost_99_ms = float(np.mean(costs_ms)), float(np.quantile(costs_ms, 0.99))
@@ -121,8 +124,10 @@ class _Notes:
         self._last_s = 0.0
         self._told: list[str] = []
 
-    def take(self, verdict: Verdict) -> None:
+    def take(self, verdict: Verdict, nats: float | None) -> None:
         outcome, t_s = self._outcome, seconds(verdict.t_ns)
+        if nats is not None and self._after_s(t_s) >= 0:
+            outcome.nats = float(np.fmax(outcome.nats, nats))
         outcome.frames += 1
         since_s, self._last_s = max(t_s - self._last_s, 0.0), t_s
         if verdict.kind is VerdictKind.OK:
@@ -143,9 +148,13 @@ class _Notes:
         for scores in self._outcome.scores.values():
             scores.shown /= max(self._looks, 1)
 
+    def _after_s(self, t_s: float) -> float:
+        """Since the onset of the hazard, or since the start where there is none."""
+        onset_s = self._conditions.hazard.onset_s
+        return t_s - (onset_s if isfinite(onset_s) else 0.0)
+
     def _fault(self, fault: str, t_s: float) -> None:
-        hazard = self._conditions.hazard
-        after_s = t_s - (hazard.onset_s if isfinite(hazard.onset_s) else 0.0)
+        after_s = self._after_s(t_s)
         if after_s >= 0 and not isfinite(self._outcome.fault_s):
             self._outcome.fault_s = after_s
         if fault not in self._told:

@@ -67,6 +67,7 @@ class Evidence:
         self._valid_ns = self._settled_ns = self._lagged_ns = 0
         self._failing_ns: int | None = None
         self._long_ns = 0
+        self.nats: float | None = None
         self._examiner = Examiner(reference, limits, window)
 
     @property
@@ -179,9 +180,10 @@ class Evidence:
         accusation = self._accused(finding, now_ns)
         self._measure(finding, recent, now_ns)
         if accusation is not None:
-            self._latest = _with(self._latest, accusation.checks)
+            self._latest = _with(self._latest, accusation, told=accusation.nats >= self._limits.named_nats)
         excused = frozenset[str]() if self._examiner.noises.breathing_known else BREATHED
-        unnamed = None if accusation is None or self._latest.failed else undecided(accusation, excused)
+        accusation = None if self._latest.failed else accusation
+        unnamed = None if accusation is None else undecided(accusation, excused, self._limits.named_nats)
         self._choice.note(unnamed, now_ns)
 
     def glance(self) -> None:
@@ -210,13 +212,15 @@ class Evidence:
         """
         learned = self._examiner.noises.until(now_ns - WINDOW_NS) or self._examiner.noises.first
         if finding.solution is None:
+            self.nats = None
             return None
         window = self.window.since(max(self._valid_ns, now_ns - WINDOW_NS))
         noise = finding.solution.noise if learned is None else learned
         lateness = latency_of(finding)
         lag_s = lateness.value / 1e3 if lateness.verdict is VerdictKind.OK else 0.0
         found = accuse(window, self._reference, self._limits, noise, lag_s, learned is not None)
-        if found is None:
+        self.nats = found.nats
+        if not found.checks:
             return None
         # A mirrored picture looks like many things, and is named elsewhere.
         if not finding.shows(("polarity",)):
@@ -340,10 +344,18 @@ def _punctual(finding: Finding, limits: Limits) -> bool:
     return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
 
 
-def _with(finding: Finding, checks: tuple[Check, ...]) -> Finding:
-    """The finding with the FAULTs among the checks in the place of those of their names."""
-    own = {check.name: check for check in checks if check.verdict is VerdictKind.FAULT}
-    return Finding(tuple(own.get(check.name, check) for check in finding.checks), finding.solution)
+def _with(finding: Finding, accusation: Accusation, told: bool) -> Finding:
+    """The finding with what the accusation names in the place of the checks of these names. told: False where a higher
+    threshold keeps the names back: then they are not verified, and what was measured to be a FAULT stays one.
+    """
+    named = {check.name: check for check in accusation.checks if check.verdict is VerdictKind.FAULT}
+    if not told:
+        named = {
+            name: replace(check, verdict=VerdictKind.NOT_VERIFIED)
+            for name, check in named.items()
+            if name not in finding.failed
+        }
+    return Finding(tuple(named.get(check.name, check) for check in finding.checks), finding.solution)
 
 
 def _sharper_check(check: Check, whole: Check) -> Check:

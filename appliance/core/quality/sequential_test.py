@@ -7,7 +7,6 @@ alarms. It only ever accuses: that all is well is shown elsewhere (docs/method.m
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import log
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.bounded_fit import ANYTHING, BEYOND, DRIFT, VALUE_ROW, Fit, anywhere, fitted, huber
 from appliance.core.quality.innovations import INFLATED, Innovations
-from appliance.limits import Limits
+from appliance.limits import NAMED_NATS, Limits
 from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array
 
@@ -28,13 +27,6 @@ WINDOW_NS = 10_000_000_000
 _STARTS = (10, 14, 19, 26, 36, 45, 58, 76, 100)
 """Lengths that are tested, in blocks of a tenth of a second: each about 1.3 times the one before. A change between two
 of them is found by the shorter one, later by less than that."""
-_FALSE_ALARM_H = 1000.0
-"""Mean time between two false FAULTs that is promised: a cart's year of scanning or so. Twice as much names everything
-.7 nats later. Not measured: docs/evidence.md has the hours of healthy scanning that were run.
-"""
-NAMED_NATS = log(_FALSE_ALARM_H * 3600 * 30)
-"""18.5: log likelihood ratio of a FAULT. By Ville's inequality a true likelihood ratio passes it once in so many
-pictures; the sup over sizes costs a few nats of that and a look at each tenth picture gives two back."""
 WITHDRAWN_NATS = 10.0
 """The same of a sign, which withdraws the OK and names nothing: once in hours of motion at the limit itself. Less opens
 the contact for nothing, more keeps it closed for longer over what will be named."""
@@ -61,9 +53,10 @@ _WORTH_NATS = 6.0
 @dataclass(frozen=True, slots=True, eq=False)
 class Accusation:
     """since_ns: from when on. nats: by how much what is accused explains the motion better than anything within its
-    limits. checks: FAULTs of the parameters that are surely beyond, where one class explains it; else the parameter
-    that is farthest beyond, NOT_VERIFIED, of each class that is as likely, the likeliest first. rivals: those classes,
-    where there are two or more and the likeliest explains it.
+    limits; 0 stands for all below _WORTH_NATS. checks: none below WITHDRAWN_NATS, which accuses of nothing; FAULTs of
+    the parameters that are surely beyond, where one class explains it; else the parameter that is farthest beyond,
+    NOT_VERIFIED, of each class that is as likely, the likeliest first. rivals: those classes, where there are two or
+    more and the likeliest explains it.
     """
 
     since_ns: int
@@ -79,8 +72,8 @@ class Accusation:
 
 def accuse(
     window: PathWindow, reference: Calibration, limits: Limits, noise: Noise, lag_s: float, breathing_known: bool
-) -> Accusation | None:
-    """None where a calibration within its limits explains the motion as well, from whatever start.
+) -> Accusation:
+    """Of the start from which a calibration beyond its limits explains the motion best.
 
     noise: learned from motion before the change, or under the calibration that the motion itself asks for. lag_s: of
     the tracker, near which it is looked for. breathing_known: whether `noise` has seen a breath.
@@ -91,11 +84,11 @@ def accuse(
         worth = [n for n in starts if rows.score(n) >= _WORTH_NATS]
         best = max((_Trial(rows, n, _bounds(limits, lag_s)) for n in worth), key=lambda trial: trial.nats, default=None)
         if best is None or best.nats < WITHDRAWN_NATS:
-            return None
+            return Accusation(0, 0.0 if best is None else best.nats, ())
         return best.accusation(rows.start_ns(best.n), limits, lag_s)
     except ValueError:
         # Too few pictures, or a matrix that motion without content leaves singular (LinAlgError).
-        return None
+        return Accusation(0, 0.0, ())
 
 
 def _with_breathing(noise: Noise) -> Noise:

@@ -2,7 +2,8 @@
 
 from collections.abc import Set as AbstractSet
 
-from appliance.core.quality.sequential_test import NAMED_NATS, Accusation
+from appliance.core.quality.sequential_test import Accusation
+from appliance.limits import NAMED_NATS
 from appliance.types import Check, Fault, VerdictKind
 
 FINDS = (Fault.UNDECIDED,)
@@ -13,15 +14,16 @@ of a second, twice, before the name (simulated, one seed). Longer alarms later w
 open before either."""
 
 
-def undecided(found: Accusation, excused: AbstractSet[str]) -> Check | None:
+def undecided(found: Accusation, excused: AbstractSet[str], named_nats: float = NAMED_NATS) -> Check | None:
     """A FAULT where nothing within the limits explains the motion, by the evidence that names a fault, and two
     classes do as well as one another; else None.
 
-    excused: parameters that may look wrong for another reason; none of the two may be among them.
+    excused: parameters that may look wrong for another reason; none of the two may be among them. named_nats: of that
+    evidence.
     """
-    if not found.rivals or found.nats < NAMED_NATS or excused & {rival.check.name for rival in found.rivals}:
+    if not found.rivals or found.nats < named_nats or excused & {rival.check.name for rival in found.rivals}:
         return None
-    return Check("undecided", Fault.UNDECIDED, found.nats, 0.0, "nat", NAMED_NATS, VerdictKind.FAULT)
+    return Check("undecided", Fault.UNDECIDED, found.nats, 0.0, "nat", named_nats, VerdictKind.FAULT)
 
 
 class Choice:

@@ -7,13 +7,13 @@ from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.event_log import EventLog
 from appliance.service.control.references import References
 from appliance.service.control.server import ControlRefused
-from appliance.service.control.status import configuration_fields
+from appliance.service.control.status import configuration_fields, noise_fields
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.service.host.log import get_log
 from appliance.supervision.supervisor import Supervisor
 from drivers.errors import ConfigurationError
 
-_TAKEN = {"limits", "supervisor", "alarm", "recorder"}
+_TAKEN = {"limits", "noise", "supervisor", "alarm", "recorder"}
 """The recorder's is of another process, which takes it when it starts."""
 
 
@@ -59,7 +59,8 @@ class LiveConfiguration:
             self._estimator.limit(self.config.limits, self.patience.stale_ns)
             self._supervisor.doubt()
         if self.config != before:
-            self._events.note("reloaded", **configuration_fields(self.config, self.file))
+            told = configuration_fields(self.config, self.file)
+            self._events.note("reloaded", **told, noise=noise_fields(self.config))
         self._log.info("configuration reloaded", file=str(self.file))
 
 

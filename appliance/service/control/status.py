@@ -33,6 +33,7 @@ def origin_fields(config: Config, config_file: Path, references: References) -> 
     return {
         "software": SOFTWARE,
         "configuration": configuration_fields(config, config_file),
+        "noise": noise_fields(config),
         "reference": None if current is None else {**reference_fields(current), **_matrix_of(current)},
         "reference_due_utc": references.dates.due_utc,
         "reference_expires_utc": references.dates.expires_utc,
@@ -46,6 +47,22 @@ def origin_fields(config: Config, config_file: Path, references: References) -> 
 def configuration_fields(config: Config, config_file: Path) -> dict[str, str]:
     """The configuration in force."""
     return {"file": str(config_file.absolute()), "sha256": config.sha256}
+
+
+def noise_fields(config: Config) -> dict[str, Any] | None:
+    """Where the threshold of a name is from; None for the one that probewatch ships with."""
+    learned = config.learned_noise
+    if learned is None:
+        return None
+    return {
+        "file": str(config.noise.file),
+        "sha256": learned.sha256,
+        "named_nats": config.limits.named_nats,
+        "hours": learned.hours,
+        "recordings": len(learned.recording),
+        "learned_utc": learned.learned_utc,
+        "software": learned.software,
+    }
 
 
 def reference_fields(reference: Reference) -> dict[str, Any]:

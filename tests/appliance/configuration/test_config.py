@@ -69,7 +69,7 @@ def test_the_commented_example_is_valid_and_names_every_key_with_its_default() -
     text = EXAMPLE.read_text()
     for model in (Limits(), SupervisorTimes()):
         for name, value in model:
-            if name == "required_age_s":
+            if name in ("required_age_s", "named_nats"):  # in a section of its own, and not set by hand
                 continue
             line = next(line for line in text.splitlines() if line.startswith(f"# {name} = "))
             assert float(line.split("=")[1].split("#")[0]) == value

@@ -61,8 +61,40 @@ def test_pages_show_shares_with_intervals_bounds_confusion_and_origin() -> None:
     assert "| `scale` | 1 | 0 | 2 | 1 | 2 of 4 (7 to 93 %) |" in text
     assert "`c1`" in text
     assert "| fan, still | 50 % | 20 to 90 % | 52 % (5 to 100 %) |" in written["coverage.md"]
-    for name in ("coverage.svg", "sensitivity.svg", "delay.svg"):
+    for name in ("coverage.svg", "sensitivity.svg", "delay.svg", "roc.svg"):
         assert ElementTree.fromstring(written[name]).tag.endswith("svg")
+
+
+def with_nats(row: dict[str, str], nats: str) -> dict[str, str]:
+    return row | {"nats": nats}
+
+
+def test_the_roc_is_of_runs_that_kept_the_ratio_and_says_how_many_did_not() -> None:
+    healthy, sick = ROWS[:4], ROWS[4:8]
+    kept = [
+        with_nats(row, nats)
+        for row, nats in zip([*healthy, *sick], ["0", "0", "12", "7", "25", "19", "7", "0"], strict=True)
+    ]
+    now = figures(kept)
+    assert (now.healthy[0].nats, now.found[0].nats) == ([0, 0, 7, 12], [0, 7, 19, 25])
+    text = next(text for path, text in pages(now).items() if path.name == "evidence.md")
+    # By hand: 16 pairs; 25 and 19 beat all four, 7 beats two and ties one, 0 ties two.
+    assert "| `scale` | 2 of 4 (7 to 93 %) | 2 of 4 (7 to 93 %) | 0.719 |" in text
+    assert "| healthy | 1 of 4 (1 to 81 %) | 0 of 4 (0 to 60 %) | – |" in text
+    assert "left out: 0 of 8 runs" in text
+    before = [{name: cell for name, cell in row.items() if name != "nats"} for row in kept]
+    old = figures(before)
+    text = next(text for path, text in pages(old).items() if path.name == "evidence.md")
+    assert "left out: 8 of 8 runs" in text
+    assert "Not measured." in text
+    assert Figures.parse(old.plain()) == old
+
+
+def test_figures_from_before_the_ratio_was_kept_are_read() -> None:
+    plain = measured().plain()
+    for one in (*plain["healthy"], *plain["found"]):  # type: ignore[misc]
+        del one["nats"]
+    assert Figures.parse(plain).healthy[0].nats == []  # type: ignore[arg-type]
 
 
 def test_pages_of_nothing_say_so() -> None:

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from appliance.core.quality.sequential_test import WITHDRAWN_NATS
+from appliance.limits import NAMED_NATS
 from appliance.storage.calibration_file import write_calibration
 from appliance.types import PARAMETERS, Calibration
 from drivers.errors import DeviceLost
@@ -45,6 +47,7 @@ def test_a_healthy_sweep_is_verified_and_its_figures_are_near_the_truth(motions)
     told = outcome(motions)
     assert (told.frames, told.faults, told.warnings) == (300, "", 0)
     assert told.closed > 0.6
+    assert told.nats < WITHDRAWN_NATS
     assert 0 < told.closed_s < 4
     assert 0 < told.cost_ms <= told.cost_99_ms
     scale = told.scores["scale-lateral"]
@@ -71,6 +74,7 @@ def test_what_is_wrong_from_the_start_is_named_and_never_told_ok(motions, hazard
     told = outcome(motions, hazard)
     assert told.faults.split()[0] == fault
     assert told.fault_s < 8
+    assert told.nats > NAMED_NATS
     assert (told.ok_gross_s, told.closed_gross_s) == (0, 0)
 
 

@@ -11,9 +11,9 @@ from appliance.core.path.solver import Prior, solve
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.bounded_fit import minimum
 from appliance.core.quality.judgement import judge
-from appliance.core.quality.sequential_test import NAMED_NATS, Accusation, accuse
+from appliance.core.quality.sequential_test import Accusation, accuse
 from appliance.core.quality.verification import Verification
-from appliance.limits import Limits
+from appliance.limits import NAMED_NATS, Limits
 from appliance.types import Calibration, VerdictKind
 from drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, tilting_path
@@ -31,7 +31,8 @@ def known(position_mm: float = 0.1, angle_deg: float = 0.02) -> Noise:
 
 
 def accused(window: PathWindow, noise: Noise | None = None) -> Accusation | None:
-    return accuse(window, TRUTH, LIMITS, noise or known(), 0.0, breathing_known=True)
+    found = accuse(window, TRUTH, LIMITS, noise or known(), 0.0, breathing_known=True)
+    return found if found.checks else None
 
 
 def turned(axis: int, angle_deg: float) -> Calibration:

@@ -7,10 +7,10 @@ import pytest
 
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import Judgement, judge
-from appliance.core.quality.sequential_test import NAMED_NATS, Accusation
+from appliance.core.quality.sequential_test import Accusation
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Sign, Standing
-from appliance.limits import Limits
+from appliance.limits import NAMED_NATS, Limits
 from appliance.supervision.languages import told
 from appliance.types import Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array

@@ -1,0 +1,111 @@
+"""What healthy scanning of a cart has taught of its noise: the threshold of a name, and where it is from.
+
+`probewatch noise` writes the file, `[noise] file` of the configuration names it. It can only raise the threshold of a
+name; what withdraws the OK has one of its own, which no file changes.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+
+from appliance.configuration.mistakes import Mistakes
+from appliance.limits import MOST_NAMED_NATS, NAMED_NATS, Limits
+from drivers.errors import ConfigurationError
+from drivers.files.atomic_file import writing
+from drivers.files.markup import toml_of
+from drivers.files.regular_file import read_bounded
+
+_MOST_BYTES = 256_000
+"""A thousand recordings with their names; a cart's week has some hundred. More is read for longer at each start."""
+_LEARN = "Learn it again: probewatch noise"
+_JUDGED = ("rotation_deg", "scale_percent", "offset_mm", "latency_ms", "confidence_sigma")
+"""Limits that the log likelihood ratio depends on."""
+
+_Known = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class LearnedFrom(BaseModel):
+    """One file that was learned from."""
+
+    model_config = _Known
+
+    file: str
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class LearnedNoise(BaseModel):
+    """named_nats: log likelihood ratio from which a FAULT is named. hours: in which the test had something to test.
+    exceedances: blocks of it that came above from_nats; tail_nats, per_hour: upper bounds of how slowly such peaks
+    become rarer, nats for a factor of e, and of how many there are. simulated: learned from no real cart.
+    """
+
+    model_config = _Known
+
+    format: Literal["probewatch-noise"]
+    version: Literal[1]
+    named_nats: float = Field(ge=NAMED_NATS - 0.01, le=MOST_NAMED_NATS)
+    hours: float = Field(gt=0)
+    from_nats: float = Field(gt=0)
+    exceedances: int = Field(ge=0)
+    tail_nats: float = Field(gt=0)
+    per_hour: float = Field(gt=0)
+    software: str
+    learned_utc: str
+    simulated: bool = False
+    limits: dict[str, float]
+    recording: Annotated[tuple[LearnedFrom, ...], Field(min_length=1, strict=False)]
+
+    _sha256: str = PrivateAttr(default="")
+
+    @property
+    def sha256(self) -> str:
+        """Of the file's content; empty where there is no file yet."""
+        return self._sha256
+
+    def toml(self) -> str:
+        """The file."""
+        lines = [
+            "# Learned from healthy scanning of this cart by `probewatch noise`; docs/noise.md says what it means.",
+            "# [noise] file of the configuration names it. It raises the threshold of a name and changes nothing else.",
+        ]
+        plain = self.model_dump(exclude={"limits", "recording"})
+        lines += [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in plain.items()]
+        lines += ["", "[limits]", *(f"{name} = {json.dumps(value)}" for name, value in self.limits.items())]
+        for one in self.recording:
+            file = json.dumps(one.file, ensure_ascii=False)
+            lines += ["", "[[recording]]", f"file = {file}", f'sha256 = "{one.sha256}"']
+        return "\n".join(lines) + "\n"
+
+
+def judged_by(limits: Limits) -> dict[str, float]:
+    """Those that a threshold belongs to."""
+    return {name: getattr(limits, name) for name in _JUDGED}
+
+
+def write_noise(path: Path, learned: LearnedNoise) -> None:
+    """The old file stays until the new one is whole and on the disk. Raises ConfigurationError."""
+    with writing(path) as stream:
+        stream.write(learned.toml().encode())
+
+
+def read_noise(path: Path) -> LearnedNoise:
+    """Raises ConfigurationError, and its kind Mistakes, for what cannot be read or is something else."""
+    try:
+        data = read_bounded(path, _MOST_BYTES)
+    except OSError as error:
+        raise ConfigurationError(f"cannot be read ({error.strerror})", str(path), _LEARN) from None
+    try:
+        text = data.decode()
+        values: dict[str, Any] = toml_of(data, _MOST_BYTES)
+        if values.get("format") != "probewatch-noise":
+            raise ConfigurationError("is not what probewatch noise writes", str(path), _LEARN)
+        learned = LearnedNoise.model_validate(values)
+    except ValidationError as error:
+        raise Mistakes.found(error, LearnedNoise, text, path, _LEARN) from None
+    except ValueError as error:
+        raise ConfigurationError(f"is not valid TOML: {error}", str(path), _LEARN) from None
+    learned._sha256 = hashlib.sha256(data).hexdigest()
+    return learned

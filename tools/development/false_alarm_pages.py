@@ -1,0 +1,70 @@
+"""The section of docs/evidence.md on how often healthy scanning raises a sign or a name, from docs/false-alarms.json."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from scipy.stats import chi2
+
+FIGURES = Path(__file__).parents[2] / "docs" / "false-alarms.json"
+_TAIL = 0.025
+"""Of either side of an interval of 95 %."""
+_LEVELS_NATS = (6, 8, 10, 14, 18.5)
+"""Above which peaks are counted: what the test tells at all, a sign, a name, and between."""
+
+_TEXT = """`make false-alarms` plays healthy sessions without pictures: the path of the session with the errors of a
+registration goes straight into what judges it, with every session of [study.md](study.md) after a gesture, in both
+tissues, under three noises of the tracker of one size (.1 mm, .02°): Gaussian, Student's t with five degrees of freedom,
+and one that is alike from reading to reading (.9 at 60 Hz). What pictures alone show (leaps, freezes, other tissue) is
+not in it. *Sign*: something comes to speak against the calibration, and the contact is open until motion has answered it.
+Intervals are Poisson's, 95 %, per hour of scanning; `{command}`, seeds {seeds}, commit {commits}.
+"""
+command = "python -m tools.development.false_alarms --seeds 2"
+
+
+def interval(events: int, hours: float) -> tuple[float, float]:
+    """Of a rate per hour, Poisson, both sides."""
+    low = float(chi2.ppf(_TAIL, 2 * events)) / 2 if events else 0.0
+    return low / hours, float(chi2.ppf(1 - _TAIL, 2 * events + 2)) / 2 / hours
+
+
+def lines(figures: Mapping[str, Any]) -> list[str]:
+    """Of the page."""
+    commits = ", ".join(f"`{one}`" for one in figures["commits"])
+    told = _TEXT.format(command=command, seeds=figures["seeds"], commits=commits)
+    head = ("healthy scanning", "hours", "signs", "of them while OK", "`undecided`", "named FAULTs", "HALTs", "OK for")
+    rows = [_row(name, total) for name, total in figures["totals"].items()]
+    return ["## Signs and names in healthy scanning", "", told, *_table(head, rows), *_peaks(figures)]
+
+
+def read() -> Mapping[str, Any]:
+    """What was last measured."""
+    figures: Mapping[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8"))
+    return figures
+
+
+def _row(name: str, total: Mapping[str, Any]) -> Sequence[str]:
+    hours = float(total["hours"])
+    rates = [_rate(int(total[kind]), hours) for kind in ("signs", "withdrawn", "choices", "faults", "halts")]
+    return (name, f"{hours:.2f}", *rates, f"{100 * float(total['ok_h']) / hours:.0f} %")
+
+
+def _rate(events: int, hours: float) -> str:
+    low, high = interval(events, hours)
+    return f"{events} ({low:.2g} to {high:.2g})"
+
+
+def _peaks(figures: Mapping[str, Any]) -> list[str]:
+    peaks = figures["peaks"]
+    above = ", ".join(f"{sum(peak > level for peak in peaks)} above {level:g}" for level in _LEVELS_NATS)
+    highest = f"{peaks[0]:.1f}" if peaks else "0"
+    names = ", ".join(f"`{name}` {number}" for name, number in figures["names"].items()) or "none"
+    return [
+        f"Largest log likelihood ratio of each half minute: {above} nats; the highest {highest}. Names: {names}.",
+        "",
+    ]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [*(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)), ""]

@@ -1,0 +1,287 @@
+"""`python -m tools.development.false_alarms`: how often healthy scanning raises a sign, a choice or a named fault, and
+how near the sequential test comes to one. Writes docs/false-alarms.json, which docs/evidence.md shows.
+
+Paths without pictures: the session's own path with the errors of a registration goes straight into `Evidence`, at the
+cadence of the line, and its verdicts to the supervisor. What needs pictures, such as the slip watches, is not in it.
+"""
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from math import sqrt
+from pathlib import Path
+
+import click
+import numpy as np
+
+from appliance.core.path.window import PathWindow
+from appliance.core.quality.evidence import Evidence
+from appliance.core.quality.judgement import judge
+from appliance.limits import Limits
+from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
+from appliance.types import Fault, Motion, MotionKind, State, VerdictKind
+from drivers.rigid import Array, rigid, rotation_from_vector
+from drivers.samples import Stamp
+from tools.shared.terminal import progress_bar
+from tools.study.hand import PROGRAMS
+from tools.study.plan import tracker_of
+from tools.study.samples import POSE_HZ, frame_times, stamp_ns
+from tools.study.session import FPS, TISSUES, Session, Tissue, picture_path
+from tools.study.summary import Row
+from tools.study.table import COMMIT, StudyTable, code_digest
+from tools.study.workers import results
+
+ROOT = Path(__file__).parents[2]
+FIGURES, KEPT = ROOT / "docs" / "false-alarms.json", ROOT / "results" / "false-alarms"
+KEYS = ("session", "tissue", "noise", "seed", "duration_s")
+NOISES = ("gaussian", "t5", "ar1")
+"""Of the tracker, all with the standard deviations of `tracker_of`: white; Student's with five degrees of freedom; and
+one that is alike from reading to reading."""
+LENGTH_S = 180.0
+"""Of each session: two minutes after what it takes to be verified first. Longer says more of a long examination, and
+less of different hands."""
+_ALIKE = 0.9
+"""From one reading, at 60 Hz, to the next: a filter of 160 ms in the tracker. Not measured on one."""
+_PICTURE_PX, _WALK_MM, _WALK_DEG = 0.02, 0.01, 0.02
+"""Error of one registered picture, and of its chain per √s, as measured on rendered pictures
+(tests/support/motions.py)."""
+_SOLVE_NS, _SOLVE_FIRST_NS, _FIRST_NS, _UNPAIRED_NS = 330_000_000, 200_000_000, 2_000_000_000, 1_000_000_000
+"""Between two solutions, as the line has it; the second while the window is no longer than the third; the last while
+nothing is in sight."""
+BLOCK_S = 30.0
+"""Whose largest log likelihood ratio is kept: three windows of the test, so that neighbours share little motion."""
+LEAST_NATS = 6.0
+"""Below which the test tells 0."""
+
+
+@dataclass(frozen=True)
+class Quiet:
+    """One session in which nothing is wrong."""
+
+    session: Session
+    noise: str
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """One for each of KEYS."""
+        one = self.session
+        return one.name, one.tissue, self.noise, str(one.seed), f"{one.duration_s:g}"
+
+    def rows(self) -> list[Row]:
+        """Play it."""
+        return [dict(zip(KEYS, self.key, strict=True)) | _Played(self).row()]
+
+
+class _Played:
+    """signs: how often something came to speak against the calibration; withdrawn: of those, how many while it was OK.
+    choices, faults: how often `undecided`, and a FAULT of any other name, began. peaks: of each block, where it is not
+    0. Beside them, how often the supervisor warned and halted.
+    """
+
+    def __init__(self, quiet: Quiet) -> None:
+        self._session = quiet.session
+        self._evidence = Evidence(quiet.session.reference, Limits(), PathWindow(quiet.session.reference))
+        self._supervisor, self._state, self._tick_ns = Supervisor(Durations()), State.SELF_TEST, stamp_ns(0.0)
+        self._told: tuple[bool, Fault | None, VerdictKind] = (False, None, VerdictKind.NOT_VERIFIED)
+        self._counts = dict.fromkeys(("signs", "withdrawn", "choices", "faults", "warnings", "halts"), 0)
+        self._names: list[str] = []
+        self._peaks = np.zeros(int(np.ceil(quiet.session.duration_s / BLOCK_S)))
+        self._tested_ns = self._ok_ns = 0
+        self._play(quiet.noise)
+
+    def row(self) -> Row:
+        """Cells of the table."""
+        seconds = {"tested_s": self._tested_ns / 1e9, "ok_s": self._ok_ns / 1e9}
+        counts = {name: str(value) for name, value in self._counts.items()}
+        peaks = " ".join(f"{peak:.2f}" for peak in self._peaks if peak > 0)
+        times = {name: f"{value:.1f}" for name, value in seconds.items()}
+        return counts | times | {"names": " ".join(self._names), "peaks": peaks}
+
+    def _play(self, noise: str) -> None:
+        session, evidence = self._session, self._evidence
+        frames_s = frame_times(session)
+        poses_s = (np.arange(round((session.duration_s + 1) * POSE_HZ)) + 0.5) / POSE_HZ
+        poses, fed = _poses(session, noise, poses_s), 0
+        motions = _motions(session, frames_s)
+        solve_ns, last_ns = 0, stamp_ns(0.0)
+        blind = False
+        for t_s, motion in zip(frames_s, motions, strict=True):
+            now_ns = stamp_ns(float(t_s))
+            while poses_s[fed] <= t_s + 1 / POSE_HZ:
+                evidence.window.poses.add(stamp_ns(float(poses_s[fed])), poses[fed])
+                fed += 1
+            if motion is not None:
+                evidence.window.add(motion)
+            elif not blind:
+                evidence.lose_sight()
+            blind = motion is None
+            seen_ns = _SOLVE_FIRST_NS if evidence.window.span_ns < _FIRST_NS else _SOLVE_NS
+            if now_ns - solve_ns >= (_UNPAIRED_NS if blind else seen_ns):
+                solve_ns = now_ns
+                evidence.solve(now_ns)
+            self._take(now_ns, now_ns - last_ns, float(t_s))
+            last_ns = now_ns
+
+    def _take(self, now_ns: int, since_ns: int, t_s: float) -> None:
+        evidence, counts = self._evidence, self._counts
+        if evidence.nats is not None:
+            self._tested_ns += since_ns
+            block = int(t_s // BLOCK_S)
+            self._peaks[block] = max(self._peaks[block], evidence.nats)
+        verdict = judge(now_ns, evidence.checks(), evidence.standing)
+        self._ok_ns += since_ns * (verdict.kind is VerdictKind.OK)
+        signed, fault, kind = self._told
+        now = bool(evidence.standing.contradicted), verdict.fault, verdict.kind
+        if now[0] and not signed:
+            counts["signs"] += 1
+            counts["withdrawn"] += kind is VerdictKind.OK
+        if verdict.fault is not None and verdict.fault is not fault:
+            counts["choices" if verdict.fault is Fault.UNDECIDED else "faults"] += 1
+            self._names.append(verdict.fault)
+        self._told = now
+        while self._tick_ns <= now_ns:
+            state = self._supervisor.step(self._tick_ns, Inputs((verdict,), ())).state
+            counts["warnings"] += state is State.WARNING and self._state is not State.WARNING
+            counts["halts"] += state is State.HALT and self._state is not State.HALT
+            self._state, self._tick_ns = state, self._tick_ns + TICK_NS
+
+
+def _motions(session: Session, t_s: Array) -> Iterator[Motion | None]:
+    """Of each picture; None while the probe is off the skin. Each touch begins a chain."""
+    random = np.random.default_rng((session.seed, 67))
+    reference, touches = session.reference, session.touches(t_s)
+    signs_mm = np.array(reference.polarity) * reference.scale_mm_per_px
+    chain, index = 0, 0
+    while index < t_s.size:
+        if not touches[index]:
+            yield None
+            index += 1
+            continue
+        off = np.flatnonzero(~touches[index:])
+        end = index + int(off[0]) if off.size else t_s.size
+        chain += 1
+        path, turn = picture_path(session.pictures(t_s[index:end]))
+        # As the registration tells it: the tissue's displacement in the axes of the latest picture.
+        moved = -np.exp(1j * turn) * path
+        step = 1 / sqrt(FPS)
+        path_mm = np.stack([moved.real, moved.imag], axis=1)
+        path_mm += np.cumsum(_WALK_MM * step * random.standard_normal(path_mm.shape), axis=0)
+        turn = turn + np.cumsum(np.deg2rad(_WALK_DEG) * step * random.standard_normal(turn.shape))
+        path_px = path_mm / signs_mm + _PICTURE_PX * random.standard_normal(path_mm.shape)
+        turn = turn * np.prod(reference.polarity)
+        for k in range(end - index):
+            stamp = Stamp(stamp_ns(float(t_s[index + k])), 100_000)
+            yield Motion(
+                stamp, index + k, index, MotionKind.PLANAR, np.zeros(2), 0.0, np.eye(3) * 1e-4, 0.95, chain,
+                path_px[k], float(turn[k]), True,
+            )  # fmt: skip
+        index = end
+
+
+def _poses(session: Session, noise: str, t_s: Array) -> Array:
+    """(n, 4, 4) as the tracker reports them."""
+    random = np.random.default_rng((session.seed, 61, NOISES.index(noise)))
+    tracker = tracker_of(0.1)
+    rows = _noise(noise, t_s.size, random)
+    body = rigid(session.reference.rotation, session.reference.offset_mm)
+    turn = rotation_from_vector(np.deg2rad(tracker.noise_deg) * rows[:, :3])
+    poses = session.sensor(t_s, body) @ rigid(turn, np.zeros((t_s.size, 3)))
+    poses[:, :3, 3] += tracker.noise_mm * rows[:, 3:]
+    return np.asarray(poses)
+
+
+def _noise(kind: str, n: int, random: np.random.Generator) -> Array:
+    """(n, 6) of standard deviation 1."""
+    if kind == "t5":
+        return np.asarray(random.standard_t(5, (n, 6)) / sqrt(5 / 3))
+    rows = random.standard_normal((n, 6))
+    if kind == "ar1":
+        fresh = sqrt(1 - _ALIKE**2)
+        for k in range(1, n):
+            rows[k] = _ALIKE * rows[k - 1] + fresh * rows[k]
+    return np.asarray(rows)
+
+
+def planned(seeds: int) -> list[Quiet]:
+    """Every session in every tissue under every noise, the first seed of all first."""
+    return [Quiet(_session(name, tissue, seed), noise) for seed, name, tissue, noise in _mixture(seeds)]
+
+
+def _mixture(seeds: int) -> Iterator[tuple[int, str, Tissue, str]]:
+    yield from product(range(1, seeds + 1), [f"gesture-{name}" for name in PROGRAMS], TISSUES, NOISES)
+
+
+def _session(name: str, tissue: Tissue, seed: int) -> Session:
+    """Seeds of this measurement are no others'."""
+    return Session(name, tissue, 5000 + seed, LENGTH_S)
+
+
+@dataclass
+class Total:
+    """Of all rows of one kind; hours: of scanning; tested_h: of those in which the test had something to test."""
+
+    rows: int = 0
+    hours: float = 0.0
+    tested_h: float = 0.0
+    ok_h: float = 0.0
+    signs: int = 0
+    withdrawn: int = 0
+    choices: int = 0
+    faults: int = 0
+    warnings: int = 0
+    halts: int = 0
+
+    def add(self, row: Row) -> None:
+        """Take one."""
+        self.rows += 1
+        self.hours += float(row["duration_s"]) / 3600
+        self.tested_h += float(row["tested_s"]) / 3600
+        self.ok_h += float(row["ok_s"]) / 3600
+        for name in ("signs", "withdrawn", "choices", "faults", "warnings", "halts"):
+            setattr(self, name, getattr(self, name) + int(row[name]))
+
+
+def written(rows: list[Row]) -> dict[str, object]:
+    """What docs/false-alarms.json keeps."""
+    totals: dict[str, Total] = {}
+    for row in rows:
+        for name in ("all", row["tissue"], row["noise"], row["session"].removeprefix("gesture-")):
+            totals.setdefault(name, Total()).add(row)
+    names = sorted({name for row in rows for name in row["names"].split()})
+    counted = {name: sum(row["names"].split().count(name) for row in rows) for name in names}
+    peaks = sorted((float(peak) for row in rows for peak in row["peaks"].split()), reverse=True)
+    return {
+        "commits": sorted({row[COMMIT] for row in rows}),
+        "seeds": len({row["seed"] for row in rows}),
+        "totals": {name: {k: round(v, 3) for k, v in vars(total).items()} for name, total in totals.items()},
+        "names": counted,
+        "peaks": peaks,
+    }
+
+
+@click.command()
+@click.option("--seeds", default=4, show_default=True, type=click.IntRange(1, 10_000), help="of each session")
+@click.option("--jobs", default=os.cpu_count() or 1, show_default=True, type=click.IntRange(1, 512), help="processes")
+@click.option("--most-minutes", default=1e6, show_default="all", help="end after so long; begun again it goes on there")
+def main(seeds: int, jobs: int, most_minutes: float) -> None:
+    """Play healthy sessions that were not played yet with this state of the code, and write what came of all."""
+    folder = KEPT / code_digest()
+    folder.mkdir(parents=True, exist_ok=True)
+    table = StudyTable(folder / "rows.csv", KEYS)
+    left = [quiet for quiet in planned(seeds) if quiet.key not in table.done]
+    with progress_bar("session {task.completed:.0f} of {task.total:.0f}") as progress:
+        bar = progress.add_task("sessions", total=len(left))
+        done = results(Quiet.rows, left, jobs, None) if jobs > 1 else (quiet.rows() for quiet in left)
+        for rows in done:
+            table.add(rows)
+            progress.advance(bar)
+            if progress.tasks[bar].elapsed and progress.tasks[bar].elapsed > 60 * most_minutes:
+                break
+    FIGURES.write_text(json.dumps(written(table.rows), indent=1) + "\n", encoding="utf-8")
+    click.echo(f"written: {FIGURES}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,102 @@
+"""What the sequential test made of a recording of healthy scanning, block by block; what is not healthy is refused."""
+
+import hashlib
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+from appliance.core.line import Line
+from appliance.limits import MOST_NAMED_NATS, Limits
+from appliance.storage.black_box import Series
+from appliance.storage.calibration_file import read_calibration
+from appliance.types import Calibration, Fault, Kind, Verdict
+from drivers.errors import RecordingError
+from drivers.recordings.replay import open_recording
+from drivers.samples import Frame, Pose, Sample
+from tools.shared.noise_tail import BLOCK_NS
+from tools.shared.rerun import Rerun
+
+Watched = Callable[[Iterable[Sample]], Iterator[Sample]]
+_LASTING_NS = 1_000_000_000
+"""For which a FAULT must last to be one: the supervisor halts after it."""
+_ONE_LOOK_NS = 1_000_000_000
+"""Most that one verdict counts as time: a gap in the recording is no scanning. Not measured."""
+_NOT_HEALTHY = "Leave it out, or find out what was wrong; only healthy scanning teaches the noise"
+
+
+class Heard:
+    """peaks: block → largest log likelihood ratio, of every block in which there was something to test. tested_ns: for
+    how long there was. Raises RecordingError where the scanning was not healthy, or is not what the model describes.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.peaks = defaultdict[int, float](float)
+        self.tested_ns = 0
+        self._path = path
+        self._last_ns: int | None = None
+        self._faulty: tuple[Fault, int] | None = None
+
+    def take(self, verdicts: tuple[Verdict, ...], nats: float | None) -> None:
+        """What the line said to the next sample."""
+        for verdict in verdicts:
+            self._refuse_faults(verdict)
+            since_ns = 0 if self._last_ns is None else verdict.t_ns - self._last_ns
+            self._last_ns = verdict.t_ns
+            if nats is not None:
+                self.tested_ns += min(max(since_ns, 0), _ONE_LOOK_NS)
+                block = verdict.t_ns // BLOCK_NS
+                self.peaks[block] = max(self.peaks[block], nats)
+        if nats is not None and nats > MOST_NAMED_NATS:
+            what = f"picture and tracker disagree by {nats:.0f} nats, more than {MOST_NAMED_NATS:.0f}"
+            raise RecordingError(f"is not healthy scanning: {what}", str(self._path), _NOT_HEALTHY)
+
+    def _refuse_faults(self, verdict: Verdict) -> None:
+        fault = verdict.fault
+        if fault is None or fault.kind is not Kind.CALIBRATION:
+            self._faulty = None
+            return
+        before, since_ns = self._faulty or (fault, verdict.t_ns)
+        self._faulty = fault, since_ns if before is fault else verdict.t_ns
+        if verdict.t_ns - self._faulty[1] >= _LASTING_NS:
+            what = f"is not healthy scanning: {fault}, {verdict.reason}"
+            raise RecordingError(what, str(self._path), _NOT_HEALTHY)
+
+
+def heard_in_sequence(
+    path: Path, calibration: Path, limits: Limits, stale_ns: int, watched: Watched
+) -> tuple[Heard, bool]:
+    """Of a sequence, and whether its calibration is simulated. Raises RecordingError, ConfigurationError."""
+    recording = open_recording(path)
+    nominal = read_calibration(calibration, recording.size_px)
+    line, heard = _line(nominal, limits, stale_ns), Heard(path)
+    for sample in watched(recording.samples()):
+        heard.take(line.step(sample), line.nats)
+    return heard, nominal.simulated
+
+
+def heard_in_series(series: Series, limits: Limits, stale_ns: int) -> tuple[Heard, bool]:
+    """Of a black box, by the references that were in force; and whether any of it is simulated."""
+    path = series.boxes[0].path
+    if series.first_order() is None:
+        raise RecordingError("holds no reference that was in force, so nothing was judged", str(path), _NOT_HEALTHY)
+    heard = Heard(path)
+    rerun = Rerun(series, lambda reference, _limits, _stale_ns: _line(reference, limits, stale_ns))
+    for step in rerun.steps():
+        if isinstance(step.item, Frame | Pose) and isinstance(rerun.line, Line):
+            heard.take(step.verdicts, rerun.line.nats)
+    simulated = any(box.begun.simulated for box in series.boxes)
+    return heard, simulated or any(order.reference.simulated for order in rerun.orders)
+
+
+def sha256_of(path: Path) -> str:
+    """Of a file's content, in hexadecimal. Raises RecordingError."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordingError(f"cannot be read ({error.strerror})", str(path), "Check the path and its rights") from None
+
+
+def _line(reference: Calibration, limits: Limits, stale_ns: int) -> Line:
+    """It names as late as any may, so that a peak is seen to its top."""
+    return Line(reference, limits.model_copy(update={"named_nats": MOST_NAMED_NATS}), stale_ns)
