@@ -29,6 +29,7 @@ class PathResidual:
 
     def __init__(self, samples: PathSamples, reference: Calibration, planar: bool) -> None:
         self._samples, self._reference, self._planar = samples, reference, planar
+        self._latest: tuple[bytes, Array] | None = None
         self.blocks = samples.blocks
         lateral, axial = reference.polarity
         alpha = samples.alpha_rad[samples.kept] * (lateral * axial)
@@ -57,6 +58,7 @@ class PathResidual:
 
     def linearise_latency(self, theta: Array) -> None:
         """Take the derivative by latency at theta; it changes little with X."""
+        self._latest = None
         moved, turned = picture_steps(*self._moved_to(theta), self._samples.rates)
         for row, rate in zip(self._positions, [self._unturn * (moved[0] + 1j * moved[1]), moved[2]], strict=True):
             row[-1] = self._path(rate)
@@ -64,7 +66,18 @@ class PathResidual:
             row[3] = self._path(rate)
 
     def linear(self, theta: Array) -> Array:
-        """(rows, 10, m): derivatives by θ of every row, and the rows themselves. Measured counts positive."""
+        """(rows, 10, m): derivatives by θ of every row, and the rows themselves. Measured counts positive.
+
+        Not to be written to: the latest is kept, as each round of a solution begins where the one before ended.
+        """
+        asked = theta.tobytes()
+        if self._latest is None or self._latest[0] != asked:
+            rows = self._linear(theta)
+            rows.flags.writeable = False
+            self._latest = asked, rows
+        return self._latest[1]
+
+    def _linear(self, theta: Array) -> Array:
         lever, turned = products_and_slopes(*self._moved_to(theta))
         rest = _OF_REST.copy()
         rest[VALUE] = 1 + theta[3], 1 + theta[4], -theta[TAU], 1.0

@@ -57,7 +57,7 @@ class Innovations:
 
     def _white(self, theta: Array, n: int) -> Array:
         """(13, 3, n). The scales are regressed on the predicted path: the measured one holds the tissue's motion."""
-        linear = self._residual.linear(theta[: TAU + 1])
+        linear = self._residual.linear(theta[: TAU + 1]).copy()
         seen = self._residual.seen(theta[: TAU + 1])
         linear[[LATERAL, AXIAL], [3, 4]] = seen - linear[[LATERAL, AXIAL], VALUE]
         newest = linear[:, :, ::-1][:, :, :n]
