@@ -193,9 +193,10 @@ def _slant(elevation_mm: Array) -> Array:
     return structure(z[:, None]) + structure(z) - structure(z[:, None] - z)
 
 
-def covariances(blocks: Blocks, elevation_mm: Array, noise: Noise) -> Array:
-    """(rows, m, m) mm² or rad² of the path, each chain with an unknown offset, by a noise that is known."""
-    parts = blocks.parts(elevation_mm)
+def covariances(blocks: Blocks, parts: Array, noise: Noise) -> Array:
+    """(rows, m, m) mm² or rad² of the path, each chain with an unknown offset, by a noise that is known. parts:
+    of the blocks.
+    """
     is_mm = np.isin(np.arange(len(noise.variances)), POSITIONS)
     sizes = np.maximum(noise.variances, np.where(is_mm[:, None], POSITION_FLOORS, ANGLE_FLOORS))
     offsets = np.square(np.where(is_mm, _OFFSET_MM, _OFFSET_RAD))
@@ -291,8 +292,9 @@ class LearnedNoise:
     by the MM algorithm (Zhou, Hu, Zhou and Lange 2019), which never leaves the positive.
     """
 
-    def __init__(self, blocks: Blocks, elevation_mm: Array, noise: Noise) -> None:
-        self._parts = blocks.parts(elevation_mm)
+    def __init__(self, blocks: Blocks, parts: Array, noise: Noise) -> None:
+        """parts: (PARTS, m, m) of the blocks."""
+        self._parts = parts
         self._blocks = blocks
         positions = np.isin(np.arange(len(noise.variances)), POSITIONS)
         self._floors = np.where(positions[:, None], POSITION_FLOORS, ANGLE_FLOORS)

@@ -4,6 +4,8 @@ The path is linear in columns that the samples alone tell, with coefficients tha
 costs time in proportion to the pictures is done once for all iterations, and blocks of pictures are averaged before.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from appliance.core.path.samples import PathSamples
@@ -51,6 +53,25 @@ class PathResidual:
         lever, _ = products_and_slopes(*self._moved_to(np.zeros(9)))
         self.elevation_mm = np.asarray(self.blocks.means(np.cumsum(lever[-1, 2] @ moved)))
         """(m,) way of the picture's middle out of its plane, by the tracker and the reference."""
+
+    @classmethod
+    def of(cls, samples: PathSamples, reference: Calibration, planar: bool = False) -> "PathResidual":
+        """The one of these samples, linear in the latency about the reference: solution, polarity and sequential test ask
+        for the same.
+        """
+        key = id(reference), planar  # The residual keeps the reference, so its identity is not given to another.
+        if key not in samples.residuals:
+            residual = cls(samples, reference, planar)
+            residual.linearise_latency(np.zeros(9))
+            samples.residuals[key] = residual
+        return samples.residuals[key]
+
+    @cached_property
+    def parts(self) -> Array:
+        """(PARTS, m, m) as `Blocks.parts`; not to be written to."""
+        parts = self.blocks.parts(self.elevation_mm)
+        parts.flags.writeable = False
+        return parts
 
     def __len__(self) -> int:
         """Pictures."""

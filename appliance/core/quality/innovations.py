@@ -24,9 +24,8 @@ class Innovations:
 
     def __init__(self, window: PathWindow, reference: Calibration, noise: Noise, lag_s: float) -> None:
         self._samples = window.samples(lag_s)
-        self._residual = PathResidual(self._samples, reference, planar=False)
-        self._residual.linearise_latency(np.zeros(9))
-        backwards = covariances(self._residual.blocks, self._residual.elevation_mm, noise)[:, ::-1, ::-1]
+        self._residual = PathResidual.of(self._samples, reference)
+        backwards = covariances(self._residual.blocks, self._residual.parts, noise)[:, ::-1, ::-1]
         self._whitening = [_whitening(C) for C in backwards]
         t_s = self._residual.blocks.t_s
         self._drift = [(W @ (t_s - t_s[-1])[::-1])[None] for W in self._whitening]
