@@ -56,8 +56,8 @@ class PathResidual:
 
     @classmethod
     def of(cls, samples: PathSamples, reference: Calibration, planar: bool = False) -> "PathResidual":
-        """The one of these samples, linear in the latency about the reference: solution, polarity and sequential test ask
-        for the same.
+        """The one of these samples, linear in the latency about the reference. Solution, polarity and sequential test
+        ask for the same.
         """
         key = id(reference), planar  # The residual keeps the reference, so its identity is not given to another.
         if key not in samples.residuals:

@@ -97,7 +97,8 @@ def test_the_size_of_a_part_is_learned_from_paths_that_hold_it(part: int, size: 
     sizes[part] = size
     found = []
     for seed in range(4):
-        learned = LearnedNoise(given, given.parts(elevation_mm), noise(np.where(np.arange(PARTS) == part, 5 * size, 0.1)))
+        begun = noise(np.where(np.arange(PARTS) == part, 5 * size, 0.1))
+        learned = LearnedNoise(given, given.parts(elevation_mm), begun)
         path = drawn(given, elevation_mm, sizes, seed)
         for _ in range(30):
             learned.learn(path, np.zeros((2, 9, len(given))), np.eye(9))
