@@ -193,9 +193,10 @@ def _slant(elevation_mm: Array) -> Array:
     return structure(z[:, None]) + structure(z) - structure(z[:, None] - z)
 
 
-def covariances(blocks: Blocks, elevation_mm: Array, noise: Noise) -> Array:
-    """(rows, m, m) mm² or rad² of the path, each chain with an unknown offset, by a noise that is known."""
-    parts = blocks.parts(elevation_mm)
+def covariances(blocks: Blocks, parts: Array, noise: Noise) -> Array:
+    """(rows, m, m) mm² or rad² of the path, each chain with an unknown offset, by a noise that is known. parts:
+    of the blocks.
+    """
     is_mm = np.isin(np.arange(len(noise.variances)), POSITIONS)
     sizes = np.maximum(noise.variances, np.where(is_mm[:, None], POSITION_FLOORS, ANGLE_FLOORS))
     offsets = np.square(np.where(is_mm, _OFFSET_MM, _OFFSET_RAD))
@@ -205,35 +206,52 @@ def covariances(blocks: Blocks, elevation_mm: Array, noise: Noise) -> Array:
 class Whitener:
     """Of one row with one set of variances.
 
-    inverse: (m, m) of the covariance. log_volume: its log det.
+    inverse: (m, m) of the covariance. log_volume: its log det. Factorised when first asked for anything: where breaths
+    are followed, every other one is replaced before that. Raises ValueError then, where the covariance is not positive
+    definite.
     """
 
     def __init__(self, parts: Array, offsets: Array, variances: Array, followed: Array | None = None) -> None:
-        self._per_picture = np.diag(parts[WHITE])
-        flat = parts.reshape(len(parts), -1)
-        self._tissue = (variances[BREATHING:] @ flat[BREATHING:]).reshape(offsets.shape)
-        if followed is not None:
-            self._tissue += followed
-        C = (variances[:BREATHING] @ flat[:BREATHING]).reshape(offsets.shape)
+        self._parts, self._offsets, self._variances, self._followed = parts, offsets, variances, followed
+
+    @cached_property
+    def _tissue(self) -> Array:
+        """(m, m) covariance of the tissue's own motion."""
+        flat = self._parts[BREATHING:].reshape(PARTS - BREATHING, -1)
+        tissue = (self._variances[BREATHING:] @ flat).reshape(self._offsets.shape)
+        if self._followed is not None:
+            tissue += self._followed
+        return np.asarray(tissue)
+
+    @cached_property
+    def _factor(self) -> Array:
+        """(m, m) lower triangle of Cholesky."""
+        flat = self._parts[:BREATHING].reshape(BREATHING, -1)
+        C = (self._variances[:BREATHING] @ flat).reshape(self._offsets.shape)
         C += self._tissue
-        C += offsets
-        self._factor, refused = dpotrf(C, lower=True, clean=True, overwrite_a=True)
+        C += self._offsets
+        factor, refused = dpotrf(C, lower=True, clean=True, overwrite_a=True)
         if refused:
             raise ValueError("the noise of the path leaves its covariance not positive definite")
-        self.log_volume = 2 * float(np.log(np.diag(self._factor)).sum())
+        return np.asarray(factor)
+
+    @cached_property
+    def log_volume(self) -> float:
+        """Log det of the covariance."""
+        return 2 * float(np.log(self._factor.diagonal()).sum())
 
     @cached_property
     def inverse(self) -> Array:
         """(m, m)."""
         lower, _ = dpotri(self._factor, lower=True)
         whole = lower + lower.T
-        np.fill_diagonal(whole, np.diag(lower))
+        whole.ravel("K")[:: len(whole) + 1] /= 2
         return np.asarray(whole)
 
     @cached_property
     def counted(self) -> float:
         """What white noise of variance 1 in each picture pretends as information."""
-        return float(np.diag(self.inverse) @ self._per_picture)
+        return float(self.inverse.diagonal() @ self._parts[WHITE].diagonal())
 
     @cached_property
     def pretended(self) -> float:
@@ -274,8 +292,9 @@ class LearnedNoise:
     by the MM algorithm (Zhou, Hu, Zhou and Lange 2019), which never leaves the positive.
     """
 
-    def __init__(self, blocks: Blocks, elevation_mm: Array, noise: Noise) -> None:
-        self._parts = blocks.parts(elevation_mm)
+    def __init__(self, blocks: Blocks, parts: Array, noise: Noise) -> None:
+        """parts: (PARTS, m, m) of the blocks."""
+        self._parts = parts
         self._blocks = blocks
         positions = np.isin(np.arange(len(noise.variances)), POSITIONS)
         self._floors = np.where(positions[:, None], POSITION_FLOORS, ANGLE_FLOORS)
@@ -329,6 +348,7 @@ class LearnedNoise:
             self._unfollowed[k] = breathing * np.outer(~within, ~within)
             known = None if self.noise.followed is None else self.noise.followed[k]
             variances[k] = variances[k] * _LEFT if known is None or np.isnan(known).any() else known
+        self._parts = self._parts.copy()
         self._parts[PULSE] = _rhythm(self._blocks.apart_s, self._pulse_hz(first, path[first]))
         self._take(variances, range(len(self.rows)))
 

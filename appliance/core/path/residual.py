@@ -4,6 +4,8 @@ The path is linear in columns that the samples alone tell, with coefficients tha
 costs time in proportion to the pictures is done once for all iterations, and blocks of pictures are averaged before.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from appliance.core.path.samples import PathSamples
@@ -29,6 +31,7 @@ class PathResidual:
 
     def __init__(self, samples: PathSamples, reference: Calibration, planar: bool) -> None:
         self._samples, self._reference, self._planar = samples, reference, planar
+        self._latest: tuple[bytes, Array] | None = None
         self.blocks = samples.blocks
         lateral, axial = reference.polarity
         alpha = samples.alpha_rad[samples.kept] * (lateral * axial)
@@ -51,12 +54,32 @@ class PathResidual:
         self.elevation_mm = np.asarray(self.blocks.means(np.cumsum(lever[-1, 2] @ moved)))
         """(m,) way of the picture's middle out of its plane, by the tracker and the reference."""
 
+    @classmethod
+    def of(cls, samples: PathSamples, reference: Calibration, planar: bool = False) -> "PathResidual":
+        """The one of these samples, linear in the latency about the reference. Solution, polarity and sequential test
+        ask for the same.
+        """
+        key = id(reference), planar  # The residual keeps the reference, so its identity is not given to another.
+        if key not in samples.residuals:
+            residual = cls(samples, reference, planar)
+            residual.linearise_latency(np.zeros(9))
+            samples.residuals[key] = residual
+        return samples.residuals[key]
+
+    @cached_property
+    def parts(self) -> Array:
+        """(PARTS, m, m) as `Blocks.parts`; not to be written to."""
+        parts = self.blocks.parts(self.elevation_mm)
+        parts.flags.writeable = False
+        return parts
+
     def __len__(self) -> int:
         """Pictures."""
         return int(self._unturn.size)
 
     def linearise_latency(self, theta: Array) -> None:
         """Take the derivative by latency at theta; it changes little with X."""
+        self._latest = None
         moved, turned = picture_steps(*self._moved_to(theta), self._samples.rates)
         for row, rate in zip(self._positions, [self._unturn * (moved[0] + 1j * moved[1]), moved[2]], strict=True):
             row[-1] = self._path(rate)
@@ -64,7 +87,18 @@ class PathResidual:
             row[3] = self._path(rate)
 
     def linear(self, theta: Array) -> Array:
-        """(rows, 10, m): derivatives by θ of every row, and the rows themselves. Measured counts positive."""
+        """(rows, 10, m): derivatives by θ of every row, and the rows themselves. Measured counts positive.
+
+        Not to be written to: the latest is kept, as each round of a solution begins where the one before ended.
+        """
+        asked = theta.tobytes()
+        if self._latest is None or self._latest[0] != asked:
+            rows = self._linear(theta)
+            rows.flags.writeable = False
+            self._latest = asked, rows
+        return self._latest[1]
+
+    def _linear(self, theta: Array) -> Array:
         lever, turned = products_and_slopes(*self._moved_to(theta))
         rest = _OF_REST.copy()
         rest[VALUE] = 1 + theta[3], 1 + theta[4], -theta[TAU], 1.0

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,9 @@ from numpy.typing import NDArray
 from appliance.core.path.noise import Blocks
 from appliance.core.path.steps import SensorSteps
 from drivers.rigid import Array
+
+if TYPE_CHECKING:
+    from appliance.core.path.residual import PathResidual
 
 _LEAST_CHAIN = 4
 _LEAST_PICTURES = 8
@@ -36,6 +40,11 @@ class PathSamples:
     later_poses: Array
     apart_s: float
     origin_ns: int = 0
+
+    @cached_property
+    def residuals(self) -> "dict[tuple[int, bool], PathResidual]":
+        """As `PathResidual.of` has made them: by the identity of the reference, and whether planar."""
+        return {}
 
     @cached_property
     def kept(self) -> NDArray[np.bool_]:

@@ -159,9 +159,10 @@ class PathFit:
     """
 
     def __init__(self, samples: PathSamples, reference: Calibration, noise: Noise) -> None:
-        self._samples, self._known = samples, dict[tuple[int, int], PathResidual]()
-        residual = self._residual(reference)
-        self._noise = LearnedNoise(residual.blocks, residual.elevation_mm, noise)
+        self._samples = samples
+        residual = PathResidual.of(samples, reference)
+        self._known = {reference.polarity: residual}
+        self._noise = LearnedNoise(residual.blocks, residual.parts, noise)
 
     def misfit(self, reference: Calibration) -> float:
         """−2 log likelihood per picture."""
@@ -199,15 +200,14 @@ class _Problem:
         self, samples: PathSamples, reference: Calibration, prior: Prior, start: Noise | None, learn: bool
     ) -> None:
         self._reference, self._prior, self._samples = reference, prior, samples
-        residual = self.residual = PathResidual(samples, reference, prior.planar)
-        residual.linearise_latency(np.zeros(9))
+        residual = self.residual = PathResidual.of(samples, reference, prior.planar)
         self._at_reference = residual.linear(np.zeros(9))
         self._known = np.diag(1 / self._prior_sd() ** 2)
         self._spread, self._tissue_out = 1.0, False
         self._breathing = np.zeros_like(self._at_reference[:, VALUE])
         self._rounds = 0 if not learn else _ROUNDS_ON if start else _ROUNDS
         self._first, left = self._first_estimate()
-        self._noise = LearnedNoise(residual.blocks, residual.elevation_mm, start or self._first_noise(left))
+        self._noise = LearnedNoise(residual.blocks, residual.parts, start or self._first_noise(left))
 
     def _first_estimate(self) -> tuple[Array, Array]:
         """θ by least squares, and (rows, m) what it leaves, each chain with an offset of its own."""

@@ -24,9 +24,8 @@ class Innovations:
 
     def __init__(self, window: PathWindow, reference: Calibration, noise: Noise, lag_s: float) -> None:
         self._samples = window.samples(lag_s)
-        self._residual = PathResidual(self._samples, reference, planar=False)
-        self._residual.linearise_latency(np.zeros(9))
-        backwards = covariances(self._residual.blocks, self._residual.elevation_mm, noise)[:, ::-1, ::-1]
+        self._residual = PathResidual.of(self._samples, reference)
+        backwards = covariances(self._residual.blocks, self._residual.parts, noise)[:, ::-1, ::-1]
         self._whitening = [_whitening(C) for C in backwards]
         t_s = self._residual.blocks.t_s
         self._drift = [(W @ (t_s - t_s[-1])[::-1])[None] for W in self._whitening]
@@ -57,7 +56,7 @@ class Innovations:
 
     def _white(self, theta: Array, n: int) -> Array:
         """(13, 3, n). The scales are regressed on the predicted path: the measured one holds the tissue's motion."""
-        linear = self._residual.linear(theta[: TAU + 1])
+        linear = self._residual.linear(theta[: TAU + 1]).copy()
         seen = self._residual.seen(theta[: TAU + 1])
         linear[[LATERAL, AXIAL], [3, 4]] = seen - linear[[LATERAL, AXIAL], VALUE]
         newest = linear[:, :, ::-1][:, :, :n]

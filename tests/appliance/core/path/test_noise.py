@@ -48,7 +48,7 @@ def test_whitening_is_generalised_least_squares_with_a_free_offset_per_chain() -
     given, elevation_mm = blocks(), np.linspace(0, 4, 30)
     sizes = SIZES.copy()
     sizes[BREATHING:] = 1e-3, 1e-3
-    learned = LearnedNoise(given, elevation_mm, noise(sizes))
+    learned = LearnedNoise(given, given.parts(elevation_mm), noise(sizes))
     path = drawn(given, elevation_mm, sizes, 1)[0]
     weight = np.linalg.inv(np.tensordot(np.square(sizes), given.parts(elevation_mm), axes=1))
     chains = np.stack([given.chain == 0, given.chain == 1]).astype(float)
@@ -59,7 +59,7 @@ def test_whitening_is_generalised_least_squares_with_a_free_offset_per_chain() -
 
 def test_innovations_of_paths_drawn_from_the_model_are_white_and_colour_undoes_it() -> None:
     given, elevation_mm = blocks(600, 1), 5 * np.sin(np.arange(200) / 20)
-    row = LearnedNoise(given, elevation_mm, noise()).rows[0]
+    row = LearnedNoise(given, given.parts(elevation_mm), noise()).rows[0]
     path = drawn(given, elevation_mm, SIZES, 2)[0]
     white = row.white(path)[1:]
     assert np.var(white) == pytest.approx(1, abs=0.2)
@@ -97,7 +97,8 @@ def test_the_size_of_a_part_is_learned_from_paths_that_hold_it(part: int, size: 
     sizes[part] = size
     found = []
     for seed in range(4):
-        learned = LearnedNoise(given, elevation_mm, noise(np.where(np.arange(PARTS) == part, 5 * size, 0.1)))
+        begun = noise(np.where(np.arange(PARTS) == part, 5 * size, 0.1))
+        learned = LearnedNoise(given, given.parts(elevation_mm), begun)
         path = drawn(given, elevation_mm, sizes, seed)
         for _ in range(30):
             learned.learn(path, np.zeros((2, 9, len(given))), np.eye(9))
@@ -107,7 +108,7 @@ def test_the_size_of_a_part_is_learned_from_paths_that_hold_it(part: int, size: 
 
 def test_no_part_is_believed_to_be_nothing() -> None:
     given = blocks(600, 1)
-    learned = LearnedNoise(given, np.zeros(200), noise())
+    learned = LearnedNoise(given, given.parts(np.zeros(200)), noise())
     for _ in range(40):
         learned.learn(np.zeros((2, 200)), np.zeros((2, 9, 200)), np.eye(9))
     assert np.sqrt(learned.noise.variances[0, WHITE]) == pytest.approx(0.02)
@@ -118,7 +119,7 @@ def test_breathing_is_taken_out_of_a_path_and_motion_is_left() -> None:
     given = blocks(600, 1)
     breath = 2 * np.sin(2 * np.pi * given.t_s / 4)
     quick = 0.3 * np.sign(np.sin(40 * given.t_s))
-    learned = LearnedNoise(given, np.zeros(200), noise(np.array([0.3, 0.01, 0.01, 0.012, 2.0, 1e-3])))
+    learned = LearnedNoise(given, given.parts(np.zeros(200)), noise(np.array([0.3, 0.01, 0.01, 0.012, 2.0, 1e-3])))
     path = breath + quick
     clean = path - learned.rows[0].tissue(path)
     assert np.std(clean - quick) < 0.15

@@ -68,3 +68,25 @@ def test_the_way_out_of_the_plane_is_the_trackers() -> None:
     given = samples(tilting_path, 300, 5, QUIET)
     found = PathResidual(given, TRUTH, planar=False).elevation_mm
     assert np.ptp(found) == pytest.approx(6, abs=1.5)
+
+
+def test_one_residual_serves_whoever_asks_for_the_same_reference() -> None:
+    given = samples(tilting_path, 40, 2, motions.Noise())
+    shared, fresh = PathResidual.of(given, TRUTH), PathResidual(given, TRUTH, planar=False)
+    fresh.linearise_latency(np.zeros(9))
+    assert PathResidual.of(given, TRUTH) is shared
+    assert PathResidual.of(given, replace(TRUTH, polarity=(-1, 1))) is not shared
+    assert PathResidual.of(given, TRUTH, planar=True) is not shared
+    np.testing.assert_array_equal(shared.linear(np.zeros(9)), fresh.linear(np.zeros(9)))
+
+
+def test_what_is_kept_of_a_residual_is_of_its_latest_theta_and_nobody_can_spoil_it() -> None:
+    residual = PathResidual.of(samples(tilting_path, 40, 2, motions.Noise()), TRUTH)
+    here, there = np.zeros(9), np.full(9, 1e-3)
+    kept = residual.linear(here)
+    assert residual.linear(here.copy()) is kept
+    assert not np.array_equal(residual.linear(there), kept)
+    np.testing.assert_array_equal(residual.linear(here), kept)
+    for shared in (kept, residual.parts):
+        with pytest.raises(ValueError, match="read-only"):
+            shared[0] = 0.0
