@@ -8,7 +8,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types contracts quick thorough invariant \
-  failures live mutation pythons slow test-arm64 evidence evidence-full coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
+  failures live mutation pythons slow test-arm64 evidence evidence-full false-alarms coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z0-9-]+:.*## /{printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -68,6 +68,10 @@ evidence: $(VENV)/dev ## the short study of hazards and false alarms: docs/evide
 
 evidence-full: $(VENV)/dev ## the same over 1,000 simulated hours: about 200 hours of one processor; SCHEDULER=tcp://… for a Dask cluster
 	$(MEASURED) full $(WHERE)
+	$(BIN)/python -m tools.development.manual
+
+false-alarms: $(VENV)/dev ## signs and names in healthy scanning, on paths without pictures (an hour of one processor for SEEDS=2; goes on where it ended)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.development.false_alarms $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS))
 	$(BIN)/python -m tools.development.manual
 
 coverage-page: $(VENV)/dev ## how often healthy scanning is verified: docs/coverage.md (for two idle processors, about fifteen minutes)

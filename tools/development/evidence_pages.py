@@ -13,6 +13,8 @@ from appliance.core.quality.sequential_test import WITHDRAWN_NATS
 from appliance.limits import NAMED_NATS
 from appliance.types import Fault
 from tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, Origin
+from tools.development.false_alarm_pages import false_alarm_lines
+from tools.development.markdown import table
 from tools.report.svg import Plot, alone
 from tools.study.bound import FALSE_ALARM_H
 from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, Hazard
@@ -67,11 +69,6 @@ def pages(figures: Figures) -> dict[Path, str]:
         DOCS / "pictures" / "delay.svg": _delay_picture(figures.found),
         DOCS / "pictures" / "roc.svg": _roc_picture(figures),
     }
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Lines of a Markdown table, with an empty one after it."""
-    return [*(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)), ""]
 
 
 def command(hazards: str = "") -> str:
@@ -155,6 +152,7 @@ def _evidence(figures: Figures) -> str:
     lines = [
         _EVIDENCE.format(command=command("H")),
         *_false_alarms(figures.healthy),
+        *false_alarm_lines(),
         "## Sensitivity and delay",
         "",
         _SENSITIVITY,
@@ -272,7 +270,7 @@ measured before the study kept the ratio are left out: {left} of {all} runs.
 def _roc(figures: Figures) -> list[str]:
     """What the sequential test would tell at other thresholds."""
     quiet = _quiet_nats(figures)
-    everything = [*figures.healthy, *figures.found]
+    everything: list[Healthy | Found] = [*figures.healthy, *figures.found]
     runs = sum(one.runs for one in everything)
     left = runs - sum(len(one.nats) for one in everything)
     lines = ["## ROC of the sequential test", "", _ROC.format(left=left, all=runs)]

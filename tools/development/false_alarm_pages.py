@@ -1,4 +1,4 @@
-"""The section of docs/evidence.md on how often healthy scanning raises a sign or a name, from docs/false-alarms.json."""
+"""Signs and names in healthy scanning: the section of docs/evidence.md from docs/false-alarms.json."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -7,20 +7,22 @@ from typing import Any
 
 from scipy.stats import chi2
 
+from tools.development.markdown import table
+
 FIGURES = Path(__file__).parents[2] / "docs" / "false-alarms.json"
 _TAIL = 0.025
 """Of either side of an interval of 95 %."""
 _LEVELS_NATS = (6, 8, 10, 14, 18.5)
 """Above which peaks are counted: what the test tells at all, a sign, a name, and between."""
 
-_TEXT = """`make false-alarms` plays healthy sessions without pictures: the path of the session with the errors of a
-registration goes straight into what judges it, with every session of [study.md](study.md) after a gesture, in both
-tissues, under three noises of the tracker of one size (.1 mm, .02°): Gaussian, Student's t with five degrees of freedom,
-and one that is alike from reading to reading (.9 at 60 Hz). What pictures alone show (leaps, freezes, other tissue) is
-not in it. *Sign*: something comes to speak against the calibration, and the contact is open until motion has answered it.
-Intervals are Poisson's, 95 %, per hour of scanning; `{command}`, seeds {seeds}, commit {commits}.
+_TEXT = """`make false-alarms SEEDS={seeds}` plays healthy sessions without pictures: the path of the session with
+the errors of a registration goes straight into what judges it, with every session of [study.md](study.md)
+after a gesture, in both tissues, under three noises of the tracker of one size (.1 mm, .02°): Gaussian,
+Student's t with five degrees of freedom, and one that is alike from reading to reading (.9 at 60 Hz).
+What pictures alone show (leaps, freezes, other tissue) is not in it. *Sign*: something comes to speak
+against the calibration, and the contact is open until motion has answered it. Intervals are Poisson's, 95
+%, per hour of scanning; seeds 1 to {seeds}, commit {commits}.
 """
-command = "python -m tools.development.false_alarms --seeds 2"
 
 
 def interval(events: int, hours: float) -> tuple[float, float]:
@@ -29,19 +31,14 @@ def interval(events: int, hours: float) -> tuple[float, float]:
     return low / hours, float(chi2.ppf(1 - _TAIL, 2 * events + 2)) / 2 / hours
 
 
-def lines(figures: Mapping[str, Any]) -> list[str]:
-    """Of the page."""
+def false_alarm_lines() -> list[str]:
+    """Of the page, as it was last measured."""
+    figures: Mapping[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8"))
     commits = ", ".join(f"`{one}`" for one in figures["commits"])
-    told = _TEXT.format(command=command, seeds=figures["seeds"], commits=commits)
+    told = _TEXT.format(seeds=figures["seeds"], commits=commits)
     head = ("healthy scanning", "hours", "signs", "of them while OK", "`undecided`", "named FAULTs", "HALTs", "OK for")
     rows = [_row(name, total) for name, total in figures["totals"].items()]
-    return ["## Signs and names in healthy scanning", "", told, *_table(head, rows), *_peaks(figures)]
-
-
-def read() -> Mapping[str, Any]:
-    """What was last measured."""
-    figures: Mapping[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8"))
-    return figures
+    return ["## Signs and names in healthy scanning", "", told, *table(head, rows), *_peaks(figures)]
 
 
 def _row(name: str, total: Mapping[str, Any]) -> Sequence[str]:
@@ -64,7 +61,3 @@ def _peaks(figures: Mapping[str, Any]) -> list[str]:
         f"Largest log likelihood ratio of each half minute: {above} nats; the highest {highest}. Names: {names}.",
         "",
     ]
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return [*(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)), ""]

@@ -52,8 +52,6 @@ _SOLVE_NS, _SOLVE_FIRST_NS, _FIRST_NS, _UNPAIRED_NS = 330_000_000, 200_000_000, 
 nothing is in sight."""
 BLOCK_S = 30.0
 """Whose largest log likelihood ratio is kept: three windows of the test, so that neighbours share little motion."""
-LEAST_NATS = 6.0
-"""Below which the test tells 0."""
 
 
 @dataclass(frozen=True)
@@ -88,12 +86,12 @@ class _Played:
         self._counts = dict.fromkeys(("signs", "withdrawn", "choices", "faults", "warnings", "halts"), 0)
         self._names: list[str] = []
         self._peaks = np.zeros(int(np.ceil(quiet.session.duration_s / BLOCK_S)))
-        self._tested_ns = self._ok_ns = 0
+        self._ok_ns = 0
         self._play(quiet.noise)
 
     def row(self) -> Row:
         """Cells of the table."""
-        seconds = {"tested_s": self._tested_ns / 1e9, "ok_s": self._ok_ns / 1e9}
+        seconds = {"ok_s": self._ok_ns / 1e9}
         counts = {name: str(value) for name, value in self._counts.items()}
         peaks = " ".join(f"{peak:.2f}" for peak in self._peaks if peak > 0)
         times = {name: f"{value:.1f}" for name, value in seconds.items()}
@@ -102,7 +100,7 @@ class _Played:
     def _play(self, noise: str) -> None:
         session, evidence = self._session, self._evidence
         frames_s = frame_times(session)
-        poses_s = (np.arange(round((session.duration_s + 1) * POSE_HZ)) + 0.5) / POSE_HZ
+        poses_s: Array = np.asarray((np.arange(round((session.duration_s + 1) * POSE_HZ)) + 0.5) / POSE_HZ)
         poses, fed = _poses(session, noise, poses_s), 0
         motions = _motions(session, frames_s)
         solve_ns, last_ns = 0, stamp_ns(0.0)
@@ -127,7 +125,6 @@ class _Played:
     def _take(self, now_ns: int, since_ns: int, t_s: float) -> None:
         evidence, counts = self._evidence, self._counts
         if evidence.nats is not None:
-            self._tested_ns += since_ns
             block = int(t_s // BLOCK_S)
             self._peaks[block] = max(self._peaks[block], evidence.nats)
         verdict = judge(now_ns, evidence.checks(), evidence.standing)
@@ -218,44 +215,30 @@ def _session(name: str, tissue: Tissue, seed: int) -> Session:
     return Session(name, tissue, 5000 + seed, LENGTH_S)
 
 
-@dataclass
-class Total:
-    """Of all rows of one kind; hours: of scanning; tested_h: of those in which the test had something to test."""
+_HOURS = {"hours": "duration_s", "ok_h": "ok_s"}
+"""Figure → column of s."""
+_COUNTS = ("signs", "withdrawn", "choices", "faults", "warnings", "halts")
 
-    rows: int = 0
-    hours: float = 0.0
-    tested_h: float = 0.0
-    ok_h: float = 0.0
-    signs: int = 0
-    withdrawn: int = 0
-    choices: int = 0
-    faults: int = 0
-    warnings: int = 0
-    halts: int = 0
 
-    def add(self, row: Row) -> None:
-        """Take one."""
-        self.rows += 1
-        self.hours += float(row["duration_s"]) / 3600
-        self.tested_h += float(row["tested_s"]) / 3600
-        self.ok_h += float(row["ok_s"]) / 3600
-        for name in ("signs", "withdrawn", "choices", "faults", "warnings", "halts"):
-            setattr(self, name, getattr(self, name) + int(row[name]))
+def _total(rows: list[Row]) -> dict[str, float]:
+    """Of all rows of one kind."""
+    hours = {name: round(sum(float(row[column]) for row in rows) / 3600, 3) for name, column in _HOURS.items()}
+    return {"rows": len(rows), **hours, **{name: sum(int(row[name]) for row in rows) for name in _COUNTS}}
 
 
 def written(rows: list[Row]) -> dict[str, object]:
     """What docs/false-alarms.json keeps."""
-    totals: dict[str, Total] = {}
+    kinds: dict[str, list[Row]] = {}
     for row in rows:
         for name in ("all", row["tissue"], row["noise"], row["session"].removeprefix("gesture-")):
-            totals.setdefault(name, Total()).add(row)
+            kinds.setdefault(name, []).append(row)
     names = sorted({name for row in rows for name in row["names"].split()})
     counted = {name: sum(row["names"].split().count(name) for row in rows) for name in names}
     peaks = sorted((float(peak) for row in rows for peak in row["peaks"].split()), reverse=True)
     return {
         "commits": sorted({row[COMMIT] for row in rows}),
         "seeds": len({row["seed"] for row in rows}),
-        "totals": {name: {k: round(v, 3) for k, v in vars(total).items()} for name, total in totals.items()},
+        "totals": {name: _total(own) for name, own in kinds.items()},
         "names": counted,
         "peaks": peaks,
     }
@@ -277,7 +260,7 @@ def main(seeds: int, jobs: int, most_minutes: float) -> None:
         for rows in done:
             table.add(rows)
             progress.advance(bar)
-            if progress.tasks[bar].elapsed and progress.tasks[bar].elapsed > 60 * most_minutes:
+            if (progress.tasks[bar].elapsed or 0.0) > 60 * most_minutes:
                 break
     FIGURES.write_text(json.dumps(written(table.rows), indent=1) + "\n", encoding="utf-8")
     click.echo(f"written: {FIGURES}")

@@ -13,8 +13,9 @@ from appliance.limits import Limits
 from appliance.supervision.alarms import HAZARDS, Hazard
 from appliance.types import Fault
 from tools.development.evidence_figures import Figures, Found
-from tools.development.evidence_pages import of_fault, table
+from tools.development.evidence_pages import of_fault
 from tools.development.hazards import ROOT, found_by
+from tools.development.markdown import table
 from tools.development.slips import slip_pages
 from tools.study.hazard import FAULTS
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from statemachine.transition import Transition
 
-from appliance.core.quality.sequential_test import NAMED_NATS, WITHDRAWN_NATS
+from appliance.core.quality.sequential_test import WITHDRAWN_NATS
 from appliance.core.quality.shown import PRESENT_NS
-from appliance.limits import Limits
+from appliance.limits import NAMED_NATS, Limits
 from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, Signal
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
@@ -21,9 +21,10 @@ from appliance.supervision.policy import POLICY, Durations, Policy, pulses
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import Fault, State
 from tools.development.evidence_figures import Figures
-from tools.development.evidence_pages import pages, read_figures, table
+from tools.development.evidence_pages import pages, read_figures
 from tools.development.hazard_pages import hazard_pages, remedies
 from tools.development.hazards import PAGE, hazards, step_told, steps
+from tools.development.markdown import table
 
 MANUAL = Path(__file__).parents[2] / "docs" / "alarms.md"
 _OWN = {

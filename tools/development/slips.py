@@ -23,7 +23,7 @@ from appliance.limits import Limits
 from appliance.types import Check, Fault, VerdictKind
 from drivers.rigid import Array, interpolate, rigid, rotation_from_vector
 from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
-from tools.development.evidence_pages import table
+from tools.development.markdown import table
 from tools.study.hazard import FAULTS
 from tools.study.plan import tracker_of
 from tools.study.samples import POSE_HZ, Conditions, rendered, samples, seconds, stamp_ns

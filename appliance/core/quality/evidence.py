@@ -10,10 +10,10 @@ from appliance.core.path.explanation import Explanation
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, examine, examine_nothing, latency_of, without
 from appliance.core.quality.examiner import BREATHED, Examiner
-from appliance.core.quality.sequential_test import NAMED_NATS, WINDOW_NS, Accusation, accuse
+from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
-from appliance.limits import Limits
+from appliance.limits import NAMED_NATS, Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 
 _SHORT_NS = 3_500_000_000
