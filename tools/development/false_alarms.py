@@ -230,7 +230,7 @@ def written(rows: list[Row]) -> dict[str, object]:
     """What docs/false-alarms.json keeps."""
     kinds: dict[str, list[Row]] = {}
     for row in rows:
-        for name in ("all", row["tissue"], row["noise"], row["session"].removeprefix("gesture-")):
+        for name in ("everything", row["tissue"], row["noise"], row["session"].removeprefix("gesture-")):
             kinds.setdefault(name, []).append(row)
     names = sorted({name for row in rows for name in row["names"].split()})
     counted = {name: sum(row["names"].split().count(name) for row in rows) for name in names}
