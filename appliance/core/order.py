@@ -1,4 +1,4 @@
-"""What a line is made with; whoever gives one begins anew."""
+"""What a line is made with; a new one starts a new line."""
 
 from dataclasses import dataclass
 

@@ -52,7 +52,7 @@ _LARGEST_OUTLIER_SHARE = 0.25
 _LEAST_SD_MM = 0.01
 """Per axis: below the rounding of sub-pixel centres, so that noise-free views do not get infinite weight."""
 _ROUNDS = 6
-"""Of rejecting and weighing anew, each a few ms: the sets that it settles on are found in three. Not varied."""
+"""Of rejecting and weighing again, each a few ms: the sets that it settles on are found in three. Not varied."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -54,7 +54,7 @@ class Day:
         return program
 
     def serve(self) -> "subprocess.Popen[bytes]":
-        """As the unit starts it, and after every end anew."""
+        """As the unit starts it, and again after every end."""
         service = subprocess.Popen(
             [str(PROBEWATCH), "run", "--config", str(self.file)], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
         )

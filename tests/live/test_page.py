@@ -397,7 +397,7 @@ def test_a_german_room_reads_the_whole_page_in_german(bench: Bench) -> None:
 
 def test_a_page_that_is_killed_leaves_no_cart_that_waits_for_it(bench: Bench) -> None:
     """The service gives the scan up, says for whom and why, in the log too, and closes nothing before it has verified;
-    the page that comes back begins anew.
+    the page that comes back starts again.
     """
     page = bench.person(may=True)
     bench.cart.tank.touch()

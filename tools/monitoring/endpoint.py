@@ -20,7 +20,7 @@ behind a bad network. Not measured.
 
 
 class Endpoint(ThreadingHTTPServer):
-    """Serves /metrics at (host, port); port 0 takes a free one. text: makes what is served, for each request anew.
+    """Serves /metrics at (host, port); port 0 takes a free one. text: makes what is served, once for each request.
 
     Raises ConfigurationError where nothing can listen there.
     """

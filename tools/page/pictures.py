@@ -1,4 +1,4 @@
-"""The newest picture of the service's feed as a JPEG, made anew for nobody: only while somebody looks."""
+"""The newest picture of the service's feed as a JPEG, made only while somebody looks."""
 
 import threading
 import time

@@ -125,7 +125,7 @@ class Scanned:
 
     @property
     def state(self) -> Running | None:
-        """What the views give, None before the first; solved anew only where something has changed."""
+        """What the views give, None before the first; solved again only where something has changed."""
         if self._stale and self.running is not None:
             self._state, self._stale = self.running.state(self.scan.misses_mm), False
         return self._state

@@ -118,8 +118,8 @@ def latency_text(latency: Fields | None) -> str:
         return "waiting for the first picture"
     seen = f"bottom seen in {latency['seen']} of {latency['pictures']} pictures"
     if latency["latency_ms"] is None:
-        anew = " · a minute did not show it, started again" if latency["begun_anew"] else ""
-        return f"{seen} · not known yet{anew}"
+        again = " · a minute did not show it, started again" if latency["begun_anew"] else ""
+        return f"{seen} · not known yet{again}"
     enough = " · enough is collected: take it" if latency["full"] else ""
     return f"{seen} · tracker late by {latency['latency_ms']:.1f} ± {latency['sigma_ms']:.1f} ms{enough}"
 

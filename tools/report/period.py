@@ -68,7 +68,7 @@ class Alarm:
 class Summary:
     """shares_s: state → seconds. by_day: the same for each day, in order. requests: what was asked, how often.
 
-    damages: of the log, in words; chains: how often it was begun anew. self_tests: as they were kept, oldest first.
+    damages: of the log, in words; chains: how often it was begun again. self_tests: as they were kept, oldest first.
     """
 
     period: Period

@@ -31,7 +31,7 @@ short one. Where anything speaks against its last solution it is solved each tim
 """
 _AS_IT_WAS = 0.5
 """Share of its limit by which what is wrong may move and is no other change: two to three sigmas of a short window in
-the study's gesture. Less begins anew for noise, more takes one that grows still for one that stands."""
+the study's gesture. Less starts again for noise, more takes one that grows still for one that stands."""
 _GLANCED_NS = 2_000_000_000
 """Length of the window up to which each picture is looked at for an evident flip, 1 ms: a solution tells it by then."""
 _REQUIRED_FOR = {
@@ -88,16 +88,16 @@ class Evidence:
     def restart(self) -> None:
         """The geometry has changed: what was measured before says nothing of what comes."""
         self._examiner.restart()
-        self._begin_anew()
+        self._start_over()
 
     def lose_sight(self) -> None:
         """A hand may have changed whatever it likes meanwhile, so nothing is shown. How the patient breathes it has not
         changed: what was learned of that is where learning goes on.
         """
         self._examiner.lose_sight()
-        self._begin_anew()
+        self._start_over()
 
-    def _begin_anew(self) -> None:
+    def _start_over(self) -> None:
         self.window.restart()
         self._verification.restart()
         self._latest = self._nothing

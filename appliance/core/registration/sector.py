@@ -44,7 +44,7 @@ class Sector:
 
     def step(self, image: GreyImage) -> Bits | None:
         """Where tissue may be seen in this very picture; None while nobody knows. A picture of another size, or another
-        screen, begins anew.
+        screen, starts again.
         """
         now = half(image)
         if self._before is not None and (self._before.shape != now.shape or self._another_screen(now)):

@@ -1,6 +1,6 @@
 """A power cut at any step of a write leaves the reference before or the one after, whole: never none, never a torn one.
 
-Every state that the cut may have left on the disk (tests/support/power_cut.py) is started anew.
+Every state that the cut may have left on the disk (tests/support/power_cut.py) is started from.
 """
 
 import os
