@@ -1,4 +1,4 @@
-"""What a line is made with; a new one starts a new line."""
+"""What a line is made with. Whoever gives a new order gets a new line."""
 
 from dataclasses import dataclass
 

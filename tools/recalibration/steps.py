@@ -97,7 +97,7 @@ class LatencyStep:
             self._line.step(sample)
 
     def solve(self) -> None:
-        """Once more, of all samples so far. A whole minute that does not show it is thrown away, and another one begins."""
+        """Again, of all samples so far. A whole minute that does not show it is thrown away, and another one begins."""
         if self.full and self.found is not None:
             return
         self.found = self._line.latency()
