@@ -38,7 +38,7 @@ def file_sha256(path: Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class SignOff:
-    """What people say of a calibration; empty where nobody did. due: due again; expires: not to be used after."""
+    """What people say of a calibration; empty where nobody did. due: to be renewed; expires: not to be used after."""
 
     made_by: str
     signed_by: str = ""
