@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, field_validator
 
 from appliance.configuration.mistakes import Mistakes
 from appliance.limits import MOST_NAMED_NATS, NAMED_NATS, Limits
@@ -59,6 +59,13 @@ class LearnedNoise(BaseModel):
     recording: Annotated[tuple[LearnedFrom, ...], Field(min_length=1, strict=False)]
 
     _sha256: str = PrivateAttr(default="")
+
+    @field_validator("limits")
+    @classmethod
+    def _are_those(cls, limits: dict[str, float]) -> dict[str, float]:
+        if set(limits) != set(_JUDGED):
+            raise ValueError(f"must be {', '.join(_JUDGED)}, each once")
+        return limits
 
     @property
     def sha256(self) -> str:

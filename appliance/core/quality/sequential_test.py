@@ -53,7 +53,7 @@ _WORTH_NATS = 6.0
 @dataclass(frozen=True, slots=True, eq=False)
 class Accusation:
     """since_ns: from when on. nats: by how much what is accused explains the motion better than anything within its
-    limits; 0 stands for all below _WORTH_NATS. checks: none below WITHDRAWN_NATS, which accuses of nothing; FAULTs of
+    limits, below _WORTH_NATS to first order. checks: none below WITHDRAWN_NATS, which accuses of nothing; FAULTs of
     the parameters that are surely beyond, where one class explains it; else the parameter that is farthest beyond,
     NOT_VERIFIED, of each class that is as likely, the likeliest first. rivals: those classes, where there are two or
     more and the likeliest explains it.

@@ -49,6 +49,16 @@ def test_a_configuration_that_names_it_has_its_threshold_and_tells_its_origin(tm
     assert noise_fields(load_config(written(tmp_path, GOOD))) is None
 
 
+@pytest.mark.parametrize("limits", ['"a\\nb\\u001b[31m" = 1.0', "rotation_deg = 3.0", ""])
+def test_limits_that_no_cart_has_are_refused_in_printable_words(tmp_path: Path, limits: str) -> None:
+    text = learned().toml()
+    begin, end = text.index("[limits]\n") + len("[limits]\n"), text.index("\n[[recording]]")
+    (tmp_path / "noise.toml").write_text(f"{text[:begin]}{limits}\n{text[end:]}")
+    with pytest.raises(ConfigurationError, match="must be rotation_deg, scale_percent") as refused:
+        read_noise(tmp_path / "noise.toml")
+    assert str(refused.value).isprintable()
+
+
 @pytest.mark.parametrize(
     ("content", "what"),
     [
