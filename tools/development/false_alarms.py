@@ -24,6 +24,7 @@ from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervi
 from appliance.types import Fault, Motion, MotionKind, State, VerdictKind
 from drivers.rigid import Array, rigid, rotation_from_vector
 from drivers.samples import Stamp
+from tools.development.false_alarm_pages import FIGURES
 from tools.shared.terminal import progress_bar
 from tools.study.hand import PROGRAMS
 from tools.study.plan import tracker_of
@@ -33,12 +34,12 @@ from tools.study.summary import Row
 from tools.study.table import COMMIT, StudyTable, code_digest
 from tools.study.workers import results
 
-ROOT = Path(__file__).parents[2]
-FIGURES, KEPT = ROOT / "docs" / "false-alarms.json", ROOT / "results" / "false-alarms"
+KEPT = Path("results/false-alarms")
 KEYS = ("session", "tissue", "noise", "seed", "duration_s")
 NOISES = ("gaussian", "t5", "ar1")
 """Of the tracker, all with the standard deviations of `tracker_of`: white; Student's with five degrees of freedom; and
 one that is alike from reading to reading."""
+_COUNTS = ("signs", "withdrawn", "choices", "faults", "warnings", "halts")
 LENGTH_S = 180.0
 """Of each session: two minutes after what it takes to be verified first. Longer says more of a long examination, and
 less of different hands."""
@@ -83,7 +84,7 @@ class _Played:
         self._evidence = Evidence(quiet.session.reference, Limits(), PathWindow(quiet.session.reference))
         self._supervisor, self._state, self._tick_ns = Supervisor(Durations()), State.SELF_TEST, stamp_ns(0.0)
         self._told: tuple[bool, Fault | None, VerdictKind] = (False, None, VerdictKind.NOT_VERIFIED)
-        self._counts = dict.fromkeys(("signs", "withdrawn", "choices", "faults", "warnings", "halts"), 0)
+        self._counts = dict.fromkeys(_COUNTS, 0)
         self._names: list[str] = []
         self._peaks = np.zeros(int(np.ceil(quiet.session.duration_s / BLOCK_S)))
         self._ok_ns = 0
@@ -91,11 +92,10 @@ class _Played:
 
     def row(self) -> Row:
         """Cells of the table."""
-        seconds = {"ok_s": self._ok_ns / 1e9}
         counts = {name: str(value) for name, value in self._counts.items()}
         peaks = " ".join(f"{peak:.2f}" for peak in self._peaks if peak > 0)
-        times = {name: f"{value:.1f}" for name, value in seconds.items()}
-        return counts | times | {"names": " ".join(self._names), "peaks": peaks}
+        ok_s = f"{self._ok_ns / 1e9:.1f}"
+        return counts | {"ok_s": ok_s, "names": " ".join(self._names), "peaks": peaks}
 
     def _play(self, noise: str) -> None:
         session, evidence = self._session, self._evidence
@@ -217,7 +217,6 @@ def _session(name: str, tissue: Tissue, seed: int) -> Session:
 
 _HOURS = {"hours": "duration_s", "ok_h": "ok_s"}
 """Figure → column of s."""
-_COUNTS = ("signs", "withdrawn", "choices", "faults", "warnings", "halts")
 
 
 def _total(rows: list[Row]) -> dict[str, float]:
