@@ -37,7 +37,8 @@ class Bench:
         return f"{host}:{port}"
 
     def open(self, **options: str) -> OptotrakTracker:
-        return open_tracker(self.target, options, self.clock)
+        """Connect; a busy host is given time unless the options say otherwise."""
+        return open_tracker(self.target, {"deadline_ms": "1000"} | options, self.clock)
 
     def show(self, *faults: str) -> None:
         """These faults from now on, and no others."""

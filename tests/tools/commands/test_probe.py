@@ -38,7 +38,7 @@ def probed(url: str, *options: str, seconds: str = "1") -> tuple[int, str, str]:
 
 def test_a_tracker_that_works(tmp_path: Path) -> None:
     with bench() as cart:
-        code, output, errors = probed(f"optotrak://{cart.target}?reference=2")
+        code, output, errors = probed(f"optotrak://{cart.target}?reference=2&deadline_ms=1000")
     assert (code, errors) == (0, "")
     told = dict(line.split(":", 1) for line in output.splitlines() if ":" in line)
     assert "First Principles" in told["model"]
@@ -53,7 +53,7 @@ def test_an_ndi_tracker_tells_of_its_tools_and_markers(tmp_path: Path) -> None:
     command = [PROBEWATCH, "simulate", "ndi", *options, "--fault", "marker-drift"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as twin:
         assert twin.stdout is not None
-        code, output, errors = probed(json.loads(twin.stdout.readline())["url"], seconds="2")
+        code, output, errors = probed(f"{json.loads(twin.stdout.readline())['url']}&deadline_ms=1000", seconds="2")
         twin.terminate()
     assert (code, errors) == (0, "")
     assert "Polaris Vicra" in output
@@ -65,7 +65,7 @@ def test_an_ndi_tracker_tells_of_its_tools_and_markers(tmp_path: Path) -> None:
 def test_a_tracker_that_sees_nothing_is_an_error_in_plain_words() -> None:
     with bench() as cart:
         cart.show("missing")
-        code, output, errors = probed(f"optotrak://{cart.target}", seconds="0.5")
+        code, output, errors = probed(f"optotrak://{cart.target}?deadline_ms=1000", seconds="0.5")
     assert code == 69
     assert "! 100 % of the poses: missing (the tracker does not see the probe's rigid body)" in output
     assert "nothing to use came within 0.5 s. Bring the tool into view" in errors

@@ -119,7 +119,8 @@ def test_first_connection_succeeds_from_every_state(tmp_path: Path, leave: Calla
 
 @pytest.mark.parametrize("leave", NETWORK_STATES)
 def test_first_connection_over_the_network(tmp_path: Path, leave: Callable[[Bench], None]) -> None:
-    with bench(tmp_path, VEGA, rate=4.0) as cart:
+    """A boot is waited for in true time: the second that connecting leaves it must outlast a busy computer's pauses."""
+    with bench(tmp_path, VEGA, rate=1.0 if leave is leave_a_reset_pending else 4.0) as cart:
         leave(cart)
         connect_once(cart)
 
