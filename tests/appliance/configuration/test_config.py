@@ -2,10 +2,13 @@
 
 import importlib
 import re
+import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from appliance.configuration import toml_lines
 from appliance.configuration.config import SupervisorTimes, load_config
 from appliance.configuration.mistakes import Mistakes
 from appliance.configuration.toml_lines import key_lines, line_of
@@ -279,6 +282,22 @@ g = 3
     assert (lines["f", 0, "i", "j"], lines["f", 1], lines["f", 1, "g"]) == (14, 15, 16)
     assert line_of(("f", 1, "missing"), lines) == 15
     assert line_of(("missing",), lines) is None
+
+
+def test_a_text_made_to_be_slow_gives_up_its_lines_instead_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    parsed: list[int] = []
+
+    def loads(text: str) -> dict[str, object]:
+        parsed.append(len(text))
+        return tomllib.loads(text)
+
+    monkeypatch.setattr(toml_lines, "tomllib", SimpleNamespace(loads=loads))
+    value = "[\n" + "1,\n" * 190 + "]\n"
+    text = "".join(f"a{number} = {value}" for number in range(380)) + "b = 1\n"
+    lines = key_lines(text)
+    assert sum(parsed) < 4.1 * len(text)
+    assert lines["a1",] == 193, "what was read before keeps its line"
+    assert ("b",) not in lines
 
 
 @pytest.mark.parametrize("kind", ["output", "tracker", "video"])
