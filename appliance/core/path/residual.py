@@ -59,12 +59,12 @@ class PathResidual:
         """The one of these samples, linear in the latency about the reference. Solution, polarity and sequential test
         ask for the same.
         """
-        key = id(reference), planar  # The residual keeps the reference, so its identity is not given to another.
-        if key not in samples.residuals:
-            residual = cls(samples, reference, planar)
+        key = cls, id(reference), planar  # The residual keeps the reference, so its identity is not given to another.
+        residual: PathResidual | None = samples.made.get(key)
+        if residual is None:
+            residual = samples.made[key] = cls(samples, reference, planar)
             residual.linearise_latency(np.zeros(9))
-            samples.residuals[key] = residual
-        return samples.residuals[key]
+        return residual
 
     @cached_property
     def parts(self) -> Array:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 from appliance.core.path.noise import Blocks
 from appliance.core.path.steps import SensorSteps
 from drivers.rigid import Array
-
-if TYPE_CHECKING:
-    from appliance.core.path.residual import PathResidual
 
 _LEAST_CHAIN = 4
 _LEAST_PICTURES = 8
@@ -42,8 +39,8 @@ class PathSamples:
     origin_ns: int = 0
 
     @cached_property
-    def residuals(self) -> "dict[tuple[int, bool], PathResidual]":
-        """As `PathResidual.of` has made them: by the identity of the reference, and whether planar."""
+    def made(self) -> dict[tuple[object, ...], Any]:
+        """What was made of these samples alone, for who asks again; each maker begins its keys with itself."""
         return {}
 
     @cached_property
