@@ -20,7 +20,9 @@ host as it can get, and the service that the plugs are tried on had too little b
 """
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """First, as pytest-xdist reads the groups in the same hook."""
     for item in items:
         if item.path.parent == Path(__file__).parent:
             item.add_marker(pytest.mark.cart)
