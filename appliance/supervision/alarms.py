@@ -103,7 +103,10 @@ HAZARDS: dict[Fault, Hazard] = {
     ),
     Fault.LATENCY: Hazard("Tracker and picture are out of step", "Check frame rate; set latency_ms as proposed"),
     Fault.POSE_CONVENTION: Hazard("Tracker's axes do not fit", "Check the tool file and the tracker's export"),
-    Fault.UNDECIDED: Hazard("Something is wrong, not yet clear what", "Make the motion that shows which of the two it is"),
+    Fault.UNDECIDED: Hazard(
+        "Something is wrong, not yet clear what",
+        "Make the motion that shows which of the two it is",
+    ),
     Fault.FROZEN_VIDEO: Hazard("Picture is frozen", "Unfreeze the scanner; check the video cable"),
     Fault.VIDEO_LOST: Hazard("No picture from the scanner", "Check the scanner and the video cable"),
     Fault.TRACKER_ALERT: Hazard("Tracker reports a fault", "See its remarks; check a bumped sensor, clear it"),
