@@ -126,7 +126,7 @@ def refuse_slid(crossings_px: Vector, poses: Matrix4, calibration: Calibration) 
     if np.any(np.abs(shift_mm) > np.maximum(_SLID_SIGMA * solution.sigma_mm[:2], _SLID_MM)):
         raise ScanRefused(
             f"the offset in the picture's plane is off as well, by {shift_mm[0]:+.1f} mm laterally and "
-            f"{shift_mm[1]:+.1f} mm axially: ζ alone cannot mend it",
+            f"{shift_mm[1]:+.1f} mm axially: ζ alone cannot correct it",
             "cross-wire scan",
             "Look whether the marker body has slid; then solve the whole offset: --solve offset",
         )

@@ -76,15 +76,15 @@ SIGNALS = {
         0.6,
         3,
         "Do not rely on the overlay",
-        "Look at the cause; wait a few seconds",
+        "Check the cause; wait a few seconds",
     ),
-    State.HALT: _high(False, "HALT: calibration is wrong", "Stop; mend the cause, verify, acknowledge"),
+    State.HALT: _high(False, "HALT: calibration is wrong", "Stop; fix the cause, verify, acknowledge"),
     State.RECALIBRATION_REQUESTED: _high(
-        False, "HALT: recalibrate the probe", "Stop; mend the cause or recalibrate; acknowledge"
+        False, "HALT: recalibrate the probe", "Stop; fix the cause or recalibrate; acknowledge"
     ),
     State.RECALIBRATING: _low(1, "Recalibrating", "Finish the scan, then move the probe over tissue to verify"),
-    State.DEVICE_LOST: _high(True, "Device lost: not watching", "Bring it back; monitoring resumes by itself"),
-    State.INTERNAL_FAULT: _high(True, "Internal fault: not watching", "Wait for its restart; else restart the cart"),
+    State.DEVICE_LOST: _high(True, "Device lost: not watching", "Reconnect it; monitoring resumes by itself"),
+    State.INTERNAL_FAULT: _high(True, "Internal fault: not watching", "Wait for it to restart, else restart the cart"),
 }
 """Flashes in Hz and pulses of a burst in the ranges of IEC 60601-1-8 that are named above."""
 
@@ -103,20 +103,23 @@ HAZARDS: dict[Fault, Hazard] = {
     ),
     Fault.LATENCY: Hazard("Tracker and picture are out of step", "Check frame rate; set latency_ms as proposed"),
     Fault.POSE_CONVENTION: Hazard("Tracker's axes do not fit", "Check the tool file and the tracker's export"),
-    Fault.UNDECIDED: Hazard("Wrong, not clear yet what", "Make the motion that tells which of the two it is"),
+    Fault.UNDECIDED: Hazard(
+        "Something is wrong, not yet clear what",
+        "Make the motion that shows which of the two it is",
+    ),
     Fault.FROZEN_VIDEO: Hazard("Picture is frozen", "Unfreeze the scanner; check the video cable"),
     Fault.VIDEO_LOST: Hazard("No picture from the scanner", "Check the scanner and the video cable"),
     Fault.TRACKER_ALERT: Hazard("Tracker reports a fault", "See its remarks; check a bumped sensor, clear it"),
-    Fault.MARKER_BODY: Hazard("Marker body is bent or soiled", "Clean and check all markers and the clamp"),
+    Fault.MARKER_BODY: Hazard("Marker body is bent or dirty", "Clean and check all markers and the clamp"),
     Fault.FIELD_DISTORTION: Hazard("Tracker's field is distorted", "Move metal and cables away from it"),
     Fault.TRACKER_LOST: Hazard("No answer from the tracker", "Check the tracker's power and cable"),
     Fault.TRACKER_STALE: Hazard("Tracker repeats old positions", "Restart tracking; check the tracker"),
     Fault.OUTPUT_FAILED: Hazard("Alarm output does not respond", "Check the relay's cable and power"),
-    Fault.ESTIMATOR_SILENT: Hazard("Verification has stopped", "Wait for its restart; else restart the cart"),
+    Fault.ESTIMATOR_SILENT: Hazard("Verification has stopped", "Wait for it to restart, else restart the cart"),
     Fault.MEMORY_DAMAGED: Hazard("Alarm memory is damaged", "Read 'probewatch log --verify', then acknowledge"),
     Fault.LOG_DAMAGED: Hazard("Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge"),
     Fault.LINE_OF_SIGHT: Hazard("Probe not seen by the tracker", "Bring the probe into the tracker's view"),
-    Fault.USER_FREEZE: Hazard("Picture is paused by the user", "Unfreeze the scanner to go on"),
+    Fault.USER_FREEZE: Hazard("Picture is paused by the user", "Unfreeze the scanner to continue"),
     Fault.NO_PICTURE: Hazard("No ultrasound in the picture", "Probe on the skin, live picture on the scanner"),
     Fault.LOG_NOT_WRITTEN: Hazard("Alarm log cannot be written", "Make room on the cart's disk; check it"),
     Fault.OVERLOADED: Hazard("This computer is overloaded", "Close other programs; check a device that stays lost"),

@@ -87,7 +87,7 @@ class MetaImage:
         except InvalidOperation:
             seconds = Decimal("NaN")
         if not seconds.is_finite() or not -MAX_STAMP_S <= seconds <= MAX_STAMP_S:
-            raise _refusal(self.path, key, f"{text!r} is not a time in seconds", "Record again, or mend this line")
+            raise _refusal(self.path, key, f"{text!r} is not a time in seconds", "Record again, or fix this line")
         return round(seconds * 1_000_000_000)
 
     def sequence(self, index: int) -> int:
@@ -313,7 +313,7 @@ def _check_length(sequence: MetaImage, general: dict[str, str]) -> None:
 
 def _integer(path: Path, key: str, text: str) -> int:
     if not re.fullmatch(r"[+-]?[0-9]{1,18}", text):
-        raise _refusal(path, key, f"{text[:60]!r} is not a whole number", "Record again, or mend this line")
+        raise _refusal(path, key, f"{text[:60]!r} is not a whole number", "Record again, or fix this line")
     return int(text)
 
 
@@ -321,7 +321,7 @@ def _sixteen_numbers(path: Path, key: str, text: str) -> Matrix4:
     try:
         return np.array([float(word) for word in text.split()]).reshape(4, 4)
     except ValueError:
-        raise _refusal(path, key, f"{text[:60]!r} is not sixteen numbers", "Record again, or mend this line") from None
+        raise _refusal(path, key, f"{text[:60]!r} is not sixteen numbers", "Record again, or fix this line") from None
 
 
 def _raw(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[bytes]:

@@ -4,7 +4,7 @@ import pytest
 from click.testing import CliRunner
 
 from drivers.errors import ConfigurationError
-from drivers.registry import split_url
+from drivers.registry import known_schemes, split_url
 from tools.cli import probewatch
 
 
@@ -47,5 +47,6 @@ def test_what_is_nearly_a_url(url: str, meant: str) -> None:
 
 
 def test_what_is_meant_by_nothing_names_the_kinds() -> None:
-    with pytest.raises(ConfigurationError, match="Use one of gpio:, igtl:, ndi:"):
+    with pytest.raises(ConfigurationError) as refusal:
         split_url("x y:z")
+    assert refusal.value.remedy == f"Use one of {', '.join(f'{scheme}:' for scheme in sorted(known_schemes()))}"

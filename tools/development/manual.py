@@ -47,11 +47,11 @@ calibration since, in either order, or with a recalibration that was confirmed. 
 
 _PROPOSALS = """As in the paper, a recalibration is requested only for what motion does not recover: a scale, and the
 offset across the picture (ζ); its time counts from when that was first shown, whether alone or beside other faults. All
-else ends in HALT, with the way out of it: set the flip back, mend the tool file, or take what is proposed. HALT is no
-milder: both latch.
+else ends in HALT, with the way out of it: set the flip back, correct the tool file, or accept what is
+proposed. HALT is no milder: both latch.
 
-A FAULT of rotation, offset, scale or latency is told with what has become of it (old, new, sigma) once
-motion has measured that: by `probewatch status`, the page, the alarm log (`proposal`) and the report. Nothing is
+A FAULT of rotation, offset, scale or latency is reported with its old value, its new one and the sigma once
+motion has measured them: by `probewatch status`, the page, the alarm log (`proposal`) and the report. Nothing is
 applied:
 
 - latency: set `latency_ms` in the tracker's URL and restart the service;
@@ -60,8 +60,8 @@ applied:
 - a scale, the offset across the picture (ζ), and whatever stands beside one of them: motion alone does not recover it,
   `probewatch recalibrate` does. A scale is mostly the scanner's depth or zoom: set it as calibrated first.
 
-Where two classes are as likely, none is named: the status, the log (`undecided`) and the report tell each, by how much
-the likeliest leads, and the motion that tells which. The contact is open meanwhile. Once the evidence that something is
+Where two classes are as likely, none is named: the status, the log (`undecided`) and the report name each, by how much
+the likeliest leads, and the motion that shows which. The contact is open meanwhile. Once the evidence that something is
 wrong is what names a fault, and the choice has lasted a second, it is the hazard `undecided`: WARNING, then HALT. What
 motion then names takes its place, also while it is latched."""
 

@@ -40,7 +40,7 @@ def judged(report: str, locked: int) -> int:
         return _not_checked("what pip-audit wrote cannot be read")
     for name, version, one in known:
         fixed = ", ".join(one.get("fix_versions", [])) or "no version yet"
-        print(f"{name} {version}: {one.get('id')}, mended in {fixed}")
+        print(f"{name} {version}: {one.get('id')}, fixed in {fixed}")
     if skipped or len(parts) < locked:
         return _not_checked(f"of {locked} packages {len(parts) - len(skipped)} were looked up")
     print(f"{len(parts)} packages looked up, {len(known)} known vulnerabilities")

@@ -88,7 +88,7 @@ def await_verification(socket: Path, wait_s: float) -> None:
             time.sleep(_LOOK_EVERY_S)
     if status["state"] == State.DEVICE_LOST.value:
         what = f"a device was lost before the new calibration was verified: {status['reason']}"
-        raise DeviceLost(what, str(socket), "The old one is in force again; mend the device and recalibrate again")
+        raise DeviceLost(what, str(socket), "The old one is in force again; repair the device and recalibrate again")
     if status["state"] != State.MONITORING.value:
         raise _not_verified(f"not verified, the service is in state {status['state']}: {status['reason']}")
 

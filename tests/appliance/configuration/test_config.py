@@ -19,6 +19,7 @@ from appliance.types import PARAMETERS
 from drivers.errors import ConfigurationError
 from drivers.registry import _DRIVERS, device_kinds
 
+TRACKERS = ", ".join(f"{scheme}:" for scheme in sorted(_DRIVERS) if "tracker" in device_kinds(f"{scheme}:x"))
 EXAMPLE = Path(__file__).parents[3] / "config" / "probewatch.toml"
 GOOD = """
 [video]
@@ -212,7 +213,7 @@ def test_the_template_names_no_simulated_device() -> None:
         (
             '"ndi:/dev/ttyUSB0"',
             '"relay:/dev/x"',
-            "'relay:' is an alarm output, not a tracker. Use one of igtl:, ndi:, ndi+tcp:",
+            f"'relay:' is an alarm output, not a tracker. Use one of {TRACKERS}",
         ),
         ('"ndi:/dev/ttyUSB0"', '"/dev/ttyUSB0"', "Did you mean ndi:/dev/ttyUSB0?"),
         (

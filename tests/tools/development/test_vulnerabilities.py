@@ -29,7 +29,7 @@ def test_a_report(parts: list[dict[str, object]], locked: int, code: int, capsys
     assert judged(json.dumps({"dependencies": parts}), locked) == code
     said = capsys.readouterr()
     assert ("NOT CHECKED" in said.err) == (code == NOT_CHECKED)
-    assert ("CVE-1, mended in 1.1" in said.out) == (BAD in parts)
+    assert ("CVE-1, fixed in 1.1" in said.out) == (BAD in parts)
 
 
 @pytest.mark.parametrize("report", ["", "{}", "[]", '{"dependencies": 3}', '{"dependencies": [3]}'])
