@@ -41,6 +41,7 @@ Less has two solutions in a row share more of their noise; more names flips, lag
 _SOLVE_UNPAIRED_NS = 1_000_000_000
 """Without poses only what leaves the window changes. When a tracker returns, all pictures that wait are settled in one
 step, and a step longer than `Patience.estimator_ns` is told as a silent estimator."""
+WORK_US = 10**9
 _STEADY_CORRELATION = 0.6
 """Likeness from which a picture may testify against the tracker. Less takes a bad registration for a leap of the
 marker; more pauses the search for leaps in quick sweeps. Not measured.
@@ -158,7 +159,7 @@ class Line:
         t_ns = sample.stamp.t_ns
         if isinstance(sample, Pose):
             self._pairing.forget_poses(t_ns)
-            self._evidence.window.poses.forget(t_ns)
+            self._evidence.forget_poses(t_ns)
             for detector in self._detectors:
                 detector.forget_poses(t_ns)
         else:
@@ -294,10 +295,15 @@ class Line:
         return _SOLVE_FIRST_NS if self._evidence.window.span_ns < _FIRST_NS else _SOLVE_EVERY_NS
 
     def _solve(self, t_ns: int, every_ns: int) -> None:
-        if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < every_ns:
+        evidence = self._evidence
+        if not evidence.under_way:
+            if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < every_ns:
+                return
+            self._solve_ns = t_ns
+            evidence.begin(t_ns)
+        evidence.go_on(WORK_US)
+        if evidence.under_way:
             return
-        self._solve_ns = t_ns
-        self._evidence.solve(t_ns)
         for detector in self._detectors:
             detector.forgive(self._evidence.shows)
 
