@@ -1,13 +1,34 @@
-"""Work in pieces, so that no picture has to wait for the whole of it."""
+"""Work in pieces, so that no picture has to wait for the whole of it.
+
+Each piece tells before it is done what it costs: counted from the sizes of its arrays and never timed, so that a
+recording is cut where it was cut live, on whatever computer.
+"""
 
 from collections.abc import Generator
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 Result = TypeVar("Result")
 Work = Generator[int, None, Result]
-"""Yields before each piece what that piece costs, µs; returns the result. Counted from the sizes of its arrays and never
-timed, so that live and replay are cut alike.
-"""
+"""Yields before each piece what it costs, µs; returns the result."""
+
+
+class Cost(NamedTuple):
+    """Of a piece, µs: whatever its size, and for each picture (of a round: for each pair of blocks)."""
+
+    base_us: float
+    each_us: float = 0.0
+
+    def of(self, count: int) -> int:
+        return round(self.base_us + self.each_us * count)
+
+
+LATENCY, SAMPLES = Cost(1000, 3.3), Cost(150, 0.3)
+RESIDUAL, ROUND = Cost(200, 1.0), Cost(250, 0.05)
+MISFIT, POLARITY = Cost(600, 0.5), Cost(850, 1.8)
+LAG, LAGS, CONVENTIONS = Cost(550), Cost(600), Cost(3000)
+INNOVATIONS, TRIAL = Cost(1000, 2.7), Cost(1500)
+"""Measured on the computer of docs/known-anomalies.md, Full HD and 640 × 480, 20 s of sweep. What matters is their
+ratio: another computer is as much slower with the pictures themselves."""
 
 
 def whole(work: Work[Result]) -> Result:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from appliance.core.path.conventions import READINGS, Convention, turned_sensors
 from appliance.core.path.steps import SensorSteps, picture_steps
 from appliance.core.path.window import PathWindow
-from appliance.core.work import Work, whole
+from appliance.core.work import CONVENTIONS, LAG, LAGS, Work, whole
 from appliance.types import Calibration
 from drivers.rigid import Array
 
@@ -52,7 +52,6 @@ _RECENT_NS = (1_200_000_000, 1_600_000_000, 2_000_000_000)
 poses of a late tracker are yet to come; a longer one holds what was before, and names it later. On paths of the study's
 hand without pictures every lag that was told (80 to 450 ms, -120, -300) was within 9 ms of the truth from 1.4 s after
 it had begun, and none of healthy motion was wrong by more than 7 ms."""
-_SEARCH_US, _OTHERS_US = 1000, 1000
 _APART_S = 0.15
 """Lags nearer than this to the best belong to its peak: a quarter of the period of a tremor of 2 Hz."""
 
@@ -89,7 +88,7 @@ def explain(window: PathWindow, reference: Calibration) -> Explanation | None:
 
 def explaining(window: PathWindow, reference: Calibration) -> Work[Explanation | None]:
     """As `explain`, in pieces."""
-    yield _SEARCH_US
+    yield LAGS.of(1)
     steps = _Steps.of(window, reference)
     if steps is None:
         return None
@@ -97,7 +96,7 @@ def explaining(window: PathWindow, reference: Calibration) -> Work[Explanation |
     in_order = _convincing([now])
     if in_order is not None and abs(in_order.latency_s) <= _NEAR_S:
         return in_order
-    yield _OTHERS_US
+    yield CONVENTIONS.of(1)
     return _convincing([now, *_other_conventions(steps, reference)])
 
 
@@ -116,7 +115,7 @@ def finding_recent_lag(
     for span_ns in _RECENT_NS:
         if window.span_ns < span_ns:
             return None
-        yield _SEARCH_US
+        yield LAG.of(1)
         recent = window.since(window.now_ns - span_ns)
         steps = _Steps.of(recent, reference)
         if steps is None:

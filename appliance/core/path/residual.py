@@ -54,11 +54,6 @@ class PathResidual:
         self.elevation_mm = np.asarray(self.blocks.means(np.cumsum(lever[-1, 2] @ moved)))
         """(m,) way of the picture's middle out of its plane, by the tracker and the reference."""
 
-    @property
-    def cost_us(self) -> int:
-        """Of what goes over it once, as `Work` has it."""
-        return 1000
-
     @classmethod
     def of(cls, samples: PathSamples, reference: Calibration, planar: bool = False) -> "PathResidual":
         """The one of these samples, linear in the latency about the reference. Solution, polarity and sequential test

@@ -57,11 +57,6 @@ class PathSamples:
             )
         return kept
 
-    @property
-    def cost_us(self) -> int:
-        """Of what goes over them once, as `Work` has it."""
-        return 1000
-
     def stamp_ns(self, t_s: float) -> int:
         """Stamp of a time of t_s."""
         return self.origin_ns + round(t_s * 1e9)

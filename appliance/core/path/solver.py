@@ -28,7 +28,7 @@ from appliance.core.path.noise import (
 )
 from appliance.core.path.residual import ROTATION, SCALE, TAU, VALUE, PathResidual
 from appliance.core.path.samples import PathSamples
-from appliance.core.work import Work, whole
+from appliance.core.work import RESIDUAL, ROUND, Work, whole
 from appliance.types import Calibration
 from drivers.rigid import Array, rotation_from_vector
 
@@ -147,9 +147,9 @@ def solving(
     samples: PathSamples, reference: Calibration, prior: Prior, start: Noise | None = None, *, learn: bool = True
 ) -> Work[Solution]:
     """As `solve`, in pieces."""
-    yield samples.cost_us
+    yield RESIDUAL.of(len(samples.t_s))
     residual = PathResidual.of(samples, reference, prior.planar)
-    yield residual.cost_us
+    yield ROUND.of(len(residual.blocks) ** 2)
     problem = _Problem(samples, residual, reference, prior, start, learn)
     return (yield from problem.solved())
 
@@ -244,7 +244,7 @@ class _Problem:
 
     def solved(self) -> Work[Solution]:
         """Noise and estimate by turns; where breathing hides a scale, again with each breath followed."""
-        theta, cost_us = self._first, self.residual.cost_us
+        theta, cost_us = self._first, ROUND.of(len(self.residual.blocks) ** 2)
         for _ in range(self._rounds):
             yield cost_us
             theta = self._learned(theta)
@@ -292,11 +292,12 @@ class _Problem:
         t_s = self.residual.blocks.t_s
         least = _BREATH_ROUNDS if self._noise.noise.followed is None else _BREATH_ROUNDS_ON
         self._tissue_out = True
+        yield ROUND.of(len(t_s) ** 2)
         theta, _ = self._minimised(theta, 1)
         self._noise.expect_breaths({k: breaths.inside for k, breaths in found.items()}, self._linear(theta)[:, VALUE])
         states = {k: breaths.usual for k, breaths in found.items()}
         for done in range(1, _MOST_BREATH_ROUNDS + 1):
-            yield self.residual.cost_us
+            yield ROUND.of(len(t_s) ** 2)
             path = self.residual.linear(theta)[:, VALUE]
             for k, breaths in found.items():
                 breathing_mm, slopes = breaths.linear(t_s, states[k])
@@ -308,7 +309,7 @@ class _Problem:
             if settled and done >= least:
                 break
         habits = {k: breaths.habit(states[k]) for k, breaths in found.items()} if settled else {}
-        yield self.residual.cost_us
+        yield ROUND.of(len(t_s) ** 2)
         return *self._minimised(theta, _ITERATIONS), habits
 
     def _linear(self, theta: Array) -> Array:

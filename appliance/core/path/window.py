@@ -158,11 +158,6 @@ class PathWindow:
         """Mean bound of the error of the stamps: what they may be wrong by together; 0 while there is no motion."""
         return float(np.mean([motion.stamp.err_ns for motion in self._seen])) / 1e9 if self._seen else 0.0
 
-    @property
-    def cost_us(self) -> int:
-        """Of what goes over all pictures once, as `Work` has it."""
-        return 1000
-
     def since(self, start_ns: int) -> "PathWindow":
         """A window on what is not older than start_ns, sharing the poses."""
         window = PathWindow(self._reference, self._span_ns)

@@ -198,13 +198,14 @@ class Evidence:
         return self._under_way is not None
 
     def go_on(self, most_us: int) -> None:
-        """Do the next piece of the solution that is under way, and more of them up to most_us together."""
-        done_us = self._next_us
-        while self._under_way is not None and done_us <= max(most_us, self._next_us):
-            self._next_us = next(self._under_way, -1)
-            done_us += self._next_us
-            if self._next_us < 0:
+        """Do the next piece of the solution that is under way, and as many more as cost most_us with it."""
+        left_us = max(most_us, self._next_us)
+        while self._under_way is not None and self._next_us <= left_us:
+            left_us -= self._next_us
+            cost_us = next(self._under_way, None)
+            if cost_us is None:
                 self._under_way = None
+            self._next_us = cost_us or 0
 
     def _solving(self, window: PathWindow, now_ns: int) -> Work[None]:
         """Examine the short window for a change, drop what came before one, and examine what is left. All of it is of

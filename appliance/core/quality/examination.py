@@ -14,7 +14,7 @@ from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
 from appliance.core.path.solver import PathFit, Prior, Solution, solving
 from appliance.core.path.window import PathWindow
-from appliance.core.work import Work, whole
+from appliance.core.work import LATENCY, MISFIT, POLARITY, SAMPLES, Work, whole
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
 
@@ -111,7 +111,7 @@ def examining(
     window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None, about_s: float
 ) -> Work[Finding]:
     """As `examine`, in pieces."""
-    yield window.cost_us
+    yield LATENCY.of(len(window))
     lag = window.latency(about_s)
     coarse = lag is None and about_s != 0.0
     if coarse:
@@ -119,15 +119,15 @@ def examining(
     solution, solved_lag = yield from _solved(window, reference, lag, start)
     if solution is None:
         return examine_nothing(limits)
+    yield POLARITY.of(len(window))
     samples = window.samples(0.0 if lag is None else lag.value_s)
-    yield 2 * samples.cost_us
     polarity, polarity_check = weigh_polarity(samples, reference, solution.noise)
     if polarity != (1, 1):
         # The noise that a wrong polarity asks for hides much of what speaks against it.
         mirrored, mirrored_lag = yield from _solved(window, flipped(reference, polarity), lag, None)
         polarity_check = UNWEIGHED
         if mirrored is not None:
-            yield 2 * samples.cost_us
+            yield POLARITY.of(len(window))
             again, check = weigh_polarity(samples, reference, mirrored.noise)
             if again == polarity and check.verdict is VerdictKind.FAULT:
                 solution, solved_lag, polarity_check = mirrored, mirrored_lag, check
@@ -169,9 +169,8 @@ def _solved_far(
         return solution, None
     misfits = []
     for lag_s in _LAGS_S:
-        samples = window.samples(lag_s)
-        yield 2 * samples.cost_us
-        misfits.append(PathFit(samples, reference, solution.noise).misfit(reference))
+        yield MISFIT.of(len(window))
+        misfits.append(PathFit(window.samples(lag_s), reference, solution.noise).misfit(reference))
     best_s = _LAGS_S[int(np.argmin(misfits))]
     if best_s == 0.0:
         return solution, None
@@ -192,7 +191,7 @@ def _solved_near(
 ) -> Work[tuple[Solution, float]]:
     """Solution about one latency, solved again where the first asks for it, and the latency it is linear about."""
     prior = replace(_NEAR, latency_s=doubt_s)
-    yield window.cost_us
+    yield SAMPLES.of(len(window))
     solution = yield from solving(window.samples(lag_s), reference, prior, start)
     tilted = all(solution.calibration.observed[:2])
     late = abs(float(solution.change[TAU])) > _RELINEARISE_S

@@ -16,7 +16,7 @@ from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.bounded_fit import ANYTHING, BEYOND, DRIFT, VALUE_ROW, Fit, anywhere, fitted, huber
 from appliance.core.quality.innovations import INFLATED, Innovations
-from appliance.core.work import Work, whole
+from appliance.core.work import INNOVATIONS, TRIAL, Work, whole
 from appliance.limits import NAMED_NATS, Limits
 from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array
@@ -49,9 +49,6 @@ _TURNS = 3
 """Linear models, each about the fit before: most."""
 _WORTH_NATS = 6.0
 """From which a linear fit is worth a second, exact one: below WITHDRAWN_NATS by more than the second order."""
-
-
-_TRIAL_US = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,20 +87,20 @@ def accusing(
 ) -> Work[Accusation]:
     """As `accuse`, in pieces."""
     try:
-        yield window.cost_us
+        yield INNOVATIONS.of(len(window))
         rows = Innovations(window, reference, noise if breathing_known else _with_breathing(noise), lag_s)
         starts = [n for n in sorted({min(n, len(rows)) for n in _STARTS}) if n >= _STARTS[0]]
         best: _Trial | None = None
         for n in starts:
             if rows.score(n) < _WORTH_NATS:
                 continue
-            yield _TRIAL_US
+            yield TRIAL.of(1)
             trial = _Trial(rows, n, _bounds(limits, lag_s))
             if best is None or trial.nats > best.nats:
                 best = trial
         if best is None or best.nats < WITHDRAWN_NATS:
             return Accusation(0, 0.0 if best is None else best.nats, ())
-        yield _TRIAL_US
+        yield TRIAL.of(1)
         return best.accusation(rows.start_ns(best.n), limits, lag_s)
     except ValueError:
         # Too few pictures, or a matrix that motion without content leaves singular (LinAlgError).
