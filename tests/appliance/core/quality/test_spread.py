@@ -15,7 +15,7 @@ from tests.support.windows import filled
 
 S_NS = 1_000_000_000
 MOST_PIECE_US = 6000
-"""Of one picture: what `Line` spends at 30 Hz and a piece that is longer by a fifth."""
+"""As much as the line spends at a picture at 30 Hz."""
 PIECES = 60
 """More than the solution of the window below has."""
 
