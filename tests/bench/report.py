@@ -109,12 +109,12 @@ def _coverage(result: dict[str, Any]) -> Table:
 
 
 def _line(result: dict[str, Any]) -> Table:
-    table = _table("processor time a picture", "stage", "median ms", "mean ms", "95 % ms")
+    table = _table("processor time a picture", "stage", "median ms", "mean ms", "95 % ms", "99 % ms")
     for line in result["line"]:
         width, height = line["size_px"]
-        figures = (f"{line[name]:.2f}" for name in ("median_ms", "mean_ms", "p95_ms"))
+        figures = (f"{line[name]:.2f}" for name in ("median_ms", "mean_ms", "p95_ms", "p99_ms"))
         table.add_row(f"whole line {width} × {height}", *figures)
-    table.add_row("simulated picture 640 × 480", "", f"{result['world_ms']:.2f}", "")
+    table.add_row("simulated picture 640 × 480", "", f"{result['world_ms']:.2f}", "", "")
     return table
 
 

@@ -28,6 +28,7 @@ from appliance.core.path.noise import (
 )
 from appliance.core.path.residual import ROTATION, SCALE, TAU, VALUE, PathResidual
 from appliance.core.path.samples import PathSamples
+from appliance.core.work import RESIDUAL, ROUND, Work, whole
 from appliance.types import Calibration
 from drivers.rigid import Array, rotation_from_vector
 
@@ -139,7 +140,18 @@ def solve(
     start: noise of a window that shares most of its motion with this one, which is then learned sooner; its habits are
     of breaths that are not in this one. learn: False where the noise is known to be `start`.
     """
-    return _Problem(samples, reference, prior, start, learn).solved()
+    return whole(solving(samples, reference, prior, start, learn=learn))
+
+
+def solving(
+    samples: PathSamples, reference: Calibration, prior: Prior, start: Noise | None = None, *, learn: bool = True
+) -> Work[Solution]:
+    """As `solve`, in pieces."""
+    yield RESIDUAL.of(len(samples.t_s))
+    residual = PathResidual.of(samples, reference, prior.planar)
+    yield ROUND.of(len(residual.blocks) ** 2)
+    problem = _Problem(samples, residual, reference, prior, start, learn)
+    return (yield from problem.solved())
 
 
 def changed(reference: Calibration, change: Array) -> Calibration:
@@ -197,10 +209,15 @@ class PathFit:
 
 class _Problem:
     def __init__(
-        self, samples: PathSamples, reference: Calibration, prior: Prior, start: Noise | None, learn: bool
+        self,
+        samples: PathSamples,
+        residual: PathResidual,
+        reference: Calibration,
+        prior: Prior,
+        start: Noise | None,
+        learn: bool,
     ) -> None:
-        self._reference, self._prior, self._samples = reference, prior, samples
-        residual = self.residual = PathResidual.of(samples, reference, prior.planar)
+        self._reference, self._prior, self._samples, self.residual = reference, prior, samples, residual
         self._at_reference = residual.linear(np.zeros(9))
         self._known = np.diag(1 / self._prior_sd() ** 2)
         self._spread, self._tissue_out = 1.0, False
@@ -225,20 +242,23 @@ class _Problem:
         per = np.array([1.0, 1 / span_s, 1 / way_mm, 1 / way_mm**2, 1.0, 1.0])
         return Noise(np.outer(np.mean(np.square(left), axis=1), per) / PARTS)
 
-    def solved(self) -> Solution:
+    def solved(self) -> Work[Solution]:
         """Noise and estimate by turns; where breathing hides a scale, again with each breath followed."""
-        theta = self._first
+        theta, cost_us = self._first, ROUND.of(len(self.residual.blocks) ** 2)
         for _ in range(self._rounds):
+            yield cost_us
             theta = self._learned(theta)
+        yield cost_us
         theta, J = self._minimised(theta, _ITERATIONS)
         noise = replace(self._noise.noise, followed=None, habits={})
         hidden = [k for k in (LATERAL, AXIAL) if not self._followed(J)[k]]
         if hidden and self._rounds:
             breaths = self._found(hidden, theta)
             if breaths:
-                theta, J, habits = self._with_breaths(breaths, theta)
+                theta, J, habits = yield from self._with_breaths(breaths, theta)
                 noise = replace(noise, followed=self._noise.left(list(habits)) if habits else None, habits=habits)
                 hidden = [k for k in (LATERAL, AXIAL) if not self._followed(J)[k] or k in set(hidden) - set(habits)]
+        yield cost_us
         return self._concluded(theta, J, noise, hidden)
 
     def _learned(self, theta: Array) -> Array:
@@ -267,15 +287,17 @@ class _Problem:
             return own
         return Breaths.found(blocks, breathing_mm, habit)
 
-    def _with_breaths(self, found: dict[int, Breaths], theta: Array) -> tuple[Array, Array, dict[int, Habit]]:
+    def _with_breaths(self, found: dict[int, Breaths], theta: Array) -> Work[tuple[Array, Array, dict[int, Habit]]]:
         """Estimate, noise and breaths by turns: θ, J, and the habits of those that settled."""
         t_s = self.residual.blocks.t_s
         least = _BREATH_ROUNDS if self._noise.noise.followed is None else _BREATH_ROUNDS_ON
         self._tissue_out = True
+        yield ROUND.of(len(t_s) ** 2)
         theta, _ = self._minimised(theta, 1)
         self._noise.expect_breaths({k: breaths.inside for k, breaths in found.items()}, self._linear(theta)[:, VALUE])
         states = {k: breaths.usual for k, breaths in found.items()}
         for done in range(1, _MOST_BREATH_ROUNDS + 1):
+            yield ROUND.of(len(t_s) ** 2)
             path = self.residual.linear(theta)[:, VALUE]
             for k, breaths in found.items():
                 breathing_mm, slopes = breaths.linear(t_s, states[k])
@@ -287,6 +309,7 @@ class _Problem:
             if settled and done >= least:
                 break
         habits = {k: breaths.habit(states[k]) for k, breaths in found.items()} if settled else {}
+        yield ROUND.of(len(t_s) ** 2)
         return *self._minimised(theta, _ITERATIONS), habits
 
     def _linear(self, theta: Array) -> Array:

@@ -75,6 +75,13 @@ class PoseTrack:
         bracketed = (t_s >= times[0]) & (t_s <= times[-1]) & (end_s - start_s < MOST_APART_NS / 1e9)
         return rigid(rotation_from_quaternion(q), p), bracketed
 
+    def as_now(self) -> "PoseTrack":
+        """The poses so far, whatever is added or forgotten here from now on."""
+        self._take_new()
+        track = PoseTrack(self._span_ns)
+        track._times_ns, track._positions, track._turns = self._times_ns, self._positions, self._turns
+        return track
+
     def _take_new(self) -> None:
         if not self._new:
             return
@@ -156,6 +163,12 @@ class PathWindow:
         window = PathWindow(self._reference, self._span_ns)
         window.poses = self.poses
         window._seen.extend(motion for motion in self._seen if motion.stamp.t_ns >= start_ns)
+        return window
+
+    def as_now(self) -> "PathWindow":
+        """Pictures and poses so far, whatever is added or forgotten here from now on."""
+        window = self.since(self.start_ns)
+        window.poses = self.poses.as_now()
         return window
 
     def latency(self, about_s: float = 0.0) -> Latency | None:

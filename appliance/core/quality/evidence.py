@@ -10,9 +10,10 @@ from appliance.core.path.explanation import Explanation
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, examine, examine_nothing, latency_of, without
 from appliance.core.quality.examiner import BREATHED, Examiner
-from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
+from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accusing
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
+from appliance.core.work import Work
 from appliance.limits import NAMED_NATS, Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 
@@ -68,7 +69,9 @@ class Evidence:
         self._failing_ns: int | None = None
         self._long_ns = 0
         self.nats: float | None = None
-        self._examiner = Examiner(reference, limits, window)
+        self._examiner = Examiner(reference, limits)
+        self._under_way: Work[None] | None = None
+        self._next_us = 0
 
     @property
     def estimate(self) -> Calibration | None:
@@ -98,6 +101,7 @@ class Evidence:
         self._start_over()
 
     def _start_over(self) -> None:
+        self._under_way = None
         self.window.restart()
         self._verification.restart()
         self._latest = self._nothing
@@ -109,6 +113,7 @@ class Evidence:
 
     def forget(self, since_ns: int) -> None:
         """Motion at or after since_ns was stamped wrongly."""
+        self._under_way = None
         self.window.forget(since_ns)
         self._verification.forget(since_ns)
         self._latest = self._nothing
@@ -118,6 +123,11 @@ class Evidence:
         self._long_ns = 0
         self._failing_ns = None
         self._examiner.forget()
+
+    def forget_poses(self, since_ns: int) -> None:
+        """Poses at or after since_ns were stamped wrongly."""
+        self._under_way = None
+        self.window.poses.forget(since_ns)
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution, and of the choice that it leaves, while neither of its two is answered."""
@@ -140,6 +150,8 @@ class Evidence:
 
     def final(self) -> tuple[Check, ...]:
         """Checks of the solution that showed most, the one over everything remembered among them."""
+        while self.under_way:
+            self.go_on(0)
         about_s = self._examiner.about_s
         whole = examine(self.window.since(self._valid_ns), self._reference, self._limits, about_s=about_s)
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
@@ -167,18 +179,49 @@ class Evidence:
         return failed if self._failing_ns is None or now_ns - self._failing_ns < _SHORT_NS else frozenset()
 
     def solve(self, now_ns: int) -> None:
-        """Examine the short window for a change, drop what came before one, and examine what is left.
+        """Begin a solution and end it."""
+        self.begin(now_ns)
+        while self.under_way:
+            self.go_on(0)
+
+    def begin(self, now_ns: int) -> None:
+        """Begin a solution of what is known now; one that is under way is dropped.
 
         now_ns: time of the latest picture, which may have shown no motion.
         """
-        lagged_ns = self._examiner.new_lag(now_ns)
+        self._under_way = self._solving(self.window.as_now(), now_ns)
+        self._next_us = 0
+
+    @property
+    def under_way(self) -> bool:
+        """Whether a solution was begun, and not ended or dropped."""
+        return self._under_way is not None
+
+    def go_on(self, most_us: int) -> None:
+        """Do the next piece of the solution that is under way, and as many more as cost most_us with it."""
+        left_us = max(most_us, self._next_us)
+        while self._under_way is not None and self._next_us <= left_us:
+            left_us -= self._next_us
+            cost_us = next(self._under_way, None)
+            if cost_us is None:
+                self._under_way = None
+            self._next_us = cost_us or 0
+
+    def _solving(self, window: PathWindow, now_ns: int) -> Work[None]:
+        """Examine the short window for a change, drop what came before one, and examine what is left. All of it is of
+        the motion of then, so that nothing becomes younger by being ready late; whoever forgets any of it, or takes a
+        sign from elsewhere, drops the rest.
+
+        window: what was remembered at now_ns.
+        """
+        lagged_ns = yield from self._examiner.new_lag(window, now_ns)
         if lagged_ns is not None:
             # A window that holds motion from before the lag shows neither for seconds.
             self._lagged_ns, self._valid_ns = lagged_ns, max(self._valid_ns, lagged_ns)
-        recent = self.window.since(max(self._lagged_ns, now_ns - _SHORT_NS))
-        finding = self._examiner.look(recent, self._valid_ns, now_ns - _SHORT_NS, now_ns)
-        accusation = self._accused(finding, now_ns)
-        self._measure(finding, recent, now_ns)
+        recent = window.since(max(self._lagged_ns, now_ns - _SHORT_NS))
+        finding = yield from self._examiner.look(window, recent, self._valid_ns, now_ns - _SHORT_NS, now_ns)
+        accusation = yield from self._accused(finding, window, now_ns)
+        yield from self._measure(finding, recent, window, now_ns)
         if accusation is not None:
             self._latest = _with(self._latest, accusation, told=accusation.nats >= self._limits.named_nats)
         excused = frozenset[str]() if self._examiner.noises.breathing_known else BREATHED
@@ -195,6 +238,7 @@ class Evidence:
         except ValueError:
             return
         if check is not None:
+            self._under_way = None
             self._verification.contradict((check,), frozenset({check.name}), self.window.now_ns)
             self._suspects |= {check.name}
             checks = (check if one.name == check.name else one for one in self._latest.checks)
@@ -205,7 +249,7 @@ class Evidence:
         own = next(check for check in self._latest.checks if check.fault is Fault.POLARITY)
         return own.verdict is not VerdictKind.NOT_VERIFIED
 
-    def _accused(self, finding: Finding, now_ns: int) -> Accusation | None:
+    def _accused(self, finding: Finding, whole: PathWindow, now_ns: int) -> Work[Accusation | None]:
         """What the sequential test says; each sign withdraws the OK, and what was before the change is dropped.
 
         finding: of the short window, whose noise serves until some was learned from before it.
@@ -214,32 +258,32 @@ class Evidence:
         if finding.solution is None:
             self.nats = None
             return None
-        window = self.window.since(max(self._valid_ns, now_ns - WINDOW_NS))
+        window = whole.since(max(self._valid_ns, now_ns - WINDOW_NS))
         noise = finding.solution.noise if learned is None else learned
         lateness = latency_of(finding)
         lag_s = lateness.value / 1e3 if lateness.verdict is VerdictKind.OK else 0.0
-        found = accuse(window, self._reference, self._limits, noise, lag_s, learned is not None)
+        found = yield from accusing(window, self._reference, self._limits, noise, lag_s, learned is not None)
         self.nats = found.nats
         if not found.checks:
             return None
         # A mirrored picture looks like many things, and is named elsewhere.
         if not finding.shows(("polarity",)):
             found = replace(found, checks=without(Finding(found.checks), found.named).checks, rivals=())
-        self._verification.accuse(found.checks, found.named, self.window.now_ns, found.rivals)
+        self._verification.accuse(found.checks, found.named, whole.now_ns, found.rivals)
         if found.named:
             self._valid_ns = max(self._valid_ns, found.since_ns)
         return found
 
-    def _measure(self, finding: Finding, recent: PathWindow, now_ns: int) -> None:
+    def _measure(self, finding: Finding, recent: PathWindow, whole: PathWindow, now_ns: int) -> Work[None]:
         short = without(finding, _SLOW)
         changed = self._changed(short)
         if changed is not None and now_ns >= self._settled_ns:
             self._valid_ns, self._settled_ns, self._culprits = now_ns - _SHORT_NS, now_ns + _SHORT_NS, changed
-        if not self._due(self.window.since(max(self._valid_ns, now_ns - _LONG_NS)), short, now_ns):
-            self._contradict(_quick(short), frozenset())
+        if not self._due(whole.since(max(self._valid_ns, now_ns - _LONG_NS)), short, now_ns):
+            self._contradict(_quick(short), frozenset(), whole)
             return
         self._long_ns = now_ns
-        long, finding = self._measured(recent, finding, now_ns)
+        long, finding = yield from self._measured(recent, finding, whole, now_ns)
         if finding.solution is not None:
             self._examiner.noises.learn(now_ns, finding.solution.noise, long.span_ns)
         doubtful = finding.failed - self._suspects - self._witnessed
@@ -248,11 +292,11 @@ class Evidence:
         early = _SLOW if _punctual(short, self._limits) else _OF_X
         doubtful |= self._premature(finding.failed & early, now_ns)
         self._suspects = finding.failed | short.failed
-        self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful)
+        self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful, whole)
         if finding.solution is not None:
             self._examiner.noises.see_breathing(long.span_ns)
         last_sign_ns = self._verification.last_sign_ns
-        self._latest = self._accepted(without(finding, doubtful), long, now_ns)
+        self._latest = yield from self._accepted(without(finding, doubtful), long, whole, now_ns)
         if not self._verification.contradicted:
             # An answered sign must not come back with the motion that it was of.
             self._valid_ns = max(self._valid_ns, last_sign_ns)
@@ -274,7 +318,9 @@ class Evidence:
         """What the search for an explanation has found by itself: with a solution that shows it they are two."""
         return frozenset({"latency"}) if self._examiner.about_s else frozenset()
 
-    def _measured(self, recent: PathWindow, finding: Finding, now_ns: int) -> tuple[PathWindow, Finding]:
+    def _measured(
+        self, recent: PathWindow, finding: Finding, whole: PathWindow, now_ns: int
+    ) -> Work[tuple[PathWindow, Finding]]:
         """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
 
         finding: of the recent window, where there is nothing before it. While a sign stands, the longest is left out:
@@ -282,10 +328,10 @@ class Evidence:
         """
         window = recent
         for span_ns in (_LIVELY_NS,) if self._doubted else (_LIVELY_NS, _LONG_NS):
-            longer = self.window.since(max(self._valid_ns, now_ns - span_ns))
+            longer = whole.since(max(self._valid_ns, now_ns - span_ns))
             if len(longer) > len(window):
                 window = longer
-                finding = self._examiner.examined(window, self._examiner.noises.for_window(window, now_ns))
+                finding = yield from self._examiner.examined(window, self._examiner.noises.for_window(window, now_ns))
             if finding.failed or finding.shows(self.required):
                 break
         return window, finding
@@ -301,27 +347,27 @@ class Evidence:
         signs = self._verification.contradicted
         return any(sign.named or sign.check.name not in BREATHED for sign in signs)
 
-    def _contradict(self, checks: tuple[Check, ...], named: frozenset[str]) -> None:
+    def _contradict(self, checks: tuple[Check, ...], named: frozenset[str], whole: PathWindow) -> None:
         """Take the signs among the checks. One that may be a breath, of a parameter that was not shown since the window
         began, bars no motion: that motion may show that it was a breath.
         """
-        before_ns = self.window.start_ns - 1
+        before_ns = whole.start_ns - 1
         barred = {sign.check.name for sign in self._verification.contradicted if sign.until_ns > before_ns}
         known = self._examiner.noises.breathing_known
         moot = frozenset[str]() if known else BREATHED - self._verification.shown - named - barred
-        for until_ns, barring in ((before_ns, False), (self.window.now_ns, True)):
+        for until_ns, barring in ((before_ns, False), (whole.now_ns, True)):
             own = (check for check in checks if (check.name in moot) is not barring)
             self._verification.contradict(own, named, until_ns)
 
-    def _accepted(self, finding: Finding, window: PathWindow, now_ns: int) -> Finding:
+    def _accepted(self, finding: Finding, window: PathWindow, whole: PathWindow, now_ns: int) -> Work[Finding]:
         """What the finding shows, or where its window reaches back to the last sign of a fault, what motion after the
         sign shows.
         """
         last_sign_ns = self._verification.last_sign_ns
         if window.start_ns <= last_sign_ns and not finding.failed:
             window = window.since(last_sign_ns + 1)
-            finding = self._examiner.examined(window, self._examiner.noises.for_window(window, now_ns))
-            self._contradict(finding.checks, frozenset())
+            finding = yield from self._examiner.examined(window, self._examiner.noises.for_window(window, now_ns))
+            self._contradict(finding.checks, frozenset(), whole)
             finding = without(finding, finding.failed)
         return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))
 

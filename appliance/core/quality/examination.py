@@ -12,8 +12,9 @@ from appliance.core.parameters import LEFT_OUT
 from appliance.core.path.latency import Latency
 from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
-from appliance.core.path.solver import PathFit, Prior, Solution, solve
+from appliance.core.path.solver import PathFit, Prior, Solution, solving
 from appliance.core.path.window import PathWindow
+from appliance.core.work import LATENCY, MISFIT, POLARITY, SAMPLES, Work, whole
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
 
@@ -103,20 +104,30 @@ def examine(
     start: as in `appliance.core.path.solver.solve`. about_s: latency near which it is looked for; where the fine search
     finds none there, it may be a FAULT, but no OK.
     """
+    return whole(examining(window, reference, limits, start, about_s))
+
+
+def examining(
+    window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None, about_s: float
+) -> Work[Finding]:
+    """As `examine`, in pieces."""
+    yield LATENCY.of(len(window))
     lag = window.latency(about_s)
     coarse = lag is None and about_s != 0.0
     if coarse:
         lag = Latency(about_s, _FAR_SIGMA_S)
-    solution, solved_lag = _solved(window, reference, lag, start)
+    solution, solved_lag = yield from _solved(window, reference, lag, start)
     if solution is None:
         return examine_nothing(limits)
+    yield POLARITY.of(len(window))
     samples = window.samples(0.0 if lag is None else lag.value_s)
     polarity, polarity_check = weigh_polarity(samples, reference, solution.noise)
     if polarity != (1, 1):
         # The noise that a wrong polarity asks for hides much of what speaks against it.
-        mirrored, mirrored_lag = _solved(window, flipped(reference, polarity), lag, None)
+        mirrored, mirrored_lag = yield from _solved(window, flipped(reference, polarity), lag, None)
         polarity_check = UNWEIGHED
         if mirrored is not None:
+            yield POLARITY.of(len(window))
             again, check = weigh_polarity(samples, reference, mirrored.noise)
             if again == polarity and check.verdict is VerdictKind.FAULT:
                 solution, solved_lag, polarity_check = mirrored, mirrored_lag, check
@@ -137,28 +148,33 @@ def examine_nothing(limits: Limits) -> Finding:
 
 def _solved(
     window: PathWindow, reference: Calibration, lag: Latency | None, start: Noise | None
-) -> tuple[Solution | None, Latency | None]:
+) -> Work[tuple[Solution | None, Latency | None]]:
     """Solution and the latency it found; None for what could not be found."""
     try:
         if lag is not None:
             doubt_s = max(lag.sigma_s, LEFT_OUT[TAU])
-            solution, lag_s = _solved_near(window, reference, lag.value_s, doubt_s, start)
+            solution, lag_s = yield from _solved_near(window, reference, lag.value_s, doubt_s, start)
             return solution, _solved_latency(solution, lag_s)
-        return _solved_far(window, reference, start)
+        return (yield from _solved_far(window, reference, start))
     except ValueError:
         return None, None
 
 
-def _solved_far(window: PathWindow, reference: Calibration, start: Noise | None) -> tuple[Solution, Latency | None]:
+def _solved_far(
+    window: PathWindow, reference: Calibration, start: Noise | None
+) -> Work[tuple[Solution, Latency | None]]:
     """Where the paths alone tell no latency: from zero, and from where the reference fits best if that is elsewhere."""
-    solution, _ = _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S, start)
+    solution, _ = yield from _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S, start)
     if window.span_ns < _LEAST_FAR_NS:
         return solution, None
-    misfits = [PathFit(window.samples(lag), reference, solution.noise).misfit(reference) for lag in _LAGS_S]
+    misfits = []
+    for lag_s in _LAGS_S:
+        yield MISFIT.of(len(window))
+        misfits.append(PathFit(window.samples(lag_s), reference, solution.noise).misfit(reference))
     best_s = _LAGS_S[int(np.argmin(misfits))]
     if best_s == 0.0:
         return solution, None
-    other, other_s = _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S, None)
+    other, other_s = yield from _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S, None)
     gain = (solution.misfit - other.misfit) * other.motions
     if gain < _FAR_BETTER or not _unchanged(other):
         return solution, None
@@ -172,16 +188,17 @@ def _unchanged(solution: Solution) -> bool:
 
 def _solved_near(
     window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float, start: Noise | None
-) -> tuple[Solution, float]:
+) -> Work[tuple[Solution, float]]:
     """Solution about one latency, solved again where the first asks for it, and the latency it is linear about."""
     prior = replace(_NEAR, latency_s=doubt_s)
-    solution = solve(window.samples(lag_s), reference, prior, start)
+    yield SAMPLES.of(len(window))
+    solution = yield from solving(window.samples(lag_s), reference, prior, start)
     tilted = all(solution.calibration.observed[:2])
     late = abs(float(solution.change[TAU])) > _RELINEARISE_S
     if late or not tilted:
         lag_s += float(solution.change[TAU]) if late else 0.0
         prior = prior if tilted else replace(prior, tilt_rad=_UNSEEN_TILT_RAD)
-        solution = solve(window.samples(lag_s), reference, prior, solution.noise)
+        solution = yield from solving(window.samples(lag_s), reference, prior, solution.noise)
     return solution, lag_s
 
 

@@ -2,13 +2,14 @@
 
 from appliance.core.detectors.calibration_change import latency_check
 from appliance.core.path.conventions import Convention
-from appliance.core.path.explanation import Explanation, explain, recent_lag
+from appliance.core.path.explanation import Explanation, explaining, finding_recent_lag
 from appliance.core.path.latency import Latency
 from appliance.core.path.latency_drift import LatencyDrift
 from appliance.core.path.noise import Noise
 from appliance.core.path.window import PathWindow
-from appliance.core.quality.examination import Finding, agreed, examine, latency_of, without
+from appliance.core.quality.examination import Finding, agreed, examining, latency_of, without
 from appliance.core.quality.noise_memory import NoiseMemory
+from appliance.core.work import Work
 from appliance.limits import Limits
 from appliance.types import Calibration, Fault, VerdictKind
 
@@ -28,11 +29,10 @@ which name it two seconds later."""
 class Examiner:
     """noises: as learned. about_s: lag near which the latency is looked for; 0 where none beyond the limit is known.
     explanation: the latest of a motion that the reference does not explain; None where there was none since a change.
-    window: everything that is remembered.
     """
 
-    def __init__(self, reference: Calibration, limits: Limits, window: PathWindow) -> None:
-        self._reference, self._limits, self._window = reference, limits, window
+    def __init__(self, reference: Calibration, limits: Limits) -> None:
+        self._reference, self._limits = reference, limits
         self.noises = NoiseMemory()
         self.about_s = 0.0
         self.explanation: Explanation | None = None
@@ -61,49 +61,49 @@ class Examiner:
         self._drift.clear()
         self._drifted = None
 
-    def examined(self, window: PathWindow, start: Noise | None) -> Finding:
+    def examined(self, window: PathWindow, start: Noise | None) -> Work[Finding]:
         """What the window shows; while breathing is not known, a wrong axial scale is a sign and not named."""
-        finding = examine(window, self._reference, self._limits, start, self.about_s)
+        finding = yield from examining(window, self._reference, self._limits, start, self.about_s)
         finding = finding if self.noises.breathing_known else without(finding, BREATHED & finding.failed)
-        return self._with_drift(finding)
+        return self._with_drift(finding, window)
 
-    def look(self, recent: PathWindow, valid_ns: int, before_ns: int, now_ns: int) -> Finding:
+    def look(
+        self, remembered: PathWindow, recent: PathWindow, valid_ns: int, before_ns: int, now_ns: int
+    ) -> Work[Finding]:
         """What the recent window shows, by noise from before_ns; where that leaves the motion unexplained, again by
         what explains it.
 
-        valid_ns: of the last change; what is older explains nothing.
+        remembered: everything. valid_ns: of the last change; what is older explains nothing.
         """
-        finding = self.examined(recent, self.noises.for_window(recent, before_ns))
-        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < self._explain_every_ns:
+        finding = yield from self.examined(recent, self.noises.for_window(recent, before_ns))
+        # At every solution while there is less motion than is looked at, as each adds much to it.
+        every_ns = 0 if remembered.span_ns < _EXPLAINED_NS else _EXPLAIN_EVERY_NS
+        if not _explained(finding) and not 0 <= now_ns - self._explained_ns < every_ns:
             about_s = self.about_s
-            self._explain(max(valid_ns, now_ns - _EXPLAINED_NS), now_ns)
+            yield from self._explain(remembered.since(max(valid_ns, now_ns - _EXPLAINED_NS)), now_ns)
             if self.about_s != about_s:
-                finding = self.examined(recent, self.noises.for_window(recent, before_ns))
+                finding = yield from self.examined(recent, self.noises.for_window(recent, before_ns))
         return self._carried_on(finding, recent, now_ns)
 
-    def new_lag(self, now_ns: int) -> int | None:
+    def new_lag(self, remembered: PathWindow, now_ns: int) -> Work[int | None]:
         """Stamp since which a lag explains the motion that has just begun; None where none has."""
-        found = recent_lag(self._window, self._reference, self._limits.latency_ms / 1e3 + _SURELY_LATE_S)
+        beyond_s = self._limits.latency_ms / 1e3 + _SURELY_LATE_S
+        found = yield from finding_recent_lag(remembered, self._reference, beyond_s)
         if found is None or abs(found[1].latency_s - self.about_s) <= _OTHER_LAG_S:
             return None
         since_ns, self.explanation = found
         self.about_s, self._explained_ns = self.explanation.latency_s, now_ns
         return since_ns
 
-    def _explain(self, since_ns: int, now_ns: int) -> None:
+    def _explain(self, window: PathWindow, now_ns: int) -> Work[None]:
         """Ask what else explains the motion; the fine search moves to a lag beyond its limit until another is found."""
         self._explained_ns = now_ns
-        found = explain(self._window.since(since_ns), self._reference)
+        found = yield from explaining(window, self._reference)
         if found is None:
             return
         self.explanation = found
         late = found.convention is Convention.AGREED and abs(found.latency_s) * 1e3 > self._limits.latency_ms
         self.about_s = found.latency_s if late else 0.0
-
-    @property
-    def _explain_every_ns(self) -> int:
-        """At every solution while there is less motion than is looked at, as each adds much to it."""
-        return 0 if self._window.span_ns < _EXPLAINED_NS else _EXPLAIN_EVERY_NS
 
     def _carried_on(self, finding: Finding, recent: PathWindow, now_ns: int) -> Finding:
         """Take what the short window tells of the latency at its middle, and see where it goes."""
@@ -112,14 +112,14 @@ class Examiner:
             middle_ns = (recent.start_ns + recent.now_ns) // 2
             self._drift.note(middle_ns, Latency(check.value / 1e3, check.sigma / 1e3))
         self._drifted = self._drift.carried_to(now_ns)
-        return self._with_drift(finding)
+        return self._with_drift(finding, recent)
 
-    def _with_drift(self, finding: Finding) -> Finding:
+    def _with_drift(self, finding: Finding, window: PathWindow) -> Finding:
         """A latency that has drifted beyond its limit by now is no OK; nor is it one that may have."""
         check = latency_of(finding)
         if self._drifted is None or not agreed(finding) or check.verdict is VerdictKind.FAULT:
             return finding
-        now = latency_check(self._drifted, self._limits, self._window.stamps_err_s, check.shown_ns)
+        now = latency_check(self._drifted, self._limits, window.stamps_err_s, check.shown_ns)
         if now.verdict is VerdictKind.OK or abs(now.value) < abs(check.value):
             return finding
         checks = (

@@ -172,7 +172,8 @@ def test_a_tracker_that_begins_to_lag_is_named_latency_and_nothing_before_it(see
             assert verdict.kind is not VerdictKind.OK or t_s < since_s + 0.4
             named += [(t_s, check.fault) for check in verdict.checks if check.verdict is VerdictKind.FAULT]
     assert {fault for _, fault in named} == {Fault.LATENCY}
-    assert since_s < named[0][0] <= since_s + 2.8, "the gesture is over by then, and a sweep shows less"
+    # By 2.7 s, and .2 for a solution to be spread over pictures.
+    assert since_s < named[0][0] <= since_s + 2.9, "the gesture is over by then, and a sweep shows less"
 
 
 @THOROUGH

@@ -158,7 +158,7 @@ def test_a_sign_that_may_be_a_breath_bars_the_motion_before_it_where_it_withdraw
         evidence._verification.weigh((good,), 0)
     wrong = replace(good, value=12.0, verdict=VerdictKind.FAULT, shown_ns=None)
     for _ in range(2):
-        evidence._contradict((wrong,), frozenset())
+        evidence._contradict((wrong,), frozenset(), evidence.window)
         (sign,) = evidence.standing.contradicted
         assert sign.until_ns == (evidence.window.now_ns if was_shown else evidence.window.start_ns - 1)
 
