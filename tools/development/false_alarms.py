@@ -181,7 +181,7 @@ def _poses(session: Session, noise: str, t_s: Array) -> Array:
     """(n, 4, 4) as the tracker reports them."""
     random = np.random.default_rng((session.seed, 61, NOISES.index(noise)))
     tracker = tracker_of(0.1)
-    rows = _noise(noise, t_s.size, random)
+    rows = tracker_noise(noise, t_s.size, random)
     body = rigid(session.reference.rotation, session.reference.offset_mm)
     turn = rotation_from_vector(np.deg2rad(tracker.noise_deg) * rows[:, :3])
     poses = session.sensor(t_s, body) @ rigid(turn, np.zeros((t_s.size, 3)))
@@ -189,7 +189,7 @@ def _poses(session: Session, noise: str, t_s: Array) -> Array:
     return np.asarray(poses)
 
 
-def _noise(kind: str, n: int, random: np.random.Generator) -> Array:
+def tracker_noise(kind: str, n: int, random: np.random.Generator) -> Array:
     """(n, 6) of standard deviation 1."""
     if kind == "t5":
         return np.asarray(random.standard_t(5, (n, 6)) / sqrt(5 / 3))
