@@ -90,6 +90,6 @@ def test_the_command_goes_on_where_it_ended(tmp_path: Path, monkeypatch: pytest.
         assert done.exit_code == 0, done.output
         assert len(played) == total
     text = "\n".join(false_alarm_lines())
-    assert "| everything | 24.00 | 96 (3.2 to 4.9) |" in text
+    assert "| everything | 2.40 | 96 (32 to 49) |" in text
     assert "96 above 6, 48 above 8, 48 above 10, 0 above 14" in text
     assert "the highest 12.0. Names: `scale` 48." in text

@@ -16,7 +16,7 @@ from appliance.core.path.noise import (
 )
 from drivers.rigid import Array
 
-SIZES = np.array([0.12, 0.05, 0.04, 0.02, 0.5, 0.05])
+SIZES = np.array([0.12, 0.05, 0.04, 0.02, 1e-3, 0.5, 0.05])
 """Standard deviations of the parts of a position."""
 
 
@@ -93,7 +93,7 @@ def test_a_slant_is_the_double_integral_of_a_slope_that_forgets_itself_over_two_
 def test_the_size_of_a_part_is_learned_from_paths_that_hold_it(part: int, size: float) -> None:
     """Twenty seconds, from a start that is wrong by five times; the mean of eight rows."""
     given, elevation_mm = blocks(600, 1), 10 * np.sin(np.arange(200) / 25)
-    sizes = np.array([0.05, 0.01, 0.01, 0.012, 1e-3, 1e-3])
+    sizes = np.array([0.05, 0.01, 0.01, 0.012, 1e-3, 1e-3, 1e-3])
     sizes[part] = size
     found = []
     for seed in range(4):
@@ -119,7 +119,9 @@ def test_breathing_is_taken_out_of_a_path_and_motion_is_left() -> None:
     given = blocks(600, 1)
     breath = 2 * np.sin(2 * np.pi * given.t_s / 4)
     quick = 0.3 * np.sign(np.sin(40 * given.t_s))
-    learned = LearnedNoise(given, given.parts(np.zeros(200)), noise(np.array([0.3, 0.01, 0.01, 0.012, 2.0, 1e-3])))
+    learned = LearnedNoise(
+        given, given.parts(np.zeros(200)), noise(np.array([0.3, 0.01, 0.01, 0.012, 1e-3, 2.0, 1e-3]))
+    )
     path = breath + quick
     clean = path - learned.rows[0].tissue(path)
     assert np.std(clean - quick) < 0.15
