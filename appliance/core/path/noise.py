@@ -181,7 +181,7 @@ class Blocks:
         shared = np.sinh(length / 2) / (length / 2)
         covariance = np.exp(-self.apart_s / _MEMORY_S) * np.outer(shared, shared)
         np.fill_diagonal(covariance, 2 * (length - 1 + np.exp(-length)) / length**2)
-        return covariance
+        return np.asarray(covariance)
 
     def _walk(self, along: Array) -> Array:
         """A walk that begins with each chain."""
