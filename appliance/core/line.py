@@ -63,6 +63,15 @@ for new motion whenever a hand passes before the markers; longer leaves time to 
 """
 
 
+def solve_every_ns(window_ns: int, paired: bool) -> int:
+    """Time from one solution to the next. window_ns: length of the motion that is remembered. paired: whether there is
+    a pose of the picture's time.
+    """
+    if not paired:
+        return _SOLVE_UNPAIRED_NS
+    return _SOLVE_FIRST_NS if window_ns < _FIRST_NS else _SOLVE_EVERY_NS
+
+
 class Line:
     """reference: the calibration that is watched. Give frames and poses in the order in which they came.
 
@@ -201,7 +210,7 @@ class Line:
             if self._frozen.repeats_ns > _SHOWN_AGAIN_NS:
                 self._lose_sight(t_ns)
         self._note_sight(item)
-        self._solve(t_ns, self._paired_every_ns if isinstance(item, StampedPair) else _SOLVE_UNPAIRED_NS)
+        self._solve(t_ns, solve_every_ns(self._evidence.window.span_ns, isinstance(item, StampedPair)))
         self._evidence.glance()
         return self._judged(t_ns, self._checks())
 
@@ -294,10 +303,6 @@ class Line:
         if tracked.step is None or found is None or found.correlation < _STEADY_CORRELATION:
             return None
         return tracked.step[0] * self._reference.scale_mm_per_px
-
-    @property
-    def _paired_every_ns(self) -> int:
-        return _SOLVE_FIRST_NS if self._evidence.window.span_ns < _FIRST_NS else _SOLVE_EVERY_NS
 
     def _solve(self, t_ns: int, every_ns: int) -> None:
         """Begin the next solution where it is due, and go on with the one that is under way."""

@@ -16,6 +16,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+from appliance.core.line import solve_every_ns
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import judge
@@ -48,9 +49,6 @@ _ALIKE = 0.9
 _PICTURE_PX, _WALK_MM, _WALK_DEG = 0.02, 0.01, 0.02
 """Error of one registered picture, and of its chain per √s, as measured on rendered pictures
 (tests/support/motions.py)."""
-_SOLVE_NS, _SOLVE_FIRST_NS, _FIRST_NS, _UNPAIRED_NS = 330_000_000, 200_000_000, 2_000_000_000, 1_000_000_000
-"""Between two solutions, as the line has it; the second while the window is no longer than the third; the last while
-nothing is in sight."""
 BLOCK_S = 30.0
 """Whose largest log likelihood ratio is kept: three windows of the test, so that neighbours share little motion."""
 
@@ -115,8 +113,7 @@ class _Played:
             elif not blind:
                 evidence.lose_sight()
             blind = motion is None
-            seen_ns = _SOLVE_FIRST_NS if evidence.window.span_ns < _FIRST_NS else _SOLVE_NS
-            if now_ns - solve_ns >= (_UNPAIRED_NS if blind else seen_ns):
+            if now_ns - solve_ns >= solve_every_ns(evidence.window.span_ns, not blind):
                 solve_ns = now_ns
                 evidence.solve(now_ns)
             self._take(now_ns, now_ns - last_ns, float(t_s))
@@ -181,7 +178,7 @@ def _poses(session: Session, noise: str, t_s: Array) -> Array:
     """(n, 4, 4) as the tracker reports them."""
     random = np.random.default_rng((session.seed, 61, NOISES.index(noise)))
     tracker = tracker_of(0.1)
-    rows = _noise(noise, t_s.size, random)
+    rows = tracker_noise(noise, t_s.size, random)
     body = rigid(session.reference.rotation, session.reference.offset_mm)
     turn = rotation_from_vector(np.deg2rad(tracker.noise_deg) * rows[:, :3])
     poses = session.sensor(t_s, body) @ rigid(turn, np.zeros((t_s.size, 3)))
@@ -189,7 +186,7 @@ def _poses(session: Session, noise: str, t_s: Array) -> Array:
     return np.asarray(poses)
 
 
-def _noise(kind: str, n: int, random: np.random.Generator) -> Array:
+def tracker_noise(kind: str, n: int, random: np.random.Generator) -> Array:
     """(n, 6) of standard deviation 1."""
     if kind == "t5":
         return np.asarray(random.standard_t(5, (n, 6)) / sqrt(5 / 3))

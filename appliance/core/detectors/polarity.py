@@ -32,8 +32,8 @@ solution, as a reference whose rotation is off by 45° still has this; less deci
 
 _GENEROUS = Noise(
     np.stack(
-        [np.square([0.25, 0.3, 0.3, 0.1, breathing_mm, 0.3]) for breathing_mm in (0.7, 2.0)]
-        + [np.square(np.deg2rad([0.1, 0.3, 0.3, 0.3, 0.1, 0.1]))]
+        [np.square([0.25, 0.3, 0.3, 0.1, 0.0, breathing_mm, 0.3]) for breathing_mm in (0.7, 2.0)]
+        + [np.square(np.deg2rad([0.1, 0.3, 0.3, 0.3, 0.0, 0.1, 0.1]))]
     )
 )
 """Of each part, in the order of `Noise.variances`, lateral, axial and turn: 2.5 times the noise of an optical tracker,

@@ -22,9 +22,11 @@ ends at 8 Hz; shorter costs time with the third power of the blocks, so a long w
 LATERAL, AXIAL, TURN, ELEVATIONAL = range(4)
 """Rows of a residual. Where the motion is known to be planar, elevational position and the two tilts follow."""
 POSITIONS = (LATERAL, AXIAL, ELEVATIONAL)
-WHITE, WALK, WAY, SLANT, BREATHING, PULSE = range(6)
-"""The parts, in the order of `Noise.variances`."""
-PARTS = 6
+WHITE, WALK, WAY, SLANT, MEMORY, BREATHING, PULSE = range(7)
+"""The parts, in the order of `Noise.variances`; from BREATHING on the tissue's own."""
+PARTS = 7
+TRACKER = [WHITE, MEMORY]
+"""Those of the poses: they are in the path that is predicted, and in its derivatives."""
 _SLANT_MM = 2.0
 """Way out of the plane over which a slanted structure goes on shifting the picture alike: about the thickness of the
 slice. Not measured.
@@ -36,7 +38,11 @@ _BREATHING_S, _PULSE_S = 1.0, 0.15
 fitted over half a minute draws the axial scale by ten of its sigmas once breaths differ by a tenth from one another
 (four seeds of the study's tissue); this does not.
 """
-_LEFT = np.array([1.0, 0.04, 0.04, 0.04, 0.002, 0.5])
+_MEMORY_S = 0.15
+"""After which a tracker that filters its poses has forgotten a reading: exp(−t/.15 s) is .9 from one at 60 Hz to the
+next. Taken for a pulse, such noise was deemed to be in the picture, and drew the scales.
+"""
+_LEFT = np.array([1.0, 0.04, 0.04, 0.04, 1.0, 0.002, 0.5])
 """Share of each part's variance that is left where breaths are followed, to begin with; it is learned from there. More
 takes more rounds to come down, less to come up. What breathing without a rhythm leaves in the walks is not theirs.
 """
@@ -59,8 +65,8 @@ _TINY = 1e-12
 """Instead of zero where it divides: less than any motion tells of a variance."""
 _OFFSET_MM, _OFFSET_RAD = 1e3, 10.0
 """Standard deviation of a chain's unknown offset: as good as unknown, and small enough for double precision."""
-POSITION_FLOORS = np.square([0.02, 0.01, 0.01, 0.012, 1e-3, 1e-3])
-ANGLE_FLOORS = np.square(np.deg2rad([0.01, 0.02, 0.02, 0.02, 1e-4, 1e-4]))
+POSITION_FLOORS = np.square([0.02, 0.01, 0.01, 0.012, 1e-3, 1e-3, 1e-3])
+ANGLE_FLOORS = np.square(np.deg2rad([0.01, 0.02, 0.02, 0.02, 1e-4, 1e-4, 1e-4]))
 """Least noise that is believed, of each part (mm, mm/√s, mm/√mm, rad, mm; rad for the turn): well below any tracker's,
 so that a window which happens to fit does not count as certain, and equal poses do not divide by zero.
 """
@@ -161,9 +167,21 @@ class Blocks:
         parts = np.zeros((PARTS, len(self), len(self)))
         parts[WHITE] = np.diag(1 / self.count)
         parts[WALK] = self._walk(self.t_s)
+        parts[MEMORY] = self._remembered()
         for part, memory_s in ((BREATHING, _BREATHING_S), (PULSE, _PULSE_S)):
             parts[part] = np.exp(-np.square(self.apart_s / memory_s) / 2)
         return parts
+
+    def _remembered(self) -> Array:
+        """Means over whole blocks: within one, such noise averages out in part. Taken at the middles, it was learned
+        with half of its variance.
+        """
+        usual_s = float(np.median(np.diff(self.t_s))) if len(self) > 1 else _BLOCK_S
+        length = self.count / np.median(self.count) * usual_s / _MEMORY_S
+        shared = np.sinh(length / 2) / (length / 2)
+        covariance = np.exp(-self.apart_s / _MEMORY_S) * np.outer(shared, shared)
+        np.fill_diagonal(covariance, 2 * (length - 1 + np.exp(-length)) / length**2)
+        return np.asarray(covariance)
 
     def _walk(self, along: Array) -> Array:
         """A walk that begins with each chain."""
@@ -176,6 +194,13 @@ def _smoothed(values: Array) -> Array:
     half = _SMOOTH_BLOCKS // 2
     padded = np.pad(values, half, mode="edge")
     return np.convolve(padded, np.full(_SMOOTH_BLOCKS, 1 / _SMOOTH_BLOCKS), mode="valid")
+
+
+def _left(variances: Array) -> Array:
+    """(PARTS,) where breaths begin to be followed. What of a pulse is without a rhythm may be the tracker's."""
+    left = variances * _LEFT
+    left[MEMORY] += variances[PULSE] - left[PULSE]
+    return left
 
 
 def _rhythm(apart_s: Array, hz: float) -> Array:
@@ -249,9 +274,10 @@ class Whitener:
         return np.asarray(whole)
 
     @cached_property
-    def counted(self) -> float:
-        """What white noise of variance 1 in each picture pretends as information."""
-        return float(self.inverse.diagonal() @ self._parts[WHITE].diagonal())
+    def counted(self) -> Array:
+        """(2,) what the tracker's noise of variance 1, white and with a memory, pretends as information."""
+        white = self.inverse.diagonal() @ self._parts[WHITE].diagonal()
+        return np.array([white, np.vdot(self.inverse, self._parts[MEMORY])])
 
     @cached_property
     def pretended(self) -> float:
@@ -294,7 +320,7 @@ class LearnedNoise:
 
     def __init__(self, blocks: Blocks, parts: Array, noise: Noise) -> None:
         """parts: (PARTS, m, m) of the blocks."""
-        self._parts = parts
+        self._parts = [parts] * len(noise.variances)
         self._blocks = blocks
         positions = np.isin(np.arange(len(noise.variances)), POSITIONS)
         self._floors = np.where(positions[:, None], POSITION_FLOORS, ANGLE_FLOORS)
@@ -305,7 +331,7 @@ class LearnedNoise:
         self.rows = [self._whitener(k) for k in range(len(self._offsets))]
 
     def _whitener(self, k: int) -> Whitener:
-        return Whitener(self._parts, self._offsets[k], self.noise.variances[k], self._left_open.get(k))
+        return Whitener(self._parts[k], self._offsets[k], self.noise.variances[k], self._left_open.get(k))
 
     def learn(self, residual: Array, J: Array, covariance: Array) -> None:
         """residual: (rows, m) at the estimate, free of outliers. J: (rows, 9, m). Where breaths are followed, only
@@ -316,12 +342,12 @@ class LearnedNoise:
         variances, power = self.noise.variances.copy(), 1.0 if self._left_open else 0.5
         learning = list(self._left_open or range(len(self.rows)))
         for k in learning:
-            row = self.rows[k]
+            row, parts = self.rows[k], self._parts[k]
             pulled = row.inverse @ residual[k]
             lever = row.inverse @ J[k].T
             P = row.inverse - lever @ covariance @ lever.T
-            told = self._parts @ pulled @ pulled
-            expected = self._parts.reshape(PARTS, -1) @ P.ravel()
+            told = parts @ pulled @ pulled
+            expected = parts.reshape(PARTS, -1) @ P.ravel()
             ratio = np.clip(told / np.maximum(expected, _TINY), _FASTEST**-2, _FASTEST**2)
             variances[k] *= ratio**power
         self._take(variances, learning)
@@ -333,7 +359,7 @@ class LearnedNoise:
 
     def breathing(self, k: int, path: Array) -> Array:
         """(m,) the most likely breathing in a path (m,) of row k."""
-        own = self.noise.variances[k, BREATHING] * self._parts[BREATHING]
+        own = self.noise.variances[k, BREATHING] * self._parts[k][BREATHING]
         return np.asarray(own @ (self.rows[k].inverse @ path))
 
     def expect_breaths(self, inside: Mapping[int, NDArray[np.bool_]], path: Array) -> None:
@@ -344,13 +370,15 @@ class LearnedNoise:
         """
         first, variances = next(iter(inside)), self.noise.variances.copy()
         for k, within in inside.items():
-            breathing = self.noise.variances[k, BREATHING] * self._parts[BREATHING]
+            breathing = self.noise.variances[k, BREATHING] * self._parts[k][BREATHING]
             self._unfollowed[k] = breathing * np.outer(~within, ~within)
             known = None if self.noise.followed is None else self.noise.followed[k]
-            variances[k] = variances[k] * _LEFT if known is None or np.isnan(known).any() else known
-        self._parts = self._parts.copy()
-        self._parts[PULSE] = _rhythm(self._blocks.apart_s, self._pulse_hz(first, path[first]))
-        self._take(variances, range(len(self.rows)))
+            variances[k] = _left(variances[k]) if known is None or np.isnan(known).any() else known
+        parts = self._parts[first].copy()
+        parts[PULSE] = _rhythm(self._blocks.apart_s, self._pulse_hz(first, path[first]))
+        for k in inside:
+            self._parts[k] = parts
+        self._take(variances, inside)
 
     def follow(self, k: int, covariance: Array) -> Whitener:
         """Row k from here on; covariance: (m, m) of what the breaths that are followed leave open."""
@@ -368,7 +396,7 @@ class LearnedNoise:
         """The rate of which row k holds most, by its noise without a pulse."""
         variances = self.noise.variances[k].copy()
         variances[PULSE] = self._floors[k, PULSE]
-        row = Whitener(self._parts, self._offsets[k], variances)
+        row = Whitener(self._parts[k], self._offsets[k], variances)
         angle = 2 * np.pi * _PULSE_HZ[:, None] * self._blocks.t_s
         waves = row.white(np.stack([np.cos(angle), np.sin(angle)], axis=1))
         told = waves @ row.white(path)

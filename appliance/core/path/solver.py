@@ -20,8 +20,8 @@ from appliance.core.path.noise import (
     LATERAL,
     PARTS,
     POSITIONS,
+    TRACKER,
     TURN,
-    WHITE,
     Habit,
     LearnedNoise,
     Noise,
@@ -220,7 +220,8 @@ class _Problem:
         self._reference, self._prior, self._samples, self.residual = reference, prior, samples, residual
         self._at_reference = residual.linear(np.zeros(9))
         self._known = np.diag(1 / self._prior_sd() ** 2)
-        self._spread, self._tissue_out = 1.0, False
+        self._spread = 1.0
+        self._tissue_out = np.zeros(2, dtype=np.bool_)
         self._breathing = np.zeros_like(self._at_reference[:, VALUE])
         self._rounds = 0 if not learn else _ROUNDS_ON if start else _ROUNDS
         self._first, left = self._first_estimate()
@@ -239,7 +240,7 @@ class _Problem:
         """Each part as large as all that the first estimate leaves."""
         span_s = max(float(np.ptp(self.residual.blocks.t_s)), 1.0)
         way_mm = max(float(np.ptp(self.residual.elevation_mm)), 1.0)
-        per = np.array([1.0, 1 / span_s, 1 / way_mm, 1 / way_mm**2, 1.0, 1.0])
+        per = np.array([1.0, 1 / span_s, 1 / way_mm, 1 / way_mm**2, 0.0, 1.0, 1.0])
         return Noise(np.outer(np.mean(np.square(left), axis=1), per) / PARTS)
 
     def solved(self) -> Work[Solution]:
@@ -291,7 +292,7 @@ class _Problem:
         """Estimate, noise and breaths by turns: θ, J, and the habits of those that settled."""
         t_s = self.residual.blocks.t_s
         least = _BREATH_ROUNDS if self._noise.noise.followed is None else _BREATH_ROUNDS_ON
-        self._tissue_out = True
+        self._tissue_out[list(found)] = True
         yield ROUND.of(len(t_s) ** 2)
         theta, _ = self._minimised(theta, 1)
         self._noise.expect_breaths({k: breaths.inside for k, breaths in found.items()}, self._linear(theta)[:, VALUE])
@@ -319,12 +320,12 @@ class _Problem:
         return self._less_tissue(self.residual.linear(theta))
 
     def _less_tissue(self, linear: Array) -> Array:
-        if not self._tissue_out:
+        if not self._tissue_out.any():
             return linear
         linear = linear.copy()
         linear[:, VALUE] -= self._breathing
-        for k, scale in ((LATERAL, 3), (AXIAL, 4)):
-            linear[k, scale] -= self._breathing[k] + self._noise.rows[k].tissue(linear[k, VALUE])
+        for k in np.flatnonzero(self._tissue_out):
+            linear[k, SCALE][k] -= self._breathing[k] + self._noise.rows[k].tissue(linear[k, VALUE])
         return linear
 
     def _whitened(self, linear: Array) -> Array:
@@ -366,15 +367,14 @@ class _Problem:
 
     def _pretended(self) -> Array:
         """(9,) information on each of θ that is but noise: of the poses, and of the tissue's own motion."""
-        counted = np.array([row.counted for row in self._noise.rows])
-        variances = self._noise.noise.variances[:, WHITE]
-        position = float(np.mean(variances[[LATERAL, AXIAL]]))
-        lateral, axial = counted[[LATERAL, AXIAL]]
-        turn = counted[TURN] * variances[TURN]
-        rotations = position * np.array([axial, lateral, lateral + axial]) + turn * np.array([1.0, 1.0, 0.0])
-        offsets = variances[TURN] * np.array([axial, lateral, lateral + axial])
-        rows = [self._noise.rows[k] for k in (LATERAL, AXIAL)]
-        scales = [row.left_in if self._tissue_out else row.pretended for row in rows]
+        rows, variances = self._noise.rows, self._noise.noise.variances[:, TRACKER]
+        position = np.mean(variances[[LATERAL, AXIAL]], axis=0)
+        lateral, axial = (rows[k].counted for k in (LATERAL, AXIAL))
+        turn = float(rows[TURN].counted @ variances[TURN])
+        each = np.stack([axial, lateral, lateral + axial])
+        rotations = each @ position + turn * np.array([1.0, 1.0, 0.0])
+        offsets = each @ variances[TURN]
+        scales = [rows[k].left_in if self._tissue_out[k] else rows[k].pretended for k in (LATERAL, AXIAL)]
         return np.concatenate([rotations, scales, offsets, [0.0]])
 
     def _alone(self, J: Array) -> Array:
@@ -391,13 +391,12 @@ class _Problem:
         pretended = self._pretended()
         excess = np.where(self._alone(J) > _RISES * pretended, pretended, 0.0)
         excess[ROTATION] = 0.0
-        if self._tissue_out:
-            excess[SCALE] = 0.0
+        excess[SCALE][self._tissue_out] = 0.0
         return excess
 
     def _followed(self, J: Array) -> NDArray[np.bool_]:
         """(2,) whether the motion tells of the lateral and the axial scale well more than the tissue's own pretends."""
-        ratio = _CLEAN if self._tissue_out else _FOLLOWED
+        ratio = np.where(self._tissue_out, _CLEAN, _FOLLOWED)
         return np.asarray(self._alone(J)[SCALE] >= ratio * self._pretended()[SCALE])
 
     def _prior_sd(self) -> Array:

@@ -67,6 +67,7 @@ class Evidence:
         self._culprits: dict[str, float] = {}
         self._valid_ns = self._settled_ns = self._lagged_ns = 0
         self._failing_ns: int | None = None
+        self._breathed_ns: int | None = None
         self._long_ns = 0
         self.nats: float | None = None
         self._examiner = Examiner(reference, limits)
@@ -109,7 +110,7 @@ class Evidence:
         self._suspects = frozenset()
         self._culprits = {}
         self._settled_ns = self._long_ns = 0
-        self._failing_ns = None
+        self._failing_ns = self._breathed_ns = None
 
     def forget(self, since_ns: int) -> None:
         """Motion at or after since_ns was stamped wrongly."""
@@ -121,7 +122,7 @@ class Evidence:
         self._valid_ns, self._settled_ns, self._lagged_ns = (min(t_ns, since_ns) for t_ns in times_ns)
         self._choice = Choice()
         self._long_ns = 0
-        self._failing_ns = None
+        self._failing_ns = self._breathed_ns = None
         self._examiner.forget()
 
     def forget_poses(self, since_ns: int) -> None:
@@ -177,6 +178,18 @@ class Evidence:
         elif self._failing_ns is None:
             self._failing_ns = now_ns
         return failed if self._failing_ns is None or now_ns - self._failing_ns < _SHORT_NS else frozenset()
+
+    def _of_same_breaths(self, finding: Finding, span_ns: int, now_ns: int) -> frozenset[str]:
+        """A scale that only followed breaths tell, until it has failed for half the window's length: solutions in a row
+        are of the same breaths, and err alike.
+        """
+        told = finding.solution is not None and finding.solution.noise.habits
+        failed = BREATHED & finding.failed if told else frozenset[str]()
+        if not failed:
+            self._breathed_ns = None
+        elif self._breathed_ns is None:
+            self._breathed_ns = now_ns
+        return failed if self._breathed_ns is None or now_ns - self._breathed_ns < span_ns / 2 else frozenset()
 
     def solve(self, now_ns: int) -> None:
         """Begin a solution and end it."""
@@ -291,6 +304,7 @@ class Evidence:
             doubtful |= finding.failed - self._culprits.keys() - {"latency"}
         early = _SLOW if _punctual(short, self._limits) else _OF_X
         doubtful |= self._premature(finding.failed & early, now_ns)
+        doubtful |= self._of_same_breaths(finding, long.span_ns, now_ns)
         self._suspects = finding.failed | short.failed
         self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful, whole)
         if finding.solution is not None:

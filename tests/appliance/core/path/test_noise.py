@@ -5,6 +5,7 @@ import pytest
 
 from appliance.core.path.noise import (
     BREATHING,
+    MEMORY,
     PARTS,
     SLANT,
     WALK,
@@ -16,7 +17,7 @@ from appliance.core.path.noise import (
 )
 from drivers.rigid import Array
 
-SIZES = np.array([0.12, 0.05, 0.04, 0.02, 0.5, 0.05])
+SIZES = np.array([0.12, 0.05, 0.04, 0.02, 1e-3, 0.5, 0.05])
 """Standard deviations of the parts of a position."""
 
 
@@ -87,13 +88,27 @@ def test_a_slant_is_the_double_integral_of_a_slope_that_forgets_itself_over_two_
     np.testing.assert_allclose(parts[SLANT][45], parts[SLANT][105], atol=1e-9, err_msg="the same place shifts alike")
 
 
+def test_a_memory_is_of_the_means_of_blocks() -> None:
+    """Numerically, as means of many places within each of four blocks of 3, 3, 3 and 1 pictures."""
+    given = Blocks.of(np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 9.5]) / 30, np.zeros(10, dtype=np.int64))
+    part = given.parts(np.zeros(4))[MEMORY]
+    width_s = given.count * 0.1 / 3
+    within = (np.arange(200) + 0.5) / 200 - 0.5
+    t_s = given.t_s[:, None] + width_s[:, None] * within
+    expected = np.exp(-np.abs(t_s[:, None, :, None] - t_s[None, :, None, :]) / 0.15).mean(axis=(2, 3))
+    np.testing.assert_allclose(part, expected, rtol=0.02)
+    assert part[0, 0] < 0.85 < part[3, 3]
+
+
 @pytest.mark.parametrize(
-    ("part", "size"), [(WHITE, 0.2), (WALK, 0.2), (WAY, 0.1), (BREATHING, 2.0)], ids=["white", "walk", "way", "breath"]
+    ("part", "size"),
+    [(WHITE, 0.2), (WALK, 0.2), (WAY, 0.1), (MEMORY, 0.2), (BREATHING, 2.0)],
+    ids=["white", "walk", "way", "memory", "breath"],
 )
 def test_the_size_of_a_part_is_learned_from_paths_that_hold_it(part: int, size: float) -> None:
     """Twenty seconds, from a start that is wrong by five times; the mean of eight rows."""
     given, elevation_mm = blocks(600, 1), 10 * np.sin(np.arange(200) / 25)
-    sizes = np.array([0.05, 0.01, 0.01, 0.012, 1e-3, 1e-3])
+    sizes = np.array([0.05, 0.01, 0.01, 0.012, 1e-3, 1e-3, 1e-3])
     sizes[part] = size
     found = []
     for seed in range(4):
@@ -119,7 +134,9 @@ def test_breathing_is_taken_out_of_a_path_and_motion_is_left() -> None:
     given = blocks(600, 1)
     breath = 2 * np.sin(2 * np.pi * given.t_s / 4)
     quick = 0.3 * np.sign(np.sin(40 * given.t_s))
-    learned = LearnedNoise(given, given.parts(np.zeros(200)), noise(np.array([0.3, 0.01, 0.01, 0.012, 2.0, 1e-3])))
+    learned = LearnedNoise(
+        given, given.parts(np.zeros(200)), noise(np.array([0.3, 0.01, 0.01, 0.012, 1e-3, 2.0, 1e-3]))
+    )
     path = breath + quick
     clean = path - learned.rows[0].tissue(path)
     assert np.std(clean - quick) < 0.15
