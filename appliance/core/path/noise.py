@@ -198,7 +198,7 @@ def _smoothed(values: Array) -> Array:
 
 def _left(variances: Array) -> Array:
     """(PARTS,) where breaths begin to be followed. What of a pulse is without a rhythm may be the tracker's."""
-    left = variances * _LEFT
+    left: Array = variances * _LEFT
     left[MEMORY] += variances[PULSE] - left[PULSE]
     return left
 
