@@ -40,7 +40,7 @@ fitted over half a minute draws the axial scale by ten of its sigmas once breath
 """
 _MEMORY_S = 0.15
 """After which a tracker that filters its poses has forgotten a reading: exp(−t/.15 s) is .9 from one at 60 Hz to the
-next. Taken for a pulse, such noise was deemed to be in the picture, and drew the scales.
+next. Taken for a pulse, such noise was deemed to be in the picture, and drew the scales. Other memories were not tried.
 """
 _LEFT = np.array([1.0, 0.04, 0.04, 0.04, 1.0, 0.002, 0.5])
 """Share of each part's variance that is left where breaths are followed, to begin with; it is learned from there. More
@@ -198,9 +198,9 @@ def _smoothed(values: Array) -> Array:
 
 def _left(variances: Array) -> Array:
     """(PARTS,) where breaths begin to be followed. What of a pulse is without a rhythm may be the tracker's."""
-    left: Array = variances * _LEFT
+    left = variances * _LEFT
     left[MEMORY] += variances[PULSE] - left[PULSE]
-    return left
+    return np.asarray(left)
 
 
 def _rhythm(apart_s: Array, hz: float) -> Array:
