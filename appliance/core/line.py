@@ -154,6 +154,11 @@ class Line:
             proposal=propose(verdict.checks, self._reference, 0.0),
         )
 
+    def constant_latency(self) -> Check:
+        """See Evidence.constant_latency."""
+        self._pairing.finish()
+        return self._evidence.constant_latency()
+
     def _count(self, sample: Frame | Pose) -> StampGate:
         if isinstance(sample, Pose):
             self._poses += 1

@@ -13,8 +13,11 @@ import pytest
 from appliance.core.acquisition.pairing import Unpaired
 from appliance.core.acquisition.stamp_gate import Passage, StampGate
 from appliance.core.line import Line
+from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
+from appliance.core.quality.examination import Finding
 from appliance.core.quality.verification import Sign, Verification
+from appliance.core.work import Work
 from appliance.limits import RequiredAges
 from appliance.types import Check, StampedPair, Verdict, VerdictKind
 from tests.invariant import test_invariant as holes
@@ -79,8 +82,12 @@ def test_hole_3_evidence_is_dated_by_the_newest_picture(monkeypatch: pytest.Monk
 
 def never_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Confirmation waits for ever: neither the long window nor the sequential test names what is wrong."""
+
+    def nothing(self: Evidence, finding: Finding, whole: PathWindow, now_ns: int) -> Work[None]:
+        yield from ()
+
     monkeypatch.setattr(Evidence, "_premature", lambda self, failed, now_ns: failed)
-    monkeypatch.setattr(Evidence, "_accused", lambda self, finding, now_ns: None)
+    monkeypatch.setattr(Evidence, "_accused", nothing)
 
 
 def sign_ignored(monkeypatch: pytest.MonkeyPatch) -> None:

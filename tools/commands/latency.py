@@ -86,8 +86,8 @@ def _of_tissue(session: Recording, calibration: Path, probe: str | None, recordi
         for sample in session.samples():
             line.step(sample)
             progress.update(task, advance=1)
-    check = line.report().latency
-    if check is None or math.isnan(check.value):
+    check = line.constant_latency()
+    if math.isnan(check.value):
         remedy = "Record a quarter of a minute of tissue: to and fro sideways and in depth, turning sharply"
         raise RecordingError("its motion does not show how late the tracker is", str(recording), remedy)
     return Latency(check.value / 1000, check.sigma / 1000)

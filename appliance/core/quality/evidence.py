@@ -162,6 +162,12 @@ class Evidence:
             _sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks
         )
 
+    def constant_latency(self) -> Check:
+        """The tracker's latency by everything remembered, taken for one that has not changed. Unlike `final` it drops
+        nothing as of before a change, so it knows more of a recording made to measure it.
+        """
+        return latency_of(examine(self.window, self._reference, self._limits, about_s=self._examiner.about_s))
+
     def second_opinion(self) -> SecondOpinion | None:
         """The closed forms on everything remembered since the last change."""
         window = self.window.since(self._valid_ns)
