@@ -313,17 +313,17 @@ class Line:
         """Begin the next solution where it is due, and go on with the one that is under way."""
         since_ns = 0 if self._settled_ns is None else max(t_ns - self._settled_ns, 0)
         self._settled_ns = t_ns
-        evidence = self._evidence
-        if not evidence.under_way:
-            if self._solve_ns is not None and 0 <= t_ns - self._solve_ns < every_ns:
+        evidence, begun_ns = self._evidence, self._solve_ns
+        if begun_ns is None or not evidence.under_way:
+            if begun_ns is not None and 0 <= t_ns - begun_ns < every_ns:
                 return
-            self._solve_ns = t_ns
+            begun_ns = self._solve_ns = t_ns
             evidence.begin(t_ns)
         evidence.go_on(round(_WORK_SHARE * since_ns / 1e3))
         if evidence.under_way:
             return
         for detector in self._detectors:
-            detector.forgive(self._evidence.shows)
+            detector.forgive(self._evidence.shows, begun_ns)
 
     def _wrong_size(self, width: int, height: int) -> Check:
         wanted = self._reference.image_size_px

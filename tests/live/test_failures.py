@@ -193,7 +193,7 @@ def kill_halted_service(cart: Cart, part: str) -> Undo:
 ACTIONS: dict[tuple[str, str], Callable[[Cart, str], Undo]] = {
     **{(part, "killed"): kill_twin for part in _TWINS},
     **{(part, "stopped"): stop_twin for part in _TWINS},
-    ("alarm output", "hangs at the start, later once more"): late_board,
+    ("alarm output", "hangs at the start, and again later"): late_board,
     ("estimator", "killed"): kill_estimator,
     ("estimator", "stopped"): stop_estimator,
     ("log disk", "full"): fill_disk,

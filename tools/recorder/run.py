@@ -132,9 +132,10 @@ class RecorderService:
     def _ask(self) -> None:
         while not self._ended.is_set():
             with suppress(ProbewatchError, ValueError, KeyError), ControlClient(self._config.control.socket) as client:
-                while not self._ended.wait(_STATUS_EVERY_S):
+                while not self._ended.is_set():
                     status = client.status()
                     self._do(lambda now_ns, status=status: self.recorder.state(status, now_ns))  # type: ignore[misc]
+                    self._ended.wait(_STATUS_EVERY_S)
             self._ended.wait(_AGAIN_S)
 
     def _answer(self) -> None:

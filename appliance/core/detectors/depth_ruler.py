@@ -50,7 +50,7 @@ class DepthRuler(Detector):
         self._just_changed = False
         self._to_try: list[int] = []
         self._best: Ruler | None = None
-        self._wait = self._unseen = self._band = 0
+        self._wait = self._unseen = self._band = self._known_ns = 0
 
     def see(self, seen: Observation) -> bool:
         """See Detector."""
@@ -65,17 +65,20 @@ class DepthRuler(Detector):
             if before is None or self._unseen > _GONE:
                 self._look_for(seen)
             return False
-        self._known, self._just_changed = found, False
+        self._just_changed = False
         if found is before:
             return False
+        self._known, self._known_ns = found, seen.t_ns
         self._to_try.clear()
         changed = abs(found.spacing_px / before.spacing_px - 1) * 100
         self._just_changed = changed > _sigma_percent(found, before) * self._confidence + self._limit
         return self._just_changed
 
-    def forgive(self, shows: Callable[[Fault], bool]) -> None:
-        """See Detector: the ruler of now is that of the reference."""
-        if self._known is not None and self._visible and self._known is not self._shown and shows(Fault.SCALE):
+    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+        """See Detector: the ruler of now is that of the reference, unless it came after the motion."""
+        if self._known is None or self._known is self._shown or not self._visible or self._known_ns > until_ns:
+            return
+        if shows(Fault.SCALE):
             self._shown = self._known
 
     def checks(self) -> tuple[Check, ...]:
@@ -105,6 +108,7 @@ class DepthRuler(Detector):
                 self._best = found
             if not self._to_try and self._best is not None:
                 self._known, self._shown, self._best = self._best, None, None
+                self._known_ns = seen.t_ns
                 self._visible = True
             return
         tissue, self._wait = self._tissue(), self._wait - 1

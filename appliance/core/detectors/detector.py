@@ -54,8 +54,12 @@ class Detector:
     def forget_poses(self, since_ns: int) -> None:
         """Poses at or after since_ns were stamped wrongly."""
 
-    def forgive(self, shows: Callable[[Fault], bool]) -> None:
-        """Motion has shown the classes of faults for which `shows` is true to be absent."""
+    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+        """Motion has shown the classes of faults for which `shows` is true to be absent.
+
+        until_ns: stamp of its latest picture, as a solution is ready some pictures later. A change for which `see` was
+        true has dropped the solution that was under way.
+        """
 
     def checks(self) -> tuple[Check, ...]:
         """What it knows now; none before it knows anything."""

@@ -135,7 +135,7 @@ class MarkerSlip(Detector):
         self._restart()
         self._waiting.clear()
 
-    def forgive(self, shows: Callable[[Fault], bool]) -> None:
+    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """See Detector."""
         if shows(Fault.ROTATION):
             self._slip[:3, :3] = np.eye(3)

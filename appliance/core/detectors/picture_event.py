@@ -167,7 +167,7 @@ class PictureEvent(Detector):
         self._polarity = (self._polarity[0] * change.polarity[0], self._polarity[1] * change.polarity[1])
         self._log_zoom += np.log(change.zoom)
 
-    def forgive(self, shows: Callable[[Fault], bool]) -> None:
+    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """See Detector: the sum of events was wrong or has been undone elsewhere."""
         if shows(Fault.POLARITY):
             self._polarity = (1, 1)

@@ -35,10 +35,14 @@ class Watched:
         self.changed = self.detector.see(Observation(self._count * 33_000_000, image, repeated, followed=True))
         return next(iter(self.detector.checks()), None)
 
+    def shown(self, shows: Callable[[Fault], bool], pictures_ago: int = 0) -> None:
+        """Motion up to so many pictures ago shows these classes to be absent."""
+        self.detector.forgive(shows, (self._count - pictures_ago) * 33_000_000)
+
     def learn(self, show: Callable[[int], GreyImage], pictures: int = 20) -> Check | None:
         for k in range(pictures):
             self.see(show(k))
-        self.detector.forgive(lambda fault: fault is Fault.SCALE)
+        self.shown(lambda fault: fault is Fault.SCALE)
         return next(iter(self.detector.checks()), None)
 
 
@@ -78,15 +82,29 @@ def test_nothing_is_said_before_motion_has_shown_the_scales_and_motion_that_show
     watched = Watched()
     seen = [watched.see(picture(STYLES[0], 1, k, 1.0 if k < 25 else 1.1)) for k in range(30)]
     assert seen == [None] * 30
-    watched.detector.forgive(lambda _: False)
+    watched.shown(lambda _: False)
     assert watched.see(picture(STYLES[0], 1, 40, 1.1)) is None
-    watched.detector.forgive(lambda fault: fault is Fault.SCALE)
+    watched.shown(lambda fault: fault is Fault.SCALE)
     for k in range(2):
         fault = watched.see(picture(STYLES[0], 1, 50 + k))
     assert fault is not None
     assert fault.verdict is VerdictKind.FAULT
-    watched.detector.forgive(lambda fault: fault is Fault.SCALE)
+    watched.shown(lambda fault: fault is Fault.SCALE)
     assert [check.verdict for check in watched.detector.checks()] == [VerdictKind.OK]
+
+
+def test_motion_from_before_a_small_change_of_depth_does_not_answer_for_it() -> None:
+    watched = learned(STYLES[0])
+    for k in range(3):
+        small = watched.see(picture(STYLES[0], 1, 50 + k, 1.015))
+    assert not watched.changed
+    assert small is not None
+    watched.shown(lambda _: True, pictures_ago=5)
+    assert watched.see(picture(STYLES[0], 1, 60, 1.015)) == small, "as far from the depth that motion has shown"
+    watched.shown(lambda _: True)
+    answered = watched.see(picture(STYLES[0], 1, 61, 1.015))
+    assert answered is not None
+    assert abs(answered.value) < abs(small.value) / 2
 
 
 @pytest.mark.parametrize("ratio", [2.0, 2.5, 0.5])
@@ -165,7 +183,7 @@ def test_a_ruler_that_the_scanner_moved_is_learned_anew_and_first_says_nothing()
     moved = replace(STYLES[0], column=30, to_left=False)
     seen = [watched.see(picture(moved, 1, k, 1.1)) for k in range(340)]
     assert set(seen) == {None}
-    watched.detector.forgive(lambda fault: fault is Fault.SCALE)
+    watched.shown(lambda fault: fault is Fault.SCALE)
     for k in range(2):
         found = watched.see(picture(moved, 1, 400 + k))
     assert found is not None
