@@ -10,23 +10,16 @@ from tests.cart.guest import Guest
 from tests.cart.image import Image, NoMirror, build
 from tests.cart.requirements import CONTAINER, GUEST, IMAGE, missing
 
-FIRST = ("test_guest_cart", "test_guest_plugs", "test_guest_service", "test_kernel_devices")
+FIRST = ("test_guest_cart", "test_guest_service", "test_kernel_devices")
 """Two processes take these files of tests in this order, then the others: the longest goes to one of them, the next
 longest to the other.
 """
-BEHIND = {"test_guest_plugs": "test_guest_cart"}
-"""File → file whose process takes it as well, so that they never run side by side: the whole line takes as much of the
-host as it can get, and the service that the plugs are tried on had too little beside it in three runs.
-"""
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """First, as pytest-xdist reads the groups in the same hook."""
     for item in items:
         if item.path.parent == Path(__file__).parent:
             item.add_marker(pytest.mark.cart)
-            item.add_marker(pytest.mark.xdist_group(BEHIND.get(item.path.stem, item.path.stem)))
     items.sort(key=lambda item: FIRST.index(item.path.stem) if item.path.stem in FIRST else len(FIRST))
 
 

@@ -1,6 +1,7 @@
 """The plugs of the emulated machine: each fault of the grabber, its signal, the tracker's cable; lost once, back once.
 
-Scanner and tracker have a cart's own rates here, for which two emulated machines side by side leave too little.
+Scanner and tracker have a cart's own rates here, for which another emulated machine beside it leaves too little:
+`make test-cart` runs it last and alone.
 """
 
 import time
