@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from appliance.core.path.conventions import READINGS, Convention, turned_sensors
 from appliance.core.path.steps import SensorSteps, picture_steps
 from appliance.core.path.window import PathWindow
-from appliance.core.work import CONVENTIONS, LAG, LAGS, Work, whole
+from appliance.core.work import CONVENTIONS, LAG, LAGS, Work
 from appliance.types import Calibration
 from drivers.rigid import Array
 
@@ -81,14 +81,9 @@ class _Fits:
         return int(np.argmin(self.scores))
 
 
-def explain(window: PathWindow, reference: Calibration) -> Explanation | None:
+def explain(window: PathWindow, reference: Calibration) -> Work[Explanation | None]:
     """None where there is too little motion, where nothing explains it or where two explain it as well."""
-    return whole(explaining(window, reference))
-
-
-def explaining(window: PathWindow, reference: Calibration) -> Work[Explanation | None]:
-    """As `explain`, in pieces."""
-    yield LAGS.of(1)
+    yield LAGS.of()
     steps = _Steps.of(window, reference)
     if steps is None:
         return None
@@ -96,26 +91,19 @@ def explaining(window: PathWindow, reference: Calibration) -> Work[Explanation |
     in_order = _convincing([now])
     if in_order is not None and abs(in_order.latency_s) <= _NEAR_S:
         return in_order
-    yield CONVENTIONS.of(1)
+    yield CONVENTIONS.of()
     return _convincing([now, *_other_conventions(steps, reference)])
 
 
-def recent_lag(window: PathWindow, reference: Calibration, beyond_s: float) -> tuple[int, Explanation] | None:
+def recent_lag(window: PathWindow, reference: Calibration, beyond_s: float) -> Work[tuple[int, Explanation] | None]:
     """A lag of more than beyond_s either way in the latest motion, and the stamp since which it explains that.
 
     None where the motion is as short as `explain` looks at anyway, where a lesser lag explains it, or nothing does.
     """
-    return whole(finding_recent_lag(window, reference, beyond_s))
-
-
-def finding_recent_lag(
-    window: PathWindow, reference: Calibration, beyond_s: float
-) -> Work[tuple[int, Explanation] | None]:
-    """As `recent_lag`, in pieces."""
     for span_ns in _RECENT_NS:
         if window.span_ns < span_ns:
             return None
-        yield LAG.of(1)
+        yield LAG.of()
         recent = window.since(window.now_ns - span_ns)
         steps = _Steps.of(recent, reference)
         if steps is None:
@@ -125,7 +113,7 @@ def finding_recent_lag(
             continue
         if abs(found.latency_s) <= beyond_s:
             return None
-        surely = yield from explaining(recent, reference)
+        surely = yield from explain(recent, reference)
         agreed = surely is not None and surely.convention is Convention.AGREED
         return (recent.start_ns, found) if agreed else None
     return None

@@ -24,7 +24,8 @@ LATERAL, AXIAL, TURN, ELEVATIONAL = range(4)
 POSITIONS = (LATERAL, AXIAL, ELEVATIONAL)
 WHITE, WALK, WAY, SLANT, MEMORY, BREATHING, PULSE = range(7)
 """The parts, in the order of `Noise.variances`; from BREATHING on the tissue's own."""
-PARTS = 7
+PARTS = PULSE + 1
+"""How many they are."""
 TRACKER = [WHITE, MEMORY]
 """Those of the poses: they are in the path that is predicted, and in its derivatives."""
 _SLANT_MM = 2.0
@@ -65,10 +66,13 @@ _TINY = 1e-12
 """Instead of zero where it divides: less than any motion tells of a variance."""
 _OFFSET_MM, _OFFSET_RAD = 1e3, 10.0
 """Standard deviation of a chain's unknown offset: as good as unknown, and small enough for double precision."""
-POSITION_FLOORS = np.square([0.02, 0.01, 0.01, 0.012, 1e-3, 1e-3, 1e-3])
-ANGLE_FLOORS = np.square(np.deg2rad([0.01, 0.02, 0.02, 0.02, 1e-4, 1e-4, 1e-4]))
+POSITION_FLOORS, ANGLE_FLOORS = (
+    np.square([0.02, 0.01, 0.01, 0.012, 1e-3, 1e-3, 1e-3]),
+    np.square(np.deg2rad([0.01, 0.02, 0.02, 0.02, 1e-4, 1e-4, 1e-4])),
+)
 """Least noise that is believed, of each part (mm, mm/√s, mm/√mm, rad, mm; rad for the turn): well below any tracker's,
-so that a window which happens to fit does not count as certain, and equal poses do not divide by zero.
+so that a window which happens to fit does not count as certain, and equal poses do not divide by zero. More would be
+told as sigma of a tracker that is better. Not measured.
 """
 
 

@@ -10,7 +10,7 @@ from appliance.core.path.explanation import Explanation
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, examine, examine_nothing, latency_of, without
 from appliance.core.quality.examiner import BREATHED, Examiner
-from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accusing
+from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
 from appliance.core.work import Work
@@ -151,8 +151,7 @@ class Evidence:
 
     def final(self) -> tuple[Check, ...]:
         """Checks of the solution that showed most, the one over everything remembered among them."""
-        while self.under_way:
-            self.go_on(0)
+        self._end()
         about_s = self._examiner.about_s
         whole = examine(self.window.since(self._valid_ns), self._reference, self._limits, about_s=about_s)
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
@@ -200,6 +199,9 @@ class Evidence:
     def solve(self, now_ns: int) -> None:
         """Begin a solution and end it."""
         self.begin(now_ns)
+        self._end()
+
+    def _end(self) -> None:
         while self.under_way:
             self.go_on(0)
 
@@ -281,7 +283,7 @@ class Evidence:
         noise = finding.solution.noise if learned is None else learned
         lateness = latency_of(finding)
         lag_s = lateness.value / 1e3 if lateness.verdict is VerdictKind.OK else 0.0
-        found = yield from accusing(window, self._reference, self._limits, noise, lag_s, learned is not None)
+        found = yield from accuse(window, self._reference, self._limits, noise, lag_s, learned is not None)
         self.nats = found.nats
         if not found.checks:
             return None

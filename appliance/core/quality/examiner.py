@@ -2,7 +2,7 @@
 
 from appliance.core.detectors.calibration_change import latency_check
 from appliance.core.path.conventions import Convention
-from appliance.core.path.explanation import Explanation, explaining, finding_recent_lag
+from appliance.core.path.explanation import Explanation, explain, recent_lag
 from appliance.core.path.latency import Latency
 from appliance.core.path.latency_drift import LatencyDrift
 from appliance.core.path.noise import Noise
@@ -88,7 +88,7 @@ class Examiner:
     def new_lag(self, remembered: PathWindow, now_ns: int) -> Work[int | None]:
         """Stamp since which a lag explains the motion that has just begun; None where none has."""
         beyond_s = self._limits.latency_ms / 1e3 + _SURELY_LATE_S
-        found = yield from finding_recent_lag(remembered, self._reference, beyond_s)
+        found = yield from recent_lag(remembered, self._reference, beyond_s)
         if found is None or abs(found[1].latency_s - self.about_s) <= _OTHER_LAG_S:
             return None
         since_ns, self.explanation = found
@@ -98,7 +98,7 @@ class Examiner:
     def _explain(self, window: PathWindow, now_ns: int) -> Work[None]:
         """Ask what else explains the motion; the fine search moves to a lag beyond its limit until another is found."""
         self._explained_ns = now_ns
-        found = yield from explaining(window, self._reference)
+        found = yield from explain(window, self._reference)
         if found is None:
             return
         self.explanation = found

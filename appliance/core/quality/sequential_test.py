@@ -16,7 +16,7 @@ from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.bounded_fit import ANYTHING, BEYOND, DRIFT, VALUE_ROW, Fit, anywhere, fitted, huber
 from appliance.core.quality.innovations import INFLATED, Innovations
-from appliance.core.work import INNOVATIONS, TRIAL, Work, whole
+from appliance.core.work import INNOVATIONS, TRIAL, Work
 from appliance.limits import NAMED_NATS, Limits
 from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array
@@ -73,19 +73,12 @@ class Accusation:
 
 def accuse(
     window: PathWindow, reference: Calibration, limits: Limits, noise: Noise, lag_s: float, breathing_known: bool
-) -> Accusation:
+) -> Work[Accusation]:
     """Of the start from which a calibration beyond its limits explains the motion best.
 
     noise: learned from motion before the change, or under the calibration that the motion itself asks for. lag_s: of
     the tracker, near which it is looked for. breathing_known: whether `noise` has seen a breath.
     """
-    return whole(accusing(window, reference, limits, noise, lag_s, breathing_known))
-
-
-def accusing(
-    window: PathWindow, reference: Calibration, limits: Limits, noise: Noise, lag_s: float, breathing_known: bool
-) -> Work[Accusation]:
-    """As `accuse`, in pieces."""
     try:
         yield INNOVATIONS.of(len(window))
         rows = Innovations(window, reference, noise if breathing_known else _with_breathing(noise), lag_s)
@@ -94,13 +87,13 @@ def accusing(
         for n in starts:
             if rows.score(n) < _WORTH_NATS:
                 continue
-            yield TRIAL.of(1)
+            yield TRIAL.of()
             trial = _Trial(rows, n, _bounds(limits, lag_s))
             if best is None or trial.nats > best.nats:
                 best = trial
         if best is None or best.nats < WITHDRAWN_NATS:
             return Accusation(0, 0.0 if best is None else best.nats, ())
-        yield TRIAL.of(1)
+        yield TRIAL.of()
         return best.accusation(rows.start_ns(best.n), limits, lag_s)
     except ValueError:
         # Too few pictures, or a matrix that motion without content leaves singular (LinAlgError).

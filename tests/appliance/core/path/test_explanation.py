@@ -7,11 +7,17 @@ import numpy as np
 import pytest
 
 from appliance.core.path.conventions import Convention
-from appliance.core.path.explanation import explain, recent_lag
+from appliance.core.path.explanation import Explanation, explain, recent_lag
 from appliance.core.path.window import PathWindow, PoseTrack
+from appliance.core.work import whole
+from appliance.types import Calibration
 from drivers.rigid import Array, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import elevational_path, filled
+
+
+def explained(window: PathWindow, reference: Calibration) -> Explanation | None:
+    return whole(explain(window, reference))
 
 
 def tremor_path(t_s: Array) -> Array:
@@ -63,7 +69,7 @@ MIRROR = np.diag([-1.0, 1, 1, 1])
 @pytest.mark.parametrize("late_s", [-0.95, -0.4, 0.0, 0.12, 0.45, 0.95])
 @pytest.mark.parametrize("path", [tilting_path, tremor_path])
 def test_a_lag_up_to_a_second_is_found(path, late_s: float) -> None:  # type: ignore[no-untyped-def]
-    found = explain(filled(path, 6.0, 1, late_s=late_s), TRUTH)
+    found = explained(filled(path, 6.0, 1, late_s=late_s), TRUTH)
     assert found is not None
     assert found.convention is Convention.AGREED
     assert found.latency_s == pytest.approx(late_s, abs=0.01)
@@ -72,14 +78,14 @@ def test_a_lag_up_to_a_second_is_found(path, late_s: float) -> None:  # type: ig
 @pytest.mark.parametrize("late_s", [-0.4, -0.12, 0.0, 0.12, 0.4])
 def test_a_second_and_a_half_and_the_lag_suffice(late_s: float) -> None:
     """From the start: what lies beyond the poses that are known is not waited for."""
-    found = explain(from_the_start(tilting_path, 1.6 + abs(late_s), late_s), TRUTH)
+    found = explained(from_the_start(tilting_path, 1.6 + abs(late_s), late_s), TRUTH)
     assert found is not None
     assert found.convention is Convention.AGREED
     assert found.latency_s == pytest.approx(late_s, abs=0.01)
 
 
 def test_a_lag_beyond_what_is_named_gives_none() -> None:
-    assert explain(filled(tilting_path, 6.0, 1, late_s=1.1), TRUTH) is None
+    assert explained(filled(tilting_path, 6.0, 1, late_s=1.1), TRUTH) is None
 
 
 @pytest.mark.parametrize(
@@ -93,7 +99,7 @@ def test_a_lag_beyond_what_is_named_gives_none() -> None:
     ],
 )
 def test_each_convention_is_found_by_its_name(as_told: Callable[[Array], Array], convention: Convention) -> None:
-    found = explain(reported(filled(tremor_path, 6.0, 2), as_told), TRUTH)
+    found = explained(reported(filled(tremor_path, 6.0, 2), as_told), TRUTH)
     assert found is not None
     assert found.convention is convention
     assert abs(found.latency_s) < 0.02
@@ -102,7 +108,7 @@ def test_each_convention_is_found_by_its_name(as_told: Callable[[Array], Array],
 @pytest.mark.parametrize("polarity", [(-1, 1), (1, -1), (-1, -1)])
 def test_a_flipped_picture_is_no_convention_of_the_tracker(polarity: tuple[int, int]) -> None:
     truth = replace(TRUTH, polarity=polarity)
-    found = explain(filled(tilting_path, 6.0, 3, truth=truth), TRUTH)
+    found = explained(filled(tilting_path, 6.0, 3, truth=truth), TRUTH)
     assert found is None or found.convention is Convention.FLIPPED
 
 
@@ -115,7 +121,7 @@ def periodic(t_s: Array) -> Array:
 
 @pytest.mark.parametrize("late_s", [0.0, 0.3])
 def test_where_the_next_round_explains_as_much_nothing_is_said(late_s: float) -> None:
-    assert explain(filled(periodic, 6.0, 4, late_s=late_s), TRUTH) is None
+    assert explained(filled(periodic, 6.0, 4, late_s=late_s), TRUTH) is None
 
 
 def steady(t_s: Array) -> Array:
@@ -125,31 +131,31 @@ def steady(t_s: Array) -> Array:
 
 @pytest.mark.parametrize("path", [steady, elevational_path, lambda t_s: planar_path(0 * t_s)])
 def test_motion_that_shows_nothing_gives_none(path) -> None:  # type: ignore[no-untyped-def]
-    assert explain(filled(path, 6.0, 5), TRUTH) is None
+    assert explained(filled(path, 6.0, 5), TRUTH) is None
 
 
 @pytest.mark.parametrize("seconds", [0.01, 0.05, 0.5, 0.75])
 def test_too_little_gives_none(seconds: float) -> None:
-    assert explain(filled(tilting_path, seconds, 6), TRUTH) is None
+    assert explained(filled(tilting_path, seconds, 6), TRUTH) is None
 
 
 def test_no_poses_give_none() -> None:
     window = filled(tilting_path, 6.0, 7)
     window.poses.clear()
-    assert explain(window, TRUTH) is None
-    assert explain(PathWindow(TRUTH), TRUTH) is None
+    assert explained(window, TRUTH) is None
+    assert explained(PathWindow(TRUTH), TRUTH) is None
 
 
 def test_motion_that_has_nothing_to_do_with_the_poses_is_not_explained() -> None:
     window, other = filled(tilting_path, 6.0, 8), filled(lambda t_s: tremor_path(1.3 * t_s + 5), 6.0, 9)
     window.poses = other.poses
-    assert explain(window, TRUTH) is None
+    assert explained(window, TRUTH) is None
 
 
 @pytest.mark.parametrize("late_s", [0.1, -0.3])
 def test_a_lag_of_the_latest_motion_is_found_with_the_time_since_which_it_explains_it(late_s: float) -> None:
     window = filled(tilting_path, 3.0, 2, late_s=late_s)
-    found = recent_lag(window, TRUTH, 0.08)
+    found = whole(recent_lag(window, TRUTH, 0.08))
     assert found is not None
     since_ns, explanation = found
     assert explanation.latency_s == pytest.approx(late_s, abs=0.02)
@@ -163,4 +169,4 @@ def test_a_lag_of_the_latest_motion_is_found_with_the_time_since_which_it_explai
 def test_no_lag_is_found_where_a_lesser_one_explains_the_motion_or_there_is_too_little(
     path: Callable[[Array], Array], seconds: float, late_s: float
 ) -> None:
-    assert recent_lag(filled(path, seconds, 2, late_s=late_s), TRUTH, 0.08) is None
+    assert whole(recent_lag(filled(path, seconds, 2, late_s=late_s), TRUTH, 0.08)) is None
