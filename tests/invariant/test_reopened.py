@@ -17,7 +17,7 @@ from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.examination import Finding
 from appliance.core.quality.verification import Sign, Verification
-from appliance.core.work import Work
+from appliance.core.spread_work import Work
 from appliance.limits import RequiredAges
 from appliance.types import Check, StampedPair, Verdict, VerdictKind
 from tests.invariant import test_invariant as holes

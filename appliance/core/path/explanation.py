@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from appliance.core.path.conventions import READINGS, Convention, turned_sensors
 from appliance.core.path.steps import SensorSteps, picture_steps
 from appliance.core.path.window import PathWindow
-from appliance.core.work import CONVENTIONS, LAG, LAGS, Work
+from appliance.core.spread_work import CONVENTIONS, LAG, LAGS, Work
 from appliance.types import Calibration
 from drivers.rigid import Array
 

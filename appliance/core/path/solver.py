@@ -28,7 +28,7 @@ from appliance.core.path.noise import (
 )
 from appliance.core.path.residual import ROTATION, SCALE, TAU, VALUE, PathResidual
 from appliance.core.path.samples import PathSamples
-from appliance.core.work import RESIDUAL, ROUND, Work, whole
+from appliance.core.spread_work import RESIDUAL, ROUND, Work, whole
 from appliance.types import Calibration
 from drivers.rigid import Array, rotation_from_vector
 

@@ -13,7 +13,7 @@ from appliance.core.quality.examiner import BREATHED, Examiner
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
-from appliance.core.work import Work
+from appliance.core.spread_work import Work
 from appliance.limits import NAMED_NATS, Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 

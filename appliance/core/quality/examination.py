@@ -14,7 +14,7 @@ from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
 from appliance.core.path.solver import PathFit, Prior, Solution, solving
 from appliance.core.path.window import PathWindow
-from appliance.core.work import LATENCY, MISFIT, POLARITY, SAMPLES, Work, whole
+from appliance.core.spread_work import LATENCY, MISFIT, POLARITY, SAMPLES, Work, whole
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
 

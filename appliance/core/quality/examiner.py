@@ -9,7 +9,7 @@ from appliance.core.path.noise import Noise
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, agreed, examining, latency_of, without
 from appliance.core.quality.noise_memory import NoiseMemory
-from appliance.core.work import Work
+from appliance.core.spread_work import Work
 from appliance.limits import Limits
 from appliance.types import Calibration, Fault, VerdictKind
 

@@ -16,7 +16,7 @@ from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.bounded_fit import ANYTHING, BEYOND, DRIFT, VALUE_ROW, Fit, anywhere, fitted, huber
 from appliance.core.quality.innovations import INFLATED, Innovations
-from appliance.core.work import INNOVATIONS, TRIAL, Work
+from appliance.core.spread_work import INNOVATIONS, TRIAL, Work
 from appliance.limits import NAMED_NATS, Limits
 from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array

@@ -9,7 +9,7 @@ import pytest
 from appliance.core.path.conventions import Convention
 from appliance.core.path.explanation import Explanation, explain, recent_lag
 from appliance.core.path.window import PathWindow, PoseTrack
-from appliance.core.work import whole
+from appliance.core.spread_work import whole
 from appliance.types import Calibration
 from drivers.rigid import Array, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
 from tests.support.motions import TRUTH, planar_path, tilting_path

@@ -13,7 +13,7 @@ from appliance.core.quality.bounded_fit import minimum
 from appliance.core.quality.judgement import judge
 from appliance.core.quality.sequential_test import Accusation, accuse
 from appliance.core.quality.verification import Verification
-from appliance.core.work import whole
+from appliance.core.spread_work import whole
 from appliance.limits import NAMED_NATS, Limits
 from appliance.types import Calibration, VerdictKind
 from drivers.rigid import Array, rigid, rotation_from_vector
