@@ -1,8 +1,10 @@
 """One BLAS thread for each test process and for what it starts: on busy cores more of them only wait for each other.
 
-Hypothesis tries the same examples in every run, as slowly as the machine may be.
+Hypothesis tries the same examples in every run, as slowly as the machine may be. What was collected is kept from the
+garbage collector, which would otherwise walk all of it now and then, 0.3 s in the middle of a test in real time.
 """
 
+import gc
 import os
 
 import pytest
@@ -18,3 +20,8 @@ settings.load_profile("ci")
 def pytest_configure(config: pytest.Config) -> None:
     """Not by pytest_plugins, which only the topmost conftest may have."""
     config.pluginmanager.register(skips, "tests.rules.skips")
+
+
+def pytest_collection_finish() -> None:
+    gc.collect()
+    gc.freeze()

@@ -65,8 +65,13 @@ _SETTLING_READINGS = 60
 unnoticed; 5 did no worse in these sessions, whose delays are worst later."""
 
 _JUMP_NS = 300_000_000
-"""Difference of the time passed on both clocks that is a jump at once. It must exceed the spread of delays (70 ms
-there); what is smaller is found by misfit, some readings later."""
+"""Difference of the time passed on both clocks that is a jump. It must exceed the spread of delays (70 ms there); what
+is smaller is found by misfit, some readings later."""
+
+_LATE_FOR_NS = 250_000_000
+"""How long readings that come later than that are taken for held up, in a process that stood still or on a line,
+before the device's clock is taken to have stood still. What was held up comes in one burst; less restarts for one that
+is taken slowly, more leaves a device that paused without usable times for longer. Not measured on devices."""
 
 _BOUND_FLOOR_NS = 150_000.0
 """Least bound without requests: for what waking up and reading the clock add to every arrival alike, which no spread
@@ -109,7 +114,8 @@ class _Reading:
 class DeviceClock:
     """Feed every new device time once; steps of the device's clock and restarts are noticed here.
 
-    The device's rate may differ from the host's by 500 ppm. restarts: how often the line had to be started again.
+    The device's rate may differ from the host's by 500 ppm. A reading that was held up on its way keeps its time, with
+    a bound that reaches to its arrival. restarts: how often the line had to be started again.
     early_ns: how far before the last stamp the truth may lie, by what requests came too early for; at most 100 ms. It
     holds without any assumption on the delays, only on how far the rates of the clocks may differ from now on.
     """
@@ -136,6 +142,8 @@ class DeviceClock:
             self._begin(device_ns, arrival_ns)
         elif self._jumped(device_ns, arrival_ns):
             self._restart(device_ns, arrival_ns)
+        elif self._held_up(device_ns, arrival_ns):
+            return self._held_up_estimate(device_ns, arrival_ns)
         if asked_ns is not None:
             self._shortest_ns = min(self._shortest_ns or arrival_ns - asked_ns, arrival_ns - asked_ns)
         self._device_ns = float(device_ns - self._zero_ns)
@@ -167,12 +175,37 @@ class DeviceClock:
         self._level_ns, self._slope, self._count = 0.0, 0.0, 0
         self._edge_ns = (0.0, float(_BIN_NS))
         self._doubt_ns = _FIRST_BOUND_NS
+        self._held_up_ns: int | None = None
 
     def _jumped(self, device_ns: int, arrival_ns: int) -> bool:
-        """The device's clock moved back, or by a time that the host's clock did not see pass."""
+        """The device's clock moved back, or by a time that the host's clock did not see pass, or it stood still."""
         moved_ns = device_ns - self._zero_ns - self._device_ns
-        elapsed_ns = arrival_ns - self._last_arrival_ns
-        return moved_ns < 0 or abs(moved_ns - elapsed_ns) > _JUMP_NS + 2 * _STEEPEST * elapsed_ns
+        late_ns = self._later_than_usual_ns(device_ns, arrival_ns)
+        paused = self._held_up_ns is not None and arrival_ns - self._held_up_ns > _LATE_FOR_NS
+        return moved_ns < 0 or late_ns < -self._most_ns(arrival_ns) or (paused and late_ns > self._most_ns(arrival_ns))
+
+    def _held_up(self, device_ns: int, arrival_ns: int) -> bool:
+        """Far later than the line has it; the line is none the wiser for it."""
+        if self._later_than_usual_ns(device_ns, arrival_ns) <= self._most_ns(arrival_ns):
+            self._held_up_ns = None
+            return False
+        if self._held_up_ns is None:
+            self._held_up_ns = arrival_ns
+        return True
+
+    def _held_up_estimate(self, device_ns: int, arrival_ns: int) -> Stamp:
+        """By the line. The bound reaches to the arrival, which is true if the device's clock stood still."""
+        self._device_ns = float(device_ns - self._zero_ns)
+        stamp = self._estimate(arrival_ns)
+        return Stamp(stamp.t_ns, max(stamp.err_ns, arrival_ns - stamp.t_ns))
+
+    def _later_than_usual_ns(self, device_ns: int, arrival_ns: int) -> float:
+        device_ns -= self._zero_ns
+        return arrival_ns - self._origin_ns - device_ns - self._line(device_ns)
+
+    def _most_ns(self, arrival_ns: int) -> float:
+        """How far from the line a reading may arrive; it grows with the time since the last that was near it."""
+        return _JUMP_NS + 2 * _STEEPEST * (arrival_ns - self._last_arrival_ns)
 
     def _add(self, reading: _Reading, arrival_ns: int) -> None:
         if self._count and self._misfits(reading):

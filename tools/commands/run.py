@@ -15,7 +15,7 @@ from appliance.service.control.server import ControlServer
 from appliance.service.daemon import Daemon
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.service.host.log import configure
-from appliance.service.host.memory_lock import lock_memory
+from appliance.service.host.resident_memory import keep_what_is_loaded, lock_memory
 from appliance.service.unconfigured import await_configuration
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError
@@ -71,4 +71,5 @@ def serve(
         Daemon(config, config_file, references, estimator, clock, control) as daemon,
     ):
         withdraw(config.control.socket)
+        keep_what_is_loaded()
         daemon.run()

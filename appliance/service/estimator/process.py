@@ -7,10 +7,11 @@ import cv2
 from appliance.core.line import Line
 from appliance.core.warm_up import warm_up
 from appliance.service.estimator.loop import serve
-from appliance.service.host.memory_lock import lock_memory
+from appliance.service.host.resident_memory import keep_what_is_loaded, lock_memory
 
 if __name__ == "__main__":
     cv2.setNumThreads(1)
     lock_memory()
     warm_up()
+    keep_what_is_loaded()
     serve(sys.argv[1:], Line)

@@ -242,6 +242,37 @@ def test_a_small_shift_of_the_device_clock_is_noticed_by_misfit(shift_s: float) 
     assert np.median(np.abs(error[1200 + 2 * SETTLED :])) < 3e-3
 
 
+@pytest.mark.parametrize("asked", [False, True], ids=["streamed", "asked for"])
+@pytest.mark.parametrize("pause_s", [0.4, 3.0])
+def test_a_process_that_stood_still_is_no_step_of_the_device(pause_s: float, asked: bool) -> None:
+    """What waited is read in one burst; where it must be asked for, one reply alone comes late."""
+    readings = session(7)
+    resumed_s = readings.truth_s[1200] + 0.005 + pause_s
+    waited = slice(1200, int(np.searchsorted(readings.truth_s, resumed_s)))
+    readings.arrival_s[1200:] = np.maximum(readings.arrival_s[1200:], resumed_s)
+    if asked:
+        kept = np.r_[0:1201, waited.stop : len(readings.truth_s)]
+        readings = Session(readings.truth_s[kept], readings.arrival_s[kept], readings.counter[kept])
+    clock = CounterClock(HZ)
+    error, bound = stamped(clock, readings)
+    assert clock.restarts == 0
+    assert np.all(np.abs(error[1195:]) <= bound[1195:])
+    assert np.max(np.abs(error[1195:])) < 5e-3, "what was held up keeps its own time"
+    assert np.max(bound[waited.stop if not asked else 1201 :]) < 10e-3, "the line is none the worse for it"
+
+
+@pytest.mark.parametrize("pause_s", [0.4, 60.0])
+def test_a_counter_that_stood_still_starts_again_and_claims_nothing_before(pause_s: float) -> None:
+    readings = session(8)
+    readings.truth_s[1200:] += pause_s
+    readings.arrival_s[1200:] += pause_s
+    clock = CounterClock(HZ)
+    error, bound = stamped(clock, readings)
+    assert clock.restarts == 1
+    assert np.all(np.abs(error[1200:1260]) <= np.maximum(bound[1200:1260], 0.1))
+    assert np.median(np.abs(error[1200 + SETTLED :])) < 0.5e-3
+
+
 def test_bound_shrinks_as_evidence_comes_in() -> None:
     _, bound = stamped(CounterClock(HZ), session(5))
     assert bound[0] >= 0.05

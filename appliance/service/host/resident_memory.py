@@ -1,6 +1,7 @@
-"""Pages once used stay in memory: a rare path, such as the first real fault, must not wait for the disk."""
+"""What a process has loaded stays in memory: no rare path waits for the disk, no tick for the garbage collector."""
 
 import ctypes
+import gc
 import os
 import resource
 
@@ -14,3 +15,13 @@ def lock_memory() -> bool:
     if os.geteuid() != 0 and not unlimited:
         return False
     return int(ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)) == 0
+
+
+def keep_what_is_loaded() -> None:
+    """Leave everything that exists now out of all later garbage collections.
+
+    The service and its estimator hold some 90,000 objects once loaded; a collection that walks them takes 15 to 27 ms,
+    at a moment of its own choosing, and frees none.
+    """
+    gc.collect()
+    gc.freeze()
