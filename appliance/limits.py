@@ -38,6 +38,12 @@ slower than the slip watch finds, untold for longer.
 """
 
 
+AT_REST_S = 90.0
+"""How much longer both count while the probe is held still: what sweeps show then outlasts a minute and a half on a
+target, and with an age of its own reaches max_verification_age_s. Less asks for motion amid a puncture; more trusts
+what a rest can see (appliance.core.quality.rest) for longer."""
+
+
 class RequiredAges(BaseModel):
     """How old, s, the motion may be that showed each parameter, never older than max_verification_age_s; None: as old
     as that; 0: the contact does not ask for it.
@@ -94,6 +100,7 @@ class Limits(BaseModel):
         default=3.0, ge=1, le=6, description="standard deviations between 'seen' and 'shown'"
     )
     required_age_s: RequiredAges = RequiredAges()
+    at_rest_s: float = Field(default=AT_REST_S, ge=0, le=600, description="longer while the probe rests, s")
     named_nats: float = Field(
         default=NAMED_NATS, ge=NAMED_NATS, le=MOST_NAMED_NATS, description="log likelihood ratio of a name, nats"
     )

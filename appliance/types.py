@@ -178,7 +178,8 @@ class Check:
     fault: class this check names when it fails.
     sigma: standard deviation of value, same unit; 0 for exact facts. value is NaN where nothing was observed.
     shown_ns: time of the motion by which the quantity was last shown to be OK, or rests on, dated as in
-    appliance.core.path.solver.Solution; None where there is none.
+    appliance.core.path.solver.Solution; None where there is none. rested_ns: for how long since then the probe has
+    rested, which no age limit counts.
     """
 
     name: str
@@ -189,6 +190,7 @@ class Check:
     limit: float
     verdict: VerdictKind
     shown_ns: int | None = None
+    rested_ns: int = 0
 
     @property
     def ratio(self) -> float:

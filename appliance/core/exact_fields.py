@@ -144,6 +144,7 @@ def _check_fields(check: Check) -> Header:
         "limit": _number(check.limit),
         "verdict": check.verdict.value,
         "shown_ns": check.shown_ns,
+        "rested_ns": check.rested_ns,
     }
 
 
@@ -161,6 +162,7 @@ def _check(fields: Header) -> Check:
         limit=float(fields["limit"]),
         verdict=VerdictKind(fields["verdict"]),
         shown_ns=_whole_or_none(fields["shown_ns"]),
+        rested_ns=whole(fields.get("rested_ns", 0)),
     )
 
 

@@ -118,6 +118,11 @@ class Line:
         return self._evidence.nats
 
     @property
+    def rests(self) -> tuple[tuple[int, int], ...]:
+        """As of `Rest.rests`."""
+        return self._evidence.rest.rests
+
+    @property
     def reference(self) -> Calibration:
         """The calibration that is watched."""
         return self._reference
@@ -261,6 +266,8 @@ class Line:
         tracked = self._tracker.step(frame.image, frame.sequence)
         seen = self._observed(item, tracked)
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None
+        if isinstance(item, StampedPair) and tracked.registration is not None:
+            self._evidence.rest.step(frame.stamp.t_ns, item.matrix, self._tracker)
         if self._seen(seen):
             self._tracker.renew_keyframe()
             self._evidence.restart()

@@ -50,6 +50,7 @@ _CHECK = _object(
     limit=_NUMBER,
     verdict={"enum": ["OK", "FAULT", "NOT_VERIFIED"]},
     shown_ns=_PERHAPS_INTEGER,
+    rested_ns={**_INTEGER, "description": "for how long since shown_ns the probe has rested, ns"},
 )
 _RIVAL = _object(
     "probewatch.Rival",

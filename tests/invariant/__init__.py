@@ -11,7 +11,9 @@ a. Age. Contact closed ⇒ for each parameter that the contact asks for, motion 
    within 18 s) and one tick before:
    a genuine picture of tissue, rightly stamped, between two genuine and rightly stamped poses at most 250 ms apart,
    while the probe moved in its plane and the true calibration was the reference in this parameter, in polarity, both
-   scales and the rotation about the elevational axis.
+   scales and the rotation about the elevational axis. What the line says of a rest extends an age, by 90 s at most and
+   never beyond max_verification_age, only where the truth bears it out: between two genuine pictures nothing changed,
+   and both show the same place within half the limits.
 b. Contradiction. Contact closed ⇒ the newest verdict of the line holds no FAULT, and no check with a sigma lies
    beyond its limit by three of them.
 c. No relapse. Once a calibration fault was shown while the true calibration is wrong by more than twice a limit, the

@@ -8,7 +8,7 @@ import numpy as np
 
 from appliance.core.detectors.no_picture import NoPicture
 from appliance.core.line import Line
-from appliance.limits import Limits, RequiredAges
+from appliance.limits import AT_REST_S, Limits, RequiredAges
 from appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
@@ -54,7 +54,8 @@ class Cart:
     clauses of the invariant that are raised; of the others `broken` tells. attended: somebody acknowledges whatever is
     latched. received: samples pass the threads of their devices, which refuse what is stamped later than it arrives;
     without, the line alone must cope. discerning: without, whatever comes is taken for tissue, and evidence alone must
-    outlast noise and black. max_age_ns: after which a verification is none. asked: what the contact asks for.
+    outlast noise and black. max_age_ns: after which a verification is none. asked: what the contact asks for;
+    at_rest_s: for how much longer it counts while the probe rests.
     """
 
     frames = 0
@@ -73,10 +74,11 @@ class Cart:
         discerning: bool = True,
         max_age_ns: int = MAX_AGE_NS,
         asked: RequiredAges = SHIPPED,
+        at_rest_s: float = AT_REST_S,
     ) -> None:
         self.circumstances = Circumstances()
         self.attended, self._received = attended, received
-        self.oracle = Oracle(max_age_ns, asked)
+        self.oracle = Oracle(max_age_ns, asked, at_rest_s)
         self.journal: list[str] = []
         self.moments: list[Moment] = []
         self.broken: list[tuple[float, Broken]] = []
@@ -84,7 +86,7 @@ class Cart:
         self.newest: Verdict | None = None
         self._enforced = enforced
         self._hand, self._scanner, self._tracker = Hand(seed, tilt_deg), Scanner(seed), Tracker(seed)
-        self._limits = Limits(required_age_s=asked)
+        self._limits = Limits(required_age_s=asked, at_rest_s=at_rest_s)
         self._reference, self._discerning = reference(), discerning
         self.line, self._supervisor = (
             Line(self._reference, self._limits),
@@ -253,7 +255,8 @@ class Cart:
         self.alarm = alarm
         lively_in_view = self.circumstances.in_view and self.circumstances.moving
         blank = self.circumstances.blank and self._discerning
-        for broken in self.oracle.tick(now_ns, lively_in_view, blank, alarm, self.newest):
+        rests = self.line.rests
+        for broken in self.oracle.tick(now_ns, lively_in_view, blank, alarm, self.newest, rests):
             self.broken.append((self.t_s, broken))
             if broken.clause in self._enforced:
                 broken.add_note(f"at {self.t_s:.2f} s\n{self.told()}")

@@ -1,15 +1,17 @@
 """What must hold after every tick, from the truth of the world and what the room can see. See the package's text."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.limits import SWEPT_AGE_S, Limits, RequiredAges
+from appliance.limits import AT_REST_S, SWEPT_AGE_S, Limits, RequiredAges
 from appliance.supervision.supervisor import Durations
 from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
+from drivers.rigid import angle_from_rotation, inverse
 from drivers.samples import Matrix4
 from tests.invariant.world import NONE, Change
 
@@ -18,6 +20,8 @@ DISCOVERED_WITHIN_NS = 15_000_000_000
 NAMED_WITHIN_NS = 1_000_000_000
 MAX_AGE_NS = Durations().max_verification_age_ns
 SWEPT_NS = round(SWEPT_AGE_S * 1e9)
+_REST_MM, _REST_RAD = 2.0, np.deg2rad(1.5)
+"""Half the limits: where a picture may truly have been elsewhere than another that is said to show the same."""
 _MOVED_WITHIN_NS = 300_000_000
 _LEAST_MM_PER_S = 0.5
 _FURTHEST_APART_NS = 250_000_000
@@ -40,6 +44,10 @@ class Broken(AssertionError):  # noqa: N818  what is said of an invariant, not o
         self.clause = clause
 
 
+Rests = Sequence[tuple[int, int]]
+"""First and last picture, ns, between which the line says that the probe rested."""
+
+
 @dataclass(frozen=True, slots=True)
 class Genuine:
     """A picture of tissue under its own stamp. place: (3,) mm, of the probe in its plane."""
@@ -49,14 +57,19 @@ class Genuine:
 
 
 class Oracle:
-    """max_age_ns: after which a verification is none. asked: what the contact asks for, and how old it may be.
+    """max_age_ns: after which a verification is none. asked: what the contact asks for, and how old it may be;
+    at_rest_s: for how much longer where the probe rested.
 
     shown_fault: the calibration fault that was shown since the present change, None before the first.
     """
 
-    def __init__(self, max_age_ns: int = MAX_AGE_NS, asked: RequiredAges = SHIPPED) -> None:
+    def __init__(
+        self, max_age_ns: int = MAX_AGE_NS, asked: RequiredAges = SHIPPED, at_rest_s: float = AT_REST_S
+    ) -> None:
+        self._at_rest_ns = round(at_rest_s * 1e9)
         own_ns = {name: max_age_ns if age_s is None else round(age_s * 1e9) for name, age_s in asked.ages_s.items()}
-        self._oldest_ns = {name: min(age_ns, max_age_ns) + TICK_NS for name, age_ns in own_ns.items()}
+        self._oldest_ns, self._max_age_ns = own_ns, max_age_ns
+        self._where: dict[int, Matrix4] = {}
         self._shown_ns: dict[str, int] = {}
         self.shown_fault: str | None = None
         self._change = NONE
@@ -64,12 +77,14 @@ class Oracle:
         self._told_before: frozenset[str] = frozenset()
         self._visible_ns = self._blank_ns = 0
         self._pictures: deque[Genuine] = deque(maxlen=20)
-        self._waiting: deque[tuple[int, frozenset[str]]] = deque()
+        self._waiting: deque[tuple[int, Matrix4 | None, frozenset[str] | None]] = deque()
         self._pose_ns: int | None = None
 
     def changed(self, change: Change) -> None:
         """From here on the true calibration is another. A fault that is told already says nothing of it."""
         self._told_before = self._told
+        self._where.clear()
+        self._waiting = deque((t_ns, None, right) for t_ns, _, right in self._waiting)
         self._change, self.shown_fault, self._visible_ns = change, None, 0
         self._pictures.clear()
 
@@ -83,28 +98,40 @@ class Oracle:
         """A genuine, rightly stamped picture was delivered; pose: (4, 4) picture → tissue, true."""
         turn_mm = np.arctan2(pose[1, 0], pose[0, 0]) * _REACH_MM
         self._pictures.append(Genuine(t_ns, np.array([*pose[:2, 3], turn_mm])))
-        if self._moved(t_ns):
-            self._waiting.append((t_ns, self._change.right))
+        self._waiting.append((t_ns, pose, self._change.right if self._moved(t_ns) else None))
 
     def pose(self, t_ns: int) -> None:
         """A genuine, rightly stamped pose was delivered: it settles the pictures before it."""
         before_ns, self._pose_ns = self._pose_ns, t_ns
         while self._waiting:
-            picture_ns, right = self._waiting.popleft()
+            picture_ns, place, right = self._waiting.popleft()
             if before_ns is not None and before_ns <= picture_ns and t_ns - before_ns <= _FURTHEST_APART_NS:
-                self._note_shown(picture_ns, right)
+                if place is not None:
+                    self._where[picture_ns] = place
+                if right is not None:
+                    self._note_shown(picture_ns, right)
+        while self._where and next(iter(self._where)) < t_ns - 2 * self._max_age_ns:
+            del self._where[next(iter(self._where))]
 
     def tick(
-        self, now_ns: int, lively_in_view: bool, blank: bool, alarm: AlarmState, newest: Verdict | None
+        self,
+        now_ns: int,
+        lively_in_view: bool,
+        blank: bool,
+        alarm: AlarmState,
+        newest: Verdict | None,
+        rests: Rests,
     ) -> tuple[Broken, ...]:
-        """Every clause that does not hold. blank: pictures without tissue, and nothing else is wrong."""
+        """Every clause that does not hold. blank: pictures without tissue, and nothing else is wrong. rests: what the
+        line says of them, each of which the truth must bear out.
+        """
         self._blank_ns = self._blank_ns + TICK_NS if blank else 0
         if self._visible_ns < DISCOVERED_WITHIN_NS:
             self._visible_ns = self._visible_ns + TICK_NS if lively_in_view else 0
         self._note_fault(alarm, newest)
         if not alarm.energised:
             return ()
-        said = (self._age(now_ns), _contradiction(newest), self._relapse(), self._discovery(), self._sight())
+        said = (self._age(now_ns, rests), _contradiction(newest), self._relapse(), self._discovery(), self._sight())
         return tuple(broken for broken in said if broken is not None)
 
     def _note_shown(self, picture_ns: int, right: frozenset[str]) -> None:
@@ -119,14 +146,27 @@ class Oracle:
         if self._change.gross and self.shown_fault is None and new:
             self.shown_fault = min(new)
 
-    def _age(self, now_ns: int) -> Broken | None:
-        for name, oldest_ns in self._oldest_ns.items():
+    def _age(self, now_ns: int, rests: Rests) -> Broken | None:
+        for name, age_ns in self._oldest_ns.items():
             if name not in self._shown_ns:
                 return Broken("a", f"no motion has shown {name}; it is {self._change}")
-            if (age_ns := now_ns - self._shown_ns[name]) > oldest_ns:
-                what = f"the last motion that showed {name} is {age_ns / 1e9:.2f} s old; it is {self._change}"
-                return Broken("a", what)
+            shown_ns = self._shown_ns[name]
+            rested_ns = min(sum(self._rested_ns(rest, shown_ns) for rest in rests), self._at_rest_ns)
+            if now_ns - shown_ns > min(age_ns + rested_ns, self._max_age_ns) + TICK_NS:
+                said = f"{(now_ns - shown_ns) / 1e9:.2f} s old, and it truly rested for {rested_ns / 1e9:.2f} s of it"
+                return Broken("a", f"the last motion that showed {name} is {said}; it is {self._change}")
         return None
+
+    def _rested_ns(self, rest: tuple[int, int], shown_ns: int) -> int:
+        """What of a rest since then is true: both its pictures are genuine, nothing has changed since the first, and
+        the last shows the same.
+        """
+        start_ns, end_ns = rest
+        if end_ns <= shown_ns or start_ns not in self._where or end_ns not in self._where:
+            return 0
+        between = inverse(self._where[start_ns]) @ self._where[end_ns]
+        far_mm, far_rad = np.linalg.norm(between[:3, 3]), angle_from_rotation(between[:3, :3])
+        return 0 if far_mm > _REST_MM or far_rad > _REST_RAD else end_ns - max(start_ns, shown_ns)
 
     def _relapse(self) -> Broken | None:
         if self.shown_fault is None:

@@ -85,9 +85,19 @@ def test_a_bend_that_no_motion_shows_opens_the_contact_for_good(disturbance: str
 @pytest.mark.thorough
 def test_a_parameter_with_an_age_of_its_own_opens_the_contact_at_that_age() -> None:
     """The axial scale may be 18 s old, all else 30 s; at rest motion shows neither."""
-    cart = verified_cart(1, fps=SLOW, asked=STRICT)
+    cart = verified_cart(1, fps=SLOW, asked=STRICT, at_rest_s=0.0)
     cart.meet(moving=False)
     assert cart.run(18.5, until=lambda: not cart.closed), cart.told()
+
+
+@pytest.mark.thorough
+def test_a_rest_extends_the_ages_by_what_is_configured_and_not_by_what_nobody_saw() -> None:
+    """At rest for 12 s, then turned and moved where nothing shows anything: 18 s and 10 of the rest."""
+    cart = verified_cart(1, fps=SLOW, asked=STRICT, at_rest_s=10.0)
+    cart.meet(moving=False)
+    assert not cart.run(16.0, until=lambda: not cart.closed), cart.told()
+    cart.meet(moving=True, poses=Poses.ONE_IN_TWELVE)
+    assert cart.run(12.5, until=lambda: not cart.closed), cart.told()
 
 
 @pytest.mark.thorough

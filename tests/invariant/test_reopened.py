@@ -16,6 +16,7 @@ from appliance.core.line import Line
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.examination import Finding
+from appliance.core.quality.rest import Rest
 from appliance.core.quality.verification import Sign, Verification
 from appliance.core.spread_work import Work
 from appliance.limits import RequiredAges
@@ -23,7 +24,7 @@ from appliance.types import Check, StampedPair, Verdict, VerdictKind
 from tests.invariant import test_invariant as holes
 from tests.invariant.cart import Cart
 from tests.invariant.circumstances import Pictures
-from tests.invariant.oracle import Broken
+from tests.invariant.oracle import SHIPPED, Broken
 from tests.invariant.scenarios import verified_cart
 from tests.invariant.world import ELSEWHERE
 
@@ -78,6 +79,16 @@ def test_hole_3_evidence_is_dated_by_the_newest_picture(monkeypatch: pytest.Monk
     cart.meet(pictures=pictures)
     with pytest.raises(AssertionError):
         cart.run(10.0)
+
+
+@pytest.mark.thorough
+def test_a_rest_that_nobody_saw_lets_the_contact_outlive_its_evidence(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = RequiredAges.model_validate(dict.fromkeys(SHIPPED.ages_s, 8.0))
+    cart = verified_cart(1, fps=holes.SLOW, asked=asked, at_rest_s=4.0)
+    cart.meet(moving=False)
+    monkeypatch.setattr(Rest, "since", lambda self, t_ns: 60 * 10**9)
+    with pytest.raises(Broken, match="the last motion that showed"):
+        cart.run(20.0)
 
 
 def never_named(monkeypatch: pytest.MonkeyPatch) -> None:

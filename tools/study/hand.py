@@ -34,10 +34,13 @@ quicker blurs the registration. The press is
 quicker than a breath, which it would be taken for: pressed once in 2 s, not one of 20 was verified with breathing. Two
 of one pace go in step and hide one another: with rock and twist both at 1.6 s, no OK came within 8 s (seeds 2 and 19);
 so no two are within the tenth by which a hand's pace differs."""
-GESTURE_S = 6.0
-"""For which it lasts: as long as a person is asked to go on."""
+GESTURE_S, _FROM_GESTURE_S = 6.0, 1.0
+"""For which it lasts: as long as a person is asked to go on; and in which it goes over into what follows, smoothly. In
+.4 s the turn would reach 68 °/s at once in a fan, quicker than the slip watch has a hand's."""
 _PHASES_S = (14.0, 14.0, 10.0, 4.0)
-"""Of a mixed session, again and again: search, sweep, hold, lifted off the skin."""
+_LIFTED = 3
+"""Of a mixed session, again and again: search, sweep, hold, lifted off the skin. Where sessions begin with the gesture,
+it comes again after each time off the skin, as the instrument asks for it."""
 
 
 def tremor(t_s: Array, random: np.random.Generator, share: float = 1.0) -> Array:
@@ -99,7 +102,8 @@ def begun_with_gesture(program: Program) -> Program:
 
     def begun(t_s: Array, random: np.random.Generator) -> Array:
         first, rest = gesture(t_s, random), program(t_s - GESTURE_S, random)
-        share = np.clip((t_s - GESTURE_S) / _EASE_S, 0, 1)
+        way = np.clip((t_s - GESTURE_S) / _FROM_GESTURE_S, 0, 1)
+        share = way * way * (3 - 2 * way)
         return np.asarray((1 - share) * first + share * rest)
 
     return begun
@@ -108,18 +112,23 @@ def begun_with_gesture(program: Program) -> Program:
 def mixed(t_s: Array, random: np.random.Generator) -> Array:
     """Search, sweep at 10 mm/s, hold, and off the skin, with half a second from one to the next."""
     search, sweep, still = in_plane(t_s, random), elevational(10.0)(t_s, random), hold(t_s, random)
-    rows = np.zeros_like(search)
-    for part, share in zip((search, sweep, still, still), _shares(t_s), strict=True):
-        rows += share * part
-    return rows
+    return _one_after_the_other(t_s, (search, sweep, still, still), _PHASES_S)
+
+
+def mixed_with_gestures(t_s: Array, random: np.random.Generator) -> Array:
+    """The same, with the gesture whenever the probe is on the skin again."""
+    search, sweep, still = in_plane(t_s, random), elevational(10.0)(t_s, random), hold(t_s, random)
+    return _one_after_the_other(t_s, (search, sweep, still, still, gesture(t_s, random)), (*_PHASES_S, GESTURE_S))
 
 
 def lifted(name: str, t_s: Array) -> NDArray[np.bool_]:
     """(n,) whether off the skin."""
     if name.removeprefix(_BEGUN) != "mixed":
         return np.zeros(t_s.shape, dtype=bool)
-    begun_s = t_s - GESTURE_S if name.startswith(_BEGUN) else t_s
-    return np.asarray((begun_s >= 0) & (_phase(begun_s) == len(_PHASES_S) - 1))
+    if not name.startswith(_BEGUN):
+        return np.asarray(_phase(t_s, _PHASES_S) == _LIFTED)
+    begun_s = t_s - GESTURE_S
+    return np.asarray((begun_s >= 0) & (_phase(begun_s, (*_PHASES_S, GESTURE_S)) == _LIFTED))
 
 
 PROGRAMS: Mapping[str, tuple[Program, float]] = {
@@ -137,8 +146,9 @@ _BEGUN = "gesture-"
 GESTURED: Mapping[str, tuple[Program, float]] = {
     "gesture": (gesture, 10.0),
     **{_BEGUN + name: (begun_with_gesture(program), GESTURE_S + 120.0) for name, (program, _) in PROGRAMS.items()},
+    _BEGUN + "mixed": (begun_with_gesture(mixed_with_gestures), GESTURE_S + 120.0),
 }
-"""The gesture alone, and two minutes of each session after it."""
+"""The gesture alone, and two minutes of each session after it, after each loss of sight again."""
 ALL: Mapping[str, tuple[Program, float]] = {**PROGRAMS, **GESTURED}
 
 
@@ -150,12 +160,15 @@ def _to_and_fro(t_s: Array, speed_mm_s: float) -> Array:
     return np.asarray(_STROKE_MM * (share.mean(axis=1) - 0.5))
 
 
-def _phase(t_s: Array) -> NDArray[np.intp]:
-    ends = np.cumsum(_PHASES_S)
+def _phase(t_s: Array, phases_s: tuple[float, ...]) -> NDArray[np.intp]:
+    ends = np.cumsum(phases_s)
     return np.asarray(np.searchsorted(ends, t_s % ends[-1], side="right"))
 
 
-def _shares(t_s: Array) -> Array:
-    """(4, n) of the phases; they add up to 1, and go over into one another within half a second."""
+def _one_after_the_other(t_s: Array, parts: tuple[Array, ...], phases_s: tuple[float, ...]) -> Array:
+    """The parts in their phases, which go over into one another within half a second."""
     around = t_s[:, None] + np.linspace(-0.25, 0.25, 17)
-    return np.stack([(_phase(around) == number).mean(axis=1) for number in range(len(_PHASES_S))])
+    rows = np.zeros_like(parts[0])
+    for number, part in enumerate(parts):
+        rows += (_phase(around, phases_s) == number).mean(axis=1) * part
+    return rows

@@ -10,6 +10,7 @@ from appliance.core.path.explanation import Explanation
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, examine, examine_nothing, latency_of, without
 from appliance.core.quality.examiner import BREATHED, Examiner
+from appliance.core.quality.rest import Rest
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
@@ -61,7 +62,8 @@ class Evidence:
         self.window = window
         self._nothing = examine_nothing(limits)
         self._choice = Choice()
-        self._verification = Verification(limits)
+        self.rest = Rest(limits, reference)
+        self._verification = Verification(limits, self.rest)
         self._latest = self._best = self._nothing
         self._suspects: frozenset[str] = frozenset()
         self._culprits: dict[str, float] = {}
@@ -104,6 +106,7 @@ class Evidence:
     def _start_over(self) -> None:
         self._under_way = None
         self.window.restart()
+        self.rest.restart()
         self._verification.restart()
         self._latest = self._nothing
         self._choice = Choice()
@@ -116,6 +119,7 @@ class Evidence:
         """Motion at or after since_ns was stamped wrongly."""
         self._under_way = None
         self.window.forget(since_ns)
+        self.rest.forget(since_ns)
         self._verification.forget(since_ns)
         self._latest = self._nothing
         times_ns = self._valid_ns, self._settled_ns, self._lagged_ns
@@ -129,11 +133,18 @@ class Evidence:
         """Poses at or after since_ns were stamped wrongly."""
         self._under_way = None
         self.window.poses.forget(since_ns)
+        self.rest.restart()
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution, and of the choice that it leaves, while neither of its two is answered."""
         choice = self._choice.check if self._verification.rivals else None
-        return self._latest.checks if choice is None else (*self._latest.checks, choice)
+        latest = tuple(
+            replace(check, rested_ns=rested_ns)
+            if (rested_ns := self._verification.rested_ns(check.name)) != check.rested_ns
+            else check
+            for check in self._latest.checks
+        )
+        return latest if choice is None else (*latest, choice)
 
     @property
     def required(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 
+from appliance.core.quality.rest import Rest
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, Rival, VerdictKind
 
@@ -45,9 +46,12 @@ class Standing:
 
 
 class Verification:
-    """Keeps, for each parameter, when motion last showed it and the last sign against it."""
+    """Keeps, for each parameter, when motion last showed it and the last sign against it. rest: for how long the probe
+    rested since then, which extends the ages.
+    """
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: Limits, rest: Rest) -> None:
+        self._rest = rest
         self._confidence_sigma = limits.confidence_sigma
         self._ages_s = limits.required_age_s.ages_s
         self._shown_ns: dict[str, int] = {}
@@ -75,6 +79,15 @@ class Verification:
         """Names of the checks that motion has shown since the last loss of sight, of whatever age."""
         return frozenset(self._shown_ns)
 
+    def rested_ns(self, name: str) -> int:
+        """For how long the probe has rested since this check was last shown. Of a latency only while the rest lasts:
+        it shows none, and may have changed all the while.
+        """
+        shown_ns = self._shown_ns.get(name)
+        if shown_ns is None or (name == "latency" and not self._rest.lasting):
+            return 0
+        return self._rest.since(shown_ns)
+
     @property
     def rivals(self) -> tuple[Rival, ...]:
         """Those that were accused last, as long as a sign stands against each and none is named."""
@@ -93,7 +106,7 @@ class Verification:
         if self._signs or not self._shown_ns.keys() >= self._ages_s.keys():
             return Standing(required, contradicted=self.contradicted, rivals=self.rivals)
         own = {name: age_s for name, age_s in self._ages_s.items() if age_s is not None}
-        own_ns = (self._shown_ns[name] + round(age_s * 1e9) for name, age_s in own.items())
+        own_ns = (self._shown_ns[name] + self.rested_ns(name) + round(age_s * 1e9) for name, age_s in own.items())
         return Standing(required, min(self._shown_ns[name] for name in required), min(own_ns, default=None))
 
     def contradict(self, checks: Iterable[Check], named: frozenset[str], until_ns: int) -> None:

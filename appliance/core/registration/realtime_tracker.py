@@ -66,6 +66,7 @@ class RealTimeTracker:
         self._before: tuple[Pyramid, int, Warp] | None = None
         self._warm = _REST
         self._chain = 0
+        self._anchor: tuple[Keyframe, int, Warp] | None = None
 
     @property
     def settled(self) -> bool:
@@ -94,9 +95,27 @@ class RealTimeTracker:
         if self._before is not None:
             self._take_keyframe(*self._before)
 
+    def take_anchor(self) -> None:
+        """The latest picture is kept as anchor: a second keyframe, which no motion renews."""
+        if self._before is not None:
+            levels, _, path = self._before
+            self._anchor = (Keyframe(levels, self._aspect, self._overlay.mask), self._chain, path)
+
+    def against_anchor(self) -> Registration | None:
+        """The latest picture against the anchor; None where there is none, the chain has broken since, or the two are
+        not alike.
+        """
+        if self._anchor is None or self._before is None:
+            return None
+        anchor, chain, path = self._anchor
+        if chain != self._chain or not anchor.textured:
+            return None
+        found = anchor.register(self._before[0], self._between(path, self._before[2]))
+        return found if acceptable(found) else None
+
     def restart(self) -> None:
-        """Forget the keyframe: what comes next cannot be compared with what came before."""
-        self._keyframe = None
+        """Forget keyframe and anchor: what comes next cannot be compared with what came before."""
+        self._keyframe = self._anchor = None
         self._before = None
 
     def _follow(self, levels: Pyramid, sequence: int) -> Tracked:
@@ -112,11 +131,10 @@ class RealTimeTracker:
             return self._start(levels, sequence, "picture no longer matches the keyframe")
         self._warm = (found.u_px, found.alpha_rad)
         path = compose(self._keyframe_path, self._warm, self._aspect)
-        return Tracked(self._chain, self._keyframe_sequence, found, path, self._since(path))
+        step = self._between(self._before[2], path)
+        return Tracked(self._chain, self._keyframe_sequence, found, path, step)
 
-    def _since(self, path: Warp) -> Warp:
-        assert self._before is not None
-        before = self._before[2]
+    def _between(self, before: Warp, path: Warp) -> Warp:
         turned, _ = compose(before, (np.zeros(2), path[1] - before[1]), self._aspect)
         return path[0] - turned, path[1] - before[1]
 

@@ -10,6 +10,7 @@ from appliance.service.control.live_configuration import LiveConfiguration
 from appliance.service.control.proposals import Proposals
 from appliance.service.control.references import References
 from appliance.service.control.status import (
+    ages_at_rest,
     alarm_fields,
     audio_fields,
     check_lists,
@@ -56,7 +57,8 @@ class ServiceStatus:
         now_ns, seen, config = self._supervision.now_ns, self._supervision, self._configuration.config
         assert seen.alarm is not None
         testing = self._annunciator.testing(now_ns)
-        ages_ns = config.required_ages_ns
+        most_ns = config.supervisor.durations().max_verification_age_ns
+        ages_ns = ages_at_rest(seen.verdict, config.required_ages_ns, most_ns)
         shown_now = shown_of_each(now_ns, seen.alarm, seen.verdict, ages_ns)
         lacking = [name for name, one in shown_now.items() if one is Shown.MISSING]
         rivals = () if seen.verdict is None else seen.verdict.rivals

@@ -120,6 +120,12 @@ def _carried_by(alarm: AlarmState, shown_now: Mapping[str, Shown], language: str
     return f" · {translated(EARLIER if all(carried) else PARTLY_EARLIER, language)}"
 
 
+def ages_at_rest(verdict: Verdict | None, ages_ns: Mapping[str, int], most_ns: int) -> dict[str, int]:
+    """The ages with what the probe has rested since; most_ns: max_verification_age, which no rest extends."""
+    rested_ns = {check.name: check.rested_ns for check in (() if verdict is None else verdict.checks)}
+    return {name: min(age_ns + rested_ns.get(name, 0), most_ns) for name, age_ns in ages_ns.items()}
+
+
 def shown_of_each(
     now_ns: int, alarm: AlarmState, verdict: Verdict | None, ages_ns: Mapping[str, int]
 ) -> dict[str, Shown]:

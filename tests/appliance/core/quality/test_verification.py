@@ -7,14 +7,35 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from appliance.core.quality.rest import Rest
 from appliance.core.quality.verification import Verification
 from appliance.limits import Limits, RequiredAges
 from appliance.types import PARAMETERS, Check, Fault, Rival, VerdictKind
+from tests.support.motions import TRUTH
 
 S = 1_000_000_000
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
 LIMIT = 4.0
 REQUIRED = Limits().required_age_s.names
+
+
+class Rested(Rest):
+    """For a given time, and still."""
+
+    def __init__(self, limits: Limits, rested_s: float = 0.0) -> None:
+        super().__init__(limits, TRUTH)
+        self.rested_s, self.still = rested_s, True
+
+    def since(self, t_ns: int) -> int:
+        return round(self.rested_s * S)
+
+    @property
+    def lasting(self) -> bool:
+        return self.still
+
+
+def verifying(limits: Limits) -> Verification:
+    return Verification(limits, Rested(limits))
 
 
 def check(name: str, value: float = 0.2, sigma: float = 0.1, shown_s: float | None = 5.0) -> Check:
@@ -31,13 +52,13 @@ def weigh(verification: Verification, *checks: Check, since_s: float = 0.0) -> t
 
 
 def all_shown(at_s: float = 5.0) -> Verification:
-    verification = Verification(Limits())
+    verification = verifying(Limits())
     weigh(verification, *(check(name, shown_s=at_s) for name in REQUIRED))
     return verification
 
 
 def test_it_is_verified_once_every_required_parameter_was_shown_and_as_old_as_the_oldest() -> None:
-    verification = Verification(Limits())
+    verification = verifying(Limits())
     for at_s, name in enumerate(REQUIRED, start=2):
         assert verification.standing.verified_ns is None
         weigh(verification, check(name, shown_s=at_s))
@@ -160,7 +181,7 @@ def test_motion_of_the_future_shows_nothing_and_holds_nothing_up() -> None:
 def test_verified_means_shown_and_not_contradicted_since(
     events: list[tuple[str, float, float, int, bool]],
 ) -> None:
-    verification = Verification(Limits())
+    verification = verifying(Limits())
     shown: dict[str, int] = {}
     for now_s, (name, value, sigma, back_s, sign) in enumerate(events, start=30):
         seen = check(name, value, sigma, shown_s=now_s)
@@ -180,7 +201,7 @@ def test_an_age_limit_of_its_own_bounds_what_was_shown_and_what_is_not_asked_for
     ages = RequiredAges.model_validate(
         dict.fromkeys(REQUIRED) | {"offset-axial": 60.0, "scale-axial": 10.0, "rotation-axial": 0.0}
     )
-    verification = Verification(Limits(required_age_s=ages))
+    verification = verifying(Limits(required_age_s=ages))
     asked = set(ages.names)
     assert asked == {*REQUIRED} - {"rotation-axial"}
     weigh(verification, *(check(name, shown_s=8.0) for name in asked - {"offset-axial"}))
@@ -193,9 +214,22 @@ def test_an_age_limit_of_its_own_bounds_what_was_shown_and_what_is_not_asked_for
     assert verification.standing.verified_ns is None, "not asked for, and still a contradiction"
 
 
+def test_a_rest_extends_every_age_and_that_of_the_latency_only_while_it_lasts() -> None:
+    limits = Limits(required_age_s=RequiredAges.model_validate(dict.fromkeys(REQUIRED, 30.0)))
+    rest = Rested(limits, rested_s=12.0)
+    verification = Verification(limits, rest)
+    weigh(verification, *(check(name, shown_s=5.0) for name in REQUIRED))
+    assert (verification.standing.verified_ns, verification.standing.expires_ns) == (5 * S, (5 + 30 + 12) * S)
+    rest.still = False
+    assert verification.standing.expires_ns == (5 + 30) * S
+    assert {name: verification.rested_ns(name) for name in REQUIRED} == dict.fromkeys(REQUIRED, 12 * S) | {"latency": 0}
+    verification.restart()
+    assert {verification.rested_ns(name) for name in REQUIRED} == {0}, "nothing is shown that could count for longer"
+
+
 def test_everything_is_asked_for_by_default_and_the_offsets_count_for_longer() -> None:
     assert {*REQUIRED} == {"polarity", "latency", *PARAMETERS}
-    verification = Verification(Limits())
+    verification = verifying(Limits())
     weigh(verification, *(check(name, shown_s=5.0) for name in REQUIRED if not name.startswith("offset")))
     assert verification.standing.verified_ns is None
     weigh(verification, *(check(name, shown_s=1.0) for name in REQUIRED if name.startswith("offset")))

@@ -10,7 +10,7 @@ import pytest
 from appliance.core.line import Line
 from appliance.core.quality.shown import PRESENT_NS, Shown
 from appliance.limits import Limits, RequiredAges
-from appliance.service.control.status import alarm_fields, check_lists, shown_of_each
+from appliance.service.control.status import ages_at_rest, alarm_fields, check_lists, shown_of_each
 from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
@@ -26,7 +26,7 @@ SWEPT_S, OFFSET_S = 14.0, 20.0
 """How old what is shown may be: less than shipped, so that it is over sooner."""
 OFFSETS = tuple(f"offset-{axis}" for axis in ("lateral", "axial", "elevational"))
 AGES = RequiredAges.model_validate({name: OFFSET_S if name in OFFSETS else SWEPT_S for name in RequiredAges().ages_s})
-LIMITS = Limits(required_age_s=AGES)
+AT_REST_S = 9.0
 AGES_NS = {name: round((age_s or 0) * 1e9) for name, age_s in AGES.ages_s.items()}
 RESTS_S, HELD_S, GOES_ON_S = 11.0, 11.5, 31.5
 HIDDEN_S, SEEN_S, END_S = 40.5, 41.1, 42.0
@@ -81,21 +81,23 @@ class Look:
 
 
 @cache
-def looks() -> list[Look]:
+def looks(at_rest_s: float) -> list[Look]:
     """Of the whole session, twenty a second."""
-    line, supervisor = Line(truth(World(3, settings=SMALL)), LIMITS), Supervisor(Durations())
+    limits, durations = Limits(required_age_s=AGES, at_rest_s=at_rest_s), Durations()
+    line, supervisor = Line(truth(World(3, settings=SMALL)), limits), Supervisor(durations)
     facts, verdict, verdicts, next_ns = Facts(started_ns=ORIGIN_NS), None, list[Verdict](), ORIGIN_NS
     seen = []
     for sample in samples():
         while next_ns < sample.stamp.t_ns:
             now = replace(facts, heartbeat_ns=next_ns, output_ns=next_ns)
-            devices = watch_devices(next_ns, now, Patience(), LIMITS)
+            devices = watch_devices(next_ns, now, Patience(), limits)
             alarm = supervisor.step(next_ns, Inputs(tuple(verdicts), devices))
             verdict = verdicts[-1] if verdicts else verdict
             verdicts.clear()
-            each = shown_of_each(next_ns, alarm, verdict, AGES_NS)
+            ages_ns = ages_at_rest(verdict, AGES_NS, durations.max_verification_age_ns)
+            each = shown_of_each(next_ns, alarm, verdict, ages_ns)
             fields = alarm_fields(next_ns, alarm, "en", shown_now=each) | check_lists(
-                next_ns, verdict, devices, AGES_NS, each
+                next_ns, verdict, devices, ages_ns, each
             )
             seen.append(Look((next_ns - ORIGIN_NS) / 1e9, fields, each))
             next_ns += TICK_NS
@@ -107,8 +109,8 @@ def looks() -> list[Look]:
     return seen
 
 
-def between(from_s: float, to_s: float) -> list[Look]:
-    return [look for look in looks() if from_s <= look.t_s < to_s]
+def between(from_s: float, to_s: float, at_rest_s: float = 0.0) -> list[Look]:
+    return [look for look in looks(at_rest_s) if from_s <= look.t_s < to_s]
 
 
 @pytest.mark.thorough
@@ -151,6 +153,20 @@ def test_ages_are_those_of_the_motion_and_the_contact_opens_with_the_first_that_
         assert not (closed and Shown.MISSING in look.all)
         if closed:
             assert look.status["text"] == TEXTS[frozenset(look.all)]
+
+
+@pytest.mark.thorough
+def test_what_was_shown_counts_for_longer_while_the_probe_rests_and_is_told_so() -> None:
+    """Open when 14 s of the age and 9 s of the rest are over, while the status told all the while what is missing."""
+    open_at = {
+        at_rest_s: next(look.t_s for look in between(RESTS_S, GOES_ON_S, at_rest_s) if not look.status["energised"])
+        for at_rest_s in (0.0, AT_REST_S)
+    }
+    assert open_at[AT_REST_S] - open_at[0.0] == pytest.approx(AT_REST_S, abs=0.5)
+    for look in between(RESTS_S, GOES_ON_S, AT_REST_S):
+        assert look.status["energised"] is (Shown.MISSING not in look.all)
+        rested_s = look.of("scale-axial")["max_age_s"] - SWEPT_S
+        assert rested_s <= min(look.t_s - RESTS_S + 0.6, AT_REST_S)
 
 
 @pytest.mark.thorough

@@ -1,0 +1,191 @@
+"""For how long a probe has rested: what counts, and what a slip, a moving tissue or a frozen tracker makes of it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from appliance.core.quality.rest import Rest
+from appliance.core.registration.keyframe import Registration
+from appliance.limits import Limits
+from appliance.types import Calibration
+from drivers.rigid import Array, inverse, rigid, rotation_from_vector
+from drivers.samples import Matrix4
+
+FPS = 30
+PERIOD_NS = round(1e9 / FPS)
+LIMITS = Limits()
+X = rigid(rotation_from_vector(np.array([0.6, -0.4, 0.9])), np.array([11.0, 62.0, 14.0]))
+SCALE = np.array([0.12, 0.11])
+REFERENCE = Calibration(X[:3, :3], (1, -1), SCALE, X[:3, 3], (400, 300))
+AT = rigid(rotation_from_vector(np.array([1.0, 0.3, -0.5])), np.array([60.0, -80.0, -1500.0]))
+STILL, NOWHERE = np.zeros(3), np.zeros(6)
+
+
+def six(values: dict[int, float]) -> Array:
+    """(6,) mm, and deg, of the axes named by number."""
+    full = np.zeros(6)
+    for axis, value in values.items():
+        full[axis] = value
+    return full
+
+
+@dataclass
+class Pictures:
+    """What the tissue does in the picture, as `RealTimeTracker` would find it. tissue: (3,) lateral, axial mm, deg."""
+
+    tissue: Array = field(default_factory=lambda: STILL)
+    likeness: float = 0.97
+    anchor: Array = field(default_factory=lambda: STILL)
+    anchors: int = 0
+
+    def take_anchor(self) -> None:
+        self.anchor, self.anchors = self.tissue, self.anchors + 1
+
+    def against_anchor(self) -> Registration:
+        moved = self.tissue - self.anchor
+        lateral, axial = REFERENCE.polarity
+        turn_rad = np.deg2rad(moved[2]) * lateral * axial
+        u_px = moved[:2] / SCALE * REFERENCE.polarity
+        return Registration(u_px, turn_rad, 1.0, 0.0, np.eye(3), self.likeness, 1.0, converged=True)
+
+
+@dataclass
+class Scene:
+    """Pictures and poses one after the other. way: (6,) of the picture plane since the start as the tracker has it, mm
+    and deg."""
+
+    rest: Rest = field(default_factory=lambda: Rest(LIMITS, REFERENCE))
+    pictures: Pictures = field(default_factory=Pictures)
+    count: int = 0
+    random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
+
+    def picture(
+        self, way: Array = NOWHERE, tissue: Array = STILL, *, likeness: float = 0.97, noise_mm: float = 0.05
+    ) -> None:
+        self.count += 1
+        own = way + np.array([*self.random.normal(0, noise_mm, 3), *self.random.normal(0, 0.02, 3)])
+        self.pictures.tissue, self.pictures.likeness = tissue, likeness
+        self.rest.step(self.count * PERIOD_NS, self.pose(own), self.pictures)
+
+    @staticmethod
+    def pose(way: Array) -> Matrix4:
+        """Sensor → tracker where the picture plane went this way: A = X B X⁻¹ moves the tissue by it."""
+        A = rigid(rotation_from_vector(np.deg2rad(way[3:])), way[:3])
+        return np.asarray(AT @ inverse(X) @ inverse(A) @ X)
+
+    def rested_s(self, since_s: float = 0.0) -> float:
+        return self.rest.since(round(since_s * 1e9)) / 1e9
+
+
+def test_a_hand_with_a_tremor_rests() -> None:
+    scene = Scene()
+    tremor = scene.random.normal(0, 0.2, (60 * FPS, 3))
+    for x, y, z in tremor:
+        scene.picture(np.array([x, y, z, 0, 0, 0]), np.array([x, y, 0.0]), likeness=np.exp(-(z**2)))
+    assert scene.rested_s() > 58
+    assert scene.rested_s(50.0) == pytest.approx(10, abs=1)
+    assert scene.rest.lasting
+
+
+def test_it_counts_for_no_longer_than_is_configured() -> None:
+    scene = Scene(Rest(Limits(at_rest_s=5), REFERENCE))
+    for _ in range(20 * FPS):
+        scene.picture()
+    assert scene.rested_s() == 5
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_a_probe_that_is_moved_does_not_rest(axis: int) -> None:
+    """Where it is put, another rest begins."""
+    scene = Scene()
+    for _ in range(3 * FPS):
+        scene.picture()
+    away = six({axis: 2.0})
+    for _ in range(3 * FPS):
+        scene.picture(away, away[[0, 1, 5]], likeness=0.5)
+    assert scene.pictures.anchors == 2
+    assert scene.rest.lasting
+    assert scene.rested_s() == pytest.approx(3, abs=0.2)
+
+
+def test_a_probe_that_is_back_soon_has_rested_all_the_while() -> None:
+    """Tracker and picture agree there as before, so that nothing has changed meanwhile."""
+    scene = Scene()
+    for seconds, way_mm in ((3, 0.0), (0.8, 2.0), (3, 0.0)):
+        for _ in range(round(seconds * FPS)):
+            scene.picture(six({2: way_mm}), likeness=0.97 if way_mm == 0 else 0.2)
+    assert scene.rested_s() == pytest.approx(6.8, abs=0.2)
+
+
+def test_a_probe_that_never_stays_costs_an_anchor_a_second() -> None:
+    scene = Scene()
+    for number in range(20 * FPS):
+        away = six({0: 10 * np.sin(2 * np.pi * number / FPS / 3.1)})
+        scene.picture(away, away[[0, 1, 5]])
+    assert scene.pictures.anchors <= 20
+    assert scene.rested_s() <= 20 / 2, "there and back within a second is where it was"
+
+
+@pytest.mark.parametrize("axis", range(6))
+@pytest.mark.parametrize("lost_every_s", [1000, 14])
+@pytest.mark.parametrize("over_s", [5, 60])
+def test_a_marker_body_that_slips_however_slowly_ends_the_rest_at_half_its_limit(
+    axis: int, lost_every_s: int, over_s: int
+) -> None:
+    """By twice the limit; the picture stays as it is, or is lost now and then, so that another anchor is taken."""
+    scene = Scene()
+    limit = LIMITS.offset_mm if axis < 3 else LIMITS.rotation_deg
+    for number in range(over_s * FPS):
+        lost = number % (lost_every_s * FPS) >= lost_every_s * FPS / 2 and lost_every_s < over_s
+        scene.picture(six({axis: 2 * limit * number / (over_s * FPS)}), likeness=0.2 if lost else 0.97)
+    for _ in range(5 * FPS):
+        scene.picture(six({axis: 2 * limit}))
+    assert scene.rested_s() <= 0.30 * over_s + 1
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_probe_that_slips_out_of_a_body_that_stays_ends_the_rest(axis: int) -> None:
+    """In the plane the picture shows its way; out of it, its likeness falls."""
+    scene = Scene()
+    for number in range(20 * FPS):
+        tissue = np.zeros(3)
+        tissue[axis] = 2 * (LIMITS.rotation_deg if axis == 2 else LIMITS.offset_mm) * number / (20 * FPS)
+        scene.picture(tissue=tissue)
+    assert scene.rested_s() <= 0.30 * 20
+    unlike = Scene()
+    for number in range(5 * FPS):
+        unlike.picture(likeness=1 - number / (20 * FPS))
+    assert unlike.rested_s() == pytest.approx(2, abs=0.2)
+
+
+def test_between_breaths_that_bring_the_tissue_back_it_rests() -> None:
+    scene = Scene()
+    for number in range(40 * FPS):
+        scene.picture(tissue=np.array([0.0, 4 * np.sin(np.pi * number / FPS / 4) ** 2, 0.0]))
+    assert scene.pictures.anchors == 1
+    assert scene.rested_s() == pytest.approx(40, abs=4)
+
+
+def test_a_tracker_that_repeats_itself_shows_no_rest() -> None:
+    scene = Scene()
+    for _ in range(FPS):
+        scene.picture()
+    before_s, state = scene.rested_s(), scene.random.bit_generator.state
+    for _ in range(5 * FPS):
+        scene.random.bit_generator.state = state
+        scene.picture()
+    assert scene.rested_s() <= before_s + 0.2
+    assert not scene.rest.lasting
+
+
+def test_what_is_forgotten_is_no_rest() -> None:
+    scene = Scene()
+    for way_mm in (0.0, 5.0):
+        for _ in range(4 * FPS):
+            scene.picture(six({2: way_mm}))
+    assert scene.rested_s() == pytest.approx(7, abs=0.5)
+    scene.rest.forget(5 * 10**9)
+    assert scene.rested_s() == pytest.approx(4, abs=0.3)
+    scene.rest.restart()
+    assert scene.rested_s() == 0
