@@ -2,11 +2,12 @@
 
 A probe that is held still shows nothing of its calibration. But while the tracker has the marker body where it was, and
 the picture has the tissue where it was, the body sits on the probe as it did, and the picture is as large and as much
-mirrored as it was. Both are held against one picture, the anchor, so that a slip is seen however slow it is; where the
-anchor must be renewed, what the two disagreed by is kept. Where the tissue moves under the probe, as a patient
-breathes, the probe rests between any two pictures that show it where it was.
+mirrored as it was. Both are held against one picture, the anchor, so that a slip is seen however slow it is. Where the
+tissue moves under the probe, as a patient breathes, any two pictures do that show it where it was.
 
-A late tracker shows nothing of it at rest, and spoils nothing: latency counts as watched for as long as the rest lasts.
+A rest tells that nothing has changed from its first picture to its last. So it counts for what was shown as it began,
+and no later one does: whatever was between the two, nobody saw. A late tracker shows nothing of it at rest, and spoils
+nothing: latency counts as watched for as long as the rest lasts.
 """
 
 from collections import deque
@@ -26,8 +27,15 @@ _MOST = 0.25
 """Of the limits of offset and rotation: how far from the anchor the probe rests, and how far tracker and picture may
 disagree. More calls a slow sweep rest; less loses a hand whose tremor is .3 mm."""
 _DRIFTED = 0.5
-"""Of the same limits, for all that they disagreed by since: more leaves less room for what a slip adds to a calibration
-that was shown with room of its own, less ends a long rest with many anchors."""
+"""Of the same limits, for all that they disagreed by since the rest began: more leaves less room for what a slip adds
+to a calibration that was shown with room of its own, less ends the long rest of a hand that sinks."""
+_SUNK, _MEAN_S = 0.15, 3.0
+"""Of the same limits, for how far the mean place of the last seconds may lie from the anchor before it is renewed while
+a picture is like it: a hand sinks. Less adds up what they disagree by more often; more loses the rest of a hand that
+sinks. A longer mean lags behind it, a shorter one follows the tremor."""
+_IN_PLACE = 0.1
+"""Of the same limits, within which the picture is where it was: if the tracker has left twice in a row, they have
+parted. More takes a late tracker in a quick motion for that, less misses a slip under a hand's tremor."""
 _ALIKE = 0.9
 """Likeness to the anchor, that bounds what the picture does not show as a way: .46 mm out of the plane (mathematics,
 section 6), or 1.9° of tilt over a picture of 50 mm. Less bounds it worse, more loses a hand's tremor. Tissue without
@@ -36,13 +44,18 @@ _EVERY_NS = 150_000_000
 """Between two comparisons with the anchor: each costs a registration. Longer misses the moments at which a tremor
 passes the place of the anchor."""
 _LASTS_NS = 1_000_000_000
-"""For which the probe rests still after the tracker had it there, and an anchor is kept: a tremor goes to and fro
-within it. An anchor costs a keyframe: once a second while the probe moves."""
-_LOST_NS = 6_000_000_000
-"""After which an anchor that no picture is like any more is renewed, though the tracker has the probe there: a breath
-and a half."""
-_MOST_RESTS = 1000
-"""Kept, the newest: a quarter of an hour of a new anchor each second."""
+"""For which the probe rests still after the tracker had it there: a tremor goes to and fro within it. An anchor costs a
+keyframe: once a second while the probe moves."""
+_FOUND_NS, _LOST_NS = 2_000_000_000, 15_000_000_000
+"""After which another anchor is taken where no picture is like it, though the tracker has the probe there: before it
+was a rest, as that picture may have been of the last motion, and after that, four breaths, as not each is as deep.
+Longer begins no rest where the tissue lies otherwise for good."""
+_NEAR_NS, _LEAST_NS = 6_000_000_000, 1_000_000_000
+"""Within which of what was shown the rest must begin, and how long it must be to be one: what is shown is as old as the
+middle of a gesture, and that motion goes on to the rest. Less gives a rest after a gesture nothing; more counts what a
+sweep that shows nothing may hide. Where the hand turns back it is at one place for half a second."""
+_MOST_RESTS = 100
+"""Kept, the newest. None but the last is shorter than a second, so these reach back by more than any age."""
 
 
 class Pictures(Protocol):
@@ -53,14 +66,18 @@ class Pictures(Protocol):
     def against_anchor(self) -> Registration | None: ...
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rest:
-    """From the first to the last picture that shows the probe where one anchor has it. apart: (6,) of the limits, by
-    how much tracker and picture disagreed at the last of them."""
+@dataclass(slots=True)
+class _Span:
+    """First and last picture that show the same. parted_ns: when tracker and picture had last parted before."""
 
     start_ns: int
     end_ns: int
-    apart: Array
+    parted_ns: int
+
+    @property
+    def lasted(self) -> bool:
+        """Whether it is long enough to be a rest."""
+        return self.end_ns - self.start_ns > _LEAST_NS
 
 
 class Rest:
@@ -75,20 +92,22 @@ class Rest:
 
     def restart(self) -> None:
         """Whatever was before says nothing of what comes."""
-        self._rests: deque[_Rest] = deque(maxlen=_MOST_RESTS)
+        self._spans: deque[_Span] = deque(maxlen=_MOST_RESTS)
         self._anchor: Matrix4 | None = None
+        self._drift, self._place = np.zeros(6), np.zeros(6)
         self._pose: Matrix4 | None = None
-        self._now_ns = self._still_ns = self._compared_ns = self._alike_ns = 0
+        self._parting = False
+        self._now_ns = self._still_ns = self._compared_ns = self._parted_ns = 0
 
     def forget(self, since_ns: int) -> None:
         """What was at or after since_ns was stamped wrongly."""
-        kept = [rest for rest in self._rests if rest.end_ns < since_ns]
+        kept = [span for span in self._spans if span.end_ns < since_ns]
         self.restart()
-        self._rests.extend(kept)
+        self._spans.extend(kept)
 
     def step(self, t_ns: int, pose: Matrix4, pictures: Pictures) -> None:
         """Take the next picture, the latest of `pictures`. pose: (4, 4) sensor → tracker at its time, mm."""
-        self._now_ns = t_ns
+        passed_s, self._now_ns = (t_ns - self._now_ns) / 1e9, t_ns
         repeated = self._pose is not None and np.array_equal(pose, self._pose)
         self._pose = pose
         if repeated or not self._most_ns:
@@ -97,54 +116,65 @@ class Rest:
             self._begin(t_ns, pose, pictures)
             return
         probe = np.concatenate(predicted_motion(self._reference, self._anchor, pose)) / self._limits
+        self._place += min(passed_s / _MEAN_S, 1.0) * (probe - self._place)
         if np.abs(probe).max() <= _MOST:
             self._still_ns = t_ns
-            if t_ns - self._compared_ns >= _EVERY_NS:
-                self._compare(t_ns, probe, pictures.against_anchor())
-        if not self.lasting or t_ns - self._alike_ns > _LOST_NS:
+        if t_ns - self._compared_ns >= _EVERY_NS:
+            self._compared_ns = t_ns
+            self._compare(t_ns, probe, pictures)
+        lost_ns = _LOST_NS if self._spans[-1].lasted else _FOUND_NS
+        if not self._lasts or t_ns - self._spans[-1].end_ns > lost_ns:
             self._begin(t_ns, pose, pictures)
 
-    def since(self, t_ns: int) -> int:
-        """For how long the probe has rested since t_ns, ns, until the last picture that showed it, and as far as
-        tracker and picture have not drifted apart since; `Limits.at_rest_s` at most.
+    def since(self, t_ns: int, *, lasting: bool = False) -> int:
+        """For how long nothing has changed since t_ns, ns, by the rest that went on then, or the first that began soon
+        after; `Limits.at_rest_s` at most. 0 where tracker and picture had parted in between. lasting: 0 also once that
+        rest is over.
         """
-        rested_ns, drift = 0, np.zeros(6)
-        for rest in self._rests:
-            if rest.end_ns <= t_ns:
-                continue
-            drift = drift + rest.apart
-            if np.abs(drift).max() > _DRIFTED:
-                break
-            rested_ns += rest.end_ns - max(rest.start_ns, t_ns)
-        return min(rested_ns, self._most_ns)
+        first = next((span for span in self._spans if span.lasted and span.end_ns > t_ns), None)
+        if first is None or t_ns < max(first.parted_ns, first.start_ns - _NEAR_NS):
+            return 0
+        if lasting and not (first is self._spans[-1] and self._lasts):
+            return 0
+        return min(first.end_ns - max(first.start_ns, t_ns), self._most_ns)
 
     @property
     def rests(self) -> tuple[tuple[int, int], ...]:
         """First and last picture of each rest that is remembered, ns."""
-        return tuple((rest.start_ns, rest.end_ns) for rest in self._rests)
+        return tuple((span.start_ns, span.end_ns) for span in self._spans)
 
     @property
-    def lasting(self) -> bool:
-        """Whether the probe rests now, by the tracker."""
+    def _lasts(self) -> bool:
+        """Whether the probe is where the anchor is, by the tracker."""
         return self._anchor is not None and self._now_ns - self._still_ns <= _LASTS_NS
 
     def _begin(self, t_ns: int, pose: Matrix4, pictures: Pictures) -> None:
+        """Another rest, if it is to be one; the one before has ended with its last picture."""
         pictures.take_anchor()
-        self._anchor = pose
-        self._still_ns = self._compared_ns = self._alike_ns = t_ns
-        if not self._rests or self._rests[-1].start_ns < self._rests[-1].end_ns:
-            self._rests.append(_Rest(t_ns, t_ns, np.zeros(6)))
-        else:
-            self._rests[-1] = _Rest(t_ns, t_ns, np.zeros(6))
+        self._anchor, self._drift, self._place = pose, np.zeros(6), np.zeros(6)
+        self._still_ns = self._compared_ns = t_ns
+        if self._spans and not self._spans[-1].lasted:
+            self._spans.pop()
+        self._spans.append(_Span(t_ns, t_ns, self._parted_ns))
 
-    def _compare(self, t_ns: int, probe: Array, found: Registration | None) -> None:
-        self._compared_ns = t_ns
+    def _compare(self, t_ns: int, probe: Array, pictures: Pictures) -> None:
+        found = pictures.against_anchor()
+        parting, self._parting = self._parting, False
         if found is None or found.correlation < _ALIKE:
             return
-        apart = self._apart(found, probe)
-        if np.abs(apart).max() <= _MOST:
-            self._alike_ns = t_ns
-            self._rests[-1] = _Rest(self._rests[-1].start_ns, t_ns, apart)
+        apart, gone = self._apart(found, probe), np.abs(probe).max() > _MOST
+        if gone:
+            self._parting = bool(np.abs((probe - apart)[[0, 1, 5]]).max() <= _IN_PLACE)
+            if self._parting and parting:
+                self._parted_ns = t_ns
+            return
+        drift = self._drift + apart
+        if np.abs(apart).max() > _MOST or np.abs(drift).max() > _DRIFTED:
+            return
+        self._spans[-1].end_ns = t_ns
+        if np.abs(self._place).max() > _SUNK:
+            pictures.take_anchor()
+            self._anchor, self._drift, self._place = self._pose, drift, np.zeros(6)
 
     def _apart(self, found: Registration, probe: Array) -> Array:
         """(6,) of the limits: in the plane tracker less picture; out of it, where the picture shows no way, tracker."""

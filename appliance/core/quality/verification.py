@@ -84,9 +84,7 @@ class Verification:
         it shows none, and may have changed all the while.
         """
         shown_ns = self._shown_ns.get(name)
-        if shown_ns is None or (name == "latency" and not self._rest.lasting):
-            return 0
-        return self._rest.since(shown_ns)
+        return 0 if shown_ns is None else self._rest.since(shown_ns, lasting=name == "latency")
 
     @property
     def rivals(self) -> tuple[Rival, ...]:

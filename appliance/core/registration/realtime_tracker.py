@@ -102,15 +102,14 @@ class RealTimeTracker:
             self._anchor = (Keyframe(levels, self._aspect, self._overlay.mask), self._chain, path)
 
     def against_anchor(self) -> Registration | None:
-        """The latest picture against the anchor; None where there is none, the chain has broken since, or the two are
-        not alike.
-        """
+        """The latest picture against the anchor; None where there is none, or the two are not alike."""
         if self._anchor is None or self._before is None:
             return None
         anchor, chain, path = self._anchor
-        if chain != self._chain or not anchor.textured:
+        if not anchor.textured:
             return None
-        found = anchor.register(self._before[0], self._between(path, self._before[2]))
+        start = self._between(path, self._before[2]) if chain == self._chain else _REST
+        found = anchor.register(self._before[0], start)
         return found if acceptable(found) else None
 
     def restart(self) -> None:

@@ -85,7 +85,7 @@ def test_a_hand_with_a_tremor_rests() -> None:
         scene.picture(np.array([x, y, z, 0, 0, 0]), np.array([x, y, 0.0]), likeness=np.exp(-(z**2)))
     assert scene.rested_s() > 58
     assert scene.rested_s(50.0) == pytest.approx(10, abs=1)
-    assert scene.rest.lasting
+    assert scene.rest.since(0, lasting=True) == scene.rest.since(0)
 
 
 def test_it_counts_for_no_longer_than_is_configured() -> None:
@@ -105,8 +105,8 @@ def test_a_probe_that_is_moved_does_not_rest(axis: int) -> None:
     for _ in range(3 * FPS):
         scene.picture(away, away[[0, 1, 5]], likeness=0.5)
     assert scene.pictures.anchors == 2
-    assert scene.rest.lasting
     assert scene.rested_s() == pytest.approx(3, abs=0.2)
+    assert scene.rest.since(0, lasting=True) == 0
 
 
 def test_a_probe_that_is_back_soon_has_rested_all_the_while() -> None:
@@ -124,11 +124,11 @@ def test_a_probe_that_never_stays_costs_an_anchor_a_second() -> None:
         away = six({0: 10 * np.sin(2 * np.pi * number / FPS / 3.1)})
         scene.picture(away, away[[0, 1, 5]])
     assert scene.pictures.anchors <= 20
-    assert scene.rested_s() <= 20 / 2, "there and back within a second is where it was"
+    assert scene.rested_s() <= 4, "there and back within a second is where it was"
 
 
 @pytest.mark.parametrize("axis", range(6))
-@pytest.mark.parametrize("lost_every_s", [1000, 14])
+@pytest.mark.parametrize("lost_every_s", [1000, 32])
 @pytest.mark.parametrize("over_s", [5, 60])
 def test_a_marker_body_that_slips_however_slowly_ends_the_rest_at_half_its_limit(
     axis: int, lost_every_s: int, over_s: int
@@ -139,7 +139,7 @@ def test_a_marker_body_that_slips_however_slowly_ends_the_rest_at_half_its_limit
     for number in range(over_s * FPS):
         lost = number % (lost_every_s * FPS) >= lost_every_s * FPS / 2 and lost_every_s < over_s
         scene.picture(six({axis: 2 * limit * number / (over_s * FPS)}), likeness=0.2 if lost else 0.97)
-    for _ in range(5 * FPS):
+    for _ in range(20 * FPS):
         scene.picture(six({axis: 2 * limit}))
     assert scene.rested_s() <= 0.30 * over_s + 1
 
@@ -163,8 +163,8 @@ def test_between_breaths_that_bring_the_tissue_back_it_rests() -> None:
     scene = Scene()
     for number in range(40 * FPS):
         scene.picture(tissue=np.array([0.0, 4 * np.sin(np.pi * number / FPS / 4) ** 2, 0.0]))
-    assert scene.pictures.anchors == 1
-    assert scene.rested_s() == pytest.approx(40, abs=4)
+    assert scene.pictures.anchors <= 4, "until one is of a time at which the tissue lingers"
+    assert scene.rested_s() == pytest.approx(38, abs=5)
 
 
 def test_a_tracker_that_repeats_itself_shows_no_rest() -> None:
@@ -176,16 +176,43 @@ def test_a_tracker_that_repeats_itself_shows_no_rest() -> None:
         scene.random.bit_generator.state = state
         scene.picture()
     assert scene.rested_s() <= before_s + 0.2
-    assert not scene.rest.lasting
+    assert scene.rest.since(0, lasting=True) == 0
 
 
 def test_what_is_forgotten_is_no_rest() -> None:
     scene = Scene()
     for way_mm in (0.0, 5.0):
         for _ in range(4 * FPS):
-            scene.picture(six({2: way_mm}))
-    assert scene.rested_s() == pytest.approx(7, abs=0.5)
+            scene.picture(six({0: way_mm}), np.array([way_mm, 0.0, 0.0]))
+    assert scene.rested_s(4.5) == pytest.approx(2.9, abs=0.4)
     scene.rest.forget(5 * 10**9)
+    assert scene.rested_s(4.5) == 0
     assert scene.rested_s() == pytest.approx(4, abs=0.3)
     scene.rest.restart()
     assert scene.rested_s() == 0
+
+
+def test_only_the_rest_that_followed_what_was_shown_counts() -> None:
+    """Between two rests anything may have changed; a rest that began long after says nothing of what was before it."""
+    scene = Scene()
+    for seconds, likeness in ((20, 0.97), (16, 0.2), (20, 0.97)):
+        for _ in range(seconds * FPS):
+            scene.picture(likeness=likeness)
+    assert scene.rested_s(2.0) == pytest.approx(18, abs=0.3)
+    assert scene.rested_s(34.0) == pytest.approx(20, abs=3), "of what is shown just before the second"
+    away = Scene()
+    for number in range(20 * FPS):
+        away.picture(six({2: 10.0 * np.sin(number / 7)}), likeness=0.2)
+    for number in range(20 * FPS):
+        away.picture(likeness=0.2 if number < 1.2 * FPS else 0.97)
+    assert away.rested_s(3.0) == 0
+    assert away.rested_s(17.0) == pytest.approx(20, abs=3)
+
+
+def test_a_hand_that_sinks_within_the_plane_rests_and_one_that_leaves_it_is_lost_at_half_the_limit() -> None:
+    for axis, rested_s in ((1, 60.0), (2, 22.0)):
+        scene = Scene()
+        for number in range(60 * FPS):
+            way = six({axis: 6.0 * number / (60 * FPS)})
+            scene.picture(way, way[[0, 1, 5]])
+        assert scene.rested_s() == pytest.approx(rested_s, abs=4)

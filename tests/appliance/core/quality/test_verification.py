@@ -26,12 +26,8 @@ class Rested(Rest):
         super().__init__(limits, TRUTH)
         self.rested_s, self.still = rested_s, True
 
-    def since(self, t_ns: int) -> int:
-        return round(self.rested_s * S)
-
-    @property
-    def lasting(self) -> bool:
-        return self.still
+    def since(self, t_ns: int, *, lasting: bool = False) -> int:
+        return round(self.rested_s * S) if self.still or not lasting else 0
 
 
 def verifying(limits: Limits) -> Verification:
