@@ -266,7 +266,7 @@ class Line:
         tracked = self._tracker.step(frame.image, frame.sequence)
         seen = self._observed(item, tracked)
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None
-        if isinstance(item, StampedPair) and tracked.registration is not None:
+        if isinstance(item, StampedPair):
             self._evidence.rest.step(frame.stamp.t_ns, item.matrix, self._tracker)
         if self._seen(seen):
             self._tracker.renew_keyframe()

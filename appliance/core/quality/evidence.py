@@ -133,7 +133,7 @@ class Evidence:
         """Poses at or after since_ns were stamped wrongly."""
         self._under_way = None
         self.window.poses.forget(since_ns)
-        self.rest.restart()
+        self.rest.forget(since_ns)
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution, and of the choice that it leaves, while neither of its two is answered."""

@@ -2,8 +2,9 @@
 
 A probe that is held still shows nothing of its calibration. But while the tracker has the marker body where it was, and
 the picture has the tissue where it was, the body sits on the probe as it did, and the picture is as large and as much
-mirrored as it was. Both are held against one picture, the anchor, so that a slip is seen however slow it is. Where the
-tissue moves under the probe, as a patient breathes, any two pictures do that show it where it was.
+mirrored as it was. Both are held against one picture, the anchor, for all of the rest, so that a slip is seen however
+slow it is. Where the tissue moves under the probe, as a patient breathes, any two pictures do that show it where it
+was.
 
 A rest tells that nothing has changed from its first picture to its last. So it counts for what was shown as it began,
 and no later one does: whatever was between the two, nobody saw. A late tracker shows nothing of it at rest, and spoils
@@ -25,14 +26,8 @@ from drivers.samples import Matrix4
 
 _MOST = 0.25
 """Of the limits of offset and rotation: how far from the anchor the probe rests, and how far tracker and picture may
-disagree. More calls a slow sweep rest; less loses a hand whose tremor is .3 mm."""
-_DRIFTED = 0.5
-"""Of the same limits, for all that they disagreed by since the rest began: more leaves less room for what a slip adds
-to a calibration that was shown with room of its own, less ends the long rest of a hand that sinks."""
-_SUNK, _MEAN_S = 0.15, 3.0
-"""Of the same limits, for how far the mean place of the last seconds may lie from the anchor before it is renewed while
-a picture is like it: a hand sinks. Less adds up what they disagree by more often; more loses the rest of a hand that
-sinks. A longer mean lags behind it, a shorter one follows the tremor."""
+disagree. More calls a slow sweep rest, and leaves less room for what a slip adds to a calibration that was shown with
+room of its own; less loses a hand whose tremor is .3 mm."""
 _IN_PLACE = 0.1
 """Of the same limits, within which the picture is where it was: if the tracker has left twice in a row, they have
 parted. More takes a late tracker in a quick motion for that, less misses a slip under a hand's tremor."""
@@ -40,6 +35,8 @@ _ALIKE = 0.9
 """Likeness to the anchor, that bounds what the picture does not show as a way: .46 mm out of the plane (mathematics,
 section 6), or 1.9° of tilt over a picture of 50 mm. Less bounds it worse, more loses a hand's tremor. Tissue without
 speckle bounds less; not measured."""
+_SAME_MM = 1e-9
+"""Within which two poses are one reading: interpolated between two equal readings they differ by rounding."""
 _EVERY_NS = 150_000_000
 """Between two comparisons with the anchor: each costs a registration. Longer misses the moments at which a tremor
 passes the place of the anchor."""
@@ -50,6 +47,12 @@ _FOUND_NS, _LOST_NS = 2_000_000_000, 15_000_000_000
 """After which another anchor is taken where no picture is like it, though the tracker has the probe there: before it
 was a rest, as that picture may have been of the last motion, and after that, four breaths, as not each is as deep.
 Longer begins no rest where the tissue lies otherwise for good."""
+_STIRS, _STIRRED_MM, _STIRS_MEAN = 1 / 3, 0.3, 20
+"""Share of what the tracker moves by in the plane from comparison to comparison, root of the mean square, that the
+picture must move by, once the tracker moves by more than this; and comparisons in the mean, 3 s. A hand's tremor stirs
+both: a picture that it does not stir was frozen, though noise lies over it. A higher share or a lower way ends the rest
+of a probe in a holder before a noisy tracker, a lower share or a higher way lets a frozen picture rest with a calm hand
+(tests/appliance/core/quality/test_rest.py)."""
 _NEAR_NS, _LEAST_NS = 6_000_000_000, 1_000_000_000
 """Within which of what was shown the rest must begin, and how long it must be to be one: what is shown is as old as the
 middle of a gesture, and that motion goes on to the rest. Less gives a rest after a gesture nothing; more counts what a
@@ -94,21 +97,23 @@ class Rest:
         """Whatever was before says nothing of what comes."""
         self._spans: deque[_Span] = deque(maxlen=_MOST_RESTS)
         self._anchor: Matrix4 | None = None
-        self._drift, self._place = np.zeros(6), np.zeros(6)
         self._pose: Matrix4 | None = None
         self._parting = False
+        self._before: tuple[Array, Array] | None = None
+        self._stirred, self._stirs = np.zeros(2), 0
         self._now_ns = self._still_ns = self._compared_ns = self._parted_ns = 0
 
     def forget(self, since_ns: int) -> None:
         """What was at or after since_ns was stamped wrongly."""
-        kept = [span for span in self._spans if span.end_ns < since_ns]
+        kept, parted_ns = [span for span in self._spans if span.end_ns < since_ns], self._parted_ns
         self.restart()
         self._spans.extend(kept)
+        self._parted_ns = min(parted_ns, since_ns)
 
     def step(self, t_ns: int, pose: Matrix4, pictures: Pictures) -> None:
         """Take the next picture, the latest of `pictures`. pose: (4, 4) sensor → tracker at its time, mm."""
-        passed_s, self._now_ns = (t_ns - self._now_ns) / 1e9, t_ns
-        repeated = self._pose is not None and np.array_equal(pose, self._pose)
+        self._now_ns = t_ns
+        repeated = self._pose is not None and np.allclose(pose, self._pose, rtol=0.0, atol=_SAME_MM)
         self._pose = pose
         if repeated or not self._most_ns:
             return
@@ -116,8 +121,7 @@ class Rest:
             self._begin(t_ns, pose, pictures)
             return
         probe = np.concatenate(predicted_motion(self._reference, self._anchor, pose)) / self._limits
-        self._place += min(passed_s / _MEAN_S, 1.0) * (probe - self._place)
-        if np.abs(probe).max() <= _MOST:
+        if _within(probe, _MOST):
             self._still_ns = t_ns
         if t_ns - self._compared_ns >= _EVERY_NS:
             self._compared_ns = t_ns
@@ -151,30 +155,37 @@ class Rest:
     def _begin(self, t_ns: int, pose: Matrix4, pictures: Pictures) -> None:
         """Another rest, if it is to be one; the one before has ended with its last picture."""
         pictures.take_anchor()
-        self._anchor, self._drift, self._place = pose, np.zeros(6), np.zeros(6)
+        self._anchor, self._before, self._stirs = pose, None, 0
         self._still_ns = self._compared_ns = t_ns
         if self._spans and not self._spans[-1].lasted:
             self._spans.pop()
         self._spans.append(_Span(t_ns, t_ns, self._parted_ns))
 
     def _compare(self, t_ns: int, probe: Array, pictures: Pictures) -> None:
+        """What cannot be compared, NaN among it, shows no rest."""
         found = pictures.against_anchor()
         parting, self._parting = self._parting, False
-        if found is None or found.correlation < _ALIKE:
+        if found is None or not found.correlation >= _ALIKE:
             return
-        apart, gone = self._apart(found, probe), np.abs(probe).max() > _MOST
-        if gone:
-            self._parting = bool(np.abs((probe - apart)[[0, 1, 5]]).max() <= _IN_PLACE)
+        apart = self._apart(found, probe)
+        if not _within(probe, _MOST):
+            self._parting = _within((probe - apart)[[0, 1, 5]], _IN_PLACE)
             if self._parting and parting:
                 self._parted_ns = t_ns
-            return
-        drift = self._drift + apart
-        if np.abs(apart).max() > _MOST or np.abs(drift).max() > _DRIFTED:
-            return
-        self._spans[-1].end_ns = t_ns
-        if np.abs(self._place).max() > _SUNK:
-            pictures.take_anchor()
-            self._anchor, self._drift, self._place = self._pose, drift, np.zeros(6)
+        elif self._stir(probe, probe - apart) and _within(apart, _MOST):
+            self._spans[-1].end_ns = t_ns
+
+    def _stir(self, probe: Array, picture: Array) -> bool:
+        """Whether the picture moves as the tracker says that the hand stirs it. (6,) of the limits from the anchor."""
+        now = probe[:2] * self._limits[:2], picture[:2] * self._limits[:2]
+        before, self._before = self._before, now
+        if before is not None:
+            stirred = np.array([np.sum((a - b) ** 2) for a, b in zip(now, before, strict=True)])
+            self._stirs = min(self._stirs + 1, _STIRS_MEAN)
+            self._stirred = self._stirred + (stirred - self._stirred) / self._stirs
+        tracker, seen = self._stirred
+        calm = self._stirs < _STIRS_MEAN or tracker <= _STIRRED_MM**2
+        return bool(calm or seen >= _STIRS**2 * tracker)
 
     def _apart(self, found: Registration, probe: Array) -> Array:
         """(6,) of the limits: in the plane tracker less picture; out of it, where the picture shows no way, tracker."""
@@ -183,3 +194,8 @@ class Rest:
         apart = probe.copy()
         apart[[0, 1, 5]] -= np.array([*moved_mm, found.alpha_rad * lateral * axial]) / self._limits[[0, 1, 5]]
         return apart
+
+
+def _within(values: Array, most: float) -> bool:
+    """False for NaN."""
+    return bool((np.abs(values) <= most).all())

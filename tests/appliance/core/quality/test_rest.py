@@ -61,10 +61,16 @@ class Scene:
     random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
 
     def picture(
-        self, way: Array = NOWHERE, tissue: Array = STILL, *, likeness: float = 0.97, noise_mm: float = 0.05
+        self,
+        way: Array = NOWHERE,
+        tissue: Array = STILL,
+        *,
+        likeness: float = 0.97,
+        noise_mm: float = 0.05,
+        turn_noise_deg: float = 0.02,
     ) -> None:
         self.count += 1
-        own = way + np.array([*self.random.normal(0, noise_mm, 3), *self.random.normal(0, 0.02, 3)])
+        own = way + np.array([*self.random.normal(0, noise_mm, 3), *self.random.normal(0, turn_noise_deg, 3)])
         self.pictures.tissue, self.pictures.likeness = tissue, likeness
         self.rest.step(self.count * PERIOD_NS, self.pose(own), self.pictures)
 
@@ -130,7 +136,7 @@ def test_a_probe_that_never_stays_costs_an_anchor_a_second() -> None:
 @pytest.mark.parametrize("axis", range(6))
 @pytest.mark.parametrize("lost_every_s", [1000, 32])
 @pytest.mark.parametrize("over_s", [5, 60])
-def test_a_marker_body_that_slips_however_slowly_ends_the_rest_at_half_its_limit(
+def test_a_marker_body_that_slips_however_slowly_ends_the_rest_at_a_quarter_of_its_limit(
     axis: int, lost_every_s: int, over_s: int
 ) -> None:
     """By twice the limit; the picture stays as it is, or is lost now and then, so that another anchor is taken."""
@@ -141,7 +147,7 @@ def test_a_marker_body_that_slips_however_slowly_ends_the_rest_at_half_its_limit
         scene.picture(six({axis: 2 * limit * number / (over_s * FPS)}), likeness=0.2 if lost else 0.97)
     for _ in range(20 * FPS):
         scene.picture(six({axis: 2 * limit}))
-    assert scene.rested_s() <= 0.30 * over_s + 1
+    assert scene.rested_s() <= 0.15 * over_s + 1
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -209,10 +215,82 @@ def test_only_the_rest_that_followed_what_was_shown_counts() -> None:
     assert away.rested_s(17.0) == pytest.approx(20, abs=3)
 
 
-def test_a_hand_that_sinks_within_the_plane_rests_and_one_that_leaves_it_is_lost_at_half_the_limit() -> None:
-    for axis, rested_s in ((1, 60.0), (2, 22.0)):
-        scene = Scene()
-        for number in range(60 * FPS):
-            way = six({axis: 6.0 * number / (60 * FPS)})
-            scene.picture(way, way[[0, 1, 5]])
-        assert scene.rested_s() == pytest.approx(rested_s, abs=4)
+@pytest.mark.parametrize("axis", range(6))
+def test_a_hand_that_sinks_ends_its_rest_at_a_quarter_of_the_limit(axis: int) -> None:
+    """One anchor for all of it: handed on, what each hides would add up."""
+    scene = Scene()
+    limit = LIMITS.offset_mm if axis < 3 else LIMITS.rotation_deg
+    for number in range(60 * FPS):
+        way = six({axis: limit * number / (60 * FPS)})
+        scene.picture(way, way[[0, 1, 5]])
+    assert scene.rested_s() == pytest.approx(15, abs=2.5)
+    assert scene.rest.since(0, lasting=True) == 0
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_a_probe_that_wanders_to_and_fro_rests_only_near_its_anchor(axis: int) -> None:
+    """3 mm every 40 s, and the pictures go along: between two passages a rest may have been any."""
+    scene = Scene()
+    for number in range(80 * FPS):
+        way = six({axis: 3.0 * np.sin(2 * np.pi * number / FPS / 40)})
+        scene.picture(way, way[[0, 1, 5]])
+    assert scene.rested_s() <= 4
+
+
+def test_a_tracker_that_repeats_a_reading_between_which_poses_are_interpolated_shows_no_rest() -> None:
+    scene = Scene()
+    for number in range(20 * FPS):
+        rounding = six(dict.fromkeys(range(3), 1e-12 * (number % 7)))
+        scene.picture(rounding, noise_mm=0.0, turn_noise_deg=0.0)
+    assert scene.rested_s() == 0
+
+
+@pytest.mark.parametrize("broken", ["likeness", "pose", "tissue"])
+def test_what_is_no_number_shows_no_rest(broken: str) -> None:
+    scene = Scene()
+    for _ in range(5 * FPS):
+        scene.picture()
+    before_s = scene.rested_s()
+    for _ in range(10 * FPS):
+        way = six({0: float("nan")}) if broken == "pose" else NOWHERE
+        tissue = np.array([float("nan"), 0.0, 0.0]) if broken == "tissue" else STILL
+        scene.picture(way, tissue, likeness=float("nan") if broken == "likeness" else 0.97)
+    assert scene.rested_s() <= before_s + 0.2
+
+
+def test_that_tracker_and_picture_have_parted_outlives_what_was_stamped_wrongly() -> None:
+    """Shown at 3 s, slipped at 4 s, at rest from 5 s on; what is forgotten is all later."""
+    scene = Scene()
+    for number in range(10 * FPS):
+        slipped = min(max(number / FPS - 4, 0.0), 1.0) * 8.0
+        scene.picture(six({0: slipped}))
+    assert scene.rested_s(3.0) <= 1.3
+    scene.rest.forget(9 * 10**9)
+    for _ in range(10 * FPS):
+        scene.picture(six({0: 8.0}))
+    assert scene.rested_s(4.3) == 0
+
+
+def _shaken(tremor_mm: float, *, frozen: bool, noise_mm: float = 0.05) -> Scene:
+    scene = Scene()
+    for x, y, z in scene.random.normal(0, tremor_mm, (30 * FPS, 3)):
+        tissue = STILL if frozen else np.array([x, y, 0.0])
+        tissue = tissue + np.array([*scene.random.normal(0, 0.01, 2), 0.0])
+        scene.picture(six({0: x, 1: y, 2: z}), tissue, noise_mm=noise_mm)
+    return scene
+
+
+def test_a_picture_that_the_hand_does_not_stir_shows_no_rest() -> None:
+    """Frozen, under noise of the line: alike for good."""
+    for tremor_mm in (0.2, 0.3):
+        assert _shaken(tremor_mm, frozen=True).rested_s() <= 4.0, tremor_mm
+
+
+@pytest.mark.parametrize("noise_mm", [0.05, 0.1, 0.25])
+def test_a_hand_that_stirs_the_picture_rests_under_the_noise_of_any_tracker(noise_mm: float) -> None:
+    assert _shaken(0.15, frozen=False, noise_mm=noise_mm).rested_s() > 25
+
+
+@pytest.mark.parametrize("noise_mm", [0.05, 0.1, 0.13])
+def test_a_probe_in_a_holder_rests_where_the_tracker_is_calm(noise_mm: float) -> None:
+    assert _shaken(0.0, frozen=False, noise_mm=noise_mm).rested_s() > 27
