@@ -40,8 +40,11 @@ class Broken(AssertionError):  # noqa: N818  what is said of an invariant, not o
     """The invariant does not hold. clause: its letter."""
 
     def __init__(self, clause: str, what: str) -> None:
-        super().__init__(f"({clause}) contact closed, but {what}")
-        self.clause = clause
+        super().__init__(clause, what)
+        self.clause, self.what = clause, what
+
+    def __str__(self) -> str:
+        return f"({self.clause}) contact closed, but {self.what}"
 
 
 Rests = Sequence[tuple[int, int]]
@@ -69,7 +72,7 @@ class Oracle:
         self._at_rest_ns = round(at_rest_s * 1e9)
         own_ns = {name: max_age_ns if age_s is None else round(age_s * 1e9) for name, age_s in asked.ages_s.items()}
         self._oldest_ns, self._max_age_ns = own_ns, max_age_ns
-        self._where: dict[int, Matrix4] = {}
+        self._where: dict[int, tuple[Change, Matrix4]] = {}
         self._shown_ns: dict[str, int] = {}
         self.shown_fault: str | None = None
         self._change = NONE
@@ -83,7 +86,6 @@ class Oracle:
     def changed(self, change: Change) -> None:
         """From here on the true calibration is another. A fault that is told already says nothing of it."""
         self._told_before = self._told
-        self._where.clear()
         self._waiting = deque((t_ns, None, right) for t_ns, _, right in self._waiting)
         self._change, self.shown_fault, self._visible_ns = change, None, 0
         self._pictures.clear()
@@ -107,7 +109,7 @@ class Oracle:
             picture_ns, place, right = self._waiting.popleft()
             if before_ns is not None and before_ns <= picture_ns and t_ns - before_ns <= _FURTHEST_APART_NS:
                 if place is not None:
-                    self._where[picture_ns] = place
+                    self._where[picture_ns] = self._change, place
                 if right is not None:
                     self._note_shown(picture_ns, right)
         while self._where and next(iter(self._where)) < t_ns - 2 * self._max_age_ns:
@@ -158,13 +160,16 @@ class Oracle:
         return None
 
     def _rested_ns(self, rest: tuple[int, int], shown_ns: int) -> int:
-        """What of a rest since then is true: both its pictures are genuine, nothing has changed since the first, and
-        the last shows the same.
+        """What of a rest since then is true: both its pictures are genuine, nothing has changed between them, and the
+        last shows the same.
         """
         start_ns, end_ns = rest
         if end_ns <= shown_ns or start_ns not in self._where or end_ns not in self._where:
             return 0
-        between = inverse(self._where[start_ns]) @ self._where[end_ns]
+        (first, start), (last, end) = self._where[start_ns], self._where[end_ns]
+        if first is not last:
+            return 0
+        between = inverse(start) @ end
         far_mm, far_rad = np.linalg.norm(between[:3, 3]), angle_from_rotation(between[:3, :3])
         return 0 if far_mm > _REST_MM or far_rad > _REST_RAD else end_ns - max(start_ns, shown_ns)
 
