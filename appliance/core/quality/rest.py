@@ -84,7 +84,7 @@ class _Span:
 
 
 class Rest:
-    """Takes every picture that was followed with its pose; tells how long the probe rested since any time."""
+    """Takes every picture with its pose; tells how long the probe rested since any time."""
 
     def __init__(self, limits: Limits, reference: Calibration) -> None:
         self._reference = reference
@@ -172,10 +172,10 @@ class Rest:
             self._parting = _within((probe - apart)[[0, 1, 5]], _IN_PLACE)
             if self._parting and parting:
                 self._parted_ns = t_ns
-        elif self._stir(probe, probe - apart) and _within(apart, _MOST):
+        elif _within(apart, _MOST) and self._stirs_both(probe, probe - apart):
             self._spans[-1].end_ns = t_ns
 
-    def _stir(self, probe: Array, picture: Array) -> bool:
+    def _stirs_both(self, probe: Array, picture: Array) -> bool:
         """Whether the picture moves as the tracker says that the hand stirs it. (6,) of the limits from the anchor."""
         now = probe[:2] * self._limits[:2], picture[:2] * self._limits[:2]
         before, self._before = self._before, now
