@@ -124,7 +124,7 @@ class Source:
 def incoming(hours: float) -> Half:
     """Pictures and poses, two poses for a picture, from the twin's connection."""
     wanted = round(hours * HOUR_S * (PICTURES_HZ + POSES_HZ))
-    rooms = {kind: threading.Semaphore(_IN_FLIGHT) for kind in ("IMAGE", "TRANSFORM")}
+    rooms = {kind: threading.Semaphore(0) for kind in ("IMAGE", "TRANSFORM")}
     sources = (lambda: Source(True, rooms["IMAGE"]), lambda: Source(False, rooms["TRANSFORM"]))
     stop, gauge, stream, done = Event(), Gauge(wanted), MessageStream(lambda header: True), 0
     given = FaultControl(FAULTS, Schedule(()), None)
@@ -143,6 +143,10 @@ def incoming(hours: float) -> Half:
                 done += _decoded(arrived.message)
                 if arrived.message.kind in rooms:
                     rooms[arrived.message.kind].release()
+                else:
+                    # Answered: it has this client, and what it sends from here on arrives.
+                    for room in rooms.values():
+                        room.release(_IN_FLIGHT)
             gauge.look(done)
     return gauge.half(done)
 
