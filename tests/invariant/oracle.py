@@ -21,7 +21,8 @@ NAMED_WITHIN_NS = 1_000_000_000
 MAX_AGE_NS = Durations().max_verification_age_ns
 SWEPT_NS = round(SWEPT_AGE_S * 1e9)
 _REST_MM, _REST_RAD = 2.0, np.deg2rad(1.5)
-"""Half the limits: where a picture may truly have been elsewhere than another that is said to show the same."""
+"""Half the limits: how far apart two pictures that are said to show the same place may truly be. The rest allows itself
+a quarter by what the tracker says; its noise and what the picture does not show come on top."""
 _MOVED_WITHIN_NS = 300_000_000
 _LEAST_MM_PER_S = 0.5
 _FURTHEST_APART_NS = 250_000_000
