@@ -72,7 +72,7 @@ class Oracle:
     ) -> None:
         self._at_rest_ns = round(at_rest_s * 1e9)
         own_ns = {name: max_age_ns if age_s is None else round(age_s * 1e9) for name, age_s in asked.ages_s.items()}
-        self._oldest_ns, self._max_age_ns = own_ns, max_age_ns
+        self._ages_ns, self._max_age_ns = own_ns, max_age_ns
         self._where: dict[int, tuple[Change, Matrix4]] = {}
         self._shown_ns: dict[str, int] = {}
         self.shown_fault: str | None = None
@@ -140,7 +140,7 @@ class Oracle:
     def _note_shown(self, picture_ns: int, right: frozenset[str]) -> None:
         """As far as any line could tell: of what any sweep shows one wrong parameter spoils the others."""
         if right >= _SWEPT:
-            self._shown_ns |= {name: picture_ns for name in self._oldest_ns if _class(name) in right}
+            self._shown_ns |= {name: picture_ns for name in self._ages_ns if _class(name) in right}
 
     def _note_fault(self, alarm: AlarmState, newest: Verdict | None) -> None:
         told = {alarm.fault if alarm.state in _ALARMED else None, None if newest is None else newest.fault}
@@ -150,7 +150,7 @@ class Oracle:
             self.shown_fault = min(new)
 
     def _age(self, now_ns: int, rests: Rests) -> Broken | None:
-        for name, age_ns in self._oldest_ns.items():
+        for name, age_ns in self._ages_ns.items():
             if name not in self._shown_ns:
                 return Broken("a", f"no motion has shown {name}; it is {self._change}")
             shown_ns = self._shown_ns[name]
