@@ -36,12 +36,10 @@ GESTURE_AGE_S = 120.0
 (docs/gesture.md has what other ages give). Less asks for the gesture more often; more leaves a marker body that slid,
 slower than the slip watch finds, untold for longer.
 """
-
-
 AT_REST_S = 90.0
-"""How much longer both count while the probe is held still: what sweeps show then outlasts a minute and a half on a
-target, and with an age of its own reaches max_verification_age_s. Less asks for motion amid a puncture; more trusts
-what a rest can see (appliance.core.quality.rest) for longer."""
+"""How much longer both count while the probe is held still: with its own 30 s, what sweeps show then reaches the 120 s
+of max_verification_age_s, which none may exceed. Less asks for motion amid a puncture; more does nothing unless that
+one is raised as well, and then trusts what a rest can see (appliance.core.quality.rest) for longer."""
 
 
 class RequiredAges(BaseModel):

@@ -217,7 +217,7 @@ class Verdict:
     t_ns: sample time it holds for. reason: one sentence for the operator.
     verified_ns: the oldest of the times at which motion last showed a required parameter; None where one was never
     shown or has been contradicted since. Only new motion makes it younger, whatever the time of the verdict.
-    expires_ns: when the first of them exceeds an age limit of its own; None where none has one.
+    expires_ns: when the first of them exceeds an age limit of its own, which a rest extends; None where none has one.
     rivals: what may be wrong where motion so far does not tell which, the likeliest first; never one alone.
     """
 

@@ -119,7 +119,7 @@ class Line:
 
     @property
     def rests(self) -> tuple[tuple[int, int], ...]:
-        """As of `Rest.rests`."""
+        """As of `Rest`."""
         return self._evidence.rest.rests
 
     @property

@@ -217,7 +217,8 @@ class Ledger:
     @property
     def verified(self) -> bool:
         """Motion not older than max_verification_age has shown all that is required, nothing has contradicted it, and
-        probe and tissue are in sight. What has an age limit of its own in the configuration is not older than that.
+        probe and tissue are in sight. What has an age limit of its own in the configuration is not older than that, not
+        counting the time, `limits.at_rest_s` at most, for which the probe has been held still since.
         """
         if self.verified_ns is None or self.sight is not None:
             return False

@@ -70,16 +70,16 @@ is smaller is found by misfit, some readings later."""
 
 _LATE_FOR_NS = 250_000_000
 """How long readings that come later than that are taken for held up, in a process that stood still or on a line,
-before the device's clock is taken to have stood still. What was held up comes in one burst; less restarts for one that
-is taken slowly, more leaves a device that paused without usable times for longer. Not measured on devices."""
+before the device's clock is taken to have stood still. What was held up comes in one burst; less restarts while a burst
+is still being read, more leaves a device that paused without usable times for longer. Not measured on devices."""
 
 _BOUND_FLOOR_NS = 150_000.0
 """Least bound without requests: for what waking up and reading the clock add to every arrival alike, which no spread
 shows. More says less than is known. Not measured on a cart."""
 
 _FIRST_BOUND_NS = 100_000_000.0
-"""Bound while nothing is known, and the most that is ever stated (docs/trackers.md, Hardware time). It must exceed the
-delay of a first reading (70 ms there); more only makes first poses vaguer."""
+"""Bound while nothing is known, and the most that is stated unless a reading was held up (docs/trackers.md, Hardware
+time). It must exceed the delay of a first reading (70 ms there); more only makes first poses vaguer."""
 
 _RANK = 12
 """Which of the lowest readings tells how late the lowest may be. Few say little (4: bound 3.4 ms), many reach into
@@ -194,7 +194,7 @@ class DeviceClock:
         return True
 
     def _held_up_estimate(self, device_ns: int, arrival_ns: int) -> Stamp:
-        """By the line. The bound reaches to the arrival, which is true if the device's clock stood still."""
+        """By the line. The bound reaches to the arrival: that is the truth if the device's clock stood still."""
         self._device_ns = float(device_ns - self._zero_ns)
         stamp = self._estimate(arrival_ns)
         return Stamp(stamp.t_ns, max(stamp.err_ns, arrival_ns - stamp.t_ns))

@@ -21,7 +21,8 @@ NAMED_WITHIN_NS = 1_000_000_000
 MAX_AGE_NS = Durations().max_verification_age_ns
 SWEPT_NS = round(SWEPT_AGE_S * 1e9)
 _REST_MM, _REST_RAD = 2.0, np.deg2rad(1.5)
-"""Half the limits: where a picture may truly have been elsewhere than another that is said to show the same."""
+"""Half the limits: how far apart two pictures that are said to show the same place may truly be. The rest allows itself
+a quarter by what the tracker says; its noise and what the picture does not show come on top."""
 _MOVED_WITHIN_NS = 300_000_000
 _LEAST_MM_PER_S = 0.5
 _FURTHEST_APART_NS = 250_000_000
@@ -71,7 +72,7 @@ class Oracle:
     ) -> None:
         self._at_rest_ns = round(at_rest_s * 1e9)
         own_ns = {name: max_age_ns if age_s is None else round(age_s * 1e9) for name, age_s in asked.ages_s.items()}
-        self._oldest_ns, self._max_age_ns = own_ns, max_age_ns
+        self._ages_ns, self._max_age_ns = own_ns, max_age_ns
         self._where: dict[int, tuple[Change, Matrix4]] = {}
         self._shown_ns: dict[str, int] = {}
         self.shown_fault: str | None = None
@@ -139,7 +140,7 @@ class Oracle:
     def _note_shown(self, picture_ns: int, right: frozenset[str]) -> None:
         """As far as any line could tell: of what any sweep shows one wrong parameter spoils the others."""
         if right >= _SWEPT:
-            self._shown_ns |= {name: picture_ns for name in self._oldest_ns if _class(name) in right}
+            self._shown_ns |= {name: picture_ns for name in self._ages_ns if _class(name) in right}
 
     def _note_fault(self, alarm: AlarmState, newest: Verdict | None) -> None:
         told = {alarm.fault if alarm.state in _ALARMED else None, None if newest is None else newest.fault}
@@ -149,7 +150,7 @@ class Oracle:
             self.shown_fault = min(new)
 
     def _age(self, now_ns: int, rests: Rests) -> Broken | None:
-        for name, age_ns in self._oldest_ns.items():
+        for name, age_ns in self._ages_ns.items():
             if name not in self._shown_ns:
                 return Broken("a", f"no motion has shown {name}; it is {self._change}")
             shown_ns = self._shown_ns[name]

@@ -148,7 +148,7 @@ GESTURED: Mapping[str, tuple[Program, float]] = {
     **{_BEGUN + name: (begun_with_gesture(program), GESTURE_S + 120.0) for name, (program, _) in PROGRAMS.items()},
     _BEGUN + "mixed": (begun_with_gesture(mixed_with_gestures), GESTURE_S + 120.0),
 }
-"""The gesture alone, and two minutes of each session after it, after each loss of sight again."""
+"""The gesture alone, and each session for two minutes after it; mixed makes it again after each time off the skin."""
 ALL: Mapping[str, tuple[Program, float]] = {**PROGRAMS, **GESTURED}
 
 

@@ -3,8 +3,8 @@
 A probe that is held still shows nothing of its calibration. But while the tracker has the marker body where it was, and
 the picture has the tissue where it was, the body sits on the probe as it did, and the picture is as large and as much
 mirrored as it was. Both are held against one picture, the anchor, for all of the rest, so that a slip is seen however
-slow it is. Where the tissue moves under the probe, as a patient breathes, any two pictures do that show it where it
-was.
+slow it is. Where the tissue moves under the probe, as a patient breathes, those pictures count that show it where it
+was in the anchor.
 
 A rest tells that nothing has changed from its first picture to its last. So it counts for what was shown as it began,
 and no later one does: whatever was between the two, nobody saw. A late tracker shows nothing of it at rest, and spoils
@@ -32,16 +32,16 @@ _IN_PLACE = 0.1
 """Of the same limits, within which the picture is where it was: if the tracker has left twice in a row, they have
 parted. More takes a late tracker in a quick motion for that, less misses a slip under a hand's tremor."""
 _ALIKE = 0.9
-"""Likeness to the anchor, that bounds what the picture does not show as a way: .46 mm out of the plane (mathematics,
-section 6), or 1.9° of tilt over a picture of 50 mm. Less bounds it worse, more loses a hand's tremor. Tissue without
-speckle bounds less; not measured."""
+"""Likeness to the anchor, that bounds what the picture does not show as a way: .46 mm out of the plane, as
+`appliance.core.detectors.marker_slip` reckons it, or 1.9° of tilt over a picture of 50 mm. Less bounds it worse, more
+loses a hand's tremor. Tissue without speckle bounds less; not measured."""
 _SAME_MM = 1e-9
 """Within which two poses are one reading: interpolated between two equal readings they differ by rounding."""
 _EVERY_NS = 150_000_000
 """Between two comparisons with the anchor: each costs a registration. Longer misses the moments at which a tremor
 passes the place of the anchor."""
 _LASTS_NS = 1_000_000_000
-"""For which the probe rests still after the tracker had it there: a tremor goes to and fro within it. An anchor costs a
+"""How long a rest outlasts the last pose near the anchor: a tremor goes to and fro within it. An anchor costs a
 keyframe: once a second while the probe moves."""
 _FOUND_NS, _LOST_NS = 2_000_000_000, 15_000_000_000
 """After which another anchor is taken where no picture is like it, though the tracker has the probe there: before it
@@ -131,7 +131,7 @@ class Rest:
             self._begin(t_ns, pose, pictures)
 
     def since(self, t_ns: int, *, lasting: bool = False) -> int:
-        """For how long nothing has changed since t_ns, ns, by the rest that went on then, or the first that began soon
+        """For how long, ns, nothing has changed since t_ns, by the rest that was on then or the first that began soon
         after; `Limits.at_rest_s` at most. 0 where tracker and picture had parted in between. lasting: 0 also once that
         rest is over.
         """
@@ -144,7 +144,7 @@ class Rest:
 
     @property
     def rests(self) -> tuple[tuple[int, int], ...]:
-        """First and last picture of each rest that is remembered, ns."""
+        """First and last picture of each rest that is remembered, ns; the last may not be long enough yet to be one."""
         return tuple((span.start_ns, span.end_ns) for span in self._spans)
 
     @property

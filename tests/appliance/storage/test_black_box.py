@@ -91,12 +91,21 @@ def test_everything_comes_back_bit_for_bit_and_in_order(tmp_path: Path) -> None:
 
 @given(st.floats(), st.floats(), st.integers(0, 2**63 - 1), st.text(max_size=20))
 def test_any_verdict_comes_back(value: float, sigma: float, t_ns: int, reason: str) -> None:
-    check = replace(CHECK, value=value, sigma=sigma, shown_ns=t_ns)
+    check = replace(CHECK, value=value, sigma=sigma, shown_ns=t_ns, rested_ns=t_ns // 3)
     verdict = replace(VERDICT, t_ns=t_ns, checks=(check,), reason=reason)
     topic, fields = fields_of(verdict)
     back = item_of(topic, json.loads(json.dumps(fields)))
     assert isinstance(back, Verdict)
     assert json.dumps(verdict_fields(back)) == json.dumps(fields)
+    assert back.checks[0].rested_ns == t_ns // 3
+
+
+def test_a_check_of_a_file_from_before_rests_were_told_has_none() -> None:
+    topic, fields = fields_of(replace(VERDICT, checks=(CHECK,)))
+    del fields["checks"][0]["rested_ns"]
+    back = item_of(topic, fields)
+    assert isinstance(back, Verdict)
+    assert back.checks[0].rested_ns == 0
 
 
 @pytest.mark.thorough

@@ -144,6 +144,45 @@ def test_renewing_before_any_picture_changes_nothing() -> None:
     assert not tracker.settled
 
 
+def test_the_anchor_outlives_keyframes_and_chains() -> None:
+    """Held against the anchor, the picture is where it truly went, whatever was renewed or lost in between."""
+    seen = world()
+    tracker, end = practised(seen), moved(HOME, SMALL, (12, 6), 1.0)
+    tracker.step(seen.frame_at(HOME, 1), 1)
+    tracker.take_anchor()
+    way = along((12, 6), 1.0, frames=4)
+    for k, pose in enumerate(way):
+        tracked = tracker.step(seen.frame_at(pose, 10 + k), 10 + k)
+        tracker.renew_keyframe()
+    found = tracker.against_anchor()
+    assert found is not None
+    assert rms_px((found.u_px, found.alpha_rad), true_motion(HOME, end, SMALL), SMALL) <= 0.15
+    elsewhere = moved(HOME, SMALL, elevation_mm=5.0)
+    assert tracker.step(seen.frame_at(elsewhere, 20), 20).chain == tracked.chain + 1
+    assert tracker.against_anchor() is None, "not alike"
+    tracker.step(seen.frame_at(HOME, 21), 21)
+    back = tracker.against_anchor()
+    assert back is not None
+    assert rms_px((back.u_px, back.alpha_rad), (np.zeros(2), 0.0), SMALL) <= 0.15
+
+
+def test_without_an_anchor_there_is_nothing_to_compare() -> None:
+    seen = world()
+    tracker = RealTimeTracker(aspect(SMALL))
+    tracker.take_anchor()
+    assert tracker.against_anchor() is None, "no picture yet"
+    tracker = practised(seen)
+    tracker.step(BLACK, 1)
+    tracker.take_anchor()
+    assert tracker.against_anchor() is None, "an anchor without structure"
+    tracker.step(seen.frame_at(HOME, 2), 2)
+    tracker.take_anchor()
+    assert tracker.against_anchor() is not None
+    tracker.restart()
+    tracker.step(seen.frame_at(HOME, 3), 3)
+    assert tracker.against_anchor() is None, "forgotten"
+
+
 @pytest.mark.parametrize("size", [(40, 320), (320, 240), (20, 20), (480, 640)])
 def test_a_picture_of_another_size_is_refused(size: tuple[int, int]) -> None:
     tracker = practised(world())

@@ -140,10 +140,10 @@ def test_a_probe_16_s_at_rest_is_told_as_carried_whatever_the_windows_say() -> N
 @pytest.mark.thorough
 def test_ages_are_those_of_the_motion_and_the_contact_opens_with_the_first_that_is_missing() -> None:
     for look in between(RESTS_S, GOES_ON_S):
-        at_rest_s = look.t_s - RESTS_S
+        still_s = look.t_s - RESTS_S
         for name, one in look.each.items():
             age_s = look.of(name)["shown_age_s"]
-            assert age_s is None or age_s >= at_rest_s - 0.1, "no motion since"
+            assert age_s is None or age_s >= still_s - 0.1, "no motion since"
             if one is not Shown.MISSING:
                 assert age_s <= AGES_NS[name] / 1e9
             assert look.of(name)["shown"] == one.value

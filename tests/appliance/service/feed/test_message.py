@@ -60,7 +60,7 @@ def test_a_picture_comes_back_with_its_size_before_it_was_reduced() -> None:
 
 @given(st.lists(ANY, min_size=3, max_size=3), st.one_of(st.none(), NS), st.one_of(st.none(), NS))
 def test_a_verdict_comes_back_bit_for_bit(numbers, shown_ns, verified_ns) -> None:
-    check = Check("scale-lateral", Fault.SCALE, *numbers[:2], "%", numbers[2], VerdictKind.NOT_VERIFIED, shown_ns)
+    check = Check("scale-lateral", Fault.SCALE, *numbers[:2], "%", numbers[2], VerdictKind.NOT_VERIFIED, shown_ns, 7)
     verdict = Verdict(5, VerdictKind.FAULT, (check, check), Fault.POLARITY, "gespiegelt: ±", verified_ns, shown_ns)
     found = again(message.judged(2, verdict))
     assert isinstance(found, Judged)
