@@ -8,6 +8,7 @@ from appliance.core.path.latency import Latency
 from appliance.core.path.solver import Solution
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, Fault, VerdictKind
+from drivers.rigid import Array
 
 FINDS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
 
@@ -16,7 +17,7 @@ _LEAST_AGREEMENT = 0.9
 concludes nothing from short or noisy motion. Not measured.
 """
 
-_FIRST_SCALE = PARAMETERS.index("scale-lateral")
+_SCALES = slice(PARAMETERS.index("scale-lateral"), PARAMETERS.index("scale-axial") + 1)
 _LEAST_TRAVEL_MM = 1.0
 """Of the probe along an axis, below which nothing is concluded of its scale: skin drags along with the probe, which no
 simulation here shows. A hand that holds still covers .8 mm axially, a fan 1.2 mm (seed 1 of `probewatch study`).
@@ -30,6 +31,12 @@ def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check
     concluded from it.
     """
     return tuple(_parameter(index, solution, limits) for index in range(len(PARAMETERS)))
+
+
+def dragged(travel_mm: Array) -> frozenset[str]:
+    """Names of the scales along axes of which the probe covered too little. travel_mm: (2,) lateral and axial."""
+    ways = zip(PARAMETERS[_SCALES], travel_mm, strict=True)
+    return frozenset(name for name, way_mm in ways if way_mm < _LEAST_TRAVEL_MM)
 
 
 def trusted(solution: Solution) -> bool:
@@ -69,8 +76,7 @@ def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
         return Check(name, fault, nan, nan, unit, limit, VerdictKind.NOT_VERIFIED)
     value = float(solution.change[index]) * factor
     sigma = hypot(sqrt(float(solution.covariance[index, index])) * factor, quantity.left_out)
-    dragged = fault is Fault.SCALE and solution.travel_mm[index - _FIRST_SCALE] < _LEAST_TRAVEL_MM
-    if dragged or not solution.calibration.observed[index]:
+    if name in dragged(solution.travel_mm) or not solution.calibration.observed[index]:
         return Check(name, fault, nan, sigma, unit, limit, VerdictKind.NOT_VERIFIED)
     shown_ns = int(solution.shown_ns[index])
     check = Check(name, fault, value, sigma, unit, limit, VerdictKind.NOT_VERIFIED, shown_ns)

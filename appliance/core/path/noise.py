@@ -119,6 +119,10 @@ class Blocks:
     def __len__(self) -> int:
         return int(self.t_s.size)
 
+    def last(self, n: int) -> "Blocks":
+        """Of the path, not of its pictures: `starts` counts from the first picture of all."""
+        return Blocks(self.t_s[-n:], self.chain[-n:], self.count[-n:], self.starts[-n:])
+
     def means(self, columns: Array) -> Array:
         """(…, n) of pictures → (…, m) of blocks."""
         return np.asarray(np.add.reduceat(columns, self.starts, axis=-1) / self.count)

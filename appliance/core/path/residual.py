@@ -114,6 +114,13 @@ class PathResidual:
         path = (1 + theta[SCALE]) @ self._positions[0][12:14]
         return np.stack([path.real, path.imag])
 
+    def travel_mm(self, n: int) -> Array:
+        """(2,) way that the probe covered laterally and axially over the last n blocks, but for its widest 5 %."""
+        at_reference = np.zeros(9)
+        predicted = (self.seen(at_reference) - self.linear(at_reference)[:2, VALUE])[:, -n:]
+        places = self.blocks.last(n).without_offsets(predicted)
+        return np.asarray(np.diff(np.quantile(places, [0.025, 0.975], axis=1), axis=0)[0])
+
     def _path(self, steps: Array | ComplexArray) -> Array | ComplexArray:
         """(…, n) steps → (…, m) path within each chain, but for an offset of its own."""
         return self.blocks.means(np.cumsum(steps * self._samples.continues, axis=-1))

@@ -424,13 +424,8 @@ class _Problem:
             self._shown_ns(covariance @ J),
             noise,
             (_huber_cost(self._whitened(self._linear(theta))[VALUE]) + volume) / len(self.residual),
-            self._travel_mm(),
+            self.residual.travel_mm(len(self.residual.blocks)),
         )
-
-    def _travel_mm(self) -> Array:
-        predicted = self.residual.seen(np.zeros(9)) - self._at_reference[[LATERAL, AXIAL], VALUE]
-        places = self.residual.blocks.without_offsets(predicted)
-        return np.asarray(np.diff(np.quantile(places, [0.025, 0.975], axis=1), axis=0)[0])
 
     def _observed(self, covariance: Array, hidden: list[int]) -> tuple[bool, ...]:
         """Where the motion, not the prior, tells: within half the prior's sd and what a check could still use."""

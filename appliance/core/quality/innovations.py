@@ -39,6 +39,10 @@ class Innovations:
         """Stamp of the first of the last n blocks."""
         return self._samples.stamp_ns(float(self._residual.blocks.t_s[-n]))
 
+    def travel_mm(self, n: int) -> Array:
+        """(2,) as of `PathResidual`."""
+        return self._residual.travel_mm(n)
+
     def score(self, n: int) -> float:
         """By how much the last n blocks would rather have another calibration than the reference, to first order."""
         white = self.at_reference(n)

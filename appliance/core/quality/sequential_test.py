@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from appliance.core.detectors.calibration_change import dragged
 from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, limit_of_each
 from appliance.core.path.noise import AXIAL, BREATHING, LATERAL, Noise
 from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU
@@ -57,7 +58,8 @@ class Accusation:
     limits, below _WORTH_NATS to first order. checks: none below WITHDRAWN_NATS, which accuses of nothing; FAULTs of
     the parameters that are surely beyond, where one class explains it; else the parameter that is farthest beyond,
     NOT_VERIFIED, of each class that is as likely, the likeliest first. rivals: those classes, where there are two or
-    more and the likeliest explains it.
+    more and the likeliest explains it. A scale of which the probe has covered too little is neither named nor a rival:
+    skin drags along with the probe.
     """
 
     since_ns: int
@@ -167,12 +169,14 @@ class _Trial:
         explains = self._spread_of(first) < _MOST_SPREAD
         named = explains and len(rivals) == 1 and self._beyond(first) >= NAMED_NATS
         own = _checks(first, ahead[0], limits, lag_s, self._spread) if named else []
-        beyond = [replace(check, verdict=VerdictKind.FAULT) for check in own if _surely(check, limits)]
+        little = dragged(self._rows.travel_mm(self.n))
+        beyond = [check for check in own if _surely(check, limits) and check.name not in little]
         if beyond:
-            return Accusation(since_ns, self.nats, tuple(beyond))
+            return Accusation(since_ns, self.nats, tuple(replace(c, verdict=VerdictKind.FAULT) for c in beyond))
         each = (_checks(fits[fault], fault, limits, lag_s, self._spread) for fault in rivals)
         worst = tuple(max(checks, key=lambda check: check.ratio) for checks in each)
-        as_likely = tuple(Rival(check, behind[check.fault]) for check in worst) if explains and len(worst) > 1 else ()
+        told = explains and len(worst) > 1 and not any(check.name in little for check in worst)
+        as_likely = tuple(Rival(check, behind[check.fault]) for check in worst) if told else ()
         return Accusation(since_ns, self.nats, worst, as_likely)
 
     def _alone(self, own: slice) -> Fit:

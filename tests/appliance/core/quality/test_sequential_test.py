@@ -1,5 +1,6 @@
 """The sequential test against a solver, an optimiser and a promise that are not its own."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -103,6 +104,27 @@ def test_noise_that_is_heavier_and_more_alike_than_told_accuses_nobody(seed: int
     heavy = random.standard_t(3, (302, 2)) * 2.0
     alike_px = (heavy[2:] + heavy[1:-1] + heavy[:-2]) / 3
     assert accused(pushed(filled(tilting_path, 10.0, seed), np.zeros(2), alike_px)) is None
+
+
+def swayed(size_mm: float) -> Callable[[Array], Array]:
+    """To and fro along both axes of the picture, twice `size_mm` from end to end, and turned a little."""
+
+    def path(t_s: Array) -> Array:
+        centre = size_mm * np.stack([np.sin(7 * t_s), np.sin(5 * t_s + 1), 0 * t_s], axis=1)
+        return rigid(rotation_from_vector(np.stack([0 * t_s, 0 * t_s, 0.02 * np.sin(4 * t_s)], axis=1)), centre)
+
+    return path
+
+
+@pytest.mark.parametrize(("size_mm", "names"), [(0.45, frozenset[str]()), (0.6, frozenset({"scale-axial"}))])
+def test_a_scale_that_skin_may_feign_is_a_sign_and_no_name(size_mm: float, names: frozenset[str]) -> None:
+    """Skin drags along with a probe that hardly moves: nothing is concluded of a scale from less than 1 mm."""
+    wrong = replace(TRUTH, scale_mm_per_px=TRUTH.scale_mm_per_px * [1, 1.5])
+    quiet = known(0.02, 0.001)
+    found = accused(filled(swayed(size_mm), 10.0, 3, position_mm=0.02, angle_deg=0.001, truth=wrong), quiet)
+    assert found is not None
+    assert found.nats > NAMED_NATS
+    assert (found.named, [check.name for check in found.checks], found.rivals) == (names, ["scale-axial"], ())
 
 
 def test_a_body_that_creeps_is_not_called_a_scale() -> None:
