@@ -216,13 +216,16 @@ class Log(_Section):
 
 
 def _bounded_ages(config: "Config") -> "Config":
-    """No parameter's own age may be longer than the supervisor grants to any; a default gives way."""
+    """No age, and no rest, may be longer than the supervisor grants to any parameter; a default gives way."""
     most_s = config.supervisor.max_verification_age_s
-    required = config.limits.required_age_s
+    limits, required = config.limits, config.limits.required_age_s
     stated = {check_name(field) for field in required.model_fields_set}
-    for name, age_s in required.ages_s.items():
-        if name in stated and age_s is not None and age_s > most_s:
-            what = f"[limits.required_age_s] {name} = {age_s:g} is longer than [supervisor] max_verification_age_s"
+    ages_s = {f"[limits.required_age_s] {name}": age_s for name, age_s in required.ages_s.items() if name in stated}
+    if "at_rest_s" in limits.model_fields_set:
+        ages_s["[limits] at_rest_s"] = limits.at_rest_s
+    for key, age_s in ages_s.items():
+        if age_s is not None and age_s > most_s:
+            what = f"{key} = {age_s:g} is longer than [supervisor] max_verification_age_s"
             raise _refused(f"{what} = {most_s:g}, which bounds them all. Raise that one, or shorten this")
     return config
 

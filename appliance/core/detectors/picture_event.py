@@ -34,8 +34,8 @@ _SHADE_PX = 5.0
 """Sigma of what counts as shade, px of the small picture: wider than its speckle. More lets a bright half match any."""
 _LEAST_LIKENESS, _BETTER_BY = 0.55, 0.25
 """Correlation of the changed picture, and how much more than that of the unchanged one, also where a fast hand moved
-it. Less explains a new scene as a flip or zoom; more misses those with an overlay. A mirrored picture comes to .92
-where the unchanged has .02 (mathematics, section 5).
+it. Less explains a new scene as a flip or zoom; more misses those with an overlay. In a prototype, not here, a
+mirrored picture came to .92 where the unchanged had .02.
 """
 _SLACK_PX = 3
 """px of the small picture by which the hand may go elsewhere than it went last: 12 px of 640. More tries more places by

@@ -21,8 +21,8 @@ from appliance.types import Calibration
 from drivers.rigid import Array, vector_from_rotation
 
 _STEP_S = 0.7
-"""Long steps drown least in tracker noise, which these forms do not model (mathematics, section 3); longer ones are
-fewer, and leave the chain of keyframes more often. Not varied by itself.
+"""Long steps drown least in tracker noise, which these forms do not model; longer ones are fewer, and leave the chain
+of keyframes more often. Not varied by itself.
 """
 _BLOCK_S = 1.4
 """What is left out at once: two steps, so that blocks hardly share motion. Longer leaves fewer to tell the spread."""

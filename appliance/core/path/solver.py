@@ -41,7 +41,7 @@ _ITERATIONS = 4
 """Most Gauss–Newton steps of the last round; near the reference a step of less than 1e-6 mostly ends it sooner."""
 _HUBER = 2.0
 """Standard deviations from which an innovation counts less. More lets outliers draw X, less wastes good pictures; heavy
-tails break the promised false alarms without it (mathematics, section 5; tests/appliance/core/path/test_solver.py).
+tails break the promised false alarms without it (tests/appliance/core/path/test_solver.py).
 """
 _HUBER_SHARE = 0.954
 """What the weights leave of the mean square of unit normal innovations: the probability of one within `_HUBER`."""

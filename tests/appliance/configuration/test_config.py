@@ -103,6 +103,8 @@ def test_the_supervisors_bound_shortens_every_default_and_refuses_what_is_stated
     assert {*load_config(written(tmp_path, text)).required_ages_ns.values()} == {20 * 10**9}
     message = refusal(tmp_path, text + "[limits.required_age_s]\noffset-axial = 21\n")
     assert "offset-axial = 21 is longer than [supervisor] max_verification_age_s = 20" in message
+    message = refusal(tmp_path, text + "[limits]\nat_rest_s = 21\n")
+    assert "[limits] at_rest_s = 21 is longer than [supervisor] max_verification_age_s = 20" in message
 
 
 def test_the_commented_way_to_ask_for_less_is_valid_and_leaves_the_offsets_out(tmp_path: Path) -> None:

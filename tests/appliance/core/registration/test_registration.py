@@ -96,6 +96,19 @@ def test_one_registration_of_a_turn(turn_deg: float) -> None:
     assert found.alpha_rad == pytest.approx(np.deg2rad(-turn_deg), abs=2e-4)
 
 
+@pytest.mark.parametrize(
+    ("out_mm", "least", "most"), [(0.2, 0.93, 0.97), (0.33, 0.87, 0.92), (0.5, 0.79, 0.86), (1.0, 0.58, 0.68)]
+)
+def test_likeness_falls_with_the_way_out_of_the_plane(out_mm: float, least: float, most: float) -> None:
+    """What the rest, the motion analyser and the slip watch take from it; exp(−d²/2) is .88 at .5 mm, .61 at 1 mm."""
+    found = []
+    for seed in range(1, 6):
+        seen = world(seed)
+        home, away = (levels(seen, moved(HOME, SMALL, elevation_mm=mm), n) for n, mm in enumerate((0.0, out_mm)))
+        found.append(Keyframe(home, aspect(SMALL), learnt_mask(seen).mask).register(away).correlation)
+    assert least <= np.median(found) <= most
+
+
 def test_words_all_over_the_picture_hold_the_registration_back_unless_they_are_masked() -> None:
     seen = world(1, SMALL, overlay=False)
     later = moved(HOME, SMALL, (2, 0))
