@@ -43,10 +43,12 @@ passes the place of the anchor."""
 _LASTS_NS = 1_000_000_000
 """How long a rest outlasts the last pose near the anchor: a tremor goes to and fro within it. An anchor costs a
 keyframe: once a second while the probe moves."""
-_FOUND_NS, _LOST_NS = 2_000_000_000, 15_000_000_000
+_FOUND_NS, _LOST_NS = 6_000_000_000, 15_000_000_000
 """After which another anchor is taken where no picture is like it, though the tracker has the probe there: before it
-was a rest, as that picture may have been of the last motion, and after that, four breaths, as not each is as deep.
-Longer begins no rest where the tissue lies otherwise for good."""
+was a rest, a breath of ten a minute, as tissue that passes the place of the anchor comes back with the next breath; and
+after that, four breaths, as not each is as deep. Longer begins no rest where the tissue lies otherwise for good, or the
+anchor is of the last motion; 2 s began one within a second of the hand's rest in 3 of 16 breathing sessions, 6 s in 15,
+chosen on eight of them (`probewatch study`, gesture-hold, seeds 1 to 16)."""
 _STIRS, _STIRRED_MM, _STIRS_MEAN = 1 / 3, 0.3, 20
 """Share of what the tracker moves by in the plane from comparison to comparison, root of the mean square, that the
 picture must move by, once the tracker moves by more than this; and comparisons in the mean, 3 s. A hand's tremor stirs

@@ -173,6 +173,18 @@ def test_between_breaths_that_bring_the_tissue_back_it_rests() -> None:
     assert scene.rested_s() == pytest.approx(38, abs=5)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9])
+@pytest.mark.parametrize("breath_s", [3.0, 5.0])
+def test_the_first_anchor_waits_for_the_breath_that_brings_its_tissue_back(breath_s: float, share: float) -> None:
+    """Wherever in the breath it was taken: a rest that begins breaths later counts for nothing that a gesture showed."""
+    scene = Scene()
+    for number in range(15 * FPS):
+        breath = np.pi * (share + number / FPS / breath_s)
+        scene.picture(tissue=np.array([0.0, 4 * np.sin(breath) ** 2, 0.0]))
+    assert scene.pictures.anchors == 1
+    assert scene.rested_s() == pytest.approx(15, abs=breath_s)
+
+
 def test_a_tracker_that_repeats_itself_shows_no_rest() -> None:
     scene = Scene()
     for _ in range(FPS):
