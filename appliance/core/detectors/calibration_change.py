@@ -5,6 +5,7 @@ from math import hypot, nan, sqrt
 
 from appliance.core.parameters import CLASSES, QUANTITIES
 from appliance.core.path.latency import Latency
+from appliance.core.path.residual import LEAST_TRAVEL_MM
 from appliance.core.path.solver import Solution
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, Fault, VerdictKind
@@ -18,10 +19,6 @@ concludes nothing from short or noisy motion. Not measured.
 """
 
 _SCALES = slice(PARAMETERS.index("scale-lateral"), PARAMETERS.index("scale-axial") + 1)
-_LEAST_TRAVEL_MM = 1.0
-"""Of the probe along an axis, below which nothing is concluded of its scale: skin drags along with the probe, which no
-simulation here shows. A hand that holds still covers .8 mm axially, a fan 1.2 mm (seed 1 of `probewatch study`).
-"""
 
 
 def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check, ...]:
@@ -36,7 +33,7 @@ def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check
 def dragged(travel_mm: Array) -> frozenset[str]:
     """Names of the scales along axes of which the probe covered too little. travel_mm: (2,) lateral and axial."""
     ways = zip(PARAMETERS[_SCALES], travel_mm, strict=True)
-    return frozenset(name for name, way_mm in ways if way_mm < _LEAST_TRAVEL_MM)
+    return frozenset(name for name, way_mm in ways if way_mm < LEAST_TRAVEL_MM)
 
 
 def trusted(solution: Solution) -> bool:

@@ -22,6 +22,10 @@ _OF_X = np.array([0, 1, 2, 5, 6, 7, VALUE])
 _OF_REST = np.zeros((10, 4))
 """Coefficients of the two measured axes, of the rate and of the measured turn, but for their values."""
 _OF_REST[[3, 4, TAU], [0, 1, 2]] = 1.0, 1.0, -1.0
+LEAST_TRAVEL_MM = 1.0
+"""Of the probe along an axis, below which nothing is concluded of its scale: skin drags along with the probe, which no
+simulation here shows. A hand that holds still covers .8 mm axially, a fan 1.2 mm (seed 1 of `probewatch study`).
+"""
 
 Columns = list[Array | ComplexArray]
 

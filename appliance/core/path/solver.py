@@ -26,7 +26,7 @@ from appliance.core.path.noise import (
     LearnedNoise,
     Noise,
 )
-from appliance.core.path.residual import ROTATION, SCALE, TAU, VALUE, PathResidual
+from appliance.core.path.residual import LEAST_TRAVEL_MM, ROTATION, SCALE, TAU, VALUE, PathResidual
 from appliance.core.path.samples import PathSamples
 from appliance.core.spread_work import RESIDUAL, ROUND, Work, whole
 from appliance.types import Calibration
@@ -76,6 +76,12 @@ upside down since drew it by six sigmas once in eight.
 _BREATH_ROUNDS, _BREATH_ROUNDS_ON, _MOST_BREATH_ROUNDS = 10, 3, 16
 """Least and most of estimate, noise and breaths by turns, the least as `_ROUNDS`: after 5, sigma of a sweep was 1.4
 times that after 10, which 20 did not lessen much (in-plane, one seed).
+"""
+_HELD_SCALE = 0.01
+"""Relative standard deviation of a scale along an axis on which the probe covered less than `LEAST_TRAVEL_MM`. Nothing
+is concluded of it; left free, breathing draws it to −90 %, so that the noise is learned too small and everything else
+is told with too small a sigma: a held probe was named `rotation` by 9° (gesture-hold, breathing, seed 5). More gives
+way to breathing, less changed nothing.
 """
 _SETTLED = 0.001
 """Change of the scales in one round from which they have settled: a fifth of their sigma in a lively sweep. Breaths
@@ -219,6 +225,7 @@ class _Problem:
     ) -> None:
         self._reference, self._prior, self._samples, self.residual = reference, prior, samples, residual
         self._at_reference = residual.linear(np.zeros(9))
+        self._travel_mm = residual.travel_mm(len(residual.blocks))
         self._known = np.diag(1 / self._prior_sd() ** 2)
         self._spread = 1.0
         self._tissue_out = np.zeros(2, dtype=np.bool_)
@@ -401,7 +408,8 @@ class _Problem:
 
     def _prior_sd(self) -> Array:
         p = self._prior
-        return np.array([p.tilt_rad] * 2 + [p.rotation_rad] + [p.scale] * 2 + [p.offset_mm] * 3 + [p.latency_s])
+        scales = np.where(self._travel_mm < LEAST_TRAVEL_MM, min(_HELD_SCALE, p.scale), p.scale)
+        return np.array([p.tilt_rad] * 2 + [p.rotation_rad, *scales] + [p.offset_mm] * 3 + [p.latency_s])
 
     def _shown_ns(self, influence: Array) -> NDArray[np.int64]:
         """influence: (9, rows · m) of each innovation on θ; its squares add up to the variance of θ."""
@@ -424,7 +432,7 @@ class _Problem:
             self._shown_ns(covariance @ J),
             noise,
             (_huber_cost(self._whitened(self._linear(theta))[VALUE]) + volume) / len(self.residual),
-            self.residual.travel_mm(len(self.residual.blocks)),
+            self._travel_mm,
         )
 
     def _observed(self, covariance: Array, hidden: list[int]) -> tuple[bool, ...]:

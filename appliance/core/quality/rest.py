@@ -49,6 +49,10 @@ was a rest, a breath of ten a minute, as tissue that passes the place of the anc
 after that, four breaths, as not each is as deep. Longer begins no rest where the tissue lies otherwise for good, or the
 anchor is of the last motion; 2 s began one within a second of the hand's rest in 3 of 16 breathing sessions, 6 s in 15,
 chosen on eight of them (`probewatch study`, gesture-hold, seeds 1 to 16)."""
+_BLIND_NS = 1_000_000_000
+"""For how long, before the tracker leaves, no picture was like the anchor: then the picture could not tell a hand that
+went on from a marker body that slipped, and they count as parted. Shorter does so where a hand turns back in a gesture,
+longer lets a slip soon after the hand's rest pass for the hand's (tests/appliance/core/quality/test_rest.py)."""
 _STIRS, _STIRRED_MM, _STIRS_MEAN = 1 / 3, 0.3, 20
 """Share of what the tracker moves by in the plane from comparison to comparison, root of the mean square, that the
 picture must move by, once the tracker moves by more than this; and comparisons in the mean, 3 s. A hand's tremor stirs
@@ -128,8 +132,10 @@ class Rest:
         if t_ns - self._compared_ns >= _EVERY_NS:
             self._compared_ns = t_ns
             self._compare(t_ns, probe, pictures)
-        lost_ns = _LOST_NS if self._spans[-1].lasted else _FOUND_NS
-        if not self._lasts or t_ns - self._spans[-1].end_ns > lost_ns:
+        last = self._spans[-1]
+        if not self._lasts and self._still_ns - last.end_ns > _BLIND_NS:
+            self._parted_ns = t_ns
+        if not self._lasts or t_ns - last.end_ns > (_LOST_NS if last.lasted else _FOUND_NS):
             self._begin(t_ns, pose, pictures)
 
     def since(self, t_ns: int, *, lasting: bool = False) -> int:

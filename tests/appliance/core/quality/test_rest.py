@@ -185,6 +185,23 @@ def test_the_first_anchor_waits_for_the_breath_that_brings_its_tissue_back(breat
     assert scene.rested_s() == pytest.approx(15, abs=breath_s)
 
 
+@pytest.mark.parametrize("slips_s", [1.5, 2.5, 3.5, 5.0])
+@pytest.mark.parametrize("lasts_s", [0.1, 1.0])
+@pytest.mark.parametrize("axis", [0, 1, 2, 5])
+def test_a_slip_while_no_picture_is_like_the_anchor_is_no_hand_that_moved(
+    axis: int, lasts_s: float, slips_s: float
+) -> None:
+    """The hand settles .7 mm out of the plane of the first anchor; then the body slips by twice its limit."""
+    scene, limit = Scene(), LIMITS.offset_mm if axis < 3 else LIMITS.rotation_deg
+    for number in range(60 * FPS):
+        t_s = number / FPS
+        away = six({2: 0.0 if t_s < 0.3 else 0.7})
+        slip = six({axis: 2 * limit * np.clip((t_s - slips_s) / lasts_s, 0, 1)})
+        like = 0.85 if scene.pictures.anchors == 1 and t_s >= 0.3 else 0.97
+        scene.picture(away + slip, likeness=like)
+    assert scene.rested_s() <= slips_s
+
+
 def test_a_tracker_that_repeats_itself_shows_no_rest() -> None:
     scene = Scene()
     for _ in range(FPS):
