@@ -106,11 +106,11 @@ def test_noise_that_is_heavier_and_more_alike_than_told_accuses_nobody(seed: int
     assert accused(pushed(filled(tilting_path, 10.0, seed), np.zeros(2), alike_px)) is None
 
 
-def swayed(size_mm: float) -> Callable[[Array], Array]:
-    """To and fro along both axes of the picture, twice `size_mm` from end to end, and turned a little."""
+def swayed(axial_mm: float, lateral_mm: float = 0.6) -> Callable[[Array], Array]:
+    """To and fro along both axes of the picture, twice these from end to end, and turned a little."""
 
     def path(t_s: Array) -> Array:
-        centre = size_mm * np.stack([np.sin(7 * t_s), np.sin(5 * t_s + 1), 0 * t_s], axis=1)
+        centre = np.stack([lateral_mm * np.sin(7 * t_s), axial_mm * np.sin(5 * t_s + 1), 0 * t_s], axis=1)
         return rigid(rotation_from_vector(np.stack([0 * t_s, 0 * t_s, 0.02 * np.sin(4 * t_s)], axis=1)), centre)
 
     return path
@@ -125,6 +125,15 @@ def test_a_scale_that_skin_may_feign_is_a_sign_and_no_name(size_mm: float, names
     assert found is not None
     assert found.nats > NAMED_NATS
     assert (found.named, [check.name for check in found.checks], found.rivals) == (names, ["scale-axial"], ())
+
+
+def test_a_scale_that_skin_may_feign_stays_a_sign_beside_one_that_is_named() -> None:
+    wrong = replace(TRUTH, scale_mm_per_px=TRUTH.scale_mm_per_px * [1.3, 1.5])
+    path = swayed(0.45, lateral_mm=6.0)
+    found = accused(filled(path, 10.0, 3, position_mm=0.02, angle_deg=0.001, truth=wrong), known(0.02, 0.001))
+    assert found is not None
+    assert found.named == {"scale-lateral"}
+    assert {check.name for check in found.checks} == {"scale-lateral", "scale-axial"}
 
 
 def test_a_body_that_creeps_is_not_called_a_scale() -> None:
