@@ -20,8 +20,8 @@ only name it; no estimate depends on them.
 """
 _OUT_MM, _ALIKE = 0.25, 0.95
 """RMS way out of the plane, mm, and correlation beyond which a motion is called out-of-plane, which keeps its keyframe
-for longer. Speckle correlates by .95 at 0.2 mm (tests/appliance/core/registration/test_registration.py); sooner, tracker
-noise would tell.
+for longer. Speckle correlates by .95 at 0.2 mm (tests/appliance/core/registration/test_registration.py); sooner,
+tracker noise would tell.
 """
 _FAST_PX = 40.0
 """Between two pictures. Further steps were not tried: 40 px are registered within .05 px

@@ -33,8 +33,8 @@ _IN_PLACE = 0.1
 parted. More takes a late tracker in a quick motion for that, less misses a slip under a hand's tremor."""
 _ALIKE = 0.9
 """Likeness to the anchor, that bounds what the picture does not show as a way: .46 mm out of the plane, as
-`appliance.core.detectors.marker_slip` reckons it, .33 mm on the simulator, or 1.9° of tilt over a picture of 50 mm. Less bounds it worse, more
-loses a hand's tremor. Tissue without speckle bounds less; not measured."""
+`appliance.core.detectors.marker_slip` reckons it, .33 mm on the simulator, or 1.9° of tilt over a picture of 50 mm.
+Less bounds it worse, more loses a hand's tremor. Tissue without speckle bounds less; not measured."""
 _SAME_MM = 1e-9
 """Within which two poses are one reading: interpolated between two equal readings they differ by rounding."""
 _EVERY_NS = 150_000_000

@@ -176,7 +176,7 @@ def test_between_breaths_that_bring_the_tissue_back_it_rests() -> None:
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9])
 @pytest.mark.parametrize("breath_s", [3.0, 5.0])
 def test_the_first_anchor_waits_for_the_breath_that_brings_its_tissue_back(breath_s: float, share: float) -> None:
-    """Wherever in the breath it was taken: a rest that begins breaths later counts for nothing that a gesture showed."""
+    """Wherever in the breath it was taken: a rest that begins later counts for nothing that was shown before."""
     scene = Scene()
     for number in range(15 * FPS):
         breath = np.pi * (share + number / FPS / breath_s)
