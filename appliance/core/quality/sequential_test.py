@@ -172,8 +172,8 @@ class _Trial:
         little = dragged(self._rows.travel_mm(self.n))
         beyond = [check for check in own if _surely(check, limits)]
         if any(check.name not in little for check in beyond):
-            told = (one if one.name in little else replace(one, verdict=VerdictKind.FAULT) for one in beyond)
-            return Accusation(since_ns, self.nats, tuple(told))
+            faults = (one if one.name in little else replace(one, verdict=VerdictKind.FAULT) for one in beyond)
+            return Accusation(since_ns, self.nats, tuple(faults))
         each = (_checks(fits[fault], fault, limits, lag_s, self._spread) for fault in rivals)
         worst = tuple(max(checks, key=lambda check: check.ratio) for checks in each)
         told = explains and len(worst) > 1 and not any(check.name in little for check in worst)
