@@ -43,12 +43,12 @@ passes the place of the anchor."""
 _LASTS_NS = 1_000_000_000
 """How long a rest outlasts the last pose near the anchor: a tremor goes to and fro within it. An anchor costs a
 keyframe: once a second while the probe moves."""
-_FOUND_NS, _LOST_NS = 6_000_000_000, 15_000_000_000
-"""After which another anchor is taken where no picture is like it, though the tracker has the probe there: before it
-was a rest, a breath of ten a minute, as tissue that passes the place of the anchor comes back with the next breath; and
-after that, four breaths, as not each is as deep. Longer begins no rest where the tissue lies otherwise for good, or the
-anchor is of the last motion; 2 s began one within a second of the hand's rest in 3 of 16 breathing sessions, 6 s in 15,
-chosen on eight of them (`probewatch study`, gesture-hold, seeds 1 to 16)."""
+_AGAIN_NS, _BREATH_NS, _LOST_NS = 2_000_000_000, 6_000_000_000, 15_000_000_000
+"""After which another anchor is taken where no picture is like it, though the tracker has the probe there. Before it
+was a rest: soon, as that picture may have been of the last motion; but where the picture shows the tissue elsewhere, a
+breath of ten a minute, as it comes back with the next. After that, four breaths, as not each is as deep. Longer begins
+no rest where the tissue lies otherwise for good. 2 s for all began a rest within a second of the hand's in 3 of 16
+breathing sessions, 6 s in 15, chosen on eight of them (`probewatch study`, gesture-hold, seeds 1 to 16)."""
 _BLIND_NS = 1_000_000_000
 """For how long, before the tracker leaves, no picture was like the anchor: then the picture could not tell a hand that
 went on from a marker body that slipped, and they count as parted. Shorter does so where a hand turns back in a gesture,
@@ -104,7 +104,7 @@ class Rest:
         self._spans: deque[_Span] = deque(maxlen=_MOST_RESTS)
         self._anchor: Matrix4 | None = None
         self._pose: Matrix4 | None = None
-        self._parting = False
+        self._parting = self._elsewhere = False
         self._before: tuple[Array, Array] | None = None
         self._stirred, self._stirs = np.zeros(2), 0
         self._now_ns = self._still_ns = self._compared_ns = self._parted_ns = 0
@@ -132,10 +132,12 @@ class Rest:
         if t_ns - self._compared_ns >= _EVERY_NS:
             self._compared_ns = t_ns
             self._compare(t_ns, probe, pictures)
-        last = self._spans[-1]
-        if not self._lasts and self._still_ns - last.end_ns > _BLIND_NS:
-            self._parted_ns = t_ns
-        if not self._lasts or t_ns - last.end_ns > (_LOST_NS if last.lasted else _FOUND_NS):
+        end_ns = self._spans[-1].end_ns
+        if not self._lasts:
+            if self._still_ns - end_ns > _BLIND_NS:
+                self._parted_ns = t_ns
+            self._begin(t_ns, pose, pictures)
+        elif self._still_ns == t_ns and t_ns - end_ns > self._patience_ns:
             self._begin(t_ns, pose, pictures)
 
     def since(self, t_ns: int, *, lasting: bool = False) -> int:
@@ -156,6 +158,13 @@ class Rest:
         return tuple((span.start_ns, span.end_ns) for span in self._spans)
 
     @property
+    def _patience_ns(self) -> int:
+        """How long the anchor waits for a picture like it."""
+        if self._spans[-1].lasted:
+            return _LOST_NS
+        return _BREATH_NS if self._elsewhere else _AGAIN_NS
+
+    @property
     def _lasts(self) -> bool:
         """Whether the probe is where the anchor is, by the tracker."""
         return self._anchor is not None and self._now_ns - self._still_ns <= _LASTS_NS
@@ -163,7 +172,7 @@ class Rest:
     def _begin(self, t_ns: int, pose: Matrix4, pictures: Pictures) -> None:
         """Another rest, if it is to be one; the one before has ended with its last picture."""
         pictures.take_anchor()
-        self._anchor, self._before, self._stirs = pose, None, 0
+        self._anchor, self._before, self._stirs, self._elsewhere = pose, None, 0, False
         self._still_ns = self._compared_ns = t_ns
         if self._spans and not self._spans[-1].lasted:
             self._spans.pop()
@@ -173,9 +182,12 @@ class Rest:
         """What cannot be compared, NaN among it, shows no rest."""
         found = pictures.against_anchor()
         parting, self._parting = self._parting, False
-        if found is None or not found.correlation >= _ALIKE:
+        if found is None:
             return
         apart = self._apart(found, probe)
+        self._elsewhere |= not _within(apart[[0, 1, 5]], _MOST)
+        if not found.correlation >= _ALIKE:
+            return
         if not _within(probe, _MOST):
             self._parting = _within((probe - apart)[[0, 1, 5]], _IN_PLACE)
             if self._parting and parting:

@@ -202,6 +202,15 @@ def test_a_slip_while_no_picture_is_like_the_anchor_is_no_hand_that_moved(
     assert scene.rested_s() <= slips_s
 
 
+def test_an_anchor_of_the_last_motion_is_given_up_soon_where_the_tissue_is_still() -> None:
+    """In place, and not like it: no breath will bring that picture back."""
+    scene = Scene()
+    for _ in range(15 * FPS):
+        scene.picture(likeness=0.89 if scene.pictures.anchors == 1 and scene.count > 1 else 0.97)
+    assert scene.pictures.anchors == 2
+    assert scene.rested_s() == pytest.approx(13, abs=0.5)
+
+
 def test_a_tracker_that_repeats_itself_shows_no_rest() -> None:
     scene = Scene()
     for _ in range(FPS):
