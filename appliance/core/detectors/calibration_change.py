@@ -5,7 +5,7 @@ from math import hypot, nan, sqrt
 
 from appliance.core.parameters import CLASSES, QUANTITIES
 from appliance.core.path.latency import Latency
-from appliance.core.path.residual import LEAST_TRAVEL_MM
+from appliance.core.path.residual import LEAST_TRAVEL_MM, SCALE
 from appliance.core.path.solver import Solution
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, Fault, VerdictKind
@@ -17,8 +17,6 @@ _LEAST_AGREEMENT = 0.9
 """Correlation of measured and predicted motion. Less trusts X where a tracker is late or a picture badly followed; more
 concludes nothing from short or noisy motion. Not measured.
 """
-
-_SCALES = slice(PARAMETERS.index("scale-lateral"), PARAMETERS.index("scale-axial") + 1)
 
 
 def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check, ...]:
@@ -32,7 +30,7 @@ def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check
 
 def dragged(travel_mm: Array) -> frozenset[str]:
     """Names of the scales along axes of which the probe covered too little. travel_mm: (2,) lateral and axial."""
-    ways = zip(PARAMETERS[_SCALES], travel_mm, strict=True)
+    ways = zip(PARAMETERS[SCALE], travel_mm, strict=True)
     return frozenset(name for name, way_mm in ways if way_mm < LEAST_TRAVEL_MM)
 
 

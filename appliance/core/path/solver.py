@@ -80,8 +80,9 @@ times that after 10, which 20 did not lessen much (in-plane, one seed).
 _HELD_SCALE = 0.01
 """Relative standard deviation of a scale along an axis on which the probe covered less than `LEAST_TRAVEL_MM`. Nothing
 is concluded of it; left free, breathing draws it to −90 %, so that the noise is learned too small and everything else
-is told with too small a sigma: a held probe was named `rotation` by 9° (gesture-hold, breathing, seed 5). More gives
-way to breathing, less changed nothing.
+is told with too small a sigma: a held probe was named `rotation` by 9° (gesture-hold, breathing, seed 5). At .1 it
+is drawn as well, .03 to .001 give the same (a probe held over breaths, eight seeds of
+tests/appliance/core/path/test_breaths.py).
 """
 _SETTLED = 0.001
 """Change of the scales in one round from which they have settled: a fifth of their sigma in a lively sweep. Breaths
