@@ -141,6 +141,7 @@ class Fault(StrEnum):
     OFFSET = "offset", Kind.CALIBRATION
     LATENCY = "latency", Kind.CALIBRATION
     POSE_CONVENTION = "pose-convention", Kind.CALIBRATION
+    EXCHANGED_PROBE = "exchanged-probe", Kind.CALIBRATION
     UNDECIDED = "undecided", Kind.CALIBRATION
     AGREEMENT = "agreement", Kind.ADVISORY
     FROZEN_VIDEO = "frozen-video", Kind.DEVICE

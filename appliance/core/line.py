@@ -8,6 +8,7 @@ from appliance.core.acquisition.pairing import Pairing, Unpaired
 from appliance.core.acquisition.stamp_gate import Passage, StampGate
 from appliance.core.detectors.depth_ruler import DepthRuler
 from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.exchanged_probe import ExchangedProbe
 from appliance.core.detectors.frozen_tracker import FrozenTracker
 from appliance.core.detectors.frozen_video import FrozenVideo
 from appliance.core.detectors.marker_slip import MarkerSlip
@@ -98,6 +99,7 @@ class Line:
             NoPicture(),
             FrozenTracker(stale_ns),
             PoseConvention(lambda: self._evidence.explanation),
+            ExchangedProbe(lambda: self._evidence.finding, limits.confidence_sigma),
         )
         self._judgement = Judgement(limits.required_age_s.names)
         self._known_poses: tuple[tuple[int, Matrix4], ...] = ()

@@ -103,6 +103,11 @@ HAZARDS: dict[Fault, Hazard] = {
     ),
     Fault.LATENCY: Hazard("Tracker and picture are out of step", "Check frame rate; set latency_ms as proposed"),
     Fault.POSE_CONVENTION: Hazard("Tracker's axes do not fit", "Check the tool file and the tracker's export"),
+    Fault.EXCHANGED_PROBE: Hazard(
+        "Another probe than calibrated",
+        "Use the calibrated probe, or load this one's calibration",
+        "Use the calibrated probe, or calibrate this one",
+    ),
     Fault.UNDECIDED: Hazard(
         "Something is wrong, not yet clear what",
         "Make the motion that shows which of the two it is",

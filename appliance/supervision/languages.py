@@ -45,6 +45,11 @@ GERMAN = {
     "Check frame rate; set latency_ms as proposed": "Bildrate prüfen; latency_ms wie vorgeschlagen setzen",
     "Tracker's axes do not fit": "Achsen des Trackers passen nicht",
     "Check the tool file and the tracker's export": "Werkzeugdatei und Export des Trackers prüfen",
+    "Another probe than calibrated": "Andere Sonde als kalibriert",
+    "Use the calibrated probe, or load this one's calibration": (
+        "Kalibrierte Sonde nehmen oder Kalibrierung dieser Sonde laden"
+    ),
+    "Use the calibrated probe, or calibrate this one": "Kalibrierte Sonde nehmen oder diese kalibrieren",
     "Something is wrong, not yet clear what": "Falsch, noch unklar was",
     "Make the motion that shows which of the two it is": "Die Bewegung machen, die zeigt, welches von beiden es ist",
     "Picture is frozen": "Bild ist eingefroren",
@@ -178,6 +183,7 @@ GERMAN = {
     "axis-mirrored": "Achse gespiegelt",
     "turns-inverted": "Drehungen umgekehrt",
     "quaternion-order": "Quaternion verdreht",
+    "exchanged-probe": "Andere Sonde",
     "marker-turn": "Marker verdreht",
     "marker-shift": "Marker verschoben",
     "marker-elevational": "Marker elevational",

@@ -118,6 +118,7 @@ POLICY: Mapping[Fault, Policy] = {
     Fault.OFFSET: OFFSET,
     Fault.LATENCY: PLAIN,
     Fault.POSE_CONVENTION: GROSS,
+    Fault.EXCHANGED_PROBE: SCALE,
     Fault.UNDECIDED: PLAIN,
     Fault.AGREEMENT: ADVISORY,
     Fault.FROZEN_VIDEO: DEVICE,

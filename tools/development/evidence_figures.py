@@ -12,10 +12,11 @@ from statistics import median
 
 import numpy as np
 
+from appliance.core.parameters import MEASURED
 from tools.study.bound import least_delay_s
 from tools.study.hazard import HIDDEN_S, ONSET_S, Hazard, Manner
 from tools.study.session import FPS, Session, Tissue
-from tools.study.summary import Row, Share, number
+from tools.study.summary import Row, Share, number, truth_of
 
 SOON_S = 10.0
 """Within which nearly every fault ought to be named, where the motion shows it."""
@@ -43,10 +44,21 @@ class Origin:
 
 
 @dataclass(frozen=True)
+class Score:
+    """Of (value − truth) ÷ sigma at the looks of all runs: root of the mean square, and largest size. ratio: of sigma
+    at the end to the least that half a minute of the motion allows, median; None where that is not known.
+    """
+
+    rms: float
+    worst: float
+    ratio: float | None
+
+
+@dataclass(frozen=True)
 class Healthy:
     """closed: share of each run with the contact closed, in order; first_s: until it closed first, of those that did.
     faulted, warnings, halts: runs with a FAULT, and how often the states began. nats: of each run that kept it, as of
-    `Outcome`, in order.
+    `Outcome`, in order. scores: name of a check → `Score`; without those that were never measured.
     """
 
     origin: Origin
@@ -58,6 +70,7 @@ class Healthy:
     warnings: int
     halts: int
     nats: list[float] = field(default_factory=list)
+    scores: dict[str, Score] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -114,7 +127,9 @@ class Figures:
     def parse(cls, plain: dict[str, list[dict[str, object]]]) -> "Figures":
         """The other way round. Raises KeyError and TypeError for something else."""
         healthy, found = ([one | {"origin": Origin(**one["origin"])} for one in plain[k]] for k in ("healthy", "found"))  # type: ignore[arg-type]
-        return cls([Healthy(**one) for one in healthy], [Found(**one) for one in found])  # type: ignore[arg-type]
+        scores = [{name: Score(**score) for name, score in one.get("scores", {}).items()} for one in healthy]  # type: ignore[attr-defined]
+        scored = [one | {"scores": own} for one, own in zip(healthy, scores, strict=True)]
+        return cls([Healthy(**one) for one in scored], [Found(**one) for one in found])  # type: ignore[arg-type]
 
 
 def figures(rows: Sequence[Row]) -> Figures:
@@ -163,7 +178,16 @@ def _healthy(rows: list[Row]) -> Healthy:
         warnings=sum(int(row["warnings"]) for row in rows),
         halts=sum(int(row["halts"]) for row in rows),
         nats=_known(rows, "nats"),
+        scores={name: score for name in MEASURED if (score := _score(rows, name)) is not None},
     )
+
+
+def _score(rows: list[Row], name: str) -> Score | None:
+    """Of a check that was measured at all."""
+    truth = truth_of(name, rows)
+    if not isfinite(truth.rms):
+        return None
+    return Score(round(truth.rms, 3), round(truth.worst, 2), round(truth.ratio, 2) if isfinite(truth.ratio) else None)
 
 
 def _found(rows: list[Row]) -> Found:

@@ -9,6 +9,7 @@ from statistics import mean, median, stdev
 
 from scipy.stats import t as student
 
+from appliance.core.parameters import MEASURED
 from appliance.core.quality.sequential_test import WITHDRAWN_NATS
 from appliance.limits import NAMED_NATS
 from appliance.types import Fault
@@ -104,6 +105,7 @@ def _coverage(healthy: list[Healthy]) -> str:
             *_ORIGIN,
         )
         lines += table(head, [_coverage_row(one) for one in some])
+    lines += _scores(healthy)
     hours = sum(one.hours for one in healthy)
     lines += [f"{sum(one.runs for one in healthy)} runs, {hours:.2f} h.", *_note()]
     return "\n".join(lines)
@@ -132,6 +134,32 @@ def _coverage_row(one: Healthy) -> Sequence[str]:
         first,
         *_origin(one.origin),
     )
+
+
+_SCORES = """## Is the stated sigma honest?
+
+(value − truth) ÷ sigma of every check, looked at once a second: root of the mean square, and the largest of all in
+brackets. 1 is honest; less, and the instrument knows more than it says. After it, sigma at the end ÷ the least that
+half a minute of this motion allows (Cramér and Rao). The sigmas are those that decide, with what the model leaves out,
+which does not become less with motion: where motion shows much, the ratio is large and the score small. Looks of one
+window share its motion, and few seeds leave a value uncertain by a fifth and more.
+"""
+
+
+def _scores(healthy: list[Healthy]) -> list[str]:
+    scored = [one for one in healthy if one.scores]
+    rows = [
+        (f"{one.origin.session}, {one.origin.tissue}", one.origin.asked, *(_score(one, name) for name in MEASURED))
+        for one in scored
+    ]
+    return [_SCORES, *table(("session, tissue", "asked", *MEASURED), rows)] if rows else []
+
+
+def _score(one: Healthy, name: str) -> str:
+    score = one.scores.get(name)
+    if score is None:
+        return "–"
+    return f"{score.rms:.2f} ({score.worst:.1f})" + (f", {score.ratio:.1f}" if score.ratio is not None else "")
 
 
 def _mean(shares: list[float]) -> str:

@@ -45,14 +45,19 @@ _CONVENTIONS: Mapping[str, Callable[[Array], Array]] = {
     "poses-inverted": inverse,
     "axes-swapped": lambda poses: poses @ np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1.0]]),
 }
-KINDS = ("none", *_BODY, *_SCALES, *_FLIPS, "latency", *_CONVENTIONS)
-_PLAIN = frozenset({"none", *_FLIPS, *_CONVENTIONS})
+_EXCHANGED = np.array([*np.deg2rad([12.0, -20.0, 15.0]), -0.20, -0.15, 15.0, -10.0, 20.0, 0.0])
+"""Of a probe of another kind with a body of its own: turned, deg, of other scales, and offset, mm. Not measured; a
+reference that is farther off than the solver reaches is named as nothing within it would be."""
+_EXCHANGE = "exchanged-probe"
+KINDS = ("none", *_BODY, *_SCALES, *_FLIPS, "latency", _EXCHANGE, *_CONVENTIONS)
+_PLAIN = frozenset({"none", *_FLIPS, _EXCHANGE, *_CONVENTIONS})
 """Those that have no size."""
 FAULTS: Mapping[str, Fault] = {
     **{kind: Fault.ROTATION if unit == "deg" else Fault.OFFSET for kind, (_, unit) in _BODY.items()},
     **dict.fromkeys(_SCALES, Fault.SCALE),
     **dict.fromkeys(_FLIPS, Fault.POLARITY),
     "latency": Fault.LATENCY,
+    _EXCHANGE: Fault.EXCHANGED_PROBE,
     **dict.fromkeys(_CONVENTIONS, Fault.POSE_CONVENTION),
 }
 """Kind → class under which it ought to be named."""
@@ -121,9 +126,18 @@ class Hazard:
             change[:, row] = self.share(t_s) * (np.deg2rad(self.size) if unit == "deg" else self.size)
         elif self.kind in _SCALES:
             change[:, list(_SCALES[self.kind])] = self.share(t_s)[:, None] * self.size / 100
+        elif self.kind == _EXCHANGE:
+            change = self.share(t_s)[:, None] * _EXCHANGED
         elif self.kind == "latency":
             change[:, 8] = self.share(t_s) * self.size / 1000
         return change
+
+    def _scales(self, share: float) -> Array:
+        """(2,) relative change of the lateral and axial scale."""
+        if self.kind == _EXCHANGE:
+            return np.asarray(share * _EXCHANGED[3:5])
+        changed = [row in _SCALES.get(self.kind, ()) for row in (3, 4)]
+        return share * self.size / 100 * np.array(changed, dtype=float)
 
     def body(self, reference: Calibration, t_s: Array) -> Array:
         """(n, 4, 4) sensor → picture as it truly is."""
@@ -141,11 +155,12 @@ class Hazard:
         if self.kind in _FLIPS:
             lateral, axial = _FLIPS[self.kind]
             return np.ascontiguousarray(image[::axial, ::lateral])
-        if self.kind not in _SCALES:
+        scales = self._scales(share)
+        if not np.any(scales):
             return image
-        factors = [1 / (1 + share * self.size / 100) if row in _SCALES[self.kind] else 1.0 for row in (3, 4)]
+        factors = 1 / (1 + scales)
         middle = (np.array(image.shape[::-1]) - 1) / 2
-        warp = np.column_stack([np.diag(factors), middle * (1 - np.array(factors))])
+        warp = np.column_stack([np.diag(factors), middle * (1 - factors)])
         return np.asarray(cv2.warpAffine(image, warp, image.shape[::-1], flags=cv2.INTER_LINEAR), np.uint8)
 
 
@@ -161,6 +176,7 @@ STANDARD = tuple(
           for manner in Manner),
         *(f"{kind}@{manner}" for kind in _FLIPS for manner in (Manner.START, Manner.SUDDEN, Manner.UNSEEN)),
         *(f"latency={size}@{manner}" for size in (80, -120, 450) for manner in Manner),
+        *(f"{_EXCHANGE}@{manner}" for manner in (Manner.START, Manner.UNSEEN)),
         *(f"{kind}@start" for kind in _CONVENTIONS),
     )
 )  # fmt: skip

@@ -129,11 +129,12 @@ def _coverage(place: tuple[str, str, str, str], rows: list[Row]) -> Coverage:
         closed=tuple(number(row, "closed") for row in rows),
         closed_s=middle(number(row, "closed_s") for row in rows),
         faulted=Share(sum(bool(row["faults"]) for row in rows), len(rows)),
-        scores={name: _truth(name, rows) for name in MEASURED},
+        scores={name: truth_of(name, rows) for name in MEASURED},
     )
 
 
-def _truth(name: str, rows: list[Row]) -> Truth:
+def truth_of(name: str, rows: Sequence[Row]) -> Truth:
+    """Of a check in these runs; NaN where it was never measured."""
     looks = sum(number(row, f"{name} looks") for row in rows)
     squares = sum(number(row, f"{name} squares") for row in rows)
     return Truth(

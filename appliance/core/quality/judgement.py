@@ -16,8 +16,15 @@ _LASTING_NS = 1_000_000_000
 """For which a fault must last to name a whole recording. Less lets a passing sign name it, more hides short faults. The
 alarm of a cart does not wait for it.
 """
-_FIRST = (Fault.FROZEN_VIDEO, Fault.TRACKER_STALE, Fault.POSE_CONVENTION, Fault.POLARITY, Fault.LATENCY)
-"""Faults that spoil everything measured after them, in the order in which they are named."""
+_FIRST = (
+    Fault.FROZEN_VIDEO,
+    Fault.TRACKER_STALE,
+    Fault.POSE_CONVENTION,
+    Fault.POLARITY,
+    Fault.LATENCY,
+    Fault.EXCHANGED_PROBE,
+)
+"""Faults that spoil or explain everything measured after them, in the order in which they are named."""
 
 
 def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing) -> Verdict:

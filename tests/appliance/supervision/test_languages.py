@@ -73,6 +73,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
         "no-picture",
         "user-freeze",
         "undecided",
+        "exchanged-probe",
         *WRONG,
     }
     assert len(reasons) == 13

@@ -108,6 +108,7 @@ def test_the_supervisor_takes_each_step_at_its_time_and_no_other(
         (Fault.OFFSET, "marker-elevational", State.RECALIBRATION_REQUESTED),
         (Fault.LATENCY, "latency", State.HALT),
         (Fault.POSE_CONVENTION, "axes-swapped", State.HALT),
+        (Fault.EXCHANGED_PROBE, "exchanged-probe", State.RECALIBRATION_REQUESTED),
         (Fault.UNDECIDED, "undecided", State.HALT),
     ],
 )

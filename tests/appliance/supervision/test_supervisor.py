@@ -757,10 +757,10 @@ def test_only_latched_states_come_back() -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in HAZARDS if name.kind is Kind.CALIBRATION])
-def test_every_calibration_class_halts_and_a_scale_asks_for_recalibration(name: str) -> None:
+def test_every_calibration_class_halts_and_what_needs_a_phantom_asks_for_recalibration(name: str) -> None:
     room = room_in(State.MONITORING)
     seen = [room.fault(S_NS // 10, name) for _ in range(40)]
-    assert [state for state, _ in itertools.groupby(seen)] == [W, H, *[Q] * (name == "scale")]
+    assert [state for state, _ in itertools.groupby(seen)] == [W, H, *[Q] * (name in ("scale", "exchanged-probe"))]
     assert room.alarm.fault == name
 
 

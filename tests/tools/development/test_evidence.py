@@ -10,7 +10,7 @@ from drivers.errors import ConfigurationError
 from tests.tools.study.test_summary import row
 from tools.development import evidence
 from tools.development.evidence import PLANS, coverage_plan, full_plan, main, short_plan
-from tools.development.evidence_figures import Figures, figures
+from tools.development.evidence_figures import Figures, Score, figures
 from tools.development.evidence_pages import pages
 from tools.study.hand import PROGRAMS
 from tools.study.hazard import FAULTS
@@ -95,6 +95,22 @@ def test_figures_from_before_the_ratio_was_kept_are_read() -> None:
     for one in (*plain["healthy"], *plain["found"]):  # type: ignore[misc]
         del one["nats"]
     assert Figures.parse(plain).healthy[0].nats == []  # type: ignore[arg-type]
+
+
+def test_scores_are_of_all_looks_of_all_runs() -> None:
+    looks = [("4", "1", "0.9", ".1"), ("12", "15", "3.2", ".05"), ("0", "0", "0", ""), ("0", "0", "0", "")]
+    rows = [
+        row | dict(zip((f"latency {one}" for one in ("looks", "squares", "worst", "bound")), cells, strict=True))
+        for row, cells in zip(ROWS[:4], looks, strict=True)
+    ]
+    now = figures(rows)
+    assert now.healthy[0].scores["latency"] == Score(1.0, 3.2, 3.0)
+    text = next(text for path, text in pages(now).items() if path.name == "coverage.md")
+    assert "| 2.00 (4.0), 2.0 | 1.00 (3.2), 3.0 |" in text
+    never = figures([row | {"latency looks": "0", "latency squares": "0"} for row in ROWS[:4]])
+    assert "latency" not in never.healthy[0].scores
+    for one in (now, never):
+        assert Figures.parse(one.plain()) == one
 
 
 def test_pages_of_nothing_say_so() -> None:

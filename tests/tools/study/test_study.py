@@ -240,3 +240,13 @@ def test_a_study_from_the_command_line_is_taken_up_again(tmp_path):
 def test_tasks_give_rows_with_the_names_of_their_runs(motions):
     (row,) = Task((Conditions(SHORT),), motions).rows()
     assert (row["session"], row["tissue"], row["duration_s"], row["hazard"]) == ("in-plane", "still", "10", "none")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [1, 2])
+def test_another_probe_is_named_first_and_never_ok(seed):
+    gesture = Session("gesture", "still", seed, 8.0)
+    told = run(Conditions(gesture, Hazard.parse("exchanged-probe@start")), rendered(gesture, None))
+    assert told.faults.split()[0] == "exchanged-probe"
+    assert told.fault_s < 8
+    assert (told.ok, told.closed) == (0.0, 0.0)

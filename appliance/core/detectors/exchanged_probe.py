@@ -1,0 +1,69 @@
+"""Sees that probe and marker body are not the pair that the calibration is of: body and picture are wrong at once.
+
+A clamp that gives way turns and slides the body and leaves the picture as it is; a new depth leaves the body. Where
+rotation, offset and scale are all beyond their limits, it is the likeliest that another probe is held, that the body
+sits on another probe, or that the file is another probe's.
+"""
+
+from collections.abc import Callable
+
+from appliance.core.detectors.detector import Detector
+from appliance.core.quality.examination import Finding
+from appliance.types import Check, Fault, VerdictKind
+
+FINDS = (Fault.EXCHANGED_PROBE,)
+
+_CLASSES = (Fault.ROTATION, Fault.OFFSET, Fault.SCALE)
+"""All three: rotation and offset alone is what a bent clamp does."""
+_PUNCTUAL = ("latency",)
+"""Must be shown to be in order: what is measured with a late tracker is no calibration. The polarity need not: far from
+the reference it is rarely decided, and a mirrored picture is named before this."""
+_AT_ONCE = 2.0
+"""Limits beyond which one finding is enough. More has the body named first, less lets one bad window name a probe.
+"""
+
+
+class ExchangedProbe(Detector):
+    """Two findings in a row must say so. It never says OK.
+
+    found: the latest finding. confidence_sigma: as in Limits.
+    """
+
+    def __init__(self, found: Callable[[], Finding], confidence_sigma: float) -> None:
+        self._found, self._confidence_sigma = found, confidence_sigma
+        self._before = self._beyond = 0.0
+
+    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+        """See Detector: of another probe none of the classes is right. It comes with every solution, so each is looked
+        at here.
+        """
+        if any(shows(fault) for fault in _CLASSES):
+            self._before = self._beyond = 0.0
+        else:
+            self._note(self._found())
+
+    def checks(self) -> tuple[Check, ...]:
+        """How far the class that is nearest to its limit is beyond it, in limits; none before it is known."""
+        if not self._beyond:
+            return ()
+        return (Check("exchanged-probe", Fault.EXCHANGED_PROBE, self._beyond, 0.0, "×", 1.0, VerdictKind.FAULT),)
+
+    def _note(self, found: Finding) -> None:
+        if found.solution is None:
+            return
+        beyond = self._least_beyond(found)
+        if beyond >= _AT_ONCE or (beyond > 1 and self._before > 1):
+            self._beyond = beyond
+        self._before = beyond
+
+    def _least_beyond(self, found: Finding) -> float:
+        """By how many of its limits the class that is nearest to them surely is, 0 where the latency is not shown to be
+        in order.
+        """
+        if not found.shows(_PUNCTUAL):
+            return 0.0
+        return min(max(self._surely(check) for check in found.checks if check.fault is fault) for fault in _CLASSES)
+
+    def _surely(self, check: Check) -> float:
+        """In limits; 0 where it is not known."""
+        return max((abs(check.value) - self._confidence_sigma * check.sigma) / check.limit, 0.0)

@@ -1,0 +1,84 @@
+"""Another probe than the calibration's: body and picture are wrong at once, and the latency is not to blame."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+
+from appliance.core.detectors.exchanged_probe import ExchangedProbe
+from appliance.core.parameters import CLASSES, MEASURED, QUANTITIES
+from appliance.core.quality.examination import Finding
+from appliance.limits import Limits
+from appliance.types import Check, Fault, VerdictKind
+from tests.support.motions import TRUTH
+
+LIMITS = Limits()
+EXCHANGED = {"rotation-axial": -20.0, "offset-elevational": 15.0, "scale-lateral": -20.0}
+
+
+def finding(values: Mapping[str, float], late: VerdictKind = VerdictKind.OK) -> Finding:
+    """Of a window that measures each parameter with a sigma of a tenth of its limit, and these to be so."""
+    checks = []
+    for name, fault in zip(MEASURED, CLASSES, strict=True):
+        quantity = QUANTITIES[fault]
+        limit = quantity.limit(LIMITS)
+        value = values.get(name, 0.0)
+        kind = late if name == "latency" else VerdictKind.NOT_VERIFIED
+        checks.append(Check(name, fault, value, limit / 10, quantity.unit, limit, kind))
+    return Finding(tuple(checks), TRUTH)  # type: ignore[arg-type]  # any solution: it is only asked whether there is one
+
+
+def told(*found: Finding) -> list[bool]:
+    """Whether it is named after each."""
+    latest, said = [Finding(())], []
+    detector = ExchangedProbe(lambda: latest[0], LIMITS.confidence_sigma)
+    for one in found:
+        latest[0] = one
+        detector.forgive(lambda fault: False, 0)
+        said.append(bool(detector.checks()))
+    return said
+
+
+def test_body_and_picture_that_are_far_off_are_another_probe_at_once() -> None:
+    latest = finding(EXCHANGED)
+    detector = ExchangedProbe(lambda: latest, LIMITS.confidence_sigma)
+    assert detector.checks() == ()
+    detector.forgive(lambda fault: False, 0)
+    (check,) = detector.checks()
+    assert (check.fault, check.verdict, check.limit) == (Fault.EXCHANGED_PROBE, VerdictKind.FAULT, 1.0)
+    assert check.value == pytest.approx(15 / 4 - 0.3)
+
+
+def test_just_beyond_the_limits_it_takes_two_findings_in_a_row() -> None:
+    near = finding({"rotation-lateral": 5.0, "offset-axial": -6.0, "scale-axial": 8.0})
+    assert told(near) == [False]
+    assert told(near, near) == [False, True]
+    assert told(near, finding({}), near) == [False, False, False]
+
+
+@pytest.mark.parametrize("left_out", EXCHANGED)
+def test_two_classes_alone_are_two_faults(left_out: str) -> None:
+    two = finding({name: value for name, value in EXCHANGED.items() if name != left_out})
+    assert told(two, two, two) == [False, False, False]
+
+
+@pytest.mark.parametrize("late", [VerdictKind.NOT_VERIFIED, VerdictKind.FAULT])
+def test_beside_a_latency_that_is_not_shown_nothing_is_another_probe(late: VerdictKind) -> None:
+    assert told(*[finding(EXCHANGED, late)] * 3) == [False, False, False]
+
+
+def test_a_window_without_a_solution_changes_nothing() -> None:
+    nothing = replace(finding(EXCHANGED), solution=None)
+    assert told(nothing, nothing) == [False, False]
+    assert told(finding(EXCHANGED), nothing) == [True, True]
+
+
+@pytest.mark.parametrize("shown", [Fault.ROTATION, Fault.OFFSET, Fault.SCALE])
+def test_it_is_withdrawn_as_soon_as_any_of_its_classes_is_shown_to_be_in_order(shown: Fault) -> None:
+    latest = finding(EXCHANGED)
+    detector = ExchangedProbe(lambda: latest, LIMITS.confidence_sigma)
+    detector.forgive(lambda fault: False, 0)
+    detector.forgive(lambda fault: fault is Fault.POLARITY, 0)
+    assert detector.checks()
+    detector.forgive(lambda fault: fault is shown, 0)
+    assert detector.checks() == ()
