@@ -45,13 +45,10 @@ class Origin:
 
 @dataclass(frozen=True)
 class Score:
-    """Of (value − truth) ÷ sigma at the looks of all runs: root of the mean square, and largest size. ratio: of sigma
-    at the end to the least that half a minute of the motion allows, median; None where that is not known.
-    """
+    """Of (value − truth) ÷ sigma at the looks of all runs: root of the mean square, and largest size."""
 
     rms: float
     worst: float
-    ratio: float | None
 
 
 @dataclass(frozen=True)
@@ -185,9 +182,7 @@ def _healthy(rows: list[Row]) -> Healthy:
 def _score(rows: list[Row], name: str) -> Score | None:
     """Of a check that was measured at all."""
     truth = truth_of(name, rows)
-    if not isfinite(truth.rms):
-        return None
-    return Score(round(truth.rms, 3), round(truth.worst, 2), round(truth.ratio, 2) if isfinite(truth.ratio) else None)
+    return Score(round(truth.rms, 3), round(truth.worst, 2)) if isfinite(truth.rms) else None
 
 
 def _found(rows: list[Row]) -> Found:

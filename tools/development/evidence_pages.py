@@ -139,10 +139,9 @@ def _coverage_row(one: Healthy) -> Sequence[str]:
 _SCORES = """## Is the stated sigma honest?
 
 (value − truth) ÷ sigma of every check, looked at once a second: root of the mean square, and the largest of all in
-brackets. 1 is honest; less, and the instrument knows more than it says. After it, sigma at the end ÷ the least that
-half a minute of this motion allows (Cramér and Rao). The sigmas are those that decide, with what the model leaves out,
-which does not become less with motion: where motion shows much, the ratio is large and the score small. Looks of one
-window share its motion, and few seeds leave a value uncertain by a fifth and more.
+brackets. 1 is honest; less, and the instrument knows more than it says. The sigmas are those that decide, with what
+the model leaves out, which does not become less with motion: where motion shows much, the scores are small. Looks of
+one window share its motion, and few seeds leave a value uncertain by a fifth and more.
 """
 
 
@@ -157,9 +156,7 @@ def _scores(healthy: list[Healthy]) -> list[str]:
 
 def _score(one: Healthy, name: str) -> str:
     score = one.scores.get(name)
-    if score is None:
-        return "–"
-    return f"{score.rms:.2f} ({score.worst:.1f})" + (f", {score.ratio:.1f}" if score.ratio is not None else "")
+    return "–" if score is None else f"{score.rms:.2f} ({score.worst:.1f})"
 
 
 def _mean(shares: list[float]) -> str:

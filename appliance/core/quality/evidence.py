@@ -8,7 +8,7 @@ from appliance.core.detectors.polarity import evident_flip
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.explanation import Explanation
 from appliance.core.path.window import PathWindow
-from appliance.core.quality.examination import Finding, examine, examine_nothing, latency_of, without
+from appliance.core.quality.examination import Finding, examine, examine_nothing, lag_known, latency_of, without
 from appliance.core.quality.examiner import BREATHED, Examiner
 from appliance.core.quality.rest import Rest
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
@@ -298,7 +298,7 @@ class Evidence:
         window = whole.since(max(self._valid_ns, now_ns - WINDOW_NS))
         noise = finding.solution.noise if learned is None else learned
         lateness = latency_of(finding)
-        lag_s = lateness.value / 1e3 if lateness.verdict is VerdictKind.OK else 0.0
+        lag_s = lateness.value / 1e3 if lag_known(lateness, self._limits) else 0.0
         found = yield from accuse(window, self._reference, self._limits, noise, lag_s, learned is not None)
         self.nats = found.nats
         if not found.checks:

@@ -100,7 +100,8 @@ def examine(
 ) -> Finding:
     """Latency from the two paths, X by maximum likelihood on the in-plane motion, polarity by likelihood.
 
-    A late tracker looks like a wrong scale: no parameter of X is at fault before the latency is known to be in order.
+    A late tracker looks like a wrong scale: no parameter of X is at fault before the latency is known to be in order,
+    or to be wrong so sharply that poses can be taken at its lag.
     start: as in `appliance.core.path.solver.solve`. about_s: latency near which it is looked for; where the fine search
     finds none there, it may be a FAULT, but no OK.
     """
@@ -135,9 +136,15 @@ def examining(
     if coarse and lateness.verdict is VerdictKind.OK:
         lateness = replace(lateness, verdict=VerdictKind.NOT_VERIFIED)
     parameters = Finding(calibration_checks(solution, limits), solution)
-    if lateness.verdict is not VerdictKind.OK:
+    if not lag_known(lateness, limits):
         parameters = without(parameters, parameters.failed)
     return Finding((polarity_check, *parameters.checks, lateness, agreement_check(solution)), solution)
+
+
+def lag_known(lateness: Check, limits: Limits) -> bool:
+    """Whether X may be judged by poses taken at that lag: it is in order, or wrong and known within half its limit."""
+    sharp = limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
+    return lateness.verdict is VerdictKind.OK or (lateness.verdict is VerdictKind.FAULT and sharp)
 
 
 def examine_nothing(limits: Limits) -> Finding:

@@ -33,9 +33,9 @@ def solved(whole: PathWindow, every: int = 20) -> Iterator[tuple[Verdict, Eviden
             yield judge(window.now_ns, evidence.checks(), evidence.standing), evidence
 
 
-def named(truth: Calibration, seconds: float = 13.0) -> tuple[set[Fault], list[Verdict]]:
+def named(truth: Calibration, seconds: float = 13.0, late_s: float = 0.0) -> tuple[set[Fault], list[Verdict]]:
     """Every class that is named, and the verdicts."""
-    verdicts = [verdict for verdict, _ in solved(filled(tilting_path, seconds, 6, truth=truth))]
+    verdicts = [verdict for verdict, _ in solved(filled(tilting_path, seconds, 6, truth=truth, late_s=late_s))]
     return {check.fault for verdict in verdicts for check in verdict.checks if check.verdict is FAULT}, verdicts
 
 
@@ -47,6 +47,27 @@ def test_each_is_named_and_nothing_else_and_never_ok() -> None:
     assert OK not in {verdict.kind for verdict in verdicts}
     assert {check.fault for check in verdicts[-1].checks if check.verdict is FAULT} == both
     assert verdicts[-1].reason.count("limit") == len(both), "each is told"
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("late_s", [0.12, -0.2])
+@pytest.mark.parametrize(
+    ("truth", "beside"),
+    [
+        (TRUTH, set()),
+        (BENT, {Fault.ROTATION}),
+        (replace(TRUTH, scale_mm_per_px=TRUTH.scale_mm_per_px * [1.1, 1]), {Fault.SCALE}),
+        (replace(TRUTH, offset_mm=TRUTH.offset_mm + np.array([8.0, 0, 0])), {Fault.OFFSET}),
+    ],
+)
+def test_beside_a_latency_that_is_known_what_else_is_wrong_is_named_and_nothing_where_nothing_is(
+    truth: Calibration, beside: set[Fault], late_s: float
+) -> None:
+    found, verdicts = named(truth, late_s=late_s)
+    assert found == {Fault.LATENCY, *beside}
+    first = next(verdict for verdict in verdicts if verdict.kind is FAULT)
+    assert first.fault is Fault.LATENCY
+    assert OK not in {verdict.kind for verdict in verdicts}
 
 
 def test_the_reason_has_a_clause_for_the_worst_of_each_class() -> None:
