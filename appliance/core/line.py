@@ -99,7 +99,7 @@ class Line:
             NoPicture(),
             FrozenTracker(stale_ns),
             PoseConvention(lambda: self._evidence.explanation),
-            ExchangedProbe(lambda: self._evidence.finding, limits.confidence_sigma),
+            ExchangedProbe(self._evidence.checks, limits.confidence_sigma),
         )
         self._judgement = Judgement(limits.required_age_s.names)
         self._known_poses: tuple[tuple[int, Matrix4], ...] = ()

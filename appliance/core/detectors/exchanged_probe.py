@@ -5,10 +5,10 @@ rotation, offset and scale are all beyond their limits, it is the likeliest that
 sits on another probe, or that the file is another probe's.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import isfinite
 
 from appliance.core.detectors.detector import Detector
-from appliance.core.quality.examination import Finding
 from appliance.types import Check, Fault, VerdictKind
 
 FINDS = (Fault.EXCHANGED_PROBE,)
@@ -19,18 +19,18 @@ _PUNCTUAL = ("latency",)
 """Must be shown to be in order: what is measured with a late tracker is no calibration. The polarity need not: far from
 the reference it is rarely decided, and a mirrored picture is named before this."""
 _AT_ONCE = 2.0
-"""Limits beyond which one finding is enough. More has the body named first, less lets one bad window name a probe.
+"""Limits beyond which one solution is enough. More has the body named first, less lets one bad window name a probe.
 """
 
 
 class ExchangedProbe(Detector):
-    """Two findings in a row must say so. It never says OK.
+    """Two solutions in a row must say so, or one that is far beyond. It never says OK.
 
-    found: the latest finding. confidence_sigma: as in Limits.
+    measured: checks of the latest solution. confidence_sigma: as in Limits.
     """
 
-    def __init__(self, found: Callable[[], Finding], confidence_sigma: float) -> None:
-        self._found, self._confidence_sigma = found, confidence_sigma
+    def __init__(self, measured: Callable[[], Sequence[Check]], confidence_sigma: float) -> None:
+        self._measured, self._confidence_sigma = measured, confidence_sigma
         self._before = self._beyond = 0.0
 
     def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
@@ -40,7 +40,7 @@ class ExchangedProbe(Detector):
         if any(shows(fault) for fault in _CLASSES):
             self._before = self._beyond = 0.0
         else:
-            self._note(self._found())
+            self._note(self._measured())
 
     def checks(self) -> tuple[Check, ...]:
         """How far the class that is nearest to its limit is beyond it, in limits; none before it is known."""
@@ -48,22 +48,24 @@ class ExchangedProbe(Detector):
             return ()
         return (Check("exchanged-probe", Fault.EXCHANGED_PROBE, self._beyond, 0.0, "×", 1.0, VerdictKind.FAULT),)
 
-    def _note(self, found: Finding) -> None:
-        if found.solution is None:
-            return
-        beyond = self._least_beyond(found)
+    def _note(self, checks: Sequence[Check]) -> None:
+        beyond = self._least_beyond(checks)
         if beyond >= _AT_ONCE or (beyond > 1 and self._before > 1):
             self._beyond = beyond
         self._before = beyond
 
-    def _least_beyond(self, found: Finding) -> float:
+    def _least_beyond(self, checks: Sequence[Check]) -> float:
         """By how many of its limits the class that is nearest to them surely is, 0 where the latency is not shown to be
         in order.
         """
-        if not found.shows(_PUNCTUAL):
+        shown = {check.name for check in checks if check.verdict is VerdictKind.OK}
+        if not shown.issuperset(_PUNCTUAL):
             return 0.0
-        return min(max(self._surely(check) for check in found.checks if check.fault is fault) for fault in _CLASSES)
+        return min(
+            max((self._surely(check) for check in checks if check.fault is fault), default=0.0) for fault in _CLASSES
+        )
 
     def _surely(self, check: Check) -> float:
         """In limits; 0 where it is not known."""
-        return max((abs(check.value) - self._confidence_sigma * check.sigma) / check.limit, 0.0)
+        sure = (abs(check.value) - self._confidence_sigma * check.sigma) / check.limit
+        return max(sure, 0.0) if isfinite(sure) else 0.0

@@ -91,11 +91,6 @@ class Evidence:
         """The latest of a motion that the reference does not explain; None where there was none since a change."""
         return self._examiner.explanation
 
-    @property
-    def finding(self) -> Finding:
-        """Of the latest solution that changed it; without one where nothing is known."""
-        return self._latest
-
     def restart(self) -> None:
         """The geometry has changed: what was measured before says nothing of what comes."""
         self._examiner.restart()
