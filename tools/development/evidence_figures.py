@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, field
 from itertools import groupby
 from math import isfinite
 from statistics import median
+from typing import Any
 
 import numpy as np
 
@@ -121,12 +122,12 @@ class Figures:
         return Figures([healthy[key] for key in sorted(healthy)], [found[key] for key in sorted(found)])
 
     @classmethod
-    def parse(cls, plain: dict[str, list[dict[str, object]]]) -> "Figures":
+    def parse(cls, plain: dict[str, list[dict[str, Any]]]) -> "Figures":
         """The other way round. Raises KeyError and TypeError for something else."""
-        healthy, found = ([one | {"origin": Origin(**one["origin"])} for one in plain[k]] for k in ("healthy", "found"))  # type: ignore[arg-type]
-        scores = [{name: Score(**score) for name, score in one.get("scores", {}).items()} for one in healthy]  # type: ignore[attr-defined]
-        scored = [one | {"scores": own} for one, own in zip(healthy, scores, strict=True)]
-        return cls([Healthy(**one) for one in scored], [Found(**one) for one in found])  # type: ignore[arg-type]
+        healthy, found = ([one | {"origin": Origin(**one["origin"])} for one in plain[k]] for k in ("healthy", "found"))
+        for one in healthy:
+            one["scores"] = {name: Score(**score) for name, score in one.get("scores", {}).items()}
+        return cls([Healthy(**one) for one in healthy], [Found(**one) for one in found])
 
 
 def figures(rows: Sequence[Row]) -> Figures:

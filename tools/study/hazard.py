@@ -46,8 +46,8 @@ _CONVENTIONS: Mapping[str, Callable[[Array], Array]] = {
     "axes-swapped": lambda poses: poses @ np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1.0]]),
 }
 _EXCHANGED = np.array([*np.deg2rad([12.0, -20.0, 15.0]), -0.20, -0.15, 15.0, -10.0, 20.0, 0.0])
-"""Of a probe of another kind with a body of its own: turned, deg, of other scales, and offset, mm. Not measured; a
-reference that is farther off than the solver reaches is named as nothing within it would be."""
+"""Change of X, rad, relative and mm, by a probe of another kind with a body of its own. No real pair was measured; what
+is farther off was not tried."""
 _EXCHANGE = "exchanged-probe"
 KINDS = ("none", *_BODY, *_SCALES, *_FLIPS, "latency", _EXCHANGE, *_CONVENTIONS)
 _PLAIN = frozenset({"none", *_FLIPS, _EXCHANGE, *_CONVENTIONS})
@@ -120,24 +120,22 @@ class Hazard:
 
     def change(self, t_s: Array) -> Array:
         """(n, 9): how the truth differs from the reference, rad, relative, mm, and the latency, s."""
-        change = np.zeros((t_s.size, 9))
+        return np.asarray(self.share(t_s)[:, None] * self._whole)
+
+    @property
+    def _whole(self) -> Array:
+        """(9,) the same once all of it is there."""
+        if self.kind == _EXCHANGE:
+            return _EXCHANGED
+        whole = np.zeros(9)
         if self.kind in _BODY:
             row, unit = _BODY[self.kind]
-            change[:, row] = self.share(t_s) * (np.deg2rad(self.size) if unit == "deg" else self.size)
+            whole[row] = np.deg2rad(self.size) if unit == "deg" else self.size
         elif self.kind in _SCALES:
-            change[:, list(_SCALES[self.kind])] = self.share(t_s)[:, None] * self.size / 100
-        elif self.kind == _EXCHANGE:
-            change = self.share(t_s)[:, None] * _EXCHANGED
+            whole[list(_SCALES[self.kind])] = self.size / 100
         elif self.kind == "latency":
-            change[:, 8] = self.share(t_s) * self.size / 1000
-        return change
-
-    def _scales(self, share: float) -> Array:
-        """(2,) relative change of the lateral and axial scale."""
-        if self.kind == _EXCHANGE:
-            return np.asarray(share * _EXCHANGED[3:5])
-        changed = [row in _SCALES.get(self.kind, ()) for row in (3, 4)]
-        return share * self.size / 100 * np.array(changed, dtype=float)
+            whole[8] = self.size / 1000
+        return whole
 
     def body(self, reference: Calibration, t_s: Array) -> Array:
         """(n, 4, 4) sensor → picture as it truly is."""
@@ -155,7 +153,7 @@ class Hazard:
         if self.kind in _FLIPS:
             lateral, axial = _FLIPS[self.kind]
             return np.ascontiguousarray(image[::axial, ::lateral])
-        scales = self._scales(share)
+        scales = share * self._whole[3:5]
         if not np.any(scales):
             return image
         factors = 1 / (1 + scales)

@@ -15,9 +15,6 @@ FINDS = (Fault.EXCHANGED_PROBE,)
 
 _CLASSES = (Fault.ROTATION, Fault.OFFSET, Fault.SCALE)
 """All three: rotation and offset alone is what a bent clamp does."""
-_PUNCTUAL = frozenset({"latency"})
-"""Must be shown to be in order: what is measured with a late tracker is no calibration. The polarity need not: far from
-the reference it is rarely decided, and a mirrored picture is named before this."""
 _AT_ONCE = 2.0
 """Limits beyond which one solution is enough. More has the body named first, less lets one bad window name a probe. The
 first solution of the study's exchanged probe has 2.8 to 3.8 (gesture, five runs)."""
@@ -56,10 +53,10 @@ class ExchangedProbe(Detector):
 
     def _least_beyond(self, checks: Sequence[Check]) -> float:
         """By how many of its limits the class that is nearest to them surely is, 0 where the latency is not shown to be
-        in order.
+        in order: what is measured with a late tracker is no calibration. The polarity need not be shown: far from the
+        reference it is rarely decided, and a mirrored picture is named before this.
         """
-        shown = {check.name for check in checks if check.verdict is VerdictKind.OK}
-        if not shown >= _PUNCTUAL:
+        if not any(check.fault is Fault.LATENCY and check.verdict is VerdictKind.OK for check in checks):
             return 0.0
         return min(
             max((self._surely(check) for check in checks if check.fault is fault), default=0.0) for fault in _CLASSES
