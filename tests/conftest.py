@@ -14,6 +14,8 @@ from tests.rules import skips
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+# A container without a locale: programs that the tests start would write ASCII, as they do on such a terminal.
+os.environ.setdefault("LANG", "C.UTF-8")
 settings.load_profile("ci")
 
 
