@@ -1,6 +1,7 @@
 """The state machine for many frames, in one process or as the share of one among several."""
 
 import time
+from math import ceil
 
 import cv2
 
@@ -8,26 +9,29 @@ from tests.invariant.cart import Cart
 from tests.invariant.machine import Room, room_test
 
 _ROOMS, _STEPS = 12, 8
-"""Of one seed."""
+"""Of one seed, at most."""
 
 
 def long_run(seed: int, frames: int, stride: int = 1) -> int:
     """Every stride-th seed from `seed` on until so many frames were delivered; returns how many were. Raises what
-    breaks, with a note of the seed; the same seed fails again.
+    breaks, with a note of the seed and its rooms; the same fails again.
     """
     Room.fps = 30.0
-    first, start_s = Cart.frames, time.monotonic()
+    first, start_s, ended = Cart.frames, time.monotonic(), 0
 
     def progress() -> None:
+        nonlocal ended
+        ended += 1
         done, passed_s = Cart.frames - first, time.monotonic() - start_s
         print(f"\rseed {seed}: {done:,} of {frames:,} frames, {passed_s:.0f} s ", end="", flush=True)
 
     Room.done = staticmethod(progress)
-    while Cart.frames - first < frames:
+    while (done := Cart.frames - first) < frames:
+        rooms = min(_ROOMS, ceil((frames - done) / done * ended)) if done else _ROOMS
         try:
-            room_test(_ROOMS, _STEPS, seed)()
+            room_test(rooms, _STEPS, seed)()
         except BaseException as error:
-            error.add_note(f"seed {seed}")
+            error.add_note(f"seed {seed}, {rooms} rooms")
             raise
         print()
         seed += stride

@@ -1,8 +1,9 @@
-"""`python -m tests.rules.pythons`: the quick tests on the other supported Pythons, each in an environment of its own.
+"""`python -m tests.rules.pythons [VERSION …]`: the quick tests on other supported Pythons, on all of them where none is
+named.
 
-An interpreter that this machine has is taken: one on the path, or one of pyenv's. For the version that Debian 13 has,
-root may do without: its own Python in Debian 13's files under build/, made by mmdebstrap from the mirror that apt uses.
-What could not be had is said, and is no failure.
+Each has an environment of its own. An interpreter that this machine has is taken: one on the path, or one of pyenv's.
+For the version that Debian 13 has, root may do without: its own Python in Debian 13's files under build/, made by
+mmdebstrap from the mirror that apt uses. What could not be had is said, and is no failure.
 """
 
 import os
@@ -26,9 +27,9 @@ PLACE = ROOT / "build"
 _SHARED = ROOT.parent / "shared"
 
 
-def main() -> int:
+def main(asked: list[str]) -> int:
     here = f"3.{sys.version_info.minor}"
-    results = {version: tried(version) for version in VERSIONS if version != here}
+    results = {version: tried(version) for version in asked or VERSIONS if version != here}
     print(f"\nquick tests on Python {here}: see make test")
     for version, result in results.items():
         print(f"quick tests on Python {version}: {result or 'passed'}")
@@ -98,4 +99,4 @@ def _inside(root: Path) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))
