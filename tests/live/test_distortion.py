@@ -30,8 +30,8 @@ START_S, VERIFIED_S = 60.0, 90.0
 INDICATED_S = 3.0
 """The indicator passes its limit after 1.1 s; the median over a second of measurements, and a warning before it."""
 UNVERIFIED_S, NAMED_S = 10.0, 20.0
-DISAGREEMENT = {"scale", "rotation", "offset", "latency", "polarity"}
-"""What the two paths can be told apart by; which of them it is depends on the motion, and names no cause."""
+DISAGREEMENT = {"field-distortion", "scale", "rotation", "offset", "latency", "polarity"}
+"""What the two paths can be told apart by; which of them comes first depends on the motion."""
 
 
 class AuroraCart(Cart):

@@ -45,12 +45,13 @@ _SHORT_SIZES = (
 
 
 def short_hazards() -> tuple[Hazard, ...]:
-    """Each size in every manner that it can have, another probe, and the wrong conventions."""
+    """Each size in every manner that it can have, metal, another probe, and the wrong conventions."""
     each = [
         f"{size}@{manner}" for size in _SHORT_SIZES for manner in Manner if "=" in size or manner is not Manner.CREEPING
     ]
+    metal = "metal=6@start", "metal=6@sudden"
     others = "exchanged-probe@start", "exchanged-probe@unseen", "poses-inverted@start", "axes-swapped@start"
-    return tuple(Hazard.parse(text) for text in (*each, *others))
+    return tuple(Hazard.parse(text) for text in (*each, *metal, *others))
 
 
 def coverage_plan(seeds: int) -> list[Conditions]:

@@ -13,6 +13,7 @@ from appliance.types import Calibration, Fault
 from drivers.errors import ConfigurationError
 from drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from drivers.samples import GreyImage
+from tools.study.metal import distorted
 
 ONSET_S = 20.0
 """When what was not there from the start begins: a healthy session is verified by then, where it can be."""
@@ -48,8 +49,8 @@ _CONVENTIONS: Mapping[str, Callable[[Array], Array]] = {
 _EXCHANGED = np.array([*np.deg2rad([12.0, -20.0, 15.0]), -0.20, -0.15, 15.0, -10.0, 20.0, 0.0])
 """Change of X, rad, relative and mm, by a probe of another kind with a body of its own. No real pair was measured; what
 is farther off was not tried."""
-_EXCHANGE = "exchanged-probe"
-KINDS = ("none", *_BODY, *_SCALES, *_FLIPS, "latency", _EXCHANGE, *_CONVENTIONS)
+_EXCHANGE, _METAL = "exchanged-probe", "metal"
+KINDS = ("none", *_BODY, *_SCALES, *_FLIPS, "latency", _METAL, _EXCHANGE, *_CONVENTIONS)
 _PLAIN = frozenset({"none", *_FLIPS, _EXCHANGE, *_CONVENTIONS})
 """Those that have no size."""
 FAULTS: Mapping[str, Fault] = {
@@ -57,6 +58,7 @@ FAULTS: Mapping[str, Fault] = {
     **dict.fromkeys(_SCALES, Fault.SCALE),
     **dict.fromkeys(_FLIPS, Fault.POLARITY),
     "latency": Fault.LATENCY,
+    _METAL: Fault.FIELD_DISTORTION,
     _EXCHANGE: Fault.EXCHANGED_PROBE,
     **dict.fromkeys(_CONVENTIONS, Fault.POSE_CONVENTION),
 }
@@ -142,6 +144,10 @@ class Hazard:
         change = self.change(t_s)
         return rigid(rotation_from_vector(change[:, :3]) @ reference.rotation, reference.offset_mm + change[:, 5:8])
 
+    def measured(self, poses: Array, t_s: Array) -> Array:
+        """(n, 4, 4) as the tracker measures them at these times, but for its noise."""
+        return distorted(poses, self.size, self.share(t_s)) if self.kind == _METAL else poses
+
     def reported(self, poses: Array) -> Array:
         """(n, 4, 4) as a tracker of that convention reports them."""
         return _CONVENTIONS[self.kind](poses) if self.kind in _CONVENTIONS else poses
@@ -174,8 +180,10 @@ STANDARD = tuple(
           for manner in Manner),
         *(f"{kind}@{manner}" for kind in _FLIPS for manner in (Manner.START, Manner.SUDDEN, Manner.UNSEEN)),
         *(f"latency={size}@{manner}" for size in (80, -120, 450) for manner in Manner),
+        *(f"metal={size}@{manner}" for size in (3, 6) for manner in (Manner.START, Manner.SUDDEN)),
         *(f"{_EXCHANGE}@{manner}" for manner in (Manner.START, Manner.UNSEEN)),
         *(f"{kind}@start" for kind in _CONVENTIONS),
     )
 )  # fmt: skip
-"""`--hazards all`: each by 1.3 and 2 times its limit, one sign each, in every manner."""
+"""`--hazards all`: each by 1.3 and 2 times its limit, one sign each, in every manner; metal that displaces by 3 or 6
+mm."""

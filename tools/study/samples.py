@@ -139,7 +139,7 @@ def _poses(conditions: Conditions, t_s: Array) -> Array:
     true_s = t_s - hazard.change(t_s)[:, 8]
     random = np.random.default_rng((session.seed, 61, conditions.draw))
     turn = rotation_from_vector(np.deg2rad(tracker.noise_deg) * random.standard_normal((t_s.size, 3)))
-    poses = session.sensor(true_s, hazard.body(session.reference, t_s))
+    poses = hazard.measured(session.sensor(true_s, hazard.body(session.reference, t_s)), t_s)
     poses = poses @ rigid(turn, np.zeros((t_s.size, 3)))
     poses[:, :3, 3] += tracker.noise_mm * random.standard_normal((t_s.size, 3))
     return hazard.reported(poses)

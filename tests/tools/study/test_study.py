@@ -8,8 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from appliance.core.quality.sequential_test import WITHDRAWN_NATS
-from appliance.limits import NAMED_NATS
+from appliance.limits import NAMED_NATS, WITHDRAWN_NATS
 from appliance.storage.calibration_file import write_calibration
 from appliance.types import PARAMETERS, Calibration
 from drivers.errors import DeviceLost
@@ -20,6 +19,7 @@ from tests.support.answers import answered
 from tests.support.recordings import items
 from tools.study import workers
 from tools.study.hazard import Hazard
+from tools.study.metal import distorted
 from tools.study.outcome import run
 from tools.study.plan import Task, planned, tasks
 from tools.study.samples import KEYS, WITHOUT_OFFSETS, Conditions, rendered, samples
@@ -250,3 +250,25 @@ def test_another_probe_is_named_first_and_never_ok(seed):
     assert told.faults.split()[0] == "exchanged-probe"
     assert told.fault_s < 8
     assert (told.ok, told.closed) == (0.0, 0.0)
+
+
+@pytest.mark.thorough
+def test_metal_that_bends_the_field_is_named_and_never_ok():
+    gesture = Session("gesture", "still", 1, 15.0)
+    told = run(Conditions(gesture, Hazard.parse("metal=6@start")), rendered(gesture, None))
+    assert told.faults.split()[0] == "field-distortion"
+    assert (told.ok, told.closed) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("most_mm", [3.0, -3.0])
+def test_metal_displaces_by_what_is_asked_for_at_most_and_by_less_farther_off(most_mm):
+    t_s = np.arange(0, 30, 1 / 30)
+    session = Session("gesture", "still", 1, 30.0)
+    poses = session.sensor(t_s, session.world.sensor_to_picture)
+    seen = distorted(poses, most_mm, np.ones(t_s.size))
+    error_mm = np.linalg.norm((seen - poses)[:, :3, 3], axis=1)
+    assert error_mm.max() == pytest.approx(abs(most_mm))
+    assert error_mm.min() < 0.8 * error_mm.max()
+    assert np.allclose(seen[:, :3, :3] @ seen[:, :3, :3].transpose(0, 2, 1), np.eye(3))
+    half = distorted(poses, most_mm, np.full(t_s.size, 0.5))
+    assert np.allclose((half - poses)[:, :3, 3], (seen - poses)[:, :3, 3] / 2)

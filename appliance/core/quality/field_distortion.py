@@ -1,0 +1,84 @@
+"""Poses that are bent with the place: metal in the field of a tracker, or a camera that is out of adjustment.
+
+Over a few centimetres such an error grows in proportion to the way, and so do what the picture shows to be displaced
+and turned: nine slopes, of the lateral and axial path and the turn along each axis. A calibration that is wrong bends
+nothing; so what is weighed is whether the slopes explain motion that no calibration does (docs/method.md, section 10).
+"""
+
+import numpy as np
+
+from appliance.core.quality.bounded_fit import ANYTHING, VALUE_ROW, Fit, anywhere, exact, fitted
+from appliance.core.quality.innovations import INFLATED, Innovations
+from appliance.limits import WITHDRAWN_NATS
+from appliance.types import Check, Fault, VerdictKind
+
+FINDS = (Fault.FIELD_DISTORTION,)
+
+NAME = "field-distortion"
+_LEAST_BLOCKS = 40
+"""Of a tenth of a second. Less is asked of in vain: 3 mm of metal's error are at 6 nats after 7 s of the gesture."""
+_LEAST_TRAVEL_MM = 4.0
+"""Along an axis of the picture, but for the widest 5 %. Over less, a breath passes for slopes: a breathing hold reached
+28 nats over 1 mm (`probewatch study`, seed 2)."""
+DOUBTED_NATS = WITHDRAWN_NATS + 4.5
+"""From which the OK is withdrawn: half a nat for each of nine slopes, which they gain by chance. Ten healthy minutes,
+breathing, reached 11.5 at most, and 3 mm of metal's error from the start 19."""
+_SLOPES = np.diag(np.repeat([0.15, np.deg2rad(0.5)], [6, 3]) ** -2.0)
+"""(9, 9): information before any motion is seen, of slopes of .15 and .5°/mm. Metal 40 to 80 mm from the probe that
+displaces it by 3 mm makes a quarter of that (tools/study/metal.py)."""
+_HELD_NS = 2_000_000_000
+"""For which it must last: six solutions. Less lets one bad window name it, more names it later; the OK is withdrawn
+before either."""
+
+
+def distortion_nats(rows: Innovations) -> float:
+    """By how much slopes and the best calibration, wherever it is, explain the window better than that calibration
+    alone; 0 for a window that is too short to tell, or in which the probe covers too little.
+    """
+    n = len(rows)
+    if n < _LEAST_BLOCKS or rows.travel_mm(n).max() < _LEAST_TRAVEL_MM:
+        return 0.0
+    # Both fits are of one linear model, about the best calibration: with another scale the measured path is as much
+    # longer, breathing and all, and slopes would gain by taking the place of that scale.
+    theta = exact(lambda theta: rows.at(theta, n), *anywhere(), ANYTHING).theta
+    linear, slopes = rows.at(theta, n), rows.slopes()
+    rigid = fitted(linear, theta, *anywhere(), ANYTHING)
+    count = VALUE_ROW + len(slopes)
+    prior = np.zeros((count, count))
+    prior[:VALUE_ROW, :VALUE_ROW], prior[VALUE_ROW:, VALUE_ROW:] = ANYTHING, _SLOPES
+    about = np.append(theta, np.zeros(len(slopes)))
+    bent = fitted(np.vstack([linear[:-1], slopes, linear[-1:]]), about, *anywhere(count), prior)
+    return max(0.0, 0.5 * (rigid.cost - bent.cost) / _spread(bent, n))
+
+
+def _spread(fit: Fit, n: int) -> float:
+    """Mean square of what is left, not less than what every variance is inflated by."""
+    return max(INFLATED, fit.cost / max(3 * n - fit.theta.size, 1) / 0.954)
+
+
+class FieldDistortion:
+    """check: FAULT once named_nats have lasted; from DOUBTED_NATS on NOT_VERIFIED, which withholds the OK; else None.
+
+    What was named stands until the evidence is below DOUBTED_NATS: until motion without it fills the window.
+    """
+
+    def __init__(self, named_nats: float) -> None:
+        self.check: Check | None = None
+        self._named_nats = named_nats
+        self._since_ns: int | None = None
+
+    @property
+    def named(self) -> bool:
+        """Whether it is a FAULT."""
+        return self.check is not None and self.check.verdict is VerdictKind.FAULT
+
+    def note(self, nats: float, now_ns: int) -> None:
+        """Of the solution at now_ns."""
+        if nats < self._named_nats:
+            self._since_ns = None
+        elif self._since_ns is None:
+            self._since_ns = now_ns
+        held = self._since_ns is not None and now_ns - self._since_ns >= _HELD_NS
+        kind = VerdictKind.FAULT if held or self.named else VerdictKind.NOT_VERIFIED
+        seen = Check(NAME, Fault.FIELD_DISTORTION, nats, 0.0, "nat", self._named_nats, kind)
+        self.check = seen if nats >= DOUBTED_NATS else None

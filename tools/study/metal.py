@@ -1,0 +1,68 @@
+"""What metal near the probe does to an electromagnetic tracker. Pure.
+
+A field generator of several coils, seen as magnetic dipoles, a sensor that measures each coil's field along three axes,
+and a piece of metal in which every coil induces a dipole of its own. The tracker believes in the field without metal,
+so it reports the pose that explains best what the sensor measures. To first order in the metal's field.
+
+Another model than that of the trackers' twins (drivers/twins/scene/metal.py), which pushes and tips: what is found in
+the one is tried in the other.
+"""
+
+import numpy as np
+
+from drivers.rigid import Array, rigid, rotation_from_vector
+
+_COILS_MM = np.array([[x, y, 0.0] for x in (-70.0, 0.0, 70.0) for y in (-70.0, 0.0, 70.0)])
+"""(9, 3) in the generator's own axes: a plate of 20 cm."""
+_FACING = np.array([[np.cos(k), np.sin(k), 0.5] for k in range(9)])
+"""(9, 3) of the coils, each another way."""
+_GENERATOR_MM = np.array([40.0, -60.0, -250.0])
+"""From the middle of the path: where the field of an NDI Aurora is best."""
+_METAL_MM = 80.0 * np.array([0.64, 0.48, 0.6])
+"""From the middle of the path, as a retractor lies beside the probe. Nearer bends the field more within a few
+centimetres; nothing else was tried."""
+_UNIT_MM = 100.0
+"""Of lengths within the fit, so that mm and rad weigh alike."""
+
+
+def distorted(poses: Array, most_mm: float, share: Array) -> Array:
+    """(n, 4, 4) poses in the tracker's axes as that tracker reports them.
+
+    most_mm: largest error of a position on the path, once all of the metal is there. share: (n,) how much is, 0 … 1.
+    """
+    places = poses[:, :3, 3]
+    middle = places.mean(axis=0)
+    error = _error((places - middle) / _UNIT_MM) * np.repeat([_UNIT_MM, 1.0], 3)
+    size = share * most_mm / np.linalg.norm(error[:, :3], axis=1).max()
+    reported = rigid(rotation_from_vector(size[:, None] * error[:, 3:]), np.zeros((len(poses), 3))) @ poses
+    reported[:, :3, 3] = places + size[:, None] * error[:, :3]
+    return np.asarray(reported)
+
+
+def _error(places: Array) -> Array:
+    """(n, 3) → (n, 6): displacement and turn, in the units of the fit, with metal of some size."""
+    coils = (_GENERATOR_MM + _COILS_MM) / _UNIT_MM
+    metal = _METAL_MM / _UNIT_MM
+    induced = -_dipole(_FACING, metal - coils)
+    field = _dipole(_FACING[None], places[:, None] - coils)
+    more = _dipole(induced[None], (places - metal)[:, None])
+    steps = 1e-4 * np.eye(3)
+    slopes = [
+        (
+            _dipole(_FACING[None], places[:, None] + step - coils)
+            - _dipole(_FACING[None], places[:, None] - step - coils)
+        )
+        / 2e-4
+        for step in steps
+    ]
+    turns = [np.cross(field, axis) for axis in np.eye(3)]
+    J = np.stack([*slopes, *turns], axis=-1).reshape(len(places), -1, 6)
+    missed = more.reshape(len(places), -1, 1)
+    return np.asarray(np.linalg.solve(J.transpose(0, 2, 1) @ J, J.transpose(0, 2, 1) @ missed)[..., 0])
+
+
+def _dipole(moment: Array, away: Array) -> Array:
+    """(…, 3) field of a moment at these ways from it, but for a constant."""
+    far = np.linalg.norm(away, axis=-1, keepdims=True)
+    along = np.sum(moment * away, axis=-1, keepdims=True)
+    return np.asarray(3 * away * along / far**5 - moment / far**3)
