@@ -49,7 +49,7 @@ def short_hazards() -> tuple[Hazard, ...]:
     each = [
         f"{size}@{manner}" for size in _SHORT_SIZES for manner in Manner if "=" in size or manner is not Manner.CREEPING
     ]
-    metal = "metal=6@start", "metal=6@sudden"
+    metal = "metal=6@start", "metal=6@creeping"
     others = "exchanged-probe@start", "exchanged-probe@unseen", "poses-inverted@start", "axes-swapped@start"
     return tuple(Hazard.parse(text) for text in (*each, *metal, *others))
 

@@ -180,7 +180,7 @@ STANDARD = tuple(
           for manner in Manner),
         *(f"{kind}@{manner}" for kind in _FLIPS for manner in (Manner.START, Manner.SUDDEN, Manner.UNSEEN)),
         *(f"latency={size}@{manner}" for size in (80, -120, 450) for manner in Manner),
-        *(f"metal={size}@{manner}" for size in (3, 6) for manner in (Manner.START, Manner.SUDDEN)),
+        *(f"metal={size}@{manner}" for size in (3, 6) for manner in (Manner.START, Manner.CREEPING)),
         *(f"{_EXCHANGE}@{manner}" for manner in (Manner.START, Manner.UNSEEN)),
         *(f"{kind}@start" for kind in _CONVENTIONS),
     )
