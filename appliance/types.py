@@ -198,6 +198,10 @@ class Check:
         """|value| ÷ limit; NaN where nothing was observed."""
         return abs(self.value) / self.limit
 
+    def least_ratio(self, sigmas: float) -> float:
+        """The same with so many sigmas as room: above 1 it is surely beyond; NaN where nothing was observed."""
+        return (abs(self.value) - sigmas * self.sigma) / self.limit
+
 
 @dataclass(frozen=True, slots=True)
 class Rival:

@@ -64,5 +64,5 @@ class ExchangedProbe(Detector):
 
     def _surely(self, check: Check) -> float:
         """In limits; 0 where it is not known."""
-        sure = (abs(check.value) - self._confidence_sigma * check.sigma) / check.limit
+        sure = check.least_ratio(self._confidence_sigma)
         return max(sure, 0.0) if isfinite(sure) else 0.0

@@ -161,7 +161,7 @@ class _Trial:
         named = explains and len(rivals) == 1 and self._beyond(first) >= NAMED_NATS
         own = _checks(first, ahead[0], limits, lag_s, self._spread) if named else []
         little = dragged(self._rows.travel_mm(self.n))
-        beyond = [check for check in own if _surely(check, limits)]
+        beyond = [check for check in own if check.least_ratio(limits.confidence_sigma) > 1]
         if any(check.name not in little for check in beyond):
             faults = (one if one.name in little else replace(one, verdict=VerdictKind.FAULT) for one in beyond)
             return Accusation(since_ns, self.nats, tuple(faults))
@@ -191,7 +191,3 @@ def _checks(fit: Fit, fault: Fault, limits: Limits, lag_s: float, spread: float)
         Check(MEASURED[k], fault, float(values[k]), float(sigmas[k]), unit, limit, VerdictKind.NOT_VERIFIED)
         for k in range(TAU + 1)[_CLASSES[fault]]
     ]
-
-
-def _surely(check: Check, limits: Limits) -> bool:
-    return abs(check.value) - limits.confidence_sigma * check.sigma > check.limit

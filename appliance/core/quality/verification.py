@@ -137,10 +137,8 @@ class Verification:
 
     def _beyond(self, check: Check) -> bool:
         """By its own sigmas, also where naming it waits for the latency to be known."""
-        room = self._confidence_sigma * check.sigma
-        return check.verdict is VerdictKind.FAULT or (
-            check.name in PARAMETERS and abs(check.value) - room > check.limit
-        )
+        surely = check.name in PARAMETERS and check.least_ratio(self._confidence_sigma) > 1
+        return surely or check.verdict is VerdictKind.FAULT
 
     def _weighed(self, check: Check, since_ns: int) -> Check:
         sign = self._signs.get(check.name)

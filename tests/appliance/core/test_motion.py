@@ -82,7 +82,12 @@ PREDOMINANT = {
 """STILL stands beside others because every keyframe begins with motion too small to name."""
 
 
-@pytest.mark.parametrize("program", PROGRAMS)
+QUICK = {"still", "elevational", "guided"}
+
+
+@pytest.mark.parametrize(
+    "program", [one if one in QUICK else pytest.param(one, marks=pytest.mark.thorough) for one in PROGRAMS]
+)
 def test_every_program_of_the_hand_is_sorted_as_what_it_is(program: str) -> None:
     counted = kinds(program, seed=2)
     expected = sum(counted[kind] for kind in PREDOMINANT[program])

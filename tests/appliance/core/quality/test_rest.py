@@ -135,7 +135,7 @@ def test_a_probe_that_never_stays_costs_an_anchor_a_second() -> None:
 
 @pytest.mark.parametrize("axis", range(6))
 @pytest.mark.parametrize("lost_every_s", [1000, 32])
-@pytest.mark.parametrize("over_s", [5, 60])
+@pytest.mark.parametrize("over_s", [5, pytest.param(60, marks=pytest.mark.thorough)])
 def test_a_marker_body_that_slips_however_slowly_ends_the_rest_at_a_quarter_of_its_limit(
     axis: int, lost_every_s: int, over_s: int
 ) -> None:
@@ -185,7 +185,7 @@ def test_the_first_anchor_waits_for_the_breath_that_brings_its_tissue_back(breat
     assert scene.rested_s() == pytest.approx(15, abs=breath_s)
 
 
-@pytest.mark.parametrize("slips_s", [1.5, 2.5, 3.5, 5.0])
+@pytest.mark.parametrize("slips_s", [1.5, *(pytest.param(one, marks=pytest.mark.thorough) for one in (2.5, 3.5, 5.0))])
 @pytest.mark.parametrize("lasts_s", [0.1, 1.0])
 @pytest.mark.parametrize("axis", [0, 1, 2, 5])
 def test_a_slip_while_no_picture_is_like_the_anchor_is_no_hand_that_moved(
