@@ -14,8 +14,7 @@ from drivers.twins.scene.metal import near_metal
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.sessions import ORIGIN_NS, SWEPT, session
 
-pytestmark = pytest.mark.thorough
-
+THOROUGH, SLOW = pytest.mark.thorough, pytest.mark.slow
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
 
 
@@ -33,7 +32,9 @@ def verdicts(program: str, displaced_mm: float, at_s: float, duration_s: float) 
     return [verdict for verdict in said if verdict.t_ns >= origin_ns]
 
 
-@pytest.mark.parametrize("displaced_mm", [1.0, 3.0, 6.0])
+@pytest.mark.parametrize(
+    "displaced_mm", [pytest.param(mm, marks=SLOW if mm == 3.0 else THOROUGH) for mm in (1.0, 3.0, 6.0)]
+)
 def test_metal_that_comes_while_the_probe_sweeps_is_named_within_eight_seconds(displaced_mm: float) -> None:
     """The OK is gone within three seconds of it and does not come back; `offset` may be named for moments before."""
     said, at_ns = verdicts("sweep", displaced_mm, 10.0, 18.0), ORIGIN_NS + 10 * 10**9
@@ -42,6 +43,7 @@ def test_metal_that_comes_while_the_probe_sweeps_is_named_within_eight_seconds(d
     assert all(verdict.kind is not VerdictKind.OK for verdict in said if verdict.t_ns > at_ns + 3 * 10**9)
 
 
+@SLOW
 @pytest.mark.parametrize("program", ["still", "elevational", "rotation"])
 def test_motion_that_need_not_show_the_distortion_verifies_nothing_either(program: str) -> None:
     found = {verdict.kind for verdict in verdicts(program, 12.0, 3.0, 15.0)}

@@ -55,7 +55,7 @@ def brought(seed: int, per_mm: float, deg_per_mm: float) -> list[Verdict]:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (1, 2, 3))])
 def test_a_field_that_no_parameter_passes_for_is_named(seed: int) -> None:
     """It may pass for a parameter at first, and is named so."""
     told = brought(seed, 0.1, 0.1)
@@ -66,7 +66,7 @@ def test_a_field_that_no_parameter_passes_for_is_named(seed: int) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (1, 2, 3))])
 def test_without_it_nothing_is_said(seed: int) -> None:
     told = brought(seed, 0.0, 0.0)
     assert all(check.name != NAME for verdict in told for check in verdict.checks)
