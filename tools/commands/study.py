@@ -101,7 +101,8 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
     default="none",
     show_default=True,
     callback=_hazards,
-    help="none, all, or KIND=SIZE@MANNER,…: sizes in deg, mm, % and ms; manners start, sudden, creeping, unseen",
+    help="none, all, or KIND=SIZE@MANNER,…: sizes in deg, mm, % and ms; manners start, sudden, creeping, unseen; a "
+    "slash between two at once",
 )
 @click.option(
     "--asked",

@@ -17,7 +17,7 @@ from appliance.core.parameters import MEASURED
 from tools.study.bound import least_delay_s
 from tools.study.hazard import HIDDEN_S, ONSET_S, Hazard, Manner
 from tools.study.session import FPS, Session, Tissue
-from tools.study.summary import Row, Share, number, truth_of
+from tools.study.summary import Row, Share, number, rightly_named, truth_of
 
 SOON_S = 10.0
 """Within which nearly every fault ought to be named, where the motion shows it."""
@@ -195,7 +195,7 @@ def _found(rows: list[Row]) -> Found:
         origin=_origin(rows),
         hazard=str(hazard),
         runs=len(rows),
-        named=told[str(hazard.fault)],
+        named=sum(rightly_named(hazard, row) for row in found),
         told=dict(sorted(told.items())),
         fault_s=delays_s,
         open_s=_known(rows, "opened_s"),

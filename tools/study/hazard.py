@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import cv2
@@ -68,15 +68,22 @@ _TEXT = re.compile(r"([a-z-]+?)(?:=([+-]?[0-9.]+))?(?:@([a-z]+))?")
 
 @dataclass(frozen=True)
 class Hazard:
-    """size: deg, mm, % or ms; 0 for those that have none."""
+    """size: deg, mm, % or ms; 0 for those that have none. beside: what else is wrong, with a manner of its own."""
 
     kind: str = "none"
     size: float = 0.0
     manner: Manner = Manner.START
+    beside: "Hazard | None" = None
 
     @classmethod
     def parse(cls, text: str) -> "Hazard":
-        """KIND, KIND=SIZE or KIND=SIZE@MANNER. Raises ConfigurationError."""
+        """KIND, KIND=SIZE or KIND=SIZE@MANNER, and others behind a slash. Raises ConfigurationError."""
+        text, slash, rest = text.partition("/")
+        one = cls._parse_one(text)
+        return replace(one, beside=cls.parse(rest)) if slash else one
+
+    @classmethod
+    def _parse_one(cls, text: str) -> "Hazard":
         found = _TEXT.fullmatch(text)
         kind, size, manner = found.groups() if found else ("", None, None)
         if kind not in KINDS:
@@ -93,7 +100,8 @@ class Hazard:
 
     def __str__(self) -> str:
         size = "" if self.kind in _PLAIN else f"={self.size:g}"
-        return self.kind if self.kind == "none" else f"{self.kind}{size}@{self.manner}"
+        own = self.kind if self.kind == "none" else f"{self.kind}{size}@{self.manner}"
+        return own if self.beside is None else f"{own}/{self.beside}"
 
     @property
     def fault(self) -> Fault | None:
@@ -101,11 +109,22 @@ class Hazard:
         return FAULTS.get(self.kind)
 
     @property
+    def each(self) -> "tuple[Hazard, ...]":
+        """This one, and what is beside it."""
+        return (self, *(() if self.beside is None else self.beside.each))
+
+    @property
+    def faults(self) -> frozenset[Fault]:
+        """All classes that ought to be named."""
+        return frozenset(one.fault for one in self.each if one.fault is not None)
+
+    @property
     def onset_s(self) -> float:
-        """From when on something is wrong; infinite for none."""
+        """From when on everything is wrong; infinite for none."""
         if self.kind == "none":
             return np.inf
-        return 0.0 if self.manner is Manner.START else ONSET_S
+        own_s = 0.0 if self.manner is Manner.START else ONSET_S
+        return own_s if self.beside is None else max(own_s, self.beside.onset_s)
 
     def share(self, t_s: Array) -> Array:
         """(n,) how much of its size is there at each time, 0 … 1."""
@@ -118,11 +137,12 @@ class Hazard:
 
     def hides(self, t_s: Array) -> NDArray[np.bool_]:
         """(n,) whether neither picture nor pose shows anything."""
-        return (self.manner is Manner.UNSEEN) & (t_s >= ONSET_S) & (t_s < ONSET_S + HIDDEN_S)
+        unseen = any(one.manner is Manner.UNSEEN for one in self.each)
+        return unseen & (t_s >= ONSET_S) & (t_s < ONSET_S + HIDDEN_S)
 
     def change(self, t_s: Array) -> Array:
         """(n, 9): how the truth differs from the reference, rad, relative, mm, and the latency, s."""
-        return np.asarray(self.share(t_s)[:, None] * self._whole)
+        return np.asarray(sum(one.share(t_s)[:, None] * one._whole for one in self.each))
 
     @property
     def _whole(self) -> Array:
@@ -146,14 +166,23 @@ class Hazard:
 
     def measured(self, poses: Array, t_s: Array) -> Array:
         """(n, 4, 4) as the tracker measures them at these times, but for its noise."""
-        return distorted(poses, self.size, self.share(t_s)) if self.kind == _METAL else poses
+        for one in self.each:
+            poses = distorted(poses, one.size, one.share(t_s)) if one.kind == _METAL else poses
+        return poses
 
     def reported(self, poses: Array) -> Array:
         """(n, 4, 4) as a tracker of that convention reports them."""
-        return _CONVENTIONS[self.kind](poses) if self.kind in _CONVENTIONS else poses
+        for one in self.each:
+            poses = _CONVENTIONS[one.kind](poses) if one.kind in _CONVENTIONS else poses
+        return poses
 
-    def shown(self, image: GreyImage, share: float) -> GreyImage:
-        """(h, w) uint8 as the scanner shows it, share of the hazard being there."""
+    def shown(self, image: GreyImage, t_s: float) -> GreyImage:
+        """(h, w) uint8 as the scanner shows it at that time."""
+        for one in self.each:
+            image = one._shown_alone(image, float(one.share(np.array([t_s]))[0]))
+        return image
+
+    def _shown_alone(self, image: GreyImage, share: float) -> GreyImage:
         if share == 0.0:
             return image
         if self.kind in _FLIPS:

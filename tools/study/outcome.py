@@ -54,8 +54,9 @@ class Scores:
 @dataclass
 class Outcome:
     """closed, ok: shares of the session in which the contact was closed and the line said OK. closed_s, ok_s: first
-    times, NaN for never. faults: names in the order in which they were told. fault_s, opened_s: from the onset of the
-    hazard, or from the start, until the first FAULT, and until the contact was open for good. warnings, halts: how
+    times, NaN for never. faults: names in the order in which they were told. fault_s, named_s, opened_s: from the
+    onset of the hazard, or from the start, until the first FAULT, until all that is wrong was named at once, and until
+    the contact was open for good. warnings, halts: how
     often these states began. ok_beyond_s, ok_gross_s: for how long it said OK with a parameter 1.3 and 2 times its
     limit away; closed_gross_s: for how long the contact was closed so. nats: largest log likelihood ratio of the
     sequential test, with a hazard since its onset; NaN where it had nothing to test. cost_ms, cost_99_ms: processor
@@ -69,6 +70,7 @@ class Outcome:
     ok_s: float = nan
     faults: str = ""
     fault_s: float = nan
+    named_s: float = nan
     opened_s: float = nan
     warnings: int = 0
     halts: int = 0
@@ -138,6 +140,7 @@ class _Notes:
             outcome.ok_gross_s += since_s * (misfit >= _GROSS)
         if verdict.fault is not None:
             self._fault(verdict.fault, t_s)
+            self._note_named(verdict, t_s)
         if verdict.t_ns - self._looked_ns >= _EVERY_NS:
             self._looked_ns = verdict.t_ns
             self._look(verdict, t_s)
@@ -160,6 +163,12 @@ class _Notes:
         if fault not in self._told:
             self._told.append(fault)
 
+    def _note_named(self, verdict: Verdict, t_s: float) -> None:
+        named = {check.fault for check in verdict.checks if check.verdict is VerdictKind.FAULT}
+        after_s = self._after_s(t_s)
+        if self._conditions.hazard.faults <= named and after_s >= 0 and not isfinite(self._outcome.named_s):
+            self._outcome.named_s = after_s
+
     def _look(self, verdict: Verdict, t_s: float) -> None:
         self._looks += 1
         truth = _truth(self._conditions, t_s)
@@ -171,9 +180,9 @@ class _Notes:
 
 def gross(conditions: Conditions, limits: Limits, t_s: float) -> float:
     """The largest |error| ÷ limit at t_s; infinite for a polarity or a pose convention that is wrong."""
-    hazard = conditions.hazard
-    if hazard.fault in (Fault.POLARITY, Fault.POSE_CONVENTION):
-        return np.inf if hazard.share(np.array([t_s]))[0] else 0.0
+    gone = (one for one in conditions.hazard.each if one.fault in (Fault.POLARITY, Fault.POSE_CONVENTION))
+    if any(one.share(np.array([t_s]))[0] for one in gone):
+        return np.inf
     return float(np.max(np.abs(_truth(conditions, t_s) / PER_UNIT) / limit_of_each(limits)))
 
 

@@ -79,14 +79,13 @@ def samples(conditions: Conditions, pictures: list[GreyImage]) -> Iterator[Sampl
     session, hazard = conditions.session, conditions.hazard
     frames_s = frame_times(session)
     poses_s = np.asarray((np.arange(round(session.duration_s * POSE_HZ)) + 0.5) / POSE_HZ)
-    shares = hazard.share(frames_s)
     hidden = hazard.hides(frames_s)
     poses, unseen = _poses(conditions, poses_s), hazard.hides(poses_s)
     order = sorted([(t, 0, k) for k, t in enumerate(poses_s)] + [(t, 1, k) for k, t in enumerate(frames_s)])
     for t_s, is_frame, k in order:
         stamp = Stamp(_ORIGIN_NS + round(t_s * 1e9), _STAMP_ERR_NS)
         if is_frame:
-            image = blank_image(pictures[k].shape, k) if hidden[k] else hazard.shown(pictures[k], shares[k])
+            image = blank_image(pictures[k].shape, k) if hidden[k] else hazard.shown(pictures[k], t_s)
             yield Frame(stamp, k, image)
         elif unseen[k]:
             yield Pose(stamp, k, None, np.nan, PoseStatus.MISSING, "not seen")

@@ -84,7 +84,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Detection:
-    """Runs with one hazard, in all sessions. named: as what it is, first. fault_s, opened_s: medians from its onset.
+    """Runs with one hazard, in all sessions. named: as `rightly_named`. fault_s, opened_s: medians from its onset.
     gross: runs in which it was told OK, or the contact closed again, with a parameter twice its limit away.
     """
 
@@ -146,14 +146,22 @@ def truth_of(name: str, rows: Sequence[Row]) -> Truth:
     )
 
 
+def rightly_named(hazard: Hazard, row: Row) -> bool:
+    """Whether it was named as what it is before anything else was; of two at once, both and nothing else."""
+    names = row["faults"].split()
+    if hazard.beside is None:
+        return names[:1] == [hazard.fault]
+    return bool(row["named_s"]) and hazard.faults.issuperset(names)
+
+
 def _detection(name: str, rows: list[Row]) -> Detection:
-    fault = Hazard.parse(name).fault
+    hazard = Hazard.parse(name)
     found = [row for row in rows if row["fault_s"]]
     wrong = sum(number(row, "ok_gross_s") > 0 for row in rows)
     return Detection(
         hazard=name,
         found=Share(len(found), len(rows)),
-        named=Share(sum(row["faults"].split()[:1] == [fault] for row in found), len(rows)),
+        named=Share(sum(rightly_named(hazard, row) for row in found), len(rows)),
         fault_s=middle(number(row, "fault_s") for row in found),
         opened_s=middle(number(row, "opened_s") for row in rows),
         gross=Share(wrong, len(rows)),

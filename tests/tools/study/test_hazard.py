@@ -98,7 +98,27 @@ def test_pixels_a_tenth_smaller_show_the_picture_a_ninth_larger_about_its_middle
     assert np.unravel_index(np.argmax(shown), shown.shape) == place
 
 
+def test_two_at_once_are_each_alone_and_read_back():
+    both = Hazard.parse("latency=120@start/depth=-10@sudden/flip-lateral@start")
+    assert str(both) == "latency=120@start/depth=-10@sudden/flip-lateral@start"
+    assert both.faults == {"latency", "scale", "polarity"}
+    assert both.onset_s == ONSET_S, "from when on all of it is there"
+    t_s = np.array([0.0, ONSET_S + 1])
+    assert both.change(t_s)[:, [3, 4, 8]] == pytest.approx(np.array([[0, 0, 0.12], [-0.1, -0.1, 0.12]]))
+    image = np.random.default_rng(1).integers(0, 255, (300, 400), np.uint8)
+    assert np.array_equal(both.shown(image, 0.0), image[:, ::-1])
+    zoomed = Hazard("depth", -10.0).shown(image, 0.0)
+    assert np.array_equal(both.shown(image, ONSET_S + 1), zoomed[:, ::-1])
+
+
+@pytest.mark.parametrize("text", ["latency=120/", "/latency=120", "latency=120/bent"])
+def test_a_second_hazard_that_is_none_is_refused(text):
+    with pytest.raises(ConfigurationError, match="not a known hazard"):
+        Hazard.parse(text)
+
+
 def test_no_hazard_leaves_every_picture_alone():
     image = np.random.default_rng(1).integers(0, 255, (300, 400), np.uint8)
-    assert all(np.array_equal(one.shown(image, 0.0), image) for one in STANDARD)
+    later = [one for one in STANDARD if one.onset_s > 0]
+    assert all(np.array_equal(one.shown(image, ONSET_S - 1), image) for one in later)
     assert np.array_equal(replace(Hazard(), kind="flip-lateral").shown(image, 1.0), image[:, ::-1])

@@ -272,3 +272,12 @@ def test_metal_displaces_by_what_is_asked_for_at_most_and_by_less_farther_off(mo
     assert np.allclose(seen[:, :3, :3] @ seen[:, :3, :3].transpose(0, 2, 1), np.eye(3))
     half = distorted(poses, most_mm, np.full(t_s.size, 0.5))
     assert np.allclose((half - poses)[:, :3, 3], (seen - poses)[:, :3, 3] / 2)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("beside", ["bend-lateral=6", "slide-axial=8"])
+def test_a_second_fault_beside_a_late_tracker_is_named_from_pictures_to_contact_and_never_ok(beside):
+    gesture = Session("gesture", "still", 1, 15.0)
+    told = run(Conditions(gesture, Hazard.parse(f"latency=120@start/{beside}@start")), rendered(gesture, None))
+    assert told.named_s < 15
+    assert (told.ok, told.closed) == (0.0, 0.0)

@@ -63,6 +63,18 @@ def test_a_hazard_is_named_rightly_where_its_own_name_comes_first():
     assert (one.fault_s, one.opened_s) == (3.0, 2.0)
 
 
+def test_two_at_once_are_named_rightly_where_both_are_and_nothing_else():
+    two = "latency=120@start/depth=7@start"
+    rows = [
+        row(hazard=two, seed=1, faults="latency", fault_s=2.0, named_s=5.0),
+        row(hazard=two, seed=2, faults="latency scale", fault_s=2.0, named_s=5.0),
+        row(hazard=two, seed=3, faults="latency", fault_s=2.0),
+        row(hazard=two, seed=4, faults="latency rotation", fault_s=2.0, named_s=5.0),
+    ]
+    (one,) = detections(rows)
+    assert (one.hazard, one.found, one.named) == (two, Share(4, 4), Share(2, 4))
+
+
 def test_the_page_is_whole_and_asks_no_network(tmp_path):
     rows = [row(seed=1, faults="<scale>"), row("fan", 1, closed=0.0, closed_s=nan), row("fan", 2, tissue="breathing")]
     rows += [row(hazard="latency=450@sudden", fault_s=nan, ok_gross_s=1.0), row(hazard="depth=7@sudden", fault_s=1.0)]
