@@ -59,8 +59,8 @@ class Innovations:
         return self._white(theta, n).reshape(VALUE_ROW + 1, -1)
 
     def slopes(self) -> Array:
-        """(9, 3 m): derivatives of all blocks by what each row gains with the predicted way: lateral, axial and out of
-        the plane; 1 and rad/mm.
+        """(7, 3 m): derivatives of all blocks by what each row gains with the predicted way, lateral, axial and out of
+        the plane; 1 and rad/mm. The growth of the lateral way with itself, and of the axial, is a scale and left out.
         """
         at_reference = np.zeros(TAU + 1)
         predicted = self._residual.seen(at_reference) - self._residual.linear(at_reference)[[LATERAL, AXIAL], VALUE]
@@ -69,7 +69,8 @@ class Innovations:
         white = np.zeros((rows, len(ways), rows, len(self)))
         for k, W in enumerate(self._whitening):
             white[k, :, k] = ways @ W.T
-        return white.reshape(rows * len(ways), -1)
+        every = white.reshape(rows * len(ways), -1)
+        return np.delete(every, [LATERAL * len(ways) + LATERAL, AXIAL * len(ways) + AXIAL], axis=0)
 
     def _white(self, theta: Array, n: int) -> Array:
         """(13, 3, n). The scales are regressed on the predicted path: the measured one holds the tissue's motion."""
