@@ -23,6 +23,11 @@ what an idle machine does by itself, kernel included, would excuse a failure."""
 MOST_WAITED = 0.3
 """Share of the tests' time. Higher: a real-time test that lost every second tick counts as unhindered. Lower: what the
 processes of one cart wait for one another on two processors would count."""
+TOO_SLOW = 0.6
+"""Share of the tests' time, whoever kept them waiting, from which workers side by side were too many for this computer.
+A whole `make live` waited .74 of its time on one that was half as quick as usual, and failed in seven modules. Lower:
+failures of the program that make it work too much are looked at twice; they fail alone as well.
+"""
 _PERIOD_S = 0.5
 """Between two looks at the threads' waiting. Shorter costs a processor that the tests need; of longer ones more is lost
 of threads that end between two, which makes the waiting less."""
@@ -45,6 +50,10 @@ class Load:
     def too_busy(self) -> bool:
         """Whether a failure in that run says nothing; never where one figure is unknown."""
         return self.others >= MOST_OTHERS and self.waited >= MOST_WAITED
+
+    def too_slow(self) -> bool:
+        """Whether many failures in that run may be for want of time; never where the figure is unknown."""
+        return self.waited >= TOO_SLOW
 
     def __str__(self) -> str:
         return f"others had {self.others:.0%} of the processors, the tests waited {self.waited:.0%} of their time"

@@ -19,14 +19,20 @@ from pathlib import Path
 from tests.rules.machine_load import Load, LoadMeter
 
 MOST = 4
-"""So many modules may fail by chance in one run on a quiet machine; more are no chance, and are not run again."""
+"""So many modules may fail by chance in one run on a quiet machine; more are no chance, and are not run again. Where
+the workers were too many for the machine, each module that failed is: alone it has to pass.
+"""
 _FAILED = 1
 """pytest's exit code where tests ran and some failed; every other one but 0 is no result at all."""
 _WORKERS = "-n"
 """The option by which a whole run shares the processors; a module alone has them to itself."""
 
 
-def main(options: list[str], too_busy: Callable[[Load], bool] = Load.too_busy) -> int:
+def main(
+    options: list[str],
+    too_busy: Callable[[Load], bool] = Load.too_busy,
+    too_slow: Callable[[Load], bool] = Load.too_slow,
+) -> int:
     """Exit code: that of pytest; 0 where everything passed at last or could not be judged."""
     with tempfile.TemporaryDirectory() as folder:
         code, load = _pytest(options, folder)
@@ -34,7 +40,7 @@ def main(options: list[str], too_busy: Callable[[Load], bool] = Load.too_busy) -
     print(f"\nin the whole run {load}", flush=True)
     if not failed:
         return code
-    if len(failed) > MOST and not too_busy(load):
+    if len(failed) > MOST and not (too_busy(load) or too_slow(load)):
         print(f"tests failed in {len(failed)} modules: too many for chance, so none is run again", flush=True)
         return code
     results = {module: _again(module, tests, _alone(options), too_busy) for module, tests in failed.items()}

@@ -21,9 +21,10 @@ def run(folder: Path, *command: str, ci: str = "true", how: tuple[str, ...] = ("
     return done.returncode, done.stdout + done.stderr
 
 
-def twice(folder: Path, *options: str, busy: bool = False, ci: str = "true") -> tuple[int, str]:
-    """`tests.rules.retried` on a computer that is taken to be busy or not, whatever it is."""
-    script = f"import sys; from tests.rules import retried; sys.exit(retried.main(sys.argv[1:], lambda load: {busy}))"
+def twice(folder: Path, *options: str, busy: bool = False, slow: bool = False, ci: str = "true") -> tuple[int, str]:
+    """`tests.rules.retried` on a computer that is taken to be busy or slow or not, whatever it is."""
+    judged = f"lambda load: {busy}, lambda load: {slow}"
+    script = f"import sys; from tests.rules import retried; sys.exit(retried.main(sys.argv[1:], {judged}))"
     return run(folder, *options, ci=ci, how=("-c", script))
 
 
@@ -140,6 +141,17 @@ def test_failures_in_many_modules_are_a_chance_only_on_a_busy_machine(
     code, text = twice(tmp_path, busy=busy)
     assert (code, "too many for chance" in text) == (int(not busy), not once_more), text
     assert text.count("once more alone") == modules * once_more, text
+
+
+def test_many_modules_that_fail_on_a_slow_machine_have_to_pass_alone(tmp_path: Path) -> None:
+    for number in range(retried.MOST + 1):
+        flaky = FLAKY.replace("ran-", f"ran-{number}-")
+        (tmp_path / f"test_{number}.py").write_text("import pytest\nfrom pathlib import Path\n" + flaky)
+    code, text = twice(tmp_path, "-m", "not slow", slow=True)
+    assert (code, text.count("passed alone")) == (0, 2 * (retried.MOST + 1)), text
+    (tmp_path / "test_0.py").write_text("def test_broken(): assert False")
+    code, text = twice(tmp_path, slow=True)
+    assert (code, "test_0.py: failed in the whole run (test_broken), failed alone" in text) == (1, True), text
 
 
 def test_what_fails_twice_on_a_busy_machine_is_listed_at_the_end_as_not_judged(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from math import nan
 
 import pytest
 
-from tests.rules.machine_load import MOST_OTHERS, MOST_WAITED, Load, LoadMeter
+from tests.rules.machine_load import MOST_OTHERS, MOST_WAITED, TOO_SLOW, Load, LoadMeter
 from tests.rules.retried import second_result
 
 BUSY = Load(MOST_OTHERS, MOST_WAITED)
@@ -30,6 +30,11 @@ BUSY = Load(MOST_OTHERS, MOST_WAITED)
 def test_a_machine_is_too_busy_only_if_both_figures_say_so(others: float, waited: float) -> None:
     assert BUSY.too_busy()
     assert not Load(others, waited).too_busy()
+
+
+@pytest.mark.parametrize(("waited", "slow"), [(TOO_SLOW, True), (TOO_SLOW - 0.01, False), (nan, False)])
+def test_a_machine_is_too_slow_where_tests_wait_whoever_keeps_them(waited: float, slow: bool) -> None:
+    assert Load(0.0, waited).too_slow() is slow
 
 
 @pytest.mark.parametrize(
