@@ -22,8 +22,8 @@ def long_run(seed: int, frames: int, stride: int = 1) -> int:
     def progress() -> None:
         nonlocal ended
         ended += 1
-        done, passed_s = Cart.frames - first, time.monotonic() - start_s
-        print(f"\rseed {seed}: {done:,} of {frames:,} frames, {passed_s:.0f} s ", end="", flush=True)
+        passed_s = time.monotonic() - start_s
+        print(f"\rseed {seed}: {Cart.frames - first:,} of {frames:,} frames, {passed_s:.0f} s ", end="", flush=True)
 
     Room.done = staticmethod(progress)
     while (done := Cart.frames - first) < frames:

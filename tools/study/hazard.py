@@ -78,9 +78,14 @@ class Hazard:
     @classmethod
     def parse(cls, text: str) -> "Hazard":
         """KIND, KIND=SIZE or KIND=SIZE@MANNER, and others behind a slash. Raises ConfigurationError."""
-        text, slash, rest = text.partition("/")
-        one = cls._parse_one(text)
-        return replace(one, beside=cls.parse(rest)) if slash else one
+        first, slash, rest = text.partition("/")
+        one = cls._parse_one(first)
+        if not slash:
+            return one
+        beside = cls.parse(rest)
+        if "none" in (one.kind, beside.kind):
+            raise ConfigurationError(f"'{text}' has 'none' beside a hazard", "study", "Leave it and the slash out")
+        return replace(one, beside=beside)
 
     @classmethod
     def _parse_one(cls, text: str) -> "Hazard":
@@ -209,7 +214,7 @@ STANDARD = tuple(
           for manner in Manner),
         *(f"{kind}@{manner}" for kind in _FLIPS for manner in (Manner.START, Manner.SUDDEN, Manner.UNSEEN)),
         *(f"latency={size}@{manner}" for size in (80, -120, 450) for manner in Manner),
-        *(f"metal={size}@{manner}" for size in (3, 6) for manner in (Manner.START, Manner.CREEPING)),
+        *(f"{_METAL}={size}@{manner}" for size in (3, 6) for manner in (Manner.START, Manner.CREEPING)),
         *(f"{_EXCHANGE}@{manner}" for manner in (Manner.START, Manner.UNSEEN)),
         *(f"{kind}@start" for kind in _CONVENTIONS),
     )

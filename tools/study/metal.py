@@ -23,6 +23,8 @@ _METAL_MM = 80.0 * np.array([0.64, 0.48, 0.6])
 centimetres; nothing else was tried."""
 _UNIT_MM = 100.0
 """Of lengths within the fit, so that mm and rad weigh alike."""
+_STEP = 1e-4
+"""Half of a difference, in that unit."""
 
 
 def distorted(poses: Array, most_mm: float, share: Array) -> Array:
@@ -44,18 +46,13 @@ def _error(places: Array) -> Array:
     coils = (_GENERATOR_MM + _COILS_MM) / _UNIT_MM
     metal = _METAL_MM / _UNIT_MM
     induced = -_dipole(_FACING, metal - coils)
-    field = _dipole(_FACING[None], places[:, None] - coils)
     more = _dipole(induced[None], (places - metal)[:, None])
-    steps = 1e-4 * np.eye(3)
-    slopes = [
-        (
-            _dipole(_FACING[None], places[:, None] + step - coils)
-            - _dipole(_FACING[None], places[:, None] - step - coils)
-        )
-        / 2e-4
-        for step in steps
-    ]
-    turns = [np.cross(field, axis) for axis in np.eye(3)]
+
+    def field(step: Array) -> Array:
+        return _dipole(_FACING[None], places[:, None] + step - coils)
+
+    slopes = [(field(step) - field(-step)) / (2 * _STEP) for step in _STEP * np.eye(3)]
+    turns = [np.cross(field(np.zeros(3)), axis) for axis in np.eye(3)]
     J = np.stack([*slopes, *turns], axis=-1).reshape(len(places), -1, 6)
     missed = more.reshape(len(places), -1, 1)
     return np.asarray(np.linalg.solve(J.transpose(0, 2, 1) @ J, J.transpose(0, 2, 1) @ missed)[..., 0])

@@ -56,11 +56,10 @@ class Outcome:
     """closed, ok: shares of the session in which the contact was closed and the line said OK. closed_s, ok_s: first
     times, NaN for never. faults: names in the order in which they were told. fault_s, named_s, opened_s: from the
     onset of the hazard, or from the start, until the first FAULT, until all that is wrong was named at once, and until
-    the contact was open for good. warnings, halts: how
-    often these states began. ok_beyond_s, ok_gross_s: for how long it said OK with a parameter 1.3 and 2 times its
-    limit away; closed_gross_s: for how long the contact was closed so. nats: largest log likelihood ratio of the
-    sequential test, with a hazard since its onset; NaN where it had nothing to test. cost_ms, cost_99_ms: processor
-    time per picture.
+    the contact was open for good. warnings, halts: how often these states began. ok_beyond_s, ok_gross_s: for how long
+    it said OK with a parameter 1.3 and 2 times its limit away; closed_gross_s: for how long the contact was closed so.
+    nats: largest log likelihood ratio of the sequential test, with a hazard since its onset; NaN where it had nothing
+    to test. cost_ms, cost_99_ms: processor time per picture.
     """
 
     frames: int = 0
@@ -164,9 +163,9 @@ class _Notes:
             self._told.append(fault)
 
     def _note_named(self, verdict: Verdict, t_s: float) -> None:
+        wrong, after_s = self._conditions.hazard.faults, self._after_s(t_s)
         named = {check.fault for check in verdict.checks if check.verdict is VerdictKind.FAULT}
-        after_s = self._after_s(t_s)
-        if self._conditions.hazard.faults <= named and after_s >= 0 and not isfinite(self._outcome.named_s):
+        if wrong and wrong <= named and after_s >= 0 and not isfinite(self._outcome.named_s):
             self._outcome.named_s = after_s
 
     def _look(self, verdict: Verdict, t_s: float) -> None:

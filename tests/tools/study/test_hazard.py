@@ -111,6 +111,12 @@ def test_two_at_once_are_each_alone_and_read_back():
     assert np.array_equal(both.shown(image, ONSET_S + 1), zoomed[:, ::-1])
 
 
+@pytest.mark.parametrize("text", ["none/latency=120", "latency=120/none", "latency=120/none/depth=5"])
+def test_nothing_beside_a_hazard_is_refused(text):
+    with pytest.raises(ConfigurationError, match="'none' beside a hazard"):
+        Hazard.parse(text)
+
+
 @pytest.mark.parametrize("text", ["latency=120/", "/latency=120", "latency=120/bent"])
 def test_a_second_hazard_that_is_none_is_refused(text):
     with pytest.raises(ConfigurationError, match="not a known hazard"):
