@@ -25,6 +25,8 @@ from tests.support.signals import family, stop
 from tools.commands import ack, lamp_test, pause, status
 from tools.simulators.whole_cart import Part
 
+pytestmark = pytest.mark.alone
+
 ALARM_S = 2.0
 WITH_FILE = ("propose-calibration", "end-recalibration")
 HOSTILE_BODIES = (

@@ -15,6 +15,8 @@ from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
 from tools.demo.script import FAULT_CLASS
 
+pytestmark = pytest.mark.alone
+
 
 class Demo:
     """A demo of its own process; every process under it carries a mark in its environment."""

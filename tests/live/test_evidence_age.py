@@ -19,6 +19,8 @@ from drivers.twins.faults import Episode, Schedule
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
 
+pytestmark = pytest.mark.alone
+
 DISTURBANCES = {
     "one pose in twelve": "sparse-poses",
     "one future picture": "future-stamp",

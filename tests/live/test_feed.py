@@ -19,6 +19,8 @@ from tests.support.web_page import WebPage
 from tools.shared.feed import Feed
 from tools.simulators.whole_cart import Part
 
+pytestmark = pytest.mark.alone
+
 ALARMS = 24
 """In each half of a run; a turn takes some 1.5 s."""
 _MORE_S = 0.05

@@ -26,6 +26,8 @@ from tests.support.web_page import WebPage
 from tools.shared.configuration_text import template
 from tools.simulators.whole_cart import Event, told_by
 
+pytestmark = pytest.mark.alone
+
 LONGEST_S = 600.0
 """What the whole day may take."""
 

@@ -16,6 +16,8 @@ from tests.tools.monitoring.test_mqtt import MOSQUITTO, Mosquitto, Program, Read
 from tools.monitoring.reading import Exposition
 from tools.simulators.whole_cart import Part
 
+pytestmark = pytest.mark.alone
+
 NICE = "/usr/bin/nice"
 
 

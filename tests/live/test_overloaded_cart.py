@@ -15,6 +15,8 @@ from appliance.storage.alarm_chain import read_log
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.polling import until
 
+pytestmark = pytest.mark.alone
+
 BUSY_S = 15.0
 MOST_ENTRIES = 15
 """The overload, its end, one for each kind of change, and those from before it is known: two seconds at most."""

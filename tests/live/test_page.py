@@ -25,6 +25,7 @@ from tests.support.polling import until
 from tests.support.web_page import WebPage
 
 pytestmark = [
+    pytest.mark.alone,
     pytest.mark.skipif(CHROMIUM is None, reason="needs chromium (chromium)"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),  # of playwright's own pipes
 ]

@@ -19,6 +19,8 @@ from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.polling import until
 from tools.recorder.run import ask
 
+pytestmark = pytest.mark.alone
+
 
 @contextmanager
 def recording(cart: Cart, text: str) -> Iterator[subprocess.Popen[bytes]]:

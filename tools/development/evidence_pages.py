@@ -225,7 +225,7 @@ def _found_row(one: Found) -> Sequence[str]:
         "–" if bound is None else f"{bound:.2f} s",
         "–" if bound is None or delay is None or not bound else f"{delay / bound:.1f}",
         f"{median(one.open_s):.2f} s" if one.open_s else "–",
-        f"{one.gross} of {one.runs}",
+        f"{one.gross} of {one.runs}" if Hazard.parse(one.hazard).limited else "–",
         *_origin(one.origin),
     )
 

@@ -124,6 +124,11 @@ class Hazard:
         return frozenset(one.fault for one in self.each if one.fault is not None)
 
     @property
+    def limited(self) -> bool:
+        """Whether what is wrong can be told in multiples of a limit: of what metal does at each place it cannot."""
+        return all(one.kind != _METAL for one in self.each)
+
+    @property
     def onset_s(self) -> float:
         """From when on everything is wrong; infinite for none."""
         if self.kind == "none":

@@ -43,6 +43,8 @@ class Share:
         return low, high
 
     def __str__(self) -> str:
+        if not self.n:
+            return "–"
         low, high = self.interval
         return f"{self.k} of {self.n} ({100 * low:.0f} to {100 * high:.0f} %)"
 
@@ -85,7 +87,8 @@ class Truth:
 @dataclass(frozen=True)
 class Detection:
     """Runs with one hazard, in all sessions. named: as `rightly_named`. fault_s, opened_s: medians from its onset.
-    gross: runs in which it was told OK, or the contact closed again, with a parameter twice its limit away.
+    gross: runs in which it was told OK, or the contact closed again, with a parameter twice its limit away; of none
+    where the hazard has no limit.
     """
 
     hazard: str
@@ -158,11 +161,12 @@ def _detection(name: str, rows: list[Row]) -> Detection:
     hazard = Hazard.parse(name)
     found = [row for row in rows if row["fault_s"]]
     wrong = sum(number(row, "ok_gross_s") > 0 for row in rows)
+    judged = len(rows) if hazard.limited else 0
     return Detection(
         hazard=name,
         found=Share(len(found), len(rows)),
         named=Share(sum(rightly_named(hazard, row) for row in found), len(rows)),
         fault_s=middle(number(row, "fault_s") for row in found),
         opened_s=middle(number(row, "opened_s") for row in rows),
-        gross=Share(wrong, len(rows)),
+        gross=Share(wrong, judged),
     )
