@@ -48,7 +48,7 @@ invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frame
 failures: $(VENV)/dev ## every row of docs/failures.md on a simulated cart in real time (about two minutes)
 	$(BIN)/python -m tests.rules.retried -m "live and not slow" tests/live/test_failures.py
 
-live: $(VENV)/dev ## the service, the demo and every device simulator in real time (about twenty minutes)
+live: $(VENV)/dev ## the service, the demo and every device simulator in real time (half an hour)
 	$(BIN)/python -m tests.rules.retried -n 2 --dist loadfile -m "live and not slow and not alone"
 	$(BIN)/python -m tests.rules.retried -m "live and not slow and alone"
 

@@ -6,7 +6,7 @@ from drivers.registry import open_tracker
 from drivers.samples import PoseStatus
 from tests.support.simulated_igtl import bench
 
-RATE = 0.4
+RATE = 0.2
 """Seconds of the clock per second: leaves a busy host more time for the same milliseconds."""
 
 

@@ -71,12 +71,22 @@ def test_ci_runs_what_the_quick_suite_leaves_out_as_thorough() -> None:
         assert re.search(rf'^{target}:.*\n\t\$\(BIN\)/pytest .*-m "{which}"$', targets, re.M), target
 
 
+def test_what_needs_the_computer_alone_runs_as_well() -> None:
+    """Both halves of `make live`, and nothing besides."""
+    recipe = re.search(r"^live:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.M)
+    assert recipe is not None
+    chosen = re.findall(r'tests\.rules\.retried .*-m "(.*)"$', recipe[1], re.M)
+    assert chosen == ["live and not slow and not alone", "live and not slow and alone"]
+
+
 def test_ci_runs_every_part_that_gates_and_no_smaller_one() -> None:
-    """All of `make live`, and the invariant with all of its frames."""
-    parts = re.findall(r"^part (.*)$", (ROOT / ".ci/run").read_text(), re.M)
+    """All of `make live`, and the invariant with all of its frames; Debian 13's Python on all but a slow machine."""
+    script = (ROOT / ".ci/run").read_text()
+    parts = re.findall(r"^part (.*)$", script, re.M)
     whole = ["make test", "demo", "make thorough", "make test-deb SUITES=bookworm", "make invariant", "make mutation"]
-    whole += ["make pythons VERSIONS=3.13", "make live"]
+    whole += ["make live"]
     assert [part for part in whole if part not in parts] == []
+    assert re.search(r"^other_python 3.13 3900\b", script, re.M)
 
 
 def test_this_suite_follows_the_list(pytestconfig: pytest.Config) -> None:

@@ -127,12 +127,13 @@ class Part:
 @dataclass(frozen=True, slots=True)
 class CartSettings:
     """seed: of the world. rate: seconds of the cart per second. served: scanner and tracker come through an OpenIGTLink
-    server, as behind PLUS.
+    server, as behind PLUS. fps: pictures per second of the cart.
     """
 
     seed: int = 1
     rate: float = 1.0
     served: bool = False
+    fps: float = 30.0
 
 
 class NotReady(DeviceLost):
@@ -204,7 +205,7 @@ class SimulatedDevices:
             return
         place = self.folder / name
         options = {
-            "scanner": ["--socket", str(place), "--control", f"{place}.json"],
+            "scanner": ["--socket", str(place), "--control", f"{place}.json", "--fps", str(self.settings.fps)],
             "polaris": ["--pty", str(place), "--rom", str(self.folder / "probe.rom"), "--control", f"{place}.json"],
             "relay_board": ["--pty", str(place)],
         }[name]
