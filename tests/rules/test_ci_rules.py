@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.rules import pythons, retried, skips
+from tests.rules import deadline, pythons, retried, skips
 
 ROOT = Path(__file__).parents[2]
 FIRST = next(iter(skips.allowed()))
@@ -69,6 +69,32 @@ def test_ci_runs_what_the_quick_suite_leaves_out_as_thorough() -> None:
     rest = "not slow and not live and not cart and not deb"
     for target, which in (("quick", f"not thorough and {rest}"), ("thorough", f"thorough and {rest}")):
         assert re.search(rf'^{target}:.*\n\t\$\(BIN\)/pytest .*-m "{which}"$', targets, re.M), target
+
+
+DEADLINE = ("-p", "tests.rules.deadline")
+
+
+@pytest.mark.parametrize(("until", "passed", "skipped"), [("1e9", 0, 2), ("1e12", 2, 0)])
+def test_what_a_slow_machine_has_not_begun_by_then_is_skipped_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, until: str, passed: int, skipped: int
+) -> None:
+    """Before its fixture starts anything."""
+    monkeypatch.setenv(deadline.UNTIL, until)
+    lines = ["@pytest.fixture", "def cart(): Path('started').touch()", "def test_a(cart): pass", "def test_b(): pass"]
+    code, text = run(
+        suite(tmp_path, *lines), "pytest", *DEADLINE, "-p", "tests.rules.skips", "-rs", "--no-fold-skipped"
+    )
+    assert (code, (tmp_path / "started").exists()) == (0, bool(passed)), text
+    assert text.count("SKIPPED test_it.py::test_") == skipped, text
+
+
+def test_what_failed_is_run_again_after_the_deadline_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A test that is left out the second time would pass for one that passed."""
+    monkeypatch.setenv(deadline.UNTIL, "1e9")
+    in_time = ["import os", "if not Path('first').exists():", "    Path('first').touch()", "    del os.environ['%s']"]
+    lines = [*in_time, "def test_broken(): assert False"]
+    code, text = twice(suite(tmp_path, *(line.replace("%s", deadline.UNTIL) for line in lines)), *DEADLINE)
+    assert (code, "failed alone" in text) == (1, True), text
 
 
 def test_what_needs_the_computer_alone_runs_as_well() -> None:
