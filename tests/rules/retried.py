@@ -45,6 +45,7 @@ def main(
     if len(failed) > MOST and not (too_busy(load) or too_slow(load)):
         print(f"tests failed in {len(failed)} modules: too many for chance, so none is run again", flush=True)
         return code
+    os.environ.pop(UNTIL, None)  # what is left out the second time would pass for what passed
     results = {module: _again(module, tests, _alone(options), too_busy) for module, tests in failed.items()}
     print("", *(said for _, said in results.values()), sep="\n", flush=True)
     return int(not all(good for good, _ in results.values()))
@@ -55,7 +56,6 @@ def _again(module: str, tests: list[str], options: list[str], too_busy: Callable
     names = ", ".join(test.removeprefix(f"{module}::") for test in tests)
     print(f"\n{module}: failed in the whole run, once more alone: {names}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
-        os.environ.pop(UNTIL, None)  # what is left out the second time would pass for what passed
         code, load = _pytest([*options, module], folder)
     good, alone = second_result(code, load, too_busy(load))
     said = f"{module}: failed in the whole run ({names}), {alone}"

@@ -125,8 +125,8 @@ class Hazard:
 
     @property
     def limited(self) -> bool:
-        """Whether what is wrong can be told in multiples of a limit: of what metal does at each place it cannot."""
-        return all(one.kind != _METAL for one in self.each)
+        """Whether anything of it can be told in multiples of a limit: what metal does at each place cannot."""
+        return any(one.kind != _METAL for one in self.each)
 
     @property
     def onset_s(self) -> float:

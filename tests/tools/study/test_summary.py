@@ -63,9 +63,11 @@ def test_a_hazard_is_named_rightly_where_its_own_name_comes_first():
     assert (one.fault_s, one.opened_s) == (3.0, 2.0)
 
 
-def test_metal_has_no_limit_of_which_it_could_be_twice():
+def test_metal_has_no_limit_of_which_it_could_be_twice_and_hides_none_of_what_is_beside_it():
     (one,) = detections([row(hazard="metal=6@sudden")])
     assert (str(one.found), str(one.gross)) == ("0 of 1 (0 to 98 %)", "–")
+    (one,) = detections([row(hazard="depth=10@start/metal=6@sudden", ok_gross_s=0.5)])
+    assert one.gross == Share(1, 1)
 
 
 def test_two_at_once_are_named_rightly_where_both_are_and_nothing_else():
