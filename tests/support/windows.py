@@ -12,6 +12,8 @@ from tests.support.motions import TRUTH, picture_path
 
 ORIGIN_NS = 7_000_000_000
 FPS, POSE_HZ = 30.0, 60.0
+BEFORE_S = 0.5
+"""For which there are poses before the first picture."""
 
 
 def motion(t_s: float, index: int, path_px: Array, path_rad: float, chain: int = 1) -> Motion:
@@ -43,13 +45,16 @@ def filled(
     position_mm: float = 0.1,
     angle_deg: float = 0.02,
     picture_px: float = 0.02,
+    field: Callable[[Array], Array] = lambda poses: poses,
 ) -> PathWindow:
-    """path: (n,) s → (n, 4, 4) picture → tissue. late_s: poses are stamped so much later than they were."""
+    """path: (n,) s → (n, 4, 4) picture → tissue. late_s: poses are stamped so much later than they were. field: what it
+    makes of the poses, but for their noise.
+    """
     random = np.random.default_rng(seed)
     window = PathWindow(reference)
     X = rigid(truth.rotation, truth.offset_mm)
-    pose_t = np.arange(-0.5, seconds + 0.5, 1 / POSE_HZ)
-    poses = path(pose_t) @ X
+    pose_t = np.arange(-BEFORE_S, seconds + 0.5, 1 / POSE_HZ)
+    poses = field(path(pose_t) @ X)
     poses = poses @ rigid(
         rotation_from_vector(random.normal(0, np.deg2rad(angle_deg), (len(poses), 3))), np.zeros((len(poses), 3))
     )

@@ -10,8 +10,7 @@ from statistics import mean, median, stdev
 from scipy.stats import t as student
 
 from appliance.core.parameters import MEASURED
-from appliance.core.quality.sequential_test import WITHDRAWN_NATS
-from appliance.limits import NAMED_NATS
+from appliance.limits import NAMED_NATS, WITHDRAWN_NATS
 from appliance.types import Fault
 from tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, Origin
 from tools.development.false_alarm_pages import false_alarm_lines

@@ -10,9 +10,8 @@ from pathlib import Path
 
 from statemachine.transition import Transition
 
-from appliance.core.quality.sequential_test import WITHDRAWN_NATS
 from appliance.core.quality.shown import PRESENT_NS
-from appliance.limits import NAMED_NATS, Limits
+from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
 from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, Signal
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS

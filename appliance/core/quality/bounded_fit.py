@@ -1,6 +1,7 @@
 """Least squares between bounds, with Huber's weights: θ of the sequential test, and a steady drift of each row."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,22 +23,24 @@ ANYTHING = np.diag(np.append(PRIOR, DRIFT) ** -2.0)
 """(12, 12): information before any motion is seen."""
 VALUE_ROW = TAU + 1 + DRIFT.size
 """Of the rows of innovations: θ, the drifts, and the value."""
+_TURNS = 3
+"""Linear models, each about the fit before: most."""
 _ROUNDS, _SEARCH = 6, 30
 """Reweighted fits of one linear model, and bounds that are taken or left: most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """theta: (12,) θ and the drifts. cost: −2 log likelihood. information: (12, 12)."""
+    """theta: (12,) θ and the drifts, and whatever else was fitted. cost: −2 log likelihood. information: of theta."""
 
     theta: Array
     cost: float
     information: Array
 
 
-def anywhere() -> tuple[Array, Array]:
-    """(12,) and (12,): no bounds."""
-    return np.full(VALUE_ROW, -np.inf), np.full(VALUE_ROW, np.inf)
+def anywhere(count: int = VALUE_ROW) -> tuple[Array, Array]:
+    """(count,) and (count,): no bounds."""
+    return np.full(count, -np.inf), np.full(count, np.inf)
 
 
 def huber(innovations: Array) -> float:
@@ -47,12 +50,13 @@ def huber(innovations: Array) -> float:
 
 
 def fitted(rows: Array, about: Array, low: Array, high: Array, prior: Array) -> Fit:
-    """θ between low and high with Huber's weights. rows: (13, k) innovations, linear about `about`.
+    """θ between low and high with Huber's weights. rows: (13, k) innovations, linear about `about`, or more of them:
+    whatever else is fitted comes after the drifts, and the value last.
 
     Far from the solution everything looks like an outlier, so the weights begin with the scatter that is there.
     """
-    J, theta = rows[:VALUE_ROW], about
-    at_zero = rows[VALUE_ROW] - about @ J
+    J, theta = rows[:-1], about
+    at_zero = rows[-1] - about @ J
     for _ in range(_ROUNDS):
         left = np.abs(at_zero + theta @ J)
         weighed = J / np.maximum(left / (HUBER * max(1.0, float(np.median(left)) / 0.6745)), 1.0)
@@ -63,8 +67,20 @@ def fitted(rows: Array, about: Array, low: Array, high: Array, prior: Array) -> 
     return Fit(theta, huber(at_zero + theta @ J) + float(theta @ prior @ theta), information)
 
 
+def exact(at: Callable[[Array], Array], low: Array, high: Array, prior: Array) -> Fit:
+    """Fitted again about where the fit before ended. at: rows as of `fitted`, linear about the θ that it is given."""
+    theta, fit = np.zeros(len(low)), None
+    for _ in range(_TURNS):
+        fit = fitted(at(theta), theta, low, high, prior)
+        moved, theta = np.abs(fit.theta - theta), fit.theta
+        if np.all(moved[: TAU + 1] < 0.05 * BEYOND):
+            break
+    assert fit is not None
+    return replace(fit, cost=huber(at(theta)[-1]) + float(theta @ prior @ theta))
+
+
 def minimum(H: Array, g: Array, low: Array, high: Array) -> Array:
-    """(12,) of ½ xᵀ H x − gᵀ x between low and high: bounds are taken as they are met, and left where it pays."""
+    """(n,) of ½ xᵀ H x − gᵀ x between low and high: bounds are taken as they are met, and left where it pays."""
     x = np.linalg.solve(H, g)
     if np.all((x >= low) & (x <= high)):
         return np.asarray(x)

@@ -10,6 +10,7 @@ from appliance.core.path.explanation import Explanation
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, examine, examine_nothing, lag_known, latency_of, without
 from appliance.core.quality.examiner import BREATHED, Examiner
+from appliance.core.quality.field_distortion import FieldDistortion
 from appliance.core.quality.rest import Rest
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.undecided import Choice, undecided
@@ -62,6 +63,7 @@ class Evidence:
         self.window = window
         self._nothing = examine_nothing(limits)
         self._choice = Choice()
+        self._distortion = FieldDistortion(limits.named_nats)
         self.rest = Rest(limits, reference)
         self._verification = Verification(limits, self.rest)
         self._latest = self._best = self._nothing
@@ -110,6 +112,7 @@ class Evidence:
         self._verification.restart()
         self._latest = self._nothing
         self._choice = Choice()
+        self._distortion = FieldDistortion(self._limits.named_nats)
         self._suspects = frozenset()
         self._culprits = {}
         self._settled_ns = self._long_ns = 0
@@ -125,6 +128,7 @@ class Evidence:
         times_ns = self._valid_ns, self._settled_ns, self._lagged_ns
         self._valid_ns, self._settled_ns, self._lagged_ns = (min(t_ns, since_ns) for t_ns in times_ns)
         self._choice = Choice()
+        self._distortion = FieldDistortion(self._limits.named_nats)
         self._long_ns = 0
         self._failing_ns = self._breathed_ns = None
         self._examiner.forget()
@@ -136,7 +140,9 @@ class Evidence:
         self.rest.forget(since_ns)
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks of the latest solution, and of the choice that it leaves, while neither of its two is answered."""
+        """Checks of the latest solution, of a distorted field, and of the choice that the solution leaves, while
+        neither of its two is answered.
+        """
         choice = self._choice.check if self._verification.rivals else None
         latest = tuple(
             replace(check, rested_ns=rested_ns)
@@ -144,7 +150,7 @@ class Evidence:
             else check
             for check in self._latest.checks
         )
-        return latest if choice is None else (*latest, choice)
+        return (*latest, *(check for check in (self._distortion.check, choice) if check is not None))
 
     @property
     def required(self) -> tuple[str, ...]:
@@ -296,6 +302,9 @@ class Evidence:
         lag_s = lateness.value / 1e3 if lag_known(lateness, self._limits) else 0.0
         found = yield from accuse(window, self._reference, self._limits, noise, lag_s, learned is not None)
         self.nats = found.nats
+        # A calibration that creeps looks bent as well, and is named by itself.
+        wrong = bool(found.named or finding.failed or self._latest.failed) and not self._distortion.named
+        self._distortion.note(0.0 if wrong else found.bent_nats, now_ns)
         if not found.checks:
             return None
         # A mirrored picture looks like many things, and is named elsewhere.

@@ -58,6 +58,28 @@ class Innovations:
         """(13, 3 n): the same, linear about theta (12,)."""
         return self._white(theta, n).reshape(VALUE_ROW + 1, -1)
 
+    def slopes(self) -> Array:
+        """(7, 3 m): derivatives of all blocks by what each row gains with the predicted way, lateral, axial and out of
+        the plane; 1 and rad/mm. The growth of the lateral way with itself, and of the axial, is a scale and left out.
+        """
+        at_reference = np.zeros(TAU + 1)
+        predicted = self._residual.seen(at_reference) - self._residual.linear(at_reference)[[LATERAL, AXIAL], VALUE]
+        ways = np.vstack([predicted, self._residual.elevation_mm])[:, ::-1]
+        rows = len(self._whitening)
+        white = np.zeros((rows, len(ways), rows, len(self)))
+        for k, W in enumerate(self._whitening):
+            white[k, :, k] = ways @ W.T
+        every = white.reshape(rows * len(ways), -1)
+        return np.delete(every, [LATERAL * len(ways) + LATERAL, AXIAL * len(ways) + AXIAL], axis=0)
+
+    def displaced(self, k: int) -> Array:
+        """(3, 3 m): derivatives of all blocks by a displacement of the k-th, of one row each; 1/mm and 1/rad."""
+        rows = len(self._whitening)
+        white = np.zeros((rows, rows, len(self)))
+        for row, W in enumerate(self._whitening):
+            white[row, row] = W[:, k]
+        return white.reshape(rows, -1)
+
     def _white(self, theta: Array, n: int) -> Array:
         """(13, 3, n). The scales are regressed on the predicted path: the measured one holds the tissue's motion."""
         linear = self._residual.linear(theta[: TAU + 1]).copy()

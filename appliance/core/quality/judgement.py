@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Sequence
 
+from appliance.core.quality.field_distortion import NAME as DISTORTION
 from appliance.core.quality.gesture import gestures
 from appliance.core.quality.verification import Sign, Standing
 from appliance.types import PARAMETERS, Check, Fault, Kind, Rival, Verdict, VerdictKind
@@ -22,6 +23,7 @@ _FIRST = (
     Fault.POSE_CONVENTION,
     Fault.POLARITY,
     Fault.LATENCY,
+    Fault.FIELD_DISTORTION,
     Fault.EXCHANGED_PROBE,
 )
 """Faults that spoil or explain everything measured after them, in the order in which they are named."""
@@ -29,7 +31,7 @@ _FIRST = (
 
 def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing) -> Verdict:
     """FAULT if any check failed; OK if every required one is shown, none is contradicted, and none of kind SIGHT says
-    that the others speak of no tissue; NOT_VERIFIED otherwise.
+    that the others speak of no tissue, and no distorted field is seen; NOT_VERIFIED otherwise.
 
     standing: of the `Verification`.
     """
@@ -48,6 +50,10 @@ def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing) -> Verdict:
         rivals = standing.rivals
         reason = _undecided(rivals) if rivals else _contradiction(standing.contradicted[0])
         return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, reason, rivals=rivals)
+    bent = next((one for one in checks if one.name == DISTORTION), None)
+    if bent is not None:
+        reason = f"{_sentence(bent)}: waiting for it to be confirmed"
+        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, reason)
     missing = [name for name in standing.required if name not in _shown(checks)]
     kind = VerdictKind.NOT_VERIFIED if missing else VerdictKind.OK
     verified = "; ".join(["calibration verified", *_doubts(checks)])
@@ -159,4 +165,4 @@ def _undecided(rivals: Sequence[Rival]) -> str:
 
 
 def _sentence(check: Check) -> str:
-    return f"{check.name} {check.value:+.3g} {check.unit}, limit {check.limit:g} {check.unit}"
+    return f"{check.name} {check.value:+.3g} {check.unit}, limit {check.limit:.4g} {check.unit}"

@@ -15,10 +15,11 @@ from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, limit_of_e
 from appliance.core.path.noise import AXIAL, BREATHING, LATERAL, Noise
 from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU
 from appliance.core.path.window import PathWindow
-from appliance.core.quality.bounded_fit import ANYTHING, BEYOND, DRIFT, VALUE_ROW, Fit, anywhere, fitted, huber
+from appliance.core.quality.bounded_fit import ANYTHING, BEYOND, DRIFT, VALUE_ROW, Fit, anywhere, exact, fitted, huber
+from appliance.core.quality.field_distortion import distortion_nats
 from appliance.core.quality.innovations import INFLATED, Innovations
-from appliance.core.spread_work import INNOVATIONS, TRIAL, Work
-from appliance.limits import NAMED_NATS, Limits
+from appliance.core.spread_work import DISTORTION, INNOVATIONS, TRIAL, Work
+from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
 from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array
 
@@ -29,9 +30,6 @@ WINDOW_NS = 10_000_000_000
 _STARTS = (10, 14, 19, 26, 36, 45, 58, 76, 100)
 """Lengths that are tested, in blocks of a tenth of a second: each about 1.3 times the one before. A change between two
 of them is found by the shorter one, later by less than that."""
-WITHDRAWN_NATS = 10.0
-"""The same of a sign, which withdraws the OK and names nothing: once in hours of motion at the limit itself. Less opens
-the contact for nothing, more keeps it closed for longer over what will be named."""
 _AHEAD_NATS = 5.0
 """By how much the class that is named must explain the motion better than any other: odds of 150. Less names the wrong
 one more often, more tells two for longer. Not measured."""
@@ -46,8 +44,6 @@ the liver, 4 to 6 mm from peak to peak."""
 _CLASSES: Mapping[Fault, slice] = {
     Fault.ROTATION: ROTATION, Fault.SCALE: SCALE, Fault.OFFSET: OFFSET, Fault.LATENCY: slice(TAU, TAU + 1),
 }  # fmt: skip
-_TURNS = 3
-"""Linear models, each about the fit before: most."""
 _WORTH_NATS = 6.0
 """From which a linear fit is worth a second, exact one: below WITHDRAWN_NATS by more than the second order."""
 
@@ -59,13 +55,15 @@ class Accusation:
     the parameters that are surely beyond, where one class explains it; else the parameter that is farthest beyond,
     NOT_VERIFIED, of each class that is as likely, the likeliest first. rivals: those classes, where there are two or
     more and the likeliest explains it. A scale along an axis on which the probe has covered too little is a sign,
-    and neither named nor a rival: skin drags along with the probe.
+    and neither named nor a rival: skin drags along with the probe. bent_nats: as `distortion_nats` of all that was
+    tested.
     """
 
     since_ns: int
     nats: float
     checks: tuple[Check, ...]
     rivals: tuple[Rival, ...] = ()
+    bent_nats: float = 0.0
 
     @property
     def named(self) -> frozenset[str]:
@@ -84,6 +82,8 @@ def accuse(
     try:
         yield INNOVATIONS.of(len(window))
         rows = Innovations(window, reference, noise if breathing_known else _with_breathing(noise), lag_s)
+        yield DISTORTION.of()
+        bent_nats = distortion_nats(rows)
         starts = [n for n in sorted({min(n, len(rows)) for n in _STARTS}) if n >= _STARTS[0]]
         best: _Trial | None = None
         for n in starts:
@@ -94,9 +94,9 @@ def accuse(
             if best is None or trial.nats > best.nats:
                 best = trial
         if best is None or best.nats < WITHDRAWN_NATS:
-            return Accusation(0, 0.0 if best is None else best.nats, ())
+            return Accusation(0, 0.0 if best is None else best.nats, (), bent_nats=bent_nats)
         yield TRIAL.of()
-        return best.accusation(rows.start_ns(best.n), limits, lag_s)
+        return replace(best.accusation(rows.start_ns(best.n), limits, lag_s), bent_nats=bent_nats)
     except ValueError:
         # Too few pictures, or a matrix that motion without content leaves singular (LinAlgError).
         return Accusation(0, 0.0, ())
@@ -148,16 +148,7 @@ class _Trial:
         return self._beyond(free)
 
     def _exact(self, low: Array, high: Array, prior: Array) -> Fit:
-        """Fitted again about where the fit before ended."""
-        theta, fit = np.zeros(VALUE_ROW), None
-        for _ in range(_TURNS):
-            fit = fitted(self._rows.at(theta, self.n), theta, low, high, prior)
-            moved, theta = np.abs(fit.theta - theta), fit.theta
-            if np.all(moved[: TAU + 1] < 0.05 * BEYOND):
-                break
-        left = self._rows.at(theta, self.n)[VALUE_ROW]
-        assert fit is not None
-        return replace(fit, cost=huber(left) + float(theta @ prior @ theta))
+        return exact(lambda theta: self._rows.at(theta, self.n), low, high, prior)
 
     def accusation(self, since_ns: int, limits: Limits, lag_s: float) -> Accusation:
         """The classes that explain it, each alone, and whether one of them may be named."""

@@ -8,8 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from appliance.core.quality.sequential_test import WITHDRAWN_NATS
-from appliance.limits import NAMED_NATS
+from appliance.limits import NAMED_NATS, WITHDRAWN_NATS
 from appliance.storage.calibration_file import write_calibration
 from appliance.types import PARAMETERS, Calibration
 from drivers.errors import DeviceLost
@@ -250,6 +249,14 @@ def test_another_probe_is_named_first_and_never_ok(seed):
     told = run(Conditions(gesture, Hazard.parse("exchanged-probe@start")), rendered(gesture, None))
     assert told.faults.split()[0] == "exchanged-probe"
     assert told.fault_s < 8
+    assert (told.ok, told.closed) == (0.0, 0.0)
+
+
+@pytest.mark.thorough
+def test_metal_that_bends_the_field_is_named_and_never_ok():
+    gesture = Session("gesture", "still", 1, 15.0)
+    told = run(Conditions(gesture, Hazard.parse("metal=6@start")), rendered(gesture, None))
+    assert told.faults.split()[0] == "field-distortion"
     assert (told.ok, told.closed) == (0.0, 0.0)
 
 

@@ -1,0 +1,117 @@
+"""A field that bends poses with the place is told from every calibration that is wrong, and withholds the OK."""
+
+import numpy as np
+import pytest
+
+from appliance.core.path.window import PathWindow
+from appliance.core.quality.evidence import Evidence
+from appliance.core.quality.field_distortion import DOUBTED_NATS, NAME, FieldDistortion, distortion_nats
+from appliance.core.quality.innovations import Innovations
+from appliance.core.quality.judgement import judge
+from appliance.limits import NAMED_NATS, Limits
+from appliance.types import Fault, Verdict, VerdictKind
+from drivers.rigid import Array, rigid, rotation_from_vector
+from tests.appliance.core.quality.test_sequential_test import known
+from tests.support.motions import TRUTH, tilting_path
+from tests.support.windows import BEFORE_S, POSE_HZ, filled
+
+FAULT, OK, NOT_VERIFIED = VerdictKind.FAULT, VerdictKind.OK, VerdictKind.NOT_VERIFIED
+SECOND_NS = 1_000_000_000
+
+
+def stretched(poses: Array, per_mm: Array, turn_per_mm: Array) -> Array:
+    """Another world than the study's dipoles: displaced by per_mm (3, 3) and turned by turn_per_mm (3, 3), rad/mm, of
+    the way from where the path begins.
+    """
+    away = poses[:, :3, 3] - poses[0, :3, 3]
+    bent = rigid(rotation_from_vector(away @ turn_per_mm.T), np.zeros((len(poses), 3))) @ poses
+    bent[:, :3, 3] = poses[:, :3, 3] + away @ per_mm.T
+    return bent
+
+
+def verdicts(whole: PathWindow, every: int = 10) -> list[Verdict]:
+    """One for so many pictures."""
+    window = PathWindow(TRUTH)
+    window.poses = whole.poses
+    evidence, told = Evidence(TRUTH, Limits(), window), list[Verdict]()
+    for index, seen in enumerate(whole._seen):
+        window.add(seen)
+        if index % every == every - 1:
+            evidence.solve(window.now_ns)
+            told.append(judge(window.now_ns, evidence.checks(), evidence.standing))
+    return told
+
+
+def brought(seed: int, per_mm: float, deg_per_mm: float) -> list[Verdict]:
+    """Twelve seconds without the field and twelve with it, along random directions."""
+    random = np.random.default_rng(seed)
+    ways = random.normal(size=(2, 3, 3))
+    ways /= np.linalg.norm(ways, axis=(1, 2), keepdims=True)
+
+    def field(poses: Array) -> Array:
+        before = round((12.0 + BEFORE_S) * POSE_HZ)
+        bent = stretched(poses, per_mm * ways[0], np.deg2rad(deg_per_mm) * ways[1])
+        return np.concatenate([poses[:before], bent[before:]])
+
+    return verdicts(filled(tilting_path, 24.0, seed, field=field))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (2, 3))])
+def test_a_field_that_no_parameter_passes_for_is_named(seed: int) -> None:
+    """It may pass for a parameter at first, and is named so; on seed 1 to the end."""
+    told = brought(seed, 0.1, 0.1)
+    assert told[34].kind is OK
+    assert told[-1].fault is Fault.FIELD_DISTORTION
+    assert NAME in told[-1].reason
+    assert {verdict.kind for verdict in told[-3:]} == {FAULT}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (1, 2, 3))])
+def test_without_it_nothing_is_said(seed: int) -> None:
+    told = brought(seed, 0.0, 0.0)
+    assert all(check.name != NAME for verdict in told for check in verdict.checks)
+    assert told[-1].kind is OK
+
+
+def test_one_pose_far_away_is_no_evidence() -> None:
+    """More than a hundred standard deviations, as a place and as the way that slopes are counted by."""
+
+    def leaping(poses: Array) -> Array:
+        poses = poses.copy()
+        poses[len(poses) // 2, 0, 3] += 50.0
+        return poses
+
+    for seed in range(3):
+        window = filled(tilting_path, 9.0, seed, field=leaping)
+        assert distortion_nats(Innovations(window, TRUTH, known(), 0.0)) < 2.0
+
+
+def test_evidence_must_last_to_name_it_and_end_to_forgive_it() -> None:
+    watched = FieldDistortion(NAMED_NATS)
+    told = []
+    for second, nats in enumerate([0.0, DOUBTED_NATS, NAMED_NATS, 40.0, 40.0, NAMED_NATS - 1, DOUBTED_NATS - 1, 40.0]):
+        watched.note(nats, second * SECOND_NS)
+        told.append(None if watched.check is None else watched.check.verdict)
+    assert told == [None, NOT_VERIFIED, NOT_VERIFIED, NOT_VERIFIED, FAULT, FAULT, None, NOT_VERIFIED]
+
+
+def test_one_bad_window_names_nothing() -> None:
+    watched = FieldDistortion(NAMED_NATS)
+    for second in range(6):
+        watched.note(40.0 * (second % 2), second * SECOND_NS)
+        assert watched.check is None or watched.check.verdict is NOT_VERIFIED
+
+
+def test_what_is_seen_of_it_withholds_the_ok() -> None:
+    window = filled(tilting_path, 9.0, 1)
+    evidence = Evidence(TRUTH, Limits(), window)
+    evidence.solve(window.now_ns)
+    assert judge(window.now_ns, evidence.checks(), evidence.standing).kind is OK
+    evidence._distortion.note(DOUBTED_NATS, window.now_ns)
+    verdict = judge(window.now_ns, evidence.checks(), evidence.standing)
+    assert (verdict.kind, verdict.verified_ns) == (NOT_VERIFIED, None)
+    assert verdict.reason == "field-distortion +13.5 nat, limit 18.5 nat: waiting for it to be confirmed"
+    evidence.lose_sight()
+    assert all(check.name != NAME for check in evidence.checks())
