@@ -12,8 +12,18 @@ from tools.development.markdown import table
 FIGURES = Path(__file__).parents[2] / "docs" / "false-alarms.json"
 _TAIL = 0.025
 """Of either side of an interval of 95 %."""
-_LEVELS_NATS = (6, 8, 10, 14, 18.5)
-"""Above which peaks are counted: what the test tells at all, a sign, a name, and between."""
+_LEVELS_NATS = (6, 8, 10, 13.5, 18.5)
+"""Above which peaks are counted: what the test tells at all, a sign, one of a distorted field, a name, and between."""
+
+_COUNTED = {
+    "signs": "signs",
+    "withdrawn": "of them while OK",
+    "choices": "`undecided`",
+    "faults": "named FAULTs",
+    "warnings": "WARNINGs",
+    "halts": "HALTs",
+}
+"""Figure → head of its column."""
 
 _TEXT = """`make false-alarms SEEDS={seeds}` plays healthy sessions without pictures: the path of the session with
 the errors of a registration goes straight into what judges it, with every session of [study.md](study.md)
@@ -36,14 +46,14 @@ def false_alarm_lines() -> list[str]:
     figures: Mapping[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8"))
     commits = ", ".join(f"`{one}`" for one in figures["commits"])
     told = _TEXT.format(seeds=figures["seeds"], commits=commits)
-    head = ("healthy scanning", "hours", "signs", "of them while OK", "`undecided`", "named FAULTs", "HALTs", "OK for")
+    head = ("healthy scanning", "hours", *_COUNTED.values(), "OK for")
     rows = [_row(name, total) for name, total in figures["totals"].items()]
     return ["## Signs and names in healthy scanning", "", told, *table(head, rows), *_peaks(figures)]
 
 
 def _row(name: str, total: Mapping[str, Any]) -> Sequence[str]:
     hours = float(total["hours"])
-    rates = [_rate(int(total[kind]), hours) for kind in ("signs", "withdrawn", "choices", "faults", "halts")]
+    rates = [_rate(int(total[kind]), hours) for kind in _COUNTED]
     return (name, f"{hours:.2f}", *rates, f"{100 * float(total['ok_h']) / hours:.0f} %")
 
 
@@ -53,11 +63,15 @@ def _rate(events: int, hours: float) -> str:
 
 
 def _peaks(figures: Mapping[str, Any]) -> list[str]:
-    peaks = figures["peaks"]
-    above = ", ".join(f"{sum(peak > level for peak in peaks)} above {level:g}" for level in _LEVELS_NATS)
-    highest = f"{peaks[0]:.1f}" if peaks else "0"
     names = ", ".join(f"`{name}` {number}" for name, number in figures["names"].items()) or "none"
     return [
-        f"Largest log likelihood ratio of each half minute: {above} nats; the highest {highest}. Names: {names}.",
+        f"Largest log likelihood ratio of each half minute: {_above(figures['peaks'])}. Of a distorted field: "
+        f"{_above(figures['bent'])}. Names: {names}.",
         "",
     ]
+
+
+def _above(peaks: Sequence[float]) -> str:
+    """The highest first."""
+    above = ", ".join(f"{sum(peak > level for peak in peaks)} above {level:g}" for level in _LEVELS_NATS)
+    return f"{above} nats, the highest {peaks[0] if peaks else 0.0:.1f}"

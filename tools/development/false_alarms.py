@@ -72,9 +72,10 @@ class Quiet:
 
 
 class _Played:
-    """signs: how often something came to speak against the calibration; withdrawn: of those, how many while it was OK.
-    choices, faults: how often `undecided`, and a FAULT of any other name, began. peaks: of each block, where it is not
-    0. Beside them, how often the supervisor warned and halted.
+    """signs: how often something came to speak against the calibration, or for a distorted field; withdrawn: of those,
+    how many while it was OK. choices, faults: how often `undecided`, and a FAULT of any other name, began. peaks, bent:
+    of each block, of the sequential test and of a distorted field, where they are not 0. Beside them, how often the
+    supervisor warned and halted.
     """
 
     def __init__(self, quiet: Quiet) -> None:
@@ -84,16 +85,16 @@ class _Played:
         self._told: tuple[bool, Fault | None, VerdictKind] = (False, None, VerdictKind.NOT_VERIFIED)
         self._counts = dict.fromkeys(_COUNTS, 0)
         self._names: list[str] = []
-        self._peaks = np.zeros(int(np.ceil(quiet.session.duration_s / BLOCK_S)))
+        self._peaks, self._bent = np.zeros((2, int(np.ceil(quiet.session.duration_s / BLOCK_S))))
         self._ok_ns = 0
         self._play(quiet.noise)
 
     def row(self) -> Row:
         """Cells of the table."""
         counts = {name: str(value) for name, value in self._counts.items()}
-        peaks = " ".join(f"{peak:.2f}" for peak in self._peaks if peak > 0)
+        peaks, bent = (" ".join(f"{peak:.2f}" for peak in kind if peak > 0) for kind in (self._peaks, self._bent))
         ok_s = f"{self._ok_ns / 1e9:.1f}"
-        return counts | {"ok_s": ok_s, "names": " ".join(self._names), "peaks": peaks}
+        return counts | {"ok_s": ok_s, "names": " ".join(self._names), "peaks": peaks, "bent": bent}
 
     def _play(self, noise: str) -> None:
         session, evidence = self._session, self._evidence
@@ -121,13 +122,14 @@ class _Played:
 
     def _take(self, now_ns: int, since_ns: int, t_s: float) -> None:
         evidence, counts = self._evidence, self._counts
-        if evidence.nats is not None:
-            block = int(t_s // BLOCK_S)
-            self._peaks[block] = max(self._peaks[block], evidence.nats)
+        block = int(t_s // BLOCK_S)
+        self._peaks[block] = max(self._peaks[block], evidence.nats or 0.0)
+        self._bent[block] = max(self._bent[block], evidence.distortion.nats)
         verdict = judge(now_ns, evidence.checks(), evidence.standing)
         self._ok_ns += since_ns * (verdict.kind is VerdictKind.OK)
         signed, fault, kind = self._told
-        now = bool(evidence.standing.contradicted), verdict.fault, verdict.kind
+        against = evidence.distortion.check is not None or bool(evidence.standing.contradicted)
+        now = against, verdict.fault, verdict.kind
         if now[0] and not signed:
             counts["signs"] += 1
             counts["withdrawn"] += kind is VerdictKind.OK
@@ -222,6 +224,11 @@ def _total(rows: list[Row]) -> dict[str, float]:
     return {"rows": len(rows), **hours, **{name: sum(int(row[name]) for row in rows) for name in _COUNTS}}
 
 
+def _highest(rows: list[Row], kind: str) -> list[float]:
+    """Of all blocks, the highest first."""
+    return sorted((float(peak) for row in rows for peak in row[kind].split()), reverse=True)
+
+
 def written(rows: list[Row]) -> dict[str, object]:
     """What docs/false-alarms.json keeps."""
     kinds: dict[str, list[Row]] = {}
@@ -230,13 +237,12 @@ def written(rows: list[Row]) -> dict[str, object]:
             kinds.setdefault(name, []).append(row)
     names = sorted({name for row in rows for name in row["names"].split()})
     counted = {name: sum(row["names"].split().count(name) for row in rows) for name in names}
-    peaks = sorted((float(peak) for row in rows for peak in row["peaks"].split()), reverse=True)
     return {
         "commits": sorted({row[COMMIT] for row in rows}),
         "seeds": len({row["seed"] for row in rows}),
         "totals": {name: _total(own) for name, own in kinds.items()},
         "names": counted,
-        "peaks": peaks,
+        **{kind: _highest(rows, kind) for kind in ("peaks", "bent")},
     }
 
 

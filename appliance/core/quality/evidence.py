@@ -63,7 +63,7 @@ class Evidence:
         self.window = window
         self._nothing = examine_nothing(limits)
         self._choice = Choice()
-        self._distortion = FieldDistortion(limits.named_nats)
+        self.distortion = FieldDistortion(limits.named_nats)
         self.rest = Rest(limits, reference)
         self._verification = Verification(limits, self.rest)
         self._latest = self._best = self._nothing
@@ -112,7 +112,7 @@ class Evidence:
         self._verification.restart()
         self._latest = self._nothing
         self._choice = Choice()
-        self._distortion = FieldDistortion(self._limits.named_nats)
+        self.distortion = FieldDistortion(self._limits.named_nats)
         self._suspects = frozenset()
         self._culprits = {}
         self._settled_ns = self._long_ns = 0
@@ -128,7 +128,7 @@ class Evidence:
         times_ns = self._valid_ns, self._settled_ns, self._lagged_ns
         self._valid_ns, self._settled_ns, self._lagged_ns = (min(t_ns, since_ns) for t_ns in times_ns)
         self._choice = Choice()
-        self._distortion = FieldDistortion(self._limits.named_nats)
+        self.distortion = FieldDistortion(self._limits.named_nats)
         self._long_ns = 0
         self._failing_ns = self._breathed_ns = None
         self._examiner.forget()
@@ -150,7 +150,7 @@ class Evidence:
             else check
             for check in self._latest.checks
         )
-        return (*latest, *(check for check in (self._distortion.check, choice) if check is not None))
+        return (*latest, *(check for check in (self.distortion.check, choice) if check is not None))
 
     @property
     def required(self) -> tuple[str, ...]:
@@ -303,8 +303,8 @@ class Evidence:
         found = yield from accuse(window, self._reference, self._limits, noise, lag_s, learned is not None)
         self.nats = found.nats
         # A calibration that creeps looks bent as well, and is named by itself.
-        wrong = bool(found.named or finding.failed or self._latest.failed) and not self._distortion.named
-        self._distortion.note(0.0 if wrong else found.bent_nats, now_ns)
+        wrong = bool(found.named or finding.failed or self._latest.failed) and not self.distortion.named
+        self.distortion.note(0.0 if wrong else found.bent_nats, now_ns)
         if not found.checks:
             return None
         # A mirrored picture looks like many things, and is named elsewhere.

@@ -88,12 +88,14 @@ def _spread(fit: Fit, n: int) -> float:
 
 class FieldDistortion:
     """check: FAULT once named_nats have lasted; from DOUBTED_NATS on NOT_VERIFIED, which withholds the OK; else None.
+    nats: of the latest solution.
 
     What was named stands until the evidence is below DOUBTED_NATS: until motion without it fills the window.
     """
 
     def __init__(self, named_nats: float) -> None:
         self.check: Check | None = None
+        self.nats = 0.0
         self._named_nats = named_nats
         self._since_ns: int | None = None
 
@@ -104,6 +106,7 @@ class FieldDistortion:
 
     def note(self, nats: float, now_ns: int) -> None:
         """Of the solution at now_ns."""
+        self.nats = nats
         if nats < self._named_nats:
             self._since_ns = None
         elif self._since_ns is None:

@@ -15,7 +15,7 @@ from tools.study.summary import Row
 ROW: Row = {
     "session": "gesture-fan", "tissue": "still", "noise": "t5", "seed": "1", "duration_s": "1800", "signs": "2",
     "withdrawn": "1", "choices": "0", "faults": "1", "warnings": "1", "halts": "0", "ok_s": "450", "names": "scale",
-    "peaks": "7.00 12.00", "commit": "c1",
+    "peaks": "7.00 12.00", "bent": "3.00", "commit": "c1",
 }  # fmt: skip
 
 
@@ -69,6 +69,7 @@ def test_totals_add_up_sessions_of_each_kind() -> None:
         "halts": 0,
     }  # fmt: skip
     assert (totals["t5"]["faults"], totals["ar1"]["faults"], totals["fan"]["rows"]) == (1, 0, 2)
+    assert figures["bent"] == [3.0, 3.0]
     assert (figures["seeds"], figures["names"], figures["peaks"]) == (2, {"scale": 1}, [15.0, 12.0, 7.0])
 
 
@@ -91,5 +92,5 @@ def test_the_command_goes_on_where_it_ended(tmp_path: Path, monkeypatch: pytest.
         assert len(played) == total
     text = "\n".join(false_alarm_lines())
     assert "| everything | 2.40 | 96 (32 to 49) |" in text
-    assert "96 above 6, 48 above 8, 48 above 10, 0 above 14" in text
-    assert "the highest 12.0. Names: `scale` 48." in text
+    assert "96 above 6, 48 above 8, 48 above 10, 0 above 13.5" in text
+    assert "the highest 12.0. Of a distorted field: 0 above 6" in text

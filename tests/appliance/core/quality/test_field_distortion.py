@@ -109,7 +109,7 @@ def test_what_is_seen_of_it_withholds_the_ok() -> None:
     evidence = Evidence(TRUTH, Limits(), window)
     evidence.solve(window.now_ns)
     assert judge(window.now_ns, evidence.checks(), evidence.standing).kind is OK
-    evidence._distortion.note(DOUBTED_NATS, window.now_ns)
+    evidence.distortion.note(DOUBTED_NATS, window.now_ns)
     verdict = judge(window.now_ns, evidence.checks(), evidence.standing)
     assert (verdict.kind, verdict.verified_ns) == (NOT_VERIFIED, None)
     assert verdict.reason == "field-distortion +13.5 nat, limit 18.5 nat: waiting for it to be confirmed"
