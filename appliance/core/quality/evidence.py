@@ -128,7 +128,6 @@ class Evidence:
         times_ns = self._valid_ns, self._settled_ns, self._lagged_ns
         self._valid_ns, self._settled_ns, self._lagged_ns = (min(t_ns, since_ns) for t_ns in times_ns)
         self._choice = Choice()
-        self.distortion = FieldDistortion(self._limits.named_nats)
         self._long_ns = 0
         self._failing_ns = self._breathed_ns = None
         self._examiner.forget()
@@ -300,11 +299,11 @@ class Evidence:
         noise = finding.solution.noise if learned is None else learned
         lateness = latency_of(finding)
         lag_s = lateness.value / 1e3 if lag_known(lateness, self._limits) else 0.0
-        found = yield from accuse(window, self._reference, self._limits, noise, lag_s, learned is not None)
+        bent, known = self.distortion.due(now_ns), learned is not None
+        found = yield from accuse(window, self._reference, self._limits, noise, lag_s, known, bent)
         self.nats = found.nats
-        # A calibration that creeps looks bent as well, and is named by itself.
-        wrong = bool(found.named or finding.failed or self._latest.failed) and not self.distortion.named
-        self.distortion.note(0.0 if wrong else found.bent_nats, now_ns)
+        if bent:
+            self.distortion.note(found.bent_nats, now_ns, bool(found.named or finding.failed or self._latest.failed))
         if not found.checks:
             return None
         # A mirrored picture looks like many things, and is named elsewhere.

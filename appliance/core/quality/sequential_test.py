@@ -56,14 +56,14 @@ class Accusation:
     NOT_VERIFIED, of each class that is as likely, the likeliest first. rivals: those classes, where there are two or
     more and the likeliest explains it. A scale along an axis on which the probe has covered too little is a sign,
     and neither named nor a rival: skin drags along with the probe. bent_nats: as `distortion_nats` of all that was
-    tested.
+    tested; None where it was not asked for as well.
     """
 
     since_ns: int
     nats: float
     checks: tuple[Check, ...]
     rivals: tuple[Rival, ...] = ()
-    bent_nats: float = 0.0
+    bent_nats: float | None = None
 
     @property
     def named(self) -> frozenset[str]:
@@ -72,34 +72,48 @@ class Accusation:
 
 
 def accuse(
-    window: PathWindow, reference: Calibration, limits: Limits, noise: Noise, lag_s: float, breathing_known: bool
+    window: PathWindow,
+    reference: Calibration,
+    limits: Limits,
+    noise: Noise,
+    lag_s: float,
+    breathing_known: bool,
+    bent: bool = False,
 ) -> Work[Accusation]:
     """Of the start from which a calibration beyond its limits explains the motion best.
 
     noise: learned from motion before the change, or under the calibration that the motion itself asks for. lag_s: of
-    the tracker, near which it is looked for. breathing_known: whether `noise` has seen a breath.
+    the tracker, near which it is looked for. breathing_known: whether `noise` has seen a breath. bent: whether a
+    distorted field is asked for as well.
     """
+    found, bent_nats = Accusation(0, 0.0, ()), None
     try:
         yield INNOVATIONS.of(len(window))
         rows = Innovations(window, reference, noise if breathing_known else _with_breathing(noise), lag_s)
-        yield DISTORTION.of()
-        bent_nats = distortion_nats(rows)
-        starts = [n for n in sorted({min(n, len(rows)) for n in _STARTS}) if n >= _STARTS[0]]
-        best: _Trial | None = None
-        for n in starts:
-            if rows.score(n) < _WORTH_NATS:
-                continue
-            yield TRIAL.of()
-            trial = _Trial(rows, n, _bounds(limits, lag_s))
-            if best is None or trial.nats > best.nats:
-                best = trial
-        if best is None or best.nats < WITHDRAWN_NATS:
-            return Accusation(0, 0.0 if best is None else best.nats, (), bent_nats=bent_nats)
-        yield TRIAL.of()
-        return replace(best.accusation(rows.start_ns(best.n), limits, lag_s), bent_nats=bent_nats)
+        found = yield from _likeliest(rows, limits, lag_s)
+        if bent:
+            yield DISTORTION.of()
+            bent_nats = distortion_nats(rows)
     except ValueError:
-        # Too few pictures, or a matrix that motion without content leaves singular (LinAlgError).
-        return Accusation(0, 0.0, ())
+        pass  # Too few pictures, or a matrix that motion without content leaves singular (LinAlgError).
+    return replace(found, bent_nats=bent_nats)
+
+
+def _likeliest(rows: Innovations, limits: Limits, lag_s: float) -> Work[Accusation]:
+    """Of all starts."""
+    starts = [n for n in sorted({min(n, len(rows)) for n in _STARTS}) if n >= _STARTS[0]]
+    best: _Trial | None = None
+    for n in starts:
+        if rows.score(n) < _WORTH_NATS:
+            continue
+        yield TRIAL.of()
+        trial = _Trial(rows, n, _bounds(limits, lag_s))
+        if best is None or trial.nats > best.nats:
+            best = trial
+    if best is None or best.nats < WITHDRAWN_NATS:
+        return Accusation(0, 0.0 if best is None else best.nats, ())
+    yield TRIAL.of()
+    return best.accusation(rows.start_ns(best.n), limits, lag_s)
 
 
 def _with_breathing(noise: Noise) -> Noise:

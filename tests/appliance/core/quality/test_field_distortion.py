@@ -85,33 +85,60 @@ def test_one_pose_far_away_is_no_evidence() -> None:
 
     for seed in range(3):
         window = filled(tilting_path, 9.0, seed, field=leaping)
-        assert distortion_nats(Innovations(window, TRUTH, known(), 0.0)) < 2.0
+        nats = distortion_nats(Innovations(window, TRUTH, known(), 0.0))
+        assert nats is not None
+        assert nats < 2.0
+
+
+def noted(*nats: float | None, explained: bool = False) -> list[VerdictKind | None]:
+    """A solution each second."""
+    watched, verdicts = FieldDistortion(NAMED_NATS), list[VerdictKind | None]()
+    for second, one in enumerate(nats):
+        watched.note(one, second * SECOND_NS, explained)
+        verdicts.append(None if watched.check is None else watched.check.verdict)
+    return verdicts
 
 
 def test_evidence_must_last_to_name_it_and_end_to_forgive_it() -> None:
-    watched = FieldDistortion(NAMED_NATS)
-    told = []
-    for second, nats in enumerate([0.0, DOUBTED_NATS, NAMED_NATS, 40.0, 40.0, NAMED_NATS - 1, DOUBTED_NATS - 1, 40.0]):
-        watched.note(nats, second * SECOND_NS)
-        told.append(None if watched.check is None else watched.check.verdict)
-    assert told == [None, NOT_VERIFIED, NOT_VERIFIED, NOT_VERIFIED, FAULT, FAULT, None, NOT_VERIFIED]
+    assert noted(0.0, DOUBTED_NATS, NAMED_NATS, 40.0, NAMED_NATS - 1, DOUBTED_NATS - 1, 40.0) == [
+        None, NOT_VERIFIED, NOT_VERIFIED, FAULT, FAULT, None, NOT_VERIFIED,
+    ]  # fmt: skip
 
 
 def test_one_bad_window_names_nothing() -> None:
+    assert set(noted(0.0, 40.0, 0.0, 40.0, 0.0, 40.0)) == {None, NOT_VERIFIED}
+
+
+def test_a_probe_that_rests_forgives_nothing() -> None:
+    """Nobody can tell whether the metal is gone."""
+    assert noted(DOUBTED_NATS, None, None, 0.0) == [NOT_VERIFIED, NOT_VERIFIED, NOT_VERIFIED, None]
+    assert noted(40.0, 40.0, None, 0.0) == [NOT_VERIFIED, FAULT, FAULT, None]
+    assert noted(40.0, None, 40.0) == [NOT_VERIFIED] * 3, "not shown to have lasted"
+
+
+def test_beside_a_calibration_that_is_named_it_is_seen_and_not_named() -> None:
+    assert noted(40.0, 40.0, 40.0, explained=True) == [NOT_VERIFIED] * 3
+
+
+def test_it_is_asked_for_each_second_and_always_while_there_is_something() -> None:
     watched = FieldDistortion(NAMED_NATS)
-    for second in range(6):
-        watched.note(40.0 * (second % 2), second * SECOND_NS)
-        assert watched.check is None or watched.check.verdict is NOT_VERIFIED
+    assert watched.due(0)
+    watched.note(1.0, 0, False)
+    assert [watched.due(now_ns) for now_ns in (SECOND_NS // 3, SECOND_NS, -SECOND_NS)] == [False, True, True]
+    watched.note(8.0, SECOND_NS, False)
+    assert watched.due(SECOND_NS + 1)
 
 
-def test_what_is_seen_of_it_withholds_the_ok() -> None:
+def test_what_is_seen_of_it_withholds_the_ok_until_motion_answers_it() -> None:
     window = filled(tilting_path, 9.0, 1)
     evidence = Evidence(TRUTH, Limits(), window)
     evidence.solve(window.now_ns)
     assert judge(window.now_ns, evidence.checks(), evidence.standing).kind is OK
-    evidence.distortion.note(DOUBTED_NATS, window.now_ns)
+    evidence.distortion.note(DOUBTED_NATS, window.now_ns, False)
     verdict = judge(window.now_ns, evidence.checks(), evidence.standing)
     assert (verdict.kind, verdict.verified_ns) == (NOT_VERIFIED, None)
     assert verdict.reason == "field-distortion +13.5 nat, limit 18.5 nat: waiting for it to be confirmed"
+    evidence.forget(window.now_ns)
+    assert any(check.name == NAME for check in evidence.checks()), "a step of the clock forgives nothing"
     evidence.lose_sight()
-    assert all(check.name != NAME for check in evidence.checks())
+    assert all(check.name != NAME for check in evidence.checks()), "and nothing is shown any more either"
