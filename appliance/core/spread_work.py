@@ -35,9 +35,8 @@ MISFIT, POLARITY = Cost(600, 0.5), Cost(850, 1.8)
 """Of the reference at one lag, and the weighing of the four polarities; µs, and µs a picture, measured as above."""
 LAG, LAGS, CONVENTIONS = Cost(550), Cost(600), Cost(3000)
 """Lags of the latest motion, of all that is looked at, and with the poses read in other ways; µs, measured as above."""
-INNOVATIONS, TRIAL, DISTORTION = Cost(1000, 2.7), Cost(1500), Cost(3000)
-"""Whitened disagreement of the sequential test, µs and µs a picture; one start of a change, and slopes with the place,
-µs. Measured as above."""
+INNOVATIONS, TRIAL = Cost(1000, 2.7), Cost(1500)
+"""Whitened disagreement of the sequential test, µs and µs a picture; one start of a change, µs. Measured as above."""
 
 
 def whole(work: Work[Result]) -> Result:

@@ -39,7 +39,7 @@ class Ledger:
         self.started_ns = now_ns if self.started_ns is None else self.started_ns
         failing = [check.fault for check in devices if check.verdict is VerdictKind.FAULT]
         newest = verdicts[-1] if verdicts else self.last
-        self._note_hazards(failing + self._frozen(newest))
+        self._note_hazards(failing + self._of_the_line(newest))
         self._note_sight(devices if newest is None else (*devices, *newest.checks))
         if not self.scanning:
             for verdict in verdicts:
@@ -47,8 +47,8 @@ class Ledger:
         if not verdicts and (self.device.active or self.internal.active):
             self._stand()
 
-    def _frozen(self, verdict: Verdict | None) -> list[Fault]:
-        """The line's own device hazard: a frozen picture is the scanner's doing, not the calibration's."""
+    def _of_the_line(self, verdict: Verdict | None) -> list[Fault]:
+        """The line's own device hazards, such as a frozen picture or a bent field: not the calibration's doing."""
         if verdict is None or verdict.fault is None or self.scanning or verdict.fault.kind is Kind.CALIBRATION:
             return []
         return [verdict.fault]

@@ -3,7 +3,8 @@
 Decisions that the table alone does not tell:
 - A calibration fault once shown stands until the line says OK; NOT_VERIFIED neither lifts it nor lets it escalate.
 - A frozen picture is of the device kind: the contact opens at once, and monitoring resumes by itself after the
-  picture moves again and the calibration has been verified again; nothing about the calibration is to be done.
+  picture moves again and the calibration has been verified again; nothing about the calibration is to be done. So is a
+  tracker's field that looks bent.
 - HALT is what a calibration fault ends in. A recalibration is requested for what motion does not recover, whether that
   was wrong from the start or joined what motion recovers, and is then named.
 - A latched state keeps the fault that led to it, unless that was one of two and motion has since told which; a device

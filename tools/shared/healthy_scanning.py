@@ -52,7 +52,7 @@ class Heard:
 
     def _refuse_faults(self, verdict: Verdict) -> None:
         fault = verdict.fault
-        if fault is None or fault.kind is not Kind.CALIBRATION:
+        if fault is None or (fault.kind is not Kind.CALIBRATION and fault is not Fault.FIELD_DISTORTION):
             self._faulty = None
             return
         before, since_ns = self._faulty or (fault, verdict.t_ns)

@@ -112,7 +112,7 @@ class Evidence:
         self._verification.restart()
         self._latest = self._nothing
         self._choice = Choice()
-        self.distortion = FieldDistortion(self._limits.named_nats)
+        self.distortion.lose_sight()
         self._suspects = frozenset()
         self._culprits = {}
         self._settled_ns = self._long_ns = 0
@@ -124,6 +124,7 @@ class Evidence:
         self.window.forget(since_ns)
         self.rest.forget(since_ns)
         self._verification.forget(since_ns)
+        self.distortion.forget(since_ns)
         self._latest = self._nothing
         times_ns = self._valid_ns, self._settled_ns, self._lagged_ns
         self._valid_ns, self._settled_ns, self._lagged_ns = (min(t_ns, since_ns) for t_ns in times_ns)
@@ -159,7 +160,10 @@ class Evidence:
     @property
     def standing(self) -> Standing:
         """What was shown of the calibration so far, and what speaks against it."""
-        return self._verification.standing
+        sign, standing = self.distortion.sign, self._verification.standing
+        if sign is None:
+            return standing
+        return Standing(standing.required, contradicted=(*standing.contradicted, sign), rivals=standing.rivals)
 
     def shows(self, fault: Fault) -> bool:
         """True where the latest solution verified every parameter of that class."""
@@ -173,9 +177,8 @@ class Evidence:
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
             self._best = whole
         latency = latency_check(self.window.latency(about_s), self._limits, self.window.stamps_err_s)
-        return tuple(
-            _sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks
-        )
+        best = (_sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks)
+        return (*best, *([] if self.distortion.check is None else [self.distortion.check]))
 
     def constant_latency(self) -> Check:
         """The tracker's latency by everything remembered, taken for one that has not changed. Unlike `final` it drops
@@ -299,11 +302,15 @@ class Evidence:
         noise = finding.solution.noise if learned is None else learned
         lateness = latency_of(finding)
         lag_s = lateness.value / 1e3 if lag_known(lateness, self._limits) else 0.0
-        bent, known = self.distortion.due(now_ns), learned is not None
-        found = yield from accuse(window, self._reference, self._limits, noise, lag_s, known, bent)
+        ask_bent, known = self.distortion.due(now_ns), learned is not None
+        found = yield from accuse(window, self._reference, self._limits, noise, lag_s, known, ask_bent)
         self.nats = found.nats
-        if bent:
-            self.distortion.note(found.bent_nats, now_ns, bool(found.named or finding.failed or self._latest.failed))
+        explained = bool(found.named or self._latest.failed)
+        if ask_bent and self.distortion.note(found.bent_nats, window.start_ns, now_ns, explained):
+            # Nothing is OK again by the motion that looked bent.
+            self._verification.restart()
+            self._latest, self._long_ns = self._nothing, 0
+            self._valid_ns = max(self._valid_ns, self.distortion.until_ns)
         if not found.checks:
             return None
         # A mirrored picture looks like many things, and is named elsewhere.

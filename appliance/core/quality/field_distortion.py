@@ -7,9 +7,12 @@ calibration that is wrong bends nothing; so what is weighed is whether slopes ex
 """
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from appliance.core.quality.bounded_fit import ANYTHING, VALUE_ROW, Fit, anywhere, exact, fitted
-from appliance.core.quality.innovations import INFLATED, Innovations
+from appliance.core.quality.bounded_fit import ANYTHING, Fit, anywhere, exact, fitted, spread
+from appliance.core.quality.innovations import Innovations
+from appliance.core.quality.verification import Sign
+from appliance.core.spread_work import TRIAL, Work
 from appliance.limits import WITHDRAWN_NATS
 from appliance.types import Check, Fault, VerdictKind
 from drivers.rigid import Array
@@ -18,17 +21,19 @@ FINDS = (Fault.FIELD_DISTORTION,)
 
 NAME = "field-distortion"
 _LEAST_BLOCKS = 40
-"""Of a tenth of a second. Less is asked of in vain: 3 mm of metal's error are at 6 nats after 7 s of the gesture."""
+"""Of a tenth of a second. Fewer cannot tell 3 mm of metal's error, which is at 6 nats after 7 s of a gesture."""
 _LEAST_TRAVEL_MM = 4.0
 """Along an axis of the picture, but for the widest 5 %. Over less, a breath passes for slopes: a breathing hold reached
 28 nats over 1 mm (`probewatch study`, seed 2)."""
 DOUBTED_NATS = WITHDRAWN_NATS + 3.5
 """From which the OK is withdrawn: half a nat for each of seven slopes, which they gain by chance. Metal's error of
 3 mm from the start of a gesture reached 18 to 20; healthy scanning: docs/known-anomalies.md."""
+_CREEP = np.array([[0.01**-2.0]])
+"""Information before any motion is seen of a latency that grows by 10 ms/s, which explains bent poses: without it one
+that grew by 100 ms in 8 s was a field in two of three."""
 _SLOPES = np.diag(np.repeat([0.05, np.deg2rad(0.05)], [4, 3]) ** -2.0)
-"""(7, 7): information before any motion is seen, of slopes of .05 and .05°/mm: what metal makes that displaces a
-probe by 6 mm from 80 mm away (tools/study/metal.py). With .15 and .5°/mm healthy carts were accused, of slopes of .25
-and .48/mm."""
+"""(7, 7): the same of slopes of .05 and .05°/mm, what metal makes that displaces a probe by 6 mm from 80 mm away
+(tools/study/metal.py). With .15 and .5°/mm healthy carts were accused, of slopes of .25 and .48/mm."""
 _LEFT_OUT, _OUTLYING = 3, 8.0
 """Blocks at most, and standard deviations from which one is left out of both fits: a field bends every block, and a
 single pose 50 mm away, which without it makes 12 nats, is no evidence. More tells metal later that comes suddenly."""
@@ -36,92 +41,114 @@ _HELD_NS = 1_000_000_000
 """For which it must last: four solutions. Less lets one bad window name it, more names it later; the OK is withdrawn
 before either."""
 _EVERY_NS, _WORTH_NATS = 1_000_000_000, 6.0
-"""So often it is asked for, and from so many nats with every solution: the question takes 3 ms of processor time, a
-third of what the sequential test takes without it. More seldom withdraws the OK later."""
+"""So often it is asked for, and from so many nats with every solution: the question takes about as long as all else of
+the sequential test. More seldom withdraws the OK later."""
 
 
-def distortion_nats(rows: Innovations) -> float | None:
-    """By how much slopes and the best calibration, wherever it is, explain the window better than that calibration
-    alone; None of a window that is too short to tell, or in which the probe covers too little.
+def distortion_nats(rows: Innovations) -> Work[float | None]:
+    """By how much slopes explain the window better than the best calibration alone, wherever it is and whatever its
+    latency creeps to; None of a window that cannot tell, as it is too short or the probe covers too little.
     """
     n = len(rows)
     if n < _LEAST_BLOCKS or rows.travel_mm(n).max() < _LEAST_TRAVEL_MM:
         return None
+    yield TRIAL.of()
     # Both fits are of one linear model, about the best calibration: with another scale the measured path is as much
     # longer, breathing and all, and slopes would gain by taking the place of that scale.
     theta = exact(lambda theta: rows.at(theta, n), *anywhere(), ANYTHING).theta
-    linear, about, rigid = _without_outliers(rows, theta)
-    slopes = rows.slopes()
-    known, count = len(about), len(about) + len(slopes)
-    prior = np.zeros((count, count))
-    prior[:known, :known], prior[known:, known:] = _prior(known), _SLOPES
-    about = np.append(about, np.zeros(len(slopes)))
-    bent = fitted(np.vstack([linear[:-1], slopes, linear[-1:]]), about, *anywhere(count), prior)
-    return max(0.0, 0.5 * (rigid.cost - bent.cost) / _spread(bent, n))
-
-
-def _without_outliers(rows: Innovations, theta: Array) -> tuple[Array, Array, Fit]:
-    """Rows linear about theta (12,), and theta, both with a displacement of its own for each block that the best
-    calibration explains too badly; and that calibration.
-    """
-    linear, about = rows.at(theta, len(rows)), theta
-    fit = fitted(linear, about, *anywhere(len(about)), _prior(len(about)))
+    columns, priors = [rows.at(theta, n)[:-1], rows.latency_ramp(theta)], [ANYTHING, _CREEP]
+    value = rows.at(theta, n)[-1:]
+    yield TRIAL.of()
+    rigid = _best(columns, value, theta, priors)
     for _ in range(_LEFT_OUT):
-        left = np.abs(linear[-1] + (fit.theta - about) @ linear[:-1]).reshape(-1, len(rows))
+        left = np.abs(_left(rigid, columns, value, theta)).reshape(-1, n)
         if left.max() < _OUTLYING:
             break
-        displaced = rows.displaced(int(left.max(axis=0).argmax()))
-        linear = np.vstack([linear[:-1], displaced, linear[-1:]])
-        about = np.append(about, np.zeros(len(displaced)))
-        fit = fitted(linear, about, *anywhere(len(about)), _prior(len(about)))
-    return linear, about, fit
+        columns.append(rows.displaced(int(left.max(axis=0).argmax())))
+        priors.append(np.eye(len(columns[-1])) * 1e-6)
+        yield TRIAL.of()
+        rigid = _best(columns, value, theta, priors)
+    yield TRIAL.of()
+    bent = _best([*columns, rows.slopes()], value, theta, [*priors, _SLOPES])
+    gain = 0.5 * (rigid.cost - bent.cost) / spread(bent, n)
+    return max(0.0, gain) if np.isfinite(gain) else None
 
 
-def _prior(count: int) -> Array:
-    """(count, count): as ANYTHING, and next to nothing of the displacements."""
-    prior = np.eye(count) * 1e-6
-    prior[:VALUE_ROW, :VALUE_ROW] = ANYTHING
-    return prior
+def _best(columns: list[Array], value: Array, theta: Array, priors: list[Array]) -> Fit:
+    """Of one linear model about theta (12,); everything after it counts from 0."""
+    rows, prior = np.vstack([*columns, value]), block_diag(*priors)
+    return fitted(rows, _about(theta, len(prior)), *anywhere(len(prior)), prior)
 
 
-def _spread(fit: Fit, n: int) -> float:
-    """Mean square of what is left, not less than what every variance is inflated by."""
-    return max(INFLATED, fit.cost / max(3 * n - fit.theta.size, 1) / 0.954)
+def _left(fit: Fit, columns: list[Array], value: Array, theta: Array) -> Array:
+    """(3 n,) innovations that a fit leaves."""
+    return np.asarray(value[0] + (fit.theta - _about(theta, fit.theta.size)) @ np.vstack(columns))
+
+
+def _about(theta: Array, count: int) -> Array:
+    return np.append(theta, np.zeros(count - theta.size))
 
 
 class FieldDistortion:
     """check: FAULT once named_nats have lasted; from DOUBTED_NATS on NOT_VERIFIED, which withholds the OK; else None.
-    nats: of the latest solution that could tell.
+    nats: of the latest solution that could tell. until_ns: newest motion that looked bent.
 
-    Only motion ends it: until some that is not bent fills the window, what was seen or named stands.
+    Only motion ends it: what was seen or named stands until a window that lies wholly after that motion is not bent.
     """
 
     def __init__(self, named_nats: float) -> None:
         self.check: Check | None = None
-        self.nats = 0.0
+        self.nats: float | None = None
+        self.until_ns = 0
         self._named_nats = named_nats
         self._since_ns: int | None = None
         self._asked_ns: int | None = None
 
+    @property
+    def sign(self) -> Sign | None:
+        """As of a parameter, while it stands."""
+        check = self.check
+        return None if check is None else Sign(check, self.until_ns, check.verdict is VerdictKind.FAULT)
+
     def due(self, now_ns: int) -> bool:
         """Whether `distortion_nats` is to be asked for by the solution at now_ns."""
         lately = self._asked_ns is not None and 0 <= now_ns - self._asked_ns < _EVERY_NS
-        return self.nats >= _WORTH_NATS or not lately
+        return not lately or (self.nats or 0.0) >= _WORTH_NATS
 
-    def note(self, nats: float | None, now_ns: int, explained: bool) -> None:
-        """Of the solution at now_ns. explained: a calibration that is wrong is named, which looks bent while it creeps;
-        nothing is named beside it.
+    def lose_sight(self) -> None:
+        """What was seen stands, as the signs of parameters do."""
+        self._since_ns = self._asked_ns = self.nats = None
+
+    def forget(self, since_ns: int) -> None:
+        """Motion at or after since_ns was stamped wrongly: what it showed counts as of just before."""
+        self.lose_sight()
+        self.until_ns = min(self.until_ns, since_ns - 1)
+
+    def note(self, nats: float | None, start_ns: int, now_ns: int, explained: bool) -> bool:
+        """Of the solution at now_ns, of motion from start_ns on; returns whether that has answered what was seen.
+
+        explained: a calibration that is wrong is named, which may look bent; nothing is named beside it.
         """
-        self._asked_ns = now_ns
-        named = self.check is not None and self.check.verdict is VerdictKind.FAULT
-        if nats is None or nats < self._named_nats or (explained and not named):
+        self._asked_ns, self.nats = now_ns, nats
+        if nats is None or nats < self._named_nats or explained:
             self._since_ns = None
         elif self._since_ns is None:
             self._since_ns = now_ns
-        if nats is None:
-            return
-        self.nats = nats
+        seen = nats is not None and nats >= DOUBTED_NATS
+        answered = nats is not None and not seen and self.check is not None and start_ns > self.until_ns
+        if answered:
+            self.check = None
+        elif seen or self.check is not None:
+            self._see(nats if seen else None, now_ns, explained)
+        return answered
+
+    def _see(self, nats: float | None, now_ns: int, explained: bool) -> None:
+        """nats: None where motion says less than before, and does not answer it."""
         held = self._since_ns is not None and now_ns - self._since_ns >= _HELD_NS
-        kind = VerdictKind.FAULT if held or named else VerdictKind.NOT_VERIFIED
-        seen = Check(NAME, Fault.FIELD_DISTORTION, nats, 0.0, "nat", self._named_nats, kind)
-        self.check = seen if nats >= DOUBTED_NATS else None
+        named = held or (self.check is not None and self.check.verdict is VerdictKind.FAULT)
+        kind = VerdictKind.FAULT if named and not explained else VerdictKind.NOT_VERIFIED
+        if nats is not None:
+            self.until_ns = now_ns
+        elif self.check is not None:
+            nats = self.check.value
+        self.check = Check(NAME, Fault.FIELD_DISTORTION, nats or 0.0, 0.0, "nat", self._named_nats, kind)

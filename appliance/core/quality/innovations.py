@@ -10,13 +10,9 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 from appliance.core.path.noise import AXIAL, LATERAL, Noise, covariances
 from appliance.core.path.residual import TAU, VALUE, PathResidual
 from appliance.core.path.window import PathWindow
-from appliance.core.quality.bounded_fit import ANYTHING, HUBER, VALUE_ROW
+from appliance.core.quality.bounded_fit import ANYTHING, HUBER, INFLATED, VALUE_ROW
 from appliance.types import Calibration
 from drivers.rigid import Array
-
-INFLATED = 1.3**2
-"""Of every variance: tails that are heavier than the model's. In simulations t₅ tails ended a promise of 1e5 looks
-after 623 without it. More is later, less trusts the learned noise more than its own scatter allows."""
 
 
 class Innovations:
@@ -72,6 +68,12 @@ class Innovations:
         every = white.reshape(rows * len(ways), -1)
         return np.delete(every, [LATERAL * len(ways) + LATERAL, AXIAL * len(ways) + AXIAL], axis=0)
 
+    def latency_ramp(self, theta: Array) -> Array:
+        """(1, 3 m): derivative of all blocks by a latency that grows with time, 0 at the newest; 1/s."""
+        t_s = self._residual.blocks.t_s
+        grown = (self._linear(theta)[:, TAU] * (t_s - t_s[-1]))[:, ::-1]
+        return np.concatenate([W @ row for row, W in zip(grown, self._whitening, strict=True)])[None]
+
     def displaced(self, k: int) -> Array:
         """(3, 3 m): derivatives of all blocks by a displacement of the k-th, of one row each; 1/mm and 1/rad."""
         rows = len(self._whitening)
@@ -81,11 +83,8 @@ class Innovations:
         return white.reshape(rows, -1)
 
     def _white(self, theta: Array, n: int) -> Array:
-        """(13, 3, n). The scales are regressed on the predicted path: the measured one holds the tissue's motion."""
-        linear = self._residual.linear(theta[: TAU + 1]).copy()
-        seen = self._residual.seen(theta[: TAU + 1])
-        linear[[LATERAL, AXIAL], [3, 4]] = seen - linear[[LATERAL, AXIAL], VALUE]
-        newest = linear[:, :, ::-1][:, :, :n]
+        """(13, 3, n)."""
+        newest = self._linear(theta)[:, :, ::-1][:, :, :n]
         white = np.zeros((VALUE_ROW + 1, len(newest), n))
         for k, (row, W) in enumerate(zip(newest, self._whitening, strict=True)):
             rows = row @ W[:n, :n].T
@@ -93,6 +92,13 @@ class Innovations:
             white[TAU + 1 + k, k] = self._drift[k][0, :n]
             white[VALUE_ROW, k] += theta[TAU + 1 + k] * white[TAU + 1 + k, k]
         return white
+
+    def _linear(self, theta: Array) -> Array:
+        """(3, 10, m). The scales are regressed on the predicted path: the measured one holds the tissue's motion."""
+        linear = self._residual.linear(theta[: TAU + 1]).copy()
+        seen = self._residual.seen(theta[: TAU + 1])
+        linear[[LATERAL, AXIAL], [3, 4]] = seen - linear[[LATERAL, AXIAL], VALUE]
+        return linear
 
 
 def _whitening(covariance: Array) -> Array:

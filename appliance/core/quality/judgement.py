@@ -3,7 +3,6 @@
 from collections import defaultdict
 from collections.abc import Sequence
 
-from appliance.core.quality.field_distortion import NAME as DISTORTION
 from appliance.core.quality.gesture import gestures
 from appliance.core.quality.verification import Sign, Standing
 from appliance.types import PARAMETERS, Check, Fault, Kind, Rival, Verdict, VerdictKind
@@ -23,17 +22,18 @@ _FIRST = (
     Fault.POSE_CONVENTION,
     Fault.POLARITY,
     Fault.LATENCY,
-    Fault.FIELD_DISTORTION,
     Fault.EXCHANGED_PROBE,
 )
 """Faults that spoil or explain everything measured after them, in the order in which they are named."""
+_LAST = (Fault.UNDECIDED, Fault.FIELD_DISTORTION)
+"""Told after all others: what is not decided, and what mends by itself and must not hide what waits for a person."""
 
 
 def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing) -> Verdict:
     """FAULT if any check failed; OK if every required one is shown, none is contradicted, and none of kind SIGHT says
-    that the others speak of no tissue, and no distorted field is seen; NOT_VERIFIED otherwise.
+    that the others speak of no tissue; NOT_VERIFIED otherwise.
 
-    standing: of the `Verification`.
+    standing: of the `Evidence`.
     """
     failed = [check for check in checks if check.verdict is VerdictKind.FAULT]
     if failed:
@@ -50,10 +50,6 @@ def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing) -> Verdict:
         rivals = standing.rivals
         reason = _undecided(rivals) if rivals else _contradiction(standing.contradicted[0])
         return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, reason, rivals=rivals)
-    bent = next((one for one in checks if one.name == DISTORTION), None)
-    if bent is not None:
-        reason = f"{_sentence(bent)}: waiting for it to be confirmed"
-        return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, reason)
     missing = [name for name in standing.required if name not in _shown(checks)]
     kind = VerdictKind.NOT_VERIFIED if missing else VerdictKind.OK
     verified = "; ".join(["calibration verified", *_doubts(checks)])
@@ -138,9 +134,8 @@ def _doubts(checks: tuple[Check, ...]) -> list[str]:
 
 
 def _urgency(check: Check) -> tuple[int, float]:
-    """What is not decided comes after all that has a name."""
     rank = _FIRST.index(check.fault) if check.fault in _FIRST else len(_FIRST)
-    return rank + (check.fault is Fault.UNDECIDED), -check.ratio
+    return rank + (1 + _LAST.index(check.fault) if check.fault in _LAST else 0), -check.ratio
 
 
 def _worst_of_each(failed: list[Check]) -> dict[Fault, Check]:

@@ -75,13 +75,15 @@ class Proposal:
 
 
 def propose(checks: Sequence[Check], reference: Calibration, latency_ms: float) -> Proposal | None:
-    """None where no parameter is shown to be wrong by motion, or where the picture is mirrored, so that none is known.
+    """None where no parameter is shown to be wrong by motion, or where the picture is mirrored or the tracker's field
+    looks bent, so that none is known.
 
     A latency alone is proposed before anything else: what a late tracker says of X is not X. latency_ms: what the
     tracker's URL states.
     """
     wrong = {check.name: check for check in checks if check.name in MEASURED and _shown_wrong(check)}
-    if not wrong or any(check.fault is Fault.POLARITY and check.verdict is VerdictKind.FAULT for check in checks):
+    mirrored = any(check.fault is Fault.POLARITY and check.verdict is VerdictKind.FAULT for check in checks)
+    if not wrong or mirrored or any(check.fault is Fault.FIELD_DISTORTION for check in checks):
         return None
     late = wrong.get(Fault.LATENCY.value)
     if late is not None:

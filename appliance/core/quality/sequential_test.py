@@ -15,10 +15,21 @@ from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, limit_of_e
 from appliance.core.path.noise import AXIAL, BREATHING, LATERAL, Noise
 from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU
 from appliance.core.path.window import PathWindow
-from appliance.core.quality.bounded_fit import ANYTHING, BEYOND, DRIFT, VALUE_ROW, Fit, anywhere, exact, fitted, huber
+from appliance.core.quality.bounded_fit import (
+    ANYTHING,
+    BEYOND,
+    DRIFT,
+    VALUE_ROW,
+    Fit,
+    anywhere,
+    exact,
+    fitted,
+    huber,
+    spread,
+)
 from appliance.core.quality.field_distortion import distortion_nats
-from appliance.core.quality.innovations import INFLATED, Innovations
-from appliance.core.spread_work import DISTORTION, INNOVATIONS, TRIAL, Work
+from appliance.core.quality.innovations import Innovations
+from appliance.core.spread_work import INNOVATIONS, TRIAL, Work
 from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
 from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array
@@ -78,22 +89,21 @@ def accuse(
     noise: Noise,
     lag_s: float,
     breathing_known: bool,
-    bent: bool = False,
+    ask_bent: bool = False,
 ) -> Work[Accusation]:
     """Of the start from which a calibration beyond its limits explains the motion best.
 
     noise: learned from motion before the change, or under the calibration that the motion itself asks for. lag_s: of
-    the tracker, near which it is looked for. breathing_known: whether `noise` has seen a breath. bent: whether a
-    distorted field is asked for as well.
+    the tracker, near which it is looked for. breathing_known: whether `noise` has seen a breath. ask_bent: whether
+    a distorted field is asked for as well.
     """
     found, bent_nats = Accusation(0, 0.0, ()), None
     try:
         yield INNOVATIONS.of(len(window))
         rows = Innovations(window, reference, noise if breathing_known else _with_breathing(noise), lag_s)
         found = yield from _likeliest(rows, limits, lag_s)
-        if bent:
-            yield DISTORTION.of()
-            bent_nats = distortion_nats(rows)
+        if ask_bent:
+            bent_nats = yield from distortion_nats(rows)
     except ValueError:
         pass  # Too few pictures, or a matrix that motion without content leaves singular (LinAlgError).
     return replace(found, bent_nats=bent_nats)
@@ -142,20 +152,16 @@ class _Trial:
         if self.nats >= _WORTH_NATS:
             self._free = self._exact(*anywhere(), self._prior)
             self._within = self._exact(*bounds, self._within_prior)
-            self._spread = self._spread_of(self._free)
+            self._spread = spread(self._free, self.n)
             self.nats = self._beyond(self._free)
 
     def _beyond(self, fit: Fit) -> float:
         return 0.5 * (self._within.cost - fit.cost) / self._spread
 
-    def _spread_of(self, fit: Fit) -> float:
-        """Mean square of what the fit leaves, not less than what every variance is inflated by."""
-        return max(INFLATED, fit.cost / max(3 * self.n - VALUE_ROW, 1) / 0.954)
-
     def _linear_nats(self) -> float:
         rows = self._rows.at_reference(self.n)
         free = fitted(rows, np.zeros(VALUE_ROW), *anywhere(), self._prior)
-        self._spread = self._spread_of(free)
+        self._spread = spread(free, self.n)
         if 0.5 * (huber(rows[VALUE_ROW]) - free.cost) / self._spread < _WORTH_NATS:
             return 0.0
         self._within = fitted(rows, np.zeros(VALUE_ROW), *self._bounds, self._within_prior)
@@ -171,7 +177,7 @@ class _Trial:
         first = fits[ahead[0]]
         behind = {fault: 0.5 * (fits[fault].cost - first.cost) / self._spread for fault in ahead}
         rivals = [fault for fault in ahead if behind[fault] < _AHEAD_NATS]
-        explains = self._spread_of(first) < _MOST_SPREAD
+        explains = spread(first, self.n) < _MOST_SPREAD
         named = explains and len(rivals) == 1 and self._beyond(first) >= NAMED_NATS
         own = _checks(first, ahead[0], limits, lag_s, self._spread) if named else []
         little = dragged(self._rows.travel_mm(self.n))

@@ -36,7 +36,7 @@ def verdicts(program: str, displaced_mm: float, at_s: float, duration_s: float) 
     ("displaced_mm", "named"),
     [
         pytest.param(1.0, set(), marks=THOROUGH),
-        pytest.param(3.0, {Fault.FIELD_DISTORTION}, marks=THOROUGH),
+        pytest.param(3.0, set(), marks=SLOW),
         pytest.param(6.0, {Fault.FIELD_DISTORTION}, marks=THOROUGH),
     ],
 )

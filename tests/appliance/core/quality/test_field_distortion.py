@@ -8,8 +8,10 @@ from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.field_distortion import DOUBTED_NATS, NAME, FieldDistortion, distortion_nats
 from appliance.core.quality.innovations import Innovations
 from appliance.core.quality.judgement import judge
+from appliance.core.quality.verification import Standing
+from appliance.core.spread_work import whole
 from appliance.limits import NAMED_NATS, Limits
-from appliance.types import Fault, Verdict, VerdictKind
+from appliance.types import Check, Fault, Verdict, VerdictKind
 from drivers.rigid import Array, rigid, rotation_from_vector
 from tests.appliance.core.quality.test_sequential_test import known
 from tests.support.motions import TRUTH, tilting_path
@@ -29,12 +31,12 @@ def stretched(poses: Array, per_mm: Array, turn_per_mm: Array) -> Array:
     return bent
 
 
-def verdicts(whole: PathWindow, every: int = 10) -> list[Verdict]:
+def verdicts(played: PathWindow, every: int = 10) -> list[Verdict]:
     """One for so many pictures."""
     window = PathWindow(TRUTH)
-    window.poses = whole.poses
+    window.poses = played.poses
     evidence, told = Evidence(TRUTH, Limits(), window), list[Verdict]()
-    for index, seen in enumerate(whole._seen):
+    for index, seen in enumerate(played._seen):
         window.add(seen)
         if index % every == every - 1:
             evidence.solve(window.now_ns)
@@ -42,8 +44,8 @@ def verdicts(whole: PathWindow, every: int = 10) -> list[Verdict]:
     return told
 
 
-def brought(seed: int, per_mm: float, deg_per_mm: float) -> list[Verdict]:
-    """Twelve seconds without the field and twelve with it, along random directions."""
+def brought(seed: int, per_mm: float, deg_per_mm: float, gone_s: float = 24.0, seconds: float = 24.0) -> list[Verdict]:
+    """Twelve seconds without the field and then with it, until it is gone; along random directions."""
     random = np.random.default_rng(seed)
     ways = random.normal(size=(2, 3, 3))
     ways /= np.linalg.norm(ways, axis=(1, 2), keepdims=True)
@@ -85,16 +87,17 @@ def test_one_pose_far_away_is_no_evidence() -> None:
 
     for seed in range(3):
         window = filled(tilting_path, 9.0, seed, field=leaping)
-        nats = distortion_nats(Innovations(window, TRUTH, known(), 0.0))
+        nats = whole(distortion_nats(Innovations(window, TRUTH, known(), 0.0)))
         assert nats is not None
         assert nats < 2.0
 
 
-def noted(*nats: float | None, explained: bool = False) -> list[VerdictKind | None]:
-    """A solution each second."""
+def noted(*nats: float | None, explained: bool = False, window_s: float = 0.5) -> list[VerdictKind | None]:
+    """A solution each second, of so long a window."""
     watched, verdicts = FieldDistortion(NAMED_NATS), list[VerdictKind | None]()
     for second, one in enumerate(nats):
-        watched.note(one, second * SECOND_NS, explained)
+        now_ns = second * SECOND_NS
+        watched.note(one, now_ns - round(window_s * SECOND_NS), now_ns, explained)
         verdicts.append(None if watched.check is None else watched.check.verdict)
     return verdicts
 
@@ -103,6 +106,10 @@ def test_evidence_must_last_to_name_it_and_end_to_forgive_it() -> None:
     assert noted(0.0, DOUBTED_NATS, NAMED_NATS, 40.0, NAMED_NATS - 1, DOUBTED_NATS - 1, 40.0) == [
         None, NOT_VERIFIED, NOT_VERIFIED, FAULT, FAULT, None, NOT_VERIFIED,
     ]  # fmt: skip
+
+
+def test_only_a_window_wholly_after_it_forgives_it() -> None:
+    assert noted(40.0, 40.0, 0.0, 0.0, 0.0, 0.0, window_s=2.5) == [NOT_VERIFIED, FAULT, FAULT, FAULT, None, None]
 
 
 def test_one_bad_window_names_nothing() -> None:
@@ -120,25 +127,68 @@ def test_beside_a_calibration_that_is_named_it_is_seen_and_not_named() -> None:
     assert noted(40.0, 40.0, 40.0, explained=True) == [NOT_VERIFIED] * 3
 
 
+def test_once_a_calibration_is_named_it_is_not_named_any_more() -> None:
+    watched = FieldDistortion(NAMED_NATS)
+    for second in range(3):
+        watched.note(40.0, 0, second * SECOND_NS, explained=False)
+    assert watched.check is not None
+    assert watched.check.verdict is FAULT
+    watched.note(40.0, 0, 3 * SECOND_NS, explained=True)
+    assert watched.check.verdict is NOT_VERIFIED
+
+
 def test_it_is_asked_for_each_second_and_always_while_there_is_something() -> None:
     watched = FieldDistortion(NAMED_NATS)
     assert watched.due(0)
-    watched.note(1.0, 0, False)
+    watched.note(1.0, 0, 0, explained=False)
     assert [watched.due(now_ns) for now_ns in (SECOND_NS // 3, SECOND_NS, -SECOND_NS)] == [False, True, True]
-    watched.note(8.0, SECOND_NS, False)
+    watched.note(8.0, 0, SECOND_NS, explained=False)
     assert watched.due(SECOND_NS + 1)
 
 
-def test_what_is_seen_of_it_withholds_the_ok_until_motion_answers_it() -> None:
+def test_what_is_seen_of_it_withholds_the_ok_and_nothing_but_motion_answers_it() -> None:
     window = filled(tilting_path, 9.0, 1)
     evidence = Evidence(TRUTH, Limits(), window)
     evidence.solve(window.now_ns)
     assert judge(window.now_ns, evidence.checks(), evidence.standing).kind is OK
-    evidence.distortion.note(DOUBTED_NATS, window.now_ns, False)
+    evidence.distortion.note(DOUBTED_NATS, window.start_ns, window.now_ns, explained=False)
     verdict = judge(window.now_ns, evidence.checks(), evidence.standing)
     assert (verdict.kind, verdict.verified_ns) == (NOT_VERIFIED, None)
     assert verdict.reason == "field-distortion +13.5 nat, limit 18.5 nat: waiting for it to be confirmed"
+    evidence.solve(window.now_ns)
+    assert evidence.standing.verified_ns is None, "this window holds motion from before"
     evidence.forget(window.now_ns)
-    assert any(check.name == NAME for check in evidence.checks()), "a step of the clock forgives nothing"
+    assert evidence.standing.contradicted, "a step of the clock forgives nothing"
     evidence.lose_sight()
-    assert all(check.name != NAME for check in evidence.checks()), "and nothing is shown any more either"
+    assert evidence.standing.contradicted, "nor does a hand before the markers"
+    assert any(check.name == NAME for check in evidence.final())
+
+
+@pytest.mark.thorough
+def test_what_answered_it_shows_nothing_of_the_motion_before() -> None:
+    """An OK is of motion wholly after what looked bent."""
+    played, window = filled(tilting_path, 24.0, 1), PathWindow(TRUTH)
+    window.poses = played.poses
+    evidence, told, doubted_ns = Evidence(TRUTH, Limits(), window), list[Verdict](), 0
+    for index, seen in enumerate(played._seen):
+        window.add(seen)
+        if index % 10 == 9:
+            evidence.solve(window.now_ns)
+        if index == 270:
+            doubted_ns = window.now_ns
+            evidence.distortion.note(DOUBTED_NATS, window.start_ns, doubted_ns, explained=False)
+        if index % 10 == 9 and index > 270:
+            told.append(judge(window.now_ns, evidence.checks(), evidence.standing))
+    back = next(verdict for verdict in told if verdict.kind is OK)
+    assert back.t_ns > doubted_ns + 10 * SECOND_NS, "ten seconds is the window"
+    assert back.verified_ns is not None
+    assert back.verified_ns > doubted_ns
+
+
+@pytest.mark.parametrize("other", [Fault.ROTATION, Fault.EXCHANGED_PROBE, Fault.FROZEN_VIDEO])
+def test_any_other_fault_is_told_before_it(other: Fault) -> None:
+    """It mends by itself, and must not hide what a person has to answer."""
+    checks = tuple(Check(fault.value, fault, 40.0, 0.0, "", 1.0, FAULT) for fault in (Fault.FIELD_DISTORTION, other))
+    verdict = judge(0, checks, Standing(()))
+    assert verdict.fault is other
+    assert NAME in verdict.reason
