@@ -44,8 +44,8 @@ def verdicts(played: PathWindow, every: int = 10) -> list[Verdict]:
     return told
 
 
-def brought(seed: int, per_mm: float, deg_per_mm: float, gone_s: float = 24.0, seconds: float = 24.0) -> list[Verdict]:
-    """Twelve seconds without the field and then with it, until it is gone; along random directions."""
+def brought(seed: int, per_mm: float, deg_per_mm: float) -> list[Verdict]:
+    """Twelve seconds without the field and twelve with it, along random directions."""
     random = np.random.default_rng(seed)
     ways = random.normal(size=(2, 3, 3))
     ways /= np.linalg.norm(ways, axis=(1, 2), keepdims=True)
