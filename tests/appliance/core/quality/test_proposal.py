@@ -68,6 +68,10 @@ def test_the_numbers_are_those_of_the_calibration() -> None:
         [check("rotation-axial", nan)],
         [check("rotation-axial", 9.0, sigma=0.0)],
         [check("rotation-axial", 9.0), Check("polarity", Fault.POLARITY, 1.0, 0.0, "axes", 0.5, FAULT)],
+        [
+            check("rotation-axial", 9.0),
+            Check("field-distortion", Fault.FIELD_DISTORTION, 15.0, 0.0, "nat", 18.5, VerdictKind.NOT_VERIFIED),
+        ],
         [Check("marker-turn", Fault.ROTATION, 9.0, 0.0, "deg", 3.0, FAULT)],
     ],
 )
