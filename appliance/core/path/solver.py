@@ -39,12 +39,12 @@ _SHORT_LAG_S = 0.2
 later; shorter drowns in tracker noise, so that it stays untold. Not varied."""
 _ITERATIONS = 4
 """Most Gauss–Newton steps of the last round; near the reference a step of less than 1e-6 mostly ends it sooner."""
-_HUBER = 2.0
+HUBER = 2.0
 """Standard deviations from which an innovation counts less. More lets outliers draw X, less wastes good pictures; heavy
 tails break the promised false alarms without it (tests/appliance/core/path/test_solver.py).
 """
-_HUBER_SHARE = 0.954
-"""What the weights leave of the mean square of unit normal innovations: the probability of one within `_HUBER`."""
+HUBER_SHARE = 0.954
+"""What the weights leave of the mean square of unit normal innovations: the probability of one within `HUBER`."""
 _RISES = 2.0
 """How far the information on an offset must exceed what noise pretends before that is taken off: nearer to it, the
 difference of the two is noise itself. Not measured.
@@ -275,7 +275,7 @@ class _Problem:
         theta, J = self._minimised(theta, 1)
         linear = self._linear(theta)
         clean = [
-            row.coloured(np.clip(row.white(one), -_HUBER, _HUBER))
+            row.coloured(np.clip(row.white(one), -HUBER, HUBER))
             for row, one in zip(self._noise.rows, linear[:, VALUE], strict=True)
         ]
         covariance = np.asarray(np.linalg.inv(J @ J.T + self._known))
@@ -349,14 +349,14 @@ class _Problem:
         drawn = excess * np.concatenate([np.zeros(3), np.ones(2), self._reference.offset_mm, [0.0]])
         for _ in range(iterations):
             linear = self._whitened(self._linear(theta))
-            weight = 1 / np.maximum(np.abs(linear[VALUE]) / _HUBER, 1)
+            weight = 1 / np.maximum(np.abs(linear[VALUE]) / HUBER, 1)
             sums = (linear * weight) @ linear.T
             slope = sums[:VALUE, VALUE] + known @ theta - drawn
             step = np.linalg.solve(sums[:VALUE, :VALUE] + known, slope)
             theta = theta - step
             if np.all(np.abs(step) < 1e-6):
                 break
-        self._spread = float(sums[VALUE, VALUE]) / max(J.shape[1] - 9, 1) / _HUBER_SHARE
+        self._spread = float(sums[VALUE, VALUE]) / max(J.shape[1] - 9, 1) / HUBER_SHARE
         return theta, J
 
     def _covariance(self, J: Array) -> Array:
@@ -456,5 +456,5 @@ def _agreement(
 
 def _huber_cost(residual: Array) -> float:
     size = np.abs(residual)
-    inner = np.minimum(size, _HUBER)
+    inner = np.minimum(size, HUBER)
     return float(inner @ (2 * size - inner))

@@ -7,12 +7,9 @@ import numpy as np
 
 from appliance.core.parameters import LEFT_OUT
 from appliance.core.path.residual import TAU
+from appliance.core.path.solver import HUBER, HUBER_SHARE
 from drivers.rigid import Array
 
-HUBER = 2.0
-"""Standard deviations from which an innovation counts less, as in the solver."""
-_HUBER_SHARE = 0.954
-"""Of normal innovations, what lies within HUBER standard deviations, as in the solver."""
 INFLATED = 1.3**2
 """Of every variance: tails that are heavier than the model's. In simulations t₅ tails ended a promise of 1e5 looks
 after 623 without it. More is later, less trusts the learned noise more than its own scatter allows."""
@@ -86,7 +83,7 @@ def exact(at: Callable[[Array], Array], low: Array, high: Array, prior: Array) -
 
 def spread(fit: Fit, n: int) -> float:
     """Mean square of what the fit leaves of n blocks, not less than what every variance is inflated by."""
-    return max(INFLATED, fit.cost / max(3 * n - fit.theta.size, 1) / _HUBER_SHARE)
+    return max(INFLATED, fit.cost / max(3 * n - fit.theta.size, 1) / HUBER_SHARE)
 
 
 def minimum(H: Array, g: Array, low: Array, high: Array) -> Array:

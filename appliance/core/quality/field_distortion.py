@@ -56,8 +56,8 @@ def distortion_nats(rows: Innovations) -> Work[float | None]:
     # Both fits are of one linear model, about the best calibration: with another scale the measured path is as much
     # longer, breathing and all, and slopes would gain by taking the place of that scale.
     theta = exact(lambda theta: rows.at(theta, n), *anywhere(), ANYTHING).theta
-    columns, priors = [rows.at(theta, n)[:-1], rows.latency_ramp(theta)], [ANYTHING, _CREEP]
-    value = rows.at(theta, n)[-1:]
+    linear = rows.at(theta, n)
+    value, columns, priors = linear[-1:], [linear[:-1], rows.latency_ramp(theta)], [ANYTHING, _CREEP]
     yield TRIAL.of()
     rigid = _best(columns, value, theta, priors)
     for _ in range(_LEFT_OUT):
@@ -91,7 +91,7 @@ def _about(theta: Array, count: int) -> Array:
 
 class FieldDistortion:
     """check: FAULT once named_nats have lasted; from DOUBTED_NATS on NOT_VERIFIED, which withholds the OK; else None.
-    nats: of the latest solution that could tell. until_ns: newest motion that looked bent.
+    nats: of the latest solution; None where that could not tell. until_ns: newest motion that looked bent.
 
     Only motion ends it: what was seen or named stands until a window that lies wholly after that motion is not bent.
     """
@@ -134,21 +134,19 @@ class FieldDistortion:
             self._since_ns = None
         elif self._since_ns is None:
             self._since_ns = now_ns
-        seen = nats is not None and nats >= DOUBTED_NATS
-        answered = nats is not None and not seen and self.check is not None and start_ns > self.until_ns
-        if answered:
-            self.check = None
-        elif seen or self.check is not None:
-            self._see(nats if seen else None, now_ns, explained)
-        return answered
+        if nats is not None and nats >= DOUBTED_NATS:
+            self.until_ns = now_ns
+            self._see(nats, now_ns, explained)
+        elif self.check is not None:
+            if nats is not None and start_ns > self.until_ns:
+                self.check = None
+                return True
+            self._see(self.check.value, now_ns, explained)
+        return False
 
-    def _see(self, nats: float | None, now_ns: int, explained: bool) -> None:
-        """nats: None where motion says less than before, and does not answer it."""
+    def _see(self, nats: float, now_ns: int, explained: bool) -> None:
+        """nats: of the latest motion that looked bent."""
         held = self._since_ns is not None and now_ns - self._since_ns >= _HELD_NS
         named = held or (self.check is not None and self.check.verdict is VerdictKind.FAULT)
         kind = VerdictKind.FAULT if named and not explained else VerdictKind.NOT_VERIFIED
-        if nats is not None:
-            self.until_ns = now_ns
-        elif self.check is not None:
-            nats = self.check.value
-        self.check = Check(NAME, Fault.FIELD_DISTORTION, nats or 0.0, 0.0, "nat", self._named_nats, kind)
+        self.check = Check(NAME, Fault.FIELD_DISTORTION, nats, 0.0, "nat", self._named_nats, kind)

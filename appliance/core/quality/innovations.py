@@ -9,8 +9,9 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 
 from appliance.core.path.noise import AXIAL, LATERAL, Noise, covariances
 from appliance.core.path.residual import TAU, VALUE, PathResidual
+from appliance.core.path.solver import HUBER
 from appliance.core.path.window import PathWindow
-from appliance.core.quality.bounded_fit import ANYTHING, HUBER, INFLATED, VALUE_ROW
+from appliance.core.quality.bounded_fit import ANYTHING, INFLATED, VALUE_ROW
 from appliance.types import Calibration
 from drivers.rigid import Array
 

@@ -51,6 +51,17 @@ def test_metal_that_comes_while_the_probe_sweeps_ends_the_ok_and_a_strong_one_is
 
 
 @SLOW
+@pytest.mark.parametrize(("displaced_mm", "named"), [(1.0, False), (3.0, False), (6.0, True)])
+def test_what_a_sweep_makes_of_metal_that_has_lain_there_for_as_long_as_evidence_is_kept(
+    displaced_mm: float, named: bool
+) -> None:
+    settled_ns = ORIGIN_NS + 22 * 10**9
+    found = {verdict.kind for verdict in verdicts("sweep", displaced_mm, 10.0, 36.0) if verdict.t_ns > settled_ns}
+    assert (VerdictKind.FAULT in found) is named
+    assert VerdictKind.OK not in found
+
+
+@SLOW
 @pytest.mark.parametrize("program", ["still", "elevational", "rotation"])
 def test_motion_that_need_not_show_the_distortion_verifies_nothing_either(program: str) -> None:
     found = {verdict.kind for verdict in verdicts(program, 12.0, 3.0, 15.0)}

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from appliance.core.acquisition.pairing import Unpaired
+from appliance.core.line import Line
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.field_distortion import DOUBTED_NATS, NAME, FieldDistortion, distortion_nats
@@ -11,8 +13,10 @@ from appliance.core.quality.judgement import judge
 from appliance.core.quality.verification import Standing
 from appliance.core.spread_work import whole
 from appliance.limits import NAMED_NATS, Limits
+from appliance.supervision.supervisor import Durations, Inputs, Supervisor
 from appliance.types import Check, Fault, Verdict, VerdictKind
 from drivers.rigid import Array, rigid, rotation_from_vector
+from drivers.samples import Frame, Stamp
 from tests.appliance.core.quality.test_sequential_test import known
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import BEFORE_S, POSE_HZ, filled
@@ -162,6 +166,23 @@ def test_what_is_seen_of_it_withholds_the_ok_and_nothing_but_motion_answers_it()
     evidence.lose_sight()
     assert evidence.standing.contradicted, "nor does a hand before the markers"
     assert any(check.name == NAME for check in evidence.final())
+
+
+def test_a_picture_that_is_refused_closes_no_contact_over_it() -> None:
+    """Such a verdict tells how old the verification is, and has no checks of motion."""
+    window = filled(tilting_path, 9.0, 1)
+    line, supervisor = Line(TRUTH, Limits()), Supervisor(Durations())
+    line._evidence = Evidence(TRUTH, Limits(), window)
+    line._evidence.solve(window.now_ns)
+    line._sighted_ns = window.now_ns
+    stamp = Stamp(window.now_ns + SECOND_NS // 30, 0)
+    unreadable = Unpaired(Frame(stamp, 1, np.zeros((480, 640), np.uint16)), "")  # type: ignore[arg-type]
+    line._evidence.distortion.note(DOUBTED_NATS, window.start_ns, window.now_ns, explained=False)
+    now_ns = window.now_ns
+    for verdict in (line._judged(now_ns, line._checks()), line._settled(unreadable)):
+        for _ in range(40):
+            now_ns += SECOND_NS // 50
+            assert not supervisor.step(now_ns, Inputs((verdict,), ())).energised
 
 
 @pytest.mark.thorough
