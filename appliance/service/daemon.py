@@ -70,7 +70,7 @@ class Daemon:
         )
         self._proposals = Proposals(self._events)
         recalibration = self._make_recalibration()
-        self._hold = Hold(recalibration.abort, self._events.note)
+        self._hold = Hold(recalibration.abort, self._events.note, control.is_open)
         self._tick = self._make_tick(self._make_requests(recalibration))
         self._stopping = False
 

@@ -2,11 +2,13 @@
 
 import contextlib
 import hashlib
+import json
 import os
 import re
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -264,6 +266,28 @@ def test_aborted_recalibration_is_verified_again(monitoring: Cart) -> None:
         client.begin_recalibration()
         client.abort_recalibration()
         assert client.status()["state"] in {"not verified", "monitoring"}
+    monitoring.wait_for("monitoring")
+
+
+def test_a_second_recalibration_is_refused_by_name_and_ends_nothing_when_it_leaves(monitoring: Cart) -> None:
+    """Of another process, which also tries to end what it did not begin; the first one goes on and ends its own."""
+    asked = [{"v": 1, "do": f"{do}-recalibration", "hold_s": 20, "number": 1} for do in ("begin", "end", "abort")]
+    script = (
+        f"import socket; link = socket.socket(socket.AF_UNIX); link.connect({str(monitoring.socket)!r})\n"
+        "lines = link.makefile('rw')\n"
+        f"for line in {[json.dumps(one) for one in asked]!r}:\n"
+        "    print(line, file=lines, flush=True); print(lines.readline(), end='')"
+    )
+    with ControlClient(monitoring.socket) as client:
+        client.begin_recalibration(20)
+        second = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=20, check=True)
+        for line in second.stdout.splitlines():
+            assert f"process {os.getpid()} has recalibrated for " in json.loads(line).get("error", ""), line
+        left_ns = client.status()["t_ns"]
+        until(lambda: client.status()["t_ns"] > left_ns + 200_000_000)
+        status = client.status()
+        assert (status["state"], status["recalibration"]["yours"]) == ("recalibrating", True)
+        client.abort_recalibration()
     monitoring.wait_for("monitoring")
 
 

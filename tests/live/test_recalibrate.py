@@ -218,7 +218,7 @@ def test_the_end_is_what_the_service_says(tmp_path, scan, state, code, says) -> 
 @pytest.mark.parametrize(
     ("declined", "asked"),
     [
-        ("begin-recalibration", ["begin-recalibration", "abort-recalibration"]),
+        ("begin-recalibration", ["begin-recalibration"]),
         (
             "end-recalibration",
             ["begin-recalibration", "propose-calibration", "end-recalibration", "abort-recalibration"],

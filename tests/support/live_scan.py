@@ -41,10 +41,16 @@ class RecalibratingService(Answers):
         """The connection on which the recalibration hangs is open."""
         return self.holder is not None and self._server.is_open(self.holder.link)
 
+    def _held_by(self, who: Peer) -> dict[str, Any] | None:
+        if self.state != "recalibrating" or self.holder is None:
+            return None
+        return {"who": f"process {self.holder.pid}", "yours": self.holder.pid == who.pid, "ended": None}
+
     def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
         if do == "status":
             reference = {**recorded()["reference"], "sha256": self.sha256}
-            status = recorded(state=self.state, reference=reference, simulated=["sim:x"], t_ns=time.monotonic_ns())
+            told = {"state": self.state, "recalibration": self._held_by(who), "t_ns": time.monotonic_ns()}
+            status = recorded(**told, reference=reference, simulated=["sim:x"])
             return {"status": status}
         if self.refuse:
             raise ControlRefused(f"not possible while {self.state}")

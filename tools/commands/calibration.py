@@ -242,10 +242,10 @@ def reset(folder: Path, control_socket: Path, yes: bool) -> None:
 def _change(wanted: Path | int, socket: Path, yes: bool, wait_s: float) -> None:
     with ControlClient(socket) as client:
         confirm = accepted(client.propose_calibration(wanted), yes)
-    with recalibrating(socket), ControlClient(socket) as client:
-        client.end_recalibration(wanted, confirm)
-    await_verification(socket, wait_s)
     with ControlClient(socket) as client:
+        with recalibrating(client):
+            client.end_recalibration(wanted, confirm)
+        await_verification(client, socket, wait_s)
         click.echo(f"reference {client.status()['reference']['number']} is verified and in force, also after a restart")
 
 

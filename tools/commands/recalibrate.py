@@ -1,5 +1,6 @@
 """`probewatch recalibrate`: a cross-wire scan, ζ or all of a calibration, a new file, and the service told of it."""
 
+import contextlib
 import sys
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
@@ -240,26 +241,27 @@ def command(
     if simulate and socket is not None:
         refuse_simulated(socket)
     sound(water_c, scanner_m_s, correct_sound)
-    with recalibrating(socket):
-        scan = _scanned(scan_input, latency_ms or 0.0)
-        if solve == "all":
-            reading = partial(recorded, probe=probe, reference=reference, orientation=orientation)
-            after, record = solve_all(
-                scan, scan_input, before.calibration if before else None, whole, sign_off, sigma_mm, reading
-            )
-        else:
-            assert before is not None
-            solution = _solved(scan, before.calibration, solve, Demand(sigma_mm=sigma_mm))
-            _print(solution, before.calibration)
-            after = renewed(before.calibration, solution)
-            record = {**_provenance(solution, before, scan_input), **sign_off.fields()}
-        _check_target(target, force)
-        after = replace(after, simulated=simulate or (before is not None and before.calibration.simulated))
-        write_calibration(target, after, {**record, **_previous(before)})
-        click.echo(f"written: {target}")
-        if socket is not None:
-            _hand_over(socket, target, yes)
-    _conclude(socket, target, wait_s)
+    with contextlib.nullcontext() if socket is None else ControlClient(socket) as client:
+        with recalibrating(client):
+            scan = _scanned(scan_input, latency_ms or 0.0)
+            if solve == "all":
+                reading = partial(recorded, probe=probe, reference=reference, orientation=orientation)
+                after, record = solve_all(
+                    scan, scan_input, before.calibration if before else None, whole, sign_off, sigma_mm, reading
+                )
+            else:
+                assert before is not None
+                solution = _solved(scan, before.calibration, solve, Demand(sigma_mm=sigma_mm))
+                _print(solution, before.calibration)
+                after = renewed(before.calibration, solution)
+                record = {**_provenance(solution, before, scan_input), **sign_off.fields()}
+            _check_target(target, force)
+            after = replace(after, simulated=simulate or (before is not None and before.calibration.simulated))
+            write_calibration(target, after, {**record, **_previous(before)})
+            click.echo(f"written: {target}")
+            if client is not None:
+                _hand_over(client, target, yes)
+        _conclude(client, socket, target, wait_s)
 
 
 def _day(moment: datetime | None) -> date | None:
@@ -412,19 +414,18 @@ def _previous(before: _Reference | None) -> dict[str, str]:
     return {"who": user(), "previous_file": file, "previous_sha256": before.sha256}
 
 
-def _hand_over(socket: Path, target: Path, yes: bool) -> None:
+def _hand_over(client: ControlClient, target: Path, yes: bool) -> None:
     """Give the new calibration to the service. Raises ControlRefused, with the way to give it later."""
-    with ControlClient(socket) as client:
-        try:
-            client.end_recalibration(target, accepted(client.propose_calibration(target), yes))
-        except ControlRefused as error:
-            remedy = f"{error.remedy or 'See its status'}; later: probewatch calibration use {target}"
-            raise ControlRefused(error.what, error.where, remedy) from None
+    try:
+        client.end_recalibration(target, accepted(client.propose_calibration(target), yes))
+    except ControlRefused as error:
+        remedy = f"{error.remedy or 'See its status'}; later: probewatch calibration use {target}"
+        raise ControlRefused(error.what, error.where, remedy) from None
 
 
-def _conclude(socket: Path | None, target: Path, wait_s: float) -> None:
-    if socket is None:
+def _conclude(client: ControlClient | None, socket: Path | None, target: Path, wait_s: float) -> None:
+    if client is None or socket is None:
         click.echo(f"no service was told; give it to one with: probewatch calibration use {target}")
         return
-    await_verification(socket, wait_s)
+    await_verification(client, socket, wait_s)
     click.echo("the service has verified the new calibration and monitors again; it is in force, also after a restart")

@@ -1,6 +1,8 @@
 """The service as the session of a scan holds it: asked to recalibrate over a connection that lives as long as the scan.
 
-Where that connection breaks, or says nothing for long, the service gives the scan up by itself.
+Where that connection breaks, or says nothing for long, the service gives the scan up by itself. It is asked again where
+it forgot, as after a restart, but not where it has monitored since or recalibrates for another: whoever works with it
+then must not lose it to a scan at which nobody may be looking.
 """
 
 import contextlib
@@ -21,6 +23,8 @@ _HOLD_S = 20.0
 """Of silence after which the service gives the scan up for us: a page that hangs. The session speaks twice a second;
 longer keeps a cart that nobody can go on with, shorter gives up for a busy computer. Not measured on a cart.
 """
+_WITHOUT_US = (State.MONITORING.value, State.RECALIBRATING.value)
+"""Where it works for others once it has forgotten us."""
 
 _Answer = TypeVar("_Answer")
 
@@ -41,7 +45,8 @@ class HeldService:
     def __init__(self, control: Path) -> None:
         self._control = control
         self._held: ControlClient | None = None
-        self._asked_ns = 0
+        self._asked_ns = self._looked_ns = 0
+        self._gave_way = False
 
     def grasp(self) -> None:
         """Have it recalibrate for as long as this connection lives."""
@@ -53,25 +58,35 @@ class HeldService:
             raise
         self.let_go()
         self._held, self._asked_ns = client, time.monotonic_ns()
+        self._looked_ns, self._gave_way = self._asked_ns, False
 
-    def hold(self, seen: Seen) -> None:
-        """It recalibrates for us, or is asked to again. seen: its status."""
-        alive = self._alive()
+    def hold(self, seen: Seen, wanted: bool = False) -> None:
+        """It recalibrates for us, or is asked to again. seen: its status. wanted: a person asks for it now, which takes
+        it also from monitoring.
+        """
+        since_ns, self._looked_ns = self._looked_ns, time.monotonic_ns()
+        if self.speak():
+            return
         if seen.status is None:
             raise ControlRefused(f"the service does not answer ({seen.silence}). The scan is kept")
-        if alive and (seen.status["state"] == State.RECALIBRATING.value or self.is_older(seen)):
-            return
+        state = seen.status["state"]
+        unwatched = self._looked_ns - since_ns > _HOLD_S * 1e9
+        self._gave_way |= unwatched or (state in _WITHOUT_US and not self.is_older(seen))
+        if self._gave_way and not wanted:
+            raise ControlRefused("the service has gone on without this scan. The scan is kept; signing it asks again")
         try:
             self.grasp()
         except ControlRefused:
+            if state in _WITHOUT_US:
+                raise
             lost = "; ".join(f"{device}: {what}" for device, what in seen.status["lost"].items())
             why = lost or seen.status["reason"]
-            raise ControlRefused(f"{seen.status['state']}: {why}. The scan is kept, and goes on by itself") from None
+            raise ControlRefused(f"{state}: {why}. The scan is kept, and goes on by itself") from None
 
     def give(self, file: Path, confirm: str) -> str:
-        """Have it take and prove a new calibration; its SHA-256. confirm: the difference that a person has accepted.
+        """Have it take and prove a new calibration, which nobody else ends while we hold on; its SHA-256.
 
-        Raises Asked for a difference that must be.
+        confirm: the difference that a person has accepted. Raises Asked for a difference that must be.
         """
 
         def given(client: ControlClient) -> dict[str, Any]:
@@ -82,7 +97,6 @@ class HeldService:
             return proposal
 
         proposal = self._ask(given)
-        self.let_go()
         return str(proposal["sha256"])
 
     def abort(self) -> None:
@@ -101,14 +115,16 @@ class HeldService:
         """Whether that was said before it did what it was asked last."""
         return seen.status is not None and seen.t_ns <= self._asked_ns
 
-    def _alive(self) -> bool:
-        """A word over that connection, by which the service knows that we live."""
-        if self._held is not None:
-            try:
-                self._held.status()
-            except ProbewatchError:
-                self.let_go()
-        return self._held is not None
+    def speak(self) -> bool:
+        """A word over that connection, by which the service knows that we live; whether it recalibrates for us."""
+        if self._held is None:
+            return False
+        try:
+            recalibration = self._held.status()["recalibration"]
+        except ProbewatchError:
+            self.let_go()
+            return False
+        return bool(recalibration and recalibration["yours"])
 
     def _ask(self, request: Callable[[ControlClient], _Answer]) -> _Answer:
         with self._client() as client:

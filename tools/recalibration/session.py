@@ -262,7 +262,7 @@ class ScanSession:
             simulated = bool(seen.status and seen.status.get("simulated"))
             calibration = marked(self._scanned.calibration(), simulated)
             check = f"not made: {signature.unchecked}" if signature.unchecked else self._scanned.check_record()
-            self._service.hold(seen)
+            self._service.hold(seen, wanted=True)
             file = write_signed(self._folder, calibration, self._begin, signature, self._scanned, check)
             self._file = file
             try:
@@ -375,6 +375,10 @@ class ScanSession:
                     self._trouble = error.what
             elif self._phase is Phase.PROVING:
                 self._prove(seen)
+                if self._phase is Phase.PROVING and not self._deserted():
+                    self._service.speak()
+                else:
+                    self._service.let_go()
 
     def _deserted(self) -> str:
         """Why the scan is given up; empty while somebody is there."""

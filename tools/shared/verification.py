@@ -53,32 +53,32 @@ def refuse_simulated(socket: Path) -> None:
 
 
 @contextlib.contextmanager
-def recalibrating(socket: Path | None) -> Iterator[None]:
-    """The service recalibrates while the block runs; a block that fails or is interrupted aborts it, and
+def recalibrating(client: ControlClient | None) -> Iterator[None]:
+    """The service, if any, recalibrates while the block runs; a block that fails or is interrupted aborts it, and
     so does the service where this process is killed.
     """
-    if socket is None:
+    if client is None:
         yield
         return
-    with ControlClient(socket) as client:
-        try:
-            client.begin_recalibration(_HOLD_S)
-            yield
-        except BaseException:
-            with contextlib.suppress(ProbewatchError):
-                client.abort_recalibration()
-            raise
+    client.begin_recalibration(_HOLD_S)
+    try:
+        yield
+    except BaseException:
+        with contextlib.suppress(ProbewatchError):
+            client.abort_recalibration()
+        raise
 
 
-def await_verification(socket: Path, wait_s: float) -> None:
-    """Returns once the service monitors. Raises DeviceLost, ControlRefused."""
+def await_verification(client: ControlClient, socket: Path, wait_s: float) -> None:
+    """Returns once the service monitors. client: who gave the reference; the connection is kept, so that nobody else
+    changes it meanwhile. Raises DeviceLost, ControlRefused.
+    """
     end_s = time.monotonic() + wait_s
     click.echo("now move the probe over tissue, to and fro, tilting and turning it: the service verifies the reference")
     with progress_bar("{task.fields[state]}: {task.fields[reason]}") as progress:
         task = progress.add_task("wait", total=None, state="", reason="")
         while True:
-            with ControlClient(socket) as client:
-                status = client.status()
+            status = client.status()
             reason = status.get("reference_waits") or status["reason"]
             progress.update(task, state=status["state"], reason=reason)
             if status["state"] != State.RECALIBRATING.value:

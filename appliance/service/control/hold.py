@@ -1,7 +1,9 @@
-"""A recalibration that hangs on the connection of who began it: when that is gone, or silent too long, it is given up.
+"""Who recalibrates: one at a time, and only while the connection of who began lives.
 
-A page that was killed, or that hangs, cannot end what it began, and nobody would know why the cart does not monitor.
-Giving up closes nothing: the reference before is in force, and has to be verified again by motion.
+A second one who began would end the first one's scan, or take a cart over that has just been verified; so he is
+refused, and told who holds it. A page that was killed, or that hangs, cannot end what it began, and nobody would know
+why the cart does not monitor: once its connection is gone, or silent too long, the recalibration is given up. Giving up
+closes nothing: the reference before is in force, and has to be verified again by motion.
 """
 
 from collections.abc import Callable
@@ -17,47 +19,97 @@ SHORTEST_S, LONGEST_S = 1.0, 3600.0
 
 @dataclass(slots=True)
 class _Begun:
-    """who: in words. link: of the connection it hangs on, None where it hangs on none. ended: why it was given up."""
+    """who: in words. hold_s: longest silence of the connection it hangs on, None where it hangs on none. given: a new
+    calibration was taken, and is being verified. ended: why it was given up.
+    """
 
+    peer: Peer
     who: str
-    link: int | None
     hold_s: float | None
+    began_ns: int
     heard_ns: int
+    given: bool = False
     ended: str | None = None
 
 
 class Hold:
-    """abort: gives the recalibration up. note: adds an entry to the alarm log."""
+    """abort: gives the recalibration up. note: adds an entry to the alarm log. is_open: whether the connection of that
+    number is.
+    """
 
-    def __init__(self, abort: Callable[[], None], note: Callable[..., None]) -> None:
-        self._abort, self._note = abort, note
+    def __init__(self, abort: Callable[[], None], note: Callable[..., None], is_open: Callable[[int], bool]) -> None:
+        self._abort, self._note, self._is_open = abort, note, is_open
         self._begun: _Begun | None = None
         self._log = get_log()
 
+    def refuse_other(self, peer: Peer, now_ns: int, begins: bool = False) -> None:
+        """Raises ControlRefused where another recalibrates. begins: a recalibration; what hangs on no connection may be
+        ended by anybody, but not begun a second time.
+        """
+        begun = self._held_by_another(peer, now_ns)
+        if begun is None or (begun.hold_s is None and not begins):
+            return
+        for_s = (now_ns - begun.began_ns) / 1e9
+        if begun.given:
+            raise ControlRefused(
+                f"{begun.who} has recalibrated for {for_s:.0f} s, and the new calibration is being verified. "
+                "Move the probe over tissue, or have it ended there"
+            )
+        if begun.hold_s is None:
+            raise ControlRefused(
+                f"{begun.who} has recalibrated for {for_s:.0f} s. Wait, or end that first: abort-recalibration"
+            )
+        raise ControlRefused(
+            f"{begun.who} has recalibrated for {for_s:.0f} s. Wait, or have it ended there; it is given up once that "
+            f"process is gone, or silent for {begun.hold_s:g} s"
+        )
+
     def begin(self, peer: Peer, who: str, hold_s: float | None, now_ns: int) -> None:
         """hold_s: longest silence of that connection, s; None: the recalibration hangs on nothing."""
-        self._begun = _Begun(who, None if hold_s is None else peer.link, hold_s, now_ns)
+        self._begun = _Begun(peer, who, hold_s, now_ns, now_ns)
 
     def hear(self, peer: Peer, now_ns: int) -> None:
         """That connection has asked something."""
-        if self._begun is not None and self._begun.link == peer.link:
+        if self._begun is not None and self._begun.peer.link == peer.link:
             self._begun.heard_ns = now_ns
 
+    def give(self) -> None:
+        """A new calibration was taken: the service proves it by itself; nobody else begins while who gave it waits."""
+        if self._begun is not None:
+            self._begun.given = True
+
     def release(self) -> None:
-        """What it was held for is over: taken, or given up by a person."""
+        """What it was held for is given up by a person."""
         self._begun = None
 
-    def look(self, now_ns: int, recalibrating: bool, is_open: Callable[[int], bool]) -> None:
-        """Once a tick. recalibrating: the state in force. is_open: whether the connection of that number is."""
+    def look(self, now_ns: int, recalibrating: bool) -> None:
+        """Once a tick. recalibrating: the state in force."""
         begun = self._begun
-        if begun is None or begun.link is None or begun.ended is not None or begun.hold_s is None:
+        if begun is None or begun.ended is not None:
             return
         if not recalibrating:
-            begun.link = None  # a device was lost, say; who held it begins again
-        elif not is_open(begun.link):
-            self._give_up(begun, "whose connection is gone")
-        elif now_ns - begun.heard_ns > begun.hold_s * 1e9:
-            self._give_up(begun, f"who has been silent for {begun.hold_s:g} s")
+            self._begun = None  # verified, or a device was lost, say; who held it begins again
+            return
+        lost = self._lost(begun, now_ns)
+        if lost and begun.given:
+            self._begun = None
+        elif lost:
+            self._give_up(begun, lost)
+
+    def _held_by_another(self, peer: Peer, now_ns: int) -> _Begun | None:
+        begun = self._begun
+        if begun is None or begun.ended is not None or _same(begun.peer, peer) or self._lost(begun, now_ns):
+            return None
+        return begun
+
+    def _lost(self, begun: _Begun, now_ns: int) -> str:
+        """How who began it was lost; empty while he is there. Of whom nothing is known while he scans, he is there."""
+        if begun.hold_s is None:
+            return "who hangs on no connection" if begun.given else ""
+        if not self._is_open(begun.peer.link):
+            return "whose connection is gone"
+        silent = now_ns - begun.heard_ns > begun.hold_s * 1e9
+        return f"who has been silent for {begun.hold_s:g} s" if silent else ""
 
     def _give_up(self, begun: _Begun, how: str) -> None:
         begun.ended = f"given up for {begun.who}, {how}; the calibration before is in force, and not verified"
@@ -65,13 +117,24 @@ class Hold:
         self._note("recalibration given up", who=begun.who, why=begun.ended)
         self._abort()
 
-    def fields(self, now_ns: int, recalibrating: bool, monitoring: bool) -> dict[str, Any] | None:
-        """As docs/control.md tells them; what was given up is told until the cart monitors again."""
+    def fields(self, peer: Peer, now_ns: int, recalibrating: bool, monitoring: bool) -> dict[str, Any] | None:
+        """As docs/control.md tells them to this peer; what was given up is told until the cart monitors again."""
         begun = self._begun
         if begun is None or monitoring or not (recalibrating or begun.ended):
             return None
-        silent_s = None if begun.link is None else (now_ns - begun.heard_ns) / 1e9
-        return {"who": begun.who, "hold_s": begun.hold_s, "silent_s": silent_s, "ended": begun.ended}
+        return {
+            "who": begun.who,
+            "yours": begun.ended is None and _same(begun.peer, peer),
+            "since_s": (now_ns - begun.began_ns) / 1e9,
+            "hold_s": begun.hold_s,
+            "silent_s": None if begun.hold_s is None else (now_ns - begun.heard_ns) / 1e9,
+            "ended": begun.ended,
+        }
+
+
+def _same(one: Peer, other: Peer) -> bool:
+    """The same connection, or another one of the same process, as far as the kernel tells which that is."""
+    return one.link == other.link or (0 != one.pid == other.pid and one.uid == other.uid)
 
 
 def hold_s_of(asked: object) -> float | None:

@@ -31,7 +31,7 @@ class Hands:
     """
 
     ask: Callable[[Request], None]
-    status: Callable[[], Reply]
+    status: Callable[[Peer], Reply]
     clear_bump: Callable[[], bool]
     reload: Callable[[], None]
     recalibration: Recalibration
@@ -54,7 +54,7 @@ class Requests:
         self._names: dict[int, str] = {}
         self._asking, self._peer = "", Peer(0, 0)
         self._table: dict[str, Callable[[Body], Reply | None]] = {
-            "status": lambda _: {"status": hands.status()},
+            "status": lambda _: {"status": hands.status(self._peer)},
             "acknowledge": lambda _: hands.ask(Request.ACKNOWLEDGE),
             "pause-audio": self._pause_audio,
             "audio-off": self._audio_off,
@@ -76,6 +76,7 @@ class Requests:
     def answer(self, do: str, body: Body, who: Peer) -> Reply:
         """Fields of the reply. who: the asking process, as the kernel knows it."""
         self._hands.hold.hear(who, self._hands.now_ns())
+        self._peer = who
         if do not in self._table:
             raise ControlRefused(f"'{do[:40]}' is not a request of this service; it knows {', '.join(self._table)}")
         if do != "status" and who.uid in self._hands.viewers:
@@ -83,7 +84,7 @@ class Requests:
         if do == "status" or (do == "audio-on" and not self._hands.annunciator.audio.silenced):
             return self._table[do](body) or {}
         self._refuse_too_many(do, who)
-        self._peer, self._asking = who, f"{self._names.get(who.uid, f'uid {who.uid}')}, process {who.pid}"
+        self._asking = f"{self._names.get(who.uid, f'uid {who.uid}')}, process {who.pid}"
         reply = self._table[do](body)
         self._note(do, body, who)
         return reply or {}
@@ -116,17 +117,24 @@ class Requests:
 
     def _begin_recalibration(self, body: Body) -> None:
         hold_s = hold_s_of(body.get("hold_s"))
+        self._refuse_other(begins=True)
         self._hands.recalibration.begin()
         self._hands.hold.begin(self._peer, self._asking, hold_s, self._hands.now_ns())
 
     def _end_recalibration(self, body: Body) -> None:
         """From then on the service proves by itself what was taken."""
+        self._refuse_other()
         self._hands.recalibration.end(_wanted(body, self._asking))
-        self._hands.hold.release()
+        self._hands.hold.give()
 
     def _abort_recalibration(self, _: Body) -> None:
+        self._refuse_other()
         self._hands.recalibration.abort()
         self._hands.hold.release()
+
+    def _refuse_other(self, begins: bool = False) -> None:
+        """Raises ControlRefused while another recalibrates than who asks now."""
+        self._hands.hold.refuse_other(self._peer, self._hands.now_ns(), begins)
 
     def _pause_audio(self, body: Body) -> None:
         seconds = body.get("seconds", LONGEST_PAUSE_NS // 10**9)

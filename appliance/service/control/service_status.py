@@ -9,6 +9,7 @@ from appliance.service.control.hold import Hold
 from appliance.service.control.live_configuration import LiveConfiguration
 from appliance.service.control.proposals import Proposals
 from appliance.service.control.references import References
+from appliance.service.control.server import Peer
 from appliance.service.control.status import (
     ages_at_rest,
     alarm_fields,
@@ -52,8 +53,8 @@ class ServiceStatus:
         self._recorder, self._host, self._feed, self._dropped_clients = recorder, host, feed, dropped_clients
         self._hold, self._proposals = hold, proposals
 
-    def fields(self) -> dict[str, Any]:
-        """As docs/control.md tells them."""
+    def fields(self, peer: Peer) -> dict[str, Any]:
+        """As docs/control.md tells them, to this peer."""
         now_ns, seen, config = self._supervision.now_ns, self._supervision, self._configuration.config
         assert seen.alarm is not None
         testing = self._annunciator.testing(now_ns)
@@ -67,7 +68,7 @@ class ServiceStatus:
             "t_ns": now_ns,
             **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, asked, shown_now),
             **origin_fields(config, self._configuration.file, self._references),
-            "recalibration": self._hold.fields(now_ns, seen.recalibrating, seen.alarm.state is State.MONITORING),
+            "recalibration": self._hold.fields(peer, now_ns, seen.recalibrating, seen.alarm.state is State.MONITORING),
             "language": config.alarm.language,
             "missing": lacking,
             **check_lists(now_ns, seen.verdict, seen.devices, ages_ns, shown_now),

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from appliance.service.control.server import ControlRefused
+from appliance.service.control.server import ControlRefused, Peer
 from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError, ProbewatchError
@@ -20,7 +20,7 @@ from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.live_scan import RecalibratingService, Scan
 from tests.support.polling import until
-from tools.recalibration.held_service import Asked
+from tools.recalibration.held_service import Asked, HeldService
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import Phase, ScanSession
 from tools.shared.status_watch import StatusWatch
@@ -54,7 +54,7 @@ class Bench:
 
     def __init__(self, folder: Path, running: ExitStack, reference: Calibration | None = None) -> None:
         self.service = running.enter_context(RecalibratingService(folder, reference or truth()))
-        watch = running.enter_context(StatusWatch(self.service.path, 0.01))
+        self.watch = watch = running.enter_context(StatusWatch(self.service.path, 0.01))
         watch.want(1)
         self.ahead_s = 0.0
         self._ticks = itertools.count()
@@ -121,6 +121,23 @@ def test_a_service_that_forgot_is_asked_again(bench: Bench) -> None:
     bench.service.state, bench.service.refuse = "device lost", True
     until(lambda: bench.fields["trouble"].startswith("device lost: ") or "pictures" in bench.fields["trouble"])
     assert bench.session.phase is Phase.SCANNING
+
+
+@pytest.mark.parametrize("state", ["monitoring", "recalibrating"])
+def test_a_service_that_has_gone_on_without_the_scan_is_not_taken_back(bench: Bench, state: str) -> None:
+    """It was verified meanwhile, or recalibrates for somebody else: a scan that lies idle does not open the contact."""
+    held = HeldService(bench.service.path)
+    held.grasp()
+    for now in (state, "not verified"):
+        bench.service.state, bench.service.holder = now, Peer(1, 0, 99)
+        until(lambda now=now: not held.is_older(seen := bench.watch.seen()) and seen.status["state"] == now)
+        seen = bench.watch.seen()
+        with pytest.raises(ControlRefused, match="has gone on without this scan"):
+            held.hold(seen)
+    assert bench.service.asked == ["begin-recalibration"]
+    held.hold(seen, wanted=True)
+    assert bench.service.asked == ["begin-recalibration"] * 2
+    held.let_go()
 
 
 def test_the_service_hangs_on_the_session_and_on_nobody_once_it_has_ended(bench: Bench) -> None:

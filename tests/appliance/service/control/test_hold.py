@@ -1,4 +1,4 @@
-"""Who began a recalibration and is gone: it is given up once, said, and never for anybody else's silence."""
+"""One holder of a recalibration at a time; one that is gone is given up once, said, and never for another's silence."""
 
 from pathlib import Path
 from typing import Any
@@ -19,16 +19,28 @@ class Bench:
     def __init__(self) -> None:
         self.aborted = 0
         self.noted: list[dict[str, Any]] = []
-        self.hold = Hold(self._abort, lambda event, **data: self.noted.append({"event": event, **data}))
+        self.is_open = True
+        self.hold = Hold(
+            self._abort, lambda event, **data: self.noted.append({"event": event, **data}), lambda _: self.is_open
+        )
 
     def _abort(self) -> None:
         self.aborted += 1
 
     def look(self, at_s: float, *, recalibrating: bool = True, is_open: bool = True) -> None:
-        self.hold.look(round(at_s * S_NS), recalibrating, lambda _: is_open)
+        self.is_open = is_open
+        self.hold.look(round(at_s * S_NS), recalibrating)
 
     def told(self, at_s: float = 0, recalibrating: bool = False, monitoring: bool = False) -> dict[str, Any] | None:
-        return self.hold.fields(round(at_s * S_NS), recalibrating, monitoring)
+        return self.hold.fields(HELD, round(at_s * S_NS), recalibrating, monitoring)
+
+    def refusal(self, who: Peer, at_s: float, begins: bool = True) -> str:
+        """What who asks is told, empty where he may."""
+        try:
+            self.hold.refuse_other(who, round(at_s * S_NS), begins)
+        except ControlRefused as refused:
+            return str(refused)
+        return ""
 
 
 @pytest.fixture
@@ -40,7 +52,8 @@ def bench() -> Bench:
 
 def test_a_connection_that_is_gone_gives_it_up_once_and_says_who(bench: Bench) -> None:
     bench.look(1)
-    assert (bench.aborted, bench.told(1, recalibrating=True)["silent_s"]) == (0, 1.0)
+    told = bench.told(1, recalibrating=True)
+    assert (bench.aborted, told["silent_s"], told["since_s"], told["yours"]) == (0, 1.0, 1.0, True)
     for at_s in (2, 3):
         bench.look(at_s, is_open=False)
     assert bench.aborted == 1
@@ -79,6 +92,45 @@ def test_without_a_hold_nobody_is_missed_and_who_begins_again_holds(bench: Bench
     bench.hold.begin(OTHER, "bert, process 8", 1.0, 0)
     bench.look(2)
     assert bench.aborted == 1
+
+
+HOLDS = (
+    "anna, process 7 has recalibrated for 12 s. Wait, or have it ended there; it is given up once that process is "
+    "gone, or silent for 20 s"
+)
+
+
+def test_another_neither_begins_nor_ends_what_is_held_and_is_told_who_holds_it(bench: Bench) -> None:
+    for begins in (True, False):
+        assert bench.refusal(OTHER, 12, begins) == HOLDS
+        assert bench.refusal(Peer(7, 1000, 9), 12, begins) == "", "another connection of the same process"
+        assert bench.refusal(Peer(7, 1001, 9), 12, begins) == HOLDS
+        assert bench.refusal(OTHER, 20.01, begins) == "", "who is silent for too long holds nothing"
+    assert not bench.hold.fields(OTHER, 0, recalibrating=True, monitoring=False)["yours"]
+    bench.is_open = False
+    assert bench.refusal(OTHER, 12) == "", "nor does who is gone, in the tick in which he went"
+
+
+def test_processes_that_the_kernel_does_not_tell_apart_are_not_taken_for_one(bench: Bench) -> None:
+    bench.hold.begin(Peer(0, 1000, 1), "anna, process 0", 20.0, 0)
+    assert bench.refusal(Peer(0, 1000, 2), 12)
+
+
+def test_while_who_gave_a_calibration_waits_for_its_proof_nobody_else_changes_it(bench: Bench) -> None:
+    """Who has left leaves it free, and the service proves it by itself: that is not given up."""
+    bench.hold.give()
+    assert "anna, process 7 has recalibrated for 12 s, and the new calibration is being ver" in bench.refusal(OTHER, 12)
+    bench.look(13, is_open=False)
+    assert (bench.aborted, bench.refusal(OTHER, 13), bench.told(13, recalibrating=True)) == (0, "", None)
+
+
+def test_what_hangs_on_no_connection_may_be_ended_by_anybody_and_begun_twice_by_nobody(bench: Bench) -> None:
+    bench.hold.begin(HELD, "anna, process 7", None, 0)
+    bench.look(10_000, is_open=False)
+    said = "anna, process 7 has recalibrated for 10000 s. Wait, or end that first: abort-recalibration"
+    assert (bench.refusal(OTHER, 10_000), bench.refusal(OTHER, 10_000, begins=False)) == (said, "")
+    bench.hold.give()
+    assert bench.refusal(OTHER, 10_001) == ""
 
 
 @pytest.mark.parametrize("asked", [0, -1, 0.99, 3601, float("nan"), float("inf"), True, "20", [20], {}])

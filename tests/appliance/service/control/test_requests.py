@@ -38,11 +38,11 @@ class Desk:
         self.requests = Requests(
             Hands(
                 ask=nothing,
-                status=dict,
+                status=lambda _: {},
                 clear_bump=nothing,
                 reload=nothing,
                 recalibration=cast(Recalibration, recalibration),
-                hold=Hold(lambda: None, lambda *_, **__: None),
+                hold=Hold(lambda: None, lambda *_, **__: None, lambda _: True),
                 annunciator=self.annunciator,
                 worker=DeadlineWorker(),
                 now_ns=lambda: self.now_ns,
