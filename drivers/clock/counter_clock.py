@@ -5,13 +5,16 @@ of host time over device time runs along the lower edge of the readings (the low
 do with the shortest round trip. Where the device answers requests, it is bounded from below as well: what a reply did
 not contain was not there yet when its request was sent. The constant part of the delay cannot be seen from here:
 subtract what is known of it, the transfer time of the reply, from `arrival_ns`.
+
+Where readings come later from some moment on, the device's clock has stood still, or they take longer: without requests
+nobody can tell. The line starts again along the later readings, and the bound reaches back to where it was before.
 """
 
 import math
 import statistics
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from drivers.samples import Stamp
@@ -73,13 +76,21 @@ _LATE_FOR_NS = 250_000_000
 before the device's clock is taken to have stood still. What was held up comes in one burst; less restarts while a burst
 is still being read, more leaves a device that paused without usable times for longer. Not measured on devices."""
 
+_DOUBTED_NS = 120_000_000_000
+"""How long the bound reaches back to the line before, where readings came later all at once and none has come as early
+since. Less states a narrow bound while a verification from before may stand (`max_verification_age_s`, 120 s); more
+keeps a wide one for longer after a clock that did stand still. From then on the added delay is a part of the constant
+one, which cannot be seen from here.
+"""
+
 _BOUND_FLOOR_NS = 150_000.0
 """Least bound without requests: for what waking up and reading the clock add to every arrival alike, which no spread
 shows. More says less than is known. Not measured on a cart."""
 
 _FIRST_BOUND_NS = 100_000_000.0
-"""Bound while nothing is known, and the most that is stated unless a reading was held up (docs/trackers.md, Hardware
-time). It must exceed the delay of a first reading (70 ms there); more only makes first poses vaguer."""
+"""Bound while nothing is known, and the most that is stated unless readings came late (docs/trackers.md, Hardware
+time). It must exceed the delay of a first reading (70 ms there); more only makes first poses vaguer. A reading that is
+later than usual by more than this is doubted itself: its bound reaches to its arrival."""
 
 _RANK = 12
 """Which of the lowest readings tells how late the lowest may be. Few say little (4: bound 3.4 ms), many reach into
@@ -111,6 +122,29 @@ class _Reading:
     late_ns: float
 
 
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """Host time over device time, as it was until left_ns of the host: host_ns at zero_ns of the device.
+
+    slope: excess of the host's rate, which may be wrong by skew.
+    """
+
+    zero_ns: int
+    host_ns: float
+    slope: float
+    skew: float
+    left_ns: int
+
+    def at(self, device_ns: float) -> float:
+        """Host time of a device time."""
+        since_ns = device_ns - self.zero_ns
+        return self.host_ns + since_ns + self.slope * since_ns
+
+    def moved(self, by_ns: float) -> "_Line":
+        """The same for a device's clock that was set back by as much."""
+        return replace(self, host_ns=self.host_ns + by_ns)
+
+
 class DeviceClock:
     """Feed every new device time once; steps of the device's clock and restarts are noticed here.
 
@@ -126,6 +160,8 @@ class DeviceClock:
         self._last_t_ns = 0
         self._count = 0
         self._shortest_ns = 0
+        self._before: _Line | None = None
+        self._doubted_until_ns = 0
         self._begin(0, 0)
 
     def stamp(
@@ -151,7 +187,9 @@ class DeviceClock:
         self._add(_Reading(self._device_ns, late_ns), arrival_ns)
         if absent_ns is not None:
             self._add_floor(_Reading(self._device_ns, late_ns - (arrival_ns - absent_ns)), arrival_ns)
-        return self._estimate(arrival_ns)
+        stamp = self._estimate(arrival_ns)
+        late_ns = arrival_ns - stamp.t_ns
+        return stamp if self._floors or late_ns < _FIRST_BOUND_NS else _reaching(stamp, arrival_ns)
 
     @property
     def usual_delay_ns(self) -> int:
@@ -163,8 +201,33 @@ class DeviceClock:
         return round(statistics.median(self._recent)) if self._recent else 0
 
     def _restart(self, device_ns: int, arrival_ns: int) -> None:
+        self._remember(device_ns, arrival_ns)
         self.restarts += 1
         self._begin(device_ns, arrival_ns)
+
+    def _remember(self, device_ns: int, arrival_ns: int) -> None:
+        """Which line may still be true. A reading that comes later does not tell why; time that runs back, or further
+        ahead than the lateness there was, is a step of the clock, which leaves that lateness in doubt.
+        """
+        late_ns = self._later_than_usual_ns(device_ns, arrival_ns)
+        went_back = device_ns - self._zero_ns < self._device_ns
+        if late_ns > 0 and not went_back:
+            level_ns = self._origin_ns + self._level_ns
+            self._before = self._before or _Line(self._zero_ns, level_ns, self._slope, self._skew, arrival_ns)
+            self._doubted_until_ns = arrival_ns + _DOUBTED_NS
+        elif self._before is not None and (went_back or -late_ns > self._doubted_ns(arrival_ns) + _FIRST_BOUND_NS):
+            self._before = self._before.moved(late_ns - max(self._recent, default=0.0))  # as late as any other, at most
+
+    def _doubted_ns(self, arrival_ns: int) -> float:
+        """How far the line lies above the one before, which may still be true."""
+        if self._before is None:
+            return 0.0
+        now_ns = self._origin_ns + self._device_ns + self._line(self._device_ns)
+        doubted_ns = now_ns - self._before.at(self._device_ns + self._zero_ns)
+        if arrival_ns > self._doubted_until_ns or doubted_ns < _EARLY_NS:
+            self._before = None  # too long ago, or readings come as early as before
+            return 0.0
+        return doubted_ns + self._before.skew * (arrival_ns - self._before.left_ns)
 
     def _begin(self, device_ns: int, arrival_ns: int) -> None:
         self._origin_ns, self._last_arrival_ns, self._zero_ns = arrival_ns, arrival_ns, device_ns
@@ -196,8 +259,7 @@ class DeviceClock:
     def _held_up_estimate(self, device_ns: int, arrival_ns: int) -> Stamp:
         """By the line. The bound reaches to the arrival: that is the truth if the device's clock stood still."""
         self._device_ns = float(device_ns - self._zero_ns)
-        stamp = self._estimate(arrival_ns)
-        return Stamp(stamp.t_ns, max(stamp.err_ns, arrival_ns - stamp.t_ns))
+        return _reaching(self._estimate(arrival_ns), arrival_ns)
 
     def _later_than_usual_ns(self, device_ns: int, arrival_ns: int) -> float:
         device_ns -= self._zero_ns
@@ -269,7 +331,8 @@ class DeviceClock:
         """Never back in time, never after the arrival; what that moves the stamp is added to its bound."""
         raw_ns = self._origin_ns + round(self._device_ns + self._line(self._device_ns))
         self._last_t_ns = min(max(raw_ns, self._last_t_ns), arrival_ns)
-        bound_ns = min(self._bound_ns() + self._shortest_ns, self._bracket_ns() + _BRACKET_FLOOR_NS)
+        bound_ns, bracket_ns = self._bound_ns() + self._shortest_ns, self._bracket_ns() + _BRACKET_FLOOR_NS
+        bound_ns = min(bound_ns, bracket_ns) if self._floors else bound_ns + self._doubted_ns(arrival_ns)
         return Stamp(self._last_t_ns, round(bound_ns) + abs(self._last_t_ns - raw_ns))
 
     def _bound_ns(self) -> float:
@@ -332,6 +395,11 @@ def counter_rate_hz(counters: Sequence[int], arrivals_ns: Sequence[int]) -> floa
     """
     slope_ns = statistics.linear_regression(counters, [t_ns - arrivals_ns[0] for t_ns in arrivals_ns]).slope
     return 1e9 / slope_ns
+
+
+def _reaching(stamp: Stamp, arrival_ns: int) -> Stamp:
+    """The same with a bound to its arrival, which is the truth if the device's clock stood still."""
+    return Stamp(stamp.t_ns, max(stamp.err_ns, arrival_ns - stamp.t_ns))
 
 
 def _doubt_ns(lateness_ns: list[float]) -> float:

@@ -21,7 +21,7 @@ class SenderTime:
 
     @property
     def restarts(self) -> int:
-        """How often the sender's clock jumped."""
+        """How often the sender's clock jumped, or its messages came later from then on, which nobody can tell apart."""
         return self._clock.restarts
 
     def stamp(self, time_ns: int, arrival_ns: int) -> Stamp:

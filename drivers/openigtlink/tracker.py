@@ -100,7 +100,7 @@ class IgtlTracker:
         remarks = (
             (self._time.untimed, "poses had no time: they are stamped at their arrival"),
             (self.refused, "damaged messages were refused"),
-            (self._time.restarts, "times the server's clock jumped"),
+            (self._time.restarts, "times the server's clock jumped, or its messages came later from then on"),
         )
         fixed = self._options.reference
         return Description(

@@ -261,6 +261,47 @@ def test_a_process_that_stood_still_is_no_step_of_the_device(pause_s: float, ask
     assert np.max(bound[waited.stop if not asked else 1201 :]) < 10e-3, "the line is none the worse for it"
 
 
+@pytest.mark.parametrize("late_s", [0.03, 0.1, 0.25, 0.28, 0.4])
+@pytest.mark.parametrize("session_of", [session, markov_session])
+def test_what_comes_late_for_twenty_seconds_may_be_a_pause_of_the_clock(
+    session_of: Callable[[int, float], Session], late_s: float
+) -> None:
+    """Nobody can tell which, so the bound covers both: the time before, and that of a clock that stood still."""
+    for seed in range(3):
+        readings = session_of(seed, 55)
+        late = slice(600, 600 + 20 * HZ)
+        readings.arrival_s[late] += late_s
+        readings.arrival_s = np.maximum.accumulate(readings.arrival_s)
+        error, bound = stamped(CounterClock(HZ), readings)
+        assert np.mean(np.abs(error[SETTLED:]) <= bound[SETTLED:]) >= 0.997
+        assert np.median(bound[-5 * HZ :]) < 5e-3, "narrow again once readings come as early as before"
+        if late_s > 0.1:
+            started_again = late.start + 3 * HZ
+            may_be_s = error[started_again : late.stop] - late_s
+            assert np.mean(np.abs(may_be_s) <= bound[started_again : late.stop]) >= 0.997
+
+
+def test_an_added_delay_is_doubted_for_as_long_as_a_verification_stands() -> None:
+    readings = session(9, seconds=150)
+    readings.arrival_s[600:] += 0.3
+    error, bound = stamped(CounterClock(HZ), readings)
+    doubted = slice(600, 600 + 119 * HZ)
+    assert np.mean(np.abs(error[doubted]) <= bound[doubted]) >= 0.997
+    assert bound[-1] < 5e-3, "then it counts as constant, which cannot be seen"
+
+
+def test_a_step_of_the_clock_amid_a_late_delivery_leaves_that_in_doubt() -> None:
+    for step_s in (-3.0, 3.0):
+        readings = session(10)
+        late = slice(600, 600 + 20 * HZ)
+        readings.arrival_s[late] += 0.35
+        readings.arrival_s = np.maximum.accumulate(readings.arrival_s)
+        readings.counter[1200:] += round(step_s * HZ)
+        readings.counter += 1000
+        error, bound = stamped(CounterClock(HZ), readings)
+        assert np.mean(np.abs(error[SETTLED : late.stop]) <= bound[SETTLED : late.stop]) >= 0.997
+
+
 @pytest.mark.parametrize("pause_s", [0.4, 60.0])
 def test_a_counter_that_stood_still_starts_again_and_claims_nothing_before(pause_s: float) -> None:
     readings = session(8)

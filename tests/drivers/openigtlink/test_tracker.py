@@ -329,7 +329,7 @@ def test_a_clock_of_the_sender_that_jumps_does_not_move_the_stamps(cart: Server)
             assert pose.status is PoseStatus.OK
             assert abs(pose.stamp.t_ns - time.monotonic_ns()) < 1_000_000_000
             assert not pose.stamp.later_than(time.monotonic_ns())
-        assert "times the server's clock jumped" in tracker.describe().remarks[0]
+        assert "times the server's clock jumped, or its messages came later" in tracker.describe().remarks[0]
 
 
 @pytest.mark.parametrize(
