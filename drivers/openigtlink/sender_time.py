@@ -1,7 +1,12 @@
-"""When a message's measurement was true: the sender's time put on the host's clock."""
+"""When a message's measurement was true: the sender's time put on the host's clock.
+
+A time that is told in steps is too early by up to one of them, and so is its stamp. The truth is not after the arrival
+either, so the bound grows by whichever is less: where messages come quickly, a step that is none costs next to nothing.
+"""
 
 from drivers.clock.counter_clock import DeviceClock
 from drivers.clock.monotonic_stamps import MonotonicStamps
+from drivers.clock.ticks import Ticks
 from drivers.samples import Stamp
 
 _UNTIMED_ERR_NS = 100_000_000
@@ -16,13 +21,18 @@ class SenderTime:
 
     def __init__(self, latency_ns: int, round_trip_ns: int) -> None:
         self._latency_ns, self._half_ns = latency_ns, round_trip_ns // 2
-        self._clock, self._monotonic = DeviceClock(), MonotonicStamps()
+        self._clock, self._monotonic, self._ticks = DeviceClock(), MonotonicStamps(), Ticks()
         self.untimed = 0
 
     @property
     def restarts(self) -> int:
         """How often the sender's clock jumped, or its messages came later from then on, which nobody can tell apart."""
         return self._clock.restarts
+
+    def told(self, time_ns: int) -> None:
+        """The time of every message, also of one that has that of the message before and gets no stamp of its own."""
+        if time_ns:
+            self._ticks.take(time_ns)
 
     def stamp(self, time_ns: int, arrival_ns: int) -> Stamp:
         """time_ns: of the sender, 0 where it tells none. arrival_ns: of the first byte of the message."""
@@ -31,6 +41,8 @@ class SenderTime:
             found = Stamp(arrival_ns, _UNTIMED_ERR_NS)
         else:
             found = self._clock.stamp(time_ns, arrival_ns)
+            coarse_ns = min(self._ticks.tick_ns, arrival_ns - found.t_ns)
+            found = Stamp(found.t_ns, found.err_ns + coarse_ns)
         early_ns = self._latency_ns + self._half_ns
         return self._monotonic.stamp(found.t_ns - early_ns, found.err_ns + self._half_ns)
 
