@@ -1,10 +1,11 @@
 """Tracked-ultrasound sequences as PLUS stores them: MetaImage `.mha` and `.mhd`, one header entry per frame and field.
 
 Format: a text header of `key = value` lines, closed by ElementDataFile, then 8-bit pictures frame after frame, raw or
-as one zlib stream, in the same file (LOCAL) or in another. Per frame `Seq_FrameNNNN_` Timestamp (s), FrameNumber,
-<A>To<B>Transform (4×4, row-major, mm), its Status, ImageStatus.
+as one zlib stream, in the same file (LOCAL) or in another beside it. Per frame `Seq_FrameNNNN_` Timestamp (s),
+FrameNumber, <A>To<B>Transform (4×4, row-major, mm), its Status, ImageStatus.
 """
 
+import os
 import re
 import shutil
 import tempfile
@@ -237,14 +238,15 @@ def checked_header(
     window_bits: int = zlib.MAX_WBITS,
 ) -> MetaImage:
     """A sequence by the fields of its header, in the names of MetaImage; its pictures begin at offset, or in the file
-    that ElementDataFile names. window_bits: as zlib has them for compressed pictures. Raises RecordingError, OSError.
+    that ElementDataFile names, beside it. window_bits: as zlib has them for compressed pictures. Raises RecordingError,
+    OSError.
     """
     width, height, count = _dimensions(path, general)
     if len(frames) != count or max(frames, default=-1) != count - 1:
         what = f"says {count} frames, the header has fields of {len(frames)}"
         raise _refusal(path, "DimSize", what, "The header is cut or was edited; copy the file again")
     local = general["ElementDataFile"].upper() == "LOCAL"
-    data_path = path if local else path.parent / general["ElementDataFile"]
+    data_path = path if local else _beside(path, general["ElementDataFile"])
     compressed = general.get("CompressedData", "False").upper() == "TRUE"
     sequence = MetaImage(
         path=path,
@@ -260,6 +262,19 @@ def checked_header(
         _check_pictures(sequence, general, orientation)
         _check_length(sequence, general)
     return sequence
+
+
+def _beside(path: Path, name: str) -> Path:
+    """The file of the pictures, in the folder of the header: a header that was sent by somebody could name any file of
+    this computer, whose bytes would be shown as pictures in a report that is passed on.
+    """
+    key, remedy = "ElementDataFile", "Put the file with the pictures beside the header, and name it without a folder"
+    if "/" in name or "\\" in name or name in ("", ".", ".."):
+        raise _refusal(path, key, f"{name[:60]!r} is not the name of a file beside the header", remedy)
+    place = path.parent / name
+    if "\0" not in name and Path(os.path.realpath(place)).parent != Path(os.path.realpath(path.parent)):
+        raise _refusal(path, key, f"{name[:60]!r} is a link that leads out of the folder of the header", remedy)
+    return place
 
 
 def _dimensions(path: Path, general: dict[str, str]) -> tuple[int, int, int]:

@@ -1,8 +1,8 @@
 """Tracked-ultrasound sequences as NRRD (`.nrrd`, `.igs.nrrd`), which 3D Slicer and PLUS store beside MetaImage.
 
 Format: http://teem.sourceforge.net/nrrd/format.html. A text header of `field: value` and `key:=value` lines, closed by
-a blank line, then 8-bit pictures, raw or as one gzip stream, in the same file or in another. The keys of each picture
-are those of MetaImage.
+a blank line, then 8-bit pictures, raw or as one gzip stream, in the same file or in another beside it. The keys of each
+picture are those of MetaImage.
 """
 
 import shutil

@@ -23,7 +23,9 @@ from drivers.files.atomic_file import check_writable, writing
 from drivers.io.byte_log import ByteLog, read_log
 from drivers.recordings import metaimage
 from drivers.recordings.metaimage import read_metaimage, write_metaimage
+from drivers.recordings.nrrd import write_nrrd
 from drivers.recordings.replay import open_recording
+from drivers.recordings.sequence import read_sequence
 from drivers.twins.tool_motion import pose_file
 from tests.appliance.storage.test_calibration_file import calibration
 from tests.support.recordings import SIZE_PX, items
@@ -33,7 +35,7 @@ from tools.commands.replay import command as replay_command
 from tools.shared.json_report import write_json
 
 AT_ONCE_S = 1.0
-NAMED = r"not a file|a NUL in its name"
+NAMED = r"not a file|a NUL in its name|leads out of the folder"
 
 
 def folder(path: Path) -> None:
@@ -175,8 +177,61 @@ def test_the_pictures_of_a_recording_lie_in_a_file(no_file: Path, compressed: bo
     header = no_file.with_name("a.mhd")
     write_metaimage(header, items(), SIZE_PX, compressed=compressed, detached=True)
     data = header.with_suffix(".zraw" if compressed else ".raw").name
-    header.write_text(header.read_text().replace(f"ElementDataFile = {data}", f"ElementDataFile = {no_file}"))
+    header.write_text(header.read_text().replace(f"ElementDataFile = {data}", f"ElementDataFile = {no_file.name}"))
     refused_at_once(RecordingError, lambda _: list(read_metaimage(header).pictures()), no_file)
+
+
+def metaimage_naming(header: Path, name: str) -> Path:
+    write_metaimage(header, items(), SIZE_PX, compressed=False, detached=True)
+    header.write_text(header.read_text().replace(f"ElementDataFile = {header.stem}.raw", f"ElementDataFile = {name}"))
+    return header
+
+
+def nrrd_naming(header: Path, name: str) -> Path:
+    write_nrrd(header, items(), SIZE_PX)
+    text = header.read_bytes().partition(b"\n\n")[0].decode().replace("encoding: gzip", "encoding: raw")
+    header.write_text(f"{text}\ndata file: {name}\n\n")
+    return header
+
+
+NAMING = {"a.mhd": metaimage_naming, "a.nhdr": nrrd_naming}
+
+
+@pytest.mark.parametrize("kind", NAMING)
+@pytest.mark.parametrize("way", ["absolute", "above", "below", "backslash", "link out", "link to a folder out"])
+def test_a_header_shows_no_file_that_lies_elsewhere(tmp_path: Path, kind: str, way: str) -> None:
+    """Whose bytes would be the pictures of a report: a letter of the right length lies outside of the folder."""
+    folder, secret = tmp_path / "sent", tmp_path / "letter"
+    (folder / "below").mkdir(parents=True)
+    width, height = SIZE_PX
+    for place in (secret, folder / "below" / "letter", folder / "below\\letter"):
+        place.write_bytes(b"s" * (width * height * len(items())))
+    (folder / "link").symlink_to(secret)
+    (folder / "out").symlink_to(tmp_path)
+    name = {
+        "absolute": str(secret),
+        "above": "../letter",
+        "below": "below/letter",
+        "backslash": "below\\letter",
+        "link out": "link",
+        "link to a folder out": "out/letter",
+    }[way]
+    header = NAMING[kind](folder / kind, name)
+    with pytest.raises(RecordingError, match=r"ElementDataFile .* (beside the header|leads out of the folder)"):
+        list(read_sequence(header).pictures())
+
+
+@pytest.mark.parametrize("kind", NAMING)
+def test_a_file_beside_the_header_and_a_link_to_one_are_shown(tmp_path: Path, kind: str) -> None:
+    """Also where the folder itself is reached through a link."""
+    width, height = SIZE_PX
+    (tmp_path / "sent").mkdir()
+    (tmp_path / "by").symlink_to("sent")
+    (tmp_path / "sent" / "pictures.raw").write_bytes(bytes(width * height * len(items())))
+    (tmp_path / "sent" / "link.raw").symlink_to("pictures.raw")
+    for name in ("pictures.raw", "link.raw"):
+        header = NAMING[kind](tmp_path / "by" / kind, name)
+        assert len(list(read_sequence(header).pictures())) == len(items())
 
 
 def bomb(path: Path, size: str, content_bytes: int) -> Path:

@@ -9,6 +9,7 @@ import pytest
 from drivers.errors import RecordingError
 from drivers.recordings.film import POSE_COLUMNS, PoseTable, write_poses
 from drivers.recordings.replay import open_recording
+from drivers.recordings.sequence import read_sequence
 from drivers.rigid import rotation_from_vector
 from drivers.samples import Frame, Pose, PoseStatus
 from tests.support.recordings import picture, turn
@@ -92,3 +93,15 @@ def test_a_film_that_is_none_or_has_no_poses_is_refused(tmp_path: Path) -> None:
         open_recording(path, poses=path)
     with pytest.raises(RecordingError, match="--poses"):
         open_recording(film(tmp_path / "scan.mkv", 2))
+
+
+@pytest.mark.parametrize(
+    "text", ["ffconcat version 1.0\nfile other.mkv\n", "#EXTM3U\n#EXTINF:1,\nother.mkv\n", "RIFF\nc=IN IP4 127.0.0.1\n"]
+)
+def test_a_list_that_names_films_is_none(tmp_path: Path, text: str) -> None:
+    """FFmpeg follows some of these by itself; nothing but containers of pictures is given to it."""
+    film(tmp_path / "other.mkv", 2)
+    path = tmp_path / "scan.mp4"
+    path.write_text(text)
+    with pytest.raises(RecordingError, match=r"cannot be decoded as a film|is not 'key = value'"):
+        read_sequence(path)
