@@ -63,7 +63,7 @@ class Tick:
         verdicts = self._hear(now_ns)
         alarm = self._supervision.step(now_ns, verdicts, self._watch(now_ns))
         self._hold.look(now_ns, self._supervision.recalibrating)
-        self._control.poll(self._requests.answer)
+        self._control.poll(self._requests.answer, self._hold.link)
         self._configuration.reload_if_asked()
         self._command(now_ns, self._supervision.alarm or alarm, bool(verdicts))
         self._references.see(self._devices.video.size_px)

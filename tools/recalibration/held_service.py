@@ -127,8 +127,12 @@ class HeldService:
         return bool(recalibration and recalibration["yours"])
 
     def _ask(self, request: Callable[[ControlClient], _Answer]) -> _Answer:
-        with self._client() as client:
-            answer = request(client)
+        if self.speak():
+            assert self._held is not None
+            answer = request(self._held)
+        else:
+            with self._client() as client:
+                answer = request(client)
         self._asked_ns = time.monotonic_ns()
         return answer
 

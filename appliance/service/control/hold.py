@@ -68,6 +68,12 @@ class Hold:
         """hold_s: longest silence of that connection, s; None: the recalibration hangs on nothing."""
         self._begun = _Begun(peer, who, hold_s, now_ns, now_ns)
 
+    @property
+    def link(self) -> int | None:
+        """Number of the connection that it hangs on; None where there is none."""
+        begun = self._begun
+        return None if begun is None or begun.ended is not None or begun.hold_s is None else begun.peer.link
+
     def hear(self, peer: Peer, now_ns: int) -> None:
         """That connection has asked something."""
         if self._begun is not None and self._begun.peer.link == peer.link:

@@ -7,7 +7,8 @@ first.
 
 A crowd that connects and says nothing keeps nobody out: its clients take places from each other only, and whoever is
 accepted is heard before the next one is. Who has asked keeps the place until the answer is there, and longer while
-nobody else who asks needs it. One descriptor is kept for a person who asks what is wrong when all others have run out.
+nobody else who asks needs it, or a recalibration hangs on it. One descriptor is kept for a person who asks what is
+wrong when all others have run out.
 """
 
 import contextlib
@@ -93,6 +94,7 @@ class ControlServer:
         self._listener = self._listen()
         self._spare: int | None = os.dup(self._lock_fd)
         self._links = 0
+        self._kept: int | None = None
         self.dropped_clients = 0
 
     def __enter__(self) -> Self:
@@ -107,8 +109,9 @@ class ControlServer:
         self._path.unlink(missing_ok=True)
         os.close(self._lock_fd)
 
-    def poll(self, answer: Answer) -> None:
-        """Serve what is there now."""
+    def poll(self, answer: Answer, kept: int | None = None) -> None:
+        """Serve what is there now. kept: number of a connection that leaves its place to nobody."""
+        self._kept = kept
         self._keep_spare()
         for client in tuple(self._silent):
             self._hear(client)
@@ -168,7 +171,7 @@ class ControlServer:
         """
         if len(self._clients) < _MOST_CLIENTS:
             return []
-        idle = [client for client in self._clients if not client.waits]
+        idle = [client for client in self._clients if not client.waits and client.who.link != self._kept]
         held = Counter(client.who.uid for client in self._clients)
         return [max(idle, key=lambda client: held[client.who.uid])] if idle else None
 

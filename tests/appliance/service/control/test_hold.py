@@ -1,5 +1,6 @@
 """One holder of a recalibration at a time; one that is gone is given up once, said, and never for another's silence."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -160,3 +161,26 @@ def test_the_server_knows_which_connections_are_open(tmp_path: Path) -> None:
         until(lambda: server.poll(answer) or not server.is_open(asked[0].link))
         assert server.is_open(asked[1].link)
         second.close()
+
+
+def test_a_crowd_that_asks_does_not_end_what_hangs_on_a_silent_connection(tmp_path: Path) -> None:
+    """It leaves its place to nobody, though all others have asked since; whoever else is idle does."""
+    asked: list[Peer] = []
+
+    def answer(_do: str, _body: dict[str, Any], who: Peer) -> dict[str, Any]:
+        if not asked:
+            hold.begin(who, "anna, process 7", 20.0, 0)
+        asked.append(who)
+        return {}
+
+    with ControlServer(tmp_path / "control") as server, ExitStack() as crowd:
+        hold = Hold(lambda: None, lambda *_, **__: None, server.is_open)
+        for count in range(1, 40):
+            client = crowd.enter_context(ControlClient(tmp_path / "control", 0.001))
+            with pytest.raises(DeviceLost):
+                client.test_lamps()  # which nobody has heard yet
+            until(lambda count=count: server.poll(answer, hold.link) or len(asked) == count)
+        assert server.dropped_clients > 0
+        hold.look(S_NS, recalibrating=True)
+        assert hold.link == asked[0].link
+        assert not server.is_open(asked[1].link)
