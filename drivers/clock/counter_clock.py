@@ -161,7 +161,7 @@ class DeviceClock:
         self._count = 0
         self._shortest_ns = 0
         self._before: _Line | None = None
-        self._doubted_until_ns = 0
+        self._doubted_until_ns, self._came_back = 0, False
         self._begin(0, 0)
 
     def stamp(
@@ -211,6 +211,7 @@ class DeviceClock:
         """
         late_ns = self._later_than_usual_ns(device_ns, arrival_ns)
         went_back = device_ns - self._zero_ns < self._device_ns
+        self._came_back = late_ns <= 0
         if late_ns > 0 and not went_back:
             level_ns = self._origin_ns + self._level_ns
             self._before = self._before or _Line(self._zero_ns, level_ns, self._slope, self._skew, arrival_ns)
@@ -224,10 +225,12 @@ class DeviceClock:
             return 0.0
         now_ns = self._origin_ns + self._device_ns + self._line(self._device_ns)
         doubted_ns = now_ns - self._before.at(self._device_ns + self._zero_ns)
-        if arrival_ns > self._doubted_until_ns or doubted_ns < _EARLY_NS:
+        drift_ns = self._before.skew * (arrival_ns - self._before.left_ns)
+        as_before_ns = _EARLY_NS + (drift_ns if self._came_back else 0.0)
+        if arrival_ns > self._doubted_until_ns or doubted_ns < as_before_ns:
             self._before = None  # too long ago, or readings come as early as before
             return 0.0
-        return doubted_ns + self._before.skew * (arrival_ns - self._before.left_ns)
+        return doubted_ns + drift_ns
 
     def _begin(self, device_ns: int, arrival_ns: int) -> None:
         self._origin_ns, self._last_arrival_ns, self._zero_ns = arrival_ns, arrival_ns, device_ns

@@ -281,6 +281,25 @@ def test_what_comes_late_for_twenty_seconds_may_be_a_pause_of_the_clock(
             assert np.mean(np.abs(may_be_s) <= bound[started_again : late.stop]) >= 0.997
 
 
+@pytest.mark.parametrize(
+    "late_s",
+    [
+        lambda t_s: 0.3 * np.clip((t_s - 10) / 5, 0, 1) * (t_s < 35),
+        lambda t_s: 0.2 * (t_s > 10) + 0.2 * (t_s > 15) - 0.4 * (t_s > 35),
+    ],
+    ids=["rising over 5 s", "in two steps"],
+)
+def test_a_delay_that_grows_is_doubted_as_a_whole(late_s: Callable[[Floats], Floats]) -> None:
+    """Also where so little was known of the rate before that the old line is worth little later."""
+    for seed in (0, 2):
+        readings = markov_session(seed, 80)
+        readings.arrival_s += late_s(readings.truth_s - readings.truth_s[0])
+        readings.arrival_s = np.maximum.accumulate(readings.arrival_s)
+        error, bound = stamped(CounterClock(HZ), readings)
+        assert np.mean(np.abs(error[SETTLED:]) <= bound[SETTLED:]) >= 0.997
+        assert np.median(bound[-5 * HZ :]) < 6e-3
+
+
 def test_an_added_delay_is_doubted_for_as_long_as_a_verification_stands() -> None:
     readings = session(9, seconds=150)
     readings.arrival_s[600:] += 0.3
