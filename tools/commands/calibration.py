@@ -121,8 +121,8 @@ def use(file: Path, control_socket: Path, yes: bool, wait_s: float) -> None:
     The contact opens, and closes once the service has verified the new reference on moving tissue.
 
     \b
-    Exit code 0: verified. 69: no service answers, or it lost a device. 75: declined, or not verified in time. 78: the
-    file cannot be used.
+    Exit code 0: verified. 69: no service answers, or it lost a device. 75: declined, as while somebody else
+    recalibrates, or not verified in time. 78: the file cannot be used.
     """
     _change(file, control_socket, yes, wait_s)
 

@@ -76,8 +76,8 @@ must be accepted: the command states the difference and asks, or takes --yes; th
 A verified one stays in force after a restart; `probewatch calibration` tells the history.
 
 Exit code 0: written and, where a service was told, verified. 65: the scan or the recording cannot support it.
-69: no service answers, or it lost a device. 75: declined, or not verified in time. 78: a file or an
-option cannot be used.
+69: no service answers, or it lost a device. 75: declined, as while somebody else recalibrates, or not verified in
+time. 78: a file or an option cannot be used.
 """
 
 
