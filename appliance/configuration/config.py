@@ -74,6 +74,7 @@ def _refuse_controls(value: str | Path) -> str | Path:
     return value
 
 
+_Users = Annotated[tuple[str, ...], Field(max_length=16, strict=False)]
 _Place = Annotated[Path, Field(strict=False), AfterValidator(_refuse_controls)]
 
 
@@ -164,22 +165,24 @@ class SupervisorTimes(_Section):
 class Control(_Section):
     """The Unix socket through which tools speak to the service; its path is bounded by the kernel.
 
-    viewers: users who may ask for the status and for nothing else, whatever group they are in; one that does not exist
-    is nobody.
+    viewers: users who may read status and feed without pictures, and request nothing, whatever group they are in; one
+    that does not exist is nobody.
     """
 
     socket: Annotated[_Place, AfterValidator(_bindable)] = Path("/run/probewatch/control")
     group: str = ""
-    viewers: Annotated[tuple[str, ...], Field(max_length=16, strict=False)] = ("probewatch-monitor",)
+    viewers: _Users = ("probewatch-monitor",)
 
 
 class Feed(_Section):
     """What the service sees, pictures included, for programs of the same group on this computer; docs/feed.md.
 
-    socket: None for `feed` beside the control socket. offered: whether there is one.
+    socket: None for `feed` beside the control socket. offered: whether there is one. viewers: users who may read status
+    and feed, pictures included, and request nothing, whatever group they are in.
     """
 
     offered: bool = True
+    viewers: _Users = ("probewatch-openigtlink", "probewatch-recorder")
     socket: Annotated[_Place, AfterValidator(_bindable)] | None = None
 
 

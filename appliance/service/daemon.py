@@ -15,7 +15,7 @@ from appliance.service.control.proposals import Proposals
 from appliance.service.control.recalibration import Recalibration
 from appliance.service.control.references import References
 from appliance.service.control.requests import Hands, Requests
-from appliance.service.control.rights import user_ids
+from appliance.service.control.rights import Onlookers
 from appliance.service.control.server import ControlServer
 from appliance.service.control.service_status import ServiceStatus
 from appliance.service.control.status import origin_fields
@@ -58,7 +58,8 @@ class Daemon:
         self._events = EventLog(self._recorder, config.simulated)
         self._host = HostWatch(TICK_NS, self._recorder, self._events.note)
         self._devices = CartDevices(config, estimator.put, clock)
-        self._feed = FeedHost(config.feed_socket, config.control.group, user_ids(config.control.viewers))
+        onlookers = Onlookers.of(config)
+        self._feed = FeedHost(config.feed_socket, config.control.group, onlookers.all, onlookers.without_pictures)
         estimator.tap = self._feed.tap
         self._notifier, self._worker, self._annunciator = Notifier(), DeadlineWorker(), Annunciator()
         self._supervisor = supervisor_after(self._recorder.latch, config.supervisor.durations())
@@ -71,7 +72,7 @@ class Daemon:
         self._proposals = Proposals(self._events)
         recalibration = self._make_recalibration()
         self._hold = Hold(recalibration.abort, self._events.note, control.is_open)
-        self._tick = self._make_tick(self._make_requests(recalibration))
+        self._tick = self._make_tick(self._make_requests(recalibration, onlookers))
         self._stopping = False
 
     def _make_recalibration(self) -> Recalibration:
@@ -87,7 +88,7 @@ class Daemon:
         self._supervision.follow = recalibration.follow
         return recalibration
 
-    def _make_requests(self, recalibration: Recalibration) -> Requests:
+    def _make_requests(self, recalibration: Recalibration, onlookers: Onlookers) -> Requests:
         return Requests(
             Hands(
                 ask=self._supervision.ask,
@@ -100,7 +101,7 @@ class Daemon:
                 worker=self._worker,
                 now_ns=lambda: self._supervision.now_ns,
                 note=self._events.note,
-                viewers=user_ids(self._configuration.config.control.viewers),
+                onlookers=onlookers.all,
             )
         )
 

@@ -44,8 +44,8 @@ def command(
 ) -> None:
     """Serve the status of the service as Prometheus metrics on http://127.0.0.1:9797/metrics until Ctrl-C.
 
-    It reads the status as `probewatch status` does and can ask nothing else, so it cannot affect
-    the contact. While no service answers, probewatch_up is 0 and there is no other value.
+    It reads the status as `probewatch status` does and asks for nothing else, so it cannot affect the contact; the user
+    of its unit is refused everything else. While no service answers, probewatch_up is 0 and there is no other value.
 
     \b
       probewatch metrics --once | grep contact_closed

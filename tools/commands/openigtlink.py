@@ -53,10 +53,10 @@ def command(
 ) -> None:
     """Tell OpenIGTLink clients, such as 3D Slicer and PLUS, what the service sees; until SIGTERM.
 
-    A process beside the service, which asks it for its status and its feed and can do nothing else. Each client gets
-    STATUS of the device Probewatch in every round, and once a second and at every change STRING of ProbewatchState
-    (JSON), TRANSFORM ImageToProbe, the calibration in force, and ImageToProbeEstimate, as motion shows it. STATUS has
-    code 1, OK, only while the contact is closed.
+    A process beside the service, which reads its status and its feed. It sends no requests, and the user of its unit
+    is refused all of them. Each client gets STATUS of the device Probewatch in every round, and once a second and at
+    every change STRING of ProbewatchState (JSON), TRANSFORM ImageToProbe, the calibration in force, and
+    ImageToProbeEstimate, as motion shows it. STATUS has code 1, OK, only while the contact is closed.
 
     Pictures and poses go to who asks: STT_IMAGE and STT_TRANS for all until STP_IMAGE and STP_TRANS, GET_IMAGE and
     GET_TRANS for the next one; or to everybody, with --stream.

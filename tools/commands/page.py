@@ -10,6 +10,7 @@ import click
 import uvicorn
 
 from appliance.configuration.config import load_config
+from appliance.service.control.rights import Onlookers
 from drivers.errors import ConfigurationError
 from tools.page.alarms import LastAlarms
 from tools.page.pictures import Pictures
@@ -52,8 +53,8 @@ def command(
 ) -> None:
     """Serve the cart's web page on http://127.0.0.1:9780 until Ctrl-C: what the service sees, for the whole room.
 
-    Looking needs no token. Recalibrating does: whoever may use the control socket can ask for a one-time token, which
-    lets one browser recalibrate for twelve hours.
+    Looking needs no token. Recalibrating does: whoever may send requests to the service can ask for a one-time token,
+    which lets one browser recalibrate for twelve hours.
 
     \b
       probewatch page --token         # in a terminal of the cart; then type it into the page
@@ -84,7 +85,8 @@ def command(
             return tokens.issue(name, time.monotonic()), url
 
         if door is not None or _DOOR.parent.is_dir():
-            running.enter_context(Door(door or _DOOR, "", invite))
+            onlookers = frozenset[int]() if config is None else Onlookers.of(config).all
+            running.enter_context(Door(door or _DOOR, "", invite, onlookers))
         if sys.stdout.isatty():
             click.echo(f"{url}   token: {invite('whoever started it')[0]}")
         else:

@@ -11,6 +11,7 @@ import click
 from appliance.configuration.config import Config, is_configured, load_config
 from appliance.service.control.references import References
 from appliance.service.control.refusal import leave, withdraw
+from appliance.service.control.rights import Onlookers
 from appliance.service.control.server import ControlServer
 from appliance.service.daemon import Daemon
 from appliance.service.estimator.process_host import EstimatorHost
@@ -66,7 +67,7 @@ def serve(
     """Run the service until it is told to stop. Raises DeviceLost when another one holds the control socket."""
     lock_memory()
     with (
-        ControlServer(config.control.socket, config.control.group) as control,
+        ControlServer(config.control.socket, config.control.group, Onlookers.of(config).all) as control,
         configure(config.log.level),
         Daemon(config, config_file, references, estimator, clock, control) as daemon,
     ):

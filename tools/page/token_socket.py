@@ -1,4 +1,7 @@
-"""Where the tool asks the page for a one-time token: a Unix socket that the group of the control socket may use."""
+"""Where the tool asks the page for a one-time token: a Unix socket that the group of the control socket may use.
+
+A token lets a browser request a recalibration, so who may only look on gets none.
+"""
 
 import json
 import pwd
@@ -22,10 +25,14 @@ _MOST_BYTES = 4096
 
 
 class Door:
-    """Serves `path` while the block runs. invite: makes (token, URL) for a user, as the kernel knows him."""
+    """Serves `path` while the block runs. invite: makes (token, URL) for a user, as the kernel knows him. onlookers:
+    ids of users who get none.
+    """
 
-    def __init__(self, path: Path, group: str, invite: Callable[[str], tuple[str, str]]) -> None:
-        self._server, self._invite = ControlServer(path, group), invite
+    def __init__(
+        self, path: Path, group: str, invite: Callable[[str], tuple[str, str]], onlookers: frozenset[int] = frozenset()
+    ) -> None:
+        self._server, self._invite, self._onlookers = ControlServer(path, group), invite, onlookers
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="door", daemon=True)
 
@@ -45,6 +52,8 @@ class Door:
     def _answer(self, do: str, request: dict[str, Any], who: Peer) -> Reply:
         if do != "token":
             raise ControlRefused("only a token can be asked for here")
+        if who.uid in self._onlookers:
+            raise ControlRefused(f"{_name(who.uid)} may look on alone (viewers of [control] and [feed])")
         token, url = self._invite(_name(who.uid))
         return {"token": token, "url": url}
 

@@ -27,7 +27,7 @@ Body = Mapping[str, Any]
 class Hands:
     """Everything of the service that a request may move. note: adds an entry to the alarm log.
 
-    viewers: ids of the users who may ask for the status and for nothing else.
+    onlookers: ids of the users who may ask for the status and for nothing else.
     """
 
     ask: Callable[[Request], None]
@@ -40,7 +40,7 @@ class Hands:
     worker: DeadlineWorker
     now_ns: Callable[[], int]
     note: Callable[..., None]
-    viewers: frozenset[int]
+    onlookers: frozenset[int]
 
 
 class Requests:
@@ -79,8 +79,9 @@ class Requests:
         self._peer = who
         if do not in self._table:
             raise ControlRefused(f"'{do[:40]}' is not a request of this service; it knows {', '.join(self._table)}")
-        if do != "status" and who.uid in self._hands.viewers:
-            raise ControlRefused(f"{self._name(who.uid)} may ask for the status and nothing else ([control] viewers)")
+        if do != "status" and who.uid in self._hands.onlookers:
+            where = "viewers of [control] and [feed]"
+            raise ControlRefused(f"{self._name(who.uid)} may ask for the status and nothing else ({where})")
         if do == "status" or (do == "audio-on" and not self._hands.annunciator.audio.silenced):
             return self._table[do](body) or {}
         self._refuse_too_many(do, who)

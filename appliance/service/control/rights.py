@@ -1,12 +1,34 @@
-"""Which users may do what, and what one who may not use a file has to do; docs/cart.md says it as well."""
+"""Which users may do what, and what one who may not use a file has to do; docs/security.md says it as well."""
 
 import getpass
 import grp
 import pwd
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
+
+from appliance.configuration.config import Config
 
 _USUAL = "probewatch"
+
+
+@dataclass(frozen=True, slots=True)
+class Onlookers:
+    """Users, by id, who may read status and feed and request nothing, whatever group they are in."""
+
+    without_pictures: frozenset[int]
+    with_pictures: frozenset[int]
+
+    @classmethod
+    def of(cls, config: Config) -> Self:
+        """Who is named in both lists is shown pictures."""
+        shown = user_ids(config.feed.viewers)
+        return cls(user_ids(config.control.viewers) - shown, shown)
+
+    @property
+    def all(self) -> frozenset[int]:
+        return self.without_pictures | self.with_pictures
 
 
 def join_group(path: Path) -> str:

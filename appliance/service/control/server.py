@@ -20,7 +20,7 @@ import socket
 import struct
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -81,13 +81,14 @@ class _Client:
 
 
 class ControlServer:
-    """Holds the socket at `path`, mode 0660, of `group` if one is named; a lock beside it keeps a second service out.
+    """Holds the socket at `path`, mode 0660, of `group` if one is named, and of `users`, by id; a lock beside it keeps
+    a second service out.
 
     Raises DeviceLost when another service runs, ConfigurationError when the socket cannot be made there.
     """
 
-    def __init__(self, path: Path, group: str = "") -> None:
-        self._path, self._group = path, group
+    def __init__(self, path: Path, group: str = "", users: Iterable[int] = ()) -> None:
+        self._path, self._group, self._users = path, group, users
         self._silent: dict[_Client, None] = {}
         self._clients: list[_Client] = []
         self._lock_fd = _locked(path)
@@ -130,7 +131,7 @@ class ControlServer:
 
     def _listen(self) -> socket.socket:
         try:
-            return listening(self._path, self._group, _BACKLOG)
+            return listening(self._path, self._group, _BACKLOG, self._users)
         except LookupError:
             where = f"[control] group = '{self._group}'"
             remedy = f"Make it: groupadd --system {self._group}"

@@ -1,4 +1,4 @@
-"""The process that fans out, started by process_host: `-m appliance.service.feed.process VIEWERS FD…`."""
+"""The process that fans out, started by process_host: `-m appliance.service.feed.process USERS FD…`."""
 
 import os
 import signal
@@ -20,22 +20,24 @@ _FIRST_KILLED = 500
 
 
 def main(arguments: list[str]) -> None:
-    """arguments: ids of users who are not served, separated by commas; the descriptors of the listener and the tap."""
-    viewers, listener_fd, *tap = arguments
+    """arguments: ids of users who are shown no pictures, separated by commas; the descriptors of the listener and the
+    tap.
+    """
+    users, listener_fd, *tap = arguments
     end_with_parent(signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError):
         os.nice(_NICER)
         Path("/proc/self/oom_score_adj").write_text(str(_FIRST_KILLED))
     fds = TapFds.of([int(number) for number in tap])
-    barred = frozenset(int(uid) for uid in viewers.split(",") if uid)
+    without_pictures = frozenset(int(uid) for uid in users.split(",") if uid)
     wish = Wish(fds.wish)
     with (
         socket.socket(fileno=int(listener_fd)) as listener,
         socket.socket(fileno=fds.packets) as packets,
         Ring(FRAMES, fds.frames) as frames,
     ):
-        server = FeedServer(listener, packets, frames, wish, barred, version("probewatch"))
+        server = FeedServer(listener, packets, frames, wish, without_pictures, version("probewatch"))
         try:
             server.run()
         finally:

@@ -34,16 +34,21 @@ _BACKLOG = 128
 
 
 class FeedHost:
-    """path: of the feed's socket, mode 0660, of `group` if one is named; None offers none. barred: users who are not
-    served. No other service may run here: what lies at the path is taken away.
+    """path: of the feed's socket, mode 0660, of `group` if one is named, and of `onlookers`, by id; None offers none.
+    without_pictures: users who are shown none. No other service may run here: what lies at the path is taken away.
 
     refused: why there is no socket, in words; None where there is one.
     """
 
     def __init__(
-        self, path: Path | None, group: str = "", barred: Iterable[int] = (), command: Sequence[str] = _COMMAND
+        self,
+        path: Path | None,
+        group: str = "",
+        onlookers: Iterable[int] = (),
+        without_pictures: Iterable[int] = (),
+        command: Sequence[str] = _COMMAND,
     ) -> None:
-        self._path, self._command = path, (*command, ",".join(str(uid) for uid in sorted(barred)))
+        self._path, self._command = path, (*command, ",".join(str(uid) for uid in sorted(without_pictures)))
         self._log = get_log(feed=str(path))
         self._process: subprocess.Popen[bytes] | None = None
         self._dying: list[subprocess.Popen[bytes]] = []
@@ -56,7 +61,7 @@ class FeedHost:
             self.refused = "[feed] offered = false"
             return
         try:
-            self._listener = listening(path, group, _BACKLOG)
+            self._listener = listening(path, group, _BACKLOG, onlookers)
         except (OSError, LookupError) as error:
             self.refused = str(error)
             self._log.warning("the feed is not offered", why=self.refused)

@@ -93,7 +93,8 @@ class _Client:
 
 
 class FeedServer:
-    """listener: of the feed's socket. packets, frames, wish: of the tap. barred: users who are not served.
+    """listener: of the feed's socket. packets, frames, wish: of the tap. without_pictures: users who are shown no
+    pictures.
 
     run() returns when nobody has listened for some time.
     """
@@ -104,11 +105,11 @@ class FeedServer:
         packets: socket.socket,
         frames: Ring,
         wish: Wish,
-        barred: frozenset[int],
+        without_pictures: frozenset[int],
         software: str,
     ) -> None:
         self._listener, self._packets, self._frames, self._wish = listener, packets, frames, wish
-        self._barred, self._hello = barred, message.hello(software)
+        self._without_pictures, self._hello = without_pictures, message.hello(software)
         self._clients: list[_Client] = []
         self._pictures: deque[Frame] = deque()
         self._order: Order | None = None
@@ -191,11 +192,11 @@ class FeedServer:
 
     def _begin(self, client: _Client, line: bytes, rest: bytes) -> None:
         try:
-            if client.uid in self._barred:
-                raise ProtocolError("your user may read the status and nothing else ([control] viewers)")
             if rest or len(line) > LONGEST_LINE:
                 raise ProtocolError("one line is asked, and nothing after it")
             request = request_of(line)
+            if request.pictures and client.uid in self._without_pictures:
+                raise ProtocolError("your user is shown no pictures ([control] viewers); ask with pictures = false")
             self._make_room(client.uid)
         except ProtocolError as error:
             with contextlib.suppress(OSError):

@@ -5,11 +5,24 @@ import os
 import socket
 import stat
 import struct
+from collections.abc import Iterable
 from pathlib import Path
 
+from appliance.service.host.log import get_log
 
-def listening(path: Path, group: str, backlog: int) -> socket.socket:
-    """Mode 0660, of the group if one is named. Raises OSError, and LookupError where there is no such group."""
+_ACL = "system.posix_acl_access"
+_ACL_VERSION = 2
+_OWNER, _USER, _GROUP, _MASK, _OTHERS = 0x01, 0x02, 0x04, 0x10, 0x20
+_NO_ID = 0xFFFFFFFF
+"""Of entries that name nobody. All of these by <linux/posix_acl_xattr.h> and <linux/posix_acl.h>."""
+_MAY, _MAY_NOT = stat.S_IROTH | stat.S_IWOTH, 0
+
+
+def listening(path: Path, group: str, backlog: int, users: Iterable[int] = ()) -> socket.socket:
+    """Mode 0660, of the group if one is named, and of these users, by id, whatever group they are in.
+
+    Raises OSError, and LookupError where there is no such group.
+    """
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
     try:
         _remove_socket(path)
@@ -17,11 +30,28 @@ def listening(path: Path, group: str, backlog: int) -> socket.socket:
         path.chmod(0o660)
         if group:
             os.chown(path, -1, grp.getgrnam(group).gr_gid)
+        _admit(path, users)
         listener.listen(backlog)
     except (OSError, LookupError):
         listener.close()
         raise
     return listener
+
+
+def _admit(path: Path, users: Iterable[int]) -> None:
+    """An access control list. On a file system that has none, the users need the group, as everybody does."""
+    named = [(_USER, _MAY, uid) for uid in sorted(users)]
+    if not named:
+        return
+    entries = [
+        (_OWNER, _MAY, _NO_ID), *named, (_GROUP, _MAY, _NO_ID), (_MASK, _MAY, _NO_ID), (_OTHERS, _MAY_NOT, _NO_ID)
+    ]  # fmt: skip
+    packed = struct.pack("<I", _ACL_VERSION) + b"".join(struct.pack("<HHI", *entry) for entry in entries)
+    try:
+        os.setxattr(path, _ACL, packed)
+    except OSError as error:
+        why = error.strerror or str(error)
+        get_log().warning("who may look on needs the group of the socket", socket=str(path), why=why)
 
 
 def connected(path: Path, timeout_s: float) -> socket.socket:

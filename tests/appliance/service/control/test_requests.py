@@ -27,7 +27,7 @@ DAY_NS = 86_400 * 10**9
 class Desk:
     """Everything that a request may move, without a service behind it."""
 
-    def __init__(self) -> None:
+    def __init__(self, onlookers: frozenset[int] = frozenset({VIEWER.uid})) -> None:
         self.noted: list[dict[str, Any]] = []
         self.wanted: list[Wanted] = []
         self.annunciator = Annunciator()
@@ -47,7 +47,7 @@ class Desk:
                 worker=DeadlineWorker(),
                 now_ns=lambda: self.now_ns,
                 note=lambda event, **data: self.noted.append(data),
-                viewers=frozenset({VIEWER.uid}),
+                onlookers=onlookers,
             )
         )
 

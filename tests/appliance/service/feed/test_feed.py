@@ -306,13 +306,18 @@ def test_there_are_so_many_places(service: Service) -> None:
     Feed(service.path).close()
 
 
-def test_who_may_only_read_the_status_gets_no_picture(tmp_path: Path) -> None:
+def test_who_is_shown_no_pictures_hears_the_words_alone(tmp_path: Path) -> None:
     service = Service(tmp_path)
     service.feed.close()
-    service.feed = FeedHost(tmp_path / "feed", barred=(os.getuid(),))
+    service.feed = FeedHost(tmp_path / "feed", without_pictures=(os.getuid(),))
     service.estimator.tap = service.feed.tap
-    with service, pytest.raises(DeviceLost, match="may read the status and nothing else"):
-        Feed(service.path)
+    with service:
+        with pytest.raises(DeviceLost, match="your user is shown no pictures"):
+            Feed(service.path)
+        with Feed(service.path, FeedRequest(pictures=False)) as feed:
+            service.judged(frame(1))
+            messages = found(feed, of(1))
+    assert not any(isinstance(message, Taken) and isinstance(message.sample, Frame) for message in messages)
 
 
 @pytest.mark.thorough
