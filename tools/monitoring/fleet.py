@@ -1,10 +1,12 @@
 """Many carts at once, as a Prometheus knows them: what each needs, from its metrics."""
 
 import json
+import threading
 import urllib.error
 import urllib.parse
 import urllib.request
 from collections.abc import Iterable, Mapping
+from concurrent.futures import Future
 from dataclasses import asdict, dataclass, field
 from http.client import HTTPException, InvalidURL
 from typing import Any
@@ -13,7 +15,9 @@ from drivers.errors import ConfigurationError, DeviceLost
 from drivers.printable import printable
 
 _PATIENCE_S = 10.0
-"""For which one answer may take: a question about a hundred carts takes ms, one that hangs never answers."""
+"""For which one answer may take, the whole of it: a question about a hundred carts takes ms, one that hangs or drips
+never answers.
+"""
 _MOST_BYTES = 16_000_000
 """Of one answer. A cart takes about 2 kB of it; what is larger is no answer to this question."""
 DRIFTING = 0.7
@@ -139,8 +143,7 @@ def _asked(base: str, query: str) -> list[tuple[Mapping[str, str], float]]:
     try:
         if urllib.parse.urlsplit(base).scheme not in ("http", "https"):
             raise ValueError("it begins with neither http:// nor https://")
-        with urllib.request.urlopen(urllib.request.Request(url, body), timeout=_PATIENCE_S) as reply:
-            content = reply.read(_MOST_BYTES + 1)
+        content = _answer(urllib.request.Request(url, body))
     except urllib.error.HTTPError as error:
         raise _lost(base, f"Prometheus refused the question ({error.code} {error.reason})") from None
     except (ValueError, InvalidURL) as error:
@@ -148,6 +151,28 @@ def _asked(base: str, query: str) -> list[tuple[Mapping[str, str], float]]:
     except (OSError, HTTPException) as error:
         raise _lost(base, f"no Prometheus answers ({getattr(error, 'reason', error)})") from None
     return _series(base, content)
+
+
+def _answer(question: urllib.request.Request) -> bytes:
+    """Asked in a thread that is left behind where it hangs: urllib's own deadline begins anew with every byte, and the
+    name has none. Raises OSError, HTTPException, ValueError.
+    """
+    answer: Future[bytes] = Future()
+    threading.Thread(target=_ask, args=(question, answer), name="question", daemon=True).start()
+    try:
+        return answer.result(_PATIENCE_S)
+    except TimeoutError:
+        raise TimeoutError(f"not whole within {_PATIENCE_S:g} s") from None
+
+
+def _ask(question: urllib.request.Request, answer: "Future[bytes]") -> None:
+    try:
+        with urllib.request.urlopen(question, timeout=_PATIENCE_S) as reply:
+            answer.set_result(reply.read(_MOST_BYTES + 1))
+    except Exception as error:
+        if isinstance(error, urllib.error.HTTPError):
+            error.close()
+        answer.set_exception(error)
 
 
 def _series(base: str, content: bytes) -> list[tuple[Mapping[str, str], float]]:

@@ -12,14 +12,14 @@ from typing import Any, Self
 
 from appliance.service.control.rights import join_group
 from appliance.service.control.server import ControlRefused, ControlServer, Peer, Reply
-from appliance.service.host.unix_socket import connected
+from appliance.service.host.unix_socket import Lines, connected
 from drivers.errors import DeviceLost
 from drivers.printable import printable
 
 _EVERY_S = 0.05
 """Between two looks for who asks: a person waits no longer. More often is work for nothing."""
 _ANSWER_S = 2.0
-"""For a page to answer that lives: forty looks."""
+"""For a page that lives to answer whole: forty looks."""
 _MOST_BYTES = 4096
 """An answer has some 100."""
 
@@ -61,13 +61,15 @@ class Door:
 def invitation(path: Path) -> tuple[str, str]:
     """(token, URL) from the page that runs here. Raises DeviceLost."""
     try:
-        with connected(path, _ANSWER_S) as link, link.makefile("rb") as lines:
+        with connected(path, _ANSWER_S) as link:
             link.sendall(b'{"v": 1, "do": "token"}\n')
-            said = json.loads(lines.readline(_MOST_BYTES))
+            said = json.loads(Lines(link, _MOST_BYTES).next(_ANSWER_S))
+        if said.get("ok") is False:
+            raise DeviceLost(f"the page gives no token: {printable(str(said.get('error')))}", str(path))
         return str(said["token"]), str(said["url"])
     except PermissionError:
         raise DeviceLost("your user may not ask the page for a token", str(path), join_group(path)) from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         what = f"no page answers ({printable(str(error)) or 'nothing'})"
         raise DeviceLost(what, str(path), "Start it: systemctl start probewatch-page, or: probewatch page") from None
 

@@ -26,7 +26,7 @@ from appliance.configuration.config import Config
 from appliance.service.control.client import ControlClient
 from appliance.service.feed.message import FeedMessage
 from appliance.service.feed.request import FeedRequest
-from appliance.service.host.unix_socket import connected, listening
+from appliance.service.host.unix_socket import Lines, connected, listening
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from drivers.files.atomic_file import make_folder
 from drivers.printable import printable
@@ -43,7 +43,7 @@ _AGAIN_S = 0.2
 """Before a service that is not there is asked again: an estimator that was replaced takes a second to begin, and its
 line is recorded from its first sample. Longer misses that; shorter takes the processor for nothing."""
 _ANSWER_S = 2.0
-"""For either side of the recorder's own socket to say its line."""
+"""For either side of the recorder's own socket to say its line, the whole of it."""
 _LONGEST_LINE = 4096  # as of the control socket
 _GB = 1e9  # as people buy disks
 
@@ -142,9 +142,9 @@ class RecorderService:
         while not self._ended.is_set():
             with suppress(OSError):
                 link, _ = self._listener.accept()
-                link.settimeout(_ANSWER_S)
                 with link:
-                    reply = self._reply(_line(link))
+                    reply = self._reply(_line(link, _ANSWER_S))
+                    link.settimeout(_ANSWER_S)
                     link.sendall(json.dumps(reply).encode() + b"\n")
 
     def _reply(self, line: bytes) -> dict[str, Any]:
@@ -177,7 +177,7 @@ def ask(path: Path, do: str, reason: str = "") -> dict[str, Any]:
     try:
         with connected(path, 2 * _ANSWER_S) as link:
             link.sendall(json.dumps({"do": do, "reason": reason}).encode() + b"\n")
-            reply = json.loads(_line(link))
+            reply = json.loads(_line(link, 2 * _ANSWER_S))
     except (OSError, ValueError) as error:
         remedy = "Start it: systemctl start probewatch-recorder; journalctl -u probewatch-recorder says why it ended"
         raise DeviceLost(f"no recorder answers ({error})", str(path), remedy) from None
@@ -190,14 +190,12 @@ def _taking(recorder: Recorder, message: FeedMessage) -> _Task:
     return lambda now_ns: recorder.take(message, now_ns)
 
 
-def _line(link: socket.socket) -> bytes:
-    line = b""
-    while not line.endswith(b"\n") and len(line) < _LONGEST_LINE:
-        part = link.recv(_LONGEST_LINE)
-        if not part:
-            break
-        line += part
-    return line
+def _line(link: socket.socket, timeout_s: float) -> bytes:
+    """Raises OSError; one that is too long counts as none."""
+    try:
+        return Lines(link, _LONGEST_LINE).next(timeout_s)
+    except ValueError:
+        return b""
 
 
 def _locked(folder: Path) -> int:

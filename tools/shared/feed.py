@@ -1,7 +1,9 @@
 """The reading end of the service's feed: its messages as what they were when the line took and said them."""
 
 import contextlib
+import math
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Self
@@ -9,7 +11,7 @@ from typing import Self
 from appliance.service.control.rights import join_group
 from appliance.service.feed.message import HEAD_BYTES, FeedMessage, Hello, Refused, lengths, unpacked
 from appliance.service.feed.request import FeedRequest
-from appliance.service.host.unix_socket import connected
+from appliance.service.host.unix_socket import connected, received_by
 from drivers.errors import DeviceLost, ProbewatchError
 
 _ANSWER_S = 5.0
@@ -35,7 +37,7 @@ class Feed:
             raise self._gone(error) from None
         try:
             self._link.sendall((request or FeedRequest()).line())
-            first = self._one()
+            first = self._one(time.monotonic() + _ANSWER_S)
         except (OSError, ProbewatchError) as error:
             self._link.close()
             raise self._gone(error) if isinstance(error, OSError) else error from None
@@ -70,45 +72,45 @@ class Feed:
         return message
 
     def next(self, timeout_s: float | None) -> FeedMessage | None:
-        """The next message, None where none came in time. Raises DeviceLost, ProtocolError."""
-        self._link.settimeout(timeout_s)
+        """The next message, None where none was whole in time. Raises DeviceLost, ProtocolError."""
         try:
-            return self._one()
+            return self._one(_end_s(timeout_s))
         except TimeoutError:
             return None
         except OSError as error:
             raise self._gone(error) from None
 
     def next_raw(self, timeout_s: float | None) -> tuple[bytes, bytes] | None:
-        """(header, pixels) of the next message, as they came; None where none came in time. To be written down, and
-        read by `unpacked` later. Raises DeviceLost, ProtocolError."""
-        self._link.settimeout(timeout_s)
+        """(header, pixels) of the next message, as they came; None where none was whole in time. To be written down,
+        and read by `unpacked` later. Raises DeviceLost, ProtocolError."""
         try:
-            return self._whole()
+            return self._whole(_end_s(timeout_s))
         except TimeoutError:
             return None
         except OSError as error:
             raise self._gone(error) from None
 
-    def _one(self) -> FeedMessage:
-        message = unpacked(*self._whole())
+    def _one(self, end_s: float) -> FeedMessage:
+        message = unpacked(*self._whole(end_s))
         if isinstance(message, Refused):
             raise DeviceLost(f"the feed is refused: {message.why}", str(self._path))
         return message
 
-    def _whole(self) -> tuple[bytes, bytes]:
-        """Raises OSError, TimeoutError among them, after which it may be called again."""
-        self._need(HEAD_BYTES)
+    def _whole(self, end_s: float) -> tuple[bytes, bytes]:
+        """end_s: by time.monotonic, of the whole message. Raises OSError, TimeoutError among them, after which it may
+        be called again.
+        """
+        self._need(HEAD_BYTES, end_s)
         header, pixels = lengths(bytes(self._received[:HEAD_BYTES]))
         end = HEAD_BYTES + header + pixels
-        self._need(end)
+        self._need(end, end_s)
         view = bytes(self._received[HEAD_BYTES:end])
         del self._received[:end]
         return view[:header], view[header:]
 
-    def _need(self, size: int) -> None:
+    def _need(self, size: int, end_s: float) -> None:
         while len(self._received) < size:
-            data = self._link.recv(max(_READ_BYTES, size - len(self._received)))
+            data = received_by(self._link, max(_READ_BYTES, size - len(self._received)), end_s)
             if not data:
                 raise ConnectionResetError(104, "the service ended it")
             self._received += data
@@ -120,3 +122,7 @@ class Feed:
         return DeviceLost(
             what, str(self._path), "See `probewatch status`; [feed] of its configuration says where it is"
         )
+
+
+def _end_s(timeout_s: float | None) -> float:
+    return math.inf if timeout_s is None else time.monotonic() + timeout_s

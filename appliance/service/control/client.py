@@ -7,23 +7,26 @@ from typing import Self
 from appliance.service.control.refusal import why_silent
 from appliance.service.control.rights import join_group
 from appliance.service.control.server import VERSION, ControlRefused, Reply
-from appliance.service.host.unix_socket import connected
+from appliance.service.host.unix_socket import Lines, connected
 from drivers.errors import DeviceLost, ProbewatchError
 from drivers.printable import printable_value
+
+_LONGEST_REPLY = 1 << 20
+"""Bytes. A status has some 20 kB; what is longer is no service, and takes memory."""
 
 
 class ControlClient:
     """Speaks to a running service. Raises ControlRefused when it declines; when none answers, DeviceLost, or what the
-    service could not be started with, as ConfigurationError.
+    service could not be started with, as ConfigurationError. timeout_s: for each reply, the whole of it.
     """
 
     def __init__(self, path: Path, timeout_s: float = 2.0) -> None:
-        self._path = path
+        self._path, self._timeout_s = path, timeout_s
         try:
             self._link = connected(path, timeout_s)
         except OSError as error:
             raise self._gone(error) from None
-        self._lines = self._link.makefile("rb")
+        self._lines = Lines(self._link, _LONGEST_REPLY)
 
     def __enter__(self) -> Self:
         return self
@@ -32,7 +35,6 @@ class ControlClient:
         self.close()
 
     def close(self) -> None:
-        self._lines.close()
         self._link.close()
 
     def status(self) -> Reply:
@@ -93,8 +95,9 @@ class ControlClient:
 
     def _ask(self, **request: str | float) -> Reply:
         try:
+            self._link.settimeout(self._timeout_s)
             self._link.sendall(json.dumps({"v": VERSION, **request}).encode() + b"\n")
-            line = self._lines.readline()
+            line = self._lines.next(self._timeout_s)
         except OSError as error:
             raise self._gone(error) from None
         if not line:

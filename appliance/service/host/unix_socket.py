@@ -1,10 +1,15 @@
-"""A Unix socket that a group may use: made where a killed service may have left one, and reached through a crowd."""
+"""A Unix socket that a group may use: made where a killed service may have left one, reached through a crowd, and heard
+line by line.
+"""
 
+import errno
 import grp
+import math
 import os
 import socket
 import stat
 import struct
+import time
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -15,6 +20,8 @@ _ACL_VERSION = 2
 _OWNER, _USER, _GROUP, _MASK, _OTHERS = 0x01, 0x02, 0x04, 0x10, 0x20
 _NO_ID = 0xFFFFFFFF
 """Of entries that name nobody. All of these by <linux/posix_acl_xattr.h> and <linux/posix_acl.h>."""
+_READ_BYTES = 1 << 14
+"""Asked of the kernel at once; a status has some 20 kB. Not measured."""
 _MAY, _MAY_NOT = stat.S_IROTH | stat.S_IWOTH, 0
 
 
@@ -66,6 +73,43 @@ def connected(path: Path, timeout_s: float) -> socket.socket:
         raise
     link.settimeout(timeout_s)
     return link
+
+
+class Lines:
+    """What the other end says, line by line. The deadline is that of a whole line: bytes that drip do not move it.
+
+    most_bytes: of a line.
+    """
+
+    def __init__(self, link: socket.socket, most_bytes: int) -> None:
+        self._link, self._most_bytes = link, most_bytes
+        self._received = bytearray()
+
+    def next(self, timeout_s: float) -> bytes:
+        """One line with its end; empty where the connection has ended before it. Leaves another timeout of the socket
+        behind. Raises TimeoutError, ValueError for a line that is too long, OSError.
+        """
+        end_s = time.monotonic() + timeout_s
+        while b"\n" not in self._received:
+            if len(self._received) > self._most_bytes:
+                raise ValueError(f"a line is longer than {self._most_bytes} bytes")
+            if not (data := received_by(self._link, _READ_BYTES, end_s)):
+                return b""
+            self._received += data
+        line, newline, rest = bytes(self._received).partition(b"\n")
+        self._received = bytearray(rest)
+        return line + newline
+
+
+def received_by(link: socket.socket, most_bytes: int, end_s: float) -> bytes:
+    """As recv, until end_s by time.monotonic, which may be inf. What has come by then counts, however late this host
+    looks at it. Raises OSError, TimeoutError among them.
+    """
+    link.settimeout(None if end_s == math.inf else max(0.0, end_s - time.monotonic()))
+    try:
+        return link.recv(most_bytes)
+    except BlockingIOError:
+        raise TimeoutError(errno.ETIMEDOUT, "no whole answer in time") from None
 
 
 def _remove_socket(path: Path) -> None:
