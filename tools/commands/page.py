@@ -13,6 +13,7 @@ from appliance.configuration.config import load_config
 from appliance.service.control.rights import Onlookers
 from drivers.errors import ConfigurationError
 from tools.page.alarms import LastAlarms
+from tools.page.connection import Connection
 from tools.page.pictures import Pictures
 from tools.page.server import Page, Parts
 from tools.page.token_socket import Door, invitation
@@ -99,6 +100,7 @@ def _serve(page: Page, listener: sockets.socket) -> None:
     """Until SIGTERM or Ctrl-C."""
     config = uvicorn.Config(
         page.app,
+        http=Connection,
         log_level="warning",
         access_log=False,
         server_header=False,

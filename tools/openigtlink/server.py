@@ -4,6 +4,7 @@ import os
 import selectors
 import socket
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from threading import Event
@@ -22,7 +23,12 @@ from tools.openigtlink.wording import estimate_message, state_message, status_me
 from tools.shared.status_watch import Seen, StatusWatch
 
 _MOST_CLIENTS = 32
-"""At once; the next one is sent away. Each costs a descriptor, a buffer and some 0.1 ms in a round. Not measured."""
+"""At once; for the next one somebody leaves who only listens, else it is sent away. Each costs a descriptor, a buffer
+and some 0.1 ms in a round. Not measured."""
+
+_SETTLED_S = 5.0
+"""For which who says nothing keeps the place though others wait for one. 3D Slicer says nothing either, and comes
+again: less sends it away sooner where a crowd comes on and on, more keeps it waiting before a crowd that stays."""
 
 _MOST_UNSENT = 1 << 18
 """Bytes that wait for a client which asks and does not read; then it is dropped. More takes memory, less drops one that
@@ -57,12 +63,13 @@ _READ_BYTES, _QUESTIONS = 1 << 14, 8
 
 class _Client:
     """version: of the headers it understands: 1 until it has shown a later one. asked: of pictures and poses. due: a
-    round has passed it over. trouble: what was told it last of their absence.
+    round has passed it over. trouble: what was told it last of their absence. has_asked: anything.
     """
 
-    def __init__(self, line: socket.socket, asked: Asked) -> None:
+    def __init__(self, line: socket.socket, address: str, asked: Asked) -> None:
         self.line, self.version, self.number, self.asked = line, 1, 0, asked
         self.due, self.trouble, self._picture_bytes = False, "", 0
+        self.address, self.came_s, self.has_asked = address, time.monotonic(), False
         self.unsent = bytearray()
         self.stream = MessageStream(_is_question)
         self.moved_s = time.monotonic()
@@ -90,6 +97,7 @@ class _Client:
                 return False
             self.version = max(self.version, min(arrived.message.version, 2))
             found.append(arrived.message)
+            self.has_asked = True
         return True
 
     def put(self, message: Message) -> None:
@@ -126,8 +134,8 @@ class StateServer:
     """Listens from construction until the context is left. address: (host, port), the port chosen if 0 was given.
 
     every_s: between two rounds. passage: of pictures and poses, under names, to who asks, or to everybody who comes
-    where unasked. turned_away, dropped: clients without a place; clients that did not read, broke off or
-    sent what is not OpenIGTLink.
+    where unasked. turned_away, dropped: clients without a place, or who had to leave it; clients that did not read,
+    broke off or sent what is not OpenIGTLink.
     """
 
     def __init__(
@@ -253,17 +261,30 @@ class StateServer:
 
     def _accept(self) -> None:
         with suppress(OSError):
-            line, _ = self._door.accept()
+            line, (address, *_) = self._door.accept()
             if len(self._clients) >= _MOST_CLIENTS:
                 self.turned_away += 1
-                line.close()
-                return
+                if not self._make_room():
+                    line.close()
+                    return
             line.setblocking(False)
             line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             line.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
             streams = self._unasked if self._viewers() < _MOST_VIEWERS else self._unasked - {"IMAGE"}
-            self._clients.append(_Client(line, Asked(self._names, streams)))
+            self._clients.append(_Client(line, address, Asked(self._names, streams)))
             self._watch.want(len(self._clients))
+
+    def _make_room(self) -> bool:
+        """Of those who have asked nothing, at the address of which most have come, who came first leaves."""
+        silent = [one for one in self._clients if not one.has_asked]
+        held = Counter(one.address for one in silent)
+        settled = [one for one in silent if time.monotonic() - one.came_s >= _SETTLED_S]
+        if not settled:
+            return False
+        leaves = max(settled, key=lambda one: (held[one.address], -one.came_s))
+        leaves.line.close()
+        self._clients.remove(leaves)
+        return True
 
     def _answer(self, client: _Client) -> None:
         with suppress(BlockingIOError):

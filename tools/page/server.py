@@ -43,6 +43,8 @@ _PICTURE_S = 2.0
 alive; shorter asks for nothing."""
 _LOOK_S = 0.02
 """Between two looks for a newer picture: a fifth of the time between two at ten a second."""
+_BODY_S = 5.0
+"""For a request to be sent whole once it has begun, as long as for its head."""
 _MOST_BODY = 8192
 """Bytes of a request: names and a comment take some 500."""
 _POLICY = (
@@ -233,15 +235,16 @@ def _name(host: str) -> str:
 
 
 async def _body(request: Request) -> dict[str, Any]:
-    """Empty where it is not a JSON object, or too long."""
+    """Empty where it is not a JSON object, too long, or not whole in time."""
     data = b""
-    async for part in request.stream():
-        data += part
-        if len(data) > _MOST_BODY:
-            return {}
     try:
+        async with asyncio.timeout(_BODY_S):
+            async for part in request.stream():
+                data += part
+                if len(data) > _MOST_BODY:
+                    return {}
         body = json.loads(data)
-    except (ValueError, RecursionError):
+    except (ValueError, RecursionError, TimeoutError):
         return {}
     return body if isinstance(body, dict) else {}
 

@@ -138,7 +138,8 @@ def _flood(line: socket.socket) -> None:
         line.send(b"".join(good_bytes()) * 40)
 
 
-def test_more_clients_than_places_are_sent_away(bench: Bench) -> None:
+def test_more_clients_than_places_are_sent_away(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.openigtlink.server._SETTLED_S", 60.0)
     with ExitStack() as crowd:
         clients = [crowd.enter_context(bench.connect()) for _ in range(32)]
         for client in clients:
@@ -151,6 +152,26 @@ def test_more_clients_than_places_are_sent_away(bench: Bench) -> None:
         until(lambda: bench.server.dropped == 1)
         with bench.connect() as next_one:
             next_one.until("STATUS")
+
+
+def test_a_crowd_that_says_nothing_keeps_nobody_out(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tools.openigtlink.server._SETTLED_S", 0.0)
+    with ExitStack() as crowd:
+        silent = [crowd.enter_context(bench.connect()) for _ in range(31)]
+        asking = crowd.enter_context(bench.connect())
+        asking.ask("GET_CAPABIL")
+        asking.until("CAPABILITY")
+        for late in [crowd.enter_context(bench.connect()) for _ in range(3)]:
+            late.until("STATUS")
+        until(lambda: bench.server.turned_away == 3)
+        for first in silent[:3]:
+            until(lambda first=first: _ended(first.line))  # type: ignore[misc]
+        asking.until("STATUS")
+        silent[3].until("STATUS")
+
+
+def _ended(line: socket.socket) -> bool:
+    return line.recv(1 << 16) == b""
 
 
 def test_one_who_never_reads_is_dropped_in_time(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
