@@ -24,6 +24,7 @@ _MOST_PORT = 65535  # of TCP
 @click.command()
 @socket_option
 @click.option("--listen", default=_LISTEN, show_default=True, help="HOST:PORT that Prometheus asks")
+@click.option("--host", "hosts", multiple=True, help="another name by which Prometheus calls this computer")
 @click.option("--no-http", is_flag=True, help="listen nowhere; write the file only")
 @click.option(
     "--textfile",
@@ -40,7 +41,13 @@ _MOST_PORT = 65535  # of TCP
 )
 @click.option("--once", is_flag=True, help="print the metrics and end; exit code 69 where no service answers")
 def command(
-    control_socket: Path, listen: str, no_http: bool, textfile: Path | None, every_s: float, once: bool
+    control_socket: Path,
+    listen: str,
+    hosts: tuple[str, ...],
+    no_http: bool,
+    textfile: Path | None,
+    every_s: float,
+    once: bool,
 ) -> None:
     """Serve the status of the service as Prometheus metrics on http://127.0.0.1:9797/metrics until Ctrl-C.
 
@@ -67,7 +74,7 @@ def command(
         signal.signal(number, lambda *_: stop.set())
     with ExitStack() as served:
         if not no_http:
-            served.enter_context(Endpoint(*_address(listen), exposition.text))
+            served.enter_context(Endpoint(*_address(listen), exposition.text, hosts))
         _write_until(stop, textfile, every_s, exposition)
 
 

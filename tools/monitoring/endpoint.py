@@ -1,15 +1,17 @@
 """The HTTP side of the metrics: few clients at a time, and none that sleeps keeps another out."""
 
 import contextlib
+import platform
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Self
 
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from drivers.errors import ConfigurationError
+from tools.shared.called_host import called, is_address
 
 _MOST = 16
 """Clients at once, each with a thread. One more ends whoever came first; one that reads is done within ms."""
@@ -21,6 +23,7 @@ behind a bad network. Not measured.
 
 class Endpoint(ThreadingHTTPServer):
     """Serves /metrics at (host, port); port 0 takes a free one. text: makes what is served, once for each request.
+    names: other than addresses, by which it may be called, so that no page of another site can read it (DNS rebinding).
 
     Raises ConfigurationError where nothing can listen there.
     """
@@ -30,8 +33,8 @@ class Endpoint(ThreadingHTTPServer):
     request_queue_size = 64
     """Clients that wait in the kernel: four times as many as are served."""
 
-    def __init__(self, host: str, port: int, text: Callable[[], bytes]) -> None:
-        self.text = text
+    def __init__(self, host: str, port: int, text: Callable[[], bytes], names: Iterable[str] = ()) -> None:
+        self.text, self.names = text, {"localhost", platform.node().lower(), *(name.lower() for name in names)}
         self._open: dict[socket.socket, None] = {}
         self._lock = threading.Lock()
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -82,7 +85,11 @@ class _Handler(BaseHTTPRequestHandler):
     server_version, sys_version = "probewatch", ""
 
     def do_GET(self) -> None:
-        """One answer a connection."""
+        """One answer a connection. Who names no host is no browser."""
+        host = self.headers.get("Host")
+        if host is not None and not (is_address(called(host)) or called(host) in self.server.names):
+            self.send_error(403, "this exporter is not called by that name; --host allows another")
+            return
         if self.path.partition("?")[0] != "/metrics":
             self.send_error(404, "there is only /metrics")
             return

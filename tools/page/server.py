@@ -29,6 +29,7 @@ from tools.page.wording import worded
 from tools.recalibration.held_service import Asked
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import ScanSession
+from tools.shared.called_host import called
 from tools.shared.status_watch import StatusWatch
 
 _FILES = Path(__file__).parent / "files"
@@ -95,20 +96,19 @@ class Page:
     async def _events(self, request: Request) -> Response:
         if self._listeners >= _MOST_LISTENERS:
             return Response("too many look on; close one of them\n", 503, media_type="text/plain")
+        self._count(1)
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        return StreamingResponse(self._told(request), media_type="text/event-stream", headers=headers)
+        return _Counted(self._told(request), lambda: self._count(-1), "text/event-stream", headers)
 
     async def _told(self, request: Request) -> AsyncIterator[bytes]:
-        self._listeners += 1
+        while not await request.is_disconnected():
+            event = await run_in_threadpool(self._event, self._visitor(request))
+            yield b"data: " + json.dumps(event, ensure_ascii=False).encode() + b"\n\n"
+            await asyncio.sleep(_EVENTS_S)
+
+    def _count(self, change: int) -> None:
+        self._listeners += change
         self._parts.watch.want(self._listeners)
-        try:
-            while not await request.is_disconnected():
-                event = await run_in_threadpool(self._event, self._visitor(request))
-                yield b"data: " + json.dumps(event, ensure_ascii=False).encode() + b"\n\n"
-                await asyncio.sleep(_EVENTS_S)
-        finally:
-            self._listeners -= 1
-            self._parts.watch.want(self._listeners)
 
     def _event(self, visitor: Visitor | None) -> dict[str, Any]:
         """Everything that the page shows but its pictures."""
@@ -186,6 +186,22 @@ class Page:
         return self._parts.tokens.visitor(request.cookies.get(_COOKIE), time.monotonic())
 
 
+class _Counted(StreamingResponse):
+    """ended: called once, also where the client has gone before its stream begins."""
+
+    def __init__(
+        self, told: AsyncIterator[bytes], ended: Callable[[], None], media_type: str, headers: dict[str, str]
+    ) -> None:
+        super().__init__(told, media_type=media_type, headers=headers)
+        self._ended = ended
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._ended()
+
+
 class Guard:
     """Refuses whoever calls the page by a foreign name (so that no other site's page can), and what another origin
     sends; every answer forbids the browser what the page does not need.
@@ -206,7 +222,7 @@ class Guard:
 
     def _foreign(self, headers: Headers, method: str) -> str:
         host = headers.get("host", "")
-        if _name(host) not in self._hosts:
+        if called(host) not in self._hosts:
             return "this page is not called by that name; --host allows another"
         origin = headers.get("origin")
         if method == "POST" and (origin is None or origin.partition("://")[2] != host):
@@ -220,18 +236,12 @@ def _guarded(send: Send) -> Callable[[Message], Awaitable[None]]:
             headers = MutableHeaders(scope=message)
             headers["Content-Security-Policy"] = _POLICY
             headers["X-Content-Type-Options"] = "nosniff"
+            headers["Cross-Origin-Resource-Policy"] = "same-origin"
             headers["Referrer-Policy"] = "no-referrer"
             headers["Permissions-Policy"] = "camera=(), microphone=(), geolocation=()"
         await send(message)
 
     return sending
-
-
-def _name(host: str) -> str:
-    """Of a Host header, without its port."""
-    if host.startswith("["):
-        return host.partition("]")[0][1:]
-    return host.partition(":")[0].lower()
 
 
 async def _body(request: Request) -> dict[str, Any]:

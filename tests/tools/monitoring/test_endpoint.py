@@ -1,6 +1,8 @@
 """The HTTP side and the file, over real sockets: hostile and sleeping clients keep nobody out."""
 
 import contextlib
+import http.client
+import platform
 import signal
 import socket
 import stat
@@ -34,7 +36,8 @@ HOSTILE = [
 
 @pytest.fixture
 def endpoint(tmp_path: Path) -> Iterator[Endpoint]:
-    with Answering(tmp_path / "control"), Endpoint("127.0.0.1", 0, Exposition(tmp_path / "control").text) as endpoint:
+    text = Exposition(tmp_path / "control").text
+    with Answering(tmp_path / "control"), Endpoint("127.0.0.1", 0, text, ["Cart-2.example"]) as endpoint:
         yield endpoint
 
 
@@ -48,6 +51,34 @@ def test_what_prometheus_gets(endpoint: Endpoint) -> None:
     assert "\nprobewatch_contact_closed 1.0\n" in asked(endpoint)
     with pytest.raises(urllib.error.HTTPError, match="404"):
         asked(endpoint, "/")
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("evil.example", 403),
+        ("[::1]evil.example", 403),
+        ("127.0.0.1.evil.example", 403),
+        ("localhost:1:evil", 403),
+        ("", 403),
+        ("localhost:9797", 200),
+        ("10.1.2.3:9797", 200),
+        ("[fe80::1]:9797", 200),
+        ("cart-2.example", 200),
+        (platform.node(), 200),
+    ],
+)
+def test_it_answers_to_addresses_and_to_its_own_names(endpoint: Endpoint, host: str, status: int) -> None:
+    link = http.client.HTTPConnection(*endpoint.server_address[:2], timeout=10)
+    with contextlib.closing(link):
+        link.request("GET", "/metrics", headers={"Host": host})
+        assert link.getresponse().status == status
+
+
+def test_who_names_no_host_is_no_browser(endpoint: Endpoint) -> None:
+    with socket.create_connection(endpoint.server_address[:2], 10) as link:
+        link.sendall(b"GET /metrics HTTP/1.0\r\n\r\n")
+        assert link.recv(12) == b"HTTP/1.0 200"
 
 
 def test_sleepers_and_hostile_clients_keep_nobody_out(endpoint: Endpoint) -> None:

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import socket
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from drivers.errors import DeviceLost
 from tests.support.answering import Answering
 from tests.support.polling import until
 from tests.support.web_page import WebPage
+from tools.page.server import _MOST_LISTENERS
 from tools.page.token_socket import invitation
 
 
@@ -107,6 +109,46 @@ def test_no_other_page_may_ask(web: WebPage, headers: dict[str, str], status: in
     """The first has no cookie; the others no right to be heard."""
     answer = asked(web, "POST", "/recalibration/begin", {"probe": "p"}, **headers)
     assert (answer.status, answer.json["ok"]) == (status, False)
+
+
+@pytest.mark.parametrize("host", ["evil.example", "[::1]evil.example", "[::1]:80x", "localhost:80:x", "::1", "", "[]"])
+def test_the_page_answers_to_its_own_names_alone(web: WebPage, host: str) -> None:
+    assert asked(web, "GET", "/", Host=host).status == 403
+
+
+@pytest.mark.parametrize("host", ["[::1]", "[::1]:9780", "LOCALHOST", "127.0.0.1:1"])
+def test_by_those_it_answers(web: WebPage, host: str) -> None:
+    assert asked(web, "GET", "/", Host=host).status == 200
+
+
+def test_no_other_site_is_given_its_pictures(web: WebPage) -> None:
+    for path in ("/picture", "/view/3", "/"):
+        assert asked(web, "GET", path).headers["cross-origin-resource-policy"] == "same-origin"
+
+
+def test_as_many_browsers_as_there_are_places_are_told_events_and_no_more(web: WebPage) -> None:
+    """All ask at once; before them some who have gone before they are told anything."""
+    for link in [_asking_for_events(web) for _ in range(20)]:
+        link.close()
+    told: list[int] = []
+
+    def told_of(count: int) -> int:
+        links = [_asking_for_events(web) for _ in range(count)]
+        told.append(sum(link.recv(12) == b"HTTP/1.1 200" for link in links))
+        for link in links:
+            link.close()
+        return told[-1]
+
+    until(lambda: told_of(40) >= _MOST_LISTENERS, 20, 0.1, lambda: told)
+    assert max(told) == _MOST_LISTENERS
+    until(lambda: told_of(4) == 4, 20, 0.1, lambda: f"places are lost: {told}")
+
+
+def _asking_for_events(web: WebPage) -> socket.socket:
+    host, port = web.address.split(":")
+    link = socket.create_connection((host, int(port)), 10)
+    link.sendall(f"GET /events HTTP/1.1\r\nHost: {web.address}\r\n\r\n".encode())
+    return link
 
 
 def test_everybody_is_told_the_status_and_who_he_is(web: WebPage) -> None:

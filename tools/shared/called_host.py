@@ -1,0 +1,21 @@
+"""By what name a client calls a server of ours: another site's page can reach it only by a name of its own."""
+
+import ipaddress
+import re
+
+_HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([^\s\[\]:/@]+))(?::[0-9]{1,5})?")
+
+
+def called(header: str) -> str:
+    """Name or address in a Host header, in lower case, without port and brackets; empty where it is none."""
+    found = _HOST.fullmatch(header.lower())
+    return "" if found is None else found[1] or found[2]
+
+
+def is_address(name: str) -> bool:
+    """A number, which no name service can point elsewhere."""
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
