@@ -90,8 +90,9 @@ class Line:
         self._tracker = RealTimeTracker(aspect)
         self._evidence = Evidence(reference, limits, PathWindow(reference))
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
+        self._picture_event = PictureEvent(limits, reference, lambda: self._tracker.mask, _GAP_NS)
         self._detectors: tuple[Detector, ...] = (
-            PictureEvent(limits.scale_percent, aspect),
+            self._picture_event,
             DepthRuler(lambda: self._tracker.mask, limits.scale_percent, limits.confidence_sigma),
             MarkerSlip(limits, reference),
             *(SlowSlip(limits, reference, over_s) for over_s in SLIPS_S),
@@ -232,14 +233,17 @@ class Line:
             self._unverify()
 
     def _note_sight(self, item: StampedPair | Unpaired) -> None:
-        """Whether picture, tissue and pose are there at once; what says that they are not ends what was shown."""
+        """Whether tissue and pose are there at once, in a picture that goes on with the chain of those that showed the
+        calibration; what says that they are not ends what was shown.
+        """
         blind = any(
             check.fault.kind in (Kind.SIGHT, Kind.DEVICE) and check.verdict is not VerdictKind.OK
             for check in self._detected()
         )
-        if blind and self._sighted_ns is not None:
+        linked = self._picture_event.linked or self._frozen.repeats
+        if (blind and self._sighted_ns is not None) or (not linked and self._sighted_ns is None):
             self._unverify()
-        elif not blind and isinstance(item, StampedPair) and not self._frozen.repeats:
+        elif not blind and linked and isinstance(item, StampedPair) and not self._frozen.repeats:
             self._sighted_ns = item.frame.stamp.t_ns
 
     def _unverify(self) -> None:
@@ -297,8 +301,9 @@ class Line:
 
     def _observed(self, item: StampedPair | Unpaired, tracked: Tracked) -> Observation:
         frame, found = item.frame, tracked.registration
+        pose = item.matrix if isinstance(item, StampedPair) else None
         if found is None:
-            return Observation(frame.stamp.t_ns, frame.image, repeated=False)
+            return Observation(frame.stamp.t_ns, frame.image, repeated=False, pose=pose)
         return Observation(
             frame.stamp.t_ns,
             frame.image,
@@ -308,7 +313,7 @@ class Line:
             moved=None if tracked.step is None else plane_step(*tracked.step, self._reference),
             warp=tracked.step,
             likeness=found.correlation,
-            pose=item.matrix if isinstance(item, StampedPair) else None,
+            pose=pose,
         )
 
     def _step_mm(self, tracked: Tracked) -> Array | None:

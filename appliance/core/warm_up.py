@@ -3,12 +3,15 @@
 import cv2
 import numpy as np
 
+from appliance.core.detectors.detector import Observation
 from appliance.core.detectors.picture_event import PictureEvent
 from appliance.core.registration.realtime_tracker import RealTimeTracker
+from appliance.limits import Limits
+from appliance.types import Calibration
 from drivers.samples import GreyImage
 
 _FRAME_NS = 33_000_000
-"""Between the pictures: 30 a second, near enough that `PictureEvent` compares them."""
+"""Between the pictures: 30 a second."""
 
 
 def warm_up(width_px: int = 640, height_px: int = 480) -> None:
@@ -16,7 +19,10 @@ def warm_up(width_px: int = 640, height_px: int = 480) -> None:
     noise = np.random.default_rng(1).integers(0, 255, (height_px, width_px), dtype=np.uint8)
     picture: GreyImage = np.asarray(cv2.GaussianBlur(noise, (0, 0), 3), dtype=np.uint8)
     pictures = [*([picture] * 8), np.asarray(cv2.flip(picture, 1), dtype=np.uint8)]
-    event, tracker = PictureEvent(5.0, 1.0), RealTimeTracker(1.0)
+    any_probe = Calibration(np.eye(3), (1, 1), np.ones(2), np.zeros(3), (width_px, height_px))
+    tracker = RealTimeTracker(1.0)
+    event = PictureEvent(Limits(), any_probe, lambda: tracker.mask, 10 * _FRAME_NS)
     for number, image in enumerate(pictures):
         tracked = tracker.step(image, number)
-        event.step(number * _FRAME_NS, image, followed=tracked.registration is not None)
+        followed = tracked.registration is not None
+        event.see(Observation(number * _FRAME_NS, image, repeated=False, followed=followed, warp=tracked.step))

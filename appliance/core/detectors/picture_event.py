@@ -1,74 +1,58 @@
-"""Sees the picture's geometry change between two frames: a flip or a new depth needs no motion to be seen.
+"""Sees the picture's geometry change from one live picture to another, whatever lies between: no motion is needed.
 
-Between successive live frames the picture hardly changes. Where it suddenly does, and the frame before explains it once
-it is mirrored, zoomed or stretched along one axis, the operator (or the frame grabber) has changed the geometry that
-the calibration was made for.
+What motion has shown of a calibration holds for a chain of pictures that show the same tissue in the same geometry. A
+picture that the Real-time Tracker follows, and that is as much like the one before as usual, goes on with the chain.
+Any other is held against the last picture of the chain: mirrored, magnified or stretched, it tells what the operator,
+or the frame grabber, has changed; where it shows the same tissue, where the tracker says it should be, the chain goes
+on. Until one does, the line sees nothing that it could hold against the reference; soon it has shown nothing any more.
 """
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from math import sqrt
+from dataclasses import dataclass, field, replace
 from statistics import fmean
 
-import cv2
 import numpy as np
 
 from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.magnification import Magnification, even
+from appliance.core.detectors.picture_change import PictureChange, flip_or_zoom_of, stretch_of
+from appliance.core.detectors.picture_link import SMALL_PX, Link, comparable, link_between, small
 from appliance.core.detectors.polarity import MOST_FLIPPED
-from appliance.core.detectors.stretch import stretch_between, warped
-from appliance.core.registration.keyframe import warp_matrix
-from appliance.core.registration.pyramid import Array32
+from appliance.core.detectors.stretch import carried, likeness_in_place
+from appliance.core.motion import predicted_motion
+from appliance.core.registration.pyramid import Array32, Bits
 from appliance.core.registration.realtime_tracker import Warp
-from appliance.types import Check, Fault, VerdictKind
+from appliance.limits import Limits
+from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array
-from drivers.samples import GreyImage
+from drivers.samples import Matrix4
 
 FINDS = (Fault.POLARITY, Fault.SCALE)
 
-_SMALL_PX = 160
-"""Columns in which pictures are compared. More asks for a zoom that is nearer and costs time for each that is tried;
-fewer leave too little speckle to tell a mirrored picture from another.
-"""
-_SHADE_PX = 5.0
-"""Sigma of what counts as shade, px of the small picture: wider than its speckle. More lets a bright half match any."""
-_LEAST_LIKENESS, _BETTER_BY = 0.55, 0.25
-"""Correlation of the changed picture, and how much more than that of the unchanged one, also where a fast hand moved
-it. Less explains a new scene as a flip or zoom; more misses those with an overlay. In a prototype, not here, a
-mirrored picture came to .92 where the unchanged had .02.
-"""
-_SLACK_PX = 3
-"""px of the small picture by which the hand may go elsewhere than it went last: 12 px of 640. More tries more places by
-chance. Held against where the hand would be, .99 of mirrored pictures were seen in a gesture of up to 7.8 px a picture,
-against where it was .35 (`probewatch study`, gesture, seeds 1 and 2).
-"""
 _CALM_FRAMES = 5
-"""Pictures that must have been followed before. Fewer explain what comes after a scene that was lost anyway; more miss
-two events in close succession. Not measured.
-"""
-_GAP_NS = 250_000_000
-"""Pictures further apart say nothing about one another: a hand has gone elsewhere."""
-_ZOOMS = tuple(float(z) for z in np.exp(np.arange(-0.405, 0.4051, 0.015)) if abs(z - 1) > 0.02)
-"""Magnifications that are tried, 1 ÷ 1.5 … 1.5: the next depth setting. 1.5 % moves the side of 160 columns by one, so
-finer steps only cost time; up to 2 % is no new setting.
+"""Pictures of the chain before what comes after it is explained. Fewer explain what comes after a scene that was lost
+anyway; more miss two events in close succession. Not measured.
 """
 _FELL = 0.12
 """Fall of the likeness of the picture before, carried on as the registration has it, below that of the last pictures,
-from which one that was followed is asked for a stretch. Of healthy motion one in a hundred falls so far, of pictures
+from which one that was followed is held against it. Of healthy motion one in a hundred falls so far, of pictures
 stretched by 6 % all (six sessions of two seconds). Less asks more often, 20 ms each time, more misses small ones."""
-_LEAST_STRETCH, _STRETCH_BETTER_BY = 0.035, 0.15
-"""Magnification along an axis from 1, and how much more like the stretched picture must be than the unchanged one."""
-_STARTS = tuple((across, down) for across in (1.0, 0.92, 1.08) for down in (1.0, 0.92, 1.08))
-"""Magnifications about which a stretch is looked for: each finds those within 8 %, so all together 16 %."""
-_FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
+_SEARCHES = 3
+"""For a flip or a zoom, 40 ms each, after the chain has ended: the first pictures may be black, or half of another."""
+_LEFT_PX = 1.5
+"""px of the small picture by which a turn may move its edge before it is made: parts are looked for 1 px beside."""
+_COVERED = 5
+"""Pictures in a row with the same part covered after which the cover belongs to the picture: a torn one is alone."""
 
 
-@dataclass(frozen=True, slots=True)
-class PictureChange:
-    """What happened to the picture since the one before: polarity ±1 and magnification, each (lateral, axial)."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """A picture. small: (h, w). pose: (4, 4) sensor → tracker, mm, None where none was read."""
 
-    polarity: tuple[int, int] = (1, 1)
-    zoom: tuple[float, float] = (1.0, 1.0)
+    t_ns: int
+    small: Array32
+    pose: Matrix4 | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,13 +62,9 @@ class _Course:
     per_ns: Array = field(default_factory=lambda: np.zeros(2))
     turn_per_ns: float = 0.0
 
-    def carried(self, image: Array32, ns: int, aspect: float) -> Array32:
-        """The picture as it is after so long."""
-        M = warp_matrix(self.turn_per_ns * ns, aspect)
-        middle = (np.array(image.shape[::-1]) - 1) / 2
-        shift = middle + self.per_ns * ns * image.shape[1] - M @ middle
-        size = (image.shape[1], image.shape[0])
-        return np.asarray(cv2.warpAffine(image, np.column_stack([M, shift]), size), dtype=np.float32)
+    def after(self, ns: int, width_px: int) -> Warp:
+        """How far the tissue goes in so long, px and rad."""
+        return self.per_ns * ns * width_px, self.turn_per_ns * ns
 
     def changed(self, change: PictureChange) -> "_Course":
         """The same in the picture as it is now."""
@@ -97,75 +77,60 @@ class PictureEvent(Detector):
 
     A change is named once the picture after it is no change back: one spoilt picture withdraws the OK, and alarms
     nobody.
+
+    tissue: (h, w) bool, the registration's mask, None until it is known. most_ns: for how long the chain waits for a
+    picture that goes on with it; then another begins, and whoever counts on the first must have given it up.
+    linked: whether the latest picture goes on with the chain.
     """
 
-    def __init__(self, scale_limit_percent: float, aspect: float) -> None:
-        """aspect: λ_axial ÷ λ_lateral."""
-        self._scale_limit, self._aspect = scale_limit_percent, aspect
-        self._before: Array32 | None = None
+    def __init__(self, limits: Limits, reference: Calibration, tissue: Callable[[], Bits | None], most_ns: int) -> None:
+        self._scale_limit, self._offset_limit = limits.scale_percent, limits.offset_mm
+        self._reference, self._tissue, self._most_ns = reference, tissue, most_ns
+        self._px_per_mm = min(1.0, SMALL_PX / reference.image_size_px[0]) / reference.scale_mm_per_px
+        self._aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
+        self._last: _View | None = None
         self._course = _Course()
-        self._before_ns = 0
-        self._followed = 0
+        self._magnification = Magnification(self._aspect)
+        self._followed = self._searches = self._covered = 0
         self._likenesses: deque[float] = deque(maxlen=_CALM_FRAMES)
         self._just_changed = False
         self._polarity = (1, 1)
         self._log_zoom = np.zeros(2)
+        self.linked = self._direct = False
 
     def see(self, seen: Observation) -> bool:
         """See Detector."""
-        if seen.repeated:
-            return False
-        return self.step(seen.t_ns, seen.image, seen.followed, seen.warp) is not None
+        return not seen.repeated and self.step(seen) is not None
 
-    def step(self, t_ns: int, image: GreyImage, followed: bool, warp: Warp | None = None) -> PictureChange | None:
-        """The change between the picture before, (h, w) uint8, and this one; None where there was none.
-
-        t_ns: of the picture; after a gap the two say nothing about one another. followed: the Real-time Tracker could
-        register the picture, so it is neither mirrored nor zoomed by much. warp: as in `Observation`.
-        """
-        small = _small(image)
-        before, self._before = self._before, small
-        gap_ns, self._before_ns = t_ns - self._before_ns, t_ns
-        if gap_ns > _GAP_NS:
-            self._followed, self._just_changed = 0, False
-            self._likenesses.clear()
-        calm, self._followed = self._followed >= _CALM_FRAMES, self._followed + 1 if followed else 0
-        known, self._just_changed = calm or self._just_changed, False
-        if before is None or before.shape != small.shape or gap_ns <= 0:
+    def step(self, seen: Observation) -> PictureChange | None:
+        """The change between the last picture of the chain and this one; None where there was none."""
+        view = _View(seen.t_ns, small(seen.image, self._tissue()), seen.pose)
+        direct, last = self._direct, self._last
+        self.linked = self._direct = False
+        known, self._just_changed = self._followed >= _CALM_FRAMES or self._just_changed, False
+        if last is None or not 0 < view.t_ns - last.t_ns <= self._most_ns:
+            self._begin(view)
             return None
-        own = None if warp is None else _Course(warp[0] / image.shape[1] / gap_ns, warp[1] / gap_ns)
-        if followed and (own is None or self._goes_on(own, before, small, gap_ns, known)):
+        own = self._own_course(seen, view, last) if direct else None
+        if own is not None and self._goes_on(own, view, last):
+            self._go_on(view, last, own)
+            return self._crept(view)
+        if not comparable(view.small):
             return None
-        expected = self._course.carried(before, gap_ns, self._aspect)
-        change = self._change(expected, before, small, followed) if known else None
+        placed, link = self._link(view, last)
+        change = self._change(placed, view) if known else None
         if change is not None:
-            self._take(change, calm)
-        elif own is not None:
-            self._course = own
+            self._magnification.restart()
+            self._take(change, view)
+        else:
+            self._take_link(view, last, link, own)
         return change
 
-    def _goes_on(self, own: _Course, before: Array32, now: Array32, gap_ns: int, known: bool) -> bool:
-        """Whether a picture that was followed is as much like the one before as those before it were. own: as it was
-        followed.
-        """
-        likeness = _likeness_in_place(own.carried(before, gap_ns, self._aspect), now)
-        fell = known and likeness < fmean(self._likenesses or [0.0]) - _FELL
-        self._likenesses.append(likeness)
-        if not fell:
-            self._course = own
-        return not fell
-
-    def _change(self, expected: Array32, before: Array32, now: Array32, followed: bool) -> PictureChange | None:
-        """What was followed is neither mirrored nor another depth by far."""
-        stretch = _stretch(expected, now, self._aspect)
-        return stretch if stretch is not None or followed else _explanation(expected, before, now)
-
-    def _take(self, change: PictureChange, calm: bool) -> None:
-        self._just_changed = calm
-        self._followed = 0
-        self._course = self._course.changed(change)
-        self._polarity = (self._polarity[0] * change.polarity[0], self._polarity[1] * change.polarity[1])
-        self._log_zoom += np.log(change.zoom)
+    def forget_pictures(self, since_ns: int) -> None:
+        """See Detector: what comes next goes on from the last picture all the same, wherever that was."""
+        self.linked = self._direct = False
+        if self._last is not None:
+            self._last = replace(self._last, t_ns=min(self._last.t_ns, since_ns - 1))
 
     def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """See Detector: the sum of events was wrong or has been undone elsewhere."""
@@ -183,82 +148,101 @@ class PictureEvent(Detector):
             self._check("picture-zoom", Fault.SCALE, zoom, "%", self._scale_limit),
         )
 
+    def _begin(self, view: _View) -> None:
+        """Another chain, of which nothing is known; a picture without anything in it begins none."""
+        self._followed = self._searches = self._covered = 0
+        self._likenesses.clear()
+        self._magnification.restart()
+        self._last = view if comparable(view.small) else None
+        self._course = _Course()
+        self.linked = self._direct = self._last is not None
+
+    def _go_on(self, view: _View, last: _View, own: _Course | None) -> None:
+        if own is None:
+            self._magnification.restart()
+        else:
+            self._course = own
+            self._magnification.step(view.t_ns, view.small, own.after(view.t_ns - last.t_ns, last.small.shape[1]))
+        self._last = view
+        self.linked = self._direct = True
+        self._followed += 1
+        self._searches = self._covered = 0
+
+    def _own_course(self, seen: Observation, view: _View, last: _View) -> _Course | None:
+        """As the picture was followed from the last one of the chain."""
+        if not seen.followed or seen.warp is None:
+            return None
+        since_ns = view.t_ns - last.t_ns
+        return _Course(seen.warp[0] / seen.image.shape[1] / since_ns, seen.warp[1] / since_ns)
+
+    def _goes_on(self, own: _Course, view: _View, last: _View) -> bool:
+        """Whether a picture that was followed is as much like the one before as those before it were."""
+        way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
+        likeness = likeness_in_place(carried(last.small, way, self._aspect), view.small)
+        fell = likeness < fmean(self._likenesses or [1.0]) - _FELL
+        self._likenesses.append(likeness)
+        return not fell
+
+    def _crept(self, view: _View) -> PictureChange | None:
+        """The magnification that has come little by little; of a stretch, which tissue does as well, no more than that
+        what was shown is of before."""
+        crept = self._magnification.crept()
+        if crept is None:
+            return None
+        change = PictureChange(zoom=crept) if even(crept) else PictureChange()
+        self._take(change, view)
+        return change
+
+    def _way(self, view: _View, last: _View) -> Warp:
+        """How far the tissue should have gone since the last picture of the chain, px of the small one and rad: by the
+        tracker, or as it went last.
+        """
+        since_ns, width_px = view.t_ns - last.t_ns, last.small.shape[1]
+        if view.pose is None or last.pose is None:
+            return self._course.after(since_ns, width_px)
+        moved_mm, turned = predicted_motion(self._reference, last.pose, view.pose)
+        lateral, axial = self._reference.polarity
+        return moved_mm[:2] * self._px_per_mm * self._reference.polarity, float(turned[2]) * lateral * axial
+
+    def _link(self, view: _View, last: _View) -> tuple[Array32, Link | None]:
+        """The last picture where its tissue is now, and how this one continues it."""
+        moved_px, turn_rad = self._way(view, last)
+        # A small turn is looked for: between its pixels speckle is blurred.
+        turns = abs(turn_rad) * last.small.shape[1] / 2 > _LEFT_PX
+        before = carried(last.small, (np.zeros(2), turn_rad), self._aspect) if turns else last.small
+        link = link_between(before, view.small, moved_px, self._offset_limit * self._px_per_mm)
+        moved = np.round(moved_px) if link is None else link.moved_px
+        return carried(before, (moved, 0.0), self._aspect), link
+
+    def _change(self, placed: Array32, view: _View) -> PictureChange | None:
+        """placed: the last picture of the chain where its tissue is now."""
+        stretch = stretch_of(placed, view.small, self._aspect)
+        if stretch is not None or self._searches >= _SEARCHES:
+            return stretch
+        self._searches += 1
+        return flip_or_zoom_of(placed, view.small)
+
+    def _take_link(self, view: _View, last: _View, link: Link | None, own: _Course | None) -> None:
+        """Go on with the chain where the picture continues it. One that is covered in part goes on as well, but stays
+        no measure of what comes until it is clear that the cover stays.
+        """
+        if link is None:
+            return
+        self._covered = self._covered + 1 if link.covered else 0
+        if link.whole or (link.hurried and own is not None) or self._covered >= _COVERED:
+            self._go_on(view, last, own)
+        else:
+            self.linked = link.covered
+
+    def _take(self, change: PictureChange, view: _View) -> None:
+        self._just_changed = self._followed >= _CALM_FRAMES
+        self._course = self._course.changed(change)
+        self._polarity = (self._polarity[0] * change.polarity[0], self._polarity[1] * change.polarity[1])
+        self._log_zoom += np.log(change.zoom)
+        self._last = view
+        self.linked = self._direct = True
+        self._followed = self._searches = self._covered = 0
+
     def _check(self, name: str, fault: Fault, value: float, unit: str, limit: float) -> Check:
         beyond = VerdictKind.NOT_VERIFIED if self._just_changed else VerdictKind.FAULT
         return Check(name, fault, value, 0.0, unit, limit, beyond if abs(value) > limit else VerdictKind.OK)
-
-
-def _small(image: GreyImage) -> Array32:
-    """About 160 columns, coarse enough that a zoom need not be exact, and without broad shade and gain."""
-    share = min(1.0, _SMALL_PX / image.shape[1])
-    size = (max(round(image.shape[1] * share), 1), max(round(image.shape[0] * share), 1))
-    small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-    return small - np.asarray(cv2.GaussianBlur(small, (0, 0), _SHADE_PX), dtype=np.float32)
-
-
-def _explanation(expected: Array32, before: Array32, now: Array32) -> PictureChange | None:
-    """The change that makes what was expected like what is there; None where a mere shift of what was before does
-    nearly as well."""
-    usual = max(_likeness(expected, now), _shift_likeness(before, now))
-    candidates = [
-        (_likeness(_mirrored(expected, code), now), PictureChange(polarity)) for polarity, code in _FLIPS.items()
-    ]
-    candidates += [(_likeness(_zoomed(expected, zoom), now), PictureChange(zoom=(zoom, zoom))) for zoom in _ZOOMS]
-    likeness, change = max(candidates, key=lambda candidate: candidate[0])
-    return change if likeness > max(usual + _BETTER_BY, _LEAST_LIKENESS) else None
-
-
-def _stretch(expected: Array32, now: Array32, aspect: float) -> PictureChange | None:
-    """The stretch that makes what was expected like what is there; None where none does, or a shift nearly as well."""
-    plain = _likeness(expected, now)
-    best, change = max(plain + _STRETCH_BETTER_BY, _LEAST_LIKENESS), None
-    for start in _STARTS:
-        found = stretch_between(expected, now, aspect, start)
-        if found is None or np.all(np.abs(found.magnification - 1) < _LEAST_STRETCH):
-            continue
-        likeness = _likeness(warped(expected, found.warp), now)
-        if likeness > best:
-            best, change = likeness, PictureChange(zoom=(float(found.magnification[0]), float(found.magnification[1])))
-    return change
-
-
-def _shift_likeness(before: Array32, now: Array32) -> float:
-    """Best correlation of the middle of the picture before with any place in this one: what a fast hand explains."""
-    margin_y, margin_x = before.shape[0] // 4, before.shape[1] // 4
-    middle = before[margin_y : before.shape[0] - margin_y, margin_x : before.shape[1] - margin_x]
-    if middle.std() == 0:
-        return 1.0
-    return float(cv2.matchTemplate(now, middle, cv2.TM_CCOEFF_NORMED).max())
-
-
-def _mirrored(image: Array32, code: int) -> Array32:
-    return np.asarray(cv2.flip(image, code), dtype=np.float32)
-
-
-def _zoomed(image: Array32, zoom: float) -> Array32:
-    """Magnified about the middle of the top edge, where the probe face stays when the depth setting changes."""
-    middle = (image.shape[1] - 1) / 2
-    return warped(image, np.array([[zoom, 0, middle * (1 - zoom)], [0, zoom, 0]]))
-
-
-def _likeness_in_place(a: Array32, b: Array32) -> float:
-    """As `_likeness`, where the place is known."""
-    rows, columns = a.shape[0] // 10, a.shape[1] // 10
-    middle = np.s_[rows : a.shape[0] - rows, columns : a.shape[1] - columns]
-    own, other = (image[middle].ravel() - image[middle].mean() for image in (a, b))
-    power = float(own @ own) * float(other @ other)
-    return float(own @ other) / sqrt(power) if power > 0 else 1.0
-
-
-def _likeness(a: Array32, b: Array32) -> float:
-    """Correlation of the middle of a, where overlays are rare, with its place in b or a few pixels beside it."""
-    rows, columns = a.shape[0] // 10, a.shape[1] // 10
-    slack_rows, slack_columns = min(_SLACK_PX, rows), min(_SLACK_PX, columns)
-    middle = a[rows : a.shape[0] - rows, columns : a.shape[1] - columns]
-    around = b[
-        rows - slack_rows : b.shape[0] - rows + slack_rows,
-        columns - slack_columns : b.shape[1] - columns + slack_columns,
-    ]
-    if middle.std() == 0 or around.std() == 0:
-        return 1.0
-    return float(cv2.matchTemplate(around, middle, cv2.TM_CCOEFF_NORMED).max())

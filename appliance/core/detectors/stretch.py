@@ -4,17 +4,23 @@ A shift moves all parts alike, a turn moves them across, a stretch moves them ap
 """
 
 from dataclasses import dataclass
+from math import sqrt
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from appliance.core.registration.keyframe import warp_matrix
 from appliance.core.registration.pyramid import Array32
+from appliance.core.registration.realtime_tracker import Warp
 from drivers.rigid import Array
 
 _SIDE_PX, _REACH_PX = 32, 10
 """px of a picture of 160 columns: side of a part, and how far it is looked for. A larger part is itself torn by a
 stretch, a smaller one is alike elsewhere; at the edge a stretch by 12 % moves it by 8 px, and the hand by some more."""
+_INSET_PX = 4
+"""From the edge of the picture to the outer parts, so that they may move outwards: further in they tell less of a
+stretch; nearer they are lost sooner, as what goes beyond the edge is found at the edge."""
 _GRID = (5, 4)
 """Parts across and down: four and more in each direction, so that some behind text or shadow leave enough."""
 _LEAST_ALIKE = 0.4
@@ -58,6 +64,22 @@ def warped(image: Array32, warp: Array) -> Array32:
     return np.asarray(cv2.warpAffine(image, warp, (image.shape[1], image.shape[0])), dtype=np.float32)
 
 
+def carried(image: Array32, way: Warp, aspect: float) -> Array32:
+    """The picture after its tissue has gone so far, px and rad about its middle."""
+    M = warp_matrix(way[1], aspect)
+    middle = (np.array(image.shape[::-1]) - 1) / 2
+    return warped(image, np.column_stack([M, middle + way[0] - M @ middle]))
+
+
+def likeness_in_place(a: Array32, b: Array32) -> float:
+    """Correlation of the middle of a with the same place of b; 1 where there is nothing to compare."""
+    rows, columns = a.shape[0] // 10, a.shape[1] // 10
+    middle = np.s_[rows : a.shape[0] - rows, columns : a.shape[1] - columns]
+    own, other = (image[middle].ravel() - image[middle].mean() for image in (a, b))
+    power = float(own @ own) * float(other @ other)
+    return float(own @ other) / sqrt(power) if power > 0 else 1.0
+
+
 def _apart(before: Array32, now: Array32, aspect: float) -> Array | None:
     """(5,) shift px, turn rad and stretch that move the parts as they have moved."""
     places, moved = _parts(before, now)
@@ -71,8 +93,8 @@ def _parts(before: Array32, now: Array32) -> tuple[Array, Array]:
     """(n, 2) places in the picture before, px from its middle, and (n, 2) px by which what lies there has moved."""
     height, width = before.shape
     places, moved = list[list[float]](), list[list[float]]()
-    for row in np.linspace(0, max(height - _SIDE_PX, 0), _GRID[1]).astype(int):
-        for column in np.linspace(0, max(width - _SIDE_PX, 0), _GRID[0]).astype(int):
+    for row in np.linspace(_INSET_PX, max(height - _SIDE_PX - _INSET_PX, _INSET_PX), _GRID[1]).astype(int):
+        for column in np.linspace(_INSET_PX, max(width - _SIDE_PX - _INSET_PX, _INSET_PX), _GRID[0]).astype(int):
             part = before[row : row + _SIDE_PX, column : column + _SIDE_PX]
             top, left = max(row - _REACH_PX, 0), max(column - _REACH_PX, 0)
             around = now[top : row + _SIDE_PX + _REACH_PX, left : column + _SIDE_PX + _REACH_PX]
@@ -85,20 +107,20 @@ def _parts(before: Array32, now: Array32) -> tuple[Array, Array]:
 
 
 def _found(around: Array32, part: Array32) -> tuple[float, float] | None:
-    """Column and row of the part in what is around, to a fraction of a px; None where it is not there."""
+    """Column and row of the part in what is around, to a fraction of a px; None where it is not there, or at the edge
+    of it: then it may be beyond."""
     if part.std() == 0 or around.std() == 0:
         return None
     likeness = np.asarray(cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED), np.float32)
     _, best, _, (column, row) = cv2.minMaxLoc(likeness)
-    if best < _LEAST_ALIKE:
+    rows, columns = likeness.shape
+    if best < _LEAST_ALIKE or not (0 < column < columns - 1 and 0 < row < rows - 1):
         return None
     return column + _vertex(likeness[row], column), row + _vertex(likeness[:, column], row)
 
 
 def _vertex(values: Array32, peak: int) -> float:
-    """Where a parabola through the peak and its neighbours is highest, −½ … ½; 0 at either end."""
-    if not 0 < peak < len(values) - 1:
-        return 0.0
+    """Where a parabola through the peak, which is at neither end, and its neighbours is highest, −½ … ½."""
     below, at, above = (float(value) for value in values[peak - 1 : peak + 2])
     bend = 2 * at - below - above
     return 0.5 * (above - below) / bend if bend > 0 else 0.0

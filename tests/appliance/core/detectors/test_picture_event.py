@@ -6,17 +6,43 @@ import cv2
 import numpy as np
 import pytest
 
+from appliance.core.detectors.detector import Observation
+from appliance.core.detectors.picture_change import PictureChange
 from appliance.core.detectors.picture_event import PictureEvent
-from appliance.types import VerdictKind
-from drivers.samples import GreyImage
+from appliance.core.registration.realtime_tracker import Warp
+from appliance.limits import Limits
+from appliance.types import Calibration, VerdictKind
+from drivers.rigid import rigid
+from drivers.samples import GreyImage, Matrix4
 
 FRAME_NS = 33_000_000
+WAITS_NS = 300_000_000
 CALM = 8
 """Pictures that were followed before anything happens."""
 
 
 QUICK_PX = np.array([20.0, -8.0])
 """Between two pictures: 30 mm/s at 30 Hz, of a picture 16 mm wide."""
+
+
+MM_PER_PX = 0.1
+REFERENCE = Calibration(np.eye(3), (1, 1), np.full(2, MM_PER_PX), np.zeros(3), (320, 240))
+"""The marker body sits in the picture's middle, in its axes."""
+
+
+def event() -> PictureEvent:
+    return PictureEvent(Limits(scale_percent=5.0), REFERENCE, lambda: None, WAITS_NS)
+
+
+def step(
+    detector: PictureEvent,
+    t_ns: int,
+    image: GreyImage,
+    followed: bool = False,
+    warp: Warp | None = None,
+    pose: Matrix4 | None = None,
+) -> PictureChange | None:
+    return detector.step(Observation(t_ns, image, repeated=False, followed=followed, warp=warp, pose=pose))
 
 
 def speckle(shape: tuple[int, int] = (240, 320)) -> GreyImage:
@@ -53,9 +79,9 @@ SPOILT: dict[str, Callable[[GreyImage], GreyImage]] = {
 
 
 def followed_quickly(pictures: list[GreyImage]) -> PictureEvent:
-    detector = PictureEvent(5.0, 1.0)
+    detector = event()
     for k, image in enumerate(pictures):
-        detector.step(k * FRAME_NS, image, k > 0, (QUICK_PX, 0.0) if k else None)
+        step(detector, k * FRAME_NS, image, k > 0, (QUICK_PX, 0.0) if k else None)
     return detector
 
 
@@ -66,9 +92,9 @@ STILL = (np.zeros(2), 0.0)
 
 def watching(pictures: list[GreyImage], course: tuple[np.ndarray, float]) -> PictureEvent:
     """All of them followed, each with its way since the one before."""
-    detector = PictureEvent(5.0, 1.0)
+    detector = event()
     for k, image in enumerate(pictures):
-        detector.step(k * FRAME_NS, image, k > 0, course if k else None)
+        step(detector, k * FRAME_NS, image, k > 0, course if k else None)
     assert told(detector) == {VerdictKind.OK}
     return detector
 
@@ -84,11 +110,11 @@ def test_a_stretch_is_seen_at_once_whether_or_not_the_picture_was_followed(acros
     """Also where the registration took it for another place, as it does with small ones."""
     calm, changed = watching([speckle()] * CALM, STILL), stretched(speckle(), across, down, about)
     warp = (np.array([1.5, -2.0]), 0.01) if followed else None
-    change = calm.step(CALM * FRAME_NS, changed, followed, warp)
+    change = step(calm, CALM * FRAME_NS, changed, followed, warp)
     assert change is not None
     assert change.zoom == pytest.approx((across, down), abs=0.015)
     assert zoom_of(calm)[0] is VerdictKind.NOT_VERIFIED
-    calm.step((CALM + 1) * FRAME_NS, changed, True, STILL)
+    step(calm, (CALM + 1) * FRAME_NS, changed, True, STILL)
     worse = WORSE[across if across != 1 else down]
     assert zoom_of(calm) == (VerdictKind.FAULT, pytest.approx(worse, abs=1.5))
 
@@ -96,9 +122,9 @@ def test_a_stretch_is_seen_at_once_whether_or_not_the_picture_was_followed(acros
 @pytest.mark.parametrize(("across", "down"), STRETCHES[:4])
 def test_one_stretched_picture_is_never_a_fault(across, down) -> None:
     calm = watching([speckle()] * CALM, STILL)
-    calm.step(CALM * FRAME_NS, stretched(speckle(), across, down), True, STILL)
+    step(calm, CALM * FRAME_NS, stretched(speckle(), across, down), True, STILL)
     for k in range(1, 4):
-        calm.step((CALM + k) * FRAME_NS, speckle(), True, STILL)
+        step(calm, (CALM + k) * FRAME_NS, speckle(), True, STILL)
         assert told(calm) == {VerdictKind.OK}
 
 
@@ -106,17 +132,17 @@ def test_one_stretched_picture_is_never_a_fault(across, down) -> None:
 def test_a_stretch_during_quick_motion_is_seen(across, down) -> None:
     pictures = sweep(CALM + 2)
     detector = watching(pictures[:CALM], (QUICK_PX, 0.0))
-    detector.step(CALM * FRAME_NS, stretched(pictures[CALM], across, down), True, (0.7 * QUICK_PX, 0.02))
-    detector.step((CALM + 1) * FRAME_NS, stretched(pictures[CALM + 1], across, down), True, (QUICK_PX, 0.0))
+    step(detector, CALM * FRAME_NS, stretched(pictures[CALM], across, down), True, (0.7 * QUICK_PX, 0.02))
+    step(detector, (CALM + 1) * FRAME_NS, stretched(pictures[CALM + 1], across, down), True, (QUICK_PX, 0.0))
     assert zoom_of(detector)[0] is VerdictKind.FAULT
 
 
 def test_a_picture_that_was_followed_badly_but_is_not_stretched_is_no_change() -> None:
     """The hand turned, or the registration went astray: parts of the picture have not moved apart."""
     calm = watching([speckle()] * CALM, STILL)
-    assert calm.step(CALM * FRAME_NS, speckle(), True, (np.array([9.0, 5.0]), 0.0)) is None
+    assert step(calm, CALM * FRAME_NS, speckle(), True, (np.array([9.0, 5.0]), 0.0)) is None
     grainy = speckle().astype(np.float32) + np.random.default_rng(5).normal(0, 60, (240, 320))
-    assert calm.step((CALM + 1) * FRAME_NS, np.clip(grainy, 0, 255).astype(np.uint8), True, STILL) is None
+    assert step(calm, (CALM + 1) * FRAME_NS, np.clip(grainy, 0, 255).astype(np.uint8), True, STILL) is None
     assert told(calm) == {VerdictKind.OK}
 
 
@@ -130,14 +156,14 @@ def shown(
     """What is told after each."""
     said = []
     for k, (image, seen) in enumerate(zip(pictures, followed, strict=True), start):
-        detector.step(k * FRAME_NS, image, seen)
+        step(detector, k * FRAME_NS, image, seen)
         said.append(told(detector))
     return said
 
 
 @pytest.fixture
 def calm() -> PictureEvent:
-    detector = PictureEvent(5.0, 1.0)
+    detector = event()
     assert shown(detector, [speckle()] * CALM, [True] * CALM) == [{VerdictKind.OK}] * CALM
     return detector
 
@@ -183,6 +209,163 @@ def test_quick_motion_alone_is_no_change() -> None:
 
 def test_a_picture_that_comes_late_confirms_nothing_back(calm: PictureEvent) -> None:
     """After a gap the picture before says nothing: what was seen to change stays changed."""
-    calm.step(CALM * FRAME_NS, speckle()[:, ::-1].copy(), False)
-    calm.step((CALM + 30) * FRAME_NS, speckle(), False)
+    step(calm, CALM * FRAME_NS, speckle()[:, ::-1].copy(), False)
+    step(calm, (CALM + 30) * FRAME_NS, speckle(), False)
     assert told(calm) == {VerdictKind.OK, VerdictKind.FAULT}
+
+
+def about(image: GreyImage, zoom: float, place: tuple[float, float]) -> GreyImage:
+    return stretched(image, zoom, zoom, place)
+
+
+def torn(before: GreyImage, after: GreyImage) -> GreyImage:
+    """The upper half of one, the lower of the other."""
+    return np.vstack([before[: before.shape[0] // 2], after[before.shape[0] // 2 :]])
+
+
+def other_gain(image: GreyImage) -> GreyImage:
+    return np.clip(image * 1.3 + 10.0, 0, 255).astype(np.uint8)
+
+
+BROKEN: dict[str, tuple[Callable[[GreyImage], GreyImage], str]] = {
+    **{name: (how, "picture-zoom" if name == "zoomed" else "picture-flip") for name, how in SPOILT.items()},
+    "zoomed twice": (lambda image: about(image, 2.0, (0.5, 0.0)), "picture-zoom"),
+    "zoomed out": (lambda image: about(image, 0.65, (0.5, 0.0)), "picture-zoom"),
+    "zoomed about a region of interest": (lambda image: about(image, 1.3, (0.3, 0.7)), "picture-zoom"),
+    "a preset: depth, flip and gain": (
+        lambda image: other_gain(about(image, 0.75, (0.5, 0.0))[:, ::-1]),
+        "picture-flip",
+    ),
+}
+BLACK = np.zeros((240, 320), np.uint8)
+
+
+@pytest.mark.parametrize("blank", [0, 1, 6, 8])
+@pytest.mark.parametrize("how", BROKEN)
+def test_a_break_is_named_whatever_lies_between(how: str, blank: int, calm: PictureEvent) -> None:
+    """Black pictures for up to a quarter of a second."""
+    change, check = BROKEN[how]
+    for k in range(blank):
+        assert step(calm, (CALM + k) * FRAME_NS, BLACK) is None
+        assert not calm.linked
+    changed = change(speckle())
+    first, second = shown(calm, [changed] * 2, [False, True], CALM + blank)
+    assert VerdictKind.NOT_VERIFIED in first
+    assert VerdictKind.FAULT in second
+    assert check in {one.name for one in calm.checks() if one.verdict is VerdictKind.FAULT}
+
+
+@pytest.mark.parametrize("how", BROKEN)
+def test_a_torn_picture_hides_no_break(how: str, calm: PictureEvent) -> None:
+    """Also where the registration follows it, and what comes after it."""
+    changed = BROKEN[how][0](speckle())
+    step(calm, CALM * FRAME_NS, torn(speckle(), changed), True, STILL)
+    step(calm, (CALM + 1) * FRAME_NS, changed, True, STILL)
+    step(calm, (CALM + 2) * FRAME_NS, changed, True, STILL)
+    assert VerdictKind.FAULT in told(calm)
+
+
+def other(share: float, seed: int = 9) -> GreyImage:
+    """The speckle with so much of another in it: correlated by the root of what is left."""
+    noise = np.random.default_rng(seed).normal(size=(240, 320)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
+    own = speckle().astype(np.float32) - 128
+    mixed = np.sqrt(1 - share) * own + np.sqrt(share) * 45 * smooth / smooth.std()
+    return np.clip(128 + mixed, 0, 255).astype(np.uint8)
+
+
+def test_another_scene_is_no_link_and_begins_a_chain_once_nobody_waits(calm: PictureEvent) -> None:
+    for k in range(1, 9):
+        assert step(calm, (CALM - 1 + k) * FRAME_NS, other(1.0), k > 1, STILL) is None
+        assert not calm.linked
+    assert step(calm, CALM * FRAME_NS + WAITS_NS, other(1.0), True, STILL) is None
+    assert calm.linked
+    assert told(calm) == {VerdictKind.OK}
+
+
+@pytest.mark.parametrize("blank", [0, 1, 8])
+@pytest.mark.parametrize("changed", [0.0, 0.4, 0.6])
+def test_the_same_tissue_goes_on_with_the_chain_though_its_speckle_changed(
+    changed: float, blank: int, calm: PictureEvent
+) -> None:
+    for k in range(blank):
+        step(calm, (CALM + k) * FRAME_NS, BLACK)
+    step(calm, (CALM + blank) * FRAME_NS, other(changed))
+    assert calm.linked
+    assert told(calm) == {VerdictKind.OK}
+
+
+def moved_by(way_mm: tuple[float, float]) -> Matrix4:
+    """Sensor → tracker of a probe whose tissue went so far, with the reference above."""
+    return np.asarray(rigid(np.eye(3), -np.array([*way_mm, 0.0])))
+
+
+@pytest.mark.parametrize(("told_mm", "linked"), [(0.0, False), (6.0, True)])
+def test_tissue_that_is_elsewhere_than_the_tracker_says_is_no_link(told_mm: float, linked: bool) -> None:
+    """The picture has gone 6 mm across, by a hand or on the screen: the limit of the offset is 4 mm."""
+    wide = speckle((240, 500))
+    calm = event()
+    for k in range(CALM):
+        step(calm, k * FRAME_NS, wide[:, 90:410].copy(), k > 0, STILL if k else None, moved_by((0.0, 0.0)))
+    step(calm, (CALM + 3) * FRAME_NS, wide[:, 30:350].copy(), pose=moved_by((told_mm, 0.0)))
+    assert calm.linked is linked
+
+
+def test_a_menu_over_a_third_of_the_picture_ends_no_chain(calm: PictureEvent) -> None:
+    menu = speckle()
+    menu[:, 220:] = np.where(np.indices((240, 100)).sum(axis=0) // 8 % 2, 230, 20)
+    for k in range(20):
+        step(calm, (CALM + k) * FRAME_NS, menu, k > 0, STILL)
+        assert calm.linked
+    for k in range(20, 25):
+        step(calm, (CALM + k) * FRAME_NS, speckle(), k > 20, STILL)
+        assert calm.linked
+    assert told(calm) == {VerdictKind.OK}
+
+
+def animated(across: float, down: float, pictures: int = 15) -> list[GreyImage]:
+    """Over half a second, about the middle; then it stays."""
+    shares = np.minimum(np.arange(1, pictures + 6) / pictures, 1.0)
+    return [stretched(speckle(), across**share, down**share) for share in shares]
+
+
+@pytest.mark.parametrize("zoom", [1.3, 1.15, 0.8])
+def test_an_animated_zoom_is_named(zoom: float, calm: PictureEvent) -> None:
+    """The registration follows each of its pictures."""
+    changes = [step(calm, (CALM + k) * FRAME_NS, image, True, STILL) for k, image in enumerate(animated(zoom, zoom))]
+    assert any(change is not None for change in changes)
+    assert zoom_of(calm)[0] is VerdictKind.FAULT
+    assert zoom_of(calm)[1] == pytest.approx(100 * (zoom - 1), abs=11.0), "the last 7 % may be left"
+
+
+@pytest.mark.parametrize(("across", "down"), [(1.2, 1.0), (1.0, 1.2)])
+def test_an_animated_stretch_is_a_change_without_a_name(across: float, down: float, calm: PictureEvent) -> None:
+    """Tissue under a hand that presses is strained along one axis as well."""
+    pictures = animated(across, down)
+    changes = [step(calm, (CALM + k) * FRAME_NS, image, True, STILL) for k, image in enumerate(pictures)]
+    assert PictureChange() in changes
+    assert told(calm) == {VerdictKind.OK}
+
+
+def test_pictures_that_hold_nothing_are_in_no_chain() -> None:
+    detector = event()
+    noise = np.random.default_rng(1)
+    for k in range(40):
+        step(detector, k * FRAME_NS, noise.integers(0, 5, (240, 320)).astype(np.uint8))
+        assert not detector.linked
+
+
+def test_a_break_is_seen_across_a_stamp_that_was_wrong(calm: PictureEvent) -> None:
+    """Pictures were stamped wrongly and are forgotten; what follows goes on from the last of them."""
+    step(calm, CALM * FRAME_NS, speckle(), True, STILL)
+    calm.forget_pictures((CALM - 1) * FRAME_NS)
+    shown(calm, [speckle()[:, ::-1].copy()] * 2, [False, True], CALM)
+    assert told(calm) == {VerdictKind.OK, VerdictKind.FAULT}
+
+
+def test_a_stamp_far_in_the_future_begins_no_chain_for_another_picture(calm: PictureEvent) -> None:
+    """The line has given up what was shown when it came; it must not be shown of another picture."""
+    step(calm, CALM * FRAME_NS + 60_000_000_000, speckle(), True, STILL)
+    calm.forget_pictures((CALM + 1) * FRAME_NS)
+    step(calm, (CALM + 1) * FRAME_NS, other(1.0))
+    assert not calm.linked

@@ -1,0 +1,94 @@
+"""How much the picture has been magnified little by little: an animated zoom never breaks a chain of pictures.
+
+Each picture is held against the last one that it is still like, which the registration has followed to where it is now;
+what is measured between them is added up.
+"""
+
+from collections import deque
+from math import ceil, floor
+
+import numpy as np
+
+from appliance.core.detectors.stretch import carried, likeness_in_place, stretch_between
+from appliance.core.registration.keyframe import compose, warp_matrix
+from appliance.core.registration.pyramid import Array32
+from appliance.core.registration.realtime_tracker import Warp
+from drivers.rigid import Array
+
+_OVER_NS = 1_000_000_000
+"""Over which it is added up. Longer adds up more noise, and the strain of tissue under a hand that presses; shorter
+misses slow animations: scanners take a quarter to half a second."""
+_ALIKE, _EVERY_NS = 0.8, 400_000_000
+"""Likeness below which, and time after which, the next is measured: a stretch by 5 % leaves .8. Less likeness leaves
+fewer parts to measure, more adds up the noise of more measurements."""
+_LEAST_SIDE_PX = 48
+"""Of what both pictures show, px of the small one: less leaves too few parts side by side."""
+_MOST_TURN_RAD = np.deg2rad(0.5)
+"""Between the two: speckle that turns in a beam that does not looks shrunk across it, by 1 % a degree and more."""
+_LEAST = 0.07
+"""Of the logarithm of an axis. See docs/method.md; less takes noise for it, more misses what is animated."""
+_EVEN = 0.6
+"""Of the smaller of both axes to the larger, from which it is a zoom: tissue that is pressed is strained along one."""
+
+
+class Magnification:
+    """Takes every picture that was followed from the one before."""
+
+    def __init__(self, aspect: float) -> None:
+        """aspect: λ_axial ÷ λ_lateral."""
+        self._aspect = aspect
+        self.restart()
+
+    def restart(self) -> None:
+        """What comes is not compared with what came."""
+        self._base: Array32 | None = None
+        self._base_ns = 0
+        self._path: Warp = (np.zeros(2), 0.0)
+        self._measured: deque[tuple[int, Array]] = deque()
+
+    def step(self, t_ns: int, picture: Array32, way: Warp) -> None:
+        """Take the next small picture. way: of its tissue since the one before, px of it and rad."""
+        self._path = compose(self._path, way, self._aspect)
+        if self._base is None:
+            self._begin(t_ns, picture)
+            return
+        before, now = self._in_both(picture)
+        small = min(now.shape) < _LEAST_SIDE_PX
+        if not small and t_ns - self._base_ns < _EVERY_NS and likeness_in_place(before, now) >= _ALIKE:
+            return
+        turned = abs(self._path[1]) > _MOST_TURN_RAD
+        found = None if small or turned else stretch_between(before, now, self._aspect, (1.0, 1.0))
+        if found is not None:
+            self._measured.append((t_ns, np.log(found.magnification)))
+        while self._measured and self._measured[0][0] <= t_ns - _OVER_NS:
+            self._measured.popleft()
+        self._begin(t_ns, picture)
+
+    def crept(self) -> tuple[float, float] | None:
+        """Magnification (lateral, axial) of the last second where it is none of a hand's, told once; None otherwise."""
+        total = sum((one for _, one in self._measured), np.zeros(2))
+        if np.max(np.abs(total)) < _LEAST:
+            return None
+        self._measured.clear()
+        across, down = np.exp(total)
+        return float(across), float(down)
+
+    def _in_both(self, picture: Array32) -> tuple[Array32, Array32]:
+        """What of the picture was seen in the one before, as it was there, and as it is."""
+        assert self._base is not None
+        height, width = picture.shape
+        M, middle = warp_matrix(self._path[1], self._aspect), (np.array([width, height]) - 1) / 2
+        corners = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) * middle @ M.T + middle + self._path[0]
+        left, right = max(corners[:2, 0].max(), 0), min(corners[2:, 0].min(), width - 1)
+        top, bottom = max(corners[::2, 1].max(), 0), min(corners[1::2, 1].min(), height - 1)
+        seen = np.s_[ceil(top) : floor(max(bottom, 0)) + 1, ceil(left) : floor(max(right, 0)) + 1]
+        return carried(self._base, self._path, self._aspect)[seen], picture[seen]
+
+    def _begin(self, t_ns: int, picture: Array32) -> None:
+        self._base, self._base_ns, self._path = picture, t_ns, (np.zeros(2), 0.0)
+
+
+def even(zoom: tuple[float, float]) -> bool:
+    """Whether both axes are magnified by nearly as much: no tissue does that."""
+    first, second = np.log(zoom)
+    return bool(min(first / second, second / first) >= _EVEN) if first and second else False

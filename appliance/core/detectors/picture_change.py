@@ -1,0 +1,136 @@
+"""What was done to a picture: mirrored, magnified about any place, or stretched along its axes.
+
+Tissue is the proof: a change is found where the earlier picture, changed so, is like the later one, and unchanged is
+not, wherever it may have gone.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import cv2
+import numpy as np
+
+from appliance.core.detectors.stretch import stretch_between, warped
+from appliance.core.registration.pyramid import Array32
+
+_LEAST_LIKENESS, _BETTER_BY = 0.55, 0.25
+"""Correlation of the changed picture, and how much more than that of the unchanged one, wherever a fast hand took it.
+Less explains a new scene as a flip or zoom; more misses those with an overlay. In a prototype, not here, a mirrored
+picture came to .92 where the unchanged had .02.
+"""
+_LEAST_STRETCH, _STRETCH_BETTER_BY = 0.035, 0.15
+"""Magnification along an axis from 1, and how much more like the stretched picture must be than the unchanged one."""
+_STARTS = tuple((across, down) for across in (1.0, 0.92, 1.08) for down in (1.0, 0.92, 1.08))
+"""Magnifications about which a stretch is looked for: each finds those within 8 %, so all together 16 %."""
+_SLACK_PX = 3
+"""px of the small picture by which the hand may go elsewhere than it went last: 12 px of 640. More tries more places by
+chance."""
+_MOST_ZOOM, _COARSE_STEP, _FINE_STEP = 2.2, 0.03, 0.015
+"""Most magnification that is tried, up and down, and steps of its logarithm: at first in pictures of half the size,
+where 3 % move the side of what is looked for by half a px, then about the best. Scanners step their depth by a fifth to
+a half, and zoom by 2. More costs time, and what is left in the picture tells less."""
+_LEAST_ZOOM = 0.02
+"""Up to which a magnification is no new setting."""
+_BEST = 3
+"""Of the coarse search, which are looked at again: among those beside each other the best is mostly the first."""
+_FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
+POLARITIES = ((1, 1), *_FLIPS)
+
+
+@dataclass(frozen=True, slots=True)
+class PictureChange:
+    """What happened to the picture: polarity ±1 and magnification, each (lateral, axial)."""
+
+    polarity: tuple[int, int] = (1, 1)
+    zoom: tuple[float, float] = (1.0, 1.0)
+
+
+def stretch_of(expected: Array32, now: Array32, aspect: float) -> PictureChange | None:
+    """The stretch that makes what was expected like what is there; None where none does, or a shift nearly as well.
+
+    Small pictures of one size. aspect: λ_axial ÷ λ_lateral.
+    """
+    plain = likeness(expected, now)
+    best, change = max(plain + _STRETCH_BETTER_BY, _LEAST_LIKENESS), None
+    for start in _STARTS:
+        found = stretch_between(expected, now, aspect, start)
+        if found is None or np.all(np.abs(found.magnification - 1) < _LEAST_STRETCH):
+            continue
+        alike = likeness(warped(expected, found.warp), now)
+        if alike > best:
+            best, change = alike, PictureChange(zoom=(float(found.magnification[0]), float(found.magnification[1])))
+    return change
+
+
+def flip_or_zoom_of(expected: Array32, now: Array32) -> PictureChange | None:
+    """The flip, the magnification about any place, or both, that makes the earlier picture like this one; None where
+    unchanged, but elsewhere, it does nearly as well. Small pictures of one size.
+    """
+    usual = _found(expected, now, PictureChange())
+    if usual >= 1 - _BETTER_BY:
+        return None
+    coarse = [_halved(picture) for picture in (expected, now)]
+    tried = sorted(_candidates(), key=lambda change: -_found(coarse[0], coarse[1], change))[:_BEST]
+    fine = [near for change in tried for near in _near(change)]
+    alike, change = max(((_found(expected, now, one), one) for one in fine), key=lambda pair: pair[0])
+    return change if alike > max(usual + _BETTER_BY, _LEAST_LIKENESS) else None
+
+
+def likeness(a: Array32, b: Array32) -> float:
+    """Correlation of the middle of a, where overlays are rare, with its place in b or a few pixels beside it."""
+    rows, columns = a.shape[0] // 10, a.shape[1] // 10
+    slack_rows, slack_columns = min(_SLACK_PX, rows), min(_SLACK_PX, columns)
+    middle = a[rows : a.shape[0] - rows, columns : a.shape[1] - columns]
+    around = b[
+        rows - slack_rows : b.shape[0] - rows + slack_rows,
+        columns - slack_columns : b.shape[1] - columns + slack_columns,
+    ]
+    return _best_match(around, middle)
+
+
+def _candidates() -> Iterator[PictureChange]:
+    steps = np.arange(-np.log(_MOST_ZOOM), np.log(_MOST_ZOOM) + _COARSE_STEP, _COARSE_STEP)
+    zooms = [1.0, *(float(zoom) for zoom in np.exp(steps) if abs(zoom - 1) > _LEAST_ZOOM)]
+    for polarity, zoom in product(POLARITIES, zooms):
+        if (polarity, zoom) != ((1, 1), 1.0):
+            yield PictureChange(polarity, (zoom, zoom))
+
+
+def _near(change: PictureChange) -> Iterator[PictureChange]:
+    for step in (0.0, -_FINE_STEP, _FINE_STEP):
+        zoom = change.zoom[0] * float(np.exp(step))
+        if abs(zoom - 1) > _LEAST_ZOOM or (step == 0.0 and change.polarity != (1, 1)):
+            yield PictureChange(change.polarity, (zoom, zoom))
+
+
+def _found(before: Array32, now: Array32, change: PictureChange) -> float:
+    """Best correlation, anywhere, of the middle of one of the two with the other one: of the one that shows less."""
+    mirrored = before if change.polarity == (1, 1) else cv2.flip(before, _FLIPS[change.polarity])
+    zoom = change.zoom[0]
+    if zoom > 1:
+        return _best_match(np.asarray(mirrored, np.float32), _resized(_middle(now), 1 / zoom))
+    return _best_match(now, _resized(_middle(np.asarray(mirrored, np.float32)), zoom))
+
+
+def _middle(picture: Array32) -> Array32:
+    rows, columns = picture.shape[0] // 4, picture.shape[1] // 4
+    return picture[rows : picture.shape[0] - rows, columns : picture.shape[1] - columns]
+
+
+def _resized(picture: Array32, share: float) -> Array32:
+    if share == 1:
+        return picture
+    how = cv2.INTER_AREA if share < 1 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(picture, None, fx=share, fy=share, interpolation=how), np.float32)
+
+
+def _halved(picture: Array32) -> Array32:
+    return _resized(picture, 0.5)
+
+
+def _best_match(around: Array32, template: Array32) -> float:
+    """1 where there is nothing to compare, so that nothing is found to be better."""
+    if template.size == 0 or template.std() == 0 or around.std() == 0:
+        return 1.0
+    return float(cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED).max())

@@ -1,0 +1,149 @@
+"""Whether a picture shows the same tissue in the same geometry as an earlier one, though none lay between.
+
+The tracker says where the tissue should be; the picture must have it there, as far as the limit of the offset beside,
+and all over: a picture of which a half is another's, or that is magnified about one place, is alike in a part alone.
+Speckle that a quick hand has changed is less alike, but all over.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise, product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from appliance.core.registration.pyramid import Array32, Bits
+from drivers.rigid import Array
+from drivers.samples import GreyImage
+
+SMALL_PX = 160
+"""Columns in which pictures are compared. More asks for a zoom that is nearer and costs time for each that is tried;
+fewer leave too little speckle to tell a mirrored picture from another.
+"""
+_SHADE_PX = 5.0
+"""Sigma of what counts as shade, px of the small picture: wider than its speckle. More lets a bright half match any."""
+_LEAST_GREY = 2.0
+"""Standard deviation of a small picture, grey levels, from which it can be compared: noise of ± 4 on black has 1.5,
+dim tissue 5 and more."""
+_LEAST_SIDE_PX = 32
+"""Of a small picture: less is no picture but a strip, whose parts are a few px."""
+_GRID = (6, 4)
+"""Parts across and down. Fewer smear a change over a whole part, more hold too few grains to tell."""
+_PART_BESIDE_PX = 1
+"""px beside the common shift at which a part may lie: a turn of 1° at the edge of the picture. More finds a part by
+chance, less loses the edges of a picture that the hand has turned."""
+_LEAST_PARTS = 6
+"""Of those that show anything in both. Fewer let a corner speak for the picture, more ask for a full field."""
+_ALIKE, _LEAST_ALIKE = 0.4, 0.75
+"""Correlation from which a part is alike, and share of such parts from which a picture is the earlier one as a whole.
+1 mm out of the plane left .79 to .96 of the parts alike, 1.3 mm .67 to .88; a mirrored picture had .58 at most, one
+magnified by 9 to 30 % .47, a torn one .55 (`probewatch study`, gesture-hold, gesture-mixed, gesture-elevational-20,
+seed 1, every 25th picture), and in a recording of a liver, at which the thresholds were looked up as well, a mirrored
+one .57, its third successor .93 and more. More voids what quick sweeps have shown, less takes another picture for
+it."""
+_MUCH_ALIKE, _LEAST_MUCH_ALIKE = 0.7, 0.6
+"""The same where the rest of the picture is covered: what is left is much alike. A torn picture has .5. More voids what
+was shown when a menu covers a third of the picture, less takes a torn one for whole."""
+_LEAST_HURRIED, _MOST_OF_THEM = 0.5, 0.5
+"""Share of parts that are alike in a picture that the registration has followed, and share of these that may be much
+alike. 25 mm/s out of the plane with a turn of 30°/s left .6 to .8 and a tenth of them. Less follows a torn picture."""
+_DARK = 0.4
+"""Contrast of a part ÷ what it had, below which it shows nothing: shadow, or skin that the probe has left."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Link:
+    """How a picture continues an earlier one. moved_px: (2,) px of the small picture by which its tissue has moved.
+    alike, much_alike: shares of the parts that show anything.
+    """
+
+    moved_px: Array
+    alike: float
+    much_alike: float
+
+    @property
+    def whole(self) -> bool:
+        """Whether it shows the same tissue in the same geometry all over."""
+        return self.alike >= _LEAST_ALIKE
+
+    @property
+    def hurried(self) -> bool:
+        """Whether it is less alike all over, as of a quick hand: half of a torn picture is as it was."""
+        return not self.whole and self.alike >= _LEAST_HURRIED and self.much_alike <= _MOST_OF_THEM * self.alike
+
+    @property
+    def covered(self) -> bool:
+        """Whether it does but for what covers it."""
+        return not self.whole and self.much_alike >= _LEAST_MUCH_ALIKE
+
+
+def small(image: GreyImage, mask: Bits | None = None) -> Array32:
+    """(h, w) uint8 to about 160 columns, coarse enough that a zoom need not be exact, without broad shade and gain.
+
+    mask: (h, w) bool, True where tissue may be seen; what else there is becomes 0.
+    """
+    share = min(1.0, SMALL_PX / image.shape[1])
+    size = (max(round(image.shape[1] * share), 1), max(round(image.shape[0] * share), 1))
+    picture = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+    picture -= np.asarray(cv2.GaussianBlur(picture, (0, 0), _SHADE_PX), dtype=np.float32)
+    if mask is not None:
+        seen = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+        picture *= seen
+    return picture
+
+
+def comparable(picture: Array32) -> bool:
+    """Whether a small picture holds anything to compare."""
+    return min(picture.shape) >= _LEAST_SIDE_PX and float(picture.std()) >= _LEAST_GREY
+
+
+def link_between(before: Array32, now: Array32, moved_px: Array, slack_px: Array) -> Link | None:
+    """Small pictures of one size; None where too little is seen in both to tell.
+
+    moved_px: (2,) how far the tissue should have moved across and down since the earlier one; slack_px: (2,) how far
+    beside it may lie.
+    """
+    column, row = _common_shift(before, now, np.round(moved_px).astype(int), slack_px)
+    parts = (_part_likeness(before, now, part, (column, row)) for part in _parts(before.shape))
+    likenesses = [likeness for likeness in parts if likeness is not None]
+    if len(likenesses) < _LEAST_PARTS:
+        return None
+    alike, much_alike = (float(np.mean(np.array(likenesses) >= least)) for least in (_ALIKE, _MUCH_ALIKE))
+    return Link(np.array([column, row], float), alike, much_alike)
+
+
+def _common_shift(before: Array32, now: Array32, moved: NDArray[np.int64], slack_px: Array) -> tuple[int, int]:
+    """Column and row by which the middle of the picture has moved."""
+    height, width = before.shape
+    rows, columns = height // 4, width // 4
+    middle = before[rows : height - rows, columns : width - columns]
+    reach = np.round(slack_px).astype(int)
+    left, top = np.maximum(np.array([columns, rows]) + moved - reach, 0)
+    right, bottom = np.maximum(np.array([width - columns, height - rows]) + moved + reach, 0)
+    around = now[top:bottom, left:right]
+    if around.shape[0] < middle.shape[0] or around.shape[1] < middle.shape[1] or middle.std() == 0:
+        return int(moved[0]), int(moved[1])
+    _, _, _, (column, row) = cv2.minMaxLoc(cv2.matchTemplate(around, middle, cv2.TM_CCOEFF_NORMED))
+    return int(column + left - columns), int(row + top - rows)
+
+
+def _parts(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
+    rows, columns = (
+        [slice(int(start), int(end)) for start, end in pairwise(np.linspace(0, side, count + 1).astype(int))]
+        for side, count in zip(shape, _GRID[::-1], strict=True)
+    )
+    return list(product(rows, columns))
+
+
+def _part_likeness(before: Array32, now: Array32, part: tuple[slice, slice], shift: tuple[int, int]) -> float | None:
+    """Best correlation of the part near where it has gone; None where that is outside, or either shows nothing."""
+    rows, columns = part
+    top, left = (max(side.start + moved - _PART_BESIDE_PX, 0) for side, moved in zip(part, shift[::-1], strict=True))
+    bottom, right = (side.stop + moved + _PART_BESIDE_PX for side, moved in zip(part, shift[::-1], strict=True))
+    template, around = before[rows, columns], now[top : max(bottom, 0), left : max(right, 0)]
+    if around.shape[0] < template.shape[0] or around.shape[1] < template.shape[1]:
+        return None
+    contrast = float(template.std())
+    if contrast < _LEAST_GREY or float(around.std()) < _DARK * contrast:
+        return None
+    return float(cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED).max())

@@ -1,0 +1,26 @@
+"""How exactly a stretch is measured, also one that hardly moves the edges of the picture."""
+
+import numpy as np
+import pytest
+
+from appliance.core.detectors.picture_link import small
+from appliance.core.detectors.stretch import carried, likeness_in_place, stretch_between
+from tests.appliance.core.detectors.test_picture_event import speckle, stretched
+
+
+@pytest.mark.parametrize("about", [(0.5, 0.5), (0.5, 0.0), (0.2, 0.8)])
+@pytest.mark.parametrize(("across", "down"), [(1.018, 1.018), (1.036, 1.036), (0.97, 0.97), (1.0, 1.04), (1.05, 1.0)])
+def test_a_small_stretch_is_measured_to_a_quarter_of_a_percent(
+    across: float, down: float, about: tuple[float, float]
+) -> None:
+    """Parts at the edge of the picture, which cannot be seen to move outwards, do not draw it to nothing."""
+    found = stretch_between(small(speckle()), small(stretched(speckle(), across, down, about)), 1.0, (1.0, 1.0))
+    assert found is not None
+    assert found.magnification == pytest.approx((across, down), abs=0.0025)
+
+
+def test_a_picture_that_is_carried_lies_where_its_tissue_went() -> None:
+    wide = speckle((240, 400))
+    before, now = small(wide[:, 40:360]), small(wide[:, 20:340])
+    assert likeness_in_place(carried(before, (np.array([10.0, 0.0]), 0.0), 1.0), now) > 0.95
+    assert likeness_in_place(carried(before, (np.array([-10.0, 0.0]), 0.0), 1.0), now) < 0.3
