@@ -27,6 +27,9 @@ f. Sight. Pictures without steady tissue (black, noise, every second one blank) 
    wrong ⇒ contact open. Every second cart takes whatever comes for tissue instead, so that evidence alone must outlast
    noise and black there.
 
+g. Break. The picture, by itself, mirrored, magnified, stretched or moved on the screen by more than a limit, however it
+   became so, and a second and a tick since the first genuine one of it ⇒ contact open, whatever the probe does.
+
 a is generous: it takes as shown whatever any line could have used, so a failure is never a matter of taste.
 
 `Room` (machine.py) is a hypothesis state machine over all of it; `python -m tests.invariant` (`make invariant`) runs it

@@ -14,7 +14,7 @@ from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import AlarmState, Verdict
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
-from tests.invariant.circumstances import Circumstances, Pictures, Poses, Stamps
+from tests.invariant.circumstances import Circumstances, Manner, Pictures, Poses, Stamps
 from tests.invariant.oracle import MAX_AGE_NS, SHIPPED, TICK_NS, Broken, Oracle
 from tests.invariant.world import NONE, Change, Hand, Scanner, Tracker, reference
 
@@ -47,6 +47,16 @@ class Moment:
         return f"{self.t_s:8.2f} s  {'closed' if self.closed else 'open  '}  {self.state}: {self.reason}"
 
 
+@dataclass(frozen=True, slots=True)
+class _Transition:
+    """From what was true before to what is."""
+
+    manner: Manner
+    before: Change
+    start_ns: int
+    end_ns: int
+
+
 class Cart:
     """A cart that was just switched on, with everything well unless told otherwise.
 
@@ -68,7 +78,7 @@ class Cart:
         change: Change = NONE,
         tilt_deg: float = 1.4,
         fps: float = 30.0,
-        enforced: str = "abcdf",
+        enforced: str = "abcdfg",
         attended: bool = True,
         received: bool = False,
         discerning: bool = True,
@@ -106,6 +116,7 @@ class Cart:
         self._false_once: dict[str, int] = {}
         self._alike_ns: dict[str, int] = {}
         self._change = NONE
+        self._transition: _Transition | None = None
         if change is not NONE:
             self.change(change)
 
@@ -125,6 +136,15 @@ class Cart:
     def change(self, change: Change) -> None:
         """The true calibration is another from here on."""
         self._say(f"the truth: {change}")
+        self._change, self._transition = change, None
+        self.oracle.changed(change)
+
+    def break_picture(self, change: Change, manner: Manner, lasting_s: float) -> None:
+        """The picture becomes another from here on, after so long; a torn picture is one. The body stays."""
+        change = replace(change, body=self._change.body)
+        lasting_ns = {Manner.AT_ONCE: 0, Manner.TORN: self._every_ns["frame"]}.get(manner, round(lasting_s * 1e9))
+        self._say(f"the picture, {manner.value}, {lasting_ns / 1e9:g} s: {change}")
+        self._transition = _Transition(manner, self._change, self._now_ns, self._now_ns + lasting_ns)
         self._change = change
         self.oracle.changed(change)
 
@@ -212,12 +232,29 @@ class Cart:
             fate = Pictures.BLACK if self._index["frame"] % 2 else Pictures.GENUINE
         if fate is Pictures.FROZEN and self._picture is not None:
             return self._picture, False
+        between = self._transition is not None and self._now_ns < self._transition.end_ns
         make = {
             Pictures.BLACK: self._scanner.black,
             Pictures.NOISE: self._scanner.noise,
-        }.get(fate, partial(self._scanner.picture, pose, self._change))
+        }.get(fate, partial(self._between if between else self._shown, pose))
         image = self._picture = make()
-        return image, fate is Pictures.GENUINE
+        return image, fate is Pictures.GENUINE and not between
+
+    def _shown(self, pose: np.ndarray) -> GreyImage:
+        return self._scanner.picture(pose, self._change)
+
+    def _between(self, pose: np.ndarray) -> GreyImage:
+        """What is shown until the picture is the other one."""
+        transition = self._transition
+        assert transition is not None
+        before = self._scanner.picture(pose, transition.before)
+        if transition.manner is Manner.TORN:
+            half = before.shape[0] // 2
+            return np.vstack([before[:half], self._shown(pose)[half:]])
+        if transition.manner is Manner.ANIMATED:
+            share = (self._now_ns - transition.start_ns) / (transition.end_ns - transition.start_ns)
+            return self._scanner.picture(pose, self._change.on_its_way(share))
+        return self._scanner.black() if self._picture is None or transition.manner is Manner.BLACK else self._picture
 
     def _read(self, pose: np.ndarray) -> np.ndarray:
         fate = self.circumstances.poses

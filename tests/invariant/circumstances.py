@@ -13,6 +13,16 @@ class Pictures(Enum):
     GONE = "no pictures"
 
 
+class Manner(Enum):
+    """How a picture becomes another."""
+
+    AT_ONCE = "at once"
+    BLACK = "after black pictures"
+    FROZEN = "after the same picture again and again"
+    TORN = "after one picture of which half is the old one's"
+    ANIMATED = "little by little"
+
+
 class Poses(Enum):
     GENUINE = "genuine poses"
     ONE_IN_TWELVE = "one pose in twelve, the rest missing"

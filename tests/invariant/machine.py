@@ -9,9 +9,9 @@ from hypothesis.stateful import RuleBasedStateMachine, get_state_machine_test, i
 
 from appliance.limits import RequiredAges
 from tests.invariant.cart import Cart
-from tests.invariant.circumstances import Circumstances, Pictures, Poses, Stamps
+from tests.invariant.circumstances import Circumstances, Manner, Pictures, Poses, Stamps
 from tests.invariant.oracle import SHIPPED, STRICT
-from tests.invariant.world import CHANGES, NONE, Change
+from tests.invariant.world import BREAKS, CHANGES, NONE, Change
 
 SPELL_S = st.sampled_from([0.5, 3.0, 3.0, 8.0, 34.0])
 """How long a disturbance lasts by itself; the longest outlasts any verification."""
@@ -24,6 +24,9 @@ BAD_STAMPS = st.sampled_from([fate for fate in Stamps if fate is not Stamps.RIGH
 STREAMS = st.sampled_from(["frame", "pose"])
 UNSEEN = st.sampled_from([None, None, CHANGES[0], *CHANGES])
 """What changes half a second after a disturbance began; the incident more often than the rest."""
+
+BETWEEN_S = st.sampled_from([0.04, 0.1, 0.2, 0.25, 0.3, 0.45, 0.6])
+"""From the old picture to the new one: about the gap's .3 s, and up to where black is named."""
 
 
 class Room(RuleBasedStateMachine):
@@ -82,6 +85,17 @@ class Room(RuleBasedStateMachine):
         """Seen, where nothing hides it."""
         self._change(change)
         self.cart.run(2.0)
+
+    @rule(
+        change=st.sampled_from([NONE, *BREAKS]),
+        manner=st.sampled_from(Manner),
+        between_s=BETWEEN_S,
+        seconds=st.sampled_from([1.5, 3.0, 8.0]),
+    )
+    def the_picture_breaks(self, change: Change, manner: Manner, between_s: float, seconds: float) -> None:
+        """It becomes another, or what it was."""
+        self.cart.break_picture(change, manner, between_s)
+        self.cart.run(between_s + seconds)
 
     @rule(seconds=SPELL_S)
     def probe_rests(self, seconds: float) -> None:

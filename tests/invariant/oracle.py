@@ -80,6 +80,7 @@ class Oracle:
         self._told: frozenset[str] = frozenset()
         self._told_before: frozenset[str] = frozenset()
         self._visible_ns = self._blank_ns = 0
+        self._broken_ns: int | None = None
         self._pictures: deque[Genuine] = deque(maxlen=20)
         self._waiting: deque[tuple[int, Matrix4 | None, frozenset[str] | None]] = deque()
         self._pose_ns: int | None = None
@@ -88,7 +89,7 @@ class Oracle:
         """From here on the true calibration is another. A fault that is told already says nothing of it."""
         self._told_before = self._told
         self._waiting = deque((t_ns, None, right) for t_ns, _, right in self._waiting)
-        self._change, self.shown_fault, self._visible_ns = change, None, 0
+        self._change, self.shown_fault, self._visible_ns, self._broken_ns = change, None, 0, None
         self._pictures.clear()
 
     def renewed(self) -> None:
@@ -99,6 +100,8 @@ class Oracle:
 
     def picture(self, t_ns: int, pose: Matrix4) -> None:
         """A genuine, rightly stamped picture was delivered; pose: (4, 4) picture → tissue, true."""
+        if self._broken_ns is None and self._change.spoils_picture:
+            self._broken_ns = t_ns
         turn_mm = np.arctan2(pose[1, 0], pose[0, 0]) * _REACH_MM
         self._pictures.append(Genuine(t_ns, np.array([*pose[:2, 3], turn_mm])))
         self._waiting.append((t_ns, pose, self._change.right if self._moved(t_ns) else None))
@@ -134,7 +137,14 @@ class Oracle:
         self._note_fault(alarm, newest)
         if not alarm.energised:
             return ()
-        said = (self._age(now_ns, rests), _contradiction(newest), self._relapse(), self._discovery(), self._sight())
+        said = (
+            self._age(now_ns, rests),
+            _contradiction(newest),
+            self._relapse(),
+            self._discovery(),
+            self._sight(),
+            self._break(now_ns),
+        )
         return tuple(broken for broken in said if broken is not None)
 
     def _note_shown(self, picture_ns: int, right: frozenset[str]) -> None:
@@ -187,6 +197,11 @@ class Oracle:
     def _sight(self) -> Broken | None:
         what = f"the pictures have shown no tissue for {self._blank_ns / 1e9:.2f} s"
         return Broken("f", what) if self._blank_ns > NAMED_WITHIN_NS + TICK_NS else None
+
+    def _break(self, now_ns: int) -> Broken | None:
+        if self._broken_ns is None or now_ns - self._broken_ns <= NAMED_WITHIN_NS + TICK_NS:
+            return None
+        return Broken("g", f"the picture was {self._change} for {(now_ns - self._broken_ns) / 1e9:.2f} s")
 
     def _moved(self, now_ns: int) -> bool:
         recent = [picture for picture in self._pictures if picture.t_ns >= now_ns - _MOVED_WITHIN_NS]

@@ -4,7 +4,7 @@ Conventions as in appliance.types. Tissue is a plane of speckle that looks the s
 probe moves the picture as geometry says and never changes the speckle. Everything is seeded.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 
 import cv2
@@ -45,14 +45,15 @@ def reference() -> Calibration:
 class Change:
     """How the true calibration differs from the reference.
 
-    body: (4, 4) the marker body sits at pose · body. polarity: of the picture. magnified: of the picture, about its
-    middle, so that its mm/px shrink.
+    body: (4, 4) the marker body sits at pose · body. polarity: of the picture. magnified: of the picture across and
+    down, about its middle, so that its mm/px shrink. moved_px: of the picture on the screen, (lateral, axial).
     """
 
     name: str
     body: Matrix4 = field(default_factory=lambda: np.eye(4))
     polarity: tuple[int, int] = (1, 1)
-    magnified: float = 1.0
+    magnified: tuple[float, float] = (1.0, 1.0)
+    moved_px: tuple[float, float] = (0.0, 0.0)
 
     def __repr__(self) -> str:
         return self.name
@@ -72,6 +73,17 @@ class Change:
         return frozenset(self._misfits()) - self.faults
 
     @cached_property
+    def spoils_picture(self) -> bool:
+        """Whether the picture alone makes a parameter wrong."""
+        picture = replace(self, body=np.eye(4))
+        return bool(picture.faults)
+
+    def on_its_way(self, share: float) -> "Change":
+        """What an animation has done of it so far to the picture."""
+        across, down = (m**share for m in self.magnified)
+        return replace(self, magnified=(across, down), moved_px=(share * self.moved_px[0], share * self.moved_px[1]))
+
+    @cached_property
     def visible(self) -> bool:
         """A parameter that any sweep shows is off by twice its limit or more, or it is the bend with a slide."""
         shown = max(misfit for name, misfit in self._misfits().items() if name != "offset")
@@ -86,11 +98,12 @@ class Change:
         """Class → how far out, 1 at the limit. Of the rotation the angle about the elevational axis is taken."""
         X = X_REFERENCE @ self.body
         turn_rad = vector_from_rotation(X[:3, :3] @ X_REFERENCE[:3, :3].T)
+        moved_mm = np.array([*np.multiply(self.moved_px, SCALE_MM_PER_PX), 0.0])
         return {
             "polarity": self.polarity.count(-1) / 0.5,
-            "scale": 100 * abs(1 / self.magnified - 1) / _LIMITS.scale_percent,
+            "scale": 100 * max(abs(1 / m - 1) for m in self.magnified) / _LIMITS.scale_percent,
             "rotation": abs(float(np.rad2deg(turn_rad[2]))) / _LIMITS.rotation_deg,
-            "offset": float(np.linalg.norm(X[:3, 3] - X_REFERENCE[:3, 3])) / _LIMITS.offset_mm,
+            "offset": float(np.linalg.norm(X[:3, 3] - X_REFERENCE[:3, 3] + moved_mm)) / _LIMITS.offset_mm,
         }
 
 
@@ -111,9 +124,18 @@ SLID = Change("slid by 10 mm", _bent_and_slid(0.0, SLIDE_MM))
 ELSEWHERE = Change("30 mm off in ζ", _moved_in_picture((0.0, 0.0, 30.0)))
 FLIPPED = Change("flipped laterally", polarity=(-1, 1))
 UPSIDE_DOWN = Change("flipped vertically", polarity=(1, -1))
-MAGNIFIED = Change("magnified by 12.5 %", magnified=1.125)
-SHRUNK = Change("shrunk by 12.5 %", magnified=0.875)
-SLIGHTLY_MAGNIFIED = Change("magnified by 8.7 %", magnified=1.087)
+MAGNIFIED = Change("magnified by 12.5 %", magnified=(1.125, 1.125))
+SHRUNK = Change("shrunk by 12.5 %", magnified=(0.875, 0.875))
+SLIGHTLY_MAGNIFIED = Change("magnified by 8.7 %", magnified=(1.087, 1.087))
+ZOOMED = Change("zoomed by 30 %", magnified=(1.3, 1.3), moved_px=(0.0, 18.0))
+ZOOMED_TWICE = Change("zoomed by 2", magnified=(2.0, 2.0))
+ZOOMED_ON_A_REGION = Change("zoomed by 30 % about a region of interest", magnified=(1.3, 1.3), moved_px=(24.0, -15.0))
+DEEPER = Change("a deeper setting", magnified=(0.75, 0.75), moved_px=(0.0, -15.0))
+PRESET = Change("a preset: deeper and mirrored", polarity=(-1, 1), magnified=(0.75, 0.75))
+STRETCHED = Change("stretched by 20 % across", magnified=(1.2, 1.0))
+SHIFTED = Change("moved by 50 px on the screen", moved_px=(50.0, 0.0))
+BREAKS = (FLIPPED, UPSIDE_DOWN, ZOOMED, ZOOMED_TWICE, ZOOMED_ON_A_REGION, DEEPER, PRESET, STRETCHED, SHIFTED)
+"""What people do to a picture, or a grabber."""
 CHANGES = (BENT_AND_SLID, BENT, SLID, ELSEWHERE, FLIPPED, UPSIDE_DOWN, MAGNIFIED, SHRUNK, SLIGHTLY_MAGNIFIED)
 
 
@@ -192,7 +214,8 @@ class Scanner:
         scale = np.array(SCALE_MM_PER_PX) / change.magnified * change.polarity
         turn = pose[:2, :2] * scale / _GRID_MM
         middle = pose[:2, 3] / _GRID_MM + _GRID / 2
-        warp = np.column_stack([turn, middle - turn @ [(width - 1) / 2, (height - 1) / 2]])
+        origin_px = np.array([(width - 1) / 2, (height - 1) / 2]) + change.moved_px
+        warp = np.column_stack([turn, middle - turn @ origin_px])
         grey = cv2.warpAffine(
             tissue(), warp, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_WRAP
         )
