@@ -4,7 +4,7 @@ Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quali
 """
 
 from appliance.core.acquisition.input_validation import checked_pose, refused_picture
-from appliance.core.acquisition.pairing import Pairing, Unpaired
+from appliance.core.acquisition.pairing import MOST_APART_NS, Pairing, Unpaired
 from appliance.core.acquisition.stamp_gate import Passage, StampGate
 from appliance.core.detectors.depth_ruler import DepthRuler
 from appliance.core.detectors.detector import Detector, Observation
@@ -53,14 +53,11 @@ marker; more pauses the search for leaps in quick sweeps. Not measured.
 """
 _SIZE_PERCENT = 0.1
 """The limit told beside a picture of another size, which fails however little it differs: 1 px of 640 is .16 %."""
-_SHOWN_AGAIN_NS = 300_000_000
-"""A grabber faster than the scanner hands each picture on several times: no loss of sight, until this is exceeded."""
-
-
-_GAP_NS = 300_000_000
+_GAP_NS = MOST_APART_NS
 """Without a live picture of tissue and its pose, after which whatever a hand can change counts as changed. Shorter asks
-for new motion whenever a hand passes before the markers; longer leaves time to bend them unseen. Poses are bridged for
-250 ms (`MOST_APART_NS`), and the slip watch sees what leaps meanwhile.
+for new motion whenever a hand passes before the markers; longer leaves time to bend them unseen. It is the longest time
+between two poses that are bridged: beyond it no picture has a pose, and the slip watch begins again. A grabber faster
+than the scanner may hand a picture on for as long.
 """
 
 
@@ -220,7 +217,7 @@ class Line:
             self._watch(item)
         else:
             self._seen(Observation(t_ns, item.frame.image, repeated=True))
-            if self._frozen.repeats_ns > _SHOWN_AGAIN_NS:
+            if self._frozen.repeats_ns > _GAP_NS:
                 self._lose_sight(t_ns)
         self._note_sight(item)
         self._solve(t_ns, solve_every_ns(self._evidence.window.span_ns, isinstance(item, StampedPair)))

@@ -49,6 +49,7 @@ def shown(image: GreyImage) -> During:
 
 GAPS: dict[str, tuple[float, During]] = {
     "probe out of the tracker's sight": (0.4, unseen),
+    "no pose for as long as makes the slip watch begin again": (0.24, unseen),
     "no pose at all": (0.4, lambda sample: None if isinstance(sample, Pose) else sample),
     "no picture at all": (0.4, lambda sample: None if isinstance(sample, Frame) else sample),
     "nothing": (0.4, lambda _: None),
