@@ -2,9 +2,12 @@
 
 A probe in a hand cannot leap. Where the tracker does, between two readings, and the picture, which that leap ought to
 have moved or changed through X, shows none of it, it was the marker body that moved: bent (it turned) or slid (it only
-shifted). Leaps add up, so one that is undone is forgiven; an outlier, which leaps out and back, is none. A leap that no
-picture witnesses names nothing, but what was shown before it counts no more; nor does one to a place of before from
-which the path goes on as it went then: poses that suddenly come late do that, and a body that slips does not.
+shifted). Leaps add up, so one that is undone is forgiven; an outlier, which leaps out and back, is none.
+
+Three kinds name nothing, but what was shown before them counts no more: a leap that no picture witnesses; one beyond a
+limit that a hand could have gone while the tracker was away for a moment, and that the pictures do not show; and one to
+a place of before from which the path goes on as it went then: poses that suddenly come late do that, and a body that
+slips does not.
 """
 
 from collections import deque
@@ -28,9 +31,15 @@ _LEAST_MM, _LEAST_RAD = 1.0, np.deg2rad(0.75)
 """Smallest leap that is added up, a quarter of its limit. A smaller one lets noise of .25 mm wake the fit at every
 reading; a larger one loses slips in small steps. Markers that are covered let a fit leap by 1 to 2 mm, and back."""
 _FAST_MM_PER_S, _FAST_RAD_PER_S = 60.0, np.deg2rad(45.0)
-"""How much faster a hand may suddenly go. More hides leaps: at 20 poses a second, 3 mm of each are taken for a hand."""
+"""How much faster a hand may suddenly go. More hides leaps: at 20 poses a second, 3 mm of each are taken for a hand. In
+the longest gap that is bridged it is 15 mm, so there no leap beyond a limit passes that the pictures do not show.
+"""
 _HISTORY_NS = 250_000_000
 """What went before a leap, for what the hand does usually. Longer takes a turn of the hand for its straight course."""
+_SMOOTH_NS = 700_000_000
+"""Longest path in which a leap is looked for that a hand could have gone while the tracker was away: what went before,
+gap, and what comes after. With more, a gesture read five times a second was doubted twice a minute for nothing; with
+less, so is no leap in a longer gap (paths without pictures, two seeds)."""
 _LEAST_STEPS = 4
 """Before a leap is looked for: fewer do not tell what the hand does usually, and more are lost after each gap."""
 _STAYS_NS = 100_000_000
@@ -101,6 +110,7 @@ class MarkerSlip(Detector):
         self._slip = np.eye(4)
         self._usual = np.zeros(2)
         self._leapt_ns: int | None = None
+        self._before_ns = 0
 
     def pose(self, pose: Pose) -> None:
         """See Detector; it waits for a picture of its time."""
@@ -113,7 +123,7 @@ class MarkerSlip(Detector):
             return False
         witness = seen.moved is not None and seen.likeness >= _ALIKE
         self._pictures.append(_Seen(seen.t_ns, seen.moved if witness else None, seen.likeness))
-        while self._pictures[0].t_ns < seen.t_ns - 2 * (_HISTORY_NS + _STAYS_NS):
+        while self._pictures[0].t_ns < seen.t_ns - 2 * (_HISTORY_NS + _STAYS_NS) - MOST_APART_NS:
             self._pictures.popleft()
         leapt = False
         while self._waiting and self._waiting[0][0] <= seen.t_ns:
@@ -166,13 +176,14 @@ class MarkerSlip(Detector):
         if self._track and not 0 < t_ns - self._track[-1][0] <= MOST_APART_NS:
             self._restart()
         odd = self._is_odd(t_ns, matrix)
+        before_ns = self._track[-1][0] if self._track else t_ns
         self._track.append((t_ns, matrix))
         self._past.append((t_ns, matrix))
         while self._past[0][0] < t_ns - _PAST_NS:
             self._past.popleft()
         if odd and self._leapt_ns is None:
-            self._leapt_ns = t_ns
-        since_ns = (self._leapt_ns or t_ns) - _HISTORY_NS
+            self._leapt_ns, self._before_ns = t_ns, before_ns
+        since_ns = (t_ns if self._leapt_ns is None else self._before_ns) - _HISTORY_NS
         while len(self._track) > _LEAST_STEPS + 1 and self._track[1][0] < since_ns:
             self._track.popleft()
         leapt_ns = self._leapt_ns
@@ -206,13 +217,17 @@ class MarkerSlip(Detector):
         after = int(np.searchsorted(t_ns, leapt_ns))
         base = self._track[after - 1][1]
         path = self._path(base, self._track)
-        found = self._surest(t_ns, path, after)
+        found, taken_ns = self._surest(t_ns, path, after)
         if found is None:
             return False
-        unseen = self._unseen(found.size, leapt_ns)
+        unseen = self._unseen(found.size, int(t_ns[after - 1]), leapt_ns)
         if unseen is None:
             self._leave(after)
             return True
+        if not self._too_far(found.size, taken_ns):
+            doubted = self._spoils(unseen)
+            self._leave(after if doubted else 0)
+            return doubted
         if not self._too_far(unseen, 0):
             return False
         if not self._falls_back(base, t_ns, path, after, found):
@@ -238,10 +253,12 @@ class MarkerSlip(Detector):
         turns = np.array([vector_from_rotation(one[:3, :3]) for one in motion])
         return np.column_stack([motion[:, :3, 3], turns])
 
-    def _surest(self, t_ns: Array, path: Array, after: int) -> Leap | None:
-        """The surest of the fits without, one or two readings on the way; None where none is a leap of more than a hand
-        does."""
+    def _surest(self, t_ns: Array, path: Array, after: int) -> tuple[Leap | None, int]:
+        """The surest of the fits without, one or two readings on the way, and the time, ns, that the leap took; None
+        where none is a leap of more than a hand does, or of what the limits allow."""
         best: Leap | None = None
+        best_ns = 0
+        smooth = t_ns[-1] - t_ns[0] <= _SMOOTH_NS
         for pieces in range(_PIECES):
             kept = np.r_[:after, after + pieces : t_ns.size]
             if pieces and t_ns[after + pieces] - t_ns[after] > _ON_ITS_WAY_NS:
@@ -250,9 +267,11 @@ class MarkerSlip(Detector):
             if found is None or found.certain < _CERTAIN or not found.clean:
                 continue
             taken_ns = int(t_ns[kept][after] - t_ns[after - 1])
-            if self._too_far(found.size, taken_ns) and (best is None or found.certain > best.certain):
-                best = found
-        return best
+            if not (self._too_far(found.size, taken_ns) or (smooth and self._spoils(found.size))):
+                continue
+            if best is None or found.certain > best.certain:
+                best, best_ns = found, taken_ns
+        return best, best_ns
 
     def _too_far(self, size: Array, taken_ns: int) -> bool:
         """Whether the marker went further than a hand may suddenly go in that time."""
@@ -262,27 +281,35 @@ class MarkerSlip(Detector):
             _LEAST_RAD, _FAST_RAD_PER_S * taken_s
         )
 
+    def _spoils(self, size: Array) -> bool:
+        """Whether a leap of the picture plane (6,) alone would bring the body beyond a limit."""
+        moved_mm, turned_rad = _extent(self._of_body(size))
+        return moved_mm > self._limits.offset_mm or turned_rad > np.deg2rad(self._limits.rotation_deg)
+
     def _of_body(self, size: Array) -> Matrix4:
         """(4, 4) in sensor axes of a leap of the picture plane (6,)."""
         return np.asarray(self._back @ rigid(rotation_from_vector(size[3:]), size[:3]) @ self._X)
 
-    def _unseen(self, size: Array, leapt_ns: int) -> Array | None:
-        """(6,) what of a leap the pictures do not show; None where they cannot tell."""
-        around = [one for one in self._pictures if abs(one.t_ns - leapt_ns) <= _SHIFT_NS]
+    def _unseen(self, size: Array, before_ns: int, leapt_ns: int) -> Array | None:
+        """(6,) what of a leap between two readings the pictures do not show; None where they cannot tell."""
+        since_ns = before_ns - _SHIFT_NS
+        around = [one for one in self._pictures if since_ns <= one.t_ns <= leapt_ns + _SHIFT_NS]
         if len(around) < 2 or any(one.moved is None for one in around):
             return None
         left = size.copy()
-        left[[0, 1, 5]] -= self._seen_leap(size[[0, 1, 5]], leapt_ns)
+        left[[0, 1, 5]] -= self._seen_leap(size[[0, 1, 5]], before_ns, leapt_ns)
         out_mm = hypot(size[2], size[3] * self._reach_mm[1], size[4] * self._reach_mm[0])
-        before = [one.away_mm for one in self._pictures if one.t_ns < leapt_ns - _SHIFT_NS]
+        before = [one.away_mm for one in self._pictures if since_ns - 2 * _HISTORY_NS <= one.t_ns < since_ns]
         shown_mm = max(one.away_mm for one in around) - max(before, default=0.0)
         if shown_mm > _DENIED * out_mm:
             left[2:5] = 0.0
         return left
 
-    def _seen_leap(self, wanted: Array, leapt_ns: int) -> Array:
-        """(3,) leap of the picture near that time that is most like the wanted one; nothing where that is nearer."""
-        since_ns = leapt_ns - _HISTORY_NS - _SHIFT_NS / 2
+    def _seen_leap(self, wanted: Array, before_ns: int, leapt_ns: int) -> Array:
+        """(3,) leap of the picture near that time that is most like the wanted one; nothing where that is nearer. Its
+        way is what the tracker could see of it: nothing for as long as no reading came.
+        """
+        since_ns, away_ns = before_ns - _HISTORY_NS - _SHIFT_NS / 2, leapt_ns - before_ns
         pictures = [one for one in self._pictures if one.t_ns >= since_ns]
         moved = [np.zeros(3) if one.moved is None else one.moved for one in pictures]
         path = np.cumsum(moved, axis=0)
@@ -290,7 +317,9 @@ class MarkerSlip(Detector):
         reach = np.array([1.0, 1.0, hypot(*self._reach_mm)])
         best = np.zeros(3)
         for after in np.flatnonzero(np.abs(t_ns - leapt_ns) <= _SHIFT_NS):
-            found = fit_leap(t_ns / 1e9, path, int(after), _FLOOR[:3])
+            seen = (t_ns <= t_ns[after] - away_ns) | (t_ns >= t_ns[after])
+            first = int(np.count_nonzero(seen[:after]))
+            found = fit_leap(t_ns[seen] / 1e9, path[seen], first, _FLOOR[:3])
             if found is not None and np.linalg.norm((wanted - found.size) * reach) < np.linalg.norm(
                 (wanted - best) * reach
             ):

@@ -45,13 +45,17 @@ def gesture(t_s: float) -> Array:
 
 
 class Cart:
-    """Poses and pictures of a hand; the picture sees all of it but what leaves the plane. late_s: of the poses."""
+    """Poses and pictures of a hand; the picture sees all of it but what leaves the plane. late_s: of the poses.
+
+    away_s: (n, 2) from when until when no pose comes.
+    """
 
     def __init__(self, hand: Hand = sweep, hz: float = 60.0, noise_mm: float = 0.1, late_s: float = 0.0) -> None:
         self.slip = MarkerSlip(Limits(), TRUTH)
         self._hand, self._hz, self._noise_mm, self._late_s = hand, hz, noise_mm, late_s
         self._random = np.random.default_rng(1)
         self._poses = self._pictures = 0
+        self.away_s = np.zeros((0, 2))
         self.doubts: list[float] = []
         self.faults: list[tuple[float, str]] = []
 
@@ -83,6 +87,8 @@ class Cart:
     def _pose(self, t_s: float, body: Array) -> None:
         noise = self._random.standard_normal(6) * ([self._noise_mm] * 3 + [self._noise_mm * 0.0035] * 3)
         shaken = rigid(rotation_from_vector(noise[3:]), noise[:3])
+        if np.any((self.away_s[:, 0] <= t_s) & (t_s < self.away_s[:, 1])):
+            return
         matrix = self.plane(t_s - self._late_s) @ X @ body @ shaken
         self.slip.pose(Pose(Stamp(round(t_s * 1e9), 0), self._poses, matrix, 0.1, PoseStatus.OK))
 
@@ -197,6 +203,38 @@ def test_a_twist_after_which_the_picture_is_less_alike_is_the_probe_s() -> None:
 def test_an_outlier_that_leaps_back_is_no_slip(pictures, hz) -> None:
     cart = Cart(hz=hz).go(1.0).go(1.0 + pictures / FPS, SLID).go(2.0)
     assert (cart.faults, cart.doubts) == ([], [])
+
+
+@pytest.mark.parametrize("hand", [sweep, gesture])
+@pytest.mark.parametrize("body", [slid(2, 5.0), slid(0, -9.0), bent(0, 3.5), bent(1, 7.0)])
+@pytest.mark.parametrize("away_s", [0.1, 0.17, 0.23])
+def test_a_leap_while_the_tracker_was_away_is_doubted_where_a_hand_could_have_gone_as_far(hand, body, away_s) -> None:
+    """The pictures went on, and show none of it."""
+    cart = Cart(hand)
+    cart.away_s = np.array([[1.5 - away_s / 2, 1.5 + away_s / 2]])
+    cart.go(1.5).go(2.2, body)
+    assert len(cart.doubts) == 1
+    assert cart.doubts[0] <= 1.5 + away_s / 2 + 0.2
+
+
+@pytest.mark.parametrize("hand", [sweep, gesture, trembling])
+@pytest.mark.parametrize("away_s", [0.1, 0.17, 0.23])
+def test_a_hand_that_goes_on_while_the_tracker_is_away_is_not_doubted(hand, away_s) -> None:
+    cart = Cart(hand)
+    cart.away_s = np.arange(1.0, 20.0, 0.83)[:, None] + [0.0, away_s]
+    assert cart.go(20.0).doubts == []
+
+
+def test_a_leap_of_the_hand_while_the_tracker_was_away_is_in_the_picture() -> None:
+    """6 mm within .2 s, as fast as a hand suddenly goes."""
+    way = np.array([5.0, 3.0, 0, 0, 0, 0.05])
+    cart = Cart(lambda t_s: sweep(t_s) + way * np.clip((t_s - 1.0) / 0.2, 0, 1))
+    cart.away_s = np.array([[1.0, 1.2]])
+    assert cart.go(2.0).doubts == []
+
+
+def test_readings_five_times_a_second_are_too_few_to_doubt_a_hand() -> None:
+    assert Cart(gesture, hz=5.0).go(30.0).doubts == []
 
 
 def test_small_leaps_add_up() -> None:
