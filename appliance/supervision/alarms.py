@@ -95,11 +95,14 @@ HAZARDS: dict[Fault, Hazard] = {
         "Set the scanner's depth and zoom as calibrated",
         "Set the scanner's depth and zoom as calibrated, else recalibrate",
     ),
-    Fault.ROTATION: Hazard("Marker body has turned", "Check the clamp; then 'probewatch calibration recover'"),
+    Fault.ROTATION: Hazard(
+        "Marker body or tracker has turned",
+        "Scan: if it verifies, the tracker moved; else clamp, 'calibration recover'",
+    ),
     Fault.OFFSET: Hazard(
-        "Marker body has slipped",
-        "Check the clamp; then 'probewatch calibration recover'",
-        "Check the marker clamp, then recalibrate",
+        "Marker body or tracker has moved",
+        "Scan: if it verifies, the tracker moved; else clamp, 'calibration recover'",
+        "Scan: if it verifies, the tracker moved; else check clamp, recalibrate",
     ),
     Fault.LATENCY: Hazard("Tracker and picture are out of step", "Check frame rate; set latency_ms as proposed"),
     Fault.POSE_CONVENTION: Hazard("Tracker's axes do not fit", "Check the tool file and the tracker's export"),

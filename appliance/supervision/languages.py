@@ -37,10 +37,14 @@ GERMAN = {
     "Set the scanner's depth and zoom as calibrated, else recalibrate": (
         "Tiefe und Zoom wie bei der Kalibrierung einstellen, sonst neu kalibrieren"
     ),
-    "Marker body has turned": "Markerkörper ist verdreht",
-    "Check the clamp; then 'probewatch calibration recover'": "Klemme prüfen; dann 'probewatch calibration recover'",
-    "Check the marker clamp, then recalibrate": "Klemme des Markerkörpers prüfen, dann neu kalibrieren",
-    "Marker body has slipped": "Markerkörper ist verrutscht",
+    "Marker body or tracker has turned": "Markerkörper oder Tracker ist verdreht",
+    "Scan: if it verifies, the tracker moved; else clamp, 'calibration recover'": (
+        "Schallen; wird bestätigt: Tracker; sonst Klemme, 'calibration recover'"
+    ),
+    "Scan: if it verifies, the tracker moved; else check clamp, recalibrate": (
+        "Schallen; wird bestätigt: Tracker; sonst Klemme prüfen, neu kalibrieren"
+    ),
+    "Marker body or tracker has moved": "Markerkörper oder Tracker ist verrutscht",
     "Tracker and picture are out of step": "Tracker und Bild laufen auseinander",
     "Check frame rate; set latency_ms as proposed": "Bildrate prüfen; latency_ms wie vorgeschlagen setzen",
     "Tracker's axes do not fit": "Achsen des Trackers passen nicht",

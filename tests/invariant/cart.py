@@ -95,7 +95,7 @@ class Cart:
         self.alarm: AlarmState | None = None
         self.newest: Verdict | None = None
         self._enforced = enforced
-        self._hand, self._scanner, self._tracker = Hand(seed, tilt_deg), Scanner(seed), Tracker(seed)
+        self._hand, self._scanner, self.tracker = Hand(seed, tilt_deg), Scanner(seed), Tracker(seed)
         self._limits = Limits(required_age_s=asked, at_rest_s=at_rest_s)
         self._reference, self._discerning = reference(), discerning
         self.line, self._supervisor = (
@@ -261,7 +261,7 @@ class Cart:
         if fate is Poses.NAN:
             return np.full((4, 4), np.nan)
         if fate is not Poses.REPEATED or self._reading is None:
-            self._reading = self._tracker.reading(pose, self._change)
+            self._reading = self.tracker.reading(pose, self._change)
         return self._reading
 
     def _stamped(self, what: str, stamps: Stamps) -> tuple[int, bool]:

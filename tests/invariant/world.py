@@ -235,14 +235,15 @@ class Scanner:
 
 
 class Tracker:
-    """Reads the pose of the marker body."""
+    """Reads the pose of the marker body. moved: (4, 4) its own axes of before → now; a bump changes them."""
 
     def __init__(self, seed: int) -> None:
         self._random = np.random.default_rng((seed, 3))
+        self.moved: Matrix4 = np.eye(4)
 
     def reading(self, pose: Matrix4, change: Change = NONE) -> Matrix4:
         """(4, 4) sensor → tracker, mm, as reported for the picture's pose."""
         spread = _rigid(self._random.normal(0, _SPREAD_RAD, 3), np.zeros(3))
-        reading = _FROM_TISSUE @ pose @ X_REFERENCE @ change.body @ spread
+        reading = self.moved @ _FROM_TISSUE @ pose @ X_REFERENCE @ change.body @ spread
         reading[:3, 3] += self._random.normal(0, _SPREAD_MM, 3)
         return reading
