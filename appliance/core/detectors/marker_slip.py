@@ -4,8 +4,8 @@ A probe in a hand cannot leap. Where the tracker does, between two readings, and
 have moved or changed through X, shows none of it, it was the marker body that moved: bent (it turned) or slid (it only
 shifted). Leaps add up, so one that is undone is forgiven; an outlier, which leaps out and back, is none.
 
-A tracker's camera that is bumped, or pose times that swing by a tenth of a second, leap alike; the operator's text names
-both. After a bump motion verifies again, and forgives the leap; poses relative to a reference tool leap for none.
+A tracker's camera that is bumped, or pose times that swing by a tenth of a second, leap alike: the operator's text
+names both. After a bump motion verifies again, and forgives the leap; poses relative to a reference tool do not leap.
 
 Three kinds name nothing, but what was shown before them counts no more: a leap that no picture witnesses; one beyond a
 limit that a hand could have gone while the tracker was away for a moment, and that the pictures do not show; and one to
