@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.path.conventions import READINGS, Convention, turned_sensors
+from appliance.core.path.latency import MEMORY_S
 from appliance.core.path.steps import SensorSteps, picture_steps
 from appliance.core.path.window import PathWindow
 from appliance.core.spread_work import CONVENTIONS, LAG, LAGS, Work
@@ -30,8 +31,6 @@ _STEP_S = 0.16
 """Length of the steps. Longer ones let breathing in, which is slow; shorter ones drown in tracker noise."""
 _FLOORS = np.square([0.1, 0.1, np.deg2rad(0.03)])
 """mm² and rad² in which lateral and axial steps and turns do not matter: noise of a tracker's two readings."""
-_MEMORY_S = 0.35
-"""Steps nearer to one another say the same, as for the fine search (`appliance.core.path.latency`)."""
 _LEAST_S = 0.6
 """Of motion whose poses are known at a lag, for that lag to be weighed: as long as two steps that share nothing. What
 less motion shows is too little for `MARGIN` anyway.
@@ -217,5 +216,5 @@ class _Steps:
         left = np.log((seen + told - 2 * together + floor) / (seen + floor)).sum(axis=0)
         agreement = 2 * together / (seen + told + floor)
         span_s = self.span_s * reached.mean(axis=1)
-        scores = np.where(span_s >= _LEAST_S, 0.5 * span_s / _MEMORY_S * left, 0.0)
+        scores = np.where(span_s >= _LEAST_S, 0.5 * span_s / MEMORY_S * left, 0.0)
         return _Fits(convention, lags_s, scores, agreement)

@@ -38,7 +38,7 @@ _LEAST_DEPTH = 5.0
 """By how much, in log likelihood, the best lag must beat the usual one. Less takes chance for a lag, more leaves it
 unknown in slow sweeps. Not measured.
 """
-_MEMORY_S = 0.35
+MEMORY_S = 0.35
 """Steps that begin nearer to one another say the same. More widens sigma; with this it covers the error in 95 % of runs
 (tests/appliance/core/path/test_latency.py).
 """
@@ -112,7 +112,7 @@ class _Steps:
     reach.
 
     first: index of the picture where each begins. independent: degrees of freedom; a hand's motion and what the map
-    leaves of it change over about `_MEMORY_S`.
+    leaves of it change over about `MEMORY_S`.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class _Steps:
     ) -> None:
         self._path_mm, self._frames = path_mm, frames
         self.first = np.flatnonzero((chain[frames:] == chain[:-frames]) & told[:-frames] & told[frames:])
-        apart = max(frames, round(_MEMORY_S / period_s))
+        apart = max(frames, round(MEMORY_S / period_s))
         self.independent = max(2 * self.first.size / apart - _MAP_PARAMETERS, 0.0)
 
     def misfit(self, places_mm: Array, stride: int) -> Array:

@@ -13,17 +13,18 @@ from appliance.core.quality.examiner import BREATHED, Examiner
 from appliance.core.quality.field_distortion import FieldDistortion
 from appliance.core.quality.rest import Rest
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
+from appliance.core.quality.shown import PRESENT_NS
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
 from appliance.core.spread_work import Work
-from appliance.limits import NAMED_NATS, Limits
+from appliance.limits import NAMED_NATS, SWEPT_AGE_S, Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 
 _SHORT_NS = 3_500_000_000
 """The window that finds a change. Longer names it later: a scale is named within 4 s
 (tests/appliance/core/quality/test_evidence.py). Shorter shows too little to be sure by three sigmas.
 """
-_LIVELY_NS, _LONG_NS = 10_000_000_000, 30_000_000_000
+_LIVELY_NS, _LONG_NS = PRESENT_NS, round(SWEPT_AGE_S * 1e9)
 """The window that measures. Longer measures better, and lets what has slowly changed count for longer as what was: what
 it shows is half as old as it is long. Ten seconds of lively motion in the plane show what is required, as do thirty of
 an elevational sweep with a hand's tremor (docs/study.md).

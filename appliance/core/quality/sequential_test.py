@@ -29,6 +29,7 @@ from appliance.core.quality.bounded_fit import (
 )
 from appliance.core.quality.field_distortion import distortion_nats
 from appliance.core.quality.innovations import Innovations
+from appliance.core.quality.shown import PRESENT_NS
 from appliance.core.spread_work import INNOVATIONS, TRIAL, Work
 from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
 from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
@@ -36,7 +37,7 @@ from drivers.rigid import Array
 
 FINDS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
 
-WINDOW_NS = 10_000_000_000
+WINDOW_NS = PRESENT_NS
 """Of the oldest start: as long as the window that measures. Longer finds smaller changes later, and costs time."""
 _STARTS = (10, 14, 19, 26, 36, 45, 58, 76, 100)
 """Lengths that are tested, in blocks of a tenth of a second: each about 1.3 times the one before. A change between two
