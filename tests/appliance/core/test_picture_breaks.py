@@ -1,0 +1,76 @@
+"""A picture becomes another while the contact is closed: it opens within a second, and stays open."""
+
+from dataclasses import replace
+from functools import lru_cache
+from itertools import product
+
+import pytest
+
+from appliance.core.line import Line
+from appliance.supervision.timeline import Timeline
+from appliance.types import State
+from drivers.samples import Frame, GreyImage
+from tests.support.picture_breaks import BREAKS, Break, Other
+from tools.study.outcome import closed_share
+from tools.study.samples import Conditions, rendered, samples, stamp_ns
+from tools.study.session import Session
+
+FPS, BREAKS_S, OPEN_WITHIN_S, ENDS_S = 30, 8.0, 1.0, 11.0
+"""The gesture has ended two seconds before."""
+HOLD, SWEEP, GESTURE = "gesture-hold", "gesture-elevational-5", "gesture-in-plane"
+NOT_A_BREAK = Break(Other())
+TRIED = [
+    *product([HOLD], BREAKS),
+    *product([SWEEP], [".2 s of black, then zoomed", "one torn picture, then zoomed", "an animated zoom"]),
+    *product([GESTURE], [".2 s of black, then mirrored", "zoomed about a region of interest"]),
+]
+
+
+@lru_cache(maxsize=3)
+def pictures(session: Session) -> list[GreyImage]:
+    return rendered(session, None)
+
+
+def closed_s(name: str, seed: int, happening: Break) -> tuple[bool, float]:
+    """Whether the contact was closed when it happened, and for how long it was later than a second after."""
+    session = Session(name, "still", seed, ENDS_S)
+    conditions = Conditions(session)
+    line = Line(session.reference, conditions.judging.limits)
+    timeline = Timeline(stamp_ns(0.0), stamp_ns(0.0), stamp_ns(ENDS_S), conditions.judging)
+    first = round(BREAKS_S * FPS)
+    for sample in samples(conditions, pictures(session)):
+        if isinstance(sample, Frame):
+            sample = replace(sample, image=happening.shown(pictures(session), sample.sequence, first))
+        timeline.step(sample, line.step(sample))
+    timeline.finish()
+    changes = timeline.changes
+    before = next(change for change in reversed(changes) if change.t_s < BREAKS_S)
+    open_s = BREAKS_S + happening.lasting / FPS + OPEN_WITHIN_S
+    then = [change for change in changes if change.t_s <= open_s][-1]
+    later = [replace(then, t_s=open_s), *(change for change in changes if change.t_s > open_s)]
+    shares = closed_share([replace(change, t_s=change.t_s - open_s) for change in later], ENDS_S - open_s)
+    return before.state is State.MONITORING, shares * (ENDS_S - open_s)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("name", "what"), TRIED)
+def test_a_broken_picture_opens_the_contact_within_a_second_and_for_good(name: str, what: str) -> None:
+    assert closed_s(name, 1, BREAKS[what]) == (True, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3, 4])
+@pytest.mark.parametrize("name", [HOLD, SWEEP, GESTURE, "gesture-mixed"])
+@pytest.mark.parametrize("what", BREAKS)
+def test_it_does_in_each_motion_and_with_each_seed(name: str, what: str, seed: int) -> None:
+    assert closed_s(name, seed, BREAKS[what]) == (True, 0.0)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", [HOLD, SWEEP, GESTURE])
+@pytest.mark.parametrize("lasting", [0, 1, 6])
+def test_a_picture_that_is_the_same_after_a_blank_keeps_it_closed(name: str, lasting: int) -> None:
+    """In a sweep a fifth of a second is a millimetre, after which the tissue is known still."""
+    was_closed, later_s = closed_s(name, 1, replace(NOT_A_BREAK, lasting=lasting))
+    assert was_closed
+    assert later_s == pytest.approx(ENDS_S - BREAKS_S - lasting / FPS - OPEN_WITHIN_S, abs=0.1)
