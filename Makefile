@@ -6,6 +6,9 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 # Tests start hundreds of processes, each of which would compile the same modules again.
 unexport PYTHONDONTWRITEBYTECODE
 
+# With `exec` before it, so that SIGTERM to make reaches the program and not a shell around it.
+ONE_THREAD := env OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types contracts quick thorough invariant \
   failures live mutation pythons slow test-arm64 evidence evidence-full false-alarms coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
@@ -39,9 +42,9 @@ quick: $(VENV)/dev ## the quick test suite alone
 thorough: $(VENV)/dev ## heavier tests that CI runs too (about five minutes)
 	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
-FRAMES ?= 100000
-invariant: $(VENV)/dev ## the contact never outlives its evidence: 100,000 frames of random disturbances (two processors for eight minutes)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.invariant $(FRAMES)
+FRAMES ?= 25000
+invariant: $(VENV)/dev ## the contact never outlives its evidence: 25,000 frames of random disturbances, others for each commit (two minutes); SEED=… FRAMES=… for those of another run
+	@exec $(ONE_THREAD) $(BIN)/python -m tests.invariant $(FRAMES) $(SEED)
 
 ##@ Before a release
 
@@ -61,7 +64,7 @@ pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3
 slow: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m "slow and not cart" -n 2
 
-MEASURED = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.development.evidence
+MEASURED = exec $(ONE_THREAD) $(BIN)/python -m tools.development.evidence
 WHERE = $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS)) $(if $(SCHEDULER),--scheduler $(SCHEDULER))
 evidence: $(VENV)/dev ## the short study of hazards and false alarms: docs/evidence.md (for two idle processors, about ten minutes)
 	$(MEASURED) short $(WHERE)
@@ -72,7 +75,7 @@ evidence-full: $(VENV)/dev ## the same over 1,000 simulated hours: about 200 hou
 	$(BIN)/python -m tools.development.manual
 
 false-alarms: $(VENV)/dev ## signs and names in healthy scanning, on paths without pictures (an hour of one processor for SEEDS=2; goes on where it ended)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.development.false_alarms $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS))
+	exec $(ONE_THREAD) $(BIN)/python -m tools.development.false_alarms $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS))
 	$(BIN)/python -m tools.development.manual
 
 coverage-page: $(VENV)/dev ## how often healthy scanning is verified: docs/coverage.md (for two idle processors, about fifteen minutes)
@@ -118,10 +121,10 @@ onlookers: $(VENV)/dev ## from detecting to the open contact, with everything th
 VIEWS ?= 2000
 SCANS ?= 200
 crosswire: $(VENV)/dev ## the cross-wire tool on 2,000 rendered views, on as many held out and of another renderer, and on 200 scans (half an hour of one processor)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.crosswire $(VIEWS) $(SCANS)
+	exec $(ONE_THREAD) $(BIN)/python -m tests.crosswire $(VIEWS) $(SCANS)
 
 crosswire-scans: $(VENV)/dev ## 200 guided scans with pictures, held out; goes on where the last run ended (an hour and a half of one processor)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.crosswire pictures $(SCANS) results/crosswire-scans.jsonl
+	exec $(ONE_THREAD) $(BIN)/python -m tests.crosswire pictures $(SCANS) results/crosswire-scans.jsonl
 
 paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
 	$(BIN)/python -m tests.paper

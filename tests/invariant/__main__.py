@@ -1,25 +1,51 @@
 """`python -m tests.invariant [FRAMES [SEED]]`: the state machine for so many frames, other sequences for each seed.
 
-As many processes as there are processors share the frames; each takes every so manyth seed.
+Without a seed it is made of the commit, so that every commit tries other ones. The same frames and seed are the same
+sequences on every computer: the frames are divided into shares, each with seeds of its own, and as many shares are
+beside each other as there are processors.
 """
 
-import multiprocessing
 import os
-import sys
-from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
+from hashlib import sha256
 
-from tests.invariant.long_run import share
+import click
 
-FRAMES = 100_000
+from tests.invariant.long_run import Share
+from tools.shared.interruption import said_when_interrupted
+from tools.study.table import commit
+from tools.study.workers import results
+
+_SHARE_FRAMES = 12_500
+"""A minute of one processor: two of them are busy for the whole of the gate's 25,000 frames."""
 
 
-def main() -> None:
-    frames, seed = ([int(argument) for argument in sys.argv[1:]] + [FRAMES, 1][len(sys.argv) - 1 :])[:2]
-    count = os.cpu_count() or 1
-    with ProcessPoolExecutor(count, multiprocessing.get_context("spawn")) as pool:
-        parts = [pool.submit(share, seed + number, -(-frames // count), count) for number in range(count)]
-        done = sum(part.result() for part in parts)
-    print(f"{done:,} frames: the contact never outlived its evidence")
+@click.command()
+@click.argument("frames", default=25_000, type=click.IntRange(1))
+@click.argument("seed", required=False, type=click.IntRange(0))
+def main(frames: int, seed: int | None) -> None:
+    """Raise what breaks; its notes say the seed."""
+    origin = "" if seed is not None else f", made of commit {commit().removesuffix('+')}"
+    seed = seed_of(commit()) if seed is None else seed
+    what = f"invariant, {frames:,} frames from seed {seed}{origin}; again: make invariant SEED={seed} FRAMES={frames}"
+    print(what, flush=True)
+    with (
+        said_when_interrupted(what),
+        closing(results(Share.run, shares(frames, seed), os.cpu_count() or 1, None)) as done,
+    ):
+        total = sum(done)
+    print(f"{total:,} frames: the contact never outlived its evidence")
+
+
+def seed_of(commit_told: str) -> int:
+    """Another for each commit; files that differ from it, which "+" says, change no seed."""
+    return int(sha256(commit_told.removesuffix("+").encode()).hexdigest()[:8], 16)
+
+
+def shares(frames: int, seed: int) -> list[Share]:
+    """Together so many frames or more."""
+    count = -(-frames // _SHARE_FRAMES)
+    return [Share(seed + number, -(-frames // count), count) for number in range(count)]
 
 
 if __name__ == "__main__":

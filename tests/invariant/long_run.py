@@ -1,6 +1,7 @@
 """The state machine for many frames, in one process or as the share of one among several."""
 
 import time
+from dataclasses import dataclass
 from math import ceil
 
 import cv2
@@ -10,6 +11,8 @@ from tests.invariant.machine import Room, room_test
 
 _ROOMS, _STEPS = 12, 8
 """Of one seed, at most."""
+_ROOM_FRAMES = 1900
+"""Of such a room on average, over eight of one seed: how many rooms the first seed has, where fewer will do."""
 
 
 def long_run(seed: int, frames: int, stride: int = 1) -> int:
@@ -27,7 +30,8 @@ def long_run(seed: int, frames: int, stride: int = 1) -> int:
 
     Room.done = staticmethod(progress)
     while (done := Cart.frames - first) < frames:
-        rooms = min(_ROOMS, ceil((frames - done) / done * ended)) if done else _ROOMS
+        a_room = done / ended if done else _ROOM_FRAMES
+        rooms = min(_ROOMS, ceil((frames - done) / a_room))
         try:
             room_test(rooms, _STEPS, seed)()
         except BaseException as error:
@@ -38,6 +42,15 @@ def long_run(seed: int, frames: int, stride: int = 1) -> int:
     return Cart.frames - first
 
 
-def share(seed: int, frames: int, stride: int) -> int:
-    cv2.setNumThreads(1)
-    return long_run(seed, frames, stride)
+@dataclass(frozen=True)
+class Share:
+    """One process's part of a run: every stride-th seed from `seed` on."""
+
+    seed: int
+    frames: int
+    stride: int
+
+    def run(self) -> int:
+        """Frames that were delivered."""
+        cv2.setNumThreads(1)
+        return long_run(self.seed, self.frames, self.stride)

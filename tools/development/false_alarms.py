@@ -8,6 +8,7 @@ cadence of the line, and its verdicts to the supervisor. What needs pictures, su
 import json
 import os
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import product
 from math import sqrt
@@ -26,6 +27,7 @@ from appliance.types import Fault, Motion, MotionKind, State, VerdictKind
 from drivers.rigid import Array, rigid, rotation_from_vector
 from drivers.samples import Stamp
 from tools.development.false_alarm_pages import FIGURES
+from tools.shared.interruption import said_when_interrupted
 from tools.shared.terminal import progress_bar
 from tools.study.hand import PROGRAMS
 from tools.study.plan import tracker_of
@@ -255,9 +257,15 @@ def main(seeds: int, jobs: int, most_minutes: float) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     table = StudyTable(folder / "rows.csv", KEYS)
     left = [quiet for quiet in planned(seeds) if quiet.key not in table.done]
-    with progress_bar("session {task.completed:.0f} of {task.total:.0f}") as progress:
+    begun_again = f"what is played is kept in {table.path}, and begun again it goes on there"
+    click.echo(f"false alarms: {len(left)} sessions are left to play; {begun_again}")
+    done = results(Quiet.rows, left, jobs, None) if jobs > 1 else (quiet.rows() for quiet in left)
+    with (
+        said_when_interrupted(f"false alarms, --seeds {seeds}; {begun_again}"),
+        progress_bar("session {task.completed:.0f} of {task.total:.0f}") as progress,
+        closing(done),
+    ):
         bar = progress.add_task("sessions", total=len(left))
-        done = results(Quiet.rows, left, jobs, None) if jobs > 1 else (quiet.rows() for quiet in left)
         for rows in done:
             table.add(rows)
             progress.advance(bar)

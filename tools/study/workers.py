@@ -4,7 +4,7 @@ import logging
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
@@ -33,30 +33,43 @@ Say = Callable[[str], None]
 
 def results(
     work: Callable[[_T], _R], tasks: Iterable[_T], jobs: int, scheduler: str | None, say: Say = lambda _: None
-) -> Iterator[_R]:
+) -> Generator[_R, None, None]:
     """work(task) of every task, in the order in which they end. Raises DeviceLost where a worker died, or where the
     scheduler did not answer in the first place; one that vanishes or hangs later is told to `say`, waited for, and
-    given again what it had not done. Raises what work raises.
+    given again what it had not done. Raises what work raises. Where it raises, or is closed before its end, the
+    processes of this computer are killed.
     """
     return _local(work, list(tasks), jobs) if scheduler is None else _remote(work, list(tasks), scheduler, say)
 
 
-def _local(work: Callable[[_T], _R], tasks: list[_T], jobs: int) -> Iterator[_R]:
+def _local(work: Callable[[_T], _R], tasks: list[_T], jobs: int) -> Generator[_R, None, None]:
     context = multiprocessing.get_context("spawn")
-    # In order, so that tasks on the same pictures follow one another in one process, which keeps them.
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=end_with_parent, initargs=(signal.SIGKILL,)) as pool:
-        futures = [pool.submit(work, task) for task in tasks]
+    others = set(multiprocessing.active_children())
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin) as pool:
         try:
+            # In order, so that tasks on the same pictures follow one another in one process, which keeps them.
+            futures = [pool.submit(work, task) for task in tasks]
             for future in as_completed(futures):
                 yield future.result()
-        except BrokenProcessPool as error:
-            remedy = "Too little memory? Give --jobs 1; what is done stays, so start it again"
-            raise DeviceLost("a worker process died", "study", remedy) from error
+        except BaseException as error:
+            # Otherwise the pool would wait for the tasks that its workers have begun.
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.kill()
+            if isinstance(error, BrokenProcessPool):
+                remedy = "Too little memory? Give --jobs 1; what is done stays, so start it again"
+                raise DeviceLost("a worker process died", "study", remedy) from error
+            raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _remote(work: Callable[[_T], _R], tasks: list[_T], scheduler: str, say: Say) -> Iterator[_R]:
+def _begin() -> None:
+    """Make a worker end with its parent, which alone decides what Ctrl-C ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent(signal.SIGKILL)
+
+
+def _remote(work: Callable[[_T], _R], tasks: list[_T], scheduler: str, say: Say) -> Generator[_R, None, None]:
     try:
         import distributed  # noqa: PLC0415  an extra that a cart does not have
     except ImportError:

@@ -1,0 +1,66 @@
+"""Long computations that somebody breaks off, as real processes: no worker is left, and it is said what was run."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.polling import until
+
+ROOT = Path(__file__).parents[3]
+INVARIANT = (
+    ("tests.invariant", "1000000", "7"),
+    "invariant, 1,000,000 frames from seed 7; again: make invariant SEED=7 ",
+)
+FALSE_ALARMS = ("tools.development.false_alarms", "--jobs", "2"), "false alarms, --seeds 4; what is played is kept in "
+
+
+def processes(session: int) -> list[int]:
+    """Of a session that this one began, without those that have ended."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, _, owner = stat.read_text().rpartition(") ")[2].split()[:4]
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if int(owner) == session and state != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+def at_work(session: int) -> int:
+    """How many of its processes are workers that have begun: Ctrl-C is not for them. multiprocessing's own helper, for
+    which it is not either, is none of them.
+    """
+    ignoring = 0
+    for pid in processes(session):
+        ignored = re.search(r"^SigIgn:\s*(\w+)$", Path(f"/proc/{pid}/status").read_text(), re.M)
+        ignoring += int(ignored[1], 16) >> (signal.SIGINT - 1) & 1 if ignored else 0
+    return ignoring - 1
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("command", "said"), [INVARIANT, FALSE_ALARMS], ids=["invariant", "false-alarms"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_broken_off_it_leaves_no_process_and_says_what_was_run(tmp_path, command, said, number):
+    """SIGINT goes to all of them, as Ctrl-C sends it; SIGTERM to the first alone."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    whole = [sys.executable, "-m", *command]
+    with subprocess.Popen(
+        whole, cwd=tmp_path, env=environment, text=True, stderr=subprocess.PIPE, start_new_session=True
+    ) as process:
+        try:
+            until(lambda: at_work(process.pid) >= 2, deadline_s=60)
+            (os.killpg if number is signal.SIGINT else os.kill)(process.pid, number)
+            _, stderr = process.communicate(timeout=10)
+            until(lambda: not processes(process.pid), 2, otherwise=lambda: processes(process.pid))
+        finally:
+            for pid in processes(process.pid):
+                os.kill(pid, signal.SIGKILL)
+    assert process.returncode == 128 + number
+    assert re.search(rf"^interrupted by {number.name}: {re.escape(said)}", stderr, re.M), stderr
+    assert "Traceback" not in stderr
