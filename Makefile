@@ -11,7 +11,7 @@ ONE_THREAD := env OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types contracts quick thorough invariant \
-  failures live mutation pythons slow test-arm64 evidence evidence-full false-alarms coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
+  release-check failures live mutation pythons slow test-arm64 evidence evidence-full false-alarms coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z0-9-]+:.*## /{printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -39,14 +39,17 @@ contracts: $(VENV)/dev ## who may import whom
 quick: $(VENV)/dev ## the quick test suite alone
 	$(BIN)/pytest -n 2 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb"
 
-thorough: $(VENV)/dev ## heavier tests that CI runs too (about five minutes)
-	$(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
+thorough: $(VENV)/dev ## the heavier tests (about five minutes); THIRD=1, 2 or 3 for a third of them, as the gate runs
+	PROBEWATCH_THIRD=$(THIRD) $(BIN)/pytest -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
 FRAMES ?= 25000
 invariant: $(VENV)/dev ## the contact never outlives its evidence: 25,000 frames of random disturbances, others for each commit (two minutes); SEED=… FRAMES=… for those of another run
 	@exec $(ONE_THREAD) $(BIN)/python -m tests.invariant $(FRAMES) $(SEED)
 
 ##@ Before a release
+
+release-check: $(VENV)/dev ## everything there is, one part after the other, and a table of it (hours; root for the machine tests)
+	@exec $(BIN)/python -m tests.rules.release
 
 failures: $(VENV)/dev ## every row of docs/failures.md on a simulated cart in real time (about two minutes)
 	$(BIN)/python -m tests.rules.retried -m "live and not slow" tests/live/test_failures.py

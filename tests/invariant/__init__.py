@@ -33,6 +33,6 @@ g. Break. The picture, by itself, mirrored, magnified, stretched or moved on the
 a is generous: it takes as shown whatever any line could have used, so a failure is never a matter of taste.
 
 `Room` (machine.py) is a hypothesis state machine over all of it; `python -m tests.invariant` (`make invariant`) runs it
-for 100,000 frames and more. scenarios.py holds the incidents with a name: the five holes by which a contact outlived
+for 25,000 frames and more. scenarios.py holds the incidents with a name: the five holes by which a contact outlived
 its evidence, and the twenty incidents of a bend that no motion could show. test_reopened.py opens the holes again.
 """

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.rules import deadline, pythons, retried, skips
+from tests.rules.changed import ABOUT
 
 ROOT = Path(__file__).parents[2]
 FIRST = next(iter(skips.allowed()))
@@ -68,7 +69,7 @@ def test_ci_runs_what_the_quick_suite_leaves_out_as_thorough() -> None:
     targets = (ROOT / "Makefile").read_text()
     rest = "not slow and not live and not cart and not deb"
     for target, which in (("quick", f"not thorough and {rest}"), ("thorough", f"thorough and {rest}")):
-        assert re.search(rf'^{target}:.*\n\t\$\(BIN\)/pytest .*-m "{which}"$', targets, re.M), target
+        assert re.search(rf'^{target}:.*\n\t.*\$\(BIN\)/pytest .*-m "{which}"$', targets, re.M), target
 
 
 DEADLINE = ("-p", "tests.rules.deadline")
@@ -106,13 +107,30 @@ def test_what_needs_the_computer_alone_runs_as_well() -> None:
 
 
 def test_ci_runs_every_part_that_gates_and_no_smaller_one() -> None:
-    """All of `make live`, and the invariant with all of its frames; Debian 13's Python on all but a slow machine."""
+    """All of `make live`, a third of `make thorough`; three parts where what they are about has changed."""
     script = (ROOT / ".ci/run").read_text()
     parts = re.findall(r"^part (.*)$", script, re.M)
-    whole = ["make test", "demo", "make thorough", "make test-deb SUITES=bookworm", "make invariant", "make mutation"]
-    whole += ["make live"]
+    third = 'make thorough THIRD="$(.venv/bin/python -m tests.rules.third)"'
+    whole = ["make test", "demo", third, "make invariant", "make live"]
     assert [part for part in whole if part not in parts] == []
-    assert re.search(r"^other_python 3.13 3900\b", script, re.M)
+    changed = dict(re.findall(r"^when_changed (\w+) (.*?)(?:  #.*)?$", script, re.M))
+    assert changed.keys() == ABOUT.keys()
+    assert changed["mutation"] == "part make mutation"
+    assert re.search(r"^when_changed pythons other_python 3.13 3900\b", script, re.M)
+
+
+@pytest.mark.parametrize(("code", "ran", "gate"), [(0, True, 0), (3, False, 0), (2, False, 2), (1, False, 1)])
+def test_a_part_is_left_out_only_where_nothing_that_it_is_about_has_changed(
+    tmp_path: Path, code: int, ran: bool, gate: int
+) -> None:
+    """What cannot be judged, such as a wrong PROBEWATCH_GATE_BASE, breaks the gate off."""
+    python = stand_in(tmp_path / ".venv/bin", "python", f'[ "$*" = "-m tests.rules.changed deb" ] && exit {code}')
+    function = re.search(r"^when_changed\(\) {\n.*?^}\n", (ROOT / ".ci/run").read_text(), re.M | re.S)
+    assert python.exists()
+    assert function is not None
+    script = f"set -euo pipefail\n{function[0]}when_changed deb echo ran it\necho 'went on'"
+    done = subprocess.run(["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, "ran it" in done.stdout, "went on" in done.stdout) == (gate, ran, gate == 0)
 
 
 def test_this_suite_follows_the_list(pytestconfig: pytest.Config) -> None:

@@ -1,0 +1,45 @@
+"""Which third of the thorough tests the gate runs. Pytest's part of it: PROBEWATCH_THIRD=1, 2 or 3 chooses, by hash of
+each test's name. `python -m tests.rules.third` prints the one of the commit that is checked out, and nothing, which
+chooses all, where it cannot be known: three commits in a row run every test.
+"""
+
+import os
+import sys
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+
+from tests.rules.changed import ROOT, git
+
+CHOSEN = "PROBEWATCH_THIRD"
+
+
+def third_of(test: str) -> str:
+    """The third to which a test belongs, by its name: "1", "2" or "3"."""
+    return str(int.from_bytes(sha256(test.encode()).digest()[:4]) % 3 + 1)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    chosen = os.environ.get(CHOSEN, "")
+    if not chosen:
+        return
+    if chosen not in ("1", "2", "3"):
+        raise pytest.UsageError(f"{CHOSEN} is {chosen!r}: give 1, 2 or 3, or nothing for all tests")
+    left_out = [item for item in items if third_of(item.nodeid) != chosen]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if third_of(item.nodeid) == chosen]
+
+
+def third_of_commit(folder: Path) -> str:
+    """The next one with each commit; empty where a clone without all commits, or none at all, does not tell."""
+    shallow = git(folder, "rev-parse", "--is-shallow-repository")
+    count = git(folder, "rev-list", "--count", "--first-parent", "HEAD")
+    return str(int(count) % 3 + 1) if shallow == "false" and count else ""
+
+
+if __name__ == "__main__":
+    third = third_of_commit(ROOT)
+    why = f"third {third}, by the number of commits" if third else "all, as this clone does not tell how many commits"
+    print(f"\nthorough tests: {why}", file=sys.stderr)
+    print(third)
