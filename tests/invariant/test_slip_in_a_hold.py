@@ -3,6 +3,7 @@
 import pytest
 
 from appliance.core.quality import rest
+from tests.support.kept_pictures import sessions
 from tools.study import hazard
 from tools.study.hazard import Hazard
 from tools.study.outcome import run
@@ -26,6 +27,6 @@ def test_no_rest_carries_an_ok_across_a_slide_that_no_picture_could_show(
     if blind_s is not None:
         monkeypatch.setattr(rest, "_BLIND_NS", round(blind_s * 1e9))
     session = Session("gesture-hold", "breathing", 1, 50.0)
-    outcome = run(Conditions(session, Hazard.parse("slide-elevational=-5@creeping")), rendered(session, None))
+    outcome = run(Conditions(session, Hazard.parse("slide-elevational=-5@creeping")), rendered(session, sessions()))
     assert outcome.closed > 0.5, "it was verified before"
     assert (outcome.opened_s <= AGE_S + TICK_S) is (blind_s is None)

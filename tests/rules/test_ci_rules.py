@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.rules import deadline, pythons, retried, skips
+from tests.rules import deadline, pythons, quick, retried, skips
 from tests.rules.changed import ABOUT
 
 ROOT = Path(__file__).parents[2]
@@ -96,6 +96,30 @@ def test_what_failed_is_run_again_after_the_deadline_too(tmp_path: Path, monkeyp
     lines = [*in_time, "def test_broken(): assert False"]
     code, text = twice(suite(tmp_path, *(line.replace("%s", deadline.UNTIL) for line in lines)), *DEADLINE)
     assert (code, "failed alone" in text) == (1, True), text
+
+
+BUSY = """
+def busy(s):
+    end = time.process_time() + s
+    while time.process_time() < end: pass
+@pytest.fixture
+def prepared(): busy(0.5)
+def test_in_it(): busy(0.5)
+def test_in_its_fixture(prepared): pass
+def test_in_a_child(): subprocess.run([sys.executable, "-c", "import time\\nwhile time.process_time() < .5: pass"])
+def test_that_waits(): time.sleep(0.6)
+"""
+
+
+@pytest.mark.parametrize(("ci", "passed", "failed"), [("true", "1 passed", "2 failed"), ("", "4 passed", "")])
+def test_a_quick_test_takes_little_of_the_processor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ci: str, passed: str, failed: str
+) -> None:
+    monkeypatch.setenv(quick.MOST, "0.4")
+    suite(tmp_path, "import subprocess, sys, time", BUSY)
+    code, text = run(tmp_path, "pytest", "-p", "tests.rules.quick", "-rA", ci=ci)
+    assert (code, passed in text, failed in text) == (int(bool(failed)), True, True), text
+    assert ("what is set up for it took 0.5 s of the processor, a quick test 0.4 s at most" in text) is bool(failed)
 
 
 def test_what_needs_the_computer_alone_runs_as_well() -> None:
@@ -197,6 +221,7 @@ def test_failures_in_many_modules_are_a_chance_only_on_a_busy_machine(
     assert text.count("once more alone") == modules * once_more, text
 
 
+@pytest.mark.thorough
 def test_many_modules_that_fail_on_a_slow_machine_have_to_pass_alone(tmp_path: Path) -> None:
     for number in range(retried.MOST + 1):
         flaky = FLAKY.replace("ran-", f"ran-{number}-")

@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator
 from functools import cache
+from hashlib import sha256
 
 from appliance.limits import Limits, RequiredAges
 from drivers.samples import Frame, GreyImage, Matrix4, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.faults import Schedule, frozen_image, pose_time_s, spoil_pose
 from drivers.twins.scene.world import World, WorldSettings
+from tests.support.kept_pictures import folder_of, picture
 
 ORIGIN_NS = 5_000_000_000
 SWEPT = Limits(
@@ -16,27 +18,28 @@ SWEPT = Limits(
 
 
 class KeptWorld(World):
-    """Renders each picture once, for all tests of a process: two thirds of what a session costs are its pictures.
+    """Renders each picture once, for all tests of all processes: two thirds of what a session costs are its pictures.
 
     Faults and drawings come on top of what is kept, so that sessions with different faults share it too.
     """
 
-    def __init__(self, seed: int, program: str, settings: WorldSettings) -> None:
-        super().__init__(seed, program, settings=settings)
-        self._kept: dict[tuple[int, bytes], GreyImage] = {}
+    def __init__(self, seed: int, program: str, scene: str, settings: WorldSettings) -> None:
+        super().__init__(seed, program, scene, settings)
+        self._folder = folder_of(f"{seed} {program} {scene} {settings}")
+        self._kept: dict[str, GreyImage] = {}
 
     def plain_at(self, picture_pose: Matrix4, index: int) -> GreyImage:
-        key = index, picture_pose.tobytes()
-        if key not in self._kept:
-            self._kept[key] = super().plain_at(picture_pose, index)
-            self._kept[key].flags.writeable = False
-        return self._kept[key]
+        name = sha256(picture_pose.tobytes() + str(index).encode()).hexdigest()[:24]
+        if name not in self._kept:
+            size_px = self.settings.width_px, self.settings.height_px
+            self._kept[name] = picture(self._folder / name, size_px, lambda: World.plain_at(self, picture_pose, index))
+        return self._kept[name]
 
 
 @cache
-def kept(seed: int, program: str = "sweep", *, settings: WorldSettings) -> KeptWorld:
-    """The one world of this seed, program and settings in this process."""
-    return KeptWorld(seed, program, settings)
+def kept(seed: int, program: str = "sweep", scene: str = "tissue", *, settings: WorldSettings) -> KeptWorld:
+    """The one world of this seed, program, scene and settings in this process."""
+    return KeptWorld(seed, program, scene, settings)
 
 
 def session(

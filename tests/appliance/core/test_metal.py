@@ -11,8 +11,8 @@ from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.types import Fault, Verdict, VerdictKind
 from drivers.samples import Pose
 from drivers.twins.scene.metal import near_metal
-from drivers.twins.scene.world import World, WorldSettings
-from tests.support.sessions import ORIGIN_NS, SWEPT, session
+from drivers.twins.scene.world import WorldSettings
+from tests.support.sessions import ORIGIN_NS, SWEPT, kept, session
 
 THOROUGH, SLOW = pytest.mark.thorough, pytest.mark.slow
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
@@ -20,7 +20,7 @@ SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
 
 def verdicts(program: str, displaced_mm: float, at_s: float, duration_s: float) -> list[Verdict]:
     """Of the line, from at_s on, when the metal begins to come. Poses at the 40 Hz of an Aurora."""
-    world = World(3, program, settings=SMALL)
+    world = kept(3, program, settings=SMALL)
     before, origin_ns = world.probe_pose(at_s), ORIGIN_NS + round(at_s * 1e9)
     line = Line(calibration_from_image_to_probe(world.image_to_probe, (400, 300)), SWEPT)
     said: list[Verdict] = []

@@ -16,11 +16,10 @@ from appliance.types import Motion, MotionKind, StampedPair
 from drivers.rigid import inverse, rigid, vector_from_rotation
 from drivers.samples import Frame, Matrix4, Stamp
 from drivers.twins.scene.trajectory import PROGRAMS
-from drivers.twins.scene.world import World
 from tests.drivers.test_rigid import poses
 from tests.support.motions import TRUTH
 from tests.support.rendered import SMALL
-from tests.support.sessions import session
+from tests.support.sessions import kept, session
 
 X = rigid(TRUTH.rotation, TRUTH.offset_mm)
 HOME = np.eye(4)
@@ -50,7 +49,7 @@ def tracked(
 
 def kinds(program: str, seed: int, duration_s: float = 2.2) -> Counter[MotionKind]:
     """Kinds of the motions that the line sorted once it knew the overlay."""
-    world = World(seed, program, settings=SMALL)
+    world = kept(seed, program, settings=SMALL)
     line = Line(replace(TRUTH, image_size_px=(SMALL.width_px, SMALL.height_px)), Limits())
     found: dict[int, MotionKind] = {}
     for sample in session(world, duration_s):

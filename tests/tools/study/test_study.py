@@ -16,6 +16,7 @@ from drivers.recordings.metaimage import write_metaimage
 from drivers.recordings.replay import open_recording
 from drivers.samples import Pose
 from tests.support.answers import answered
+from tests.support.kept_pictures import sessions
 from tests.support.recordings import items
 from tools.study import workers
 from tools.study.hazard import Hazard
@@ -30,21 +31,13 @@ from tools.study.workers import results
 SHORT = Session("in-plane", "still", 1, 10.0)
 
 
-@pytest.fixture(scope="module")
-def motions(tmp_path_factory):
-    """The folder with the rendered session."""
-    folder = tmp_path_factory.mktemp("motions")
-    rendered(SHORT, folder)
-    return folder
-
-
-def outcome(motions, hazard="none"):
-    return run(Conditions(SHORT, Hazard.parse(hazard), asked=WITHOUT_OFFSETS), rendered(SHORT, motions))
+def outcome(hazard="none"):
+    return run(Conditions(SHORT, Hazard.parse(hazard), asked=WITHOUT_OFFSETS), rendered(SHORT, sessions()))
 
 
 @pytest.mark.thorough
-def test_a_healthy_sweep_is_verified_and_its_figures_are_near_the_truth(motions):
-    told = outcome(motions)
+def test_a_healthy_sweep_is_verified_and_its_figures_are_near_the_truth():
+    told = outcome()
     assert (told.frames, told.faults, told.warnings) == (300, "", 0)
     assert told.closed > 0.6
     assert told.nats < WITHDRAWN_NATS
@@ -62,7 +55,7 @@ def test_a_healthy_sweep_is_verified_and_its_figures_are_near_the_truth(motions)
 @pytest.mark.parametrize("tissue", ["still", "breathing"])
 def test_the_gesture_alone_shows_everything_that_can_be_asked_for(tissue):
     session = Session("gesture", tissue, 1, 8.0)
-    told = run(Conditions(session), rendered(session, None))
+    told = run(Conditions(session), rendered(session, sessions()))
     assert (told.faults, told.closed_s <= 6.0) == ("", True)
     assert all(told.scores[name].shown for name in PARAMETERS)
     assert all(abs(told.scores[name].last) < 4 * told.scores[name].sigma for name in PARAMETERS)
@@ -70,8 +63,8 @@ def test_the_gesture_alone_shows_everything_that_can_be_asked_for(tissue):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(("hazard", "fault"), [("flip-lateral@start", "polarity"), ("depth=-10@start", "scale")])
-def test_what_is_wrong_from_the_start_is_named_and_never_told_ok(motions, hazard, fault):
-    told = outcome(motions, hazard)
+def test_what_is_wrong_from_the_start_is_named_and_never_told_ok(hazard, fault):
+    told = outcome(hazard)
     assert told.faults.split()[0] == fault
     assert told.fault_s < 8
     assert fault == "polarity" or told.nats > NAMED_NATS, "the sequential test does not weigh mirrors"
@@ -79,13 +72,14 @@ def test_what_is_wrong_from_the_start_is_named_and_never_told_ok(motions, hazard
 
 
 @pytest.mark.thorough
-def test_a_rendered_session_is_a_recording_and_is_taken_from_there(motions):
-    (path,) = motions.iterdir()
+def test_a_rendered_session_is_a_recording_and_is_taken_from_there(tmp_path):
+    rendered(SHORT, tmp_path)
+    (path,) = tmp_path.iterdir()
     recording = open_recording(path)
     assert (recording.size_px, len(recording.frame_order)) == ((400, 300), 300)
     rendered.cache_clear()
     before = path.stat().st_mtime_ns
-    pictures = rendered(SHORT, motions)
+    pictures = rendered(SHORT, tmp_path)
     assert path.stat().st_mtime_ns == before
     assert np.array_equal(pictures[7], SHORT.world.frame_at(SHORT.pictures(np.array([7 / 30]))[0], 7))
 
@@ -237,8 +231,8 @@ def test_a_study_from_the_command_line_is_taken_up_again(tmp_path):
 
 
 @pytest.mark.thorough
-def test_tasks_give_rows_with_the_names_of_their_runs(motions):
-    (row,) = Task((Conditions(SHORT),), motions).rows()
+def test_tasks_give_rows_with_the_names_of_their_runs():
+    (row,) = Task((Conditions(SHORT),), sessions()).rows()
     assert (row["session"], row["tissue"], row["duration_s"], row["hazard"]) == ("in-plane", "still", "10", "none")
 
 
@@ -246,7 +240,7 @@ def test_tasks_give_rows_with_the_names_of_their_runs(motions):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_another_probe_is_named_first_and_never_ok(seed):
     gesture = Session("gesture", "still", seed, 8.0)
-    told = run(Conditions(gesture, Hazard.parse("exchanged-probe@start")), rendered(gesture, None))
+    told = run(Conditions(gesture, Hazard.parse("exchanged-probe@start")), rendered(gesture, sessions()))
     assert told.faults.split()[0] == "exchanged-probe"
     assert told.fault_s < 8
     assert (told.ok, told.closed) == (0.0, 0.0)
@@ -255,7 +249,7 @@ def test_another_probe_is_named_first_and_never_ok(seed):
 @pytest.mark.thorough
 def test_metal_that_bends_the_field_is_named_and_never_ok():
     gesture = Session("gesture", "still", 1, 15.0)
-    told = run(Conditions(gesture, Hazard.parse("metal=6@start")), rendered(gesture, None))
+    told = run(Conditions(gesture, Hazard.parse("metal=6@start")), rendered(gesture, sessions()))
     assert told.faults.split()[0] == "field-distortion"
     assert (told.ok, told.closed) == (0.0, 0.0)
 
@@ -278,6 +272,6 @@ def test_metal_displaces_by_what_is_asked_for_at_most_and_by_less_farther_off(mo
 @pytest.mark.parametrize("beside", ["bend-lateral=6", "slide-axial=8"])
 def test_a_second_fault_beside_a_late_tracker_is_named_from_pictures_to_contact_and_never_ok(beside):
     gesture = Session("gesture", "still", 1, 15.0)
-    told = run(Conditions(gesture, Hazard.parse(f"latency=120@start/{beside}@start")), rendered(gesture, None))
+    told = run(Conditions(gesture, Hazard.parse(f"latency=120@start/{beside}@start")), rendered(gesture, sessions()))
     assert told.named_s < 15
     assert (told.ok, told.closed) == (0.0, 0.0)

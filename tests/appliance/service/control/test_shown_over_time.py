@@ -19,7 +19,7 @@ from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample
 from drivers.twins.scene.trajectory import Trajectory
 from drivers.twins.scene.world import World
 from tests.appliance.core.test_line import SMALL, truth
-from tests.support.sessions import ORIGIN_NS, session
+from tests.support.sessions import ORIGIN_NS, KeptWorld, session
 
 S_NS = 1_000_000_000
 SWEPT_S, OFFSET_S = 14.0, 20.0
@@ -50,7 +50,7 @@ class Resting(Trajectory):
 
 
 def resting() -> World:
-    world = World(3, "gestured", settings=SMALL)
+    world = KeptWorld(3, "gestured", "tissue", SMALL)
     world.trajectory = Resting(3, "gestured")
     return world
 
