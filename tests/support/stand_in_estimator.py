@@ -8,15 +8,15 @@ from appliance.service.estimator.loop import serve
 from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
 from drivers.samples import Frame, Sample
 
-OK, FAULT, CRASH, HANG, SILENT = range(1, 6)
+OK, FAULT, CRASH, HANG, SILENT, LIMITS = range(1, 7)
 
 
 class ObedientLine:
     """Says of each frame what its first pixel orders; its check names the lateral scale of the reference, and stale_ns
-    as its limit."""
+    as its limit. Asked for its limits, it gives them as its reason."""
 
     def __init__(self, reference: Calibration, limits: Limits, stale_ns: int) -> None:
-        self._scale, self._stale_ns = float(reference.scale_mm_per_px[0]), stale_ns
+        self._scale, self._limits, self._stale_ns = float(reference.scale_mm_per_px[0]), limits, stale_ns
 
     def step(self, sample: Sample) -> tuple[Verdict, ...]:
         if not isinstance(sample, Frame):
@@ -26,6 +26,9 @@ class ObedientLine:
             raise RuntimeError("ordered to crash")
         if order == HANG:
             time.sleep(60)
+        if order == LIMITS:
+            limits = self._limits.model_dump_json(by_alias=True)
+            return (Verdict(sample.stamp.t_ns, VerdictKind.NOT_VERIFIED, (), reason=limits),)
         if order not in {OK, FAULT}:
             return ()
         check = Check("scale-lateral", Fault.SCALE, self._scale, 0.0, "mm/px", self._stale_ns, VerdictKind.OK)

@@ -407,6 +407,13 @@ def test_an_advisory_leaves_the_contact_closed() -> None:
     assert (room.alarm.notices, room.alarm.energised) == (("log-not-written",), True)
 
 
+def test_what_a_device_and_the_line_tell_at_once_is_both_told() -> None:
+    room = room_in(State.MONITORING)
+    frozen = fault(room.now_ns + TICK_NS, "frozen-video")
+    assert room.at(TICK_NS, Inputs(frozen.verdicts, device("log-not-written").devices)) is W
+    assert (room.alarm.fault, room.alarm.notices) == ("frozen-video", ("log-not-written",))
+
+
 def test_a_mirrored_picture_halts_sooner_than_a_drift() -> None:
     room = room_in(State.MONITORING)
     assert room.fault() is W

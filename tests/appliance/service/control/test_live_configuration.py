@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from appliance.limits import Limits
 from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.event_log import EventLog
 from appliance.service.control.live_configuration import LiveConfiguration
@@ -58,6 +59,11 @@ class Running:
         self.estimator.put(Frame(Stamp(1, 0), 1, np.full((48, 64), stand_in.OK, np.uint8)))
         return until(lambda: self.estimator.poll()[1])[-1].checks[0].limit
 
+    def limits(self) -> Limits:
+        """Within which the estimator's process judges; stale_ns() starts it."""
+        self.estimator.put(Frame(Stamp(2, 0), 2, np.full((48, 64), stand_in.LIMITS, np.uint8)))
+        return Limits.model_validate_json(until(lambda: self.estimator.poll()[1])[-1].reason)
+
     def close(self) -> None:
         self.estimator.close()
         self.recorder.close()
@@ -79,6 +85,14 @@ def test_other_patience_with_a_tracker_reaches_watchers_and_line(running: Runnin
     until(lambda: running.stale_ns() == 250_000_000)
     running.recorder.close()
     assert [entry.event for entry in read_log(running.live.config.alarm.folder).entries][-1] == "reloaded"
+
+
+def test_other_limits_reach_the_line(running: Running) -> None:
+    running.stale_ns()
+    running.write("limits.scale_percent = 3\n")
+    running.live.reload()
+    until(lambda: running.limits().scale_percent == 3)
+    assert running.limits() == running.live.config.limits
 
 
 def test_what_only_a_restart_can_change_is_refused_and_changes_nothing(running: Running) -> None:
