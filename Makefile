@@ -11,7 +11,7 @@ ONE_THREAD := env OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint types contracts quick thorough invariant \
-  release-check failures live mutation pythons slow test-arm64 evidence evidence-full false-alarms coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
+  gate-proof release-check failures live mutation pythons slow test-arm64 evidence evidence-full false-alarms coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z0-9-]+:.*## /{printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -47,6 +47,9 @@ invariant: $(VENV)/dev ## the contact never outlives its evidence: 25,000 frames
 	@exec $(ONE_THREAD) $(BIN)/python -m tests.invariant $(FRAMES) $(SEED)
 
 ##@ Before a release
+
+gate-proof: $(VENV)/dev ## puts eleven defects into a copy, one at a time: tests of the gate must fail for each (two minutes); after a change of the tests
+	@exec $(BIN)/python -m tests.rules.gate_proof
 
 release-check: $(VENV)/dev ## everything there is, one part after the other, and a table of it (hours; root for the machine tests)
 	@exec $(BIN)/python -m tests.rules.release

@@ -15,7 +15,7 @@ from tools.shared.interruption import said_when_interrupted
 ROOT = Path(__file__).parents[2]
 PARTS = (
     *(("test",), ("demo",), ("thorough",), ("slow",), ("invariant", "FRAMES=100000"), ("mutation",), ("live",)),
-    *(("pythons",), ("test-deb",), ("igtl-soak",), ("vulnerabilities",)),
+    *(("gate-proof",), ("pythons",), ("test-deb",), ("igtl-soak",), ("vulnerabilities",)),
 )
 """Targets of make with their variables. `live` walks docs/failures.md too, and `test-deb` builds for every suite."""
 OF_A_MACHINE = (("test-cart",), ("soak",))
