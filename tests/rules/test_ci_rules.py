@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,8 @@ import pytest
 
 from tests.rules import deadline, pythons, quick, retried, skips
 from tests.rules.changed import ABOUT
+from tests.support.polling import until
+from tests.support.signals import processes
 
 ROOT = Path(__file__).parents[2]
 FIRST = next(iter(skips.allowed()))
@@ -155,6 +158,36 @@ def test_a_part_is_left_out_only_where_nothing_that_it_is_about_has_changed(
     script = f"set -euo pipefail\n{function[0]}when_changed deb echo ran it\necho 'went on'"
     done = subprocess.run(["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, "ran it" in done.stdout, "went on" in done.stdout) == (gate, ran, gate == 0)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_gate_that_is_broken_off_leaves_no_process_and_says_in_which_part(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    """The script alone gets the signal; what its part has started listens to no SIGINT."""
+    begin = re.search(r"^part\(\) {\n.*?(?=^# The command after)", (ROOT / ".ci/run").read_text(), re.M | re.S)
+    assert begin is not None
+    (tmp_path / "deaf").write_text("trap '' INT\nsleep 60 &\necho begun\nwait\n")
+    script = f"set -euo pipefail\n{begin[0].replace('seq 100', 'seq 3')}part true\npart sh deaf"
+    with subprocess.Popen(
+        ["bash", "-c", script], cwd=tmp_path, stdout=-1, stderr=-1, text=True, start_new_session=True
+    ) as process:
+        assert process.stdout is not None
+        assert any(line == "begun\n" for line in process.stdout)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=10)
+        until(lambda: not processes(process.pid), otherwise=lambda: processes(process.pid))
+    assert process.returncode == 128 + number
+    assert f"=== interrupted by {number.name} in: sh deaf\n" in said
+
+
+def test_a_part_that_fails_ends_the_gate_with_its_exit_code() -> None:
+    part = re.search(r"^part\(\) {\n.*?^}\n", (ROOT / ".ci/run").read_text(), re.M | re.S)
+    assert part is not None
+    script = f"set -euo pipefail\n{part[0]}part true\npart sh -c 'exit 7'\npart echo later"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, "later" in done.stdout) == (7, False)
+    assert re.search(r"^=== true: \d s$", done.stdout, re.M)
 
 
 def test_this_suite_follows_the_list(pytestconfig: pytest.Config) -> None:

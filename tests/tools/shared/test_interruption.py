@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.polling import until
+from tests.support.signals import processes
 
 ROOT = Path(__file__).parents[3]
 INVARIANT = (
@@ -17,19 +18,6 @@ INVARIANT = (
     "invariant, 1,000,000 frames from seed 7; again: make invariant SEED=7 ",
 )
 FALSE_ALARMS = ("tools.development.false_alarms", "--jobs", "2"), "false alarms, --seeds 4; what is played is kept in "
-
-
-def processes(session: int) -> list[int]:
-    """Of a session that this one began, without those that have ended."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, _, _, owner = stat.read_text().rpartition(") ")[2].split()[:4]
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        if int(owner) == session and state != "Z":
-            found.append(int(stat.parent.name))
-    return found
 
 
 def at_work(session: int) -> int:
