@@ -23,7 +23,7 @@ SYSTEM, CHECKOUT = PLACE / "root", "checkout"
 SUITE, SITE = "bookworm", "opt/probewatch/lib/python3.11/site-packages"
 QEMU = "qemu-aarch64-static"
 PACKAGES = (
-    "python3,libpython3-stdlib,libstdc++6,base-files,base-passwd,netbase,bash,coreutils,dash,findutils,grep,make,"
+    "python3,libpython3-stdlib,libstdc++6,base-files,base-passwd,netbase,bash,coreutils,dash,findutils,git,grep,make,"
     "openssh-client,openssl,procps,sed,tzdata,util-linux"
 )
 QUICK = "not thorough and not slow and not live and not cart and not deb"

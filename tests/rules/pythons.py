@@ -20,7 +20,7 @@ VERSIONS = ("3.11", "3.12", "3.13")
 DEBIAN = {"3.13": "trixie"}
 """Version → the Debian whose Python it is, where another one than this machine's can bring it."""
 PACKAGES = (
-    "python3-venv,make,gcc,libc6-dev,udev,systemd,alsa-utils,man-db,dpkg-dev,procps,ca-certificates,prometheus,"
+    "python3-venv,git,make,gcc,libc6-dev,udev,systemd,alsa-utils,man-db,dpkg-dev,procps,ca-certificates,prometheus,"
     "openssh-client"
 )
 PLACE = ROOT / "build"

@@ -31,15 +31,14 @@ def at_work(session: int) -> int:
     return ignoring - 1
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(("command", "said"), [INVARIANT, FALSE_ALARMS], ids=["invariant", "false-alarms"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_broken_off_it_leaves_no_process_and_says_what_was_run(tmp_path, command, said, number):
-    """SIGINT goes to all of them, as Ctrl-C sends it; SIGTERM to the first alone."""
+def broken_off(folder: Path, number: signal.Signals, *command: str) -> tuple[int, str]:
+    """(exit code, stderr) of what had two workers. SIGINT goes to all of them, as Ctrl-C sends it; SIGTERM to the first
+    alone. AssertionError where a process is left.
+    """
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    whole = [sys.executable, "-m", *command]
+    whole = [sys.executable, *command]
     with subprocess.Popen(
-        whole, cwd=tmp_path, env=environment, text=True, stderr=subprocess.PIPE, start_new_session=True
+        whole, cwd=folder, env=environment, text=True, stderr=subprocess.PIPE, start_new_session=True
     ) as process:
         try:
             until(lambda: at_work(process.pid) >= 2, deadline_s=60)
@@ -49,6 +48,23 @@ def test_broken_off_it_leaves_no_process_and_says_what_was_run(tmp_path, command
         finally:
             for pid in processes(process.pid):
                 os.kill(pid, signal.SIGKILL)
-    assert process.returncode == 128 + number
+    return process.returncode, stderr
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("command", "said"), [INVARIANT, FALSE_ALARMS], ids=["invariant", "false-alarms"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_broken_off_it_leaves_no_process_and_says_what_was_run(
+    tmp_path: Path, command: tuple[str, ...], said: str, number: signal.Signals
+) -> None:
+    code, stderr = broken_off(tmp_path, number, "-m", *command)
+    assert code == 128 + number
     assert re.search(rf"^interrupted by {number.name}: {re.escape(said)}", stderr, re.M), stderr
     assert "Traceback" not in stderr
+
+
+@pytest.mark.thorough
+def test_a_study_that_is_broken_off_waits_for_no_session_that_was_begun(tmp_path: Path) -> None:
+    study = ("study", "--sessions", "in-plane", "--seeds", "2", "--jobs", "2", "--output", str(tmp_path))
+    answer = broken_off(tmp_path, signal.SIGINT, "-c", "from tools.cli import main; main()", *study)
+    assert answer == (130, "\nprobewatch: stopped\n")
