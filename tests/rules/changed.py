@@ -53,18 +53,23 @@ def landed(folder: Path) -> str:
     return LANDED if before and not forked else ""
 
 
+def differing(folder: Path, base: str, *paths: str) -> list[str] | None:
+    """Those of the files under these paths that differ from a commit; None where git does not tell."""
+    files = git(folder, "diff", "--name-only", base, "--", *paths)
+    return None if files is None else files.splitlines()
+
+
 def judged(part: str, folder: Path) -> tuple[int, str]:
     """(exit code, why). Raises UnknownCommitError."""
     if not (base := landed(folder)):
         return RUN, f"{part} runs: what landed last is not known ({BASE} is not set, {LANDED} is no commit before this)"
-    files = git(folder, "diff", "--name-only", base, "--", *_OF_ALL, *ABOUT[part])
+    files = differing(folder, base, *_OF_ALL, *ABOUT[part])
     if files is None:
         return RUN, f"{part} runs: git does not tell what differs from {base}"
     if not files:
         return LEAVE_OUT, f"LEFT OUT: {part}, as no file that it is about differs from {base}, which passed"
-    first, *others = files.splitlines()
-    more = f" and {len(others)} more" if others else ""
-    return RUN, f"{part} runs: {first}{more} differs from {base}"
+    more = f" and {len(files) - 1} more differ" if files[1:] else " differs"
+    return RUN, f"{part} runs: {files[0]}{more} from {base}"
 
 
 def main(part: str) -> int:

@@ -142,3 +142,17 @@ def test_the_thirds_are_every_test_once_and_none_is_much_the_largest(
     monkeypatch.setenv(CHOSEN, "4")
     code, text = run(tmp_path, "pytest", "-p", "tests.rules.third")
     assert (code, f"{CHOSEN} is '4': give 1, 2 or 3, or nothing for all tests" in text) == (4, True), text
+
+
+def test_what_has_changed_runs_whichever_third_it_is_in(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twenty tests, of which some are in any third; so a test that is new is run before it lands."""
+    suite(checkout, "@pytest.mark.parametrize('n', range(20))", "def test_one(n): pass")
+    git(checkout, "add", "-A")
+    git(checkout, "commit", "-m", "a test")
+    monkeypatch.setenv(CHOSEN, "1")
+    assert "= 20 passed" in run(checkout, "pytest", "-p", "tests.rules.third")[1]
+    monkeypatch.setenv(BASE, "HEAD")
+    assert " deselected" in run(checkout, "pytest", "-p", "tests.rules.third")[1]
+    monkeypatch.setenv(BASE, "0123abc")
+    code, text = run(checkout, "pytest", "-p", "tests.rules.third")
+    assert (code, f"{BASE} is '0123abc', which is no commit" in text) == (4, True), text

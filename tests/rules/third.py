@@ -1,6 +1,8 @@
 """Which third of the thorough tests the gate runs. Pytest's part of it: PROBEWATCH_THIRD=1, 2 or 3 chooses, by hash of
-each test's name. `python -m tests.rules.third` prints the one of the commit that is checked out, and nothing, which
-chooses all, where it cannot be known: three commits in a row run every test.
+each test's name; tests of files that differ from what landed last (changed.py) run in any case.
+
+`python -m tests.rules.third` prints the third of the commit that is checked out, and nothing, which chooses all, where
+it cannot be known: three commits in a row run every test.
 """
 
 import os
@@ -10,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.rules.changed import ROOT, git
+from tests.rules.changed import ROOT, UnknownCommitError, differing, git, landed
 
 CHOSEN = "PROBEWATCH_THIRD"
 
@@ -26,9 +28,18 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         return
     if chosen not in ("1", "2", "3"):
         raise pytest.UsageError(f"{CHOSEN} is {chosen!r}: give 1, 2 or 3, or nothing for all tests")
-    left_out = [item for item in items if third_of(item.nodeid) != chosen]
-    config.hook.pytest_deselected(items=left_out)
-    items[:] = [item for item in items if third_of(item.nodeid) == chosen]
+    new = _differing_files(config.rootpath)
+    runs = [third_of(item.nodeid) == chosen or item.path in new for item in items]
+    config.hook.pytest_deselected(items=[item for item, one in zip(items, runs, strict=True) if not one])
+    items[:] = [item for item, one in zip(items, runs, strict=True) if one]
+
+
+def _differing_files(folder: Path) -> set[Path]:
+    try:
+        base = landed(folder)
+    except UnknownCommitError as error:
+        raise pytest.UsageError(str(error)) from error
+    return {folder / name for name in (base and differing(folder, base)) or ()}
 
 
 def third_of_commit(folder: Path) -> str:
