@@ -48,7 +48,7 @@ invariant: $(VENV)/dev ## the contact never outlives its evidence: 25,000 frames
 
 ##@ Before a release
 
-gate-proof: $(VENV)/dev ## puts eleven defects into a copy, one at a time: tests of the gate must fail for each (two minutes); after a change of the tests
+gate-proof: $(VENV)/dev ## puts defects into a copy, one at a time: tests of the gate must fail for each (two minutes)
 	@exec $(BIN)/python -m tests.rules.gate_proof
 
 release-check: $(VENV)/dev ## everything there is, one part after the other, and a table of it (hours; root for the machine tests)
