@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.rules.third import CHOSEN
 from tools.shared.interruption import said_when_interrupted
 
 ROOT = Path(__file__).parents[2]
@@ -149,7 +150,7 @@ def copied(target: Path) -> Path:
 
 def judged(copy: Path, tests: Sequence[str]) -> tuple[int, list[str], str]:
     """(pytest's exit code, tests that failed, all that it said) in the copy; -1 where it did not test the copy."""
-    environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", "CI": ""}
+    environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", "CI": "", CHOSEN: ""}
     ask = [sys.executable, "-c", "import appliance; print(appliance.__file__)"]
     where = subprocess.run(ask, cwd=copy, env=environment, capture_output=True, text=True, check=False).stdout
     if not Path(where.strip()).is_relative_to(copy):
