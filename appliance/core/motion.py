@@ -67,7 +67,7 @@ def sort_motion(tracked: Tracked, calibration: Calibration, keyframe_pose: Matri
     reach_mm = calibration.scale_mm_per_px * calibration.image_size_px / np.sqrt(12)
     turned_mm = found.alpha_rad * np.hypot(*reach_mm)
     seen_mm = float(np.linalg.norm([*(found.u_px * calibration.scale_mm_per_px), turned_mm]))
-    hidden_mm = _elevation_mm(predicted_motion(calibration, keyframe_pose, pose), reach_mm)
+    hidden_mm = out_of_plane_mm(calibration, keyframe_pose, pose)
     if hidden_mm > max(_OUT_MM, seen_mm) and found.correlation < _ALIKE:
         return MotionKind.OUT_OF_PLANE
     if seen_mm < _STILL_MM:
@@ -75,9 +75,12 @@ def sort_motion(tracked: Tracked, calibration: Calibration, keyframe_pose: Matri
     return MotionKind.PLANAR if abs(found.alpha_rad) > _TURN_RAD else MotionKind.TRANSLATION
 
 
-def _elevation_mm(motion: tuple[Array, Array], reach_mm: Array) -> float:
-    """RMS out-of-plane displacement over the picture; reach_mm: (2,) RMS distance from its centre along x and y."""
-    t_a, turn = motion
+def out_of_plane_mm(calibration: Calibration, first: Matrix4, second: Matrix4) -> float:
+    """Root mean square over the picture of how far it went out of its plane between two poses, (4, 4) sensor →
+    tracker.
+    """
+    t_a, turn = predicted_motion(calibration, first, second)
+    reach_mm = calibration.scale_mm_per_px * calibration.image_size_px / np.sqrt(12)
     return float(np.linalg.norm([t_a[2], turn[0] * reach_mm[1], turn[1] * reach_mm[0]]))
 
 

@@ -20,7 +20,7 @@ from appliance.core.detectors.picture_change import PictureChange, flip_or_zoom_
 from appliance.core.detectors.picture_link import SMALL_PX, Link, comparable, link_between, small
 from appliance.core.detectors.polarity import MOST_FLIPPED
 from appliance.core.detectors.stretch import carried, likeness_in_place
-from appliance.core.motion import predicted_motion
+from appliance.core.motion import out_of_plane_mm, predicted_motion
 from appliance.core.registration.pyramid import Array32, Bits
 from appliance.core.registration.realtime_tracker import Warp
 from appliance.limits import Limits
@@ -42,6 +42,10 @@ _SEARCHES = 3
 """For a flip or a zoom, 40 ms each, after the chain has ended: the first pictures may be black, or half of another."""
 _LEFT_PX = 1.5
 """px of the small picture by which a turn may move its edge before it is made: parts are looked for 1 px beside."""
+_SWEPT_MM, _SWEPT_MM_PER_S = 0.7, 20.0
+"""Way out of the plane from one picture to the next, and its speed, from which pictures go on with the chain though
+nothing in them does. Less lets a change pass that comes at the very picture of a quick sweep and is not told by what is
+left of the speckle; more voids what was shown with each hand that goes elsewhere at once."""
 _COVERED = 5
 """Pictures in a row with the same part covered after which the cover belongs to the picture: a torn one is alone."""
 
@@ -123,7 +127,7 @@ class PictureEvent(Detector):
             self._magnification.restart()
             self._take(change, view)
         else:
-            self._take_link(view, last, link, own)
+            self._take_link(view, last, link, own, direct)
         return change
 
     def forget_pictures(self, since_ns: int) -> None:
@@ -222,17 +226,25 @@ class PictureEvent(Detector):
         self._searches += 1
         return flip_or_zoom_of(placed, view.small)
 
-    def _take_link(self, view: _View, last: _View, link: Link | None, own: _Course | None) -> None:
+    def _take_link(self, view: _View, last: _View, link: Link | None, own: _Course | None, direct: bool) -> None:
         """Go on with the chain where the picture continues it. One that is covered in part goes on as well, but stays
-        no measure of what comes until it is clear that the cover stays.
+        no measure of what comes until it is clear that the cover stays. direct: nothing lies between.
         """
         if link is None:
             return
         self._covered = self._covered + 1 if link.covered else 0
-        if link.whole or (link.hurried and own is not None) or self._covered >= _COVERED:
+        hurried = link.hurried and (own is not None or link.in_place)
+        if link.whole or hurried or self._covered >= _COVERED or (direct and self._swept_past(view, last)):
             self._go_on(view, last, own)
         else:
             self.linked = link.covered
+
+    def _swept_past(self, view: _View, last: _View) -> bool:
+        """Whether the hand went out of the plane so fast that no tissue can be in both."""
+        if view.pose is None or last.pose is None:
+            return False
+        way_mm = out_of_plane_mm(self._reference, last.pose, view.pose)
+        return way_mm >= max(_SWEPT_MM, _SWEPT_MM_PER_S * (view.t_ns - last.t_ns) / 1e9)
 
     def _take(self, change: PictureChange, view: _View) -> None:
         self._just_changed = self._followed >= _CALM_FRAMES

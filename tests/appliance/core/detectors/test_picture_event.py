@@ -300,6 +300,25 @@ def moved_by(way_mm: tuple[float, float]) -> Matrix4:
     return np.asarray(rigid(np.eye(3), -np.array([*way_mm, 0.0])))
 
 
+@pytest.mark.parametrize(("way_mm", "linked"), [(0.3, False), (1.2, True)])
+def test_a_hand_that_sweeps_past_at_once_ends_no_chain(way_mm: float, linked: bool) -> None:
+    """Out of the plane, from one picture to the next: where it goes slower, other tissue is another picture."""
+    calm = event()
+    for k in range(CALM):
+        step(calm, k * FRAME_NS, speckle(), k > 0, STILL if k else None, rigid(np.eye(3), np.zeros(3)))
+    step(calm, CALM * FRAME_NS, other(1.0), pose=rigid(np.eye(3), np.array([0.0, 0.0, way_mm])))
+    assert calm.linked is linked
+
+
+def test_a_sweep_explains_no_other_picture_after_a_blank() -> None:
+    calm = event()
+    for k in range(CALM):
+        step(calm, k * FRAME_NS, speckle(), k > 0, STILL if k else None, rigid(np.eye(3), np.zeros(3)))
+    step(calm, CALM * FRAME_NS, BLACK, pose=rigid(np.eye(3), np.array([0.0, 0.0, 2.0])))
+    step(calm, (CALM + 1) * FRAME_NS, other(1.0), pose=rigid(np.eye(3), np.array([0.0, 0.0, 4.0])))
+    assert not calm.linked
+
+
 @pytest.mark.parametrize(("told_mm", "linked"), [(0.0, False), (6.0, True)])
 def test_tissue_that_is_elsewhere_than_the_tracker_says_is_no_link(told_mm: float, linked: bool) -> None:
     """The picture has gone 6 mm across, by a hand or on the screen: the limit of the offset is 4 mm."""
