@@ -1,12 +1,12 @@
-"""A tracked ultrasound scanner that shares nothing with the simulated cart: point scatterers in a solid, seen by an array.
+"""A tracked ultrasound scanner that shares nothing with the simulated cart: scatterers in a solid, seen by an array.
 
 Every picture is an echo: the scatterers within the beam's thickness add up with their phase along the lines of a curved
-or straight array, blurred by its point spread, with the receiver's noise; the envelope is compressed. The lines are kept
-(`Scanner.lines`), and drawn onto the screen last (`Screen`), as scanners do: a change of depth, a flip or a zoom draws
-the same echoes elsewhere.
+or straight array, blurred by its point spread, with the receiver's noise; the envelope is compressed. The lines are
+kept (`Scanner.lines`), and drawn onto the screen last (`Screen`), as scanners do: a change of depth, a flip or a zoom
+draws the same echoes elsewhere.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import cv2
@@ -76,7 +76,9 @@ class Tissue:
         close = np.abs((self._middles - place_mm) @ normal) < apart_mm + _CELL_MM * 0.87
         edges = np.flatnonzero(np.diff(np.concatenate([[0], close.astype(int), [0]])))
         runs = [slice(self._starts[a], self._starts[b]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-        return np.concatenate([self._points[run] for run in runs]), np.concatenate([self._strength[run] for run in runs])
+        return np.concatenate([self._points[run] for run in runs]), np.concatenate(
+            [self._strength[run] for run in runs]
+        )
 
     @staticmethod
     def _echogenicity(points: Reals, random: np.random.Generator) -> Reals:
@@ -156,7 +158,7 @@ class Scanner:
 class Change:
     """Of what the screen shows: place on it → new place, about a point given as shares of width and height.
 
-    gain: grey levels are multiplied by it. shift: shares of width and height. turned: the picture stands on its side.
+    gain: grey levels are multiplied by it. shift: shares of width and height.
     """
 
     zoom: tuple[float, float] = (1.0, 1.0)
@@ -259,7 +261,9 @@ class Hand:
         if self.then == "sweep":
             way = self.sweep_mm_s * np.maximum(t_s - self.gesture_s - 0.4, 0)
             quarter = self.stroke_mm / 2
-            rows[2] += _smooth((t_s - self.gesture_s) / 0.8) * (quarter - np.abs((way + quarter) % (4 * quarter) - 2 * quarter))
+            rows[2] += _smooth((t_s - self.gesture_s) / 0.8) * (
+                quarter - np.abs((way + quarter) % (4 * quarter) - 2 * quarter)
+            )
         return rows
 
     @staticmethod
@@ -293,7 +297,7 @@ class Breath:
 
 @dataclass
 class Session:
-    """What an untouched scanner and tracker deliver. lines: of each picture; poses: (4, 4) sensor → tracker, measured."""
+    """What an untouched scanner and tracker deliver. lines: of each picture. poses: (4, 4) sensor → tracker."""
 
     array: Array1D
     calibration: Calibration
@@ -337,8 +341,8 @@ def scanned(
 
 @dataclass(frozen=True)
 class Break:
-    """The picture becomes another at at_s. by: how, over over_s: cut, black, torn, torn-across, frozen, animated, faded,
-    snow, covered. to: what it is then.
+    """The picture becomes another at at_s. by: how, over over_s: cut, black, torn, torn-across, frozen, animated,
+    faded, snow, covered. to: what it is then.
     """
 
     at_s: float
@@ -371,23 +375,14 @@ def _between(
 ) -> GreyImage:  # fmt: skip
     old, new = screen.picture(lines, before), screen.picture(lines, one.to)
     half = np.array(SIZE_PX) // 2
-    match one.by:
-        case "black":
-            return np.zeros_like(old)
-        case "torn":
-            return np.vstack([old[: half[1]], new[half[1] :]])
-        case "torn-across":
-            return np.hstack([old[:, : half[0]], new[:, half[0] :]])
-        case "frozen":
-            return shown[-1]
-        case "animated":
-            return screen.picture(lines, one.to.share(share))
-        case "faded":
-            return np.asarray(cv2.addWeighted(old, 1 - share, new, share, 0))
-        case "snow":
-            return random.integers(0, 255, old.shape, dtype=np.uint8)
-        case "covered":
-            shown_ = new.copy()
-            shown_[:, : half[0]] = 40
-            return shown_
-    raise ValueError(f"'{one.by}' is no way in which a picture changes")
+    made: dict[str, Callable[[], GreyImage]] = {
+        "black": lambda: np.zeros_like(old),
+        "torn": lambda: np.vstack([old[: half[1]], new[half[1] :]]),
+        "torn-across": lambda: np.hstack([old[:, : half[0]], new[:, half[0] :]]),
+        "frozen": lambda: shown[-1],
+        "animated": lambda: screen.picture(lines, one.to.share(share)),
+        "faded": lambda: np.asarray(cv2.addWeighted(old, 1 - share, new, share, 0)),
+        "snow": lambda: random.integers(0, 255, old.shape, dtype=np.uint8),
+        "covered": lambda: np.hstack([np.full_like(new[:, : half[0]], 40), new[:, half[0] :]]),
+    }
+    return made[one.by]()
