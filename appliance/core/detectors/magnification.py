@@ -27,6 +27,8 @@ _MOST_TURN_RAD = np.deg2rad(0.5)
 """Between the two: speckle that turns in a beam that does not looks shrunk across it, by 1 % a degree and more."""
 _LEAST = 0.07
 """Of the logarithm of an axis. See docs/method.md; less takes noise for it, more misses what is animated."""
+_LEAST_STRAIN = 0.12
+"""The same where one axis has more: tissue under a hand is strained, and a shadow's edge draws one axis."""
 _EVEN = 0.6
 """Of the smaller of both axes to the larger, from which it is a zoom: tissue that is pressed is strained along one."""
 
@@ -67,11 +69,11 @@ class Magnification:
     def crept(self) -> tuple[float, float] | None:
         """Magnification (lateral, axial) of the last second where it is none of a hand's, told once; None otherwise."""
         total = sum((one for _, one in self._measured), np.zeros(2))
-        if np.max(np.abs(total)) < _LEAST:
+        zoom = np.exp(total)
+        if np.max(np.abs(total)) < (_LEAST if even((zoom[0], zoom[1])) else _LEAST_STRAIN):
             return None
         self._measured.clear()
-        across, down = np.exp(total)
-        return float(across), float(down)
+        return float(zoom[0]), float(zoom[1])
 
     def _in_both(self, picture: Array32) -> tuple[Array32, Array32]:
         """What of the picture was seen in the one before, as it was there, and as it is."""

@@ -32,6 +32,9 @@ where 3 % move the side of what is looked for by half a px, then about the best.
 a half, and zoom by 2. More costs time, and what is left in the picture tells less."""
 _LEAST_ZOOM = 0.02
 """Up to which a magnification is no new setting."""
+_DARK = 0.4
+"""Contrast of a place ÷ that of what is looked for, below which it shows nothing. Less finds bands in the dark of a
+probe in air; more loses tissue behind a shadow."""
 _BEST = 3
 """Of the coarse search, which are looked at again: among those beside each other the best is mostly the first."""
 _FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
@@ -130,7 +133,20 @@ def _halved(picture: Array32) -> Array32:
 
 
 def _best_match(around: Array32, template: Array32) -> float:
-    """1 where there is nothing to compare, so that nothing is found to be better."""
-    if template.size == 0 or template.std() == 0 or around.std() == 0:
+    """Best correlation of the template with any place that shows as much as it does; 1 where there is nothing to
+    compare, so that nothing is found to be better.
+    """
+    contrast = float(template.std()) if template.size else 0.0
+    if contrast == 0 or around.std() == 0:
         return 1.0
-    return float(cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED).max())
+    likeness = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED)
+    return float(np.where(_contrast(around, template.shape) >= _DARK * contrast, likeness, 0.0).max())
+
+
+def _contrast(picture: Array32, shape: tuple[int, ...]) -> Array32:
+    """Standard deviation of every part of that shape; of one without any, correlation is of rounding."""
+    rows, columns = picture.shape[0] - shape[0] + 1, picture.shape[1] - shape[1] + 1
+    size, corner = (shape[1], shape[0]), (0, 0)
+    mean = cv2.boxFilter(picture, -1, size, anchor=corner, borderType=cv2.BORDER_CONSTANT)[:rows, :columns]
+    square = cv2.sqrBoxFilter(picture, -1, size, anchor=corner, borderType=cv2.BORDER_CONSTANT)[:rows, :columns]
+    return np.asarray(np.sqrt(np.maximum(square - mean**2, 0.0)), np.float32)

@@ -10,7 +10,6 @@ on. Until one does, the line sees nothing that it could hold against the referen
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from statistics import fmean
 
 import numpy as np
 
@@ -46,6 +45,13 @@ _SWEPT_MM, _SWEPT_MM_PER_S = 0.7, 20.0
 """Way out of the plane from one picture to the next, and its speed, from which pictures go on with the chain though
 nothing in them does. Less lets a change pass that comes at the very picture of a quick sweep and is not told by what is
 left of the speckle; more voids what was shown with each hand that goes elsewhere at once."""
+_EARLIER_NS, _LOOKS_NS = 600_000_000, 150_000_000
+"""How old the picture is that is held against the newest one while the hand is still, and between two such looks: what
+dissolves into another, or is wiped, breaks no chain. Older tells slower ones, and tissue has moved on by then; more
+often costs 2 ms each."""
+_STILL_MM, _LOST = 0.5, 0.35
+"""Way out of the plane up to which the hand is still, and share of parts alike below which a look becomes a search, of
+40 to 80 ms. Not measured on tissue that moves out of the plane."""
 _COVERED = 5
 """Pictures in a row with the same part covered after which the cover belongs to the picture: a torn one is alone."""
 
@@ -97,6 +103,8 @@ class PictureEvent(Detector):
         self._magnification = Magnification(self._aspect)
         self._followed = self._searches = self._covered = 0
         self._likenesses: deque[float] = deque(maxlen=_CALM_FRAMES)
+        self._earlier: deque[_View] = deque()
+        self._newest = 1.0
         self._just_changed = False
         self._polarity = (1, 1)
         self._log_zoom = np.zeros(2)
@@ -118,7 +126,7 @@ class PictureEvent(Detector):
         own = self._own_course(seen, view, last) if direct else None
         if own is not None and self._goes_on(own, view, last):
             self._go_on(view, last, own)
-            return self._crept(view)
+            return self._crept(view) or self._dissolved(view)
         if not comparable(view.small):
             return None
         placed, link = self._link(view, last)
@@ -133,6 +141,7 @@ class PictureEvent(Detector):
     def forget_pictures(self, since_ns: int) -> None:
         """See Detector: what comes next goes on from the last picture all the same, wherever that was."""
         self.linked = self._direct = False
+        self._earlier.clear()
         if self._last is not None:
             self._last = replace(self._last, t_ns=min(self._last.t_ns, since_ns - 1))
 
@@ -155,6 +164,7 @@ class PictureEvent(Detector):
     def _begin(self, view: _View) -> None:
         """Another chain, of which nothing is known; a picture without anything in it begins none."""
         self._followed = self._searches = self._covered = 0
+        self._earlier.clear()
         self._likenesses.clear()
         self._magnification.restart()
         self._last = view if comparable(view.small) else None
@@ -166,6 +176,7 @@ class PictureEvent(Detector):
             self._magnification.restart()
         else:
             self._course = own
+            self._likenesses.append(self._newest)
             self._magnification.step(view.t_ns, view.small, own.after(view.t_ns - last.t_ns, last.small.shape[1]))
         self._last = view
         self.linked = self._direct = True
@@ -183,8 +194,9 @@ class PictureEvent(Detector):
         """Whether a picture that was followed is as much like the one before as those before it were."""
         way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
         likeness = likeness_in_place(carried(last.small, way, self._aspect), view.small)
-        fell = likeness < fmean(self._likenesses or [1.0]) - _FELL
-        self._likenesses.append(likeness)
+        # The least: of a scanner behind a faster grabber every second picture is like the one before but for noise.
+        fell = likeness < min(self._likenesses, default=1.0) - _FELL
+        self._newest = likeness
         return not fell
 
     def _crept(self, view: _View) -> PictureChange | None:
@@ -195,6 +207,27 @@ class PictureEvent(Detector):
             return None
         change = PictureChange(zoom=crept) if even(crept) else PictureChange()
         self._take(change, view)
+        return change
+
+    def _dissolved(self, view: _View) -> PictureChange | None:
+        """The change since a picture of half a second before, while the hand was still."""
+        if view.pose is None or (self._earlier and view.t_ns - self._earlier[-1].t_ns < _LOOKS_NS):
+            return None
+        self._earlier.append(view)
+        while view.t_ns - self._earlier[0].t_ns > _EARLIER_NS:
+            self._earlier.popleft()
+        before = self._earlier[0]
+        if before is view or before.pose is None:
+            return None
+        if out_of_plane_mm(self._reference, before.pose, view.pose) > _STILL_MM:
+            return None
+        placed, link = self._link(view, before)
+        if link is None or link.alike >= _LOST:
+            return None
+        change = stretch_of(placed, view.small, self._aspect) or flip_or_zoom_of(placed, view.small)
+        if change is not None:
+            self._magnification.restart()
+            self._take(change, view)
         return change
 
     def _way(self, view: _View, last: _View) -> Warp:
@@ -253,6 +286,7 @@ class PictureEvent(Detector):
         self._log_zoom += np.log(change.zoom)
         self._last = view
         self.linked = self._direct = True
+        self._earlier.clear()
         self._followed = self._searches = self._covered = 0
 
     def _check(self, name: str, fault: Fault, value: float, unit: str, limit: float) -> Check:

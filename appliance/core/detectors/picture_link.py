@@ -34,6 +34,8 @@ _PART_BESIDE_PX = 1
 chance, less loses the edges of a picture that the hand has turned."""
 _LEAST_PARTS = 6
 """Of those that show anything in both. Fewer let a corner speak for the picture, more ask for a full field."""
+_LEAST_SHOWN = 7
+"""Of the parts of a picture that can be compared: more than one row of them."""
 _ALIKE, _LEAST_ALIKE = 0.4, 0.75
 """Correlation from which a part is alike, and share of such parts from which a picture is the earlier one as a whole.
 1 mm out of the plane left .79 to .96 of the parts alike, 1.3 mm .67 to .88; a mirrored picture had .58 at most, one
@@ -44,9 +46,10 @@ it."""
 _MUCH_ALIKE, _LEAST_MUCH_ALIKE = 0.7, 0.6
 """The same where the rest of the picture is covered: what is left is much alike. A torn picture has .5. More voids what
 was shown when a menu covers a third of the picture, less takes a torn one for whole."""
-_LEAST_HURRIED, _MOST_OF_THEM = 0.5, 0.5
-"""Share of parts that are alike in a picture that the registration has followed, and share of these that may be much
-alike. 25 mm/s out of the plane with a turn of 30°/s left .6 to .8 and a tenth of them. Less follows a torn picture."""
+_LEAST_HURRIED, _MOST_OF_THEM, _LEAST_HALF = 0.5, 0.5, 0.35
+"""Share of parts that are alike in a picture that a quick hand has changed, share of these that may be much alike, and
+share in each half: of a torn picture one half is as it was, and the other another. 25 mm/s out of the plane with a turn
+of 30°/s left .6 to .8 alike and a tenth of them much alike. Less follows a torn picture."""
 _IN_PLACE_PX = 2.6
 """Of the place at which the tissue should be, .5 mm of a picture of 32 mm. With .2 s between, 11 pairs each of a sweep
 of 5 mm/s, a fan and an in-plane gesture (seed 1): of the same tissue 24 were alike as a whole, or all over and in
@@ -59,13 +62,15 @@ _DARK = 0.4
 @dataclass(frozen=True, slots=True, eq=False)
 class Link:
     """How a picture continues an earlier one. moved_px: (2,) px of the small picture by which its tissue has moved,
-    beside_px: how far that is from where it should be. alike, much_alike: shares of the parts that show anything.
+    beside_px: how far that is from where it should be. alike, much_alike: shares of the parts that show anything;
+    least_half: of those alike, in that half of the picture, upper, lower, left or right, that has fewest.
     """
 
     moved_px: Array
     beside_px: float
     alike: float
     much_alike: float
+    least_half: float
 
     @property
     def whole(self) -> bool:
@@ -75,7 +80,8 @@ class Link:
     @property
     def hurried(self) -> bool:
         """Whether it is less alike all over, as of a quick hand: half of a torn picture is as it was."""
-        return not self.whole and self.alike >= _LEAST_HURRIED and self.much_alike <= _MOST_OF_THEM * self.alike
+        spread = self.least_half >= _LEAST_HALF and self.much_alike <= _MOST_OF_THEM * self.alike
+        return not self.whole and self.alike >= _LEAST_HURRIED and spread
 
     @property
     def in_place(self) -> bool:
@@ -104,8 +110,11 @@ def small(image: GreyImage, mask: Bits | None = None) -> Array32:
 
 
 def comparable(picture: Array32) -> bool:
-    """Whether a small picture holds anything to compare."""
-    return min(picture.shape) >= _LEAST_SIDE_PX and float(picture.std()) >= _LEAST_GREY
+    """Whether a small picture holds enough to compare: the bright rows of a probe in air are none."""
+    if min(picture.shape) < _LEAST_SIDE_PX:
+        return False
+    shown = [picture[part].std() >= _LEAST_GREY for part in _parts(picture.shape)]
+    return int(np.count_nonzero(shown)) >= _LEAST_SHOWN
 
 
 def link_between(before: Array32, now: Array32, moved_px: Array, slack_px: Array) -> Link | None:
@@ -115,13 +124,22 @@ def link_between(before: Array32, now: Array32, moved_px: Array, slack_px: Array
     beside it may lie.
     """
     column, row = _common_shift(before, now, np.round(moved_px).astype(int), slack_px)
-    parts = (_part_likeness(before, now, part, (column, row)) for part in _parts(before.shape))
-    likenesses = [likeness for likeness in parts if likeness is not None]
-    if len(likenesses) < _LEAST_PARTS:
+    parts = [_part_likeness(before, now, part, (column, row)) for part in _parts(before.shape)]
+    likenesses = np.array([np.nan if one is None else one for one in parts]).reshape(_GRID[::-1])
+    if np.count_nonzero(np.isfinite(likenesses)) < _LEAST_PARTS:
         return None
-    alike, much_alike = (float(np.mean(np.array(likenesses) >= least)) for least in (_ALIKE, _MUCH_ALIKE))
+    alike, much_alike = (_share(likenesses, least) for least in (_ALIKE, _MUCH_ALIKE))
+    rows, columns = _GRID[1] // 2, _GRID[0] // 2
+    halves = likenesses[:rows], likenesses[rows:], likenesses[:, :columns], likenesses[:, columns:]
     moved = np.array([column, row], float)
-    return Link(moved, float(np.max(np.abs(moved - moved_px))), alike, much_alike)
+    beside_px = float(np.max(np.abs(moved - moved_px)))
+    return Link(moved, beside_px, alike, much_alike, min(_share(half, _ALIKE) for half in halves))
+
+
+def _share(likenesses: Array, least: float) -> float:
+    """Of the parts that show anything, those that are so much alike; 1 where none shows anything."""
+    shown = likenesses[np.isfinite(likenesses)]
+    return float(np.mean(shown >= least)) if shown.size else 1.0
 
 
 def _common_shift(before: Array32, now: Array32, moved: NDArray[np.int64], slack_px: Array) -> tuple[int, int]:
