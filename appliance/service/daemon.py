@@ -101,7 +101,7 @@ class Daemon:
                 worker=self._worker,
                 now_ns=lambda: self._supervision.now_ns,
                 note=self._events.note,
-                onlookers=onlookers.all,
+                onlookers=onlookers.refused,
             )
         )
 

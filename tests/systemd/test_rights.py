@@ -12,7 +12,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -119,21 +119,21 @@ STRANGER = Identity(65_534, (65_534,))
 
 
 class Sockets:
-    """Those that the service and its page make, with the configuration as shipped; polled from this thread."""
+    """Those that the service and its page make; polled from this thread."""
 
-    def __init__(self, cart: Cart, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, cart: Cart, monkeypatch: pytest.MonkeyPatch, shown: tuple[str, ...] = Feed().viewers) -> None:
         def known(name: str) -> Any:
             return pwd.struct_passwd((name, "x", cart.users[name], 0, "", "/", "/bin/false"))  # KeyError: no such user
 
         monkeypatch.setattr(pwd, "getpwnam", known)
-        onlookers = Onlookers.of(Config.model_construct(control=Control(), feed=Feed()))
+        onlookers = Onlookers.of(Config.model_construct(control=Control(), feed=Feed(viewers=shown)))
         self._cart = cart
         control, feed, door = (cart.root / place for place in (CONTROL, FEED, DOOR))
-        self._requests = Desk(onlookers.all).requests
+        self._requests = Desk(onlookers.refused).requests
         self._names = set(self._requests.names) - {"status"}
         self._feed = FeedHost(feed, "", onlookers.all, onlookers.without_pictures)
         self._control = ControlServer(control, "", onlookers.all)
-        self._door = Door(door, "", lambda name: ("token", "url"), onlookers.all)
+        self._door = Door(door, "", lambda name: ("token", "url"), onlookers.refused)
         self._feed.tap()
         for path, unit in ((control, "probewatch"), (feed, "probewatch"), (door, "probewatch-page")):
             holder = cart.identity(FOLDER / f"{unit}.service")
@@ -168,11 +168,17 @@ class Sockets:
             return set(json.load(pipe))
 
 
-@pytest.fixture(scope="module")
-def cart() -> Iterator[Cart]:
+@contextmanager
+def made_cart() -> Iterator[Cart]:
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
         yield Cart(Path(folder))
+
+
+@pytest.fixture(scope="module")
+def cart() -> Iterator[Cart]:
+    with made_cart() as cart:
+        yield cart
 
 
 @pytest.fixture(scope="module")
@@ -205,6 +211,13 @@ def test_no_unit_is_forgotten() -> None:
 @pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.stem)
 def test_each_unit_may_do_what_it_needs_and_nothing_else(cart: Cart, sockets: Sockets, unit: Path) -> None:
     assert sandboxed(unit, sockets.found_by(cart.identity(unit))) == MAY[unit.stem]
+
+
+def test_a_configuration_that_names_other_viewers_gives_no_unit_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    with made_cart() as cart, Sockets(cart, monkeypatch, shown=("probewatch-page",)) as sockets:
+        for name in ("openigtlink", "recorder"):
+            unit = FOLDER / f"probewatch-{name}.service"
+            assert sandboxed(unit, sockets.found_by(cart.identity(unit))) <= MAY[unit.stem], name
 
 
 @pytest.mark.parametrize("name", ["metrics", "mqtt", "openigtlink"])

@@ -86,7 +86,7 @@ def command(
             return tokens.issue(name, time.monotonic()), url
 
         if door is not None or _DOOR.parent.is_dir():
-            onlookers = frozenset[int]() if config is None else Onlookers.of(config).all
+            onlookers = frozenset[int]() if config is None else Onlookers.of(config).refused
             running.enter_context(Door(door or _DOOR, "", invite, onlookers))
         if sys.stdout.isatty():
             click.echo(f"{url}   token: {invite('whoever started it')[0]}")

@@ -8,27 +8,39 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from appliance.configuration.config import Config
+from appliance.configuration.config import Config, Control, Feed
 
 _USUAL = "probewatch"
+_OF_UNITS = (*Control().viewers, *Feed().viewers)
+"""Users of our own units that only look on, as shipped. The recorder's has the group, for the files that it writes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Onlookers:
-    """Users, by id, who may read status and feed and request nothing, whatever group they are in."""
+    """Users, by id, who may read status and feed and request nothing, whatever group they are in.
+
+    of_units: who requests nothing either, also where the configuration names others in their place.
+    """
 
     without_pictures: frozenset[int]
     with_pictures: frozenset[int]
+    of_units: frozenset[int]
 
     @classmethod
     def of(cls, config: Config) -> Self:
         """Who is named in both lists is shown pictures."""
         shown = user_ids(config.feed.viewers)
-        return cls(user_ids(config.control.viewers) - shown, shown)
+        return cls(user_ids(config.control.viewers) - shown, shown, user_ids(_OF_UNITS))
 
     @property
     def all(self) -> frozenset[int]:
+        """Who is let in."""
         return self.without_pictures | self.with_pictures
+
+    @property
+    def refused(self) -> frozenset[int]:
+        """Whose requests are."""
+        return self.all | self.of_units
 
 
 def join_group(path: Path) -> str:
