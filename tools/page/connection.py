@@ -27,6 +27,11 @@ class Connection(H11Protocol):
         """Waits for an answer."""
         return self.cycle is not None and not self.cycle.response_complete
 
+    @property
+    def keeps_place(self) -> bool:
+        """It has asked all of it; who sends the head of a request, and no body, has not."""
+        return self.asks and not self.cycle.more_body
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn has it
         """Who has nothing to say makes room for it."""
         super().connection_made(transport)
@@ -42,7 +47,7 @@ class Connection(H11Protocol):
         """A whole request ends the deadline; a part of one does not move it."""
         super().data_received(data)
         if self.asks:
-            self.has_asked = True
+            self.has_asked = self.has_asked or self.keeps_place
             self._end_deadline()
 
     def on_response_complete(self) -> None:
@@ -73,7 +78,7 @@ class Connection(H11Protocol):
     def _make_room(self) -> None:
         """uvicorn never gives the last place. Who has asked nothing leaves first, then who has been idle longest."""
         there = [one for one in self.connections if isinstance(one, Connection) and not one.transport.is_closing()]
-        idle = [one for one in there if one is not self and not one.asks]
+        idle = [one for one in there if one is not self and not one.keeps_place]
         too_many = 0 if self.limit_concurrency is None else max(0, len(there) + 1 - self.limit_concurrency)
         for one in sorted(idle, key=lambda one: (one.has_asked, one.idle_since_s))[:too_many]:
             one.give_up()

@@ -15,7 +15,7 @@ from typing import Any
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -254,7 +254,7 @@ async def _body(request: Request) -> dict[str, Any]:
                 if len(data) > _MOST_BODY:
                     return {}
         body = json.loads(data)
-    except (ValueError, RecursionError, TimeoutError):
+    except (ValueError, RecursionError, TimeoutError, ClientDisconnect):
         return {}
     return body if isinstance(body, dict) else {}
 

@@ -136,3 +136,18 @@ def test_a_crowd_that_says_nothing_keeps_nobody_from_the_page(web: WebPage) -> N
         for _ in range(_MOST_AT_ONCE + 6):
             crowd.enter_context(socket.create_connection((host, int(port)), 5))
         assert asked(web, "GET", "/").status == 200
+
+
+def test_a_crowd_that_sends_heads_without_bodies_keeps_nobody_from_it(
+    served: uvicorn.Server, address: Address, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bodies may take longer than this test."""
+    monkeypatch.setattr(server, "_BODY_S", 60.0)
+    served.config.limit_concurrency = 4
+    with ExitStack() as crowd:
+        for _ in range(3):
+            crowd.enter_context(socket.create_connection(address)).sendall(POST)
+        until(lambda: len(served.server_state.tasks) == 3)
+        with socket.create_connection(address) as link:
+            link.sendall(GET + b"Connection: close\r\n\r\n")
+            assert until_the_end(link).endswith(b"slow")
