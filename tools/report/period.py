@@ -11,6 +11,7 @@ from typing import Any
 from appliance.storage.alarm_chain import BEGUN, Entry, Reading
 from appliance.supervision.alarms import SIGNALS, Priority
 from appliance.types import State
+from drivers.files.regular_file import read_bounded
 
 PERIODS = ("day", "week", "month")
 Shares = defaultdict[str, float]
@@ -127,12 +128,10 @@ def read_self_tests(folder: Path) -> tuple[list[dict[str, Any]], int]:
     kept, damaged = [], 0
     for file in sorted(folder.glob("*.json")):
         try:
-            if file.stat().st_size > _MOST_BYTES:
-                raise ValueError("too large")
-            record = json.loads(file.read_bytes())
-            datetime.fromisoformat(str(record["utc"]))
+            record = json.loads(read_bounded(file, _MOST_BYTES))
+            datetime.fromisoformat(str(record["utc"])).astimezone(UTC)
             kept.append({**record, "items": [dict(item) for item in record["items"]]})
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError):
             damaged += 1
     return sorted(kept, key=lambda record: str(record["utc"])), damaged
 
