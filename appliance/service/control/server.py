@@ -81,8 +81,8 @@ class _Client:
 
 
 class ControlServer:
-    """Holds the socket at `path`, mode 0660, of `group` if one is named, and of `users`, by id; a lock beside it keeps
-    a second service out.
+    """Holds the socket at `path`, mode 0660, of `group` if one is named, and of `users`, by id; a lock beside it, which
+    only its owner may open, keeps a second service out.
 
     Raises DeviceLost when another service runs, ConfigurationError when the socket cannot be made there.
     """
@@ -243,9 +243,11 @@ def _line(reply: Reply) -> bytes:
 def _locked(path: Path) -> int:
     lock = path.with_name(path.name + ".lock")
     try:
-        fd = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o660)
+        fd = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
         raise _unusable(path, error) from None
+    with contextlib.suppress(OSError):
+        os.fchmod(fd, 0o600)  # an earlier version let the group open it, and so hold it
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

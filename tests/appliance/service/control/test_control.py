@@ -93,6 +93,15 @@ def test_the_socket_is_for_user_and_group_only_and_goes_with_the_service(tmp_pat
     assert not (tmp_path / "control").exists()
 
 
+def test_only_its_owner_may_open_the_lock(tmp_path: Path) -> None:
+    """Whoever can open it can hold it, and no service starts; the group of the socket could, in an earlier version."""
+    lock = tmp_path / "control.lock"
+    lock.touch(0o660)
+    lock.chmod(0o660)
+    with ControlServer(tmp_path / "control"):
+        assert lock.stat().st_mode & 0o777 == 0o600
+
+
 def test_a_second_service_is_refused_and_the_first_unharmed(service: Service) -> None:
     with pytest.raises(DeviceLost, match="another probewatch service is running"):
         ControlServer(service.path)
