@@ -126,9 +126,14 @@ class Recalibration:
         return wanted.number is not None or change.beyond(self._limits())
 
     def _take(self, candidate: Candidate, origin: str, who: str, change: Difference | None) -> None:
-        far = change is None or change.beyond(self._limits())
+        far = change is None or change.beyond(self._limits()) or self._far_from_before(candidate)
         text = "" if change is None else change.text
         self._refer(self._references.take(candidate, origin, who, text, _EVERYTHING if far else ()))
+
+    def _far_from_before(self, candidate: Candidate) -> bool:
+        """From the one that was verified last: several near ones after each other, of which none was, lead far away."""
+        before = self._before
+        return before is not None and difference(before.calibration, candidate.calibration).beyond(self._limits())
 
     def _refer(self, reference: Reference) -> None:
         self._estimator.refer(reference.calibration)

@@ -172,6 +172,18 @@ def test_a_near_reference_needs_no_confirmation(config, new):
     settled(cart.references)
 
 
+def test_near_references_one_after_the_other_that_lead_far_need_everything_shown(config, tmp_path):
+    cart = Cart(config, State.HALT)
+    for z_mm in (3, 6):
+        cart.recalibration.begin()
+        cart.recalibration.end(Wanted(file=written(tmp_path / "step.toml", 0, 0, z_mm)))
+    cart.verify("polarity", "scale-lateral", "scale-axial", "rotation-elevational")
+    assert cart.state is State.RECALIBRATING
+    cart.verify("polarity", *PARAMETERS)
+    assert cart.state is State.MONITORING
+    settled(cart.references)
+
+
 def test_going_back_states_its_difference_and_is_confirmed_and_logged(config, new):
     cart = Cart(config, State.HALT)
     cart.recalibration.begin()
