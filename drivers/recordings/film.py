@@ -9,6 +9,7 @@ tracker by rows, mm, or `x_mm`, `y_mm`, `z_mm`, `qw`, `qx`, `qy`, `qz`; `status`
 import csv
 import io
 import math
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from drivers.errors import RecordingError
 from drivers.files.regular_file import read_bounded, refuse_irregular
-from drivers.recordings.metaimage import MAX_STAMP_S, unreadable
+from drivers.recordings.metaimage import MAX_PIXELS, MAX_STAMP_S, unreadable
 from drivers.rigid import pose_matrix
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 from drivers.trackers.plus_transform import TransformReading, rigid_reading, without_matrix
@@ -92,6 +93,9 @@ class Film:
         film, times_ns = self._opened(), list[int]()
         try:
             size_px = round(film.get(cv2.CAP_PROP_FRAME_WIDTH)), round(film.get(cv2.CAP_PROP_FRAME_HEIGHT))
+            if size_px[0] * size_px[1] > MAX_PIXELS:
+                what = f"has {size_px[0]} × {size_px[1]} pixels; more than {MAX_PIXELS} are no picture of a scanner"
+                raise RecordingError(what, str(self.path), "Cut the pictures, or make them smaller")
             while len(times_ns) < _MOST_PICTURES and film.grab():
                 times_ns.append(round(film.get(cv2.CAP_PROP_POS_MSEC) * 1e6))
         finally:
@@ -140,8 +144,8 @@ class PoseTable:
         return round(seconds * 1e9)
 
     def sequence(self, index: int) -> int:
-        text = self._rows[index].get("sequence")
-        return int(text) if text and text.strip().isascii() and text.strip().isdecimal() else index
+        text = (self._rows[index].get("sequence") or "").strip()
+        return int(text) if re.fullmatch(r"[0-9]{1,18}", text) else index
 
     def image_ok(self, index: int) -> bool:
         return False

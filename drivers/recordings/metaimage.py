@@ -30,7 +30,7 @@ from drivers.video.crop import FLIPS
 MAX_LINE_BYTES = 65_536
 """Of the header; lines of PLUS take some hundred. More reads on in a file that has no lines, and is no header."""
 
-_MAX_SIDE_PX, _MAX_PIXELS = 16_384, 1 << 24
+_MAX_SIDE_PX, MAX_PIXELS = 16_384, 1 << 24
 """Of one picture, which is in memory two or three times: the largest screen that scanners have, twice."""
 
 MAX_HEADER_LINES, MAX_HEADER_BYTES = 2_000_000, 256_000_000
@@ -286,8 +286,8 @@ def _dimensions(path: Path, general: dict[str, str]) -> tuple[int, int, int]:
     if len(sizes) != 3 or min(sizes) < 0 or max(sizes[:2]) > _MAX_SIDE_PX:
         what = f"{text!r} is not width, height and number of frames"
         raise _refusal(path, "DimSize", what, "Give a sequence of two-dimensional pictures")
-    if sizes[0] * sizes[1] > _MAX_PIXELS:
-        what = f"says {sizes[0]} × {sizes[1]} pixels; more than {_MAX_PIXELS} are no picture of a scanner"
+    if sizes[0] * sizes[1] > MAX_PIXELS:
+        what = f"says {sizes[0]} × {sizes[1]} pixels; more than {MAX_PIXELS} are no picture of a scanner"
         raise _refusal(path, "DimSize", what, "Record again, or cut the pictures")
     return sizes[0], sizes[1], sizes[2]
 

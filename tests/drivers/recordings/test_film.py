@@ -105,3 +105,19 @@ def test_a_list_that_names_films_is_none(tmp_path: Path, text: str) -> None:
     path.write_text(text)
     with pytest.raises(RecordingError, match=r"cannot be decoded as a film|is not 'key = value'"):
         read_sequence(path)
+
+
+def test_a_sequence_number_of_thousands_of_digits_is_none(tmp_path: Path) -> None:
+    table = tmp_path / "poses.csv"
+    table.write_text(f"t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz,sequence\n0,1,2,3,1,0,0,0,{'1' * 5000}\n")
+    assert PoseTable(table).sequence(0) == 0
+
+
+def test_a_film_of_more_pixels_than_any_scanner_has_is_refused_before_one_is_read(tmp_path: Path) -> None:
+    """Three pictures of 15000 × 15000 in a film of 8 MB took 2.6 GB."""
+    path = tmp_path / "huge.avi"
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"MJPG"), FPS, (6000, 6000), False)
+    writer.write(np.zeros((6000, 6000), np.uint8))
+    writer.release()
+    with pytest.raises(RecordingError, match="6000 × 6000 pixels"):
+        read_sequence(path)
