@@ -21,6 +21,7 @@ def told(cart: Cart) -> tuple[str, str]:
     return operator_text(cart.alarm.state, cart.alarm.fault)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("bumped", [True, pytest.param(False, marks=pytest.mark.thorough)])
 def test_scanning_on_verifies_again_only_where_the_camera_moved(bumped: bool) -> None:
     cart = verified_cart(1, fps=15.0)

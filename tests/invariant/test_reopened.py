@@ -12,6 +12,8 @@ import pytest
 
 from appliance.core.acquisition.pairing import Unpaired
 from appliance.core.acquisition.stamp_gate import Passage, StampGate
+from appliance.core.detectors import picture_event
+from appliance.core.detectors.picture_event import PictureEvent
 from appliance.core.line import Line
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
@@ -23,10 +25,10 @@ from appliance.limits import RequiredAges
 from appliance.types import Check, StampedPair, Verdict, VerdictKind
 from tests.invariant import test_invariant as holes
 from tests.invariant.cart import Cart
-from tests.invariant.circumstances import Pictures
+from tests.invariant.circumstances import Manner, Pictures
 from tests.invariant.oracle import SHIPPED, Broken
 from tests.invariant.scenarios import verified_cart
-from tests.invariant.world import ELSEWHERE
+from tests.invariant.world import ELSEWHERE, FLIPPED
 
 Settled = Callable[[Line, StampedPair | Unpaired], Verdict]
 SWEEPS_ALONE = RequiredAges.model_validate(dict.fromkeys(("offset-lateral", "offset-axial", "offset-elevational"), 0.0))
@@ -136,3 +138,24 @@ def test_hole_5_any_measurement_answers_a_fault(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(Verification, "_answered", at_once)
     with pytest.raises(AssertionError):
         holes.test_hole_5_a_fault_that_is_still_there_does_not_go_back_to_ok()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_picture_that_need_not_go_on_with_those_before_closes_the_contact_on_another(
+    monkeypatch: pytest.MonkeyPatch, cut: bool
+) -> None:
+    """After .2 s of black, at rest: clause g finds it."""
+    cart = verified_cart(1, fps=holes.SLOW)
+    cart.meet(moving=False)
+    cart.run(2.0)
+    assert cart.closed
+    if cut:
+        monkeypatch.setattr(PictureEvent, "linked", property(lambda self: True, lambda self, value: None))
+        monkeypatch.setattr(picture_event, "flip_or_zoom_of", lambda before, now: None)
+    cart.break_picture(FLIPPED, Manner.BLACK, 0.2)
+    if cut:
+        with pytest.raises(Broken, match="flipped laterally"):
+            cart.run(3.0)
+    else:
+        cart.run(3.0)

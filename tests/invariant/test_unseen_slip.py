@@ -14,6 +14,7 @@ BENT_ACROSS = Change("bent by 7° about axial and slid by 9 mm across", inverse(
 """Nothing in the plane, where motion and the watch for slow slips would see it soon."""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("missing", "moving"),
     [(11, False), (16, False), *(pytest.param(*one, marks=pytest.mark.thorough) for one in [(15, False), (16, True)])],

@@ -32,6 +32,8 @@ where 3 % move the side of what is looked for by half a px, then about the best.
 a half, and zoom by 2. More costs time, and what is left in the picture tells less."""
 _LEAST_ZOOM = 0.02
 """Up to which a magnification is no new setting."""
+_LEAST_GREY = 1.0
+"""Standard deviation of what is looked for, grey levels: black with faint noise has less, dim tissue 5 and more."""
 _DARK = 0.4
 """Contrast of a place ÷ that of what is looked for, below which it shows nothing. Less finds bands in the dark of a
 probe in air; more loses tissue behind a shadow."""
@@ -133,12 +135,12 @@ def _halved(picture: Array32) -> Array32:
 
 
 def _best_match(around: Array32, template: Array32) -> float:
-    """Best correlation of the template with any place that shows as much as it does; 1 where there is nothing to
-    compare, so that nothing is found to be better.
+    """Best correlation of the template with any place that shows as much as it does; 0 where there is nothing to
+    compare.
     """
     contrast = float(template.std()) if template.size else 0.0
-    if contrast == 0 or around.std() == 0:
-        return 1.0
+    if contrast < _LEAST_GREY:
+        return 0.0
     likeness = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED)
     return float(np.where(_contrast(around, template.shape) >= _DARK * contrast, likeness, 0.0).max())
 
