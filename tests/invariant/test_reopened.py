@@ -151,7 +151,9 @@ def test_a_picture_that_need_not_go_on_with_those_before_closes_the_contact_on_a
     cart.run(2.0)
     assert cart.closed
     if cut:
-        monkeypatch.setattr(PictureEvent, "linked", property(lambda self: True, lambda self, value: None))
+        monkeypatch.setattr(
+            PictureEvent, "linked", property(lambda self: True, lambda self, value: None), raising=False
+        )
         monkeypatch.setattr(picture_event, "flip_or_zoom_of", lambda before, now: None)
     cart.break_picture(FLIPPED, Manner.BLACK, 0.2)
     if cut:

@@ -130,7 +130,7 @@ class PictureEvent(Detector):
         if not comparable(view.small):
             return None
         placed, link = self._link(view, last)
-        change = self._change(placed, view) if known else None
+        change = self._change(placed, view, link) if known else None
         if change is not None:
             self._magnification.restart()
             self._take(change, view)
@@ -251,10 +251,12 @@ class PictureEvent(Detector):
         moved = np.round(moved_px) if link is None else link.moved_px
         return carried(before, (moved, 0.0), self._aspect), link
 
-    def _change(self, placed: Array32, view: _View) -> PictureChange | None:
-        """placed: the last picture of the chain where its tissue is now."""
+    def _change(self, placed: Array32, view: _View, link: Link | None) -> PictureChange | None:
+        """placed: the last picture of the chain where its tissue is now. What is like it as a whole is neither mirrored
+        nor another depth by far.
+        """
         stretch = stretch_of(placed, view.small, self._aspect)
-        if stretch is not None or self._searches >= _SEARCHES:
+        if stretch is not None or self._searches >= _SEARCHES or (link is not None and link.whole):
             return stretch
         self._searches += 1
         return flip_or_zoom_of(placed, view.small)
