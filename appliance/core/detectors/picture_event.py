@@ -195,7 +195,7 @@ class PictureEvent(Detector):
         way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
         likeness = likeness_in_place(carried(last.small, way, self._aspect), view.small)
         # The least: of a scanner behind a faster grabber every second picture is like the one before but for noise.
-        fell = likeness < min(self._likenesses, default=1.0) - _FELL
+        fell = likeness < min(self._likenesses, default=0.0) - _FELL
         self._newest = likeness
         return not fell
 

@@ -256,8 +256,9 @@ def test_a_break_is_named_whatever_lies_between(how: str, blank: int, calm: Pict
 
 
 @pytest.mark.parametrize("how", BROKEN)
-def test_a_torn_picture_hides_no_break(how: str, calm: PictureEvent) -> None:
+def test_a_torn_picture_hides_no_break(how: str) -> None:
     """Also where the registration follows it, and what comes after it."""
+    calm = watching([speckle()] * CALM, STILL)
     changed = BROKEN[how][0](speckle())
     step(calm, CALM * FRAME_NS, torn(speckle(), changed), True, STILL)
     step(calm, (CALM + 1) * FRAME_NS, changed, True, STILL)
