@@ -102,7 +102,7 @@ def test_a_rest_extends_the_ages_by_what_is_configured_and_not_by_what_nobody_sa
 
 @pytest.mark.thorough
 def test_pictures_that_come_and_go_are_no_picture_within_a_second_and_one_episode() -> None:
-    """Blank for 0.7 s, seen for 0.5 s: state and fault, of which each change is an entry of the log, change once."""
+    """Blank for 0.7 s, seen for 0.5 s: what was shown is void after a quarter of a second, then one thing is told."""
     cart = Cart(1, fps=SLOW)
     assert cart.run(VERIFIED_WITHIN_S, until=lambda: cart.closed), cart.told()
     began_s, before = cart.t_s, len(cart.moments)
@@ -111,7 +111,9 @@ def test_pictures_that_come_and_go_are_no_picture_within_a_second_and_one_episod
         cart.run(0.7)
         cart.meet(pictures=Pictures.GENUINE)
         cart.run(0.5)
-    (moment,) = cart.moments[before:]
+    void, moment = cart.moments[before:]
+    assert (void.state, void.closed) == ("not verified", False)
+    assert void.reason.startswith("not shown yet")
     assert (moment.state, moment.reason) == ("not verified", HAZARDS["no-picture"].text)
     assert moment.t_s - began_s <= 1.0
 

@@ -16,7 +16,7 @@ import numpy as np
 from appliance.core.detectors.detector import Detector, Observation
 from appliance.core.detectors.magnification import Magnification, even
 from appliance.core.detectors.picture_change import PictureChange, flip_or_zoom_of, stretch_of
-from appliance.core.detectors.picture_link import SMALL_PX, Link, comparable, link_between, small
+from appliance.core.detectors.picture_link import SMALL_PX, Link, comparable, link_between, parts_shown, small
 from appliance.core.detectors.polarity import MOST_FLIPPED
 from appliance.core.detectors.stretch import carried, likeness_in_place
 from appliance.core.motion import out_of_plane_mm, predicted_motion
@@ -39,6 +39,9 @@ from which one that was followed is held against it. Of healthy motion one in a 
 stretched by 6 % all (six sessions of two seconds). Less asks more often, 20 ms each time, more misses small ones."""
 _SEARCHES = 3
 """For a flip or a zoom, 40 ms each, after the chain has ended: the first pictures may be black, or half of another."""
+_SEARCHED_PARTS = 7
+"""Of 24, that show anything in both: more than one row. With fewer, wires in water and the bright rows of a probe in
+air, any other few lines look like them mirrored and zoomed (recording NwirePhantomFreehand)."""
 _LEFT_PX = 1.5
 """px of the small picture by which a turn may move its edge before it is made: parts are looked for 1 px beside."""
 _SWEPT_MM, _SWEPT_MM_PER_S = 0.7, 20.0
@@ -224,6 +227,8 @@ class PictureEvent(Detector):
         placed, link = self._link(view, before)
         if link is None or link.alike >= _LOST:
             return None
+        if min(parts_shown(placed), parts_shown(view.small)) < _SEARCHED_PARTS:
+            return None
         change = stretch_of(placed, view.small, self._aspect) or flip_or_zoom_of(placed, view.small)
         if change is not None:
             self._magnification.restart()
@@ -256,7 +261,8 @@ class PictureEvent(Detector):
         nor another depth by far.
         """
         stretch = stretch_of(placed, view.small, self._aspect)
-        if stretch is not None or self._searches >= _SEARCHES or (link is not None and link.whole):
+        sparse = min(parts_shown(placed), parts_shown(view.small)) < _SEARCHED_PARTS
+        if stretch is not None or sparse or self._searches >= _SEARCHES or (link is not None and link.whole):
             return stretch
         self._searches += 1
         return flip_or_zoom_of(placed, view.small)
@@ -266,6 +272,9 @@ class PictureEvent(Detector):
         no measure of what comes until it is clear that the cover stays. direct: nothing lies between.
         """
         if link is None:
+            # A few wires in water: the registration alone can tell.
+            if own is not None:
+                self._go_on(view, last, own)
             return
         self._covered = self._covered + 1 if link.covered else 0
         hurried = link.hurried and (own is not None or link.in_place)

@@ -34,8 +34,8 @@ _PART_BESIDE_PX = 1
 chance, less loses the edges of a picture that the hand has turned."""
 _LEAST_PARTS = 6
 """Of those that show anything in both. Fewer let a corner speak for the picture, more ask for a full field."""
-_LEAST_SHOWN = 7
-"""Of the parts of a picture that can be compared: more than one row of them."""
+_LEAST_SHOWN = 2
+"""Of the parts of a picture that can be compared: wires in water are in three or four."""
 _ALIKE, _LEAST_ALIKE = 0.4, 0.75
 """Correlation from which a part is alike, and share of such parts from which a picture is the earlier one as a whole.
 1 mm out of the plane left .79 to .96 of the parts alike, 1.3 mm .67 to .88; a mirrored picture had .58 at most, one
@@ -109,12 +109,16 @@ def small(image: GreyImage, mask: Bits | None = None) -> Array32:
     return picture
 
 
-def comparable(picture: Array32) -> bool:
-    """Whether a small picture holds enough to compare: the bright rows of a probe in air are none."""
+def parts_shown(picture: Array32) -> int:
+    """Of the 24 parts of a small picture, how many show anything; 0 of a picture that is but a strip."""
     if min(picture.shape) < _LEAST_SIDE_PX:
-        return False
-    shown = [picture[part].std() >= _LEAST_GREY for part in _parts(picture.shape)]
-    return int(np.count_nonzero(shown)) >= _LEAST_SHOWN
+        return 0
+    return int(np.count_nonzero([picture[part].std() >= _LEAST_GREY for part in _parts(picture.shape)]))
+
+
+def comparable(picture: Array32) -> bool:
+    """Whether a small picture holds anything to compare."""
+    return parts_shown(picture) >= _LEAST_SHOWN
 
 
 def link_between(before: Array32, now: Array32, moved_px: Array, slack_px: Array) -> Link | None:
