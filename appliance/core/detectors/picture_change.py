@@ -11,6 +11,8 @@ from itertools import product
 import cv2
 import numpy as np
 
+from appliance.core.detectors.picture_link import DARK
+from appliance.core.detectors.polarity import POLARITIES
 from appliance.core.detectors.stretch import stretch_between, warped
 from appliance.core.registration.pyramid import Array32
 
@@ -34,13 +36,10 @@ _LEAST_ZOOM = 0.02
 """Up to which a magnification is no new setting."""
 _LEAST_GREY = 1.0
 """Standard deviation of what is looked for, grey levels: black with faint noise has less, dim tissue 5 and more."""
-_DARK = 0.4
-"""Contrast of a place ÷ that of what is looked for, below which it shows nothing. Less finds bands in the dark of a
-probe in air; more loses tissue behind a shadow."""
 _BEST = 3
 """Of the coarse search, which are looked at again: among those beside each other the best is mostly the first."""
 _FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
-POLARITIES = ((1, 1), *_FLIPS)
+"""Of `cv2.flip`, for each polarity that is not the reference's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +141,7 @@ def _best_match(around: Array32, template: Array32) -> float:
     if contrast < _LEAST_GREY:
         return 0.0
     likeness = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED)
-    return float(np.where(_contrast(around, template.shape) >= _DARK * contrast, likeness, 0.0).max())
+    return float(np.where(_contrast(around, template.shape) >= DARK * contrast, likeness, 0.0).max())
 
 
 def _contrast(picture: Array32, shape: tuple[int, ...]) -> Array32:

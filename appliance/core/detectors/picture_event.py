@@ -129,7 +129,10 @@ class PictureEvent(Detector):
         own = self._own_course(seen, view, last) if direct else None
         if own is not None and self._goes_on(own, view, last):
             self._go_on(view, last, own)
-            return self._crept(view) or self._dissolved(view)
+            change = self._crept() or self._dissolved(view)
+            if change is not None:
+                self._take(change, view)
+            return change
         if not comparable(view.small):
             return None
         placed, link = self._link(view, last)
@@ -202,15 +205,13 @@ class PictureEvent(Detector):
         self._newest = likeness
         return not fell
 
-    def _crept(self, view: _View) -> PictureChange | None:
+    def _crept(self) -> PictureChange | None:
         """The magnification that has come little by little; of a stretch, which tissue does as well, no more than that
         what was shown is of before."""
         crept = self._magnification.crept()
         if crept is None:
             return None
-        change = PictureChange(zoom=crept) if even(crept) else PictureChange()
-        self._take(change, view)
-        return change
+        return PictureChange(zoom=crept) if even(crept) else PictureChange()
 
     def _dissolved(self, view: _View) -> PictureChange | None:
         """The change since a picture of half a second before, while the hand was still."""
@@ -227,12 +228,11 @@ class PictureEvent(Detector):
         placed, link = self._link(view, before)
         if link is None or link.alike >= _LOST:
             return None
-        if min(parts_shown(placed), parts_shown(view.small)) < _SEARCHED_PARTS:
+        if not _searchable(placed, view.small):
             return None
         change = stretch_of(placed, view.small, self._aspect) or flip_or_zoom_of(placed, view.small)
         if change is not None:
             self._magnification.restart()
-            self._take(change, view)
         return change
 
     def _way(self, view: _View, last: _View) -> Warp:
@@ -261,9 +261,10 @@ class PictureEvent(Detector):
         nor another depth by far.
         """
         stretch = stretch_of(placed, view.small, self._aspect)
-        sparse = min(parts_shown(placed), parts_shown(view.small)) < _SEARCHED_PARTS
-        if stretch is not None or sparse or self._searches >= _SEARCHES or (link is not None and link.whole):
+        if stretch is not None or self._searches >= _SEARCHES or (link is not None and link.whole):
             return stretch
+        if not _searchable(placed, view.small):
+            return None
         self._searches += 1
         return flip_or_zoom_of(placed, view.small)
 
@@ -303,3 +304,8 @@ class PictureEvent(Detector):
     def _check(self, name: str, fault: Fault, value: float, unit: str, limit: float) -> Check:
         beyond = VerdictKind.NOT_VERIFIED if self._just_changed else VerdictKind.FAULT
         return Check(name, fault, value, 0.0, unit, limit, beyond if abs(value) > limit else VerdictKind.OK)
+
+
+def _searchable(before: Array32, now: Array32) -> bool:
+    """Whether two small pictures show so much that a flip or a zoom of one is not like the other by chance."""
+    return min(parts_shown(before), parts_shown(now)) >= _SEARCHED_PARTS

@@ -55,8 +55,9 @@ _IN_PLACE_PX = 2.6
 of 5 mm/s, a fan and an in-plane gesture (seed 1): of the same tissue 24 were alike as a whole, or all over and in
 place; magnified by 9 to 30 % or mirrored none, stretched along one axis by 12 % ten, all but two of which are told as
 stretched. More takes chance for a place, less loses tissue that moves."""
-_DARK = 0.4
-"""Contrast of a part ÷ what it had, below which it shows nothing: shadow, or skin that the probe has left."""
+DARK = 0.4
+"""Contrast of a place ÷ that of what is looked for there, below which it shows nothing: shadow, or skin that the probe
+has left. Less finds bands in the dark of a probe in air; more loses tissue behind a shadow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,6 +179,6 @@ def _part_likeness(before: Array32, now: Array32, part: tuple[slice, slice], shi
     if around.shape[0] < template.shape[0] or around.shape[1] < template.shape[1]:
         return None
     contrast = float(template.std())
-    if contrast < _LEAST_GREY or float(around.std()) < _DARK * contrast:
+    if contrast < _LEAST_GREY or float(around.std()) < DARK * contrast:
         return None
     return float(cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED).max())
