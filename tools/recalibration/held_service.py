@@ -1,7 +1,7 @@
 """The service as the session of a scan holds it: asked to recalibrate over a connection that lives as long as the scan.
 
 Where that connection breaks, or says nothing for long, the service gives the scan up by itself. It is asked again where
-it forgot, as after a restart, but not where it has monitored since or recalibrates for another: whoever works with it
+it forgot, as after a restart or as soon as a lost device is back, but not where it has monitored since or recalibrates for another: whoever works with it
 then must not lose it to a scan at which nobody may be looking.
 """
 
@@ -23,6 +23,9 @@ _HOLD_S = 20.0
 """Of silence after which the service gives the scan up for us: a page that hangs. The session speaks twice a second;
 longer keeps a cart that nobody can go on with, shorter gives up for a busy computer. Not measured on a cart.
 """
+_RETURN_S = 3.0
+"""Between two looks, within which nobody can have taken a service into use that goes on after a lost device: six looks.
+Longer takes it from whoever works with it; shorter loses a scan on a busy computer, until it is signed."""
 _WITHOUT_US = (State.MONITORING.value, State.RECALIBRATING.value)
 """Where it works for others once it has forgotten us."""
 
@@ -46,7 +49,7 @@ class HeldService:
         self._control = control
         self._held: ControlClient | None = None
         self._asked_ns = self._looked_ns = 0
-        self._gave_way = False
+        self._gave_way = self._lost = False
 
     def grasp(self) -> None:
         """Have it recalibrate for as long as this connection lives."""
@@ -58,7 +61,7 @@ class HeldService:
             raise
         self.let_go()
         self._held, self._asked_ns = client, time.monotonic_ns()
-        self._looked_ns, self._gave_way = self._asked_ns, False
+        self._looked_ns, self._gave_way, self._lost = self._asked_ns, False, False
 
     def hold(self, seen: Seen, wanted: bool = False) -> None:
         """It recalibrates for us, or is asked to again. seen: its status. wanted: a person asks for it now, which takes
@@ -70,8 +73,10 @@ class HeldService:
         if seen.status is None:
             raise ControlRefused(f"the service does not answer ({seen.silence}). The scan is kept")
         state = seen.status["state"]
-        unwatched = self._looked_ns - since_ns > _HOLD_S * 1e9
-        self._gave_way |= unwatched or (state in _WITHOUT_US and not self.is_older(seen))
+        unwatched_s = (self._looked_ns - since_ns) / 1e9
+        returns = self._lost and state == State.MONITORING.value and unwatched_s <= _RETURN_S
+        gone_on = state in _WITHOUT_US and not self.is_older(seen) and not returns
+        self._gave_way |= unwatched_s > _HOLD_S or gone_on
         if self._gave_way and not wanted:
             raise ControlRefused("the service has gone on without this scan. The scan is kept; signing it asks again")
         try:
@@ -79,6 +84,7 @@ class HeldService:
         except ControlRefused:
             if state in _WITHOUT_US:
                 raise
+            self._lost = True
             lost = "; ".join(f"{device}: {what}" for device, what in seen.status["lost"].items())
             why = lost or seen.status["reason"]
             raise ControlRefused(f"{state}: {why}. The scan is kept, and goes on by itself") from None

@@ -140,6 +140,30 @@ def test_a_service_that_has_gone_on_without_the_scan_is_not_taken_back(bench: Be
     held.let_go()
 
 
+@pytest.mark.parametrize("unwatched_s", [0.0, 4.0])
+def test_a_lost_device_that_is_back_gives_the_service_to_nobody_else(bench: Bench, unwatched_s: float) -> None:
+    """Where the scan has looked on all the while, also if it monitors again at once."""
+    held = HeldService(bench.service.path)
+    held.grasp()
+
+    def look(state: str) -> None:
+        bench.service.state, bench.service.refuse = state, state == "device lost"
+        bench.service.holder = None
+        until(lambda: not held.is_older(seen := bench.watch.seen()) and seen.status["state"] == state)
+        held.hold(bench.watch.seen())
+
+    with pytest.raises(ControlRefused, match="goes on by itself"):
+        look("device lost")
+    held._looked_ns -= round(unwatched_s * 1e9)
+    if unwatched_s:
+        with pytest.raises(ControlRefused, match="has gone on without this scan"):
+            look("monitoring")
+    else:
+        look("monitoring")
+    assert bench.service.asked.count("begin-recalibration") == (1 if unwatched_s else 2)
+    held.let_go()
+
+
 def test_the_service_hangs_on_the_session_and_on_nobody_once_it_has_ended(bench: Bench) -> None:
     """So that a page that is killed leaves no cart behind that waits for it."""
     bench.session.begin(CHOSEN)
