@@ -29,7 +29,8 @@ _STATUS = {
     Poses.FAULT: PoseStatus.FAULT,
 }
 _ONE_IN = {Poses.ONE_IN_TWELVE: 12, Poses.ONE_IN_TWO: 2}
-_POSES_NS = 16_666_667
+POSE_MS = 16.666667
+"""Of a tracker of 60 Hz."""
 _SLOWER = 20
 """60 Hz ÷ 20 is three poses a second."""
 
@@ -64,8 +65,9 @@ class Cart:
     clauses of the invariant that are raised; of the others `broken` tells. attended: somebody acknowledges whatever is
     latched. received: samples pass the threads of their devices, which refuse what is stamped later than it arrives;
     without, the line alone must cope. discerning: without, whatever comes is taken for tissue, and evidence alone must
-    outlast noise and black. max_age_ns: after which a verification is none. asked: what the contact asks for;
-    at_rest_s: for how much longer it counts while the probe rests.
+    outlast noise and black. pose_ms: from one reading of the tracker to the next. max_age_ns: after which a
+    verification is none. asked: what the contact asks for; at_rest_s: for how much longer it counts while the probe
+    rests.
     """
 
     frames = 0
@@ -78,6 +80,7 @@ class Cart:
         change: Change = NONE,
         tilt_deg: float = 1.4,
         fps: float = 30.0,
+        pose_ms: float = POSE_MS,
         enforced: str = "abcdfg",
         attended: bool = True,
         received: bool = False,
@@ -108,8 +111,8 @@ class Cart:
         self._verdicts: list[Verdict] = []
         self._request: Request | None = None
         self._index = {"frame": 0, "pose": 0}
-        self._every_ns = {"frame": round(1e9 / fps), "pose": _POSES_NS, "tick": TICK_NS}
-        self._next_ns = {"frame": ORIGIN_NS, "pose": ORIGIN_NS + _POSES_NS // 3, "tick": ORIGIN_NS}
+        self._every_ns = {"frame": round(1e9 / fps), "pose": round(pose_ms * 1e6), "tick": TICK_NS}
+        self._next_ns = {"frame": ORIGIN_NS, "pose": ORIGIN_NS + self._every_ns["pose"] // 3, "tick": ORIGIN_NS}
         self._now_ns = self._true_ns = ORIGIN_NS
         self._picture: GreyImage | None = None
         self._reading: np.ndarray | None = None
@@ -153,6 +156,11 @@ class Cart:
         self.circumstances = replace(self.circumstances, **circumstances)  # type: ignore[arg-type]
         self._alike_ns.clear()
         self._say(str(self.circumstances))
+
+    def tilt(self, deg: float) -> None:
+        """The hand tilts the probe by so much from here on."""
+        self._say(f"the hand tilts by {deg:g}°")
+        self._hand.tilt_deg = deg
 
     def false_stamp(self, what: str, off_ns: int) -> None:
         """The next "frame" or "pose" is stamped so much too late, or too early where negative."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from appliance.limits import AT_REST_S, RequiredAges
-from tests.invariant.cart import Cart
+from tests.invariant.cart import POSE_MS, Cart
 from tests.invariant.circumstances import Pictures, Poses, Stamps
 from tests.invariant.oracle import MAX_AGE_NS, SHIPPED
 from tests.invariant.world import BENT_AND_SLID
@@ -35,9 +35,18 @@ def verified_cart(
     asked: RequiredAges = SHIPPED,
     discerning: bool = True,
     at_rest_s: float = AT_REST_S,
+    pose_ms: float = POSE_MS,
 ) -> Cart:
     """A healthy cart whose contact has been closed for a second."""
-    cart = Cart(seed, fps=fps, max_age_ns=max_age_ns, asked=asked, discerning=discerning, at_rest_s=at_rest_s)
+    cart = Cart(
+        seed,
+        fps=fps,
+        pose_ms=pose_ms,
+        max_age_ns=max_age_ns,
+        asked=asked,
+        discerning=discerning,
+        at_rest_s=at_rest_s,
+    )
     assert cart.run(VERIFIED_WITHIN_S, until=lambda: cart.closed), cart.told()
     cart.run(1.0)
     return cart

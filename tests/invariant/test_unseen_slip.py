@@ -1,4 +1,5 @@
-"""A marker body that is bent and slides out of the plane while the tracker is away for a moment: samples to contact."""
+"""A marker body that is bent and slides out of the plane while the tracker is away for a moment, again and again, or
+reads seldom: samples to contact."""
 
 import numpy as np
 import pytest
@@ -31,3 +32,38 @@ def test_the_contact_opens_on_a_slip_while_no_pose_came(missing: int, moving: bo
     cart.run(missing * POSE_S / 2)
     cart.meet(poses=Poses.GENUINE)
     assert cart.run(0.2, until=lambda: not cart.closed), cart.told()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("away_s", "bright", "slips_in", "moving"), [(0.183, 1, 4, False), (0.183, 1, 2, True), (0.15, 3, 2, False)]
+)
+def test_the_contact_opens_on_a_slip_amid_a_flicker(away_s: float, bright: int, slips_in: int, moving: bool) -> None:
+    """Gaps that are each bridged, with a few poses between: no history tells what the hand did."""
+    cart = verified_cart(1)
+    cart.meet(moving=moving)
+    cart.run(2.0)
+    assert cart.closed
+    for gap in range(5):
+        cart.meet(poses=Poses.GONE)
+        cart.run(away_s / 2)
+        if gap == slips_in:
+            cart.change(BENT_ACROSS)
+            slipped_s = cart.t_s
+        cart.run(away_s / 2)
+        cart.meet(poses=Poses.GENUINE)
+        cart.run(bright * POSE_S)
+    left_s = slipped_s + 0.6 - cart.t_s
+    assert not cart.closed or cart.run(left_s, until=lambda: not cart.closed), cart.told()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("every_ms", "moving"), [(120, True), (160, False), (235, True)])
+def test_the_contact_opens_on_a_slip_between_two_readings_of_a_slow_tracker(every_ms: int, moving: bool) -> None:
+    """Within three readings: the hand could have gone so far, and the pictures do not show that it did."""
+    cart = verified_cart(1, pose_ms=every_ms)
+    cart.meet(moving=moving)
+    cart.run(2.0)
+    assert cart.closed
+    cart.change(BENT_ACROSS)
+    assert cart.run(0.1 + 3 * every_ms / 1000, until=lambda: not cart.closed), cart.told()

@@ -171,7 +171,9 @@ _WAVES = (
 
 
 class Hand:
-    """Presses, slides, turns and tilts the probe a little; it can rest. tilt_deg: 0 keeps it in the plane."""
+    """Presses, slides, turns and tilts the probe a little; it can rest. tilt_deg: 0 keeps it in the plane; where it is
+    set to another the hand comes to it within a second or so.
+    """
 
     def __init__(self, seed: int, tilt_deg: float) -> None:
         random = np.random.default_rng((seed, 1))
@@ -179,7 +181,8 @@ class Hand:
         self._size = size * random.uniform(0.9, 1.1, size.size)
         self._rate = 2 * np.pi / (period_s * random.uniform(0.93, 1.08, size.size))
         self._phase = random.uniform(-0.8, 0.8, size.size)
-        self._spread = (axis == np.arange(6)[:, None]) * np.array([1, 1, 1, tilt_deg, tilt_deg, 1])[:, None]
+        self._axes = axis == np.arange(6)[:, None]
+        self._tilt_deg = self.tilt_deg = tilt_deg
         self._moved_s = 0.0
         self._liveliness = 1.0
 
@@ -187,10 +190,12 @@ class Hand:
         """Come to rest, or get going, within a fifth of a second."""
         self._liveliness = min(max(self._liveliness + (5 if moving else -5) * dt_s, 0.0), 1.0)
         self._moved_s += self._liveliness * dt_s
+        self._tilt_deg += min(dt_s, 1.0) * (self.tilt_deg - self._tilt_deg)
 
     def pose(self) -> Matrix4:
         """(4, 4) picture → tissue, mm."""
-        place = self._spread @ (self._size * np.sin(self._rate * self._moved_s + self._phase))
+        place = self._axes @ (self._size * np.sin(self._rate * self._moved_s + self._phase))
+        place[3:5] *= self._tilt_deg
         return _rigid(np.deg2rad(place[3:]), place[:3])
 
 

@@ -1,8 +1,8 @@
 """The service as the session of a scan holds it: asked to recalibrate over a connection that lives as long as the scan.
 
 Where that connection breaks, or says nothing for long, the service gives the scan up by itself. It is asked again where
-it forgot, as after a restart or as soon as a lost device is back, but not where it has monitored since or recalibrates for another: whoever works with it
-then must not lose it to a scan at which nobody may be looking.
+it forgot, as after a restart or as soon as a lost device is back, but not where it has monitored since or recalibrates
+for another: whoever works with it then must not lose it to a scan at which nobody may be looking.
 """
 
 import contextlib

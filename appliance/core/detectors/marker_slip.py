@@ -7,10 +7,11 @@ shifted). Leaps add up, so one that is undone is forgiven; an outlier, which lea
 A tracker's camera that is bumped, or pose times that swing by a tenth of a second, leap alike: the operator's text
 names both. After a bump motion verifies again, and forgives the leap; poses relative to a reference tool do not leap.
 
-Three kinds name nothing, but what was shown before them counts no more: a leap that no picture witnesses; one beyond a
-limit that a hand could have gone while the tracker was away for a moment, and that the pictures do not show; and one to
-a place of before from which the path goes on as it went then: poses that suddenly come late do that, and a body that
-slips does not.
+Four kinds name nothing, but what was shown before them counts no more: a leap that no picture witnesses; one beyond a
+limit that a hand could have gone while the tracker was away for a moment, and that the pictures do not show; a step as
+far between two readings of a slow or flickering tracker, where nothing tells how the hand went; and a leap to a place
+of before from which the path goes on as it went then: poses that suddenly come late do that, and a body that slips does
+not.
 """
 
 from collections import deque
@@ -178,7 +179,7 @@ class MarkerSlip(Detector):
     def _weigh(self, t_ns: int, matrix: Matrix4) -> bool:
         if self._track and not 0 < t_ns - self._track[-1][0] <= MOST_APART_NS:
             self._restart()
-        odd = self._is_odd(t_ns, matrix)
+        odd = self._is_odd(t_ns, matrix) or self._is_far(matrix)
         before_ns = self._track[-1][0] if self._track else t_ns
         self._track.append((t_ns, matrix))
         self._past.append((t_ns, matrix))
@@ -202,6 +203,10 @@ class MarkerSlip(Detector):
         self._usual += share * (np.minimum(off, (_LEAST_MM * 2, _LEAST_RAD * 2)) ** 2 - self._usual)
         return bool(odd.any())
 
+    def _is_far(self, matrix: Matrix4) -> bool:
+        """Whether the step to the reading alone is beyond a limit."""
+        return bool(self._track) and self._beyond(inverse(self._track[-1][1]) @ matrix)
+
     def _off_course(self, t_ns: int, matrix: Matrix4) -> Array:
         """(2,) mm and rad: how far the step to this reading is from the mean velocity of the recent ones, sensor axes;
         turns are small.
@@ -222,7 +227,7 @@ class MarkerSlip(Detector):
         path = self._path(base, self._track)
         found, taken_ns = self._surest(t_ns, path, after)
         if found is None:
-            return False
+            return self._stole_away(t_ns, path, after)
         unseen = self._unseen(found.size, int(t_ns[after - 1]), leapt_ns)
         if unseen is None:
             self._leave(after)
@@ -237,6 +242,17 @@ class MarkerSlip(Detector):
             self._slip = self._slip @ self._of_body(unseen)
         self._leave(after)
         return True
+
+    def _stole_away(self, t_ns: Array, path: Array, after: int) -> bool:
+        """Whether the body went beyond a limit in the step to that reading, unseen, where too few readings before it
+        tell what the hand did.
+        """
+        if (after > _LEAST_STEPS and self._smooth(t_ns)) or not self._spoils(path[after]):
+            return False
+        unseen = self._unseen(path[after], int(t_ns[after - 1]), int(t_ns[after]), whole=True)
+        stole = unseen is None or self._spoils(unseen)
+        self._leave(after if stole else 0)
+        return stole
 
     def _falls_back(self, base: Matrix4, t_ns: Array, path: Array, after: int, found: Leap) -> bool:
         """Whether the readings from the leap on repeat those of before it."""
@@ -261,7 +277,7 @@ class MarkerSlip(Detector):
         where none is a leap of more than a hand does, or of what the limits allow."""
         best: Leap | None = None
         best_ns = 0
-        smooth = t_ns[-1] - t_ns[0] <= _SMOOTH_NS
+        smooth = self._smooth(t_ns)
         for pieces in range(_PIECES):
             kept = np.r_[:after, after + pieces : t_ns.size]
             if pieces and t_ns[after + pieces] - t_ns[after] > _ON_ITS_WAY_NS:
@@ -276,6 +292,11 @@ class MarkerSlip(Detector):
                 best, best_ns = found, taken_ns
         return best, best_ns
 
+    @staticmethod
+    def _smooth(t_ns: Array) -> bool:
+        """Whether the readings are near enough to tell a leap that a hand could have gone."""
+        return bool(t_ns[-1] - t_ns[0] <= _SMOOTH_NS)
+
     def _too_far(self, size: Array, taken_ns: int) -> bool:
         """Whether the marker went further than a hand may suddenly go in that time."""
         moved_mm, turned_rad = _extent(self._of_body(size))
@@ -286,21 +307,27 @@ class MarkerSlip(Detector):
 
     def _spoils(self, size: Array) -> bool:
         """Whether a leap of the picture plane (6,) alone would bring the body beyond a limit."""
-        moved_mm, turned_rad = _extent(self._of_body(size))
+        return self._beyond(self._of_body(size))
+
+    def _beyond(self, step: Matrix4) -> bool:
+        moved_mm, turned_rad = _extent(step)
         return moved_mm > self._limits.offset_mm or turned_rad > np.deg2rad(self._limits.rotation_deg)
 
     def _of_body(self, size: Array) -> Matrix4:
         """(4, 4) in sensor axes of a leap of the picture plane (6,)."""
         return np.asarray(self._back @ rigid(rotation_from_vector(size[3:]), size[:3]) @ self._X)
 
-    def _unseen(self, size: Array, before_ns: int, leapt_ns: int) -> Array | None:
-        """(6,) what of a leap between two readings the pictures do not show; None where they cannot tell."""
+    def _unseen(self, size: Array, before_ns: int, leapt_ns: int, whole: bool = False) -> Array | None:
+        """(6,) what of a leap between two readings, or of the whole way, the pictures do not show; None where they
+        cannot tell.
+        """
         since_ns = before_ns - _SHIFT_NS
         around = [one for one in self._pictures if since_ns <= one.t_ns <= leapt_ns + _SHIFT_NS]
         if len(around) < 2 or any(one.moved is None for one in around):
             return None
         left = size.copy()
-        left[[0, 1, 5]] -= self._seen_leap(size[[0, 1, 5]], before_ns, leapt_ns)
+        seen = self._seen_way if whole else self._seen_leap
+        left[[0, 1, 5]] -= seen(size[[0, 1, 5]], before_ns, leapt_ns)
         out_mm = hypot(size[2], size[3] * self._reach_mm[1], size[4] * self._reach_mm[0])
         before = [one.away_mm for one in self._pictures if since_ns - 2 * _HISTORY_NS <= one.t_ns < since_ns]
         shown_mm = max(one.away_mm for one in around) - max(before, default=0.0)
@@ -317,17 +344,29 @@ class MarkerSlip(Detector):
         moved = [np.zeros(3) if one.moved is None else one.moved for one in pictures]
         path = np.cumsum(moved, axis=0)
         t_ns = np.array([one.t_ns for one in pictures])
-        reach = np.array([1.0, 1.0, hypot(*self._reach_mm)])
         best = np.zeros(3)
         for after in np.flatnonzero(np.abs(t_ns - leapt_ns) <= _SHIFT_NS):
             seen = (t_ns <= t_ns[after] - away_ns) | (t_ns >= t_ns[after])
             first = int(np.count_nonzero(seen[:after]))
             found = fit_leap(t_ns[seen] / 1e9, path[seen], first, _FLOOR[:3])
-            if found is not None and np.linalg.norm((wanted - found.size) * reach) < np.linalg.norm(
-                (wanted - best) * reach
-            ):
-                best = found.size
+            if found is not None:
+                best = self._nearer(wanted, best, found.size)
         return best
+
+    def _seen_way(self, wanted: Array, before_ns: int, leapt_ns: int) -> Array:
+        """(3,) way of the picture in as long a time near that one that is most like the wanted one."""
+        moved = [(one.t_ns, one.moved) for one in self._pictures if one.moved is not None]
+        best = np.zeros(3)
+        for late_ns in (-_SHIFT_NS, -_SHIFT_NS // 2, 0, _SHIFT_NS // 2, _SHIFT_NS):
+            ways = [way for t_ns, way in moved if before_ns < t_ns - late_ns <= leapt_ns]
+            best = self._nearer(wanted, best, np.sum(ways, axis=0) if ways else np.zeros(3))
+        return best
+
+    def _nearer(self, wanted: Array, one: Array, other: Array) -> Array:
+        """The one of two ways of the picture, mm, mm, rad, that is more like the wanted one."""
+        reach = np.array([1.0, 1.0, hypot(*self._reach_mm)])
+        apart = [np.linalg.norm((wanted - way) * reach) for way in (one, other)]
+        return one if apart[0] <= apart[1] else other
 
 
 def _turn(step: Array) -> Array:
