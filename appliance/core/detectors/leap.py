@@ -64,6 +64,23 @@ def fit_leap(t_s: Array, path: Array, after: int, floor: Array) -> Leap | None:
     return Leap(found[0], noise * float(np.linalg.norm(inverse[0])), left.max(axis=0), noise)
 
 
+def around_step(t_ns: Array, after: int, within_ns: int) -> list[int]:
+    """Four readings: those before and at a step, and those so long before and last after it by which the velocity there
+    is known; the first two are one where nothing lies before.
+    """
+    first = int(np.searchsorted(t_ns, t_ns[after - 1] - within_ns, side="right")) - 1
+    return [min(max(first, 0), after - 1), after - 1, after, t_ns.size - 1]
+
+
+def uneven_step(t_s: Array, path: Array) -> Array:
+    """(rows,) how far a step is from the mean of the velocities before and after it: of a wave of angular frequency ω
+    the share (ω dt)²/2 of the step. path: (4, rows) at the four readings of `around_step`, t_s their times in any unit.
+    """
+    later = (path[3] - path[2]) / (t_s[3] - t_s[2])
+    before = (path[1] - path[0]) / (t_s[1] - t_s[0]) if t_s[0] < t_s[1] else later
+    return np.asarray(path[2] - path[1] - (t_s[2] - t_s[1]) * (before + later) / 2)
+
+
 def retraced(past_s: Array, past: Array, t_s: Array, path: Array, noise: Array) -> float:
     """How nearly a path repeats what went before: mean square of the difference, in that of the noise of both, at the
     lag at which it is least; infinite where no lag puts two readings beside the past.

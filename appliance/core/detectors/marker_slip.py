@@ -23,7 +23,7 @@ import numpy as np
 
 from appliance.core.acquisition.pairing import MOST_APART_NS
 from appliance.core.detectors.detector import Detector, Observation
-from appliance.core.detectors.leap import Leap, fit_leap, retraced
+from appliance.core.detectors.leap import Leap, around_step, fit_leap, retraced, uneven_step
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array, angle_from_rotation, inverse, rigid, rotation_from_vector, vector_from_rotation
@@ -179,7 +179,7 @@ class MarkerSlip(Detector):
     def _weigh(self, t_ns: int, matrix: Matrix4) -> bool:
         if self._track and not 0 < t_ns - self._track[-1][0] <= MOST_APART_NS:
             self._restart()
-        odd = self._is_odd(t_ns, matrix) or self._is_far(matrix)
+        odd = self._is_odd(t_ns, matrix)
         before_ns = self._track[-1][0] if self._track else t_ns
         self._track.append((t_ns, matrix))
         self._past.append((t_ns, matrix))
@@ -191,29 +191,32 @@ class MarkerSlip(Detector):
         while len(self._track) > _LEAST_STEPS + 1 and self._track[1][0] < since_ns:
             self._track.popleft()
         leapt_ns = self._leapt_ns
-        return leapt_ns is not None and t_ns - leapt_ns >= _STAYS_NS and self._conclude(leapt_ns)
+        if leapt_ns is None or t_ns - leapt_ns < _STAYS_NS:
+            return False
+        leapt = self._conclude(leapt_ns)
+        if odd and not leapt:
+            self._leapt_ns, self._before_ns = t_ns, before_ns
+        return leapt
 
     def _is_odd(self, t_ns: int, matrix: Matrix4) -> bool:
         """Whether the reading is where no steady hand would have brought the marker: then it is worth a fit."""
-        if len(self._track) <= _LEAST_STEPS:
+        if not self._track:
             return False
         off = self._off_course(t_ns, matrix)
+        if len(self._track) <= _LEAST_STEPS:
+            return bool(np.any(off > (self._limits.offset_mm, np.deg2rad(self._limits.rotation_deg))))
         odd = off > np.maximum((_LEAST_MM, _LEAST_RAD), _USUAL * np.sqrt(self._usual))
         share = min((t_ns - self._track[-1][0]) / 1e9 / _MEMORY_S, 1.0)
         self._usual += share * (np.minimum(off, (_LEAST_MM * 2, _LEAST_RAD * 2)) ** 2 - self._usual)
         return bool(odd.any())
 
-    def _is_far(self, matrix: Matrix4) -> bool:
-        """Whether the step to the reading alone is beyond a limit."""
-        return bool(self._track) and self._beyond(inverse(self._track[-1][1]) @ matrix)
-
     def _off_course(self, t_ns: int, matrix: Matrix4) -> Array:
-        """(2,) mm and rad: how far the step to this reading is from the mean velocity of the recent ones, sensor axes;
-        turns are small.
+        """(2,) mm and rad: how far the step to this reading is from the mean velocity of the recent ones, if there is
+        more than one, in sensor axes; turns are small.
         """
         (first_ns, first), (last_ns, last) = self._track[0], self._track[-1]
         step, way = last[:3, :3].T @ matrix[:3], first[:3, :3].T @ last[:3]
-        share = (t_ns - last_ns) / (last_ns - first_ns)
+        share = (t_ns - last_ns) / (last_ns - first_ns) if first_ns < last_ns else 0.0
         moved = last[:3, :3].T @ (matrix[:3, 3] - last[:3, 3] - (last[:3, 3] - first[:3, 3]) * share)
         turned = _turn(step) - _turn(way) * share
         return np.array([hypot(*moved.tolist()), hypot(*turned.tolist())])
@@ -247,9 +250,13 @@ class MarkerSlip(Detector):
         """Whether the body went beyond a limit in the step to that reading, unseen, where too few readings before it
         tell what the hand did.
         """
-        if (after > _LEAST_STEPS and self._smooth(t_ns)) or not self._spoils(path[after]):
+        if after > _LEAST_STEPS and self._smooth(t_ns):
             return False
-        unseen = self._unseen(path[after], int(t_ns[after - 1]), int(t_ns[after]), whole=True)
+        nodes = around_step(t_ns, after, _STAYS_NS)
+        leap = uneven_step(t_ns[nodes], path[nodes])
+        if not self._spoils(leap):
+            return False
+        unseen = self._unseen(leap, int(t_ns[after - 1]), int(t_ns[after]), t_ns[nodes])
         stole = unseen is None or self._spoils(unseen)
         self._leave(after if stole else 0)
         return stole
@@ -317,17 +324,19 @@ class MarkerSlip(Detector):
         """(4, 4) in sensor axes of a leap of the picture plane (6,)."""
         return np.asarray(self._back @ rigid(rotation_from_vector(size[3:]), size[:3]) @ self._X)
 
-    def _unseen(self, size: Array, before_ns: int, leapt_ns: int, whole: bool = False) -> Array | None:
-        """(6,) what of a leap between two readings, or of the whole way, the pictures do not show; None where they
-        cannot tell.
+    def _unseen(self, size: Array, before_ns: int, leapt_ns: int, nodes_ns: Array | None = None) -> Array | None:
+        """(6,) what of a leap between two readings the pictures do not show; None where they cannot tell. nodes_ns:
+        (4,) times of the readings from which alone it is known.
         """
         since_ns = before_ns - _SHIFT_NS
         around = [one for one in self._pictures if since_ns <= one.t_ns <= leapt_ns + _SHIFT_NS]
         if len(around) < 2 or any(one.moved is None for one in around):
             return None
         left = size.copy()
-        seen = self._seen_way if whole else self._seen_leap
-        left[[0, 1, 5]] -= seen(size[[0, 1, 5]], before_ns, leapt_ns)
+        wanted = size[[0, 1, 5]]
+        left[[0, 1, 5]] -= (
+            self._seen_leap(wanted, before_ns, leapt_ns) if nodes_ns is None else self._seen_step(wanted, nodes_ns)
+        )
         out_mm = hypot(size[2], size[3] * self._reach_mm[1], size[4] * self._reach_mm[0])
         before = [one.away_mm for one in self._pictures if since_ns - 2 * _HISTORY_NS <= one.t_ns < since_ns]
         shown_mm = max(one.away_mm for one in around) - max(before, default=0.0)
@@ -353,13 +362,14 @@ class MarkerSlip(Detector):
                 best = self._nearer(wanted, best, found.size)
         return best
 
-    def _seen_way(self, wanted: Array, before_ns: int, leapt_ns: int) -> Array:
-        """(3,) way of the picture in as long a time near that one that is most like the wanted one."""
-        moved = [(one.t_ns, one.moved) for one in self._pictures if one.moved is not None]
+    def _seen_step(self, wanted: Array, nodes_ns: Array) -> Array:
+        """(3,) the same of the picture's way at those times, or somewhat earlier or later."""
+        t_ns = np.array([one.t_ns for one in self._pictures])
+        path = np.cumsum([np.zeros(3) if one.moved is None else one.moved for one in self._pictures], axis=0)
         best = np.zeros(3)
         for late_ns in (-_SHIFT_NS, -_SHIFT_NS // 2, 0, _SHIFT_NS // 2, _SHIFT_NS):
-            ways = [way for t_ns, way in moved if before_ns < t_ns - late_ns <= leapt_ns]
-            best = self._nearer(wanted, best, np.sum(ways, axis=0) if ways else np.zeros(3))
+            way = np.stack([np.interp(nodes_ns + late_ns, t_ns, row) for row in path.T], axis=-1)
+            best = self._nearer(wanted, best, uneven_step(nodes_ns, way))
         return best
 
     def _nearer(self, wanted: Array, one: Array, other: Array) -> Array:
