@@ -98,7 +98,7 @@ class Daemon:
                 recalibration=recalibration,
                 hold=self._hold,
                 annunciator=self._annunciator,
-                worker=self._worker,
+                worker=DeadlineWorker(),
                 now_ns=lambda: self._supervision.now_ns,
                 note=self._events.note,
                 onlookers=onlookers.refused,

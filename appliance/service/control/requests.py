@@ -27,7 +27,8 @@ Body = Mapping[str, Any]
 class Hands:
     """Everything of the service that a request may move. note: adds an entry to the alarm log.
 
-    onlookers: ids of the users who may ask for the status and for nothing else.
+    onlookers: ids of the users who may ask for the status and for nothing else. worker: for the list of users, and for
+    nothing else, so that a list that hangs keeps no file waiting.
     """
 
     ask: Callable[[Request], None]
@@ -85,7 +86,7 @@ class Requests:
         if do == "status" or (do == "audio-on" and not self._hands.annunciator.audio.silenced):
             return self._table[do](body) or {}
         self._refuse_too_many(do, who)
-        self._asking = f"{self._names.get(who.uid, f'uid {who.uid}')}, process {who.pid}"
+        self._asking = f"{self._name(who.uid)}, process {who.pid}"
         reply = self._table[do](body)
         self._note(do, body, who)
         return reply or {}
@@ -105,7 +106,7 @@ class Requests:
             for key in ("file", "number", "confirm", "reason", "seconds", "hold_s")
             if key in body
         }
-        self._hands.note("request", do=do, who=f"{self._name(who.uid)}, process {who.pid}", **said)
+        self._hands.note("request", do=do, who=self._asking, **said)
 
     def _name(self, uid: int) -> str:
         """Looked up once; a list of users may be on a disk, or on the network, that does not answer."""

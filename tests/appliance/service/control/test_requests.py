@@ -34,6 +34,7 @@ class Desk:
         self.now_ns = 0
         nothing = cast(Callable[..., Any], lambda *_: None)
         take = self.wanted.append
+        self.hold = Hold(lambda: None, lambda *_, **__: None, lambda _: True)
         recalibration = SimpleNamespace(propose=take, end=take, begin=lambda: None, abort=lambda: None)
         self.requests = Requests(
             Hands(
@@ -42,7 +43,7 @@ class Desk:
                 clear_bump=nothing,
                 reload=nothing,
                 recalibration=cast(Recalibration, recalibration),
-                hold=Hold(lambda: None, lambda *_, **__: None, lambda _: True),
+                hold=self.hold,
                 annunciator=self.annunciator,
                 worker=DeadlineWorker(),
                 now_ns=lambda: self.now_ns,
@@ -92,11 +93,19 @@ def test_what_is_no_number_of_a_reference_is_refused(number: object) -> None:
         Desk().requests.answer("propose-calibration", {"number": number}, ANNA)
 
 
+def test_the_first_request_after_the_start_knows_who_asks() -> None:
+    desk = Desk()
+    desk.requests.answer("begin-recalibration", {"hold_s": 20}, ANNA)
+    told = desk.hold.fields(ANNA, 0, recalibrating=True, monitoring=False)
+    assert told is not None
+    assert told["who"] == desk.noted[0]["who"] == "root, process 7"
+
+
 def test_a_change_carries_what_was_confirmed_and_who_asked() -> None:
     desk = Desk()
     desk.requests.answer("end-recalibration", {"number": 3, "confirm": "moved by 30 mm"}, ANNA)
     (wanted,) = desk.wanted
-    assert (wanted.number, wanted.file, wanted.confirm, wanted.who) == (3, None, "moved by 30 mm", "uid 0, process 7")
+    assert (wanted.number, wanted.file, wanted.confirm, wanted.who) == (3, None, "moved by 30 mm", "root, process 7")
     assert desk.noted[0]["number"] == "3"
     with pytest.raises(ControlRefused, match="no file beside it"):
         desk.requests.answer("end-recalibration", {"number": 3, "file": "/x.toml"}, ANNA)
