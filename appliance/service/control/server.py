@@ -7,7 +7,9 @@ first.
 
 A crowd that connects and says nothing keeps nobody out: its clients take places from each other only, and whoever is
 accepted is heard before the next one is. Who has asked keeps the place until the answer is there, and longer while
-nobody else who asks needs it, or a recalibration hangs on it. One descriptor is kept for a person who asks what is
+nobody else who asks needs it, or a recalibration hangs on it; one that sends the next request before it has the answer
+to the last is the first to leave after that. So each tick has eight places or more for those who have waited longest,
+whatever the others ask, and whoever asks now and then keeps his. One descriptor is kept for a person who asks what is
 wrong when all others have run out.
 """
 
@@ -69,10 +71,13 @@ class ControlRefused(ProbewatchError):  # noqa: N818  an answer, as the operator
 
 @dataclass(slots=True, eq=False)
 class _Client:
+    """presses: the next request was there before the answer to the last one."""
+
     link: socket.socket
     who: Peer
     received: bytearray = field(default_factory=bytearray)
     unsent: bytearray = field(default_factory=bytearray)
+    presses: bool = False
 
     @property
     def waits(self) -> bool:
@@ -166,15 +171,19 @@ class ControlServer:
             self._clients.append(client)
 
     def _full(self) -> list[_Client] | None:
-        """Who leaves so that one more has a place, which may be nobody; None where all wait for an answer.
+        """Who leaves so that one more has a place, which may be nobody; None where nobody does, so that it waits.
 
-        Of those who do not: of the user who has most, who has asked nothing for the longest time.
+        Who presses, then of those who ask nothing, as long as they have most of the places: of the user who has most,
+        who came last. So whoever stays keeps the place while others come, ask, and need it no more.
         """
         if len(self._clients) < _MOST_CLIENTS:
             return []
-        idle = [client for client in self._clients if not client.waits and client.who.link != self._kept]
+        others = [client for client in self._clients if client.who.link != self._kept]
+        idle = [client for client in others if not client.waits]
+        leaving = [client for client in others if client.presses] + (idle if len(idle) > _MOST_CLIENTS // 2 else [])
         held = Counter(client.who.uid for client in self._clients)
-        return [max(idle, key=lambda client: held[client.who.uid])] if idle else None
+        first = max(leaving, key=lambda one: (one.presses, held[one.who.uid], one.who.link), default=None)
+        return None if first is None else [first]
 
     def _push_out(self, client: _Client) -> None:
         self._drop(client)
@@ -196,6 +205,7 @@ class ControlServer:
             line, newline, rest = bytes(client.received).partition(b"\n")
             if newline:
                 client.received = bytearray(rest)
+                client.presses = client.waits
                 self._clients.remove(client)
                 self._clients.append(client)
                 client.unsent += _line(_reply(line, answer, client.who))

@@ -269,6 +269,64 @@ def test_who_asks_now_and_then_keeps_the_place_while_others_come_and_say_nothing
         assert server.dropped_clients >= 10 * 60 - 32
 
 
+class Crowd:
+    """Clients that always have the next request waiting, and come again when they are sent away."""
+
+    def __init__(self, path: Path, size: int) -> None:
+        self._path = path
+        self.links = [self._connected() for _ in range(size)]
+
+    def press(self) -> None:
+        for place, link in enumerate(self.links):
+            try:
+                with contextlib.suppress(BlockingIOError):
+                    link.send(b'{"v": 1, "do": "status"}\n' * 40)
+            except OSError:
+                link.close()
+                self.links[place] = self._connected()
+
+    def _connected(self) -> socket.socket:
+        link = socket.socket(socket.AF_UNIX)
+        link.setblocking(False)
+        link.connect(str(self._path))
+        link.send(b'{"v": 1, "do": "status"}\n' * 40)
+        return link
+
+    def close(self) -> None:
+        for link in self.links:
+            link.close()
+
+
+def test_a_crowd_that_always_asks_keeps_nobody_waiting(tmp_path: Path) -> None:
+    """One who comes is answered within four ticks, and keeps the place; who comes and asks once as well."""
+    with (
+        ControlServer(tmp_path / "control") as server,
+        contextlib.closing(Crowd(tmp_path / "control", 40)) as crowd,
+        socket.socket(socket.AF_UNIX) as staying,
+    ):
+
+        def polls_until_answered(link: socket.socket) -> int:
+            link.send(b'{"v": 1, "do": "acknowledge"}\n')
+            polls = 0
+            while polls < 20:
+                crowd.press()
+                polls += 1
+                if answered_at(server, link, 1):
+                    break
+            return polls
+
+        for _ in range(5):
+            server.poll(lambda do, request, who: {})
+            crowd.press()
+        staying.connect(str(tmp_path / "control"))
+        assert polls_until_answered(staying) <= 4
+        for _ in range(10):
+            with socket.socket(socket.AF_UNIX) as link:
+                link.connect(str(tmp_path / "control"))
+                assert polls_until_answered(link) <= 4
+            assert polls_until_answered(staying) <= 4
+
+
 def test_a_person_is_answered_when_no_descriptor_is_left(tmp_path: Path) -> None:
     """And again: the one that is kept for this comes back when the person has left."""
     before = resource.getrlimit(resource.RLIMIT_NOFILE)

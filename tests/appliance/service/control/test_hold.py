@@ -183,4 +183,4 @@ def test_a_crowd_that_asks_does_not_end_what_hangs_on_a_silent_connection(tmp_pa
         assert server.dropped_clients > 0
         hold.look(S_NS, recalibrating=True)
         assert hold.link == asked[0].link
-        assert not server.is_open(asked[1].link)
+        assert sum(server.is_open(who.link) for who in asked) == 16
