@@ -26,10 +26,10 @@ USUAL_NAMES = Names("Image", "ProbeToTracker")
 
 
 class Asked:
-    """streams: types that come until it says stop, IMAGE and TRANSFORM."""
+    """streams: types that come until it says stop, IMAGE and TRANSFORM. started: those of them that it asked for."""
 
     def __init__(self, names: Names, streams: frozenset[str] = frozenset()) -> None:
-        self.names, self.streams = names, streams
+        self.names, self.streams, self.started = names, streams, frozenset[str]()
         self._once: dict[str, float] = {}
 
     @property
@@ -57,7 +57,9 @@ class Asked:
             self._once[kind] = now_s + _ONCE_S
             return None
         if granted:
-            self.streams = self.streams | {kind} if command == "STT" else self.streams - {kind}
+            started = command == "STT"
+            self.streams = self.streams | {kind} if started else self.streams - {kind}
+            self.started = self.started | {kind} if started else self.started - {kind}
         return reply(message, f"RTS_{what}", _GRANTED if granted else _DENIED)
 
     def given(self, kind: str) -> None:

@@ -23,12 +23,13 @@ from tools.openigtlink.wording import estimate_message, state_message, status_me
 from tools.shared.status_watch import Seen, StatusWatch
 
 _MOST_CLIENTS = 32
-"""At once; for the next one somebody leaves who only listens, else it is sent away. Each costs a descriptor, a buffer
-and some 0.1 ms in a round. Not measured."""
+"""At once; for the next one somebody leaves who has started no stream, else it is sent away. Each costs a descriptor, a
+buffer and some 0.1 ms in a round. Not measured."""
 
 _SETTLED_S = 5.0
-"""For which who says nothing keeps the place though others wait for one. 3D Slicer says nothing either, and comes
-again: less sends it away sooner where a crowd comes on and on, more keeps it waiting before a crowd that stays."""
+"""For which who has started no stream keeps the place though others wait for one. 3D Slicer starts none either, and
+comes again: less sends it away sooner where a crowd comes and comes, more keeps it waiting before a crowd that stays.
+"""
 
 _MOST_UNSENT = 1 << 18
 """Bytes that wait for a client which asks and does not read; then it is dropped. More takes memory, less drops one that
@@ -63,13 +64,14 @@ _READ_BYTES, _QUESTIONS = 1 << 14, 8
 
 class _Client:
     """version: of the headers it understands: 1 until it has shown a later one. asked: of pictures and poses. due: a
-    round has passed it over. trouble: what was told it last of their absence. has_asked: anything.
+    round has passed it over. trouble: what was told it last of their absence. spoke_s: when it asked last, or came.
     """
 
     def __init__(self, line: socket.socket, address: str, asked: Asked) -> None:
         self.line, self.version, self.number, self.asked = line, 1, 0, asked
         self.due, self.trouble, self._picture_bytes = False, "", 0
-        self.address, self.came_s, self.has_asked = address, time.monotonic(), False
+        self.address, self.came_s = address, time.monotonic()
+        self.spoke_s = self.came_s
         self.unsent = bytearray()
         self.stream = MessageStream(_is_question)
         self.moved_s = time.monotonic()
@@ -97,7 +99,7 @@ class _Client:
                 return False
             self.version = max(self.version, min(arrived.message.version, 2))
             found.append(arrived.message)
-            self.has_asked = True
+            self.spoke_s = time.monotonic()
         return True
 
     def put(self, message: Message) -> None:
@@ -264,7 +266,7 @@ class StateServer:
             line, (address, *_) = self._door.accept()
             if len(self._clients) >= _MOST_CLIENTS:
                 self.turned_away += 1
-                if not self._make_room():
+                if not self._make_room(address):
                     line.close()
                     return
             line.setblocking(False)
@@ -274,14 +276,17 @@ class StateServer:
             self._clients.append(_Client(line, address, Asked(self._names, streams)))
             self._watch.want(len(self._clients))
 
-    def _make_room(self) -> bool:
-        """Of those who have asked nothing, at the address of which most have come, who came first leaves."""
-        silent = [one for one in self._clients if not one.has_asked]
-        held = Counter(one.address for one in silent)
-        settled = [one for one in silent if time.monotonic() - one.came_s >= _SETTLED_S]
-        if not settled:
+    def _make_room(self, address: str) -> bool:
+        """Who has started no stream leaves, of the address of which most are here, who has been quiet longest. Where
+        there is nobody of that kind, one leaves of an address of which two more are here than of the one that waits.
+        """
+        held = Counter(one.address for one in self._clients)
+        settled_s = time.monotonic() - _SETTLED_S
+        settled = [one for one in self._clients if not one.asked.started and one.came_s <= settled_s]
+        others = [one for one in self._clients if held[one.address] >= held[address] + 2]
+        if not (settled or others):
             return False
-        leaves = max(settled, key=lambda one: (held[one.address], -one.came_s))
+        leaves = max(settled or others, key=lambda one: (held[one.address], not one.asked.started, -one.spoke_s))
         leaves.line.close()
         self._clients.remove(leaves)
         return True

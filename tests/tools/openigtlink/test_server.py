@@ -174,6 +174,41 @@ def _ended(line: socket.socket) -> bool:
     return line.recv(1 << 16) == b""
 
 
+def test_a_crowd_that_asks_one_question_keeps_nobody_out(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who has started a stream keeps the place, where all others leave."""
+    monkeypatch.setattr("tools.openigtlink.server._SETTLED_S", 0.0)
+    with ExitStack() as crowd:
+        streams = crowd.enter_context(bench.connect())
+        streams.ask("STT_TRANS", "ProbeToTracker")
+        streams.until("RTS_TRANS")
+        asked = [crowd.enter_context(bench.connect()) for _ in range(31)]
+        for one in asked:
+            one.ask("GET_CAPABIL")
+            one.until("CAPABILITY")
+        later = [crowd.enter_context(bench.connect()) for _ in range(31)]
+        until(lambda: bench.server.turned_away == 31)
+        for one in asked:
+            until(lambda one=one: _ended(one.line))  # type: ignore[misc]
+        for kept in (streams, *later):
+            kept.until("STATUS")
+
+
+def test_a_crowd_of_one_address_keeps_no_other_out(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However new they are, and though all have started streams; the crowd takes no place of another address."""
+    monkeypatch.setattr("tools.openigtlink.server._SETTLED_S", 60.0)
+    with ExitStack() as crowd:
+        for _ in range(32):
+            one = crowd.enter_context(bench.connect())
+            one.ask("STT_TRANS", "ProbeToTracker")
+            one.until("RTS_TRANS")
+        with socket.create_connection(bench.server.address, 10, ("127.0.0.2", 0)) as other:
+            assert other.recv(1), "it has a place"
+            with bench.connect() as late:
+                late.line.settimeout(5)
+                assert late.line.recv(1) == b""
+            assert other.recv(1)
+
+
 def test_one_who_never_reads_is_dropped_in_time(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tools.openigtlink.server._ASLEEP_S", 0.3)
     with socket.socket() as sleeper:
