@@ -1,7 +1,8 @@
 """The state of a cart on an MQTT broker: retained, with a last will, so that who comes later knows it, and who looks on
 learns that nobody tells it any more.
 
-Nothing is subscribed to. A broker that vanishes is said once and tried again; the service knows nothing of it.
+Nothing is subscribed to, so a broker has nothing to say but short answers; one that says more is left. A broker that
+vanishes is said once and tried again; the service knows nothing of it.
 """
 
 import json
@@ -30,13 +31,20 @@ _KEEPALIVE_S = 10
 _CONNECT_S = 5.0
 """For which a broker may take to accept. Longer finds a slow one, shorter is sooner at the next try. Not measured."""
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 1.0, 30.0
-"""Before the next try, doubled each time: how late a broker that is back is noticed, against knocking on its door."""
+"""Before the next try, doubled each time until one has lasted for the longest: how late a broker that is back is
+noticed, against knocking on its door."""
 _LOOK_S = 1.0
 """Between two looks at the service. Shorter tells a change sooner, and takes an answer of the service each time."""
 _REPEAT_S = 15.0
 """After which the state is told again though it is the same, so that who looks on may call a silence one."""
 _GOODBYE_S = 2.0
 """For which the last message may take at the end."""
+_LONGEST_ANSWER = 2
+"""Bytes of a packet after its length: what CONNACK and PUBACK have, by MQTT 3.1.1; PINGRESP has none. What is longer
+was not asked for, and the library keeps it until it is whole: up to 256 MB, which is all memory of the unit."""
+_MOST_HEARD_S = 1000
+"""Bytes of answers in a second: 250 acknowledgements. A connection has some ten at its beginning and one a second then;
+more lets a broker that acknowledges without end take the processor."""
 _MOST_QUEUED = 100
 """Messages for a broker that does not take them: more is memory for what is old already."""
 _OTHERS = stat.S_IROTH | stat.S_IWOTH
@@ -125,6 +133,30 @@ def _told(status: Status) -> dict[str, Any]:
     }
 
 
+class _Client(Client):
+    """The library's, which leaves a broker that says more than answers. trouble: what it said; empty where nothing."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(CallbackAPIVersion.VERSION2, client_id=name, reconnect_on_failure=False)
+        self.trouble = ""
+        self._heard_s, self._heard = 0.0, 0
+
+    def _sock_recv(self, bufsize: int) -> bytes:
+        """The library asks here for as much as a packet has announced, before it has any of it. Raises OSError."""
+        if bufsize > _LONGEST_ANSWER:
+            self.trouble = f"it sends {bufsize} bytes that nobody asked for"
+            raise ConnectionAbortedError(self.trouble)
+        received = super()._sock_recv(bufsize)
+        now_s = time.monotonic()
+        if now_s - self._heard_s > 1.0:
+            self._heard_s, self._heard = now_s, 0
+        self._heard += len(received)
+        if self._heard > _MOST_HEARD_S:
+            self.trouble = "it sends answers without end"
+            raise ConnectionAbortedError(self.trouble)
+        return received
+
+
 class Publisher:
     """cart: its name in the topics. read: the status, None where there is none. say: for the journal. prefix: of the
     topics. discovery_prefix: of Home Assistant, empty where nobody wants it.
@@ -147,8 +179,10 @@ class Publisher:
         wait_s = _FIRST_WAIT_S
         while not stop.is_set():
             if self._connect():
-                wait_s = _FIRST_WAIT_S
+                began_s = time.monotonic()
                 self._tell_until_lost(stop)
+                if time.monotonic() - began_s >= _LONGEST_WAIT_S:
+                    wait_s = _FIRST_WAIT_S
             why = self._why
             self._leave(stop.is_set())
             if not stop.is_set():
@@ -156,8 +190,8 @@ class Publisher:
                 stop.wait(wait_s)
                 wait_s = min(2 * wait_s, _LONGEST_WAIT_S)
 
-    def _make_client(self, name: str) -> Client:
-        client = Client(CallbackAPIVersion.VERSION2, client_id=name, reconnect_on_failure=False)
+    def _make_client(self, name: str) -> _Client:
+        client = _Client(name)
         client.will_set(self._available, "offline", qos=1, retain=True)
         client.max_queued_messages_set(_MOST_QUEUED)
         client.connect_timeout = _CONNECT_S
@@ -177,14 +211,15 @@ class Publisher:
 
     def _note_disconnect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         if not self._gone.is_set():
-            self._why = f"it has gone ({printable(str(reason))})"
+            self._why = self._client.trouble or f"it has gone ({printable(str(reason))})"
+            self._refused = bool(self._client.trouble)
         self._gone.set()
 
     def _connect(self) -> bool:
         """Whether the broker has accepted this cart."""
         self._connected.clear()
         self._gone.clear()
-        self._why, self._refused = "it does not answer", False
+        self._why, self._refused, self._client.trouble = "it does not answer", False, ""
         try:
             self._client.connect(self._broker.host, self._broker.port, _KEEPALIVE_S)
         except (OSError, ValueError) as error:

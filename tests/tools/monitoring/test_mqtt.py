@@ -1,5 +1,6 @@
 """The publisher at a real mosquitto: retained state, last will, credentials, TLS, and a broker that comes and goes."""
 
+import gc
 import json
 import shutil
 import signal
@@ -9,6 +10,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,7 @@ from drivers.errors import ConfigurationError
 from tests.support.answering import Answering, recorded
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
-from tools.monitoring.mqtt import broker_of, message
+from tools.monitoring.mqtt import Broker, Publisher, broker_of, message
 
 MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
 needs_mosquitto = pytest.mark.skipif(not Path(MOSQUITTO).exists(), reason="needs mosquitto (mosquitto)")
@@ -243,6 +245,87 @@ def test_tls_only_with_a_broker_whose_certificate_is_good(service: Answering, tm
             until(lambda: reader.state().get("verified"), 60)
     finally:
         broker.end()
+
+
+CONNACK = b"\x20\x02\x00\x00"
+HUGE = b"\x30" + b"\xff\xff\xff\x5d"  # PUBLISH of 197 MB
+UNASKED = b"\x32\x07\x00\x01t\x00\x01hi"  # PUBLISH that must be acknowledged
+CHUNK = bytes(1 << 16)
+
+
+class HostileBroker:
+    """Accepts each connection and says what it is told to, then more without end. taken: bytes of that by connection;
+    came_s: when each came.
+    """
+
+    def __init__(self, says: bytes, more: bytes) -> None:
+        self._says, self._more = says, more
+        self.taken: list[int] = []
+        self.came_s: list[float] = []
+        self._door = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._door.getsockname()[1]
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while True:
+            try:
+                link, _ = self._door.accept()
+            except OSError:
+                return
+            with link:
+                self.came_s.append(time.monotonic())
+                self.taken.append(self._serve(link))
+
+    def _serve(self, link: socket.socket) -> int:
+        taken = 0
+        link.settimeout(10)
+        try:
+            link.recv(4096)
+            link.sendall(self._says)
+            while taken < 32 << 20:
+                taken += link.send(self._more)
+        except OSError:
+            pass
+        return taken
+
+    def close(self) -> None:
+        self._door.shutdown(socket.SHUT_RDWR)
+        self._door.close()
+        self._thread.join()
+
+
+@pytest.mark.filterwarnings("ignore:unclosed <socket:ResourceWarning")  # of the library, with each connection
+@pytest.mark.parametrize(
+    ("says", "more", "words"),
+    [
+        (CONNACK + HUGE, CHUNK, "sends 197132287 bytes that nobody asked for"),
+        (HUGE, CHUNK, "sends 197132287 bytes that nobody asked for"),
+        (CONNACK, UNASKED * 100, "sends 7 bytes that nobody asked for"),
+        (CONNACK, b"\x62\x02\x00\x01" * 1000, "sends answers without end"),
+    ],
+    ids=["huge", "huge at once", "unasked", "answers without end"],
+)
+def test_a_broker_that_says_more_than_answers_is_left_and_tried_again_ever_later(
+    says: bytes, more: bytes, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tools.monitoring.mqtt._FIRST_WAIT_S", 0.02)
+    broker, said, stop = HostileBroker(says, more), list[str](), threading.Event()
+    publisher = Publisher(Broker("127.0.0.1", broker.port), "cart-2", lambda: None, said.append, "probewatch", "")
+    running = threading.Thread(target=publisher.run, args=(stop,))
+    running.start()
+    try:
+        until(lambda: len(broker.came_s) >= 5, 20, otherwise=lambda: None)
+    finally:
+        stop.set()
+        running.join()
+        broker.close()
+    assert max(broker.taken[:4]) < 16 << 20, "it is left before it is heard"
+    waits_s = [later - earlier for earlier, later in pairwise(broker.came_s)]
+    assert all(wait_s >= 0.02 * 2**number for number, wait_s in enumerate(waits_s))
+    assert any(words in line for line in said)
+    del publisher, running
+    gc.collect()
 
 
 @pytest.mark.parametrize(
