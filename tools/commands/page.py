@@ -27,8 +27,6 @@ _DOOR = Path("/run/probewatch-page/door")
 _MOST_PORT = 65535  # of TCP
 _EVERY_S = 0.2
 """Between two questions to the service while somebody looks: four of its ticks."""
-_MOST_AT_ONCE = 64
-"""Connections: six of each of eight browsers, and some. More takes memory from the cart."""
 _LONGEST_HEADERS = 16_384
 """Bytes: browsers send some 1000."""
 
@@ -106,7 +104,6 @@ def _serve(page: Page, listener: sockets.socket) -> None:
         server_header=False,
         lifespan="off",
         ws="none",
-        limit_concurrency=_MOST_AT_ONCE,
         h11_max_incomplete_event_size=_LONGEST_HEADERS,
         timeout_graceful_shutdown=1,
     )

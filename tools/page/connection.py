@@ -1,12 +1,25 @@
 """One connection to the page: who asks nothing, or takes nothing, for some seconds loses the place; at once, where all
-places are taken.
+places are taken. Where all wait for an answer, the address that has most places gives one of them; each address is
+answered only so often.
 """
 
 import asyncio
+from collections import Counter
 from typing import Any
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from tools.page.pace import Pace
+
+MOST_AT_ONCE = 64
+"""Connections: six of each of eight browsers, and some. More takes memory from the cart."""
+EVENTS = "/events"
+"""Path of the stream that a page is told its status by."""
+MOST_LISTENERS = 16
+"""Browsers that are told events at once; each costs some 30 kB/s. For one more, one of an address that has two more is
+sent away, else it is told to come later."""
+_PICTURES_HZ = 10.0
+"""Of one browser: tools/page/pictures.py."""
 _SILENT_S = 5.0
 """For a client to have sent a whole request. Less drops one on a busy computer; more keeps a place for nobody."""
 _ASLEEP_S = 10.0
@@ -15,12 +28,27 @@ place for nobody."""
 
 
 class Connection(H11Protocol):
-    """uvicorn's, whose own deadline begins with the first answer and ends with the next byte."""
+    """uvicorn's, whose own deadline begins with the first answer and ends with the next byte.
+
+    pace: of all connections; an address may have all browsers behind it that are told events, with their pictures.
+    most: connections at once. uvicorn's own limit counts the tasks of those that were sent away as well.
+    """
+
+    most = MOST_AT_ONCE
+
+    pace = Pace(MOST_LISTENERS * _PICTURES_HZ)
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self._deadline: asyncio.TimerHandle | None = None
+        self._turn: asyncio.TimerHandle | None = None
         self.idle_since_s, self.has_asked = self.loop.time(), False
+        self.asked_s = 0.0
+
+    @property
+    def address(self) -> str:
+        """Of the other end."""
+        return "" if self.client is None else self.client[0]
 
     @property
     def asks(self) -> bool:
@@ -32,6 +60,11 @@ class Connection(H11Protocol):
         """It has asked all of it; who sends the head of a request, and no body, has not."""
         return self.asks and not self.cycle.more_body
 
+    @property
+    def listens(self) -> bool:
+        """It is told events, which do not end."""
+        return self.asks and self.scope["path"] == EVENTS
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn has it
         """Who has nothing to say makes room for it."""
         super().connection_made(transport)
@@ -41,14 +74,21 @@ class Connection(H11Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Nothing is waited for any more."""
         self._end_deadline()
+        if self._turn is not None:
+            self._turn.cancel()
         super().connection_lost(exc)
 
-    def data_received(self, data: bytes) -> None:
-        """A whole request ends the deadline; a part of one does not move it."""
-        super().data_received(data)
-        if self.asks:
-            self.has_asked = self.has_asked or self.keeps_place
-            self._end_deadline()
+    def handle_events(self) -> None:
+        """What was asked, in the turn of its address. A whole request ends the deadline; a part does not move it."""
+        if self._turn is not None:
+            return
+        begins = not self.asks and bool(self.conn.trailing_data[0])
+        wait_s = self.pace.wait_s(self.address, self.loop.time()) if begins else 0.0
+        if wait_s > 0:
+            self.flow.pause_reading()
+            self._turn = self.loop.call_later(wait_s, self._take_turn)
+            return
+        self._handle()
 
     def on_response_complete(self) -> None:
         """For the next request the deadline begins anew."""
@@ -56,6 +96,20 @@ class Connection(H11Protocol):
         super().on_response_complete()
         if not self.asks:
             self._allow(_SILENT_S)
+
+    def _take_turn(self) -> None:
+        self._turn = None
+        if not self.transport.is_closing():
+            self.flow.resume_reading()
+            self._handle()
+
+    def _handle(self) -> None:
+        asked = self.asks
+        super().handle_events()
+        if self.asks:
+            self.asked_s = self.asked_s if asked else self.loop.time()
+            self.has_asked = self.has_asked or self.keeps_place
+            self._end_deadline()
 
     def pause_writing(self) -> None:
         """It does not take what is sent."""
@@ -76,11 +130,17 @@ class Connection(H11Protocol):
             self.transport.abort()
 
     def _make_room(self) -> None:
-        """uvicorn never gives the last place. Who has asked nothing leaves first, then who has been idle longest."""
+        """Of the address that has most places: who has asked nothing leaves first, then who has been idle longest, then
+        who has waited longest for an answer; the newcomer itself, where its own address has most and nobody does.
+        """
         there = [one for one in self.connections if isinstance(one, Connection) and not one.transport.is_closing()]
-        idle = [one for one in there if one is not self and not one.keeps_place]
-        too_many = 0 if self.limit_concurrency is None else max(0, len(there) + 1 - self.limit_concurrency)
-        for one in sorted(idle, key=lambda one: (one.has_asked, one.idle_since_s))[:too_many]:
+        held = Counter(one.address for one in there)
+        others = [one for one in there if one is not self and held[one.address] >= held[self.address]]
+        idle = [one for one in others if not one.keeps_place]
+        leave = sorted(idle, key=lambda one: (-held[one.address], one.has_asked, one.idle_since_s))
+        waiting = [one for one in others if one.keeps_place and not one.listens]
+        leave += sorted(waiting, key=lambda one: (-held[one.address], one.asked_s))
+        for one in [*leave, self][: max(0, len(there) - self.most)]:
             one.give_up()
 
     def _allow(self, seconds: float) -> None:

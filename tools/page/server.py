@@ -7,6 +7,7 @@ from elsewhere, and nothing on the page runs but its own files (Content-Security
 import asyncio
 import json
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from drivers.errors import ProbewatchError
 from drivers.printable import printable_value
 from tools.page.alarms import LastAlarms
+from tools.page.connection import EVENTS, MOST_LISTENERS
 from tools.page.pictures import Pictures, jpeg
 from tools.page.tokens import Tokens, Visitor
 from tools.page.wording import worded
@@ -37,8 +39,6 @@ _KINDS = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/
 _COOKIE = "probewatch"
 _EVENTS_S = 0.25
 """Between two events: seen as motion, the pace of `probewatch status --watch`."""
-_MOST_LISTENERS = 16
-"""Browsers that are told events at once; each costs some 30 kB/s. One more is told to come later."""
 _PICTURE_S = 2.0
 """For which a request for a newer picture waits before it is answered with none. Longer keeps a dead picture looking
 alive; shorter asks for nothing."""
@@ -66,18 +66,26 @@ class Parts:
     hosts: frozenset[str]
 
 
+@dataclass(eq=False, slots=True)
+class _Listener:
+    """A browser that is told events."""
+
+    address: str
+    sent_away: bool = False
+
+
 class Page:
     """app: for an ASGI server."""
 
     def __init__(self, parts: Parts) -> None:
         self._parts = parts
         self._files = {path.name: path.read_bytes() for path in sorted(_FILES.iterdir()) if path.suffix in _KINDS}
-        self._listeners = 0
+        self._listeners: list[_Listener] = []
         routes = [
             Route("/", self._file),
             Route("/recalibrate", self._file),
             Route("/files/{name}", self._file),
-            Route("/events", self._events),
+            Route(EVENTS, self._events),
             Route("/picture", self._picture),
             Route("/view/{index:int}", self._view),
             Route("/token", self._token, methods=["POST"]),
@@ -94,21 +102,37 @@ class Page:
         return Response(content, media_type=_KINDS[Path(name).suffix])
 
     async def _events(self, request: Request) -> Response:
-        if self._listeners >= _MOST_LISTENERS:
+        listener = _Listener(_address(request))
+        if not self._has_place(listener):
             return Response("too many look on; close one of them\n", 503, media_type="text/plain")
-        self._count(1)
+        self._listeners.append(listener)
+        self._parts.watch.want(len(self._listeners))
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        return _Counted(self._told(request), lambda: self._count(-1), "text/event-stream", headers)
+        return _Counted(self._told(request, listener), lambda: self._forget(listener), "text/event-stream", headers)
 
-    async def _told(self, request: Request) -> AsyncIterator[bytes]:
-        while not await request.is_disconnected():
+    def _has_place(self, listener: _Listener) -> bool:
+        """One of an address that has two more than the newcomer's is sent away for it, where there is one."""
+        if len(self._listeners) < MOST_LISTENERS:
+            return True
+        held = Counter(one.address for one in self._listeners)
+        greedy, places = held.most_common(1)[0]
+        if places < held[listener.address] + 2:
+            return False
+        leaves = next(one for one in reversed(self._listeners) if one.address == greedy)
+        leaves.sent_away = True
+        self._forget(leaves)
+        return True
+
+    def _forget(self, listener: _Listener) -> None:
+        if listener in self._listeners:
+            self._listeners.remove(listener)
+            self._parts.watch.want(len(self._listeners))
+
+    async def _told(self, request: Request, listener: _Listener) -> AsyncIterator[bytes]:
+        while not (listener.sent_away or await request.is_disconnected()):
             event = await run_in_threadpool(self._event, self._visitor(request))
             yield b"data: " + json.dumps(event, ensure_ascii=False).encode() + b"\n\n"
             await asyncio.sleep(_EVENTS_S)
-
-    def _count(self, change: int) -> None:
-        self._listeners += change
-        self._parts.watch.want(self._listeners)
 
     def _event(self, visitor: Visitor | None) -> dict[str, Any]:
         """Everything that the page shows but its pictures."""
@@ -136,7 +160,7 @@ class Page:
         known = int(after) if after.isascii() and after.isdecimal() and len(after) < 16 else 0
         end_s = time.monotonic() + _PICTURE_S
         while (newest := self._parts.pictures.newest(self._parts.session.looked_ns)) is None or newest.number == known:
-            if time.monotonic() > end_s:
+            if time.monotonic() > end_s or await request.is_disconnected():
                 return Response(None, 204)
             await asyncio.sleep(_LOOK_S)
         look = await run_in_threadpool(self._parts.session.look_at, newest.t_ns)
@@ -154,9 +178,10 @@ class Page:
         """A one-time token becomes a cookie that no script can read and no other site can send."""
         now_s = time.monotonic()
         body = await _body(request)
-        if self._parts.tokens.locked(now_s):
+        address = _address(request)
+        if self._parts.tokens.locked(now_s, address):
             return _refused("too many wrong tokens; wait a minute", 429)
-        cookie = self._parts.tokens.redeem(str(body.get("token", "")), now_s)
+        cookie = self._parts.tokens.redeem(str(body.get("token", "")), now_s, address)
         if cookie is None:
             return _refused("the token is wrong, was used, or is too old: probewatch page --token gives another", 403)
         response = JSONResponse({"ok": True})
@@ -242,6 +267,11 @@ def _guarded(send: Send) -> Callable[[Message], Awaitable[None]]:
         await send(message)
 
     return sending
+
+
+def _address(request: Request) -> str:
+    """Of who asks; one for all who come through a proxy."""
+    return "" if request.client is None else request.client.host
 
 
 async def _body(request: Request) -> dict[str, Any]:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 _SIGNS = "23456789ABCDEFGHJKLMNPQRSTUVWXYZ"
 """Thirty-two that nobody mistakes for one another when he types what another screen shows."""
 _LENGTH = 8
-"""Signs of a token: 40 bits. With `_MOST_WRONG` tries in `_WRONG_S` it takes 10 000 years to find one by trying; more
-is harder to type."""
+"""Signs of a token: 40 bits. With `_MOST_WRONG_OF_ALL` tries in `_WRONG_S` it takes 1000 years to find one by trying;
+more is harder to type."""
 TOKEN_S = 600.0
 """For which a token waits to be used: the way from the terminal to the tablet. Longer lets a glance over the shoulder
 use it."""
@@ -19,9 +19,9 @@ _COOKIE_S = 12 * 3600.0
 """Of a cookie: a shift. Longer leaves a forgotten tablet able to recalibrate; shorter ends a scan."""
 _MOST_TOKENS, _MOST_COOKIES = 8, 16
 """That wait, and that are in use; one more forgets the oldest."""
-_MOST_WRONG, _WRONG_S = 10, 60.0
-"""Tries in so many seconds, of all visitors together; then none is looked at until the time is over. Fewer locks out
-who mistypes; more helps who guesses."""
+_MOST_WRONG, _MOST_WRONG_OF_ALL, _WRONG_S = 10, 100, 60.0
+"""Tries in so many seconds of one address, and of all together; then none of it, or none at all, is looked at until the
+time is over. Fewer locks out who mistypes, or lets few addresses lock all others out; more helps who guesses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Tokens:
     def __init__(self) -> None:
         self._tokens: dict[str, Visitor] = {}
         self._cookies: dict[str, Visitor] = {}
-        self._wrong_s: list[float] = []
+        self._wrong: list[tuple[float, str]] = []
 
     def issue(self, name: str, now_s: float) -> str:
         """A token for that user, such as 7KQM-3XWD."""
@@ -47,25 +47,28 @@ class Tokens:
         _forget_oldest(self._tokens, _MOST_TOKENS)
         return f"{token[:4]}-{token[4:]}"
 
-    def redeem(self, said: str, now_s: float) -> str | None:
-        """The cookie for a token, which is used up; None where it is wrong, too old, or too many were wrong."""
-        self._wrong_s = [wrong_s for wrong_s in self._wrong_s if now_s - wrong_s < _WRONG_S]
-        if len(self._wrong_s) >= _MOST_WRONG:
+    def redeem(self, said: str, now_s: float, address: str = "") -> str | None:
+        """The cookie for a token, which is used up; None where it is wrong, too old, or too many of the address were
+        wrong.
+        """
+        if self.locked(now_s, address):
             return None
         typed = "".join(sign for sign in said[:64].upper() if sign.isalnum())
         found = [token for token in self._tokens if hmac.compare_digest(token.encode(), typed.encode())]
         visitor = self._tokens.pop(found[0]) if found else None
         if visitor is None or visitor.until_s < now_s:
-            self._wrong_s.append(now_s)
+            self._wrong.append((now_s, address))
             return None
         cookie = secrets.token_urlsafe(32)
         self._cookies[cookie] = Visitor(visitor.name, now_s + _COOKIE_S)
         _forget_oldest(self._cookies, _MOST_COOKIES)
         return cookie
 
-    def locked(self, now_s: float) -> bool:
-        """Whether too many tokens were wrong of late, so that none is looked at."""
-        return sum(now_s - wrong_s < _WRONG_S for wrong_s in self._wrong_s) >= _MOST_WRONG
+    def locked(self, now_s: float, address: str = "") -> bool:
+        """Whether too many tokens of that address were wrong of late, so that none of it is looked at."""
+        self._wrong = [wrong for wrong in self._wrong if now_s - wrong[0] < _WRONG_S]
+        of_address = sum(wrong[1] == address for wrong in self._wrong)
+        return of_address >= _MOST_WRONG or len(self._wrong) >= _MOST_WRONG_OF_ALL
 
     def visitor(self, cookie: str | None, now_s: float) -> Visitor | None:
         """Whose cookie that is, None where it is nobody's."""

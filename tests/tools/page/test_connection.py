@@ -4,6 +4,7 @@ import asyncio
 import signal
 import socket
 import threading
+import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack
 
@@ -17,8 +18,8 @@ from starlette.routing import Route
 from tests.support.polling import until
 from tests.support.web_page import WebPage
 from tests.tools.page.test_page import answering, asked, web
-from tools.commands.page import _MOST_AT_ONCE
 from tools.page import connection, server
+from tools.page.pace import Pace
 
 __all__ = ["answering", "web"]
 
@@ -39,6 +40,16 @@ async def _endless(_: Request) -> Response:
 async def _slow(_: Request) -> Response:
     await asyncio.sleep(0.5)
     return PlainTextResponse("slow")
+
+
+async def _held(request: Request) -> Response:
+    while not await request.is_disconnected():
+        await asyncio.sleep(0.01)
+    return PlainTextResponse("gone")
+
+
+async def _quick(_: Request) -> Response:
+    return PlainTextResponse("quick")
 
 
 async def _body(request: Request) -> Response:
@@ -62,7 +73,13 @@ def served(listener: socket.socket, monkeypatch: pytest.MonkeyPatch) -> Iterator
     """With less patience than the page has."""
     for module, name in ((connection, "_SILENT_S"), (connection, "_ASLEEP_S"), (server, "_BODY_S")):
         monkeypatch.setattr(module, name, 0.25)
-    routes = [Route("/", _slow), Route("/endless", _endless), Route("/body", _body, methods=["POST"])]
+    routes = [
+        Route("/", _slow),
+        Route("/quick", _quick),
+        *(Route(path, _held) for path in ("/held", connection.EVENTS)),
+        Route("/endless", _endless),
+        Route("/body", _body, methods=["POST"]),
+    ]
     app, kind = Starlette(routes=routes), connection.Connection
     config = uvicorn.Config(app, http=kind, lifespan="off", log_config=None, timeout_graceful_shutdown=1)
     served = uvicorn.Server(config)
@@ -133,7 +150,7 @@ def test_who_takes_nothing_loses_the_place(served: uvicorn.Server, address: Addr
 def test_a_crowd_that_says_nothing_keeps_nobody_from_the_page(web: WebPage) -> None:
     host, port = web.address.split(":")
     with ExitStack() as crowd:
-        for _ in range(_MOST_AT_ONCE + 6):
+        for _ in range(connection.MOST_AT_ONCE + 6):
             crowd.enter_context(socket.create_connection((host, int(port)), 5))
         assert asked(web, "GET", "/").status == 200
 
@@ -143,7 +160,7 @@ def test_a_crowd_that_sends_heads_without_bodies_keeps_nobody_from_it(
 ) -> None:
     """Bodies may take longer than this test."""
     monkeypatch.setattr(server, "_BODY_S", 60.0)
-    served.config.limit_concurrency = 4
+    monkeypatch.setattr(connection.Connection, "most", 3)
     with ExitStack() as crowd:
         for _ in range(3):
             crowd.enter_context(socket.create_connection(address)).sendall(POST)
@@ -151,3 +168,77 @@ def test_a_crowd_that_sends_heads_without_bodies_keeps_nobody_from_it(
         with socket.create_connection(address) as link:
             link.sendall(GET + b"Connection: close\r\n\r\n")
             assert until_the_end(link).endswith(b"slow")
+
+
+def test_who_waits_leaves_for_who_comes_but_not_who_is_told_events(
+    served: uvicorn.Server, address: Address, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A crowd that asks for pictures again and again has all places, and always waits for the next picture."""
+    monkeypatch.setattr(connection.Connection, "most", 5)
+    with ExitStack() as crowd:
+        events = _asks(crowd, address, connection.EVENTS)
+        until(lambda: len(served.server_state.tasks) == 1)
+        waiting = [_asks(crowd, address, "/held") for _ in range(4)]
+        until(lambda: len(served.server_state.tasks) == 5)
+        for first in waiting[:3]:
+            late = _asks(crowd, address, "/held")
+            assert until_the_end(first) == b"", "who has waited longest"
+            until(lambda: len(served.server_state.tasks) == 5)
+        with socket.create_connection(address) as link:
+            link.sendall(b"GET /quick HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n")
+            assert until_the_end(link).endswith(b"quick")
+        for kept in (events, late):
+            kept.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                kept.recv(1)
+
+
+def test_a_crowd_takes_no_place_of_another_address(
+    served: uvicorn.Server, address: Address, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection.Connection, "most", 5)
+    with ExitStack() as crowd:
+        other = crowd.enter_context(socket.create_connection(address, 10, ("127.0.0.2", 0)))
+        other.sendall(b"GET /held HTTP/1.1\r\nHost: x\r\n\r\n")
+        until(lambda: len(served.server_state.tasks) == 1)
+        for _ in range(12):
+            _asks(crowd, address, "/held")
+        until(lambda: len(served.server_state.connections) == 5)
+        other.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            other.recv(1)
+
+
+def _asks(links: ExitStack, address: Address, path: str) -> socket.socket:
+    link = links.enter_context(socket.create_connection(address))
+    link.sendall(f"GET {path} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+    return link
+
+
+def test_a_connection_that_asks_without_pause_is_answered_at_the_pace_of_its_address(
+    served: uvicorn.Server, address: Address, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """20 a second, after 20 at once: 30 take half a second or more, 20 of another address meanwhile need not."""
+    monkeypatch.setattr(connection.Connection, "pace", Pace(20.0))
+    began_s = time.monotonic()
+    with socket.create_connection(address) as link:
+        link.sendall(b"GET /quick HTTP/1.1\r\nHost: x\r\n\r\n" * 30)
+        with socket.create_connection(address, 10, ("127.0.0.2", 0)) as other:
+            other.sendall(b"GET /quick HTTP/1.1\r\nHost: x\r\n\r\n")
+            assert other.recv(1)
+        said = b""
+        while said.count(b"quick") < 30:
+            said += link.recv(1 << 16)
+    assert time.monotonic() - began_s >= 0.5 - 0.05
+
+
+def test_an_address_has_its_answers_evenly_spaced_and_some_at_once() -> None:
+    pace = Pace(10.0)
+    assert [pace.wait_s("a", 100.0) for _ in range(10)] == [0.0] * 10
+    assert [round(pace.wait_s("a", 100.0), 6) for _ in range(3)] == [0.1, 0.2, 0.3]
+    assert max(pace.wait_s("a", 100.0) for _ in range(5000)) == pytest.approx(0.4), "whoever leaves again adds nothing"
+    assert pace.wait_s("b", 100.0) == 0.0
+    assert pace.wait_s("a", 100.5) == 0.0
+    for number in range(5000):
+        pace.wait_s(f"other {number}", 100.0 + number)
+    assert len(pace._next_s) <= 1001

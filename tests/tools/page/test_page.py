@@ -5,6 +5,7 @@ import json
 import socket
 import stat
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from drivers.errors import DeviceLost
 from tests.support.answering import Answering
 from tests.support.polling import until
 from tests.support.web_page import WebPage
-from tools.page.server import _MOST_LISTENERS
+from tools.page.connection import MOST_LISTENERS
 from tools.page.token_socket import invitation
 
 
@@ -139,14 +140,23 @@ def test_as_many_browsers_as_there_are_places_are_told_events_and_no_more(web: W
             link.close()
         return told[-1]
 
-    until(lambda: told_of(40) >= _MOST_LISTENERS, 20, 0.1, lambda: told)
-    assert max(told) == _MOST_LISTENERS
+    until(lambda: told_of(40) >= MOST_LISTENERS, 20, 0.1, lambda: told)
+    assert max(told) == MOST_LISTENERS
     until(lambda: told_of(4) == 4, 20, 0.1, lambda: f"places are lost: {told}")
 
 
-def _asking_for_events(web: WebPage) -> socket.socket:
+def test_browsers_of_one_address_keep_no_other_from_the_events(web: WebPage) -> None:
+    with ExitStack() as crowd:
+        told = 0
+        while told < MOST_LISTENERS:  # those of the test before may not have gone yet
+            told += crowd.enter_context(_asking_for_events(web)).recv(12) == b"HTTP/1.1 200"
+        with _asking_for_events(web, "127.0.0.2") as other:
+            assert other.recv(12) == b"HTTP/1.1 200"
+
+
+def _asking_for_events(web: WebPage, source: str = "127.0.0.1") -> socket.socket:
     host, port = web.address.split(":")
-    link = socket.create_connection((host, int(port)), 10)
+    link = socket.create_connection((host, int(port)), 10, (source, 0))
     link.sendall(f"GET /events HTTP/1.1\r\nHost: {web.address}\r\n\r\n".encode())
     return link
 

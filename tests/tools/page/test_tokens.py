@@ -34,6 +34,24 @@ def test_nobody_finds_one_by_trying() -> None:
     assert tokens.redeem(token, 62.0) is not None
 
 
+def test_who_guesses_locks_no_other_address_out() -> None:
+    tokens = Tokens()
+    token = tokens.issue("a", 0.0)
+    for number in range(200):
+        assert tokens.redeem("wrong", 1.0, f"10.0.0.{number // 40}") is None
+    assert tokens.locked(2.0, "10.0.0.1")
+    assert tokens.redeem(token, 2.0, "10.0.0.9") is not None
+
+
+def test_many_addresses_guess_no_more_than_is_stated() -> None:
+    tokens = Tokens()
+    for number in range(100):
+        assert not tokens.locked(1.0, f"10.0.0.{number}")
+        tokens.redeem("wrong", 1.0, f"10.0.0.{number}")
+    assert tokens.locked(2.0, "10.0.1.1")
+    assert not tokens.locked(62.0, "10.0.1.1")
+
+
 def test_many_tokens_push_out_the_oldest() -> None:
     tokens = Tokens()
     issued = [tokens.issue(str(number), 0.0) for number in range(9)]
