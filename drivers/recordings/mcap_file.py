@@ -15,7 +15,7 @@ import zstandard
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Message
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 from mcap.writer import CompressionType, IndexType, Writer
 
 from drivers.errors import RecordingError
@@ -29,8 +29,19 @@ it, less compresses worse."""
 _MOST_CHUNK_BYTES = 1 << 26
 """Of memory that one chunk of a file may ask for: one picture beyond a full chunk. A damaged or hostile length asks for
 any amount."""
+_MOST_RECORDS = 100_000
+"""In a chunk, which has a second at most, or 16 MB: more than as many poses of the shortest text.
+A message of nothing has 31 bytes, so that two million, which take .6 GB of memory, fit into a chunk of some kB."""
+_MOST_MEMBERS = 100_000
+"""Of one message, by its commas: a status has some 500. A list or an object takes ten times the memory of its text."""
+_MOST_TOPIC = 200
+"""Signs of a topic, of which 65,536 are kept; ours have nine at most."""
+_MOST_DAMAGE = 1000
+"""Told one by one; then the rest of the file is not read. A cut or a bad block of a disk is one or two."""
 _FOOTER = struct.Struct("<BQQQI8s")
 """Opcode, length, two offsets, CRC-32 of the summary with all of the footer before it, magic; section "Footer"."""
+_CHANNEL = struct.Struct("<HHI")
+"""Number, that of its schema, length of its topic; section "Channel"."""
 _BROKEN = (McapError, struct.error, UnicodeDecodeError, ValueError, KeyError, zstandard.ZstdError, MemoryError)
 """What the library raises where bytes are not what they should be."""
 
@@ -78,7 +89,8 @@ class McapWriter:
 class McapReader:
     """The messages of a file in the order in which they were written. Raises RecordingError where it is no MCAP.
 
-    damage: what was found wrong so far, in words, with the byte; complete once `entries` has ended.
+    damage: what was found wrong so far, in words, with the byte; complete once `entries` has ended, which it does where
+    nearly everything is damaged.
     """
 
     def __init__(self, path: Path) -> None:
@@ -134,14 +146,16 @@ class McapReader:
             elif isinstance(record, Channel | Message):
                 yield from self._taken(record)
             whole = stream.tell()
+            if len(self.damage) >= _MOST_DAMAGE:
+                self._cut(whole, "so much before it is damaged that the rest is not read")
+                return
 
     def _cut(self, whole: int, how: str) -> None:
         self.damage.append(f"ends at byte {whole}: {how}")
 
     def _chunk(self, chunk: Chunk, start: int) -> Iterator[Entry]:
         try:
-            _refuse_bomb(chunk)
-            records = breakup_chunk(chunk, validate_crc=True)
+            records = _records(chunk)
         except (*_BROKEN, CRCValidationError):
             span_s = max(chunk.message_end_time - chunk.message_start_time, 0) / 1e9
             self.damage.append(f"the part at byte {start} is damaged: {span_s:.1f} s are left out")
@@ -150,11 +164,11 @@ class McapReader:
             yield from self._taken(record)
 
     def _taken(self, record: object) -> Iterator[Entry]:
-        if isinstance(record, Channel):
-            self._channels[record.id] = record.topic
-        elif isinstance(record, Message):
+        if isinstance(record, Channel | _Named):
+            self._channels[record.id] = record.topic[:_MOST_TOPIC]
+        elif isinstance(record, Message) and len(self.damage) < _MOST_DAMAGE:
             try:
-                fields = json.loads(record.data)
+                fields = json.loads(record.data) if record.data.count(b",") < _MOST_MEMBERS else None
             except (ValueError, RecursionError):
                 fields = None
             if isinstance(fields, dict):
@@ -173,6 +187,36 @@ class McapReader:
         covered = rest[: -len(MAGIC) - 4]
         if (opcode, magic) != (Opcode.FOOTER, MAGIC) or zlib.crc32(covered) != crc:
             self.damage.append("its index is damaged or cut; all messages are there")
+
+
+class _Named(NamedTuple):
+    """A channel, without its metadata."""
+
+    id: int
+    topic: str
+
+
+def _named(data: bytes) -> _Named:
+    number, _, size = _CHANNEL.unpack_from(data)
+    return _Named(number, data[_CHANNEL.size : _CHANNEL.size + min(size, _MOST_TOPIC)].decode())
+
+
+def _records(chunk: Chunk) -> list[_Named | Message]:
+    """What is in it. Raises what _BROKEN names, and CRCValidationError."""
+    _refuse_bomb(chunk)
+    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+    found: list[_Named | Message] = []
+    for _ in range(_MOST_RECORDS):
+        if stream.count >= length:
+            return found
+        opcode, size = stream.read1(), stream.read8()
+        if opcode == Opcode.CHANNEL:
+            found.append(_named(stream.read(size)))
+        elif opcode == Opcode.MESSAGE:
+            found.append(Message.read(stream, size))
+        else:
+            stream.read(size)
+    raise ValueError("more than a chunk may hold")
 
 
 def _refuse_bomb(chunk: Chunk) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.writer import CompressionType, IndexType, Writer
 
 from appliance.core.exact_fields import verdict_fields
 from appliance.core.order import Order
@@ -272,3 +273,42 @@ def test_what_would_unpack_to_more_than_a_chunk_holds_is_left_out_unread(tmp_pat
     assert len(damage) == 1
     assert "is damaged" in damage[0]
     assert sum(isinstance(item, Frame) for item in found) == 6, "what lies around it is read"
+
+
+def boxed(path: Path, *chunks: list[bytes]) -> BlackBox:
+    """A file that begins as a black box; then chunks of such messages of /state."""
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=1 << 26, compression=CompressionType.ZSTD, index_types=IndexType.NONE)
+    writer.start(library="hostile")
+    schema = writer.register_schema("hostile", "jsonschema", b"{}")
+    begun, state = (writer.register_channel(topic, "json", schema) for topic in ("/begun", "/state"))
+    writer.add_message(begun, 0, json.dumps(fields_of(BEGUN)[1]).encode(), 0)
+    for chunk in ([], *chunks):
+        for data in chunk:
+            writer.add_message(state, 0, data, 0)
+        writer.flush()  # type: ignore[no-untyped-call]
+    writer.finish()  # type: ignore[no-untyped-call]
+    path.write_bytes(stream.getvalue())
+    assert path.stat().st_size < 100_000
+    return BlackBox(path)
+
+
+def test_a_chunk_of_more_messages_than_a_second_has_is_left_out_as_one(tmp_path: Path) -> None:
+    """18 kB of such chunks took .9 GB of memory and 40 s."""
+    box = boxed(tmp_path / "a.mcap", [b""] * 200_000, [b"{}"])
+    assert [type(told.item) for told in box.items()] == [Begun, Gap, State]
+    assert len(box.damage) == 1
+
+
+@pytest.mark.parametrize("data", [b'{"a":[' + b"0," * 200_000 + b"0]}", b'{"a":' + b"[" * 20_000], ids=["wide", "deep"])
+def test_a_message_that_takes_memory_out_of_proportion_is_damage(tmp_path: Path, data: bytes) -> None:
+    box = boxed(tmp_path / "a.mcap", [data], [b"{}"])
+    assert [type(told.item) for told in box.items()] == [Begun, Gap, State]
+    assert box.damage == ["a message of /state is not a JSON object"]
+
+
+def test_a_file_that_is_damaged_all_over_is_not_read_to_its_end(tmp_path: Path) -> None:
+    box = boxed(tmp_path / "a.mcap", *([b"["] * 600 for _ in range(5)))
+    assert sum(isinstance(told.item, Gap) for told in box.items()) <= 1001
+    assert len(box.damage) <= 1001
+    assert "so much before it is damaged" in box.damage[-1]
