@@ -58,6 +58,8 @@ class LiveConfiguration:
         if (self.config.limits, self.patience.stale_ns) != (before.limits, patience.stale_ns):
             self._estimator.limit(self.config.limits, self.patience.stale_ns)
             self._supervisor.doubt()
+        elif self.config.supervisor.max_verification_age_s > before.supervisor.max_verification_age_s:
+            self._supervisor.doubt()  # what has expired does not count again
         if self.config != before:
             told = configuration_fields(self.config, self.file)
             self._events.note("reloaded", **told, noise=noise_fields(self.config))

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,8 @@ from appliance.service.control.server import ControlRefused
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.service.host.recorder import Recorder
 from appliance.storage.alarm_chain import read_log
-from appliance.supervision.supervisor import Supervisor
+from appliance.supervision.supervisor import TICK_NS, Inputs, Supervisor
+from appliance.types import State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.samples import Frame, Stamp
 from tests.support import stand_in_estimator as stand_in
@@ -93,6 +94,29 @@ def test_other_limits_reach_the_line(running: Running) -> None:
     running.live.reload()
     until(lambda: running.limits().scale_percent == 3)
     assert running.limits() == running.live.config.limits
+
+
+def test_what_has_expired_does_not_count_again_by_a_longer_age(running: Running) -> None:
+    before = running.live.file.read_text()
+    running.write("supervisor.max_verification_age_s = 10\n")
+    running.live.reload()
+    supervisor, now_ns = running.live._supervisor, 0
+    ok = Verdict(0, VerdictKind.OK, (), verified_ns=1)
+
+    def state_after(seconds: float) -> State:
+        nonlocal now_ns
+        for _ in range(round(seconds * 1e9 / TICK_NS)):
+            now_ns += TICK_NS
+            supervisor.step(now_ns, Inputs((replace(ok, t_ns=now_ns),)))
+        return supervisor.state
+
+    assert state_after(5.0) is State.MONITORING
+    assert state_after(6.0) is State.NOT_VERIFIED
+    running.live.file.write_text(f"{before}supervisor.max_verification_age_s = 60\n")
+    running.live.reload()
+    assert state_after(1.0) is State.NOT_VERIFIED
+    ok = replace(ok, verified_ns=now_ns)
+    assert state_after(1.0) is State.MONITORING
 
 
 def test_what_only_a_restart_can_change_is_refused_and_changes_nothing(running: Running) -> None:
