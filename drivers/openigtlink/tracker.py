@@ -34,6 +34,7 @@ from drivers.rigid import pose_matrix, seen_from
 from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
 from drivers.trackers.plus_transform import TransformReading, rigid_reading, without_matrix
 from drivers.trackers.pose_bounds import FURTHEST_MM, UNIT_TOLERANCE
+from drivers.trackers.reference_place import ReferencePlace
 
 _APART_NS = 5_000_000
 """Between the times of probe and reference that make one pose. Tools of one measurement share a time; a server that
@@ -81,6 +82,7 @@ class IgtlTracker:
         self._client = IgtlClient(address, self._wanted, deadline_ns, options.version, clock)
         self._time = SenderTime(round(options.latency_ms * 1e6), self._client.round_trip_ns)
         self._freshness = Freshness(clock.now_ns())
+        self._reference_place = ReferencePlace()
         try:
             self._greet()
         except BaseException:
@@ -107,7 +109,10 @@ class IgtlTracker:
             "OpenIGTLink server",
             tools=(self._options.probe, *(() if fixed is None else (f"{fixed} (reference)",))),
             rate_hz=self._freshness.rate_hz,
-            remarks=tuple(f"{count} {words}" for count, words in remarks if count),
+            remarks=(
+                *self._reference_place.remarks(self._clock.now_ns()),
+                *(f"{count} {words}" for count, words in remarks if count),
+            ),
         )
 
     def read(self, timeout_s: float) -> Pose | None:
@@ -198,6 +203,8 @@ class IgtlTracker:
             return
         reading = reference.reading
         if reading.matrix is not None:
+            assert probe.stamp is not None
+            self._reference_place.take(probe.stamp.t_ns, reading.matrix)
             reading = TransformReading(seen_from(reading.matrix, probe.reading.matrix), PoseStatus.OK)
         self._judge(probe, reading, apart_ns)
 

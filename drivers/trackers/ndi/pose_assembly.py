@@ -12,6 +12,7 @@ from drivers.trackers.ndi.outlier_gate import OutlierGate
 from drivers.trackers.ndi.pose_status import StatusReason
 from drivers.trackers.ndi.readings import Reading, Snapshot
 from drivers.trackers.ndi.tools import Tool
+from drivers.trackers.reference_place import ReferencePlace
 
 _FROZEN = "many poses in a row are equal to the last bit"
 
@@ -24,7 +25,8 @@ class PoseAssembly:
     """reference: poses are relative to it where there is one.
 
     readings, detailed: the last of each tool, and the last with marker details, by handle. freshness: of the probe.
-    device_clock: turns its times into the host's. doubted: poses that had to be confirmed.
+    device_clock: turns its times into the host's. doubted: poses that had to be confirmed. reference_place: of the
+    reference tool in the tracker's frame.
     """
 
     def __init__(self, probe: Tool, reference: Tool | None, agreed: Agreed, latency_ms: float) -> None:
@@ -33,6 +35,8 @@ class PoseAssembly:
         self.freshness = Freshness(agreed.tick_ns, agreed.dialect.repeats)
         self.device_clock = agreed.device_clock
         self.doubted = 0
+        self.reference_place = ReferencePlace()
+        self._leapt_ns: int | None = None
         self._probe, self._reference, self._latency_ns = probe, reference, round(latency_ms * 1e6)
         self._outlier_gates = {tool.handle: OutlierGate() for tool in (probe, reference) if tool is not None}
         self._monotonic = MonotonicStamps()
@@ -67,7 +71,7 @@ class PoseAssembly:
         rms_mm = probe.transform.error if probe.transform is not None else math.nan
         if status_reason[0] is not PoseStatus.OK:
             return self._without_number(status_reason, stamp, rms_mm)
-        return Pose(stamp, self.freshness.frame, self._relative(), rms_mm, PoseStatus.OK)
+        return Pose(stamp, self.freshness.frame, self._relative(stamp.t_ns), rms_mm, PoseStatus.OK)
 
     def overdue_pose(self, answer: Answer) -> Pose | None:
         """Word that a new pose is overdue, once a period; None while it is not. For a reply without a new one."""
@@ -87,7 +91,10 @@ class PoseAssembly:
             if reading is None or reading.tick is None or reading.transform is None or not reading.usable:
                 continue
             if before is None or before.tick != reading.tick:
-                believed = watch.believes(self.freshness.time_ns(reading), reading.transform) and believed
+                t_ns = self.freshness.time_ns(reading)
+                if not watch.believes(t_ns, reading.transform):
+                    believed = False
+                    self._leapt_ns = t_ns if handle == self._probe.handle else self._leapt_ns
         return believed
 
     def _pose_status(self, probe: Reading, system: StatusReason) -> StatusReason:
@@ -113,18 +120,24 @@ class PoseAssembly:
         apart_ns = _REFERENCE_PERIODS * self.freshness.period_ns
         if reading.tick is not None and abs(self.freshness.time_ns(reading) - self.freshness.device_ns) > apart_ns:
             return PoseStatus.STALE, "the reference tool was measured at another time than the probe"
+        if self._leapt_ns is not None and reading.tick is not None:
+            since_ns = self._leapt_ns - self.freshness.time_ns(reading)
+            if 0 < since_ns <= apart_ns:
+                return PoseStatus.STALE, "the reference tool was not measured since the probe leapt"
         status, reason = reading.status_reason
         return status, f"reference tool: {reason}" if reason else ""
 
-    def _relative(self) -> Matrix4:
-        """(4, 4) probe → reference where there is one, else → tracker."""
+    def _relative(self, t_ns: int) -> Matrix4:
+        """(4, 4) probe → reference where there is one, else → tracker. t_ns: when the probe was measured."""
         probe = self.readings[self._probe.handle].transform
         assert probe is not None
         if self._reference is None:
             return probe.matrix()
         reference = self.readings[self._reference.handle].transform
         assert reference is not None
-        return seen_from(reference.matrix(), probe.matrix())
+        seen = reference.matrix()
+        self.reference_place.take(t_ns, seen)
+        return seen_from(seen, probe.matrix())
 
     def _without_number(self, status_reason: StatusReason, stamp: Stamp, rms_mm: float) -> Pose:
         return Pose(stamp, max(self.freshness.frame, 0), None, rms_mm, status_reason[0], status_reason[1])

@@ -32,7 +32,8 @@ class ToolTelemetry:
 class NdiTelemetry:
     """tools: the probe first, then the reference if there is one, then all others of the device.
 
-    refused: replies dropped as damaged or old. doubted: poses that had to be confirmed. warnings: said while starting.
+    refused: replies dropped as damaged or old. doubted: poses that had to be confirmed. warnings: said while
+    starting, and that the tracker or the reference tool was moved.
     """
 
     identity: Identity

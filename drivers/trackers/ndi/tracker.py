@@ -111,7 +111,10 @@ class NdiTracker:
             refused=self._agreed.exchange.refused,
             doubted=self._assembly.doubted,
             clock_restarts=self._agreed.device_clock.restarts,
-            warnings=tuple(self._session.warnings),
+            warnings=(
+                *self._session.warnings,
+                *self._assembly.reference_place.remarks(self._clock.now_ns()),
+            ),
         )
 
     def describe(self) -> Description:

@@ -37,6 +37,7 @@ from drivers.trackers.optotrak.rtc3d import (
     PacketType,
     Text,
 )
+from drivers.trackers.reference_place import ReferencePlace
 from drivers.trackers.staleness import (
     DEADLINE_MS,
     DEADLINES_MS,
@@ -161,6 +162,7 @@ class OptotrakTracker:
         self._device_clock = DeviceClock()
         self._freshness = _Freshness()
         self._monotonic = MonotonicStamps()
+        self._reference_place = ReferencePlace()
         self._words = ""
         self._bodies: Component | None = None
         deadline_ns = clock.now_ns() + round(_CONNECT_S * 1e9)
@@ -203,7 +205,10 @@ class OptotrakTracker:
                 *(() if reference is None else (f"rigid body {reference} (reference)",)),
             ),
             rate_hz=self._freshness.rate_hz,
-            remarks=(f"{self.refused} damaged packets were refused",) if self.refused else (),
+            remarks=(
+                *self._reference_place.remarks(self._clock.now_ns()),
+                *((f"{self.refused} damaged packets were refused",) if self.refused else ()),
+            ),
         )
 
     def body(self) -> MarkerBody:
@@ -315,7 +320,9 @@ class OptotrakTracker:
             if reference is None:
                 reason = "the tracker does not see the reference body"
                 return self._without_number(PoseStatus.MISSING, reason, stamp, probe.rms_mm)
-            matrix = seen_from(reference.matrix(), matrix)
+            seen = reference.matrix()
+            self._reference_place.take(stamp.t_ns, seen)
+            matrix = seen_from(seen, matrix)
         return Pose(stamp, bodies.frame, matrix, probe.rms_mm, PoseStatus.OK)
 
     def _overdue(self, arrival_ns: int) -> Pose | None:

@@ -15,13 +15,15 @@ import pytest
 
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError, DeviceLost
-from drivers.samples import PoseStatus
+from drivers.rigid import rigid, rotation_from_vector
+from drivers.samples import Matrix4, PoseStatus
 from drivers.trackers.ndi.pose_status import status_of_system, status_of_tool
 from drivers.trackers.ndi.replies import HandleState, ToolReply
 from drivers.trackers.ndi.tracker import open_tracker
 from drivers.twins.faults import Episode, Schedule
 from drivers.twins.ndi.combined_api import Mode
 from drivers.twins.ndi.tool_definitions import REFERENCE, make_rom
+from tests.support import simulated_ndi
 from tests.support.simulated import PROBEWATCH
 from tests.support.simulated_ndi import bench, moving, poses, until
 from tests.support.stopwatch import Stopwatch
@@ -46,6 +48,34 @@ def test_poses_relative_to_the_reference_tool(tmp_path: Path) -> None:
         np.testing.assert_allclose(pose.matrix, expected, atol=1e-3)
         cart.twin.device.ports[cart.handle(REFERENCE)].seen = False
         assert until(tracker, PoseStatus.MISSING).reason == "reference tool: the tracker does not see the tool"
+
+
+def test_a_tracker_that_was_moved_is_told_and_changes_no_pose_relative_to_the_reference(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blow = rigid(rotation_from_vector(np.deg2rad([1.0, 4.0, -1.0])), np.array([5.0, 0.0, -3.0]))
+    moved: list[Matrix4] = []
+
+    def seen(tool: str, t_s: float, number: int) -> Matrix4:
+        return moved[0] @ moving(tool, t_s, number) if moved else moving(tool, t_s, number)
+
+    monkeypatch.setattr(simulated_ndi, "moving", seen)
+    with bench(tmp_path, rate=16.0) as cart, cart.open(reference=str(tmp_path / "reference.rom")) as tracker:
+        until(tracker, PoseStatus.OK)
+
+        def run(seconds: float) -> tuple[str, ...]:
+            """What is said after them; every pose is right."""
+            end_ns = cart.clock.now_ns() + round(seconds * 1e9)
+            while cart.clock.now_ns() < end_ns:
+                if (pose := tracker.read(1.0)) is not None and pose.matrix is not None:
+                    t_s = cart.twin.device.frame_s(pose.sequence)
+                    expected = np.linalg.inv(moving("reference", t_s)) @ moving("probe", t_s)
+                    np.testing.assert_allclose(pose.matrix, expected, atol=2e-3)
+            return tracker.describe().remarks
+
+        assert not [said for said in run(5.0) if "was moved" in said]
+        moved.append(blow)
+        assert [said for said in run(5.0) if "the tracker or the reference tool was moved" in said]
 
 
 def test_closing_leaves_the_device_as_a_fresh_program_expects_it(tmp_path: Path) -> None:
