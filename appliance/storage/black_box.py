@@ -223,14 +223,12 @@ class Span(NamedTuple):
 class Series:
     """Files of one session as one recording. paths: of one session, in any order. Raises RecordingError.
 
-    begun: of the first. missing: parts that are not there between those that are.
+    begun: of the first.
     """
 
     def __init__(self, boxes: Sequence[BlackBox]) -> None:
         self.boxes = sorted(boxes, key=lambda box: box.begun.part)
         self.begun = self.boxes[0].begun
-        parts = {box.begun.part for box in self.boxes}
-        self.missing = sorted(set(range(min(parts), max(parts))) - parts)
 
     @property
     def damage_text(self) -> str:

@@ -16,7 +16,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from appliance.core.exact_fields import verdict_fields
 from appliance.core.order import Order
 from appliance.limits import Limits
-from appliance.storage.black_box import CHUNK_NS, SCHEMAS, BlackBox, BlackBoxWriter
+from appliance.storage.black_box import CHUNK_NS, SCHEMAS, BlackBox, BlackBoxWriter, series_of
 from appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State, fields_of, item_of
 from appliance.types import Calibration, Check, Fault, Rival, Verdict, VerdictKind
 from drivers.errors import RecordingError
@@ -312,3 +312,15 @@ def test_a_file_that_is_damaged_all_over_is_not_read_to_its_end(tmp_path: Path) 
     assert sum(isinstance(told.item, Gap) for told in box.items()) <= 1001
     assert len(box.damage) <= 1001
     assert "so much before it is damaged" in box.damage[-1]
+
+
+def test_parts_of_any_numbers_are_one_recording_with_a_gap(tmp_path: Path) -> None:
+    """Every number in between was counted up: two files of 1 kB took all memory."""
+    boxes = []
+    for part in (1, 1 << 60):
+        stream = io.BytesIO()
+        BlackBoxWriter(stream, replace(BEGUN, part=part)).finish()
+        (path := tmp_path / f"{part}.mcap").write_bytes(stream.getvalue())
+        boxes.append(BlackBox(path))
+    (series,) = series_of(boxes)
+    assert [type(told.item) for told in series.items()] == [Begun, Gap, Begun]
