@@ -1,7 +1,11 @@
 """The composition root: puts the parts of the service together, starts them, ticks until told to stop, ends them."""
 
 import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Thread
 from types import FrameType
 from typing import Self
 
@@ -20,11 +24,12 @@ from appliance.service.control.server import ControlServer
 from appliance.service.control.service_status import ServiceStatus
 from appliance.service.control.status import origin_fields
 from appliance.service.control.supervision import Supervision, supervisor_after
-from appliance.service.devices.cart_devices import CartDevices
+from appliance.service.devices.cart_devices import CartDevices, Openers
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.service.feed.process_host import FeedHost
 from appliance.service.host.host_watch import HostWatch
 from appliance.service.host.log import get_log
+from appliance.service.host.pressure import Pressure
 from appliance.service.host.recorder import Recorder
 from appliance.service.host.systemd_notify import Notifier
 from appliance.service.tick import Tick
@@ -32,10 +37,23 @@ from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.supervisor import TICK_NS
 from drivers.clock.host_clock import HostClock
 
-_SOONEST_NS = 10_000_000
+SOONEST_NS = 10_000_000
 """Between two ticks, however often the estimator speaks. Longer keeps a verdict waiting, which is part of the delay of
 the contact; shorter lets a fast camera take the processor: 100 ticks a second are the most.
 """
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What the service takes of the computer it runs on, beside the clock and the files.
+
+    pressure, worker: are made once. wall_ns: time of the calendar.
+    """
+
+    openers: Openers = field(default_factory=Openers)
+    pressure: Callable[[], Pressure] = Pressure
+    worker: Callable[[], DeadlineWorker] = DeadlineWorker
+    wall_ns: Callable[[], int] = time.time_ns
 
 
 class Daemon:
@@ -52,16 +70,18 @@ class Daemon:
         estimator: EstimatorHost,
         clock: HostClock,
         control: ControlServer,
+        surroundings: Surroundings | None = None,
     ) -> None:
+        around = Surroundings() if surroundings is None else surroundings
         self._clock, self._references, self._estimator, self._control = clock, references, estimator, control
         self._recorder = Recorder(config.alarm.folder, clock)
         self._events = EventLog(self._recorder, config.simulated)
-        self._host = HostWatch(TICK_NS, self._recorder, self._events.note)
-        self._devices = CartDevices(config, estimator.put, clock)
+        self._host = HostWatch(TICK_NS, self._recorder, self._events.note, clock, around.pressure(), around.wall_ns)
+        self._devices = CartDevices(config, estimator.put, clock, around.openers)
         onlookers = Onlookers.of(config)
         self._feed = FeedHost(config.feed_socket, config.control.group, onlookers.all, onlookers.without_pictures)
         estimator.tap = self._feed.tap
-        self._notifier, self._worker, self._annunciator = Notifier(), DeadlineWorker(), Annunciator()
+        self._notifier, self._worker, self._annunciator = Notifier(), around.worker(), Annunciator()
         self._supervisor = supervisor_after(self._recorder.latch, config.supervisor.durations())
         self._supervision = Supervision(
             self._supervisor, self._events, self._host.overload, self._recorder, clock.now_ns()
@@ -168,15 +188,25 @@ class Daemon:
         """
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._stop)
-        signal.signal(signal.SIGHUP, self._reload_soon)
+        signal.signal(signal.SIGHUP, lambda *_: self.reload_soon())
         while not self._stopping:
-            self._tick.step()
-            ticked_ns = self._supervision.now_ns
-            self._clock.sleep_until(ticked_ns + _SOONEST_NS)
+            ticked_ns = self.step()
+            self._clock.sleep_until(ticked_ns + SOONEST_NS)
             self._estimator.wait(max(0.0, self._clock.real_s((ticked_ns + TICK_NS - self._clock.now_ns()) / 1e9)))
+
+    def step(self) -> int:
+        """One tick; when it began, ns of the clock. Raises what a device thread could not mend."""
+        self._tick.step()
+        return self._supervision.now_ns
+
+    @property
+    def threads(self) -> tuple[Thread, ...]:
+        """That run beside the tick, but for those which serve one request."""
+        return (self._recorder, self._references, *self._devices.threads)
+
+    def reload_soon(self) -> None:
+        """Read the configuration again in the next tick."""
+        self._configuration.asked = True
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
         self._stopping = True
-
-    def _reload_soon(self, number: int, frame: FrameType | None) -> None:
-        self._configuration.asked = True

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, field
+from threading import Event
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,7 +14,11 @@ class HostClock:
 
     def now_ns(self) -> int:
         """Nanoseconds of CLOCK_MONOTONIC; with rate ≠ 1 the same origin, scaled."""
-        return self.at(time.monotonic_ns())
+        return self.at(self.real_ns())
+
+    def real_ns(self) -> int:
+        """Nanoseconds of CLOCK_MONOTONIC, whatever the rate."""
+        return time.monotonic_ns()
 
     def at(self, real_ns: int) -> int:
         """What this clock shows, or showed, at real_ns of CLOCK_MONOTONIC."""
@@ -26,6 +31,10 @@ class HostClock:
         remaining_s = (t_ns - self.now_ns()) / self.rate / 1e9
         if remaining_s > 0:
             time.sleep(remaining_s)
+
+    def wait(self, event: Event, real_s: float | None) -> bool:
+        """Block until the event is set, or for real_s of CLOCK_MONOTONIC; whether it is set. None: for ever."""
+        return event.wait(real_s)
 
     def real_s(self, seconds: float) -> float:
         """Wall seconds to hand to a blocking call that shall last `seconds` of this clock."""

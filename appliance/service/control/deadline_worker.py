@@ -14,9 +14,12 @@ _T = TypeVar("_T")
 
 
 class DeadlineWorker:
-    """One at a time; while one that was given up has not come back, every other is refused at once."""
+    """One at a time; while one that was given up has not come back, every other is refused at once. longest_s: for
+    which the tick waits for one.
+    """
 
-    def __init__(self) -> None:
+    def __init__(self, longest_s: float = _LONGEST_S) -> None:
+        self._longest_s = longest_s
         self._thread: threading.Thread | None = None
         self._file = ""
 
@@ -35,11 +38,11 @@ class DeadlineWorker:
         except RuntimeError:
             self._thread = None
             raise ControlRefused(f"this computer has no room for a thread that reads {file}; try again") from None
-        self._thread.join(_LONGEST_S)
+        self._thread.join(self._longest_s)
         if failed:
             raise failed[0]
         if not done:
-            raise ControlRefused(f"{file} does not answer within {_LONGEST_S:g} s; check its disk, then ask again")
+            raise ControlRefused(f"{file} does not answer within {self._longest_s:g} s; check its disk, then ask again")
         return done[0]
 
 

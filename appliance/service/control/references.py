@@ -22,6 +22,7 @@ from appliance.storage.reference import Candidate, Reference, Size, candidate_fr
 from appliance.storage.reference_dates import Dates, dates_of
 from appliance.storage.reference_store import CONFIGURED, Entry, History, read_history, sha256_of, write_history
 from appliance.types import Verdict, VerdictKind
+from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError
 
 SOFTWARE = version("probewatch")
@@ -36,14 +37,20 @@ class References(threading.Thread):
     current: what is in force; None until the disk has answered and, for a device set without a size, a picture was
     seen. changed: what is wrong with the configuration's calibration file, in words, while it is neither in force nor
     the one a person last decided about. failure: an error of ours, which has ended the thread; the tick raises it.
-    wall_clock: time of the calendar.
+    wall_clock: time of the calendar. clock: by which it waits for its next try to write.
     Construction raises ConfigurationError where no reference can be had: the store is damaged, or the first
     calibration cannot be used.
     """
 
-    def __init__(self, config: Config, wall_clock: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
+    def __init__(
+        self,
+        config: Config,
+        wall_clock: Callable[[], datetime] = lambda: datetime.now(UTC),
+        clock: HostClock | None = None,
+    ) -> None:
         super().__init__(name="references", daemon=True)
         self._folder, self._place, self._simulated = config.alarm.folder, config.calibration, config.simulated
+        self._clock = HostClock() if clock is None else clock
         self._wake, self._opened = threading.Event(), threading.Event()
         self._lock = threading.RLock()
         self._history = self._written = History()
@@ -193,7 +200,7 @@ class References(threading.Thread):
             self._work()
             while not self._ending or (self._unwritten and self._error is None):
                 if not self._ending:
-                    self._wake.wait(None if self._error is None else RETRY_S)
+                    self._clock.wait(self._wake, None if self._error is None else RETRY_S)
                     self._wake.clear()
                 self._work()
         except BaseException as error:

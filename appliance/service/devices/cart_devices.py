@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from appliance.configuration.config import Config
 from appliance.service.devices.device_thread import DeviceThread
@@ -10,6 +11,7 @@ from appliance.service.devices.rate_meter import RateMeter
 from appliance.service.devices.source_thread import CaptureThread, TrackerThread
 from appliance.supervision.annunciator import Role
 from drivers.clock.host_clock import HostClock
+from drivers.device_api import AlarmOutput, TrackerSource, VideoSource
 from drivers.registry import open_output, open_tracker, open_video
 from drivers.samples import Sample
 
@@ -17,26 +19,35 @@ _JOIN_S = 1.0
 """For which the end waits for the thread of a device that hangs: a good one ends within its read of .1 s."""
 
 
-class CartDevices:
-    """deliver: takes each sample of scanner and tracker; it never blocks."""
+@dataclass(frozen=True, slots=True)
+class Openers:
+    """Each from a URL; drivers.registry says what they raise."""
 
-    def __init__(self, config: Config, deliver: Callable[[Sample], None], clock: HostClock) -> None:
-        self.video = CaptureThread("video", config.video.url, open_video, deliver, clock)
-        self.tracker = TrackerThread("tracker", config.tracker.url, open_tracker, deliver, clock)
-        self.outputs = [OutputThread(output.signal, output.url, open_output, clock) for output in config.output]
-        self._threads: tuple[DeviceThread, ...] = (*self.outputs, self.video, self.tracker)
+    video: Callable[[str, HostClock], VideoSource] = open_video
+    tracker: Callable[[str, HostClock], TrackerSource] = open_tracker
+    output: Callable[[str, HostClock], AlarmOutput] = open_output
+
+
+class CartDevices:
+    """deliver: takes each sample of scanner and tracker; it never blocks. openers: of the devices."""
+
+    def __init__(self, config: Config, deliver: Callable[[Sample], None], clock: HostClock, openers: Openers) -> None:
+        self.video = CaptureThread("video", config.video.url, openers.video, deliver, clock)
+        self.tracker = TrackerThread("tracker", config.tracker.url, openers.tracker, deliver, clock)
+        self.outputs = [OutputThread(output.signal, output.url, openers.output, clock) for output in config.output]
+        self.threads: tuple[DeviceThread, ...] = (*self.outputs, self.video, self.tracker)
         self._fps = {"video": RateMeter(), "tracker": RateMeter()}
 
     def start(self) -> None:
         """Open all of them, each in its thread."""
-        for thread in self._threads:
+        for thread in self.threads:
             thread.start()
 
     def close(self) -> None:
         """Outputs first; a device that hangs is left behind after a second."""
-        for thread in self._threads:
+        for thread in self.threads:
             thread.stop()
-        for thread in self._threads:
+        for thread in self.threads:
             thread.join(_JOIN_S)
 
     def command(self, energised: Mapping[Role, bool], since_ns: int) -> None:
@@ -46,7 +57,7 @@ class CartDevices:
 
     def note_overload(self, since_ns: int | None) -> None:
         """Since when this computer is short of time; None while it is not."""
-        for thread in self._threads:
+        for thread in self.threads:
             thread.overload_ns = since_ns
 
     def note_rates(self, now_ns: int) -> None:
@@ -57,7 +68,7 @@ class CartDevices:
     @property
     def failures(self) -> tuple[BaseException | None, ...]:
         """Of each thread, see DeviceThread."""
-        return tuple(thread.failure for thread in self._threads)
+        return tuple(thread.failure for thread in self.threads)
 
     @property
     def fps(self) -> dict[str, float]:
@@ -79,17 +90,17 @@ class CartDevices:
     @property
     def losses(self) -> int:
         """How often a device was lost since the start."""
-        return sum(thread.losses for thread in self._threads)
+        return sum(thread.losses for thread in self.threads)
 
     @property
     def losses_by_role(self) -> dict[str, int]:
         """The same of the scanner, the tracker, and all outputs together."""
         losses = Counter[str]()
-        for thread in self._threads:
+        for thread in self.threads:
             losses[thread.role] += thread.losses
         return dict(losses)
 
     @property
     def lost(self) -> dict[str, str]:
         """What is wrong with each device that is lost now."""
-        return {f"{one.role} {one.url}": one.lost for one in self._threads if one.lost is not None}
+        return {f"{one.role} {one.url}": one.lost for one in self.threads if one.lost is not None}

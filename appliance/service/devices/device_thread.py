@@ -62,7 +62,7 @@ class DeviceThread(threading.Thread, ABC):
 
     def _lose(self, error: ProbewatchError) -> None:
         self._note_loss(error)
-        self._stopping.wait(self._clock.real_s(self._backoff.next_s()))
+        self._clock.wait(self._stopping, self._clock.real_s(self._backoff.next_s()))
 
     def _note_loss(self, error: ProbewatchError) -> None:
         if self.lost is None:

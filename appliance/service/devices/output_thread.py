@@ -1,7 +1,6 @@
 """One thread for each alarm output, so that one that hangs holds up neither the tick nor the others."""
 
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -23,11 +22,11 @@ command.
 
 @dataclass(frozen=True, slots=True)
 class _Command:
-    """commanded_s: when the tick gave it, CLOCK_MONOTONIC."""
+    """commanded_ns: when the tick gave it, CLOCK_MONOTONIC."""
 
     energised: bool
     given_ns: int
-    commanded_s: float
+    commanded_ns: int
 
 
 class OutputThread(DeviceThread):
@@ -55,7 +54,7 @@ class OutputThread(DeviceThread):
 
     def command(self, energised: bool, given_ns: int) -> None:
         """From the tick; never blocks. given_ns: when that was found out, from which the delay is counted."""
-        self._command = _Command(energised, given_ns, time.monotonic())
+        self._command = _Command(energised, given_ns, self._clock.real_ns())
         self._wake.set()
 
     def stop(self) -> None:
@@ -72,12 +71,12 @@ class OutputThread(DeviceThread):
 
     def _next(self) -> _Command:
         """The command just given, or de-energised when none was given in time."""
-        given = self._wake.wait(self._life_s)
+        given = self._clock.wait(self._wake, self._life_s)
         self._wake.clear()
-        command, now_s = self._command, time.monotonic()
-        if given and command is not None and now_s - command.commanded_s < self._life_s:
+        command, now_ns = self._command, self._clock.real_ns()
+        if given and command is not None and now_ns - command.commanded_ns < self._life_s * 1e9:
             return command
-        return _Command(False, self._clock.now_ns(), now_s)
+        return _Command(False, self._clock.now_ns(), now_ns)
 
     def _write(self, output: AlarmOutput, command: _Command) -> None:
         if self._stopping.is_set():

@@ -17,7 +17,7 @@ from appliance.service.host.child_process import end_with_parent
 from appliance.types import Calibration, Verdict
 from drivers.samples import Sample
 
-_WORD_EVERY_S = 0.1
+_WORD_EVERY_NS = 100_000_000
 """Between two words where there is no verdict: ten must be missing before `Patience.estimator_ns` calls it silent."""
 
 
@@ -35,18 +35,25 @@ class Estimator:
     """The loop around the line. A sample or an order wakes it.
 
     It speaks at once when there is a verdict, and every 0.1 s when there is none. tap: is told of every step after
-    that; None where nobody may look on.
+    that; None where nobody may look on. real_ns: CLOCK_MONOTONIC.
     """
 
     def __init__(
-        self, link: socket.socket, frames: Ring, poses: Ring, make_line: MakeLine, tap: Tap | None = None
+        self,
+        link: socket.socket,
+        frames: Ring,
+        poses: Ring,
+        make_line: MakeLine,
+        tap: Tap | None = None,
+        real_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self._link, self._frames, self._poses, self._make_line, self._tap = link, frames, poses, make_line, tap
+        self._real_ns = real_ns
         self._line: Stepper | None = None
         self._generation = 0
         self._counts = [0, 0]
         self._dropped = [0, 0]
-        self._spoke_s = 0.0
+        self._spoke_ns = 0
         self._waking = select.poll()
         for source in (link, frames, poses):
             self._waking.register(source, select.POLLIN)
@@ -56,13 +63,20 @@ class Estimator:
         ordered = True
         try:
             while True:
-                if ordered:
-                    self._obey()
-                self._compute()
-                self._speak(())
+                self.step(ordered)
                 ordered = self._wait()
         except LinkClosed:
             return
+
+    def step(self, ordered: bool = True) -> None:
+        """Take what is there, and speak where a word is due; never waits. ordered: the link has something to read.
+
+        Raises LinkClosed.
+        """
+        if ordered:
+            self._obey()
+        self._compute()
+        self._speak(())
 
     def _obey(self) -> None:
         while (order := receive(self._link)) is not None:
@@ -103,15 +117,15 @@ class Estimator:
     def _wait(self) -> bool:
         """Until a sample or an order comes, or the next word is due. Whether the link has an order, or has closed."""
         pending = self._frames.pending or self._poses.pending
-        left_s = 0.0 if pending else self._spoke_s + _WORD_EVERY_S - time.monotonic()
-        ready = self._waking.poll(max(0, math.ceil(left_s * 1e3)))
+        left_ns = 0 if pending else self._spoke_ns + _WORD_EVERY_NS - self._real_ns()
+        ready = self._waking.poll(max(0, math.ceil(left_ns / 1e6)))
         return any(fd == self._link.fileno() for fd, _ in ready)
 
     def _speak(self, verdicts: tuple[Verdict, ...]) -> None:
-        now_s = time.monotonic()
-        if verdicts or now_s - self._spoke_s >= _WORD_EVERY_S:
-            self._spoke_s = now_s
-            send(self._link, Word(self._generation, time.monotonic_ns(), verdicts, *self._counts, *self._dropped))
+        now_ns = self._real_ns()
+        if verdicts or now_ns - self._spoke_ns >= _WORD_EVERY_NS:
+            self._spoke_ns = now_ns
+            send(self._link, Word(self._generation, now_ns, verdicts, *self._counts, *self._dropped))
 
 
 def serve(arguments: list[str], make_line: MakeLine) -> None:

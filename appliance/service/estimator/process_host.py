@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from typing import Protocol
 
 from appliance.core.order import Order
 from appliance.limits import Limits
@@ -19,6 +20,7 @@ from appliance.service.estimator.tap import TapFds
 from appliance.service.host.child_process import ONE_THREAD
 from appliance.service.host.log import get_log
 from appliance.types import Calibration, Verdict
+from drivers.clock.host_clock import HostClock
 from drivers.samples import Frame, Sample
 
 _COMMAND = (sys.executable, "-m", "appliance.service.estimator.process")
@@ -39,11 +41,21 @@ does not die by then is looked for again each tick.
 _SIGNALS = {one.value: one.name for one in signal.Signals}
 
 
+class Process(Protocol):
+    """What the host asks of the process that it has started."""
+
+    @property
+    def pid(self) -> int: ...
+    def poll(self) -> int | None: ...
+    def wait(self, timeout: float | None, /) -> int: ...
+    def send_signal(self, number: int, /) -> None: ...
+
+
 class EstimatorHost:
     """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
 
     reference: None until refer() gives one; without it nothing is judged. stale_ns: as `Order` has it. slowness: how
-    much more patience an emulated machine needs.
+    much more patience an emulated machine needs. clock: whose real time it is.
 
     restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
     before any did. last: what it said last, None before its first word. said_ns: when the first verdict of the last
@@ -57,12 +69,14 @@ class EstimatorHost:
         stale_ns: int,
         command: Sequence[str] = _COMMAND,
         slowness: float = 1.0,
+        clock: HostClock | None = None,
     ) -> None:
+        self._clock = HostClock() if clock is None else clock
         self._command, self._limits, self._stale_ns, self._slowness = tuple(command), limits, stale_ns, slowness
         self._order = None if reference is None else Order(1, reference, limits, stale_ns)
         self._frames, self._poses = Ring(FRAMES), Ring(POSES)
-        self._process: subprocess.Popen[bytes] | None = None
-        self._dying: list[subprocess.Popen[bytes]] = []
+        self._process: Process | None = None
+        self._dying: list[Process] = []
         self._link: socket.socket | None = None
         self._started_s = self._heard_s = self._start_at_s = 0.0
         self._spoken = False
@@ -87,7 +101,7 @@ class EstimatorHost:
     @property
     def waiting_frames(self) -> int:
         """Pictures that it has not taken yet; 0 while it does not work, as then nobody is behind."""
-        working = self._spoken and time.monotonic() - self._heard_s < _WORKING_S
+        working = self._spoken and self._now_s() - self._heard_s < _WORKING_S
         return self._frames.backlog if working else 0
 
     @property
@@ -123,13 +137,13 @@ class EstimatorHost:
     def poll(self) -> tuple[bool, tuple[Verdict, ...]]:
         """(heard anything, verdicts on the present reference). Never blocks; call it every tick."""
         words = self._hear()
-        now_s = time.monotonic()
+        now_s = self._now_s()
         if words:
             self._heard_s, self._spoken, self.last = now_s, True, words[-1]
         self._look_after(now_s)
         generation = None if self._order is None else self._order.generation
         present = [word for word in words if word.generation == generation and word.verdicts]
-        self.said_ns = present[0].said_ns if present else time.monotonic_ns()
+        self.said_ns = present[0].said_ns if present else self._clock.real_ns()
         return bool(words), tuple(verdict for word in present for verdict in word.verdicts)
 
     def close(self) -> None:
@@ -137,6 +151,9 @@ class EstimatorHost:
         self._stop(_LAST_BURIAL_S)
         self._frames.close()
         self._poses.close()
+
+    def _now_s(self) -> float:
+        return self._clock.real_ns() / 1e9
 
     def _hear(self) -> list[Word]:
         words: list[Word] = []
@@ -157,7 +174,7 @@ class EstimatorHost:
             self._note_end(how, now_s)
             self._stop()
 
-    def _ending(self, process: subprocess.Popen[bytes], now_s: float) -> str:
+    def _ending(self, process: Process, now_s: float) -> str:
         """How it has ended, or must be, in words; empty while it is well."""
         code = process.poll()
         if code is None:
@@ -179,15 +196,19 @@ class EstimatorHost:
         self.restarts += 1
         self._send_order()
 
-    def _launched(self) -> subprocess.Popen[bytes]:
+    def launch(self, fds: tuple[int, ...]) -> Process:
+        """The process that computes, with these descriptors: see loop.serve. Raises OSError."""
+        command = [*self._command, *(str(fd) for fd in fds)]
+        return subprocess.Popen(command, pass_fds=fds, env=os.environ | ONE_THREAD)
+
+    def _launched(self) -> Process:
         """Raises OSError where this process may open no more files, or the machine has no room for another one."""
         self._link, theirs = link_pair()
         self._link.setblocking(False)
         with theirs:
             tap = self.tap()
             fds = (theirs.fileno(), *self._frames.fds, *self._poses.fds, *(() if tap is None else tap.flat))
-            command = [*self._command, *(str(fd) for fd in fds)]
-            return subprocess.Popen(command, pass_fds=fds, env=os.environ | ONE_THREAD)
+            return self.launch(fds)
 
     def _note_end(self, how: str, now_s: float) -> None:
         """Say it once, however often the same is tried in vain, and try again later each time."""

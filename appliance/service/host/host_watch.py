@@ -6,25 +6,37 @@ from typing import Any
 
 from appliance.service.host.log import get_log
 from appliance.service.host.overload_watch import OverloadWatch
+from appliance.service.host.pressure import Pressure
 from appliance.service.host.recorder import Recorder
 from appliance.service.host.tick_meter import TickMeter
 from appliance.service.host.wall_clock import WallClock
+from drivers.clock.host_clock import HostClock
 
 
 class HostWatch:
-    """period_ns: how often the tick is due. note: writes an entry of the alarm log. overload, ticks: what was found."""
+    """period_ns: how often the tick is due. note: writes an entry of the alarm log. wall_ns: time of the calendar.
+    overload, ticks: what was found.
+    """
 
-    def __init__(self, period_ns: int, recorder: Recorder, note: Callable[..., None]) -> None:
-        self.overload = OverloadWatch(period_ns, note)
+    def __init__(
+        self,
+        period_ns: int,
+        recorder: Recorder,
+        note: Callable[..., None],
+        clock: HostClock,
+        pressure: Pressure,
+        wall_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self.overload = OverloadWatch(period_ns, note, clock, pressure)
         self.ticks = TickMeter(period_ns)
-        self._wall_clock = WallClock()
+        self._wall_clock, self._wall_ns, self._clock = WallClock(), wall_ns, clock
         self._recorder, self._note = recorder, note
         self._log = get_log()
 
     def begin_tick(self, now_ns: int) -> None:
         """Before anything else is done in it."""
         self.ticks.note(now_ns)
-        by_s = self._wall_clock.look(time.monotonic_ns(), time.time_ns())
+        by_s = self._wall_clock.look(self._clock.real_ns(), self._wall_ns())
         if by_s is not None:
             self._log.warning("wall clock stepped", by_s=round(by_s, 3))
             self._note("wall-clock", by_s=round(by_s, 3))

@@ -1,7 +1,6 @@
 """Follows how short of time this computer is, and says it: once when an overload begins, once when it has ended."""
 
 import math
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -11,13 +10,17 @@ from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.overload import Load, Overload
 from appliance.supervision.overload_notes import OverloadNotes
 from appliance.types import AlarmState, Check, Fault
+from drivers.clock.host_clock import HostClock
 
 
 class OverloadWatch:
-    """One step a tick. period_ns: how often the tick is due. note: writes an entry of the alarm log."""
+    """One step a tick. period_ns: how often the tick is due. note: writes an entry of the alarm log. pressure: of this
+    computer, which is closed at the end.
+    """
 
-    def __init__(self, period_ns: int, note: Callable[..., None]) -> None:
-        self._pressure, self._overload, self._notes = Pressure(), Overload(period_ns), OverloadNotes()
+    def __init__(self, period_ns: int, note: Callable[..., None], clock: HostClock, pressure: Pressure) -> None:
+        self._overload, self._notes = Overload(period_ns), OverloadNotes()
+        self._clock, self._pressure = clock, pressure
         self._load = Load()
         self._note = note
         self._log = get_log()
@@ -29,7 +32,7 @@ class OverloadWatch:
 
     def step(self, now_ns: int, waiting_frames: int, losses: int) -> Check:
         """The check to add to those of the device watchers. losses: of devices, since the start."""
-        self._load = Load(self._pressure.share(time.monotonic_ns()), waiting_frames)
+        self._load = Load(self._pressure.share(self._clock.real_ns()), waiting_frames)
         check = self._overload.step(now_ns, self._load)
         if self.since_ns is None:
             self._end(now_ns, losses)

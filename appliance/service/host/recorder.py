@@ -158,10 +158,10 @@ class Recorder(threading.Thread):
     def _keep_writing(self) -> None:
         while not (self._ending and (self._error is not None or not self._waiting)):
             if self._error is not None:
-                self._wake.wait(RETRY_S)
+                self._clock.wait(self._wake, RETRY_S)
                 self._wake.clear()
             elif not self._waiting:
-                self._wake.wait(_LOOK_S)
+                self._clock.wait(self._wake, _LOOK_S)
                 self._wake.clear()
             self._write_waiting()
             self._look_at_room()
