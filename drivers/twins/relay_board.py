@@ -1,21 +1,37 @@
 """A simulated LCUS relay board, which prints every change of a contact."""
 
 import json
-import sys
+from collections.abc import Callable
 from threading import Event
 
 from drivers.clock.host_clock import HostClock
 from drivers.outputs.relay import BAUD, COMMAND_BYTES, START, STATUS_QUERY
 from drivers.twins.pty_line import IDLE_S, PtyLine
 
+Change = dict[str, int | bool]
+"""{"t_ns": of the clock, "channel": number, "energised": whether it has closed}."""
+
+
+def _printed(change: Change) -> None:
+    print(json.dumps(change), flush=True)
+
 
 class RelayBoard:
-    """contacts: channel → closed. answers: reports its contacts when asked, as boards with a microcontroller do."""
+    """contacts: channel → closed. answers: reports its contacts when asked, as boards with a microcontroller do. tell:
+    is told of every change.
+    """
 
-    def __init__(self, line: PtyLine, clock: HostClock, channels: int = 1, answers: bool = True) -> None:
+    def __init__(
+        self,
+        line: PtyLine,
+        clock: HostClock,
+        channels: int = 1,
+        answers: bool = True,
+        tell: Callable[[Change], None] = _printed,
+    ) -> None:
         self.contacts = dict.fromkeys(range(1, channels + 1), False)
         self.stuck = False
-        self._line, self._clock, self._answers = line, clock, answers
+        self._line, self._clock, self._answers, self._tell = line, clock, answers, tell
         self._received = bytearray()
 
     def run(self, stop: Event) -> None:
@@ -48,8 +64,7 @@ class RelayBoard:
         if self.contacts[channel] == energised:
             return
         self.contacts[channel] = energised
-        json.dump({"t_ns": self._clock.now_ns(), "channel": channel, "energised": energised}, sys.stdout)
-        print(flush=True)
+        self._tell({"t_ns": self._clock.now_ns(), "channel": channel, "energised": energised})
 
     def _report(self) -> None:
         if self._answers:

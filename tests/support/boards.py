@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
+from typing import Any
 
 from drivers.clock.host_clock import HostClock
 from drivers.twins.pty_line import PtyLine
@@ -11,11 +12,11 @@ from drivers.twins.relay_board import RelayBoard
 
 
 @contextmanager
-def running_board(link: Path, clock: HostClock, channels: int = 1, answers: bool = True) -> Iterator[RelayBoard]:
-    """A board that serves `link` while the block runs."""
+def running_board(link: Path, clock: HostClock, *arguments: Any, **options: Any) -> Iterator[RelayBoard]:
+    """A board that serves `link` while the block runs; arguments, options: of the board."""
     stop = Event()
     with PtyLine(link, clock) as line:
-        board = RelayBoard(line, clock, channels, answers)
+        board = RelayBoard(line, clock, *arguments, **options)
         thread = Thread(target=board.run, args=(stop,))
         thread.start()
         try:

@@ -7,6 +7,7 @@ PROBEWATCH_STAND_IN_FAULT names exists, the line says FAULT of the class written
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from appliance.configuration.config import load_config
@@ -23,18 +24,26 @@ _COMMAND = (sys.executable, "-m", "tests.support.stand_in_daemon")
 _NEAR_NS = 200_000_000
 
 
-class TrustingLine:
-    """OK of a frame that an OK pose came with, as far as the stamps tell."""
+def _written() -> str:
+    file = Path(os.environ.get("PROBEWATCH_STAND_IN_FAULT", "/nowhere"))
+    return file.read_text() if file.exists() else ""
 
-    def __init__(self, reference: Calibration, limits: Limits, stale_ns: int) -> None:
+
+class TrustingLine:
+    """OK of a frame that an OK pose came with, as far as the stamps tell. wanted: class of the fault that it is to say
+    instead, empty for none.
+    """
+
+    def __init__(
+        self, reference: Calibration, limits: Limits, stale_ns: int, wanted: Callable[[], str] = _written
+    ) -> None:
         self._pose_ns = 0
         self._verified_ns: int | None = None
-        self._fault = Path(os.environ.get("PROBEWATCH_STAND_IN_FAULT", "/nowhere"))
+        self._wanted = wanted
 
     def step(self, sample: Sample) -> tuple[Verdict, ...]:
         if isinstance(sample, Frame):
-            fault = self._fault.read_text() if self._fault.exists() else ""
-            if fault:
+            if fault := self._wanted():
                 return (Verdict(sample.stamp.t_ns, VerdictKind.FAULT, (), Fault(fault), "as the test wishes"),)
             t_ns = sample.stamp.t_ns
             near = abs(t_ns - self._pose_ns) < _NEAR_NS
