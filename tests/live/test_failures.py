@@ -92,6 +92,7 @@ def fill_disk(cart: Cart, part: str) -> Undo:
     with ControlClient(cart.socket) as client:
         client.test_lamps()
     until(lambda: cart.status()["notices"], 5)
+    assert cart.status()["tick"]["p99_ms"] < 200
     return make_room
 
 

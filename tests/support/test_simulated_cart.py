@@ -10,20 +10,20 @@ from tests.support.told_clock import SteppedClock
 
 
 def day(folder: Path) -> tuple[object, ...]:
-    """A minute and more, with an alarm, an acknowledgement, and a tracker that is away."""
+    """Half a minute, with an alarm, an acknowledgement, and a tracker that is away."""
     folder.mkdir()
     with SimulatedCart(folder) as cart:
         cart.monitoring()
-        cart.run(10.0)
+        cart.run(2.0)
         cart.say("scale")
         cart.run(5.0)
         cart.say(None)
         granted = cart.acknowledge()
         cart.run(5.0)
         cart.tracker.plugged = False
-        cart.run(10.0)
+        cart.run(5.0)
         cart.tracker.plugged = True
-        cart.run(40.0)
+        cart.run(10.0)
         states = [(line["state"], line["fault"]) for line in cart.said(event="state")]
         return granted, states, cart.switched(), cart.status()["counters"]
 
