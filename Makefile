@@ -109,7 +109,7 @@ soak: $(VENV)/dev ## half an hour of service in a container: memory, files, drop
 ##@ Looking closer
 
 TIMES ?= 50
-repeat: $(VENV)/dev ## one test fifty times: make repeat TEST=tests/live/test_daemon.py::test_status_tells_everything
+repeat: $(VENV)/dev ## one test fifty times: make repeat TEST=tests/live/test_failures.py
 	@failed=0; for i in $$(seq $(TIMES)); do $(BIN)/pytest -q $(TEST) || { failed=$$((failed + 1)); echo "repeat $$i failed"; }; \
 	  done; echo "$$failed of $(TIMES) repeats failed"; [ "$$failed" -eq 0 ]
 

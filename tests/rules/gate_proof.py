@@ -44,7 +44,7 @@ DEFECTS = (
         "appliance/service/tick.py",
         "heartbeat_ns=self._supervision.heard_ns,",
         "heartbeat_ns=now_ns,",
-        ("tests/live/test_failures.py::test_one_part_fails[estimator killed]",),
+        ("tests/appliance/service/test_daemon.py::test_a_killed_estimator_alarms_and_recovers_by_itself",),
     ),
     Defect(
         "the age of a verification counts from its arrival",
@@ -72,7 +72,7 @@ DEFECTS = (
         "appliance/service/tick.py",
         "if writes > self._fed_writes:",
         "if writes >= self._fed_writes:",
-        ("tests/live/test_daemon.py::test_a_killed_relay_board_is_an_output_failure_and_comes_back",),
+        ("tests/appliance/service/test_daemon.py::test_a_killed_relay_board_is_an_output_failure_and_comes_back",),
     ),
     Defect(
         "the ring hands out a picture that was overwritten while it was copied",
