@@ -68,7 +68,7 @@ FPS, POSES_HZ = 10, 20
 _PATIENT_S = 30.0
 """Of real time for which the service waits for a file: its own tenth of a second is what a busy computer may exceed."""
 _SERVED_S = 0.25
-"""Of the cart's time that passes with each request of a program that knows nothing of this clock."""
+"""Of the cart's time that passes with each request of a program that knows nothing of this clock: some ticks."""
 _LOOK_MS = 5
 _ERR_NS = 100_000
 
@@ -382,21 +382,21 @@ class SimulatedCart:
             yield client
 
     @contextmanager
-    def served(self) -> Iterator[None]:
-        """While programs ask that know nothing of this clock: a quarter of a second passes with each request."""
+    def served(self, each_s: float = _SERVED_S) -> Iterator[None]:
+        """While programs ask that know nothing of this clock: so much time passes with each request."""
         ending = threading.Event()
         with ThreadPoolExecutor(1) as pool:
-            serving = pool.submit(self._serve, ending)
+            serving = pool.submit(self._serve, ending, each_s)
             try:
                 yield
             finally:
                 ending.set()
             serving.result()
 
-    def _serve(self, ending: threading.Event) -> None:
+    def _serve(self, ending: threading.Event, each_s: float) -> None:
         while not ending.is_set():
             if self._asked():
-                self.run(_SERVED_S)
+                self.run(each_s)
 
     def _asked(self) -> bool:
         """Whether somebody wants something of the control socket, now or within a moment."""
