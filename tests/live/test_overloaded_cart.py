@@ -1,31 +1,21 @@
-"""A whole cart that gets what other programs leave over: told as that, once, and safe as ever."""
+"""A whole cart that gets what other programs leave over: told as that.
+
+That it is said once, and is safe as ever: tests/appliance/service/test_overload.py.
+"""
 
 import os
 import subprocess
 import sys
-import time
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from appliance.storage.alarm_chain import read_log
-from tests.support.demo_cart import PROBEWATCH, Cart
+from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
 
 pytestmark = pytest.mark.alone
-
-BUSY_S = 15.0
-MOST_ENTRIES = 15
-"""The overload, its end, one for each kind of change, and those from before it is known: two seconds at most."""
-
-
-@pytest.fixture
-def cart(tmp_path: Path) -> Iterator[Cart]:
-    with Cart(tmp_path, trusting=True) as cart:
-        yield cart
 
 
 @contextmanager
@@ -42,47 +32,11 @@ def busy_programs() -> Iterator[None]:
             program.wait()
 
 
-@contextmanager
-def starved(cart: Cart) -> Iterator[None]:
-    """Every part of the cart may compute only when none of the busy programs wants to."""
-    parts = [part.process.pid for part in (*cart.twins.values(), cart.daemon) if part is not None]
-    try:
-        with busy_programs():
-            _schedule(parts, os.SCHED_IDLE)
-            yield
-    finally:
-        _schedule(parts, os.SCHED_OTHER)
-
-
 def _schedule(pids: list[int], policy: int) -> None:
     for pid in pids:
         for task in Path(f"/proc/{pid}/task").glob("*"):
             os.sched_setscheduler(int(task.name), policy, os.sched_param(0))
             _schedule([int(child) for child in (task / "children").read_text().split()], policy)
-
-
-def test_an_overload_is_said_once_and_blames_no_cable(cart: Cart) -> None:
-    cart.wait_for("monitoring")
-    until(cart.contact)
-    until(lambda: cart.status()["load"]["overloaded_s"] is None, 30)
-    began_s = time.monotonic()
-    with starved(cart):
-        until(lambda: cart.contact(began_s) is False, BUSY_S)
-        until(lambda: cart.daemon.find(began_s, event="overloaded"), BUSY_S)
-        time.sleep(max(0.0, began_s + BUSY_S - time.monotonic()))
-    until(lambda: cart.daemon.find(began_s, event="overload ended"), 30)
-    cart.wait_for("monitoring", 30)
-    said = Counter(event["event"] for event in cart.daemon.said if event["heard_s"] > began_s)
-    assert (said["overloaded"], said["overload ended"]) == (1, 1)
-    assert said["device lost"] <= 2 * len(cart.twins), "one of each before it is known, and one after"
-    until(lambda: cart.status()["log"]["waiting"] == 0)
-    reading = read_log(cart.folder / "alarms")
-    entries = Counter(entry.event for entry in reading.entries)
-    assert reading.damages == ()
-    assert (entries["overloaded"], entries["overload-ended"]) == (1, 1)
-    assert entries["state"] <= MOST_ENTRIES, entries
-    explained = [entry for entry in reading.entries if "overloaded" in str(entry.data.get("reason"))]
-    assert explained, "a silent device is told with the overload"
 
 
 def test_a_demo_whose_cart_gets_no_time_says_so_and_names_no_fault_for_it() -> None:
