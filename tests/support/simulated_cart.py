@@ -52,7 +52,8 @@ from drivers.clock.host_clock import HostClock
 from drivers.errors import DeviceLost
 from drivers.registry import open_output
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.faults import Schedule, pose_time_s, spoil_pose
+from drivers.twins.faults import FUTURE_S, Schedule, blank_image, pose_time_s, spoil_pose
+from drivers.twins.ndi.measurement import ONE_IN
 from drivers.twins.relay_board import Change
 from drivers.twins.scene.trajectory import USUAL_PROGRAM
 from drivers.twins.scene.world import World, WorldSettings
@@ -187,14 +188,14 @@ class EstimatorHere(EstimatorHost):
 
 class SimulatedCart:
     """A cart under `folder`; leave the context to end it. make_line: of the estimator; by default one that says OK of
-    every picture, or what `say` tells it.
+    every picture, or what `say` tells it. more: of the configuration.
 
     now_s: the cart's time since it was made. lateness_s: by how much each tick comes too late. pressure: share of the
     time for which programs wait for the processor, as the kernel tells it. utc: the calendar's time at the cart's 0.
     """
 
-    def __init__(self, folder: Path, make_line: MakeLine | None = None, seed: int = 3) -> None:
-        self.folder, self.seed = folder, seed
+    def __init__(self, folder: Path, make_line: MakeLine | None = None, seed: int = 3, more: str = "") -> None:
+        self.folder, self.seed, self._more = folder, seed, more
         self.config, self.socket = folder / "probewatch.toml", folder / "control"
         self.clock = SteppedClock()
         self._origin_ns = self.clock.now_ns()
@@ -243,7 +244,7 @@ class SimulatedCart:
             f'calibration.file = "{self.folder / "probe.toml"}"\n'
             f'control.socket = "{self.socket}"\n'
             f'alarm.folder = "{self.alarms}"\n'
-            "feed.offered = false\n"
+            f"feed.offered = false\n{self._more}"
         )
 
     @property
@@ -469,20 +470,27 @@ class WorldCart(SimulatedCart):
     faults: what scanner and tracker show from now on, at seconds of the cart.
     """
 
-    def __init__(self, folder: Path, seed: int = 1) -> None:
-        super().__init__(folder, Line, seed)
+    def __init__(self, folder: Path, seed: int = 1, more: str = "") -> None:
+        super().__init__(folder, Line, seed, more)
         self.world = kept(seed, USUAL_PROGRAM, settings=WorldSettings(*SIZE_PX))
         self.scanner.period_ns, self.tracker.period_ns = round(1e9 / 30), round(1e9 / 60)
-        self.faults = Schedule()
+        self.faults, self._shown = Schedule(), frozenset[str]()
 
     def picture(self, t_ns: int, number: int) -> Frame:
         t_s = (t_ns - self._origin_ns) / 1e9
-        image = self.world.frame(t_s, number, self.faults.active(t_s))
-        return Frame(Stamp(t_ns, _ERR_NS), number, image)
+        active, before = self.faults.active(t_s), self._shown
+        self._shown = active
+        image = self.world.frame(t_s, number, active)
+        if "flicker-blank" in active and number % 2:
+            image = blank_image(image.shape, number)
+        ahead_ns = round(FUTURE_S * 1e9) if "future-stamp" in active - before else 0
+        return Frame(Stamp(t_ns + ahead_ns, _ERR_NS), number, image)
 
     def pose(self, t_ns: int, number: int) -> Pose:
         t_s = (t_ns - self._origin_ns) / 1e9
         active = self.faults.active(t_s)
+        if "missing" in active or ("sparse-poses" in active and number % ONE_IN):
+            return Pose(Stamp(t_ns, _ERR_NS), number, None, 0.1, PoseStatus.MISSING)
         measured = self.world.measured_pose(pose_time_s(t_s, active), number)
         return Pose(Stamp(t_ns, _ERR_NS), number, spoil_pose(measured, active), 0.1, PoseStatus.OK)
 
