@@ -256,6 +256,35 @@ def test_recalibration_over_the_control_socket(monitoring: SimulatedCart, tmp_pa
     assert monitoring.said(event="request granted", request="end_recalibration")
 
 
+def test_a_far_calibration_is_not_taken_before_its_difference_is_repeated(
+    monitoring: SimulatedCart, tmp_path: Path
+) -> None:
+    far = moved(monitoring, tmp_path / "far.toml", 30)
+    with monitoring.client() as client:
+        client.begin_recalibration()
+        with pytest.raises(ControlRefused, match="differs from the reference in force"):
+            client.end_recalibration(far)
+        assert client.status()["reference"]["number"] == 1
+        client.end_recalibration(far, client.propose_calibration(far)["text"])
+        assert client.status()["reference"]["number"] == 2
+
+
+def test_a_new_calibration_that_a_lost_device_keeps_from_its_proof_is_gone_back_from(
+    monitoring: SimulatedCart, tmp_path: Path
+) -> None:
+    assert monitoring.status()["reference"]["verified_utc"]
+    monitoring.tracker.plugged = False
+    with monitoring.client() as client:
+        client.begin_recalibration()
+        client.end_recalibration(moved(monitoring, tmp_path / "new.toml", 1))
+        new = client.status()["reference"]
+    assert (new["number"], new["verified_utc"]) == (2, None)
+    monitoring.wait_for("device lost")
+    monitoring.tracker.plugged = True
+    reference = monitoring.wait_for("monitoring")["reference"]
+    assert (reference["origin"], reference["file"]) == ("went back to 1", str(monitoring.folder / "probe.toml"))
+
+
 def test_aborted_recalibration_is_verified_again(monitoring: SimulatedCart) -> None:
     with monitoring.client() as client:
         client.begin_recalibration()
