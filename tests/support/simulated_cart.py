@@ -427,9 +427,9 @@ class SimulatedCart:
         """The status in that state; AssertionError unless it was entered within so much of the cart's time."""
         return self.until(lambda: (now := self.status())["state"] == state and now, within_s)
 
-    def monitoring(self) -> Self:
+    def monitoring(self, within_s: float = 20.0) -> Self:
         """Once it monitors and its contact is closed."""
-        self.wait_for("monitoring")
+        self.wait_for("monitoring", within_s)
         self.until(self.contact)
         return self
 

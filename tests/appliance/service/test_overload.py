@@ -34,5 +34,7 @@ def test_an_overload_is_said_once_and_blames_no_cable(monitoring: SimulatedCart)
     assert reading.damages == ()
     assert (entries["overloaded"], entries["overload-ended"]) == (1, 1)
     assert entries["state"] <= MOST_ENTRIES, entries
+    (ended,) = (entry.data for entry in reading.entries if entry.event == "overload-ended")
+    assert ended["repeated"], "what came again is counted, and has no entry of its own"
     explained = [entry for entry in reading.entries if "overloaded" in str(entry.data.get("reason"))]
     assert explained, "a silent device is told with the overload"

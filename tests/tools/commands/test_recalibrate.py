@@ -1,10 +1,7 @@
-"""`probewatch recalibrate`: refusals in one line, the file it writes, and the service through a whole recalibration."""
+"""`probewatch recalibrate`: refusals in one line, the file it writes, and what it asks of a service."""
 
 import hashlib
 import io
-import signal
-import subprocess
-import time
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -25,11 +22,9 @@ from drivers.twins.scene.world import World, WorldSettings
 from tests.support import stores
 from tests.support.answering import Answers
 from tests.support.answers import Answer, answered
-from tests.support.demo_cart import PROBEWATCH, Cart
-from tests.support.polling import until
 from tests.support.stores import configuration, log, settled
 
-pytestmark = pytest.mark.usefixtures("log")
+pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("log")]
 __all__ = ["log"]
 
 SIZE_PX = (320, 240)
@@ -269,69 +264,3 @@ def test_a_far_calibration_is_written_stated_and_not_taken_without_a_person(monk
         assert new.exists(), "a scan is not lost"
         assert recalibrated(*arguments, "--force", "--yes").returncode == 0
     assert "end-recalibration" in service.asked
-
-
-@pytest.fixture
-def monitoring(cart: Cart) -> Cart:
-    cart.wait_for("monitoring")
-    until(cart.contact)
-    return cart
-
-
-def started(*arguments: object) -> "subprocess.Popen[str]":
-    command = [str(PROBEWATCH), "recalibrate", *(str(argument) for argument in arguments)]
-    return subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-
-
-def whole_recalibration(cart: Cart, *arguments: object) -> None:
-    """Contact open while it scans; file; verified; contact closed."""
-    until(lambda: cart.daemon.find(event="state", state="monitoring"))
-    began_s = time.monotonic()
-    process = started("--config", cart.config, "--simulated", *arguments)
-    until(lambda: cart.daemon.find(began_s, event="state", state="recalibrating"), 20)
-    granted = until(lambda: cart.daemon.find(began_s, event="request granted", request="begin_recalibration"))
-    cart.open_contact(began_s, granted["heard_s"] - began_s + 1)
-    out, err = process.communicate(timeout=150)
-    assert process.returncode == 0, err
-    assert "the service has verified the new calibration and monitors again" in out
-    (new,) = cart.config.parent.glob("probe-20*Z.toml")
-    assert "it is in force, also after a restart" in out
-    assert cart.status()["reference"]["file"] == str(new)
-    new.unlink()
-    events = [event for event in cart.daemon.said if event["heard_s"] > began_s]
-    states = [event["state"] for event in events if event["event"] == "state"]
-    assert states == ["recalibrating", "monitoring"]
-    requests = [event["request"] for event in events if event["event"] == "request granted"]
-    assert requests == ["begin_recalibration", "end_recalibration"]
-    until(lambda: cart.contact(began_s))
-
-
-def test_the_service_recalibrates_and_monitors_again(monitoring: Cart) -> None:
-    whole_recalibration(monitoring, "--duration", 11)
-
-
-def test_a_refused_scan_leaves_the_old_calibration_in_force(monitoring: Cart) -> None:
-    process = started("--config", monitoring.config, "--simulated", "--duration", 1)
-    _, err = process.communicate(timeout=60)
-    assert (process.returncode, err.count("\n")) == (65, 1), err
-    assert monitoring.daemon.find(event="request granted", request="abort_recalibration")
-    monitoring.wait_for("monitoring")
-    assert list(monitoring.config.parent.glob("probe-*")) == []
-
-
-def test_an_interrupted_scan_leaves_the_old_calibration_in_force(monitoring: Cart) -> None:
-    began_s = time.monotonic()
-    process = started("--config", monitoring.config, "--simulated", "--duration", 600)
-    monitoring.wait_for("recalibrating")
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
-    assert (process.returncode, err.strip()) == (130, "probewatch: stopped")
-    assert monitoring.daemon.find(began_s, event="request granted", request="abort_recalibration")
-    monitoring.wait_for("monitoring")
-
-
-@pytest.mark.slow
-def test_the_real_line_verifies_the_new_calibration(tmp_path: Path) -> None:
-    with Cart(tmp_path) as cart:
-        cart.wait_for("monitoring", 60)
-        whole_recalibration(cart, "--duration", 20)
