@@ -1,24 +1,20 @@
-"""The cart's web page in a real Chromium: the room's status, and the whole recalibration with all that goes wrong.
+"""The cart's web page in a real Chromium: the room's status, and the whole recalibration.
 
-One cart, one page, one browser; each test leaves the recalibration ended. PROBEWATCH_SCREENSHOTS names a folder into
-which the pictures of docs/page.md are drawn.
+What is refused, lost and kept on the way is asked over HTTP in tests/tools/page/test_scan.py. One cart, one page, one
+browser; each test leaves the recalibration ended. PROBEWATCH_SCREENSHOTS names a folder into which the pictures of
+docs/page.md are drawn.
 """
 
-import json
 import os
 import re
 import tomllib
-import urllib.error
-import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page
 
 from appliance.service.control.client import ControlClient
-from appliance.storage.alarm_chain import read_log
 from tests.support.browser import CHROMIUM, begins, chromium
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
@@ -142,6 +138,12 @@ def test_the_whole_procedure_by_the_page_alone(bench: Bench) -> None:
     bench.cart.wait_for("recalibrating")
     page.wait_for_selector("#refusals p")
     assert "too few views" in page.inner_text("#refusals")
+    onlooker = bench.person(PHONE)
+    phase(onlooker, "scanning")
+    assert "by A. Smith" in onlooker.inner_text("#picture-title")
+    assert onlooker.is_disabled("#finish")
+    assert onlooker.is_visible("#part-token")
+    drawn(onlooker, "phone-scan", whole=True)
     scanned(page, 6)
     assert serious(page) == []
     until(lambda: "±" in page.inner_text("#zeta") and not page.query_selector("#refusals p"), 180, 0.2)
@@ -216,96 +218,6 @@ def test_the_whole_procedure_by_the_page_alone(bench: Bench) -> None:
         "check": "not made: the tank stands in a frame",
     }
     until(bench.cart.contact)
-
-
-def test_a_tracker_lost_in_the_middle_loses_no_view(bench: Bench) -> None:
-    page = bench.person(may=True)
-    bench.cart.tank.touch()
-    begun(page)
-    scanned(page, 3)
-    bench.cart.kill_twin("polaris")
-    page.wait_for_selector("#trouble >> text=The scan is kept")
-    kept = views(page)
-    assert bench.cart.status()["state"] == "device lost"
-    bench.cart.start_twin("polaris")
-    until(lambda: views(page) > kept, 60, 0.2, lambda: page.inner_text("main"))
-    page.wait_for_selector("#trouble", state="hidden")
-    bench.cart.wait_for("recalibrating")
-    ended(page)
-    bench.cart.tank.unlink()
-    bench.cart.wait_for("monitoring", 40)
-
-
-def test_a_reload_and_a_second_technician_find_the_scan_as_it_is(bench: Bench) -> None:
-    page = bench.person(may=True)
-    bench.cart.tank.touch()
-    begun(page, "zeta")
-    scanned(page, 2)
-    page.reload()
-    phase(page, "scanning")
-    scanned(page, 3)
-    onlooker, second = bench.person(PHONE), bench.person(may=True)
-    for other in (onlooker, second):
-        phase(other, "scanning")
-        assert "by A. Smith" in other.inner_text("#picture-title")
-    assert onlooker.is_disabled("#finish")
-    assert onlooker.is_visible("#part-token")
-    drawn(onlooker, "phone-scan", whole=True)
-    status, error = asked(second, "begin", probe="p", preset="d", technician="C", wanted="zeta")
-    assert (status, "A. Smith recalibrates already" in error) == (409, True), error
-    ended(second)
-    phase(page, "ended")
-    phase(onlooker, "ended")
-    bench.cart.wait_for("monitoring", 40)
-
-
-def asked(page: Page, what: str, **body: Any) -> tuple[int, str]:
-    """(HTTP status, what was refused) of a request as the page sends it."""
-    script = """async ([what, body]) => {
-        const answer = await fetch(what, {method: 'POST', body: JSON.stringify(body)});
-        return [answer.status, (await answer.json()).error || ''];
-    }"""
-    path = "/token" if what == "token" else f"/recalibration/{what}"
-    status, error = page.evaluate(script, [path, body])
-    return status, str(error)
-
-
-def test_a_scan_that_shows_too_little_cannot_be_taken(bench: Bench) -> None:
-    page = bench.person(may=True)
-    bench.cart.tank.touch()
-    begun(page)
-    scanned(page, 2)
-    page.click("text=Scan is complete")
-    phase(page, "review")
-    page.wait_for_selector("#refusals >> text=too few views")
-    assert page.is_disabled("#accept")
-    status, error = asked(page, "accept", name="B", role="r")
-    assert status == 409
-    assert "usable views of the crossing" in error or "no view" in error
-    status, error = asked(page, "strike", index=99)
-    assert (status, "there is no view 100" in error) == (409, True)
-    assert asked(page, "correct", index=0, column=-5, row=1)[0] == 409
-    assert bench.cart.status()["state"] == "recalibrating"
-    ended(page, "#part-sign [data-act=reject]")
-    bench.cart.wait_for("monitoring", 40)
-
-
-def test_a_service_that_starts_anew_is_asked_again_and_the_scan_goes_on(bench: Bench) -> None:
-    page = bench.person(may=True)
-    bench.cart.tank.touch()
-    begun(page)
-    scanned(page, 2)
-    bench.cart.daemon.end(kill=True)
-    page.wait_for_selector("#state-title >> text=No answer from the service")
-    page.wait_for_selector("#trouble:not([hidden])")
-    kept = views(page)
-    bench.cart.start_daemon()
-    until(lambda: views(page) > kept, 90, 0.2, lambda: page.inner_text("main"))
-    bench.cart.wait_for("recalibrating", 30)
-    assert bench.cart.contact() is False, "nothing has been proved since"
-    ended(page)
-    bench.cart.tank.unlink()
-    bench.cart.wait_for("monitoring", 60)
 
 
 def test_the_latency_is_a_step_and_the_water_is_looked_at(bench: Bench) -> None:
@@ -396,31 +308,6 @@ def test_a_german_room_reads_the_whole_page_in_german(bench: Bench) -> None:
         reloaded(bench)
 
 
-def test_a_page_that_is_killed_leaves_no_cart_that_waits_for_it(bench: Bench) -> None:
-    """The service gives the scan up, says for whom and why, in the log too, and closes nothing before it has verified;
-    the page that comes back starts again.
-    """
-    page = bench.person(may=True)
-    bench.cart.tank.touch()
-    begun(page)
-    scanned(page, 1)
-    held = bench.cart.status()["recalibration"]
-    assert (held["hold_s"], held["ended"]) == (20, None)
-    assert held["silent_s"] < 10
-    bench.web.part.end(kill=True)
-    until(lambda: bench.cart.status()["state"] != "recalibrating")
-    bench.cart.tank.unlink()
-    bench.cart.wait_for("monitoring", 60)
-    assert bench.cart.status()["recalibration"] is None
-
-    def given_up() -> list[str]:
-        entries = read_log(bench.cart.folder / "alarms").entries
-        return [str(one.data["why"]) for one in entries if one.event == "recalibration given up"]
-
-    assert "whose connection is gone" in until(given_up)[-1]
-    bench.web.start()
-
-
 def test_the_status_page_shows_the_state_and_says_when_it_has_lost_the_service_or_itself(bench: Bench) -> None:
     pages = [bench.person(DESK), bench.person(PHONE, "dark")]
     for page in pages:
@@ -470,44 +357,3 @@ def test_a_tablet_that_shows_the_page_does_not_fall_asleep(bench: Bench, part: s
     page.add_init_script(LOCKS)
     page.goto(bench.web.url + part)
     page.wait_for_function("locks.some(lock => lock.type === 'screen' && !lock.released)")
-
-
-def test_a_token_is_good_once_and_guessing_is_soon_over(bench: Bench) -> None:
-    """The last, as it locks the page for a minute."""
-    page, token = bench.person(), bench.web.token()
-    assert asked(page, "begin", probe="p", preset="d", technician="C")[0] == 403
-    page.fill("#token", "AAAA-AAAA")
-    page.click("text=Unlock")
-    page.wait_for_selector("#refused >> text=the token is wrong, was used, or is too old")
-    assert asked(page, "token", token=token.lower().replace("-", " ")) == (200, "")
-    assert asked(page, "token", token=token)[0] == 403
-    for _ in range(9):
-        asked(page, "token", token="wrong")
-    assert asked(page, "token", token=bench.web.token())[0] == 429
-    assert bench.cart.status()["state"] != "recalibrating"
-
-
-def status_of(request: Callable[[], Any]) -> int:
-    try:
-        with request() as answer:
-            return int(answer.status)
-    except urllib.error.HTTPError as error:
-        with error:
-            return error.code
-
-
-def test_what_another_page_sends_is_refused(bench: Bench) -> None:
-    """By another name of this computer (as after DNS rebinding), or from another origin."""
-    url = bench.web.url
-
-    def fetched(path: str = "", data: bytes | None = None, **headers: str) -> int:
-        names = {name.replace("_", "-"): value for name, value in headers.items()}
-        return status_of(lambda: urllib.request.urlopen(urllib.request.Request(url + path, data, names), timeout=10))
-
-    assert fetched() == 200
-    assert fetched(Host="evil.example") == 403
-    body = json.dumps({"token": "x"}).encode()
-    assert fetched("token", body) == 403
-    assert fetched("token", body, Origin="http://evil.example") == 403
-    assert fetched("files/..%2fserver.py") == 404
-    assert fetched("files/page.css") == 200

@@ -329,6 +329,28 @@ def test_whoever_began_and_falls_silent_is_given_up_after_the_time_he_asked_for(
     monitoring.wait_for("monitoring")
 
 
+def test_whoever_began_and_is_gone_leaves_no_cart_that_waits_for_him(monitoring: SimulatedCart) -> None:
+    """The service gives the scan up, says for whom and why, in the log too, and closes nothing unverified."""
+    with monitoring.client() as client:
+        client.begin_recalibration(20)
+        held = client.status()["recalibration"]
+        monitoring.tracker.sends = False
+        monitoring.run(0.3)
+    assert (held["hold_s"], held["ended"]) == (20, None)
+    assert held["silent_s"] < 10
+    began_s = monitoring.now_s()
+    status = monitoring.until(lambda: (now := monitoring.status())["state"] != "recalibrating" and now, 0.2)
+    told = status["recalibration"]["ended"]
+    assert f"given up for {held['who']}, whose connection is gone" in told
+    given_up = [entry.data["why"] for entry in read_log(monitoring.alarms).entries if "given up" in entry.event]
+    assert given_up == [told]
+    monitoring.run(0.3)
+    assert not monitoring.contact(began_s)
+    monitoring.tracker.sends = True
+    monitoring.wait_for("monitoring")
+    assert monitoring.status()["recalibration"] is None
+
+
 def test_a_second_service_is_refused_in_one_line(monitoring: SimulatedCart) -> None:
     command = [str(PROBEWATCH), "run", "--config", str(monitoring.config)]
     second = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)

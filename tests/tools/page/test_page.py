@@ -108,8 +108,16 @@ def test_there_is_nothing_else(web: WebPage, path: str) -> None:
 )
 def test_no_other_page_may_ask(web: WebPage, headers: dict[str, str], status: int) -> None:
     """The first has no cookie; the others no right to be heard."""
-    answer = asked(web, "POST", "/recalibration/begin", {"probe": "p"}, **headers)
-    assert (answer.status, answer.json["ok"]) == (status, False)
+    for path, body in (("/recalibration/begin", {"probe": "p"}), ("/token", {"token": "x"})):
+        answer = asked(web, "POST", path, body, **headers)
+        assert (answer.status, answer.json["ok"]) == (status, False)
+
+
+def test_a_page_of_no_origin_may_not_ask(web: WebPage) -> None:
+    link = http.client.HTTPConnection(web.address, timeout=10)
+    link.request("POST", "/token", b'{"token": "x"}', {"Host": web.address})
+    assert Answer(link).status == 403
+    link.close()
 
 
 @pytest.mark.parametrize("host", ["evil.example", "[::1]evil.example", "[::1]:80x", "localhost:80:x", "::1", "", "[]"])
