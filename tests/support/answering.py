@@ -24,9 +24,9 @@ class Answers(ABC):
 
     def __init__(self, path: Path) -> None:
         self.path, self.mute = path, False
-        self._end = threading.Event()
 
     def __enter__(self) -> Self:
+        self._end = threading.Event()
         self._server = ControlServer(self.path)
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -36,6 +36,11 @@ class Answers(ABC):
         self._end.set()
         self._thread.join()
         self._server.__exit__()
+
+    def restart(self) -> None:
+        """As when the service is killed, and is there again at once."""
+        self.__exit__()
+        self.__enter__()
 
     def _run(self) -> None:
         while not self._end.wait(0.002):

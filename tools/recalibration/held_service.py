@@ -75,7 +75,7 @@ class HeldService:
         state = seen.status["state"]
         unwatched_s = (self._looked_ns - since_ns) / 1e9
         returns = self._lost and state == State.MONITORING.value and unwatched_s <= _RETURN_S
-        gone_on = state in _WITHOUT_US and not self.is_older(seen) and not returns
+        gone_on = _without_us(seen.status) and not self.is_older(seen) and not returns
         self._gave_way |= unwatched_s > _HOLD_S or gone_on
         if self._gave_way and not wanted:
             raise ControlRefused("the service has gone on without this scan. The scan is kept; signing it asks again")
@@ -144,3 +144,9 @@ class HeldService:
 
     def _client(self) -> ControlClient:
         return ControlClient(self._control, ANSWER_S)
+
+
+def _without_us(status: dict[str, Any]) -> bool:
+    """It monitors, or recalibrates for somebody else; what says that it is for us was said before it was lost."""
+    ours = (status["recalibration"] or {}).get("yours", False)
+    return status["state"] in _WITHOUT_US and not ours

@@ -164,6 +164,19 @@ def test_a_lost_device_that_is_back_gives_the_service_to_nobody_else(bench: Benc
     held.let_go()
 
 
+def test_what_the_service_said_before_it_was_killed_is_not_that_it_has_gone_on_without_the_scan(bench: Bench) -> None:
+    held = HeldService(bench.service.path)
+    held.grasp()
+    until(lambda: not held.is_older(seen := bench.watch.seen()) and seen.status["state"] == "recalibrating")
+    seen = bench.watch.seen()
+    assert seen.status["recalibration"]["yours"]
+    bench.service.restart()
+    bench.service.state = "not verified"
+    held.hold(seen)
+    assert bench.service.asked == ["begin-recalibration"] * 2
+    held.let_go()
+
+
 def test_the_service_hangs_on_the_session_and_on_nobody_once_it_has_ended(bench: Bench) -> None:
     """So that a page that is killed leaves no cart behind that waits for it."""
     bench.session.begin(CHOSEN)
