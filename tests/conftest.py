@@ -10,7 +10,7 @@ import os
 import pytest
 from hypothesis import settings
 
-from tests.rules import deadline, quick, skips, third
+from tests.rules import quick, skips, third
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
@@ -22,7 +22,6 @@ settings.load_profile("ci")
 def pytest_configure(config: pytest.Config) -> None:
     """Not by pytest_plugins, which only the topmost conftest may have."""
     config.pluginmanager.register(skips, "tests.rules.skips")
-    config.pluginmanager.register(deadline, "tests.rules.deadline")
     config.pluginmanager.register(third, "tests.rules.third")
     config.pluginmanager.register(quick, "tests.rules.quick")
 
