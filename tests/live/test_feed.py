@@ -133,10 +133,3 @@ def test_the_self_test_of_a_moving_cart_is_kept_and_names_what_is_not_green(cart
     assert "✓ lamps and tone" in shown.stdout, "the simulated cart has none"
     (kept,) = (cart.folder / "alarms" / "self-tests").glob("*.json")
     assert '"operator": "A. Smith"' in kept.read_text()
-
-
-@pytest.mark.parametrize("arguments", [("--socket", "/nowhere/control"), ("--config", "/nowhere.toml")])
-def test_without_a_service_it_says_so(arguments: tuple[str, str]) -> None:
-    shown = answered("self-test", *arguments, "--yes")
-    assert shown.returncode in (69, 78)
-    assert shown.stderr.count("\n") == 1

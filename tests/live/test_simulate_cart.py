@@ -72,11 +72,3 @@ def test_without_a_file_the_configuration_is_all_that_is_printed(tmp_path: Path,
     cart.send_signal(signal.SIGTERM)
     assert (cart.wait(20), cart.stdout.read()) == (0, "")
     assert not folder.exists(), "nothing is left behind"
-
-
-@pytest.mark.parametrize("option", ["--write", "--folder"])
-def test_a_place_that_cannot_be_is_refused_before_anything_starts(option: str, programs: ExitStack) -> None:
-    refused = start(programs, "simulate", "cart", option, "/dev/null/at/all")
-    out, err = refused.communicate(timeout=30)
-    assert (refused.returncode, out) == (78, "")
-    assert "/dev/null/at/all" in err

@@ -1,0 +1,27 @@
+"""`probewatch demo`: what its command line refuses; a real run is in tests/live/test_demo.py."""
+
+import pytest
+
+from tests.support.answers import answered
+from tools.demo.script import FAULT_CLASS
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["--fault", "flip@20"], 2, "'flip' is none of flip-lateral"),
+        (["--fault", "depth"], 2, "such as depth@25"),
+        (["--fault", "depth@nan"], 2, "needs a time in seconds"),
+        (["--fault", "depth@20", "--duration", "30"], 78, "the last fault may need until 58 s"),
+        (["--json", "/nowhere/at/all.json"], 78, "cannot be written"),
+    ],
+)
+def test_a_bad_command_line_is_refused_before_anything_starts(arguments: list[str], code: int, said: str) -> None:
+    refused = answered("demo", *arguments)
+    assert (refused.returncode, refused.stdout) == (code, "")
+    assert said in refused.stderr
+
+
+def test_the_help_names_every_fault() -> None:
+    text = answered("demo", "--help").stdout
+    assert all(fault in text and fault_class in text for fault, fault_class in FAULT_CLASS.items())
