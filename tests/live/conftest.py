@@ -1,6 +1,6 @@
 """Whatever is in this folder needs real time, so the quick suite leaves it out.
 
-The tests of a module share a simulated cart, whose start takes seconds. One that fails may leave it in any state, so
+The tests of a worker share a simulated cart, whose start takes seconds. One that fails may leave it in any state, so
 the next one gets another: one failure is one failure.
 """
 
@@ -34,7 +34,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 
 
 class SharedCart:
-    """The cart of one module."""
+    """The cart of one worker."""
 
     def __init__(self, factory: pytest.TempPathFactory) -> None:
         self._factory = factory
@@ -54,7 +54,7 @@ class SharedCart:
             cart.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def shared_cart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedCart]:
     shared = SharedCart(tmp_path_factory)
     yield shared
@@ -63,7 +63,7 @@ def shared_cart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedCart
 
 @pytest.fixture
 def cart(shared_cart: SharedCart, request: pytest.FixtureRequest) -> Iterator[Cart]:
-    """The module's cart, for the next test as well unless this one fails."""
+    """The worker's cart, for the next test as well unless this one fails."""
     yield shared_cart.running()
     if request.node.stash.get(_failed, False):
         shared_cart.end()

@@ -17,7 +17,7 @@ def test_comes_after(cart):
 """
 
 
-def test_after_a_failure_the_module_has_another_cart(tmp_path: Path) -> None:
+def test_after_a_failure_there_is_another_cart(tmp_path: Path) -> None:
     (tmp_path / "test_it.py").write_text(SUITE)
     command = [sys.executable, "-m", "pytest", "-p", "tests.live.conftest", "-p", "no:cacheprovider", "-rA"]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
