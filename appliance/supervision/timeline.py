@@ -10,6 +10,15 @@ from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import AlarmState, Check, Verdict, VerdictKind
 from drivers.samples import Frame, Sample
 
+_LONGEST_GAP, _SHORT_GAP = 900_000_000_000 // TICK_NS, 10_000_000_000 // TICK_NS
+"""Ticks without a sample. Beyond the first nothing changes any more, as no duration that a configuration may name is
+longer: the rest is passed over. Up to the second each gap is ticked through, whatever _MOST_IDLE says.
+"""
+
+_MOST_IDLE = 86_400_000_000_000 // TICK_NS
+"""Of such ticks in a recording beyond short gaps, a day, which takes a minute or two: stamps may leap by years with
+every sample. Fewer tell less exactly when a state changed in long gaps, more take longer for a hostile file."""
+
 
 @dataclass(frozen=True, slots=True)
 class Judging:
@@ -30,7 +39,7 @@ class Timeline:
     def __init__(self, origin_ns: int, start_ns: int, end_ns: int, judging: Judging | None = None) -> None:
         judging = judging or Judging()
         self._origin_ns, self._end_ns = origin_ns, end_ns
-        self._next_ns = start_ns
+        self._next_ns, self._idle_left = start_ns, _MOST_IDLE
         self._facts = Facts(started_ns=start_ns)
         self._verdicts: list[Verdict] = []
         self._supervisor = Supervisor(judging.durations)
@@ -54,7 +63,16 @@ class Timeline:
         return next((check for check in self.devices if check.verdict is VerdictKind.FAULT), None)
 
     def _tick_until(self, t_ns: int) -> None:
-        while self._next_ns < t_ns and self._next_ns <= self._end_ns:
+        """Of a long gap the beginning, and the last tick."""
+        until_ns = min(t_ns, self._end_ns + 1)
+        ticks = max(0, -((self._next_ns - until_ns) // TICK_NS))
+        ticked = min(ticks, _LONGEST_GAP, _SHORT_GAP + self._idle_left)
+        self._idle_left -= max(0, ticked - _SHORT_GAP)
+        for _ in range(ticked - 1):
+            self._tick(self._next_ns)
+            self._next_ns += TICK_NS
+        if ticks:
+            self._next_ns += (ticks - ticked) * TICK_NS
             self._tick(self._next_ns)
             self._next_ns += TICK_NS
 
