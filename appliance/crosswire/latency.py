@@ -24,6 +24,10 @@ _ROUGH_MM_PER_PX = 0.075
 _LEAST_PICTURES = 30
 """With fewer the usual profile is the line's own."""
 
+_LONGEST_S = 600.0
+"""From the first picture to the last: forty times what is asked for. Stamps that leap by hours, as of a clock that was
+set, show no lag, and the grid of times between them takes memory without end."""
+
 
 class BottomLine:
     """Takes the frames and poses of the session in any order, then tells the latency."""
@@ -68,6 +72,8 @@ class BottomLine:
             return None
         origin_ns = self._times_ns[0]
         t_s = (np.array(self._times_ns)[seen] - origin_ns) / 1e9
+        if np.ptp(t_s) > _LONGEST_S:
+            return None
         pose_t_s = (np.array(self._pose_ns) - origin_ns) / 1e9
         path_mm = np.stack([np.zeros(seen.sum()), depth[seen] * _ROUGH_MM_PER_PX])
         return estimate_latency(t_s, np.zeros(len(t_s), np.int64), path_mm, pose_t_s, np.array(self._places).T)

@@ -7,7 +7,8 @@ from appliance.crosswire.latency import BottomLine
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 
-def session(late_s: float, amplitude_mm: float = 12.0, line_grey: float = 200.0) -> BottomLine:
+def session(late_s: float, amplitude_mm: float = 12.0, line_grey: float = 200.0, leap_s: int = 0) -> BottomLine:
+    """leap_s: of all stamps, from 8 s on."""
     random = np.random.default_rng(4)
     bottom = BottomLine()
     rows = np.arange(300)[:, None]
@@ -20,12 +21,16 @@ def session(late_s: float, amplitude_mm: float = 12.0, line_grey: float = 200.0)
         line = line_grey * np.exp(-(((rows - 150 - height_mm(t_s) / 0.15) / 3) ** 2))
         image = np.clip(line + random.normal(20, 6, (300, 200)), 0, 255)
         image[20:24] = 220  # the probe's face, which never moves
-        bottom.step(Frame(Stamp(10**9 + round(t_s * 1e9), 500), index, image.astype(np.uint8)))
+        bottom.step(
+            Frame(Stamp(10**9 + round(t_s * 1e9) + leap_s * 10**9 * (t_s > 8), 500), index, image.astype(np.uint8))
+        )
     for index in range(-30, 780):
         t_s = index / 46
         pose = np.eye(4)
         pose[:3, 3] = np.array([0.2, 0.9, 0.4]) * height_mm(t_s - late_s) + random.normal(0, 0.1, 3)
-        bottom.step(Pose(Stamp(10**9 + round(t_s * 1e9), 500), index, pose, 0.1, PoseStatus.OK))
+        bottom.step(
+            Pose(Stamp(10**9 + round(t_s * 1e9) + leap_s * 10**9 * (t_s > 8), 500), index, pose, 0.1, PoseStatus.OK)
+        )
     return bottom
 
 
@@ -43,3 +48,8 @@ def test_a_probe_at_rest_or_a_tank_without_bottom_tells_nothing() -> None:
     assert dark.latency() is None
     assert dark.seen < 20
     assert BottomLine().latency() is None
+
+
+def test_stamps_that_leap_by_years_tell_nothing() -> None:
+    """The grid of times between them took terabytes."""
+    assert session(0.0, leap_s=4_000_000_000).latency() is None
