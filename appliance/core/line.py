@@ -13,7 +13,7 @@ from appliance.core.detectors.frozen_tracker import FrozenTracker
 from appliance.core.detectors.frozen_video import FrozenVideo
 from appliance.core.detectors.marker_slip import MarkerSlip
 from appliance.core.detectors.no_picture import NoPicture
-from appliance.core.detectors.picture_event import PictureEvent
+from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.detectors.pose_convention import PoseConvention
 from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
 from appliance.core.motion import analyse, plane_step, wants_keyframe
@@ -87,9 +87,9 @@ class Line:
         self._tracker = RealTimeTracker(aspect)
         self._evidence = Evidence(reference, limits, PathWindow(reference))
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
-        self._picture_event = PictureEvent(limits, reference, lambda: self._tracker.mask, _GAP_NS)
+        self._picture_chain = PictureChain(limits, reference, lambda: self._tracker.mask, _GAP_NS)
         self._detectors: tuple[Detector, ...] = (
-            self._picture_event,
+            self._picture_chain,
             DepthRuler(lambda: self._tracker.mask, limits.scale_percent, limits.confidence_sigma),
             MarkerSlip(limits, reference),
             *(SlowSlip(limits, reference, over_s) for over_s in SLIPS_S),
@@ -104,6 +104,7 @@ class Line:
         self._solve_ns: int | None = None
         self._settled_ns: int | None = None
         self._sighted_ns: int | None = None
+        self._broke = False
         self._frames = self._poses = self._paired = 0
         self.motion: Motion | None = None
 
@@ -237,7 +238,9 @@ class Line:
             check.fault.kind in (Kind.SIGHT, Kind.DEVICE) and check.verdict is not VerdictKind.OK
             for check in self._detected()
         )
-        linked = self._picture_event.linked or self._frozen.repeats
+        linked = self._picture_chain.linked or self._frozen.repeats
+        if self._evidence.standing.verified_ns is not None:
+            self._broke = not linked
         if (blind and self._sighted_ns is not None) or (not linked and self._sighted_ns is None):
             self._unverify()
         elif not blind and linked and isinstance(item, StampedPair) and not self._frozen.repeats:
@@ -251,7 +254,7 @@ class Line:
         return (*self._evidence.checks(), *self._detected())
 
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
-        verdict = judge(t_ns, checks, self._evidence.standing)
+        verdict = judge(t_ns, checks, self._evidence.standing, self._broke)
         self._judgement.note(verdict)
         return verdict
 

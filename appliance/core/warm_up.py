@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from appliance.core.detectors.detector import Observation
-from appliance.core.detectors.picture_event import PictureEvent
+from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.registration.realtime_tracker import RealTimeTracker
 from appliance.limits import Limits
 from appliance.types import Calibration
@@ -21,7 +21,7 @@ def warm_up(width_px: int = 640, height_px: int = 480) -> None:
     pictures = [*([picture] * 8), np.asarray(cv2.flip(picture, 1), dtype=np.uint8)]
     any_probe = Calibration(np.eye(3), (1, 1), np.ones(2), np.zeros(3), (width_px, height_px))
     tracker = RealTimeTracker(1.0)
-    event = PictureEvent(Limits(), any_probe, lambda: tracker.mask, 10 * _FRAME_NS)
+    event = PictureChain(Limits(), any_probe, lambda: tracker.mask, 10 * _FRAME_NS)
     for number, image in enumerate(pictures):
         tracked = tracker.step(image, number)
         followed = tracked.registration is not None

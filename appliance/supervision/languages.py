@@ -113,6 +113,7 @@ GERMAN = {
     "calibration verified": "Kalibrierung bestätigt",
     "verified only in parts": "nur in Teilen bestätigt",
     "not shown yet: {names}": "noch nicht gezeigt: {names}",
+    "the picture does not continue the one that was verified": "das Bild setzt das bestätigte nicht fort",
     "too little in-plane motion to show: {names}": "zu wenig Bewegung in der Bildebene für: {names}",
     "one of these is wrong, {margin} nat apart: {names}": "eines davon ist falsch, {margin} nat auseinander: {names}",
     "to tell which: {motions}": "zur Unterscheidung: {motions}",

@@ -2,6 +2,7 @@
 
 import pytest
 
+from appliance.core.quality.judgement import BROKE
 from appliance.supervision.alarms import HAZARDS
 from tests.invariant.cart import ORIGIN_NS, Cart
 from tests.invariant.circumstances import Pictures, Poses
@@ -113,7 +114,7 @@ def test_pictures_that_come_and_go_are_no_picture_within_a_second_and_one_episod
         cart.run(0.5)
     void, moment = cart.moments[before:]
     assert (void.state, void.closed) == ("not verified", False)
-    assert void.reason.startswith("not shown yet")
+    assert void.reason.startswith(f"{BROKE}; not shown yet: ")
     assert (moment.state, moment.reason) == ("not verified", HAZARDS["no-picture"].text)
     assert moment.t_s - began_s <= 1.0
 

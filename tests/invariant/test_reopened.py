@@ -12,8 +12,8 @@ import pytest
 
 from appliance.core.acquisition.pairing import Unpaired
 from appliance.core.acquisition.stamp_gate import Passage, StampGate
-from appliance.core.detectors import picture_event
-from appliance.core.detectors.picture_event import PictureEvent
+from appliance.core.detectors import picture_chain
+from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.line import Line
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
@@ -152,9 +152,9 @@ def test_a_picture_that_need_not_go_on_with_those_before_closes_the_contact_on_a
     assert cart.closed
     if cut:
         monkeypatch.setattr(
-            PictureEvent, "linked", property(lambda self: True, lambda self, value: None), raising=False
+            PictureChain, "linked", property(lambda self: True, lambda self, value: None), raising=False
         )
-        monkeypatch.setattr(picture_event, "flip_or_zoom_of", lambda before, now: None)
+        monkeypatch.setattr(picture_chain, "flip_or_zoom_of", lambda before, now: None)
     cart.break_picture(FLIPPED, Manner.BLACK, 0.2)
     if cut:
         with pytest.raises(Broken, match="flipped laterally"):

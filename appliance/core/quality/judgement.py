@@ -28,12 +28,16 @@ _FIRST = (
 _LAST = (Fault.UNDECIDED, Fault.FIELD_DISTORTION)
 """Told after all others: what is not decided, and what mends by itself and must not hide what waits for a person."""
 
+BROKE = "the picture does not continue the one that was verified"
+"""Lifted off, or another setting of the scanner: no detector names which."""
+_NOT_YET = "not shown yet"
 
-def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing) -> Verdict:
+
+def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing, broke: bool = False) -> Verdict:
     """FAULT if any check failed; OK if every required one is shown, none is contradicted, and none of kind SIGHT says
     that the others speak of no tissue; NOT_VERIFIED otherwise.
 
-    standing: of the `Evidence`.
+    standing: of the `Evidence`. broke: the picture does not continue the one that was verified.
     """
     failed = [check for check in checks if check.verdict is VerdictKind.FAULT]
     if failed:
@@ -53,7 +57,7 @@ def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing) -> Verdict:
     missing = [name for name in standing.required if name not in _shown(checks)]
     kind = VerdictKind.NOT_VERIFIED if missing else VerdictKind.OK
     verified = "; ".join(["calibration verified", *_doubts(checks)])
-    reason = _unverified(checks, "not shown yet", missing) if missing else verified
+    reason = _unverified(checks, f"{BROKE}; {_NOT_YET}" if broke else _NOT_YET, missing) if missing else verified
     return Verdict(t_ns, kind, checks, None, reason, standing.verified_ns, standing.expires_ns)
 
 

@@ -3,15 +3,15 @@
 import subprocess
 import sys
 
-from appliance.core.detectors import picture_event
+from appliance.core.detectors import picture_chain
 from appliance.core.registration import realtime_tracker
 from appliance.core.warm_up import warm_up
 
 
 def test_the_search_and_the_explanation_of_a_mirrored_picture_are_run(monkeypatch) -> None:  # type: ignore[no-untyped-def]
     run: list[str] = []
-    explanation, search = picture_event.flip_or_zoom_of, realtime_tracker.RealTimeTracker._search
-    monkeypatch.setattr(picture_event, "flip_or_zoom_of", lambda *a: run.append("explanation") or explanation(*a))
+    explanation, search = picture_chain.flip_or_zoom_of, realtime_tracker.RealTimeTracker._search
+    monkeypatch.setattr(picture_chain, "flip_or_zoom_of", lambda *a: run.append("explanation") or explanation(*a))
     monkeypatch.setattr(realtime_tracker.RealTimeTracker, "_search", lambda *a: run.append("search") or search(*a))
     warm_up(320, 240)
     assert {"explanation", "search"} <= set(run)

@@ -9,7 +9,7 @@ import pytest
 from appliance.core.detectors.pose_convention import WRONG
 from appliance.core.line import Line
 from appliance.core.quality.gesture import Gesture
-from appliance.core.quality.judgement import Judgement, judge
+from appliance.core.quality.judgement import BROKE, Judgement, judge
 from appliance.core.quality.proposal import propose
 from appliance.core.quality.verification import Sign, Standing
 from appliance.limits import Limits
@@ -65,7 +65,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     words = {*WORDS.values(), *(state.value for state in State), OUTDATED, DISTURBED, EARLIER, PARTLY_EARLIER}
     reasons = {text for text in GERMAN if "{" in text and text not in words}
     units = {"deg", "axes"}
-    said = {"calibration verified", "verified only in parts", "Probe on tissue"}
+    said = {"calibration verified", "verified only in parts", "Probe on tissue", BROKE}
     said |= {gesture.value for gesture in Gesture} | PROPOSED
     assert set(GERMAN) == tables | words | reasons | units | said | check_names() | {
         "picture-size",

@@ -5,7 +5,7 @@ import pytest
 
 from appliance.core.detectors.picture_link import small
 from appliance.core.detectors.stretch import carried, likeness_in_place, stretch_between
-from tests.appliance.core.detectors.test_picture_event import speckle, stretched
+from tests.appliance.core.detectors.test_picture_chain import speckle, stretched
 
 
 @pytest.mark.parametrize("about", [(0.5, 0.5), (0.5, 0.0), (0.2, 0.8)])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from appliance.core.detectors.detector import Observation
+from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.detectors.picture_change import PictureChange
-from appliance.core.detectors.picture_event import PictureEvent
 from appliance.core.registration.realtime_tracker import Warp
 from appliance.limits import Limits
 from appliance.types import Calibration, VerdictKind
@@ -30,12 +30,12 @@ REFERENCE = Calibration(np.eye(3), (1, 1), np.full(2, MM_PER_PX), np.zeros(3), (
 """The marker body sits in the picture's middle, in its axes."""
 
 
-def event() -> PictureEvent:
-    return PictureEvent(Limits(scale_percent=5.0), REFERENCE, lambda: None, WAITS_NS)
+def event() -> PictureChain:
+    return PictureChain(Limits(scale_percent=5.0), REFERENCE, lambda: None, WAITS_NS)
 
 
 def step(
-    detector: PictureEvent,
+    detector: PictureChain,
     t_ns: int,
     image: GreyImage,
     followed: bool = False,
@@ -78,7 +78,7 @@ SPOILT: dict[str, Callable[[GreyImage], GreyImage]] = {
 }
 
 
-def followed_quickly(pictures: list[GreyImage]) -> PictureEvent:
+def followed_quickly(pictures: list[GreyImage]) -> PictureChain:
     detector = event()
     for k, image in enumerate(pictures):
         step(detector, k * FRAME_NS, image, k > 0, (QUICK_PX, 0.0) if k else None)
@@ -90,7 +90,7 @@ WORSE = {0.93: -7.0, 0.94: -6.0, 1.15: 15.0, 1.06: 6.0, 1.1: 10.0, 0.9: -10.0}
 STILL = (np.zeros(2), 0.0)
 
 
-def watching(pictures: list[GreyImage], course: tuple[np.ndarray, float]) -> PictureEvent:
+def watching(pictures: list[GreyImage], course: tuple[np.ndarray, float]) -> PictureChain:
     """All of them followed, each with its way since the one before."""
     detector = event()
     for k, image in enumerate(pictures):
@@ -99,7 +99,7 @@ def watching(pictures: list[GreyImage], course: tuple[np.ndarray, float]) -> Pic
     return detector
 
 
-def zoom_of(detector: PictureEvent) -> tuple[VerdictKind, float]:
+def zoom_of(detector: PictureChain) -> tuple[VerdictKind, float]:
     return next((check.verdict, check.value) for check in detector.checks() if check.name == "picture-zoom")
 
 
@@ -146,12 +146,12 @@ def test_a_picture_that_was_followed_badly_but_is_not_stretched_is_no_change() -
     assert told(calm) == {VerdictKind.OK}
 
 
-def told(detector: PictureEvent) -> set[VerdictKind]:
+def told(detector: PictureChain) -> set[VerdictKind]:
     return {check.verdict for check in detector.checks()}
 
 
 def shown(
-    detector: PictureEvent, pictures: list[GreyImage], followed: list[bool], start: int = 0
+    detector: PictureChain, pictures: list[GreyImage], followed: list[bool], start: int = 0
 ) -> list[set[VerdictKind]]:
     """What is told after each."""
     said = []
@@ -162,14 +162,14 @@ def shown(
 
 
 @pytest.fixture
-def calm() -> PictureEvent:
+def calm() -> PictureChain:
     detector = event()
     assert shown(detector, [speckle()] * CALM, [True] * CALM) == [{VerdictKind.OK}] * CALM
     return detector
 
 
 @pytest.mark.parametrize("how", SPOILT)
-def test_what_stays_is_named_with_the_second_picture(how: str, calm: PictureEvent) -> None:
+def test_what_stays_is_named_with_the_second_picture(how: str, calm: PictureChain) -> None:
     changed = SPOILT[how](speckle())
     first, second, third = shown(calm, [changed] * 3, [False, True, True], CALM)
     assert first == {VerdictKind.OK, VerdictKind.NOT_VERIFIED}
@@ -177,7 +177,7 @@ def test_what_stays_is_named_with_the_second_picture(how: str, calm: PictureEven
 
 
 @pytest.mark.parametrize("how", SPOILT)
-def test_one_spoilt_picture_is_never_a_fault(how: str, calm: PictureEvent) -> None:
+def test_one_spoilt_picture_is_never_a_fault(how: str, calm: PictureChain) -> None:
     first, *after = shown(calm, [SPOILT[how](speckle()), *[speckle()] * 6], [False, False, *[True] * 5], CALM)
     assert first == {VerdictKind.OK, VerdictKind.NOT_VERIFIED}
     assert after == [{VerdictKind.OK}] * 6
@@ -207,7 +207,7 @@ def test_quick_motion_alone_is_no_change() -> None:
     assert shown(detector, pictures[CALM:], [False] * 3, CALM) == [{VerdictKind.OK}] * 3
 
 
-def test_a_picture_that_comes_late_confirms_nothing_back(calm: PictureEvent) -> None:
+def test_a_picture_that_comes_late_confirms_nothing_back(calm: PictureChain) -> None:
     """After a gap the picture before says nothing: what was seen to change stays changed."""
     step(calm, CALM * FRAME_NS, speckle()[:, ::-1].copy(), False)
     step(calm, (CALM + 30) * FRAME_NS, speckle(), False)
@@ -242,7 +242,7 @@ BLACK = np.zeros((240, 320), np.uint8)
 
 @pytest.mark.parametrize("blank", [0, 1, 6, 8])
 @pytest.mark.parametrize("how", BROKEN)
-def test_a_break_is_named_whatever_lies_between(how: str, blank: int, calm: PictureEvent) -> None:
+def test_a_break_is_named_whatever_lies_between(how: str, blank: int, calm: PictureChain) -> None:
     """Black pictures for up to a quarter of a second."""
     change, check = BROKEN[how]
     for k in range(blank):
@@ -275,7 +275,7 @@ def other(share: float, seed: int = 9) -> GreyImage:
     return np.clip(128 + mixed, 0, 255).astype(np.uint8)
 
 
-def test_another_scene_is_no_link_and_begins_a_chain_once_nobody_waits(calm: PictureEvent) -> None:
+def test_another_scene_is_no_link_and_begins_a_chain_once_nobody_waits(calm: PictureChain) -> None:
     for k in range(1, 9):
         assert step(calm, (CALM - 1 + k) * FRAME_NS, other(1.0), k > 1, STILL) is None
         assert not calm.linked
@@ -287,7 +287,7 @@ def test_another_scene_is_no_link_and_begins_a_chain_once_nobody_waits(calm: Pic
 @pytest.mark.parametrize("blank", [0, 1, 8])
 @pytest.mark.parametrize("changed", [0.0, 0.4, 0.6])
 def test_the_same_tissue_goes_on_with_the_chain_though_its_speckle_changed(
-    changed: float, blank: int, calm: PictureEvent
+    changed: float, blank: int, calm: PictureChain
 ) -> None:
     for k in range(blank):
         step(calm, (CALM + k) * FRAME_NS, BLACK)
@@ -331,7 +331,7 @@ def test_tissue_that_is_elsewhere_than_the_tracker_says_is_no_link(told_mm: floa
     assert calm.linked is linked
 
 
-def test_a_menu_over_a_third_of_the_picture_ends_no_chain(calm: PictureEvent) -> None:
+def test_a_menu_over_a_third_of_the_picture_ends_no_chain(calm: PictureChain) -> None:
     menu = speckle()
     menu[:, 220:] = np.where(np.indices((240, 100)).sum(axis=0) // 8 % 2, 230, 20)
     for k in range(20):
@@ -350,7 +350,7 @@ def animated(across: float, down: float, pictures: int = 15) -> list[GreyImage]:
 
 
 @pytest.mark.parametrize("zoom", [1.3, 1.15, 0.8])
-def test_an_animated_zoom_is_named(zoom: float, calm: PictureEvent) -> None:
+def test_an_animated_zoom_is_named(zoom: float, calm: PictureChain) -> None:
     """The registration follows each of its pictures."""
     changes = [step(calm, (CALM + k) * FRAME_NS, image, True, STILL) for k, image in enumerate(animated(zoom, zoom))]
     assert any(change is not None for change in changes)
@@ -359,7 +359,7 @@ def test_an_animated_zoom_is_named(zoom: float, calm: PictureEvent) -> None:
 
 
 @pytest.mark.parametrize(("across", "down"), [(1.2, 1.0), (1.0, 1.2)])
-def test_an_animated_stretch_is_a_change_without_a_name(across: float, down: float, calm: PictureEvent) -> None:
+def test_an_animated_stretch_is_a_change_without_a_name(across: float, down: float, calm: PictureChain) -> None:
     """Tissue under a hand that presses is strained along one axis as well."""
     pictures = animated(across, down)
     changes = [step(calm, (CALM + k) * FRAME_NS, image, True, STILL) for k, image in enumerate(pictures)]
@@ -375,7 +375,7 @@ def test_pictures_that_hold_nothing_are_in_no_chain() -> None:
         assert not detector.linked
 
 
-def test_a_break_is_seen_across_a_stamp_that_was_wrong(calm: PictureEvent) -> None:
+def test_a_break_is_seen_across_a_stamp_that_was_wrong(calm: PictureChain) -> None:
     """Pictures were stamped wrongly and are forgotten; what follows goes on from the last of them."""
     step(calm, CALM * FRAME_NS, speckle(), True, STILL)
     calm.forget_pictures((CALM - 1) * FRAME_NS)
@@ -383,7 +383,7 @@ def test_a_break_is_seen_across_a_stamp_that_was_wrong(calm: PictureEvent) -> No
     assert told(calm) == {VerdictKind.OK, VerdictKind.FAULT}
 
 
-def test_a_stamp_far_in_the_future_begins_no_chain_for_another_picture(calm: PictureEvent) -> None:
+def test_a_stamp_far_in_the_future_begins_no_chain_for_another_picture(calm: PictureChain) -> None:
     """The line has given up what was shown when it came; it must not be shown of another picture."""
     step(calm, CALM * FRAME_NS + 60_000_000_000, speckle(), True, STILL)
     calm.forget_pictures((CALM + 1) * FRAME_NS)

@@ -85,7 +85,7 @@ class _Course:
         return _Course(self.per_ns * change.polarity * np.array(change.zoom), turned)
 
 
-class PictureEvent(Detector):
+class PictureChain(Detector):
     """Adds up the changes since the reference was in force.
 
     A change is named once the picture after it is no change back: one spoilt picture withdraws the OK, and alarms
