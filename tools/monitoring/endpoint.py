@@ -4,7 +4,10 @@ import contextlib
 import platform
 import socket
 import threading
+import time
+from collections import Counter
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Self
 
@@ -14,11 +17,28 @@ from drivers.errors import ConfigurationError
 from tools.shared.called_host import called, is_address
 
 _MOST = 16
-"""Clients at once, each with a thread. One more ends whoever came first; one that reads is done within ms."""
+"""Clients at once, each with a thread. One more ends one that has asked nothing, of the address from which most such
+are here, who came first; where all have asked, or just come, it waits for one that is done, which takes ms. So who asks
+is answered, behind a crowd that asks without pause as well.
+"""
+_WORD_S, _LOOK_S = 0.25, 0.05
+"""For a client to ask before it makes room, and between two looks whether one has not. Shorter ends one on a busy
+computer, longer waits longer behind a crowd that says nothing: 64 of it a second."""
+_ANSWERED_S = 2.0
+"""For one of them to be done: as long as the service may be silent. Then whoever came first is ended."""
 _SILENT_S = 5.0
 """For which a client may say nothing, or not read. Longer lets a sleeper keep its place; a shorter time drops a reader
 behind a bad network. Not measured.
 """
+
+
+@dataclass(slots=True, eq=False)
+class _Client:
+    """asked: it has sent its whole question."""
+
+    address: str
+    came_s: float
+    asked: bool = False
 
 
 class Endpoint(ThreadingHTTPServer):
@@ -35,8 +55,8 @@ class Endpoint(ThreadingHTTPServer):
 
     def __init__(self, host: str, port: int, text: Callable[[], bytes], names: Iterable[str] = ()) -> None:
         self.text, self.names = text, {"localhost", platform.node().lower(), *(name.lower() for name in names)}
-        self._open: dict[socket.socket, None] = {}
-        self._lock = threading.Lock()
+        self._open: dict[socket.socket, _Client] = {}
+        self._done = threading.Condition()
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             super().__init__((host, port), _Handler)
@@ -53,20 +73,40 @@ class Endpoint(ThreadingHTTPServer):
         self.server_close()
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Who came first makes room."""
-        with self._lock:
-            self._open[request] = None
-            crowd = len(self._open) > _MOST
-            first = next(iter(self._open))
-            if crowd:
-                del self._open[first]
-                _end(first)
+        """One that has asked nothing, or is done, makes room."""
+        with self._done:
+            if len(self._open) >= _MOST:
+                self._make_room()
+            self._open[request] = _Client(str(client_address[0]), time.monotonic())
         super().process_request(request, client_address)
+
+    def _make_room(self) -> None:
+        end_s = time.monotonic() + _ANSWERED_S
+        while len(self._open) >= _MOST:
+            now_s = time.monotonic()
+            silent = [client for client in self._open.values() if not client.asked and now_s - client.came_s > _WORD_S]
+            if silent or now_s > end_s:
+                self._end_first_of(silent or [*self._open.values()])
+            else:
+                self._done.wait(_LOOK_S)
+
+    def _end_first_of(self, clients: list[_Client]) -> None:
+        greedy = Counter(client.address for client in clients).most_common(1)[0][0]
+        leaves = next(link for link, one in self._open.items() if one in clients and one.address == greedy)
+        del self._open[leaves]
+        _end(leaves)
+
+    def note_asked(self, request: socket.socket) -> None:
+        """It has sent its whole question."""
+        with self._done:
+            if request in self._open:
+                self._open[request].asked = True
 
     def shutdown_request(self, request: Any) -> None:
         """It has been answered, or ended."""
-        with self._lock:
+        with self._done:
             self._open.pop(request, None)
+            self._done.notify()
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -86,6 +126,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """One answer a connection. Who names no host is no browser."""
+        self.server.note_asked(self.connection)
         host = self.headers.get("Host")
         if host is not None and not (is_address(called(host)) or called(host) in self.server.names):
             self.send_error(403, "this exporter is not called by that name; --host allows another")

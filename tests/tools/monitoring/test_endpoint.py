@@ -95,6 +95,27 @@ def test_sleepers_and_hostile_clients_keep_nobody_out(endpoint: Endpoint) -> Non
         link.close()
 
 
+def test_a_crowd_that_asks_keeps_nobody_from_an_answer() -> None:
+    """All places wait for the service when one more asks; nobody of them is ended for it."""
+    answers = threading.Event()
+
+    def text() -> bytes:
+        answers.wait(20)
+        return b"answered"
+
+    with Endpoint("127.0.0.1", 0, text) as endpoint, contextlib.ExitStack() as crowd:
+        links = []
+        for _ in range(17):
+            link = crowd.enter_context(socket.create_connection(endpoint.server_address[:2], 10))
+            link.sendall(b"GET /metrics HTTP/1.0\r\n\r\n")
+            links.append(link)
+        until(lambda: sum(client.asked for client in endpoint._open.values()) == 16)
+        answers.set()
+        for link in links:
+            with link.makefile("rb") as said:
+                assert said.read().endswith(b"answered")
+
+
 def test_an_address_that_is_taken_is_refused(endpoint: Endpoint) -> None:
     with pytest.raises(ConfigurationError, match="cannot listen there"):
         Endpoint("127.0.0.1", endpoint.server_address[1], bytes)
