@@ -33,6 +33,7 @@ from appliance.service.host.pressure import Pressure
 from appliance.service.host.recorder import Recorder
 from appliance.service.host.systemd_notify import Notifier
 from appliance.service.tick import Tick
+from appliance.storage.alarm_chain import Event
 from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.supervisor import TICK_NS
 from drivers.clock.host_clock import HostClock
@@ -176,7 +177,7 @@ class Daemon:
         self._feed.close()
         self._notifier.close()
         self._host.overload.close(self._supervision.now_ns, self._devices.losses)
-        self._events.note("stopped")
+        self._events.note(Event.STOPPED)
         self._references.close()
         self._recorder.close()
         get_log().info("stopped")

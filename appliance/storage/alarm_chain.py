@@ -12,6 +12,7 @@ import json
 import re
 from dataclasses import dataclass, field
 from datetime import datetime
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +21,34 @@ from appliance.types import Fault
 FINDS = (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED)
 
 MEMORY = "alarm-memory.json"
-BEGUN, AFTER = "chain begun", "after"
-"""The event of a chain's first entry, and the field of it that holds the digest of the last entry before it."""
+AFTER = "after"
+"""The field of a chain's first entry that holds the digest of the last entry before it."""
 VERSION = 1
 GENESIS = "0" * 64
 """In place of the digest before the first entry of all: as long as a SHA-256 in hexadecimal."""
 _SEGMENT = re.compile(r"alarms-([0-9]{8,})\.jsonl")
 _ENTRY_TYPES = {"number": int, "utc": str, "t_ns": int, "event": str, "data": dict, "previous": str}
 _MEMORY_TYPES = {"number": int, "digest": str, "first": int, "damage": list}
+
+
+class Event(StrEnum):
+    """What an entry tells; all that this version writes, of which earlier ones know fewer."""
+
+    CHAIN_BEGUN = "chain begun"
+    STARTED = "started"
+    STOPPED = "stopped"
+    STATE = "state"
+    REQUEST = "request"
+    REFERENCE = "reference"
+    RELOADED = "reloaded"
+    ESTIMATE = "estimate"
+    PROPOSAL = "proposal"
+    UNDECIDED = "undecided"
+    GIVEN_UP = "recalibration given up"
+    OVERDUE = "calibration date"
+    OVERLOADED = "overloaded"
+    OVERLOAD_ENDED = "overload-ended"
+    WALL_CLOCK = "wall-clock"
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +126,7 @@ class _Chain:
         self.entries.append(entry)
 
     def _link(self, where: str, entry: Entry, before: Entry) -> None:
-        if entry.event == BEGUN:
+        if entry.event == Event.CHAIN_BEGUN:
             self._link_begun(where, entry, before)
             return
         if entry.number != before.number + 1:
@@ -209,7 +230,7 @@ def _misplaced(entry: Entry, promised: int | None) -> str:
     """Why the entry cannot stand in this line of its segment; empty where it can."""
     if promised is not None and entry.number != promised:
         return f"entry {entry.number} stands where the segment's name promises entry {promised}"
-    if entry.event == BEGUN and promised is None:
+    if entry.event == Event.CHAIN_BEGUN and promised is None:
         return f"entry {entry.number} begins a chain, but not a segment: it was moved or copied"
     return ""
 

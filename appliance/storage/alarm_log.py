@@ -11,11 +11,11 @@ from typing import Any
 
 from appliance.storage.alarm_chain import (
     AFTER,
-    BEGUN,
     GENESIS,
     MEMORY,
     VERSION,
     Damage,
+    Event,
     Latch,
     Memory,
     digest_of,
@@ -84,13 +84,13 @@ class AlarmLog:
             found = [str(one) for one in self._unsound()]
             if found:  # the memory first: once the chain has started again, the log itself shows this damage no more
                 self._remember(replace(self._memory, damage=self.damage))
-            self._write(utc, t_ns, BEGUN, {"found": found, AFTER: self._memory.digest}, latch)
+            self._write(utc, t_ns, Event.CHAIN_BEGUN, {"found": found, AFTER: self._memory.digest}, latch)
             self._chain_begins = False
         self._write(utc, t_ns, event, data, latch)
 
     def _unsound(self) -> list[Damage]:
         """Damage since the chain was last begun, in a segment of its own; what lies before it was reported then."""
-        begins = [entry.number for entry in self.opened.entries if entry.event == BEGUN]
+        begins = [entry.number for entry in self.opened.entries if entry.event == Event.CHAIN_BEGUN]
         since = begins[-1] if begins else 0
         before = {file.name for file in segments(self._folder) if first_number(file) < since}
         return [one for one in self.opened.damages if one.fault and one.where.split(" ")[0] not in before]
@@ -122,7 +122,7 @@ class AlarmLog:
             "event": event,
             "data": data,
             "latch": latch and asdict(latch),
-            "previous": GENESIS if event == BEGUN else self._memory.digest,
+            "previous": GENESIS if event == Event.CHAIN_BEGUN else self._memory.digest,
         }
         digest = digest_of(stored)
         line = json.dumps({**stored, "digest": digest}, ensure_ascii=False).encode(errors=_ESCAPED) + b"\n"

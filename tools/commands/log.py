@@ -4,15 +4,16 @@ import csv
 import io
 import json
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import click
 
-from appliance.service.control.proposals import PROPOSED, UNDECIDED
-from appliance.storage.alarm_chain import BEGUN, Entry, Reading
+from appliance.storage.alarm_chain import Entry, Event, Reading
+from appliance.types import Fault, State
 from drivers.files.atomic_file import check_writable, writing
 from drivers.printable import LONGEST_TEXT, printable
 from tools.shared.alarm_history import settled_log
@@ -21,15 +22,30 @@ _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red"
 _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
 _COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "latched", "digest")
 _FORMULA = ("=", "+", "-", "@")
+_STATES = tuple(str(state.value) for state in State)
+
+
+def _one_of(words: Iterable[str]) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
+    """Refuses every other word, with what it may have been meant to be."""
+    known = [str(word) for word in words]
+
+    def checked(_: click.Context, __: click.Parameter, value: str | None) -> str | None:
+        if value is None or value in known:
+            return value
+        meant = get_close_matches(value, known, 1)
+        said = f"did you mean '{meant[0]}'?" if meant else f"there are: {', '.join(known)}"
+        raise click.BadParameter(f"'{value}' is none; {said}")
+
+    return checked
 
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("/var/lib/probewatch"))
 @click.option("--since", type=click.DateTime(), help="entries from this time on, UTC")
 @click.option("--until", type=click.DateTime(), help="entries before this time, UTC")
-@click.option("--state", help="changes to this state only, such as halt")
-@click.option("--fault", help="entries that name this fault only, such as polarity")
-@click.option("--event", help="one kind only: state, request, reference, reloaded, overloaded, wall-clock, started …")
+@click.option("--state", callback=_one_of(_STATES), help=f"changes to this state only: {', '.join(_STATES)}")
+@click.option("--fault", callback=_one_of(Fault), help="entries that name this fault only, such as polarity")
+@click.option("--event", callback=_one_of(Event), help=f"one kind only: {', '.join(Event)}")
 @click.option("--last", type=click.IntRange(1), metavar="N", help="the last N that match")
 @click.option("--verify", is_flag=True, help="only say whether the chain is whole")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="write the entries there")
@@ -81,16 +97,8 @@ def _named(entry: Entry, state: str | None, fault: str | None, event: str | None
 
 
 def _line(entry: Entry) -> str:
-    data = entry.data
-    text = {
-        "state": f"{data.get('state')}{_fault(data.get('fault'))} · {data.get('reason')}",
-        "request": f"{data.get('do')} by {data.get('who')}{_fault(data.get('reason'))}{_wanted(data)}",
-        "started": _started(data),
-        "reference": _reference(data.get("reference")),
-        PROPOSED: data.get("text"),
-        UNDECIDED: data.get("text"),
-    }.get(entry.event, json.dumps(data, ensure_ascii=False) if any(data.values()) else "")
-    colour = _COLOURS.get(str(data.get("state")))
+    text = _TEXTS.get(entry.event, _all_of_it)(entry.data)
+    colour = _COLOURS.get(str(entry.data.get("state")))
     latch = f" [latched: {entry.latch.state}]" if entry.latch is not None else ""
     return f"{entry.number:6}  {entry.utc}  {click.style(f'{entry.event}: {text}', fg=colour)}{latch}"
 
@@ -98,6 +106,27 @@ def _line(entry: Entry) -> str:
 def _wanted(data: Mapping[str, Any]) -> str:
     named = data.get("file") or (f"reference {data['number']}" if "number" in data else "")
     return f": {named}" if named else ""
+
+
+def _state(data: Mapping[str, Any]) -> str:
+    return f"{data.get('state')}{_fault(data.get('fault'))} · {data.get('reason')}"
+
+
+def _request(data: Mapping[str, Any]) -> str:
+    return f"{data.get('do')} by {data.get('who')}{_fault(data.get('reason'))}{_wanted(data)}"
+
+
+def _estimate(data: Mapping[str, Any]) -> str:
+    """Value ± sigma of each; what is not such a figure, as of another version, as it is."""
+    checks = data.get("checks")
+    if not isinstance(checks, Mapping) or not all(isinstance(row, list) and len(row) == 3 for row in checks.values()):
+        return _all_of_it(data)
+    told = (f"{name} {value} ± {sigma}" for name, (value, sigma, _) in checks.items())
+    return f"reference {data.get('reference')}: {', '.join(told)}"
+
+
+def _all_of_it(data: Mapping[str, Any]) -> str:
+    return json.dumps(data, ensure_ascii=False) if any(data.values()) else ""
 
 
 def _started(data: Mapping[str, Any]) -> str:
@@ -113,13 +142,25 @@ def _started(data: Mapping[str, Any]) -> str:
     return " · ".join(part for part in parts if part)
 
 
-def _reference(reference: Mapping[str, Any] | None) -> str:
-    if not reference:
-        return ""
+def _reference(reference: object) -> str:
+    if not isinstance(reference, Mapping):
+        return "" if reference is None else f"reference {reference}"
     told = f"reference {reference.get('number')}, {reference.get('origin')}, {reference.get('file')}"
     by = f" by {reference['who']}" if reference.get("who") else ""
     change = f", {reference['difference']}" if reference.get("difference") else ""
     return f"{told}, SHA-256 {str(reference.get('sha256'))[:12]}{by}{change}"
+
+
+_TEXTS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
+    Event.STATE: _state,
+    Event.REQUEST: _request,
+    Event.STARTED: _started,
+    Event.REFERENCE: lambda data: _reference(data.get("reference")),
+    Event.ESTIMATE: _estimate,
+    Event.PROPOSAL: lambda data: str(data.get("text")),
+    Event.UNDECIDED: lambda data: str(data.get("text")),
+}
+"""What an entry of that kind says; of every other kind, also of another version's, all that it holds."""
 
 
 def _fault(fault: object) -> str:
@@ -151,7 +192,7 @@ def _verified(reading: Reading) -> int:
     for damage in reading.damages:
         click.secho(f"{damage}", err=True, fg="red" if damage.fault else "yellow")
     for entry in reading.entries[1:]:
-        if entry.event == BEGUN:
+        if entry.event == Event.CHAIN_BEGUN:
             found = "; ".join(map(str, entry.data.get("found", [])))
             click.secho(f"entry {entry.number} begins a new chain: {found}", err=True, fg="yellow")
     if any(damage.fault for damage in reading.damages):

@@ -13,8 +13,7 @@ from rich.console import Console
 
 from appliance.core.parameters import MEASURED, QUANTITIES, class_of
 from appliance.core.quality.trend import Estimate, Trend, trend
-from appliance.service.control.estimate_notes import EVENT
-from appliance.storage.alarm_chain import Entry
+from appliance.storage.alarm_chain import Entry, Event
 from drivers.files.atomic_file import check_writable
 from tools.report.trend_page import write_trend_page
 from tools.shared.alarm_history import settled_log
@@ -71,7 +70,7 @@ def trends(entries: tuple[Entry, ...], reference: int) -> dict[str, Trend]:
     known = defaultdict[str, list[Estimate]](list)
     limits = dict[str, float]()
     for entry in entries:
-        if entry.event == EVENT and entry.data.get("reference") == reference:
+        if entry.event == Event.ESTIMATE and entry.data.get("reference") == reference:
             utc_s = datetime.fromisoformat(entry.utc).timestamp()
             for name, (value, sigma, limit) in _figures(entry.data.get("checks")).items():
                 known[name].append(Estimate(utc_s, value, sigma))
@@ -98,7 +97,7 @@ def unit_of(name: str) -> str:
 
 
 def _latest(entries: tuple[Entry, ...]) -> int | None:
-    numbers = (entry.data.get("reference") for entry in reversed(entries) if entry.event == EVENT)
+    numbers = (entry.data.get("reference") for entry in reversed(entries) if entry.event == Event.ESTIMATE)
     return next((number for number in numbers if isinstance(number, int)), None)
 
 

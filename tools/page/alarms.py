@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from appliance.storage.alarm_chain import Entry, read_log
+from appliance.storage.alarm_chain import Entry, Event, read_log
 from drivers.printable import printable
 
 _LAST = 12
@@ -37,7 +37,7 @@ class LastAlarms:
             entries = read_log(self._folder).entries
         except OSError as error:
             return {"entries": [], "trouble": f"the alarm log cannot be read ({error.strerror})"}
-        states = [entry for entry in entries if entry.event == "state"]
+        states = [entry for entry in entries if entry.event == Event.STATE]
         shown = [
             {"utc": entry.utc, "state": _said(entry, "state"), "reason": _said(entry, "reason")}
             for entry in reversed(states[-_LAST:])

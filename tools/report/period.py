@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from appliance.storage.alarm_chain import BEGUN, Entry, Reading
+from appliance.storage.alarm_chain import Entry, Event, Reading
 from appliance.supervision.alarms import SIGNALS, Priority
 from appliance.types import State
 from drivers.files.regular_file import read_bounded
@@ -112,7 +112,7 @@ def summary(wanted: Period, reading: Reading, self_tests: Iterable[dict[str, Any
     found.alarms = [alarm for alarm in _alarms(spells) if wanted.start <= alarm.begun < end]
     for entry in reading.entries:
         at = _time(entry)
-        if at < wanted.start and entry.event == "started":
+        if at < wanted.start and entry.event == Event.STARTED:
             found.software = [(entry.utc, str(entry.data.get("software", "?")))]
         elif wanted.start <= at < end:
             _note(found, entry)
@@ -145,12 +145,12 @@ def _spells(entries: Sequence[Entry], end: datetime) -> Iterator[_Spell]:
     at: datetime | None = None
     current: Entry | None = None
     for entry in entries:
-        if entry.event not in ("state", "stopped", "started"):
+        if entry.event not in (Event.STATE, Event.STOPPED, Event.STARTED):
             continue
         then = _time(entry)
         if at is not None:
             yield at, max(at, then), current
-        at, current = then, entry if entry.event == "state" else None
+        at, current = then, entry if entry.event == Event.STATE else None
     if at is not None:
         yield at, max(at, end), current
 
@@ -186,16 +186,16 @@ def _alarm(begun: datetime, until: datetime, last: Entry) -> Alarm:
 
 def _note(found: Summary, entry: Entry) -> None:
     found.simulated = found.simulated or bool(entry.data.get("simulated"))
-    if entry.event == "request":
+    if entry.event == Event.REQUEST:
         found.requests[str(entry.data.get("do"))] += 1
-    elif entry.event == "reference":
+    elif entry.event == Event.REFERENCE:
         found.references.append(entry)
-    elif entry.event == "started":
+    elif entry.event == Event.STARTED:
         found.starts += 1
         said = str(entry.data.get("software", "?"))
         if not found.software or found.software[-1][1] != said:
             found.software.append((entry.utc, said))
-    elif entry.event == BEGUN:
+    elif entry.event == Event.CHAIN_BEGUN:
         found.chains += entry.number > 1
 
 

@@ -11,10 +11,16 @@ _LOOKS = 3
 
 
 def settled_log(folder: Path) -> Reading:
-    """[alarm] folder of the configuration, also of a running service. Raises ConfigurationError."""
+    """[alarm] folder of the configuration, also of a running service. Raises ConfigurationError, also where no service
+    has ever written there: an empty folder is no whole chain.
+    """
     try:
         if folder.is_dir():
-            return _settled(folder)
+            reading = _settled(folder)
+            if reading.entries or reading.damages:
+                return reading
+            remedy = "Name [alarm] folder of the configuration; a service that was started once has written there"
+            raise ConfigurationError("holds no alarm log", str(folder), remedy)
     except OSError as error:
         remedy = join_group(folder) if isinstance(error, PermissionError) else "Check its disk"
         raise ConfigurationError(f"cannot be read ({error.strerror})", str(folder), remedy) from None

@@ -2,6 +2,7 @@
 
 from appliance.core.quality.check_fields import number_or_none
 from appliance.service.control.event_log import EventLog
+from appliance.storage.alarm_chain import Event
 from appliance.storage.reference import Reference
 from appliance.types import PARAMETERS, AlarmState, Check, State, Verdict
 
@@ -11,7 +12,6 @@ makes 96 of the 40,000 entries that the log keeps. Longer sees a change later.""
 _SETTLED_NS = 30_000_000_000
 """Of the contact closed before an entry: the longest window, which then holds verified motion alone. Longer leaves out
 short examinations."""
-EVENT = "estimate"
 
 
 class EstimateNotes:
@@ -31,7 +31,7 @@ class EstimateNotes:
         self._noted_ns = now_ns
         checks = {check.name: _figures(check) for check in verdict.checks if check.name in (*PARAMETERS, "latency")}
         known = {name: three for name, three in checks.items() if three is not None}
-        self._events.note(EVENT, reference=reference.entry.number, checks=known)
+        self._events.note(Event.ESTIMATE, reference=reference.entry.number, checks=known)
 
 
 def _figures(check: Check) -> list[float] | None:

@@ -5,7 +5,7 @@ from typing import Any
 from appliance.service.control.status import reference_fields
 from appliance.service.host.log import get_log
 from appliance.service.host.recorder import Recorder
-from appliance.storage.alarm_chain import Latch
+from appliance.storage.alarm_chain import Event, Latch
 from appliance.storage.reference import Reference
 from appliance.types import AlarmState
 
@@ -24,14 +24,14 @@ class EventLog:
         self._told_overdue = ""
         self._log = get_log()
 
-    def note(self, event: str, **data: Any) -> None:
+    def note(self, event: Event, **data: Any) -> None:
         """In the alarm log alone."""
         self._recorder.note(event, self._latch(), **data)
 
     def started(self, current: Reference | None, origin: dict[str, Any]) -> None:
         """origin: what the verdicts rest on, the reference `current` among it."""
         self._told_reference = None if current is None else current.entry.number
-        self.note("started", found=[*self._recorder.damage], **origin)
+        self.note(Event.STARTED, found=[*self._recorder.damage], **origin)
         self._log.info("started", **origin)
 
     def state(self, before: AlarmState | None, alarm: AlarmState) -> None:
@@ -39,7 +39,7 @@ class EventLog:
         said = {"state": alarm.state.value, "fault": alarm.fault, "reason": alarm.reason, **self._simulated}
         if before is None or before.state is not alarm.state:
             self._log.info("state", **said)
-        self.note("state", **said)
+        self.note(Event.STATE, **said)
 
     def reference(self, reference: Reference) -> None:
         """It has just come in force; the one that the start entry named is known."""
@@ -48,7 +48,7 @@ class EventLog:
         self._told_reference = reference.entry.number
         said = {"reference": reference_fields(reference), **self._simulated}
         self._log.info("reference", **said)
-        self.note("reference", **said)
+        self.note(Event.REFERENCE, **said)
 
     def overdue(self, why: str) -> None:
         """Which date of the reference has passed; empty while none has. Told once for each."""
@@ -56,7 +56,7 @@ class EventLog:
             return
         self._told_overdue = why
         self._log.warning("calibration date", overdue=why or None)
-        self.note("calibration date", overdue=why or None)
+        self.note(Event.OVERDUE, overdue=why or None)
 
     def _latch(self) -> Latch | None:
         if self.alarm is None:

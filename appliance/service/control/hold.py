@@ -12,6 +12,7 @@ from typing import Any
 
 from appliance.service.control.server import ControlRefused, Peer
 from appliance.service.host.log import get_log
+from appliance.storage.alarm_chain import Event
 
 SHORTEST_S, LONGEST_S = 1.0, 3600.0
 """Of the silence that who begins may ask for. Shorter gives up for a busy computer; longer is no guard."""
@@ -120,7 +121,7 @@ class Hold:
     def _give_up(self, begun: _Begun, how: str) -> None:
         begun.ended = f"given up for {begun.who}, {how}; the calibration before is in force, and not verified"
         self._log.warning("recalibration given up", why=begun.ended)
-        self._note("recalibration given up", who=begun.who, why=begun.ended)
+        self._note(Event.GIVEN_UP, who=begun.who, why=begun.ended)
         self._abort()
 
     def fields(self, peer: Peer, now_ns: int, recalibrating: bool, monitoring: bool) -> dict[str, Any] | None:

@@ -10,6 +10,7 @@ from appliance.service.control.server import ControlRefused
 from appliance.service.control.status import configuration_fields, noise_fields
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.service.host.log import get_log
+from appliance.storage.alarm_chain import Event
 from appliance.supervision.supervisor import Supervisor
 from drivers.errors import ConfigurationError
 
@@ -62,7 +63,7 @@ class LiveConfiguration:
             self._supervisor.doubt()  # what has expired does not count again
         if self.config != before:
             told = configuration_fields(self.config, self.file)
-            self._events.note("reloaded", **told, noise=noise_fields(self.config))
+            self._events.note(Event.RELOADED, **told, noise=noise_fields(self.config))
         self._log.info("configuration reloaded", file=str(self.file))
 
 

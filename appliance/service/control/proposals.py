@@ -1,15 +1,15 @@
 """What motion proposes and what it leaves undecided, kept for whoever comes to the cart later, and in the alarm log."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from appliance.core.quality.proposal import Proposal, proposal_fields, propose
 from appliance.service.control.event_log import EventLog
+from appliance.storage.alarm_chain import Event
 from appliance.storage.calibration_file import image_to_probe
 from appliance.storage.reference import Reference
 from appliance.supervision.languages import told
 from appliance.types import AlarmState, State, Verdict
-
-PROPOSED, UNDECIDED = "proposal", "undecided"
 
 
 class Proposals:
@@ -36,10 +36,10 @@ class Proposals:
         found = propose(verdict.checks, reference.calibration, latency_ms)
         if found is not None:
             self.current = found
-            self._note((PROPOSED, *found.about), **proposal_fields(found))
+            self._note(Event.PROPOSAL, found.about, **proposal_fields(found))
         if verdict.rivals:
             names = sorted(rival.check.name for rival in verdict.rivals)
-            self._note((UNDECIDED, *names), text=verdict.reason, names=names)
+            self._note(Event.UNDECIDED, names, text=verdict.reason, names=names)
 
     def fields(self, language: str) -> dict[str, Any] | None:
         """Ready for JSON; text in the language of the room."""
@@ -53,7 +53,7 @@ class Proposals:
             "image_to_probe": None if X is None else image_to_probe(X).tolist(),
         }
 
-    def _note(self, key: tuple[str, ...], **data: Any) -> None:
-        if key not in self._noted:
-            self._noted.add(key)
-            self._events.note(key[0], **data)
+    def _note(self, event: Event, about: Sequence[str], **data: Any) -> None:
+        if (event, *about) not in self._noted:
+            self._noted.add((event, *about))
+            self._events.note(event, **data)

@@ -12,6 +12,7 @@ from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.hold import Hold, hold_s_of
 from appliance.service.control.recalibration import Recalibration, Wanted
 from appliance.service.control.server import ControlRefused, Peer, Reply
+from appliance.storage.alarm_chain import Event
 from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.audio import LONGEST_PAUSE_NS
 from appliance.supervision.supervisor import Request
@@ -106,7 +107,7 @@ class Requests:
             for key in ("file", "number", "confirm", "reason", "seconds", "hold_s")
             if key in body
         }
-        self._hands.note("request", do=do, who=self._asking, **said)
+        self._hands.note(Event.REQUEST, do=do, who=self._asking, **said)
 
     def _name(self, uid: int) -> str:
         """Looked up once; a list of users may be on a disk, or on the network, that does not answer."""

@@ -10,6 +10,7 @@ from appliance.service.host.pressure import Pressure
 from appliance.service.host.recorder import Recorder
 from appliance.service.host.tick_meter import TickMeter
 from appliance.service.host.wall_clock import WallClock
+from appliance.storage.alarm_chain import Event
 from drivers.clock.host_clock import HostClock
 
 
@@ -39,7 +40,7 @@ class HostWatch:
         by_s = self._wall_clock.look(self._clock.real_ns(), self._wall_ns())
         if by_s is not None:
             self._log.warning("wall clock stepped", by_s=round(by_s, 3))
-            self._note("wall-clock", by_s=round(by_s, 3))
+            self._note(Event.WALL_CLOCK, by_s=round(by_s, 3))
         self._recorder.watch(self.overload.since_ns is not None)
 
     def fields(self, now_ns: int) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from typing import Any
 
 from appliance.service.host.log import get_log
 from appliance.service.host.pressure import Pressure
+from appliance.storage.alarm_chain import Event
 from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.overload import Load, Overload
 from appliance.supervision.overload_notes import OverloadNotes
@@ -39,7 +40,7 @@ class OverloadWatch:
         elif self._notes.begin(now_ns, losses):
             said, hazard = self.fields(now_ns), HAZARDS[Fault.OVERLOADED]
             self._log.warning("overloaded", what=hazard.text, remedy=hazard.remedy, **said)
-            self._note("overloaded", **said)
+            self._note(Event.OVERLOADED, **said)
         return check
 
     def worth_an_entry(self, before: AlarmState | None, alarm: AlarmState) -> bool:
@@ -65,4 +66,4 @@ class OverloadWatch:
         told: dict[str, Any] | None = self._notes.end(now_ns, losses)
         if told is not None:
             self._log.info("overload ended", **told)
-            self._note("overload-ended", **told)
+            self._note(Event.OVERLOAD_ENDED, **told)

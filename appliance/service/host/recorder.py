@@ -14,7 +14,7 @@ from typing import Any
 
 from appliance.service.host.log import get_log
 from appliance.service.host.own_files import own_files
-from appliance.storage.alarm_chain import Latch
+from appliance.storage.alarm_chain import Event, Latch
 from appliance.storage.alarm_log import AlarmLog
 from appliance.supervision.alarms import HAZARDS
 from appliance.types import Fault, Kind
@@ -81,7 +81,7 @@ class Recorder(threading.Thread):
             if self._alarm_log is None:
                 self.damage = (Fault.MEMORY_DAMAGED,)  # what was latched is not known
 
-    def note(self, event: str, latch: Latch | None, **data: Any) -> None:
+    def note(self, event: Event, latch: Latch | None, **data: Any) -> None:
         """Add an entry; never blocks. When too many wait the newest takes the place of the one before it, counted."""
         note = _Note(datetime.now(UTC), self._clock.now_ns(), event, printable_value(data), latch)
         if len(self._waiting) >= _MOST_WAITING:

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from appliance.storage import alarm_log
-from appliance.storage.alarm_chain import AFTER, BEGUN, MEMORY, Latch, digest_of, read_log, segments
+from appliance.storage.alarm_chain import AFTER, MEMORY, Event, Latch, digest_of, read_log, segments
 from appliance.storage.alarm_log import AlarmLog
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
@@ -38,7 +38,7 @@ def test_entries_come_back_as_they_were_written(tmp_path: Path) -> None:
     reading = read_log(tmp_path)
     assert reading.damages == ()
     assert [(entry.number, entry.event) for entry in reading.entries] == [
-        (1, BEGUN),
+        (1, Event.CHAIN_BEGUN),
         (2, "state"),
         (3, "state"),
         (4, "state"),
@@ -97,7 +97,8 @@ def test_damage_stands_through_restarts_until_it_is_accepted(tmp_path: Path) -> 
     log.append(NOON, 0, "request", {"do": "acknowledge"}, None)
     again = AlarmLog(tmp_path)
     assert again.damage == ()
-    assert "is missing" in next(e for e in again.opened.entries if e.event == BEGUN and e.number > 1).data["found"][0]
+    _, begun = [entry for entry in again.opened.entries if entry.event == Event.CHAIN_BEGUN]
+    assert "is missing" in begun.data["found"][0]
 
 
 def rewritten(folder: Path, lines: list[bytes]) -> None:

@@ -3,12 +3,13 @@
 import csv
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
 
 from appliance.storage import alarm_chain
-from appliance.storage.alarm_chain import Latch, segments
+from appliance.storage.alarm_chain import Event, Latch, segments
 from appliance.storage.alarm_log import AlarmLog
 from drivers.errors import ConfigurationError
 from tools.commands.log import command
@@ -51,13 +52,83 @@ def test_the_whole_log_in_order(folder: Path) -> None:
         (["--since", "2026-01-01 13:00:00"], [3, 4, 5]),
         (["--until", "2026-01-01 13:00:00"], [1, 2]),
         (["--fault", "scale", "--last", "1"], [3]),
-        (["--state", "nowhere"], []),
+        (["--state", "device lost"], []),
         (["--verify"], []),
     ],
 )
 def test_filters(folder: Path, arguments: list[str], numbers: list[int]) -> None:
     result = asked(folder, *arguments)
     assert [int(line.split()[0]) for line in result.stdout.splitlines()] == numbers
+
+
+DATA: dict[Event, dict[str, Any]] = {
+    Event.CHAIN_BEGUN: {"found": []},
+    Event.STARTED: {"software": "0.1", "reference": {"number": 1, "sha256": "ab"}, "found": [], "simulated": ["sim:x"]},
+    Event.STOPPED: {},
+    Event.STATE: {"state": "monitoring", "fault": None, "reason": "calibration verified"},
+    Event.REQUEST: {"do": "use-reference", "who": "anna", "reason": None, "number": 2},
+    Event.REFERENCE: {"reference": {"number": 2, "origin": "file", "file": "x.toml", "sha256": "cd"}},
+    Event.RELOADED: {"changed": ["limits"], "noise": None},
+    Event.ESTIMATE: {"reference": 2, "checks": {"rotation-axial": [0.12, 0.3, 3.0], "latency": [4.0, 2.0, 60.0]}},
+    Event.PROPOSAL: {"text": "rotation-axial is now 9 ± .5 deg", "about": ["rotation-axial"]},
+    Event.UNDECIDED: {"text": "one of these is wrong", "names": ["latency", "scale-axial"]},
+    Event.GIVEN_UP: {"who": "process 7", "why": "its connection is gone"},
+    Event.OVERDUE: {"overdue": "since 2026-01-01"},
+    Event.OVERLOADED: {"dropped": 3},
+    Event.OVERLOAD_ENDED: {"dropped": 31, "for_s": 4.5},
+    Event.WALL_CLOCK: {"by_s": -3600.0},
+}
+"""As the service writes them, of each one: a reference is a number in one and a table in another."""
+
+
+@pytest.fixture
+def every(tmp_path: Path) -> Path:
+    log = AlarmLog(tmp_path / "every")
+    for number, event in enumerate(Event):
+        if event is not Event.CHAIN_BEGUN:
+            log.append(NOON + timedelta(hours=number), number, event, DATA[event], None)
+    log.append(NOON + timedelta(days=2), 99, "of another version", {"reference": [3], "state": {"x": 1}}, None)
+    return tmp_path / "every"
+
+
+@pytest.mark.parametrize("event", Event)
+def test_every_kind_of_entry_is_read_by_every_option(every: Path, tmp_path: Path, event: Event) -> None:
+    for arguments in (["--event", event], ["--event", event, "--last", "1"], ["--event", event, "--csv", "out.csv"]):
+        where = [str(tmp_path / one) if one == "out.csv" else one for one in arguments]
+        result = asked(every, *where)
+        assert result.exit_code == 0, result.output
+        assert result.stdout.count("\n") == 1
+    asked_for = asked(every, "--event", event).stdout
+    assert f" {event}: " in asked_for or f" {event}:" in asked_for
+
+
+def test_what_is_shown_of_an_estimate_can_be_read(every: Path) -> None:
+    assert "reference 2: rotation-axial 0.12 ± 0.3, latency 4.0 ± 2.0" in asked(every, "--event", "estimate").stdout
+    assert len(asked(every, "--since", "2026-01-01").stdout.splitlines()) == len(Event) + 1
+    assert "of another version: " in asked(every, "--last", "1").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--state", "bogus"], "there are: self-test, "),
+        (["--state", "hlat"], "did you mean 'halt'?"),
+        (["--event", "overload"], "did you mean 'overloaded'?"),
+        (["--fault", "scales"], "did you mean 'scale'?"),
+    ],
+)
+def test_a_name_that_is_none_is_refused_with_those_that_are(folder: Path, arguments: list[str], told: str) -> None:
+    result = asked(folder, *arguments)
+    assert result.exit_code == 2
+    assert told in " ".join(result.stderr.replace("│", " ").split())
+
+
+def test_an_empty_or_a_wrong_folder_is_no_whole_chain(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("x")
+    for arguments in (["--verify"], []):
+        error = asked(tmp_path, *arguments).exception
+        assert isinstance(error, ConfigurationError)
+        assert "holds no alarm log" in str(error)
 
 
 def test_damage_is_said_and_is_exit_65(folder: Path) -> None:

@@ -20,6 +20,7 @@ def made(folder: Path, references: tuple[tuple[int, float, int], ...]) -> Path:
     """Estimates of two parameters; references: (number, drift of the rotation, deg per day, entries)."""
     random = np.random.default_rng(3)
     log, number = AlarmLog(folder), 0
+    log.append(NOON, 0, "started", {}, None)
     for reference, drift, entries in references:
         for index in range(entries):
             bend = drift * index * 300 / 86400 + 0.1 * random.standard_normal()

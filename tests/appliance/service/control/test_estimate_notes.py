@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from appliance.service.control.estimate_notes import EVENT, EstimateNotes
+from appliance.service.control.estimate_notes import EstimateNotes
 from appliance.service.control.event_log import EventLog
 from appliance.service.host.recorder import Recorder
-from appliance.storage.alarm_chain import read_log
+from appliance.storage.alarm_chain import Event, read_log
 from appliance.storage.reference import Reference
 from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
@@ -48,7 +48,7 @@ def noted(folder: Path, reference: Reference | None, *steps: Step) -> list[dict[
         estimates.step(round(now_s * S), state, verdict, reference)
     until(lambda: recorder.waiting == 0)
     recorder.close()
-    return [entry.data for entry in read_log(folder).entries if entry.event == EVENT]
+    return [entry.data for entry in read_log(folder).entries if entry.event == Event.ESTIMATE]
 
 
 def test_an_entry_has_the_parameters_that_have_a_value_and_the_reference(tmp_path: Path, reference: Reference) -> None:

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from appliance.service.control.event_log import EventLog
-from appliance.service.control.proposals import PROPOSED, UNDECIDED, Proposals
+from appliance.service.control.proposals import Proposals
 from appliance.service.host.recorder import Recorder
-from appliance.storage.alarm_chain import read_log
+from appliance.storage.alarm_chain import Event, read_log
 from appliance.storage.reference import Reference
 from appliance.types import AlarmState, Check, Fault, Rival, State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
@@ -48,7 +48,11 @@ def recorder(tmp_path: Path) -> Iterator[Recorder]:
 
 def noted(recorder: Recorder, folder: Path) -> list[tuple[str, dict[str, Any]]]:
     until(lambda: recorder.waiting == 0)
-    return [(entry.event, entry.data) for entry in read_log(folder).entries if entry.event in (PROPOSED, UNDECIDED)]
+    return [
+        (entry.event, entry.data)
+        for entry in read_log(folder).entries
+        if entry.event in (Event.PROPOSAL, Event.UNDECIDED)
+    ]
 
 
 def test_it_stays_while_the_probe_is_laid_aside_and_goes_with_the_next_verification(
