@@ -1,4 +1,8 @@
-"""Every step of `probewatch recalibrate --live` that a person takes at a terminal, on a real pseudo-terminal."""
+"""Every step of `probewatch recalibrate --live` that a person takes at a terminal, on a real pseudo-terminal.
+
+Before a service that recalibrates, whose feed is as fast as a scan is looked at; beside a whole cart:
+tests/live/test_recalibrate_live.py.
+"""
 
 import re
 import tomllib
@@ -7,15 +11,24 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.demo_cart import Cart
 from tests.support.live_scan import RecalibratingService, Scan
 from tests.support.person import Person
 from tests.support.polling import until
 from tests.tools.recalibration.test_session import truth, wires
 
+pytestmark = pytest.mark.thorough
+
 ASKED = ["--probe", "L12-5", "--preset", "4 cm", "--made-by", "A. Smith"]
 REVIEW = "numbers of views to strike out or take back:"
 ZETA = re.compile(r"ζ (-?[\d.]+) ± ([\d.]+) mm")
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[RecalibratingService]:
+    """One that finds the new calibration far from the one in force."""
+    with RecalibratingService(tmp_path, truth()) as service:
+        service.proposal["confirm"] = True
+        yield service
 
 
 def reviewed(person: Person) -> str:
@@ -39,16 +52,15 @@ SIGNATURE = (
 )
 
 
-def test_a_scan_with_everything_a_person_may_do_on_the_way(cart: Cart, tmp_path: Path) -> None:
+def scanning(service: RecalibratingService, folder: Path, *more: str) -> Person:
+    return Person("recalibrate", "--live", "--socket", service.path, "--folder", folder, *more, *ASKED)
+
+
+def test_a_scan_with_everything_a_person_may_do_on_the_way(service: RecalibratingService, tmp_path: Path) -> None:
     """Latency left out, ended too early, scanned on, a view struck out and taken back, checked, rejected."""
-    cart.wait_for("monitoring", 60)
-    before = cart.status()["reference"]["sha256"]
-    cart.tank.touch()
-    with Person(
-        "recalibrate", "--live", "--config", cart.config, "--folder", tmp_path, "--latency-first", *ASKED
-    ) as person:
+    with Scan(service, wires(1500)), scanning(service, tmp_path, "--latency-first") as person:
         person.sees("'skip' leaves it to the scan")
-        cart.wait_for("recalibrating", 30)
+        assert service.is_held
         person.sees("not known yet")
         person.types("")
         person.sees("the motion does not show how late the tracker is")
@@ -84,48 +96,34 @@ def test_a_scan_with_everything_a_person_may_do_on_the_way(cart: Cart, tmp_path:
         person.types("reject")
         person.sees("rejected: in the terminal")
         assert person.ends() == 75
-    cart.tank.unlink()
-    cart.wait_for("monitoring", 60)
-    assert cart.status()["reference"]["sha256"] == before
+    assert (service.state, service.sha256, service.taken) == ("not verified", "before", None)
     assert list(tmp_path.glob("*.toml")) == []
 
 
 @pytest.mark.parametrize("how", ["interrupts", "hangs up"])
-def test_who_goes_away_from_the_review_leaves_the_calibration_before(cart: Cart, tmp_path: Path, how: str) -> None:
-    cart.wait_for("monitoring", 60)
-    before = cart.status()["reference"]["sha256"]
-    cart.tank.touch()
-    with Person("recalibrate", "--live", "--config", cart.config, "--folder", tmp_path, *ASKED) as person:
+def test_who_goes_away_from_the_review_leaves_the_calibration_before(
+    service: RecalibratingService, tmp_path: Path, how: str
+) -> None:
+    with Scan(service, wires(300)), scanning(service, tmp_path) as person:
         person.sees("1 views in", 120)
         person.types("")
         person.sees(REVIEW)
-        assert cart.contact() is False
+        assert (service.state, service.is_held) == ("recalibrating", True)
         if how == "interrupts":
             person.interrupts()
             assert person.ends() == 130
+            assert service.asked[-1] == "abort-recalibration"
         else:
             person.process.kill()
-    cart.tank.unlink()
-    cart.wait_for("monitoring", 60)
-    assert cart.status()["reference"]["sha256"] == before
-    assert cart.status()["recalibration"] is None, "nothing waits any more"
-
-
-@pytest.fixture
-def service(tmp_path: Path) -> Iterator[RecalibratingService]:
-    """One that finds the new calibration far from the one in force."""
-    with RecalibratingService(tmp_path, truth()) as service:
-        service.proposal["confirm"] = True
-        yield service
+        until(lambda: not service.is_held)
+    assert (service.sha256, service.taken) == ("before", None)
+    assert list(tmp_path.glob("*.toml")) == []
 
 
 def test_a_difference_is_stated_and_nothing_is_taken_before_it_is_accepted(
     service: RecalibratingService, tmp_path: Path
 ) -> None:
-    with (
-        Scan(service, wires(700)),
-        Person("recalibrate", "--live", "--socket", service.path, "--folder", tmp_path, *ASKED) as person,
-    ):
+    with Scan(service, wires(700)), scanning(service, tmp_path) as person:
         person.sees("The scan is complete: press Enter", 240)
         person.types("")
         for answer in ("", "n"):  # no is what Enter says
