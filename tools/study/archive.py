@@ -59,6 +59,8 @@ class ArchiveTask:
             return [row | {"error": f"{NOT_FETCHED}: {error}"}]
         except ProbewatchError as error:
             return [row | {"error": str(error)}]
+        except Exception as error:  # what was judged before must not be lost to one file
+            return [row | {"error": f"not judged, which is a defect of probewatch: {type(error).__name__}: {error}"}]
 
     def _of(self, files: tuple[Path, ...]) -> "ArchiveTask":
         """The same of copies on this computer."""

@@ -192,7 +192,8 @@ def _truth(conditions: Conditions, t_s: float) -> np.ndarray[tuple[int], np.dtyp
 
 def _closed(changes: list[Change], end_s: float) -> Iterator[tuple[float, float]]:
     """From when until when the contact was closed, s."""
-    for change, after_s in zip(changes, [*(change.t_s for change in changes[1:]), end_s], strict=True):
+    ends_s = [*(change.t_s for change in changes[1:]), end_s]
+    for change, after_s in zip(changes, ends_s, strict=False):  # nothing to judge, no change, and no end
         if change.state is State.MONITORING:
             yield change.t_s, after_s
 

@@ -15,10 +15,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from appliance.core.order import Order
+from appliance.limits import Limits
 from appliance.storage.calibration_file import write_calibration
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.recordings.metaimage import write_metaimage
+from drivers.samples import Pose, PoseStatus, Stamp
+from tests.support.black_boxes import record
 from tests.support.polling import until
 from tests.support.recordings import items
 from tools.cli import probewatch
@@ -225,3 +229,37 @@ def test_a_scheduler_that_hangs_is_said_once_and_what_was_left_is_done_when_it_g
     told = [one.partition(cluster.address)[2].partition(";")[0] for one in said]
     assert told
     assert told == [" hangs", " is back"] * (len(told) // 2)
+
+
+def poses_alone(path: Path) -> Path:
+    """A black box of a cart whose scanner was off."""
+    poses = [Pose(Stamp(10**9 + k * 20_000_000, 100_000), k, np.eye(4), 0.1, PoseStatus.OK) for k in range(30)]
+    reference = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), SIZE_PX)
+    record(path, Order(1, reference, Limits(), 500_000_000), poses)
+    return path
+
+
+def test_one_file_in_which_nothing_can_be_judged_ends_no_row_of_the_others(recording: Path, calibration: Path) -> None:
+    """A black box without pictures, an empty one, and what only looks like one."""
+    folder = recording.parent
+    box = poses_alone(folder / "poses.mcap")
+    (folder / "empty.mcap").write_bytes(b"")
+    (folder / "cut.mcap").write_bytes(box.read_bytes()[:200])
+    tasks = [ArchiveTask(recording, calibration)]
+    tasks += [ArchiveTask(folder / name, None, parts=(folder / name,)) for name in ("poses.mcap", "empty.mcap")]
+    good, poses, empty = (row for task in tasks for row in task.rows())
+    assert (good["error"], good["frames"]) == ("", "40")
+    assert (poses["error"], poses["verdict"], poses["closed"]) == ("", "NOT_VERIFIED", "0")
+    assert empty["error"] != ""
+    result = CliRunner().invoke(probewatch, ["replay", str(folder), "--calibration", str(calibration)])
+    assert result.exit_code == 0, result.output
+    assert all(name in result.output for name in ("good.igs.mha", "poses.mcap", "empty.mcap", "cut.mcap"))
+
+
+def test_a_defect_of_ours_costs_one_row(recording: Path, calibration: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(self: ArchiveTask) -> dict[str, str]:
+        raise ValueError("zip() argument 2 is longer than argument 1")
+
+    monkeypatch.setattr(ArchiveTask, "_said", broken)
+    (row,) = ArchiveTask(recording, calibration).rows()
+    assert row["error"].startswith("not judged, which is a defect of probewatch: ValueError: zip()")
