@@ -6,7 +6,8 @@ X⁻¹ · diag(s_x λ_x, s_y λ_y, 1) · (shift of the origin from the picture's
 
 import json
 import tomllib
-from collections.abc import Mapping
+from collections import defaultdict, deque
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -34,12 +35,17 @@ _MAX_TOML_BYTES = 16_000
 
 _GIVE = "Give a .toml or a PLUS .xml file"
 
+_UNIT_WITHIN = 1e-6
+"""mm/px from 1 within which both scales were typed, not measured: calibrations keep six digits and more."""
+
 _MAX_SKEW = 0.05
 """Largest cosine between picture axes: freehand PLUS calibrations come to about 0.02."""
 
 _SCALE_RANGE_MM = (1e-3, 10.0)
 """mm per px. Pictures of 1 to 30 cm in 200 to 2000 px have .005 to 1.5; metres and micrometres for mm lie outside."""
 
+_Named = tuple[str, str, str]
+"""From, To and Matrix of a transform."""
 _Row3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 _Row4 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
 _Scale = Annotated[float, Field(ge=_SCALE_RANGE_MM[0], le=_SCALE_RANGE_MM[1])]
@@ -81,8 +87,9 @@ class _File(BaseModel):
 def read_calibration(path: Path, image_size_px: tuple[int, int] | None = None, probe: str = "Probe") -> Calibration:
     """Read our TOML, or the Image → `probe` transform of a PLUS device-set XML.
 
-    image_size_px: (width, height) of the pictures to watch; XML needs it, TOML must agree with it.
-    Raises ConfigurationError naming file, key, fault and remedy; nothing that is not scale · rotation passes.
+    image_size_px: (width, height) of the pictures to watch; XML needs it, TOML must agree with it. probe: the marker
+    body, or the whole transform where the picture is not called Image, such as LeftImageToProbe. Raises
+    ConfigurationError naming file, key, fault and remedy; nothing that is not scale · rotation passes.
     """
     return parse_calibration(calibration_bytes(path), path, image_size_px, probe)
 
@@ -159,6 +166,7 @@ def calibration_from_image_to_probe(
     scale = np.linalg.norm(matrix[:3, :2], axis=0)
     if not (_SCALE_RANGE_MM[0] <= scale.min() and scale.max() <= _SCALE_RANGE_MM[1]):
         raise _no_calibration(f"has scales {scale[0]:.4g} and {scale[1]:.4g} mm/px, not within 0.001 to 10", where)
+    _check_measured(scale, where)
     axes = matrix[:3, :2] / (scale * polarity)
     if abs(axes[:, 0] @ axes[:, 1]) > _MAX_SKEW:
         raise _no_calibration(f"is sheared: the cosine of its picture axes is {axes[:, 0] @ axes[:, 1]:.3f}", where)
@@ -168,6 +176,13 @@ def calibration_from_image_to_probe(
     _check_third_column(matrix[:3, 2], R[2], where)
     offset_mm = -R @ (matrix[:3, :3] @ _centre_px(image_size_px) + matrix[:3, 3])
     return Calibration(R, polarity, scale, offset_mm, image_size_px)
+
+
+def _check_measured(scale: Vector, where: str) -> None:
+    """PLUS and 3D Slicer put the identity, or a rotation of unit scale, where no calibration was made yet."""
+    if np.abs(scale - 1).max() < _UNIT_WITHIN:
+        what = "ImageToProbe has scales of exactly 1 mm/px: the placeholder of a probe that was never calibrated"
+        raise ConfigurationError(what, where, "Calibrate it (docs/recalibration.md, --solve all), or give its file")
 
 
 def _check_third_column(column: Vector, normal: Vector, where: str) -> None:
@@ -214,6 +229,7 @@ def _from_parts(file: _File, path: Path) -> Calibration:
         remedy = "Its rows must be a right-handed orthonormal frame; restore the file or calibrate again"
         raise ConfigurationError("rotation is not a rotation matrix", str(path), remedy)
     scale, offset = np.array(file.scale_mm_per_px), np.array(file.offset_mm)
+    _check_measured(scale, str(path))
     return Calibration(nearest_rotation(R), file.polarity, scale, offset, file.image_size_px)
 
 
@@ -221,22 +237,49 @@ def _from_xml(data: bytes, path: Path, image_size_px: tuple[int, int] | None, pr
     if image_size_px is None:
         what = "a PLUS calibration does not state the size of the pictures"
         raise ConfigurationError(what, str(path), "Give it with pictures, or a .toml calibration")
+    start, _, end = probe.rpartition("To") if "To" in probe else ("Image", "", probe)
     transforms = _xml_transforms(data, path)
-    matrices = [matrix for start, end, matrix in transforms if (start, end) == ("Image", probe)]
-    if len(matrices) != 1:
-        names = ", ".join(f"{start} to {end}" for start, end, _ in transforms) or "none"
-        what = f"has {len(matrices)} transforms Image to {probe} in CoordinateDefinitions; it has {names}"
-        raise ConfigurationError(what, str(path), "Give a device set with one probe calibration, or name the --probe")
-    where = f"{path}: Transform From Image To {probe}"
+    way = _way(transforms, start, end)
+    twice = next((one for one in way if sum(one[:2] == other[:2] for other in transforms) > 1), None)
+    if not way or twice is not None:
+        lack = f"no way from {start} to {end}" if twice is None else f"two transforms {twice[0]} to {twice[1]}"
+        names = ", ".join(f"{one} to {other}" for one, other, _ in transforms) or "none"
+        remedy = (
+            "Give a device set with one probe calibration, or name its transform, such as LeftImageToProbe: --probe"
+        )
+        what = f"has {lack} in CoordinateDefinitions; it has {names}"
+        raise ConfigurationError(what, str(path), f"{remedy}, or [calibration] probe")
+    matrix = np.eye(4)
+    for one, other, text in way:
+        matrix = _sixteen(text, f"{path}: Transform From {one} To {other}") @ matrix
+    return calibration_from_image_to_probe(matrix, image_size_px, where=f"{path}: from {start} to {end}")
+
+
+def _way(transforms: Sequence[_Named], start: str, end: str) -> list[_Named]:
+    """The shortest chain from one frame to the other, as PLUS composes transforms; empty where there is none."""
+    leaving = defaultdict[str, list[_Named]](list)
+    for one in transforms:
+        leaving[one[0]].append(one)
+    ways: dict[str, list[_Named]] = {start: []}
+    frames = deque([start])
+    while frames and end not in ways:
+        at = frames.popleft()
+        for one in leaving[at]:
+            if one[1] not in ways:
+                ways[one[1]] = [*ways[at], one]
+                frames.append(one[1])
+    return ways.get(end, [])
+
+
+def _sixteen(text: str, where: str) -> Matrix4:
     try:
-        matrix = np.array([float(word) for word in matrices[0].split()]).reshape(4, 4)
+        return np.array([float(word) for word in text.split()]).reshape(4, 4)
     except ValueError:
         raise ConfigurationError("Matrix is not sixteen numbers", where, "Restore the file") from None
-    return calibration_from_image_to_probe(matrix, image_size_px, where=where)
 
 
-def _xml_transforms(data: bytes, path: Path) -> list[tuple[str, str, str]]:
-    """(From, To, Matrix) of every Transform."""
+def _xml_transforms(data: bytes, path: Path) -> list[_Named]:
+    """Every Transform."""
     try:
         root = xml_of(data)
     except ValueError as error:

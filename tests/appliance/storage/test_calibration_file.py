@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from appliance.storage.calibration_file import (
+    FORMAT,
     calibration_from_image_to_probe,
     image_to_probe,
     read_calibration,
@@ -209,9 +210,9 @@ def test_plus_device_set(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [
-        ('To="Probe"', 'To="Needle"', "0 transforms Image to Probe .* it has Image to Needle"),
+        ('To="Probe"', 'To="Needle"', "no way from Image to Probe .* it has Image to Needle"),
         ("CoordinateDefinitions", "Elsewhere", "it has none"),
-        ('To="TransducerOriginPixel"', 'To="Probe"', "2 transforms Image to Probe"),
+        ('To="TransducerOriginPixel"', 'To="Probe"', "two transforms Image to Probe"),
         ("0 0.07 0 11", "0 0.07 0", "sixteen numbers"),
         ("0 0.07 0 11", "0 x 0 11", "sixteen numbers"),
         ("0 0.07 0 11", "0 nan 0 11", "not finite"),
@@ -229,6 +230,44 @@ def test_bad_device_sets_are_refused(tmp_path, old, new, complaint):
     with pytest.raises(ConfigurationError, match=complaint) as refusal:
         read_calibration(path, SIZE_PX)
     assert str(path) in str(refusal.value)
+
+
+CHAIN = """<PlusConfiguration><CoordinateDefinitions>
+<Transform From="Transducer" To="Probe" Matrix="0 1 0 12  -1 0 0 50  0 0 1 0  0 0 0 1"/>
+<Transform From="Image" To="Transducer" Matrix="0.08 0 0 -25  0 0.07 0 3  0 0 0.08 0  0 0 0 1"/>
+<Transform From="Probe" To="Image" Matrix="1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"/>
+<Transform From="LeftImage" To="Probe" Matrix="0 0.07 0 11  -0.08 0 0 48  0 0 0.075 0  0 0 0 1"/>
+</CoordinateDefinitions></PlusConfiguration>"""
+"""In any order, and in a circle."""
+
+
+def test_a_chain_of_transforms_is_composed_as_plus_does(tmp_path):
+    """Image → Transducer → Probe: (column, row) → (.08 column − 25, .07 row + 3) → (.07 row + 15, −.08 column + 75)."""
+    path = tmp_path / "chain.xml"
+    path.write_text(CHAIN)
+    wanted = [[0, 0.07, 0, 15], [-0.08, 0, 0, 75]]
+    np.testing.assert_allclose(image_to_probe(read_calibration(path, SIZE_PX))[[0, 1]][:, [0, 1, 3]],
+                               np.array(wanted)[:, [0, 1, 3]], atol=1e-12)  # fmt: skip
+
+
+def test_a_picture_of_another_name_is_named_with_its_transform(tmp_path):
+    path = tmp_path / "chain.xml"
+    path.write_text(CHAIN.replace('From="Image"', 'From="RightImage"'))
+    np.testing.assert_allclose(read_calibration(path, SIZE_PX, "LeftImageToProbe").scale_mm_per_px, [0.08, 0.07])
+    with pytest.raises(ConfigurationError, match=r"no way from Image to Probe .*name its transform, such as LeftImage"):
+        read_calibration(path, SIZE_PX)
+
+
+@pytest.mark.parametrize("matrix", ["1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1", "0 1 0 12 -1 0 0 50 0 0 1 0 0 0 0 1"])
+def test_the_placeholder_of_a_probe_that_was_never_calibrated_is_none(tmp_path, matrix):
+    """The identity, or a rotation of unit scale: in a device set, our own file, and an ITK transform."""
+    (tmp_path / "set.xml").write_text(XML.replace("0 0.07 0 11  -0.08 0 0 48  0 0 0.075 0  0 0 0 1", matrix))
+    rows = [list(map(float, matrix.split()))[k : k + 4] for k in (0, 4, 8, 12)]
+    of_ours = f'format = "{FORMAT}"\nversion = 1\nimage_size_px = [640, 480]\nimage_to_probe = {rows}\n'
+    (tmp_path / "own.toml").write_text(of_ours)
+    for name in ("set.xml", "own.toml"):
+        with pytest.raises(ConfigurationError, match="the placeholder of a probe that was never calibrated"):
+            read_calibration(tmp_path / name, (640, 480))
 
 
 def test_a_device_set_needs_the_size_of_the_pictures(tmp_path):

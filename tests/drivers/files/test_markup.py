@@ -152,8 +152,8 @@ def test_a_document_type_is_refused_in_whatever_encoding(tmp_path: Path, data: b
     [
         ("<a>" * 300_000, "elements in each other"),
         ("<a>" + "<b/>" * 240_000 + "</a>", "more than 10000 elements"),
-        ("<a " + " ".join(f'b{n}=""' for n in range(90_000)) + "/>", "0 transforms"),
-        ("<a>" + "x" * 900_000 + "</a>", "0 transforms"),
+        ("<a " + " ".join(f'b{n}=""' for n in range(90_000)) + "/>", "no way from"),
+        ("<a>" + "x" * 900_000 + "</a>", "no way from"),
         ("<a>" + "x" * 1_000_000 + "</a>", "too large"),
     ],
     ids=["deep", "many", "attributes", "text", "large"],
