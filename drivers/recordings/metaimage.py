@@ -16,6 +16,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import BinaryIO
 
+import cv2
 import numpy as np
 
 from drivers.errors import RecordingError
@@ -23,6 +24,7 @@ from drivers.files.atomic_file import replacing
 from drivers.files.regular_file import reading, refuse_irregular
 from drivers.printable import printable
 from drivers.recordings.foreign import HEAD_BYTES, refuse_foreign
+from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, ORIENTATION, from_zero, known
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 from drivers.trackers.plus_transform import TransformReading, rigid_reading, without_matrix
 from drivers.video.crop import FLIPS
@@ -43,6 +45,8 @@ BLOCK_BYTES = 262_144
 """Copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls. Not
 measured."""
 
+_CHANNELS = "ElementNumberOfChannels"
+_TO_GREY = {3: cv2.COLOR_RGB2GRAY, 4: cv2.COLOR_RGBA2GRAY}
 FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
 
@@ -71,6 +75,7 @@ class MetaImage:
     _data_offset: int
     _compressed: bool
     _window_bits: int = zlib.MAX_WBITS
+    _channels: int = 1
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -100,7 +105,7 @@ class MetaImage:
 
     def image_ok(self, index: int) -> bool:
         """False where the recorder marked the picture as invalid."""
-        return self.frames[index].get("ImageStatus", "OK").upper() == "OK"
+        return self.frames[index].get(IMAGE_STATUS, "OK").upper() == "OK"
 
     def transform(self, index: int, name: str) -> TransformReading:
         """The transform `name` of one entry. Raises RecordingError for text that is not sixteen numbers."""
@@ -119,9 +124,15 @@ class MetaImage:
         width, height = self.size_px
         flip_rows, flip_columns = FLIPS[self._orientation]
         rows, columns = slice(None, None, -1 if flip_rows else 1), slice(None, None, -1 if flip_columns else 1)
-        for block in self._blocks(width * height):
-            stored = np.frombuffer(block, np.uint8).reshape(height, width)
-            yield np.ascontiguousarray(stored[rows, columns])
+        for block in self._blocks(width * height * self._channels):
+            stored = np.frombuffer(block, np.uint8)
+            grey = stored.reshape(height, width) if self._channels == 1 else self._grey(stored, height, width)
+            yield np.ascontiguousarray(grey[rows, columns])
+
+    def _grey(self, stored: GreyImage, height: int, width: int) -> GreyImage:
+        """As the live path makes it of a colour picture."""
+        colour = stored.reshape(height, width, self._channels)
+        return np.asarray(cv2.cvtColor(colour, _TO_GREY[self._channels]), np.uint8)
 
     def _entry(self, index: int, name: str) -> tuple[str, str]:
         key = f"Seq_Frame{index:04d}_{name}"
@@ -241,27 +252,44 @@ def checked_header(
     that ElementDataFile names, beside it. window_bits: as zlib has them for compressed pictures. Raises RecordingError,
     OSError.
     """
+    general = known(general)
+    channels = _integer(path, _CHANNELS, general.get(_CHANNELS, "1"))
     width, height, count = _dimensions(path, general)
-    if len(frames) != count or max(frames, default=-1) != count - 1:
-        what = f"says {count} frames, the header has fields of {len(frames)}"
-        raise _refusal(path, "DimSize", what, "The header is cut or was edited; copy the file again")
+    entries = _entries(path, frames, count)
     local = general["ElementDataFile"].upper() == "LOCAL"
     data_path = path if local else _beside(path, general["ElementDataFile"])
     compressed = general.get("CompressedData", "False").upper() == "TRUE"
     sequence = MetaImage(
         path=path,
         size_px=(width, height) if width * height > 1 else None,
-        frames=tuple(frames[index] for index in range(count)),
-        _orientation=(orientation or general.get("UltrasoundImageOrientation", "")).upper()[:2],
+        frames=tuple(entries),
+        _orientation=(orientation or general.get(ORIENTATION, "")).upper()[:2],
         _data_path=data_path,
         _data_offset=offset if local else 0,
         _compressed=compressed,
         _window_bits=window_bits,
+        _channels=channels,
     )
     if sequence.size_px is not None:
         _check_pictures(sequence, general, orientation)
         _check_length(sequence, general)
     return sequence
+
+
+def _entries(path: Path, frames: dict[int, dict[str, str]], count: int) -> list[dict[str, str]]:
+    """The fields of each frame."""
+    entries = from_zero(frames, count)
+    if entries is not None:
+        return entries
+    if not frames:
+        what = f"says {count} pictures, and none of them has a field of its own (Seq_Frame0000_Timestamp …)"
+        raise _refusal(path, "DimSize", what, "It is a volume, or lost its times: give the sequence as it was recorded")
+    numbers = f"{min(frames)} to {max(frames)}"
+    if len(frames) == count and max(frames) - min(frames) == count - 1:
+        what = f"numbers its {count} frames from {numbers}"
+        raise RecordingError(f"the header {what}", str(path), "Number them from 0, as PLUS does, or from 1")
+    what = f"says {count} frames, the header has fields of {len(frames)}, numbered {numbers}"
+    raise _refusal(path, "DimSize", what, "The header is cut or was edited; copy the file again")
 
 
 def _beside(path: Path, name: str) -> Path:
@@ -296,17 +324,19 @@ def _check_pictures(sequence: MetaImage, general: dict[str, str], orientation: s
     grey = "Record 8-bit grey B-mode pictures (MET_UCHAR, one channel)"
     for key, allowed, remedy in (
         ("ElementType", "MET_UCHAR", grey),
-        ("ElementNumberOfChannels", "1", grey),
         ("BinaryData", "True", "Store the pictures as binary data"),
     ):
         value = general.get(key, "" if key == "ElementType" else allowed)
         if value.upper() != allowed.upper():
             raise _refusal(sequence.path, key, f"is {value!r}, not {allowed}", remedy)
-    named = orientation or general.get("UltrasoundImageOrientation", "")
+    if sequence._channels not in (1, *_TO_GREY):
+        what = f"is {sequence._channels}, not 1, 3 (RGB) or 4 (RGBA)"
+        raise _refusal(sequence.path, _CHANNELS, what, grey)
+    named = orientation or general.get(ORIENTATION, "")
     if named.upper() not in {two + three for two in FLIPS for three in ("", "A", "D")}:
         what = f"{named!r} is not M or U, then F or N"
         remedy = "State how the pictures are stored, for example MF, in the header or with --orientation"
-        raise _refusal(sequence.path, "UltrasoundImageOrientation", what, remedy)
+        raise _refusal(sequence.path, ORIENTATION, what, remedy)
 
 
 def _check_length(sequence: MetaImage, general: dict[str, str]) -> None:
@@ -315,7 +345,7 @@ def _check_length(sequence: MetaImage, general: dict[str, str]) -> None:
     width, height = sequence.size_px
     refuse_irregular(sequence._data_path)
     there = sequence._data_path.stat().st_size - sequence._data_offset
-    needed = width * height * len(sequence.frames)
+    needed = width * height * sequence._channels * len(sequence.frames)
     key = "DimSize"
     if sequence._compressed:
         key = "CompressedDataSize"
@@ -391,12 +421,16 @@ def spooled(
     size_px: tuple[int, int] | None,
     window_bits: int | None,
     flips: tuple[bool, bool],
+    status_names: tuple[str, ...] = (IMAGE_STATUS,),
 ) -> HeaderLines:
-    """Write the pictures to data, compressed where window_bits says how; return the header lines of the entries."""
+    """Write the pictures to data, compressed where window_bits says how; return the header lines of the entries.
+
+    status_names: under which it is said whether a picture is valid.
+    """
     lines = HeaderLines()
     deflator = None if window_bits is None else zlib.compressobj(6, zlib.DEFLATED, window_bits)
     for item in items:
-        lines.text += _item_lines(lines.count, item)
+        lines.text += _item_lines(lines.count, item, status_names)
         lines.count += 1
         block = b"" if size_px is None else _stored(item.image, size_px, flips)
         data.write(deflator.compress(block) if deflator else block)
@@ -415,7 +449,7 @@ def _stored(image: GreyImage | None, size_px: tuple[int, int], flips: tuple[bool
     return image[rows, columns].tobytes()
 
 
-def _item_lines(index: int, item: SequenceItem) -> list[str]:
+def _item_lines(index: int, item: SequenceItem, status_names: tuple[str, ...]) -> list[str]:
     prefix = f"Seq_Frame{index:04d}_"
     lines = [] if item.sequence is None else [f"{prefix}FrameNumber = {item.sequence}"]
     for name, matrix in item.transforms.items():
@@ -423,7 +457,7 @@ def _item_lines(index: int, item: SequenceItem) -> list[str]:
         lines.append(f"{prefix}{name}Transform = {numbers}")
         lines.append(f"{prefix}{name}TransformStatus = {'INVALID' if matrix is None else 'OK'}")
     lines.append(f"{prefix}Timestamp = {Decimal(item.t_ns).scaleb(-9):f}")
-    lines.append(f"{prefix}ImageStatus = {'INVALID' if item.image is None else 'OK'}")
+    lines += [f"{prefix}{name} = {'INVALID' if item.image is None else 'OK'}" for name in status_names]
     return lines
 
 
@@ -444,6 +478,6 @@ def _general_lines(
         "Kinds = domain domain list",
         "ElementSpacing = 1 1 1",
         f"ElementType = {'MET_OTHER' if size_px is None else 'MET_UCHAR'}",
-        f"UltrasoundImageOrientation = {orientation if size_px else 'XX'}",
-        "UltrasoundImageType = BRIGHTNESS",
+        f"{ORIENTATION} = {orientation if size_px else 'XX'}",
+        f"{IMAGE_TYPE} = BRIGHTNESS",
     ]

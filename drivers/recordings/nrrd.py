@@ -15,12 +15,12 @@ from drivers.errors import RecordingError
 from drivers.files.atomic_file import replacing
 from drivers.files.regular_file import reading, refuse_irregular
 from drivers.printable import printable
+from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, NAMES, ORIENTATION, index_times
 from drivers.recordings.metaimage import (
     BLOCK_BYTES,
     FRAME_KEY,
     MAX_HEADER_BYTES,
     MAX_HEADER_LINES,
-    MAX_LINE_BYTES,
     MetaImage,
     SequenceItem,
     checked_header,
@@ -32,6 +32,10 @@ from drivers.video.crop import FLIPS
 MAGIC = b"NRRD"
 _GZIP = 31  # window bits of zlib: the largest window, in gzip's wrapping
 _GREY = ("uchar", "unsigned char", "uint8", "uint8_t")
+_COLOURS = {(size, kind) for size, kinds in (("3", "rgb-color"), ("4", "rgba-color")) for kind in (kinds, "vector")}
+"""Size and kind of a first axis that holds the colours of a pixel."""
+_MOST_LINE_BYTES = 4_000_000
+"""Of the header: 3D Slicer writes the times of all pictures in one line, eight hours at 20 Hz in so many."""
 _MOST_AXES = 4  # of PLUS and 3D Slicer: a third spatial axis of one plane
 
 
@@ -46,6 +50,7 @@ def read_nrrd(path: Path, orientation: str | None = None) -> MetaImage:
             what = f"encoding {encoding!r} is neither raw nor gzip"
             raise RecordingError(what, str(path), "Store it as that, in 3D Slicer or with PLUS")
         named = general.get("data file", general.get("datafile", "LOCAL"))
+        frames = frames or index_times(general, len(general.get("kinds", "").split()) - 1)
         return checked_header(path, _as_metaimage(path, general, encoding, named), frames, offset, orientation, _GZIP)
     except OSError as error:
         raise unreadable(path, error) from error
@@ -62,7 +67,7 @@ def write_nrrd(
     refuse_irregular(path)
     width, height = size_px or (1, 1)
     with tempfile.TemporaryFile(dir=path.parent) as data:
-        lines = spooled(data, items, (width, height), _GZIP, FLIPS[orientation[:2]])
+        lines = spooled(data, items, (width, height), _GZIP, FLIPS[orientation[:2]], NAMES[IMAGE_STATUS])
         head = [
             "NRRD0004",
             "type: uchar",
@@ -73,8 +78,8 @@ def write_nrrd(
             "kinds: domain domain domain list",
             "encoding: gzip",
             "space origin: (0,0,0)",
-            f"UltrasoundImageOrientation:={orientation}",
-            "UltrasoundImageType:=BRIGHTNESS",
+            *(f"{name}:={orientation}" for name in NAMES[ORIENTATION]),
+            *(f"{name}:=BRIGHTNESS" for name in NAMES[IMAGE_TYPE]),
         ]
         own = [line.replace(" = ", ":=", 1) for line in lines.text]
         data.seek(0)
@@ -86,9 +91,13 @@ def write_nrrd(
 def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str) -> dict[str, str]:
     """The header in the words of MetaImage."""
     axes = list(zip(general.get("sizes", "").split(), general.get("kinds", "").lower().split(), strict=False))
+    channels = int(axes.pop(0)[0]) if axes and axes[0] in _COLOURS else 1
     if [kind for _, kind in axes if kind in ("list", "time")] == [] or len(axes) > _MOST_AXES:
         what = f"kinds '{general.get('kinds', '')}' and sizes '{general.get('sizes', '')}' are not those of a sequence"
         raise RecordingError(what, str(path), "Store the whole sequence, as PLUS and 3D Slicer do: domain domain list")
+    if axes[0][1] in ("list", "time"):
+        what = f"kinds '{general['kinds']}': its pictures are stored pixel by pixel, as older versions of 3D Slicer do"
+        raise RecordingError(what, str(path), "Open it in a newer 3D Slicer and save it again, or record with PLUS")
     if any(kind not in ("domain", "space", "list", "time") for _, kind in axes) or axes[-1][1] not in ("list", "time"):
         what = f"kinds '{general['kinds']}' are not domain domain list"
         raise RecordingError(what, str(path), "Record 8-bit grey B-mode pictures, one after the other")
@@ -98,7 +107,8 @@ def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str
         "ElementType": "MET_UCHAR" if kind in _GREY else f"type {kind}",
         "CompressedData": str(encoding != "raw"),
         "ElementDataFile": named,
-        "UltrasoundImageOrientation": general.get("UltrasoundImageOrientation", ""),
+        "ElementNumberOfChannels": str(channels),
+        **{name: general[name] for name in NAMES[ORIENTATION] if name in general},
     }
 
 
@@ -106,13 +116,13 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int
     general: dict[str, str] = {}
     frames: dict[int, dict[str, str]] = {}
     for number in range(MAX_HEADER_LINES):
-        line = stream.readline(MAX_LINE_BYTES)
+        line = stream.readline(_MOST_LINE_BYTES)
         text = line.decode("utf-8", errors="replace").strip()
         if not text:
             if line or "data file" in general or "datafile" in general:
                 return general, frames
             raise RecordingError("the header does not end", str(path), "It is cut short; copy it again")
-        if len(line) == MAX_LINE_BYTES or stream.tell() > MAX_HEADER_BYTES:
+        if len(line) == _MOST_LINE_BYTES or stream.tell() > MAX_HEADER_BYTES:
             break
         if number and not text.startswith("#"):
             _take(text, path, general, frames)

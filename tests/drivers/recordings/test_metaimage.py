@@ -187,7 +187,7 @@ def test_text_that_is_not_sixteen_numbers_is_refused(raw, numbers):
     [
         ("ElementType = MET_UCHAR", "ElementType = MET_USHORT", "ElementType is 'MET_USHORT', not MET_UCHAR"),
         ("ElementType = MET_UCHAR", "Nothing = 1", "ElementType is ''"),
-        ("ElementType = MET_UCHAR", "ElementType = MET_UCHAR\nElementNumberOfChannels = 3", "ElementNumberOfChannels"),
+        ("ElementType = MET_UCHAR", "ElementType = MET_UCHAR\nElementNumberOfChannels = 2", "ElementNumberOfChannels"),
         ("BinaryData = True", "BinaryData = False", "BinaryData is 'False'"),
         ("Orientation = MFA", "Orientation = XX", "UltrasoundImageOrientation 'XX'"),
         ("Orientation = MFA", "Orientation = FM", "UltrasoundImageOrientation 'FM'"),
