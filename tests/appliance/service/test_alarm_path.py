@@ -235,6 +235,21 @@ def test_several_outputs_show_each_its_own_and_one_that_breaks_holds_up_no_other
     assert any("did not switch" in said for said in monitoring.status()["lost"].values())
 
 
+@pytest.mark.thorough
+def test_an_alarm_sounds_until_it_is_acknowledged_and_reminds_of_itself_once_a_minute(
+    monitoring: SimulatedCart, second: Changes
+) -> None:
+    monitoring.monitoring()
+    assert second.during(3, 5.0) == 0, "all is well"
+    monitoring.say("scale")
+    monitoring.wait_for("recalibration requested")
+    assert second.during(3, 16.0) > 4
+    assert monitoring.acknowledge()
+    monitoring.run(1.0)
+    assert second.during(3, 55.0) == 0
+    assert second.during(3, 10.0) > 0, "nobody has mended it"
+
+
 @pytest.mark.parametrize("damage", ["memory", "log"])
 def test_damage_is_reported_and_alarms_until_acknowledged(monitoring: SimulatedCart, damage: str) -> None:
     monitoring.end_daemon()

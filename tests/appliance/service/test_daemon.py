@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import timedelta
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -152,6 +153,26 @@ def test_an_edited_calibration_file_is_named_in_the_status(cart: SimulatedCart) 
     status = cart.until(lambda: (now := cart.status())["calibration_changed"] and now)
     assert status["calibration_changed"] == f"{file} was changed, and is not in force"
     cart.until(lambda: "Configured calibration is not in force" in cart.status()["notices"])
+
+
+@pytest.mark.parametrize(("overdue", "closed"), [("advise", True), ("expires", False)])
+def test_a_date_of_the_calibration_that_passes_is_told_once_and_opens_the_contact_if_so_configured(
+    tmp_path: Path, overdue: str, closed: bool
+) -> None:
+    """The calendar is set forward by a year, which is said as well."""
+    more = f'calibration.due_days = 365\ncalibration.overdue = "{overdue}"\n'
+    with SimulatedCart(tmp_path, more=more) as cart:
+        cart.monitoring()
+        assert cart.status()["reference_overdue"] is None
+        cart.utc += timedelta(days=366)
+        cart.run(3)
+        status = cart.status()
+        assert status["reference_overdue"]
+        assert status["energised"] is cart.contact() is closed
+        assert closed or "reference: " in status["reason"] or "expired" in status["reference_waits"]
+        said = [entry for entry in read_log(cart.alarms).entries if entry.event in ("calibration date", "wall-clock")]
+        assert sorted(entry.event for entry in said) == ["calibration date", "wall-clock"]
+        assert next(entry.data["by_s"] for entry in said if entry.event == "wall-clock") == 366 * 86400
 
 
 @pytest.mark.parametrize(
