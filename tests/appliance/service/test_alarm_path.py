@@ -36,7 +36,7 @@ def test_a_latched_state_outlives_the_process_and_needs_a_person(monitoring: Sim
     assert (latched["fault"], latched["energised"], latched["acknowledged"]) == ("scale", False, False)
     monitoring.say(None)
     monitoring.until(lambda: monitoring.status().get("verdict") == "OK")
-    monitoring.run(30)
+    monitoring.run(10)
     assert monitoring.status()["latched"] is not None, "verification alone frees nothing"
     assert monitoring.acknowledge()
     monitoring.wait_for("monitoring")

@@ -52,6 +52,7 @@ def test_a_refused_scan_leaves_the_old_calibration_in_force(monitoring: Simulate
         done = answered("recalibrate", "--config", monitoring.config, "--simulated", "--duration", 1)
     assert (done.returncode, done.stderr.count("\n")) == (65, 1), done.stderr
     assert requests(monitoring)[-1] == "abort_recalibration"
+    assert monitoring.said(event="recalibration given up") == [], "it says itself that it ends"
     monitoring.wait_for("monitoring")
     assert monitoring.status()["reference"]["number"] == 1
     assert list(monitoring.folder.glob("probe-*")) == []
@@ -68,5 +69,6 @@ def test_an_interrupted_scan_leaves_the_old_calibration_in_force(monitoring: Sim
         _, err = process.communicate(timeout=60)
     assert (process.returncode, err.strip()) == (130, "probewatch: stopped")
     assert requests(monitoring) == ["begin_recalibration", "abort_recalibration"]
+    assert monitoring.said(event="recalibration given up") == [], "it says itself that it ends"
     monitoring.wait_for("monitoring")
     assert monitoring.status()["reference"]["number"] == 1

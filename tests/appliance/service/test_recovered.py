@@ -33,6 +33,6 @@ def test_a_bent_body_is_recovered_without_a_phantom_and_never_by_itself(tmp_path
         assert written.returncode == 0, written.stderr
         assert "rotation-" in written.stdout
         assert cart.status()["reference"]["number"] == 1, "nothing is applied"
-        taken = ran(cart, "use", new, "--yes", "--wait", 600)
+        taken = ran(cart, "use", new, "--yes", "--wait", 60)
         assert taken.returncode == 0, taken.stdout + taken.stderr
         assert cart.status()["reference"]["number"] == 2
