@@ -26,6 +26,8 @@ _STAMP_ERR_NS = 500
 _MAX_DISORDER = 0.1
 """Share of entries out of time order above which the recording's clock is not believed at all."""
 
+ENDED = "the recording has ended"
+"""What is said of a device that has played all of its recording."""
 _OPTIONS = ("orientation", "poses", "probe", "reference", "start_s")
 
 _S = TypeVar("_S", Frame, Pose)
@@ -185,7 +187,7 @@ class Player(Generic[_S]):
         try:
             return next(self._samples)
         except StopIteration:
-            raise DeviceLost("the recording has ended", self._where, "Start the service again to replay it") from None
+            raise DeviceLost(ENDED, self._where, "Start the service again to replay it") from None
         except RecordingError as error:
             raise DeviceLost(error.what, error.where, error.remedy) from error
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import AlarmOutput, Identified, TrackerSource, VideoSource
-from drivers.errors import ConfigurationError, DeviceLost, RecordingError
+from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError, RecordingError
+from drivers.recordings.replay import ENDED
 from drivers.registry import device_kinds, open_output, open_tracker, open_video
 from drivers.samples import Frame, Pose, PoseStatus
 from tools.shared.time_quality import TimeQuality, time_quality
@@ -41,6 +42,11 @@ class Measured:
     end: DeviceLost | None = None
 
     @property
+    def played_out(self) -> bool:
+        """Whether a recording has come to its end, with something to use, and no damage."""
+        return self.end is not None and self.end.what == ENDED and self.usable > 0
+
+    @property
     def poses(self) -> list[Pose]:
         return [sample for sample in self.samples if isinstance(sample, Pose)]
 
@@ -60,14 +66,16 @@ def command(url: str, seconds: float, may_click: bool) -> None:
     URL as in the configuration: ndi:/dev/ttyUSB0, ndi+tcp://host, optotrak://host, v4l2:/dev/video0, opencv:, sim:,
     replay:, gpio:/dev/gpiochip0?line=17, serialpin:, relay:.
 
-    Exit code 0 when it works; else that of the fault: 69 the device is lost or gives nothing to use, 76 it breaks its
-    protocol, 78 the URL can never work, 65 the recording cannot be read.
+    The last line of each source is one word: good; poor, for what is marked with "!"; or nothing, and why.
+
+    Exit code 0 when it works, poorly too; else that of the fault: 69 the device is lost, or it or its half of a cart
+    gives nothing to use, 76 it breaks its protocol, 78 the URL can never work, 65 the recording cannot be read.
     """
     kinds = device_kinds(url)
     if kinds == ("output",):
         _probe_output(url, may_click, HostClock())
     elif kinds == ("tracker", "video"):
-        _probe_recording(url, seconds)
+        _probe_cart(url, seconds)
     else:
         _probe_source(url, open_tracker if kinds == ("tracker",) else open_video, seconds)
 
@@ -98,22 +106,23 @@ def _click(output: AlarmOutput, energised: bool, url: str, clock: HostClock) -> 
     return said
 
 
-def _probe_recording(url: str, seconds: float) -> None:
-    """Poses, then pictures; a recording that has neither is refused with the last reason."""
-    refusals = []
-    sources: tuple[tuple[str, Open], ...] = (("poses", open_tracker), ("pictures", open_video))
+def _probe_cart(url: str, seconds: float) -> None:
+    """Poses, then pictures, each to its end. Raises what the first that gives nothing ended with; a recording may hold
+    one of them alone.
+    """
+    failures: list[ProbewatchError] = []
+    sources: tuple[tuple[str, Open], ...] = (("Poses", open_tracker), ("Pictures", open_video))
     for kind, open_source in sources:
+        click.echo(f"{kind}")
         try:
             _probe_source(url, open_source, seconds)
-        except RecordingError as error:
-            refusals.append(error)
-            click.echo(f"no {kind}: {error}")
-        except DeviceLost as error:
-            if error.__cause__ is not None:
-                raise
-            click.echo(f"{error.what}")
-    if len(refusals) == len(sources):
-        raise refusals[-1]
+        except (RecordingError, DeviceLost, ConfigurationError) as error:
+            failures.append(error)
+            click.echo(f"nothing: {error}")
+        click.echo()
+    alone_ok = all(isinstance(error, RecordingError) for error in failures) and len(failures) < len(sources)
+    if failures and not alone_ok:
+        raise failures[0]
 
 
 def _probe_source(url: str, open_source: Open, seconds: float) -> None:
@@ -123,13 +132,17 @@ def _probe_source(url: str, open_source: Open, seconds: float) -> None:
         measured = measure(source, seconds, clock)
         description = _description(source)
     _print([*description, *findings(measured)])
-    for complaint in complaints(measured):
+    found = list(complaints(measured))
+    for complaint in found:
         click.echo(f"! {complaint}")
     if measured.end is not None:
-        raise measured.end
+        if not measured.played_out:
+            raise measured.end
+        click.echo(measured.end.what)
     if not measured.usable:
         what = f"nothing to use came within {seconds:g} s"
         raise DeviceLost(what, url, _MEND[_usual_status(measured)])
+    click.echo("poor, for what is marked with !" if found else "good")
 
 
 def measure(source: TrackerSource | VideoSource, seconds: float, clock: HostClock) -> Measured:

@@ -6,15 +6,16 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.clock.host_clock import HostClock
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage import SequenceItem, write_metaimage
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.pty_line import PtyLine
 from drivers.twins.relay_board import RelayBoard
@@ -155,6 +156,28 @@ def test_a_recording_gives_poses_and_pictures_until_its_end(tmp_path: Path) -> N
     assert output.count("5, of which 5 can be used") == 2
     assert output.count("the recording has ended") == 2
     assert f"{SIZE_PX[0]} x {SIZE_PX[1]} pixels" in output
+    assert [line for line in output.splitlines() if line in ("Poses", "Pictures")] == ["Poses", "Pictures"]
+    assert len([line for line in output.splitlines() if line.startswith(("good", "poor"))]) == 2
+
+
+@pytest.mark.parametrize(
+    ("made", "code", "words"),
+    [
+        (lambda item: replace(item, image=None), 0, ["good", "nothing: "]),
+        (lambda item: replace(item, transforms={"ProbeToTracker": None}), 69, ["nothing: ", "good"]),
+    ],
+    ids=["poses alone", "no pose that can be used"],
+)
+def test_half_of_a_cart_is_said_in_one_word_each(
+    tmp_path: Path, made: Callable[[SequenceItem], SequenceItem], code: int, words: list[str]
+) -> None:
+    """A recording may hold poses alone; of what ought to be there and cannot be used the exit code tells."""
+    whole = [made(item) for item in items(5)]
+    write_metaimage(tmp_path / "a.mha", whole, SIZE_PX if whole[0].image is not None else None)
+    found, output, _ = probed(f"replay:{tmp_path}/a.mha?start_s=0.3", seconds="5")
+    assert found == code, output
+    told = [line for line in output.splitlines() if line.startswith(("good", "poor", "nothing: "))]
+    assert [line.startswith(word) for line, word in zip(told, words, strict=True)] == [True, True], output
 
 
 def pose(number: int, t_ms: float, status: PoseStatus = PoseStatus.OK, **fields: object) -> Pose:
