@@ -28,6 +28,8 @@ class PortHandles:
     def __init__(self, ask: Ask, where: str, warnings: list[str]) -> None:
         self._ask, self._where, self._warnings = ask, where, warnings
         self._loaded: dict[int, ToolDefinition] = {}
+        self._silent: dict[int, str] = {}
+        """Plug → what is wrong with the tool on it, which is not used."""
 
     def start(self, wishes: tuple[ToolWish, ...]) -> tuple[Tool, ...]:
         """Enable everything; the tools of the wishes in their order, then all others.
@@ -38,6 +40,8 @@ class PortHandles:
         wireless = [self._load(wish) for wish in wishes if wish.wireless]
         self._initialise(wishes)
         tools = self._enable()
+        if not tools and self._silent:
+            raise self._unnamed(next(iter(self._silent)))
         if not tools:
             remedy = "Plug the tool in, or name its definition file with probe=FILE.rom"
             raise DeviceLost("no tool is connected to the tracker", self._where, remedy)
@@ -95,7 +99,10 @@ class PortHandles:
             if handle in self._loaded or refusal.code not in _SROM_ERRORS:
                 raise
             plug = f"plug {information.socket}" if information is not None else f"port {handle:02X}"
-            self._warnings.append(f"the tool on {plug} does not say what it is; name its definition with FILE.rom@PLUG")
+            what = f"the tool on {plug} does not say what it is"
+            self._warnings.append(f"{what}; name its definition with FILE.rom@PLUG")
+            if information is not None:
+                self._silent[information.socket] = what
             return False
         return True
 
@@ -124,12 +131,19 @@ class PortHandles:
     def _by_plug(self, tools: tuple[Tool, ...], wish: ToolWish) -> Tool:
         plugged = (tool for tool in tools if tool.information is not None and tool.information.fits(wish))
         tool = next(plugged, None)
+        if tool is None and wish.socket in self._silent:
+            raise self._unnamed(wish.socket)
         if tool is None:
             half = f", sensor {'ab'[wish.channel]}," if wish.channel else ""
             raise DeviceLost(
                 f"no tool on plug {wish.socket}{half} is ready", self._where, "Plug it in, or correct the number"
             )
         return tool
+
+    def _unnamed(self, plug: int) -> DeviceLost:
+        """A tool that is plugged in, and that nobody said anything of."""
+        remedy = f"Name its definition file in the URL: probe=FILE.rom@{plug}, or reference="
+        return DeviceLost(self._silent[plug], self._where, remedy)
 
     def _information(self, handle: int) -> ToolInformation | None:
         """None where the device has none to give, or none that can be read."""

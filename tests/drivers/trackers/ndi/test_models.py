@@ -115,6 +115,16 @@ def test_a_tool_that_does_not_say_what_it_is_needs_a_definition(tmp_path: Path) 
             assert tracker.telemetry.tools[0].tool.name == "tool on plug 1"
 
 
+@pytest.mark.parametrize("wired", [("unprogrammed",), ("unprogrammed", "probe")])
+def test_a_plugged_tool_without_memory_is_not_told_as_none(tmp_path: Path, wired: tuple[str, ...]) -> None:
+    with (
+        bench(tmp_path, AURORA, wired=wired) as cart,
+        pytest.raises(DeviceLost, match="the tool on plug 1 does not say what it is") as told,
+    ):
+        cart.open(probe="@1")
+    assert "probe=FILE.rom@1" in told.value.remedy
+
+
 def test_a_plug_without_a_tool_is_named(tmp_path: Path) -> None:
     with bench(tmp_path, AURORA, wired=("probe",)) as cart, pytest.raises(DeviceLost, match="no tool on plug 4"):
         cart.open(probe="@4")
