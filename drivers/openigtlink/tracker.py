@@ -32,7 +32,7 @@ from drivers.openigtlink.stream import Arrived
 from drivers.printable import printable
 from drivers.rigid import pose_matrix, seen_from
 from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
-from drivers.trackers.plus_transform import TransformReading, rigid_reading, without_matrix
+from drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
 from drivers.trackers.pose_bounds import FURTHEST_MM, UNIT_TOLERANCE
 from drivers.trackers.reference_place import ReferencePlace
 
@@ -266,15 +266,11 @@ def _of_transform(message: Message) -> TransformReading:
     """PLUS tells the status of a transform in the metadata."""
     name, status = message.device, message.said("TransformStatus").upper()
     matrix = parse_transform(message.content)
-    if status not in ("", "OK", *_SWITCHED):
+    if status not in ("", *GOOD):
         return without_matrix(status, name)
     if message.said("TransformValid").lower() in ("false", "0"):
         return without_matrix("INVALID", name)
     return _checked(matrix, name)
-
-
-_SWITCHED = ("SWITCH1_IS_ON", "SWITCH2_IS_ON", "SWITCH3_IS_ON")
-"""PLUS's words for a tool whose pose is good and one of whose buttons is pressed."""
 
 
 def _checked(matrix: Matrix4, name: str) -> TransformReading:

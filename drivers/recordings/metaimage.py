@@ -26,7 +26,7 @@ from drivers.printable import printable
 from drivers.recordings.foreign import HEAD_BYTES, refuse_foreign
 from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, ORIENTATION, from_zero, known
 from drivers.samples import GreyImage, Matrix4, PoseStatus
-from drivers.trackers.plus_transform import TransformReading, rigid_reading, without_matrix
+from drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
 from drivers.video.crop import FLIPS
 
 MAX_LINE_BYTES = 65_536
@@ -110,7 +110,7 @@ class MetaImage:
     def transform(self, index: int, name: str) -> TransformReading:
         """The transform `name` of one entry. Raises RecordingError for text that is not sixteen numbers."""
         status = self.frames[index].get(f"{name}TransformStatus", "OK").upper()
-        if status != "OK":
+        if status not in GOOD:
             return without_matrix(status, name)
         if f"{name}Transform" not in self.frames[index]:
             return TransformReading(None, PoseStatus.MISSING, f"{name} is missing")

@@ -22,6 +22,10 @@ _STATUSES = {  # PLUS says MISSING of a tool or port that is not there, OUT_OF_V
 }
 
 
+GOOD = ("OK", "SWITCH1_IS_ON", "SWITCH2_IS_ON", "SWITCH3_IS_ON")
+"""PLUS's words for a good pose; of a tool with buttons it says which one is pressed."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TransformReading:
     """matrix: (4, 4) rigid, mm, its rotation made exactly orthonormal; None unless OK, and then reason says why."""

@@ -14,6 +14,7 @@ from drivers.recordings.metaimage import write_metaimage
 from drivers.recordings.nrrd import write_nrrd
 from drivers.recordings.replay import open_recording
 from drivers.recordings.sequence import read_sequence
+from drivers.samples import PoseStatus
 from tests.support.recordings import SIZE_PX, items, picture
 
 
@@ -52,6 +53,13 @@ def test_what_we_export_as_nrrd_has_the_keys_of_plus(tmp_path: Path) -> None:
 def test_the_orientation_of_plus_in_nrrd_turns_the_picture(tmp_path: Path) -> None:
     path = written(tmp_path / "scan.igs.nrrd", (f"{ORIENTATION}:=MFA\n", ""), ("orientation:=MFA", "orientation:=MNA"))
     np.testing.assert_array_equal(next(read_sequence(path).pictures()), picture(0)[::-1])
+
+
+def test_a_pressed_button_of_a_tool_is_no_bad_pose(tmp_path: Path) -> None:
+    """PLUS's word for it, which the live driver takes as well."""
+    word = ("ProbeToTrackerTransformStatus = OK", "ProbeToTrackerTransformStatus = SWITCH1_IS_ON")
+    reading = read_sequence(written(tmp_path / "scan.igs.mha", word)).transform(0, "ProbeToTracker")
+    assert (reading.status, reading.matrix is None) == (PoseStatus.OK, False)
 
 
 @pytest.mark.parametrize("suffix", [".igs.mha", ".igs.nrrd"])
