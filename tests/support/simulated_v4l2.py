@@ -12,17 +12,18 @@ import numpy as np
 
 from drivers.video.v4l2 import abi
 
-_BYTES_A_PIXEL = {"YUYV": 2, "RGB3": 3, "MJPG": 0}
+_BYTES_A_PIXEL = {"YUYV": 2, "UYVY": 2, "RGB3": 3, "BGR3": 3, "MJPG": 0}
 FLAGS = abi.BUF_FLAG_TIMESTAMP_MONOTONIC | abi.BUF_FLAG_TSTAMP_SRC_SOE
 
 
 class Driver:
-    """send() fills a queued buffer. formats, size_px, rate_hz, field, status, timings: what it answers. refuse:
-    request → errno. asked: every request in order.
+    """send() fills a queued buffer. formats, size_px, rate_hz, field, status, timings: what it answers; rates_hz: of
+    formats that come less or more often. refuse: request → errno. asked: every request in order.
     """
 
     def __init__(self) -> None:
         self.formats, self.size_px, self.rate_hz = ["YUYV", "GREY"], (64, 48), 25.0
+        self.rates_hz: dict[str, float] = {}
         self.field = abi.FIELD_NONE
         self.status, self.capabilities = 0, abi.CAP_VIDEO_CAPTURE | abi.CAP_STREAMING
         self.timings: abi.DvTimings | None = None
@@ -88,7 +89,7 @@ def _set_format(driver: Driver, argument: abi.Format) -> None:
 
 def _rate(driver: Driver, argument: abi.StreamParm) -> None:
     argument.capability = abi.CAP_TIMEPERFRAME
-    argument.numerator, argument.denominator = 1000, round(driver.rate_hz * 1000)
+    argument.numerator, argument.denominator = 1000, round(driver.rates_hz.get(driver.format, driver.rate_hz) * 1000)
 
 
 def _input(driver: Driver, argument: abi.Input) -> None:

@@ -23,6 +23,10 @@ narrow, that of a faster one too wide; `probe` says that it is assumed."""
 _RATE_TOLERANCE = 0.01
 """Relative: 29.97 for 30 is what was asked for, 25 is not. More hides another rate, less remarks on that of NTSC."""
 
+_ENOUGH_HZ = 20.0
+"""Pictures per second of a format that loses nothing, below which one that comes more often is taken. Higher takes JPEG
+where the grabber gives as many in either; lower follows quick motion badly. Not measured."""
+
 _CLOCK_STEP_HZ = 100_000
 """Pixel clocks that differ by less are one signal: receivers measure them. Less takes jitter for a new signal, more
 misses one of a slightly different rate. Not measured."""
@@ -174,18 +178,40 @@ def _timing(timings: abi.DvTimings) -> tuple[int, ...]:
 
 def _set_format(node: Node, wish: Wish) -> abi.PixFormat:
     offered = _offered(node)
-    code = wish.code or next((code for code in FORMATS if code in offered), None)
-    if code is None:
+    known = [code for code in FORMATS if code in offered]
+    if wish.code is None and not known:
         what = f"offers none of the formats {', '.join(FORMATS)}, only {', '.join(offered[:_MOST_NAMED]) or 'nothing'}"
         raise DeviceLost(what, node.where, "Try opencv: with its number")
+    code = wish.code or _quick_enough(node, wish, known)
+    format_ = _wished(node, wish, code)
+    node.must(abi.S_FMT, format_, "does not take a picture format")
+    _require_format(node, format_.pix, wish, code)
+    return abi.PixFormat.from_buffer_copy(format_.pix)
+
+
+def _wished(node: Node, wish: Wish, code: str) -> abi.Format:
     format_ = abi.Format(type=abi.BUF_TYPE_VIDEO_CAPTURE)
     node.must(abi.G_FMT, format_, "does not tell its picture format")
     format_.pix.pixelformat, format_.pix.field, format_.pix.bytesperline = abi.fourcc(code), abi.FIELD_NONE, 0
     if wish.size_px is not None:
         format_.pix.width, format_.pix.height = wish.size_px
-    node.must(abi.S_FMT, format_, "does not take a picture format")
-    _require_format(node, format_.pix, wish, code)
-    return abi.PixFormat.from_buffer_copy(format_.pix)
+    return format_
+
+
+def _quick_enough(node: Node, wish: Wish, known: list[str]) -> str:
+    """The first of the formats that comes as often as is needed, else the quickest: of a large picture over USB what is
+    not compressed may come five times a second.
+    """
+    wanted_hz = wish.rate_hz or _ENOUGH_HZ
+    rates_hz: dict[str, float] = {}
+    for code in known:
+        format_ = _wished(node, wish, code)
+        if not node.allows(abi.S_FMT, format_) or format_.pix.pixelformat != abi.fourcc(code):
+            continue
+        rates_hz[code] = _told_hz(node, wish.rate_hz)[0]
+        if not rates_hz[code] < wanted_hz * (1 - _RATE_TOLERANCE):  # one that is not told is no reason to go on
+            return code
+    return max(rates_hz, key=rates_hz.__getitem__, default=known[0])
 
 
 def _require_format(node: Node, pix: abi.PixFormat, wish: Wish, code: str) -> None:
@@ -213,16 +239,25 @@ def _offered(node: Node) -> list[str]:
     return found
 
 
-def _set_rate(node: Node, rate_hz: float | None) -> tuple[float, tuple[str, ...]]:
-    """(rate by the driver's word, remarks). A rate that the device rounds or cannot choose is said, not refused."""
+def _told_hz(node: Node, rate_hz: float | None) -> tuple[float, bool]:
+    """(rate of the format in force once it was asked for one, whether the driver tells rates at all); NaN where it is
+    not told.
+    """
     parameters = abi.StreamParm(type=abi.BUF_TYPE_VIDEO_CAPTURE)
     if not node.allows(abi.G_PARM, parameters):
-        return math.nan, ("its rate cannot be chosen",) if rate_hz is not None else ()
+        return math.nan, False
     if rate_hz is not None and parameters.capability & abi.CAP_TIMEPERFRAME:
         parameters.numerator, parameters.denominator = 1000, round(rate_hz * 1000)
         node.must(abi.S_PARM, parameters, "does not take a rate")
     told_hz = parameters.denominator / parameters.numerator if parameters.numerator else math.nan
-    told_hz = told_hz or math.nan
+    return told_hz or math.nan, True
+
+
+def _set_rate(node: Node, rate_hz: float | None) -> tuple[float, tuple[str, ...]]:
+    """(rate by the driver's word, remarks). A rate that the device rounds or cannot choose is said, not refused."""
+    told_hz, tells = _told_hz(node, rate_hz)
+    if not tells:
+        return math.nan, ("its rate cannot be chosen",) if rate_hz is not None else ()
     if rate_hz is not None and abs(told_hz - rate_hz) > _RATE_TOLERANCE * rate_hz:
         return told_hz, (f"{rate_hz:g} pictures per second were asked for, it gives {told_hz:g}",)
     return told_hz, ()

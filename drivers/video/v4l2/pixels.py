@@ -11,6 +11,10 @@ from drivers.samples import GreyImage
 Bytes = NDArray[np.uint8]
 
 
+_EMPTY, _FILL = b"\xff\xd8\xff\xd9", b"\0\xff"
+"""A JPEG of nothing, as encoders send between two pictures; and bytes that fill the rest of a buffer."""
+
+
 class BrokenPicture(ValueError):  # noqa: N818  what it is, not an error of ours
     """The bytes are no whole picture of their format."""
 
@@ -29,13 +33,24 @@ def _rows(data: Bytes, width_bytes: int, height: int, bytes_per_line: int) -> By
 
 
 def _grey(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
-    """GREY, and NV12, whose first plane is the luminance."""
+    """GREY, and NV12, YU12 and YV12, whose first plane is the luminance."""
     return _rows(data, width, height, bytes_per_line)
 
 
 def _yuyv(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
     """Y0 U Y1 V: every second byte."""
     return _rows(data, 2 * width, height, bytes_per_line)[:, ::2]
+
+
+def _uyvy(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
+    """U Y0 V Y1: every second byte, from the second on."""
+    return _rows(data, 2 * width, height, bytes_per_line)[:, 1::2]
+
+
+def _bgr(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
+    """B G R by the weights of Rec. 601."""
+    rows = _rows(data, 3 * width, height, bytes_per_line)
+    return np.asarray(cv2.cvtColor(rows.reshape(height, width, 3), cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def _rgb(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
@@ -45,8 +60,14 @@ def _rgb(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage
 
 
 def _mjpeg(data: Bytes, width: int, height: int, _bytes_per_line: int) -> GreyImage:
-    """A damaged or cut JPEG is refused, not shown in part."""
-    whole = data.tobytes().rstrip(b"\0")
+    """A damaged or cut JPEG is refused, not shown in part. Empty ones before and after it, and what fills the buffer,
+    are none of it.
+    """
+    whole = data.tobytes().rstrip(_FILL)
+    while whole.endswith(_EMPTY):
+        whole = whole.removesuffix(_EMPTY).rstrip(_FILL)
+    while whole.startswith(_EMPTY):
+        whole = whole.removeprefix(_EMPTY).lstrip(b"\0")
     image = None
     if whole.startswith(b"\xff\xd8") and whole.endswith(b"\xff\xd9"):
         image = cv2.imdecode(np.frombuffer(whole, np.uint8), cv2.IMREAD_GRAYSCALE)
@@ -60,8 +81,12 @@ def _mjpeg(data: Bytes, width: int, height: int, _bytes_per_line: int) -> GreyIm
 _DECODERS: dict[str, Callable[[Bytes, int, int, int], GreyImage]] = {
     "GREY": _grey,
     "NV12": _grey,
+    "YU12": _grey,
+    "YV12": _grey,
     "YUYV": _yuyv,
+    "UYVY": _uyvy,
     "RGB3": _rgb,
+    "BGR3": _bgr,
     "MJPG": _mjpeg,
 }
 

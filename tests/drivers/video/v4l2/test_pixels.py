@@ -42,6 +42,21 @@ def test_yuyv_is_what_opencv_takes_for_its_luminance() -> None:
     np.testing.assert_array_equal(grey("YUYV", data, W, H, stride), expected)
 
 
+def test_uyvy_and_bgr_are_what_opencv_takes() -> None:
+    rows = np.roll(yuyv_of(scene()[..., 0]), 1, axis=1)
+    data, stride = padded(rows)
+    expected = cv2.cvtColor(rows.reshape(H, W, 2), cv2.COLOR_YUV2GRAY_UYVY)
+    np.testing.assert_array_equal(grey("UYVY", data, W, H, stride), expected)
+    data, stride = padded(scene().reshape(H, 3 * W))
+    np.testing.assert_array_equal(grey("BGR3", data, W, H, stride), cv2.cvtColor(scene(), cv2.COLOR_BGR2GRAY))
+
+
+@pytest.mark.parametrize(("code", "conversion"), [("YU12", cv2.COLOR_YUV2GRAY_I420), ("YV12", cv2.COLOR_YUV2GRAY_YV12)])
+def test_planes_of_chroma_behind_the_luminance_are_left(code: str, conversion: int) -> None:
+    planes = np.random.default_rng(6).integers(0, 256, (H * 3 // 2, W), np.uint8)
+    np.testing.assert_array_equal(grey(code, planes.ravel(), W, H, W), cv2.cvtColor(planes, conversion))
+
+
 def test_nv12_is_what_opencv_takes_for_its_luminance() -> None:
     planes = np.random.default_rng(6).integers(0, 256, (H * 3 // 2, W), np.uint8)
     data, stride = padded(planes)
@@ -67,6 +82,21 @@ def test_mjpeg_with_filling_bytes() -> None:
     shown = grey("MJPG", data, W, H, 0)
     np.testing.assert_array_equal(shown, cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE))
     assert np.abs(shown.astype(int) - image).mean() < 8
+
+
+NOTHING = b"\xff\xd8\xff\xd9"
+
+
+@pytest.mark.parametrize(
+    ("before", "behind"), [(2 * NOTHING, NOTHING), (b"", b"\xff" * 32), (NOTHING + b"\0", b"\0\xff" + NOTHING + b"\0")]
+)
+def test_empty_jpegs_and_filling_bytes_are_none_of_the_picture(before: bytes, behind: bytes) -> None:
+    _, jpeg = cv2.imencode(".jpg", scene())
+    shown = grey("MJPG", np.frombuffer(before + jpeg.tobytes() + behind, np.uint8), W, H, 0)
+    np.testing.assert_array_equal(shown, cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE))
+    cut = before + jpeg.tobytes()[:-40] + behind
+    with pytest.raises(BrokenPicture, match="not a whole"):
+        grey("MJPG", np.frombuffer(cut, np.uint8), W, H, 0)
 
 
 @pytest.mark.parametrize("code", FORMATS)

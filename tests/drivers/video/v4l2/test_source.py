@@ -54,6 +54,25 @@ def test_pictures_come_with_their_number_and_time(driver: Driver) -> None:
     assert any("3 pictures were lost" in remark for remark in source.describe().remarks)
 
 
+@pytest.mark.parametrize(
+    ("rates_hz", "query", "taken"),
+    [
+        ({"YUYV": 5.0, "MJPG": 30.0}, "", "MJPG"),
+        ({"YUYV": 25.0, "MJPG": 30.0}, "", "YUYV"),
+        ({"YUYV": 5.0, "MJPG": 5.0}, "", "YUYV"),
+        ({"YUYV": 5.0, "MJPG": 30.0}, "?format=YUYV", "YUYV"),
+        ({"YUYV": 25.0, "MJPG": 60.0}, "?rate=60", "MJPG"),
+    ],
+)
+def test_what_comes_often_enough_is_taken_before_what_loses_nothing(
+    driver: Driver, rates_hz: dict[str, float], query: str, taken: str
+) -> None:
+    """1080p over USB: YUYV at 5 Hz, MJPG at 30."""
+    driver.formats, driver.rates_hz = ["YUYV", "MJPG"], rates_hz
+    with opened(query) as source:
+        assert (driver.format, source.describe().rate_hz) == (taken, rates_hz[taken])
+
+
 def test_grey_is_preferred_and_another_format_is_taken_when_named(driver: Driver) -> None:
     with opened():
         assert driver.format == "GREY"
