@@ -17,8 +17,9 @@ from appliance.storage.black_box import Series
 from appliance.supervision.timeline import Judging
 from drivers.errors import RecordingError
 from drivers.files.atomic_file import check_writable
+from tools.shared.digest import file_sha256
 from tools.shared.found_recordings import found
-from tools.shared.healthy_scanning import Heard, heard_in_sequence, heard_in_series, sha256_of
+from tools.shared.healthy_scanning import Heard, heard_in_sequence, heard_in_series
 from tools.shared.noise_tail import Tail, least_hours, tail_of, told_minutes
 
 _Item = TypeVar("_Item")
@@ -93,7 +94,7 @@ def _once_each(files: list[Path]) -> tuple[LearnedFrom, ...]:
     """Raises RecordingError where two are the same."""
     known: dict[str, Path] = {}
     for file in files:
-        digest = sha256_of(file)
+        digest = file_sha256(file)
         if digest in known:
             what = f"is the same recording as {known[digest]}"
             raise RecordingError(what, str(file), "Name each once: it teaches nothing twice")

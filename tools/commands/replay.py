@@ -30,6 +30,7 @@ from tools.shared.found_recordings import found
 from tools.shared.json_report import write_json
 from tools.shared.recording_run import BlackBoxSession, Seen, nobody, run, run_series
 from tools.shared.rerun import Comparison
+from tools.shared.subject import Subject
 from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
 from tools.study.archive import ArchiveTask, archive_table
@@ -133,11 +134,13 @@ def command(
     trace = Trace()
     names = _Names(poses, probe, reference, orientation)
     outcome = _replayed(one, calibration, judging, schedule, names, nobody if html_path is None else trace)
-    _print(outcome)
+    files = [*(_parts(one) or (_path(one),)), *([] if poses is None else [poses])]
+    subject = Subject.of(files, calibration, config_path, schedule)
+    _print(outcome, subject)
     if json_path is not None:
-        write_json(json_path, outcome.fields())
+        write_json(json_path, {**outcome.fields(), "of": subject.fields()})
     if html_path is not None:
-        kept = outcome.path.name, trace, outcome.report, outcome.timeline, outcome.comparison, outcome.damage
+        kept = subject, outcome.path.name, trace, outcome.report, outcome.timeline, outcome.comparison, outcome.damage
         write_recording_page(html_path, *kept)
         click.echo(f"written: {html_path}")
         if pdf_path is not None:
@@ -270,8 +273,12 @@ def _progress(total: int | None) -> Callable[[Iterable[_Item]], Iterator[_Item]]
     return shown
 
 
-def _print(outcome: _Outcome) -> None:
+def _print(outcome: _Outcome, subject: Subject) -> None:
     report = outcome.report
+    if subject.spoiled:
+        click.secho(subject.spoiled, fg="red", bold=True)
+    for name, said in subject.rows():
+        click.echo(f"{name + ':':<18}{said}")
     click.echo(f"{outcome.path.name}: {report.frames} frames, {report.poses} poses, {report.paired} paired")
     if outcome.damage:
         click.secho(f"  damaged: {outcome.damage}", fg="yellow")
@@ -288,7 +295,8 @@ def _print(outcome: _Outcome) -> None:
     if report.proposal is not None:
         click.echo("\n".join(f"→ {clause}" for clause in report.proposal.text.split("; ")))
     fault = f" · {report.verdict.fault}" if report.verdict.fault else ""
-    click.echo(f"verdict: {report.verdict.kind.value}{fault}  {report.verdict.reason}")
+    spoiled = f"{subject.spoiled}; " if subject.spoiled else ""
+    click.echo(f"{spoiled}verdict: {report.verdict.kind.value}{fault}  {report.verdict.reason}")
 
 
 def _second_opinion(opinion: SecondOpinion) -> str:

@@ -18,6 +18,7 @@ from tools.report.page import picture, section, table, text, write_page
 from tools.report.svg import Plot
 from tools.report.trace import Curve, Trace
 from tools.shared.rerun import Comparison
+from tools.shared.subject import Subject
 
 _KINDS = {
     State.MONITORING: "good",
@@ -37,6 +38,7 @@ _VERDICTS = {VerdictKind.OK: "good", VerdictKind.FAULT: "bad", VerdictKind.NOT_V
 
 def write_recording_page(
     path: Path,
+    subject: Subject,
     name: str,
     trace: Trace,
     report: LineReport,
@@ -47,8 +49,10 @@ def write_recording_page(
     """Raises ConfigurationError where it cannot be written."""
     verdict = report.verdict
     fault = f" · {verdict.fault}" if verdict.fault else ""
+    title = f"SPOILED: {name}" if subject.spoiled else name
     parts = [
-        f"<h1>{html.escape(name)}</h1>",
+        f"<h1>{html.escape(title)}</h1>",
+        *([text(subject.spoiled, "bad")] if subject.spoiled else []),
         text(f"{verdict.kind.value}{fault}: {verdict.reason}", f"verdict {_VERDICTS[verdict.kind]}"),
         text(
             f"{report.frames} pictures, {report.poses} poses, {report.paired} paired; {trace.duration_s:.1f} s", "note"
@@ -69,13 +73,14 @@ def write_recording_page(
     ]
     if trace.first is not None:
         parts.append(section("First picture", _first(*trace.first)))
-    write_page(path, f"probewatch: {name}", parts)
+    parts.append(section("What this is of", table(("", ""), subject.rows())))
+    write_page(path, f"probewatch: {title}", parts)
 
 
 def _states(changes: Sequence[Change], duration_s: float) -> str:
     plot = Plot((0, max(duration_s, 1e-3)), (0, 1), "s", "", height=90)
-    ends = [*(change.t_s for change in changes[1:]), duration_s]
-    for change, end_s in zip(changes, ends, strict=True):
+    ends_s = [*(change.t_s for change in changes[1:]), duration_s]
+    for change, end_s in zip(changes, ends_s, strict=False):  # nothing to judge, no change, and no end
         kind = _KINDS.get(change.state, "wait")
         plot.block(change.t_s, end_s, 0.05, 0.95, kind, f"{change.t_s:.1f} s {change.state.value}: {change.reason}")
     rows = [(f"{change.t_s:.2f}", change.state.value, change.fault or "–", change.reason) for change in changes]

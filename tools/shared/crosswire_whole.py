@@ -17,7 +17,8 @@ from appliance.storage.calibration_file import read_calibration
 from appliance.types import Calibration
 from tools.shared.crosswire_input import ScanInput
 from tools.shared.crosswire_review import parameter_table, view_table
-from tools.shared.sign_off import SignOff, file_sha256, whole_record
+from tools.shared.digest import file_sha256
+from tools.shared.sign_off import SignOff, whole_record
 
 _STATED_LATENCY_S = 0.005
 """Standard deviation of a latency that the user states: as `probewatch latency` finds it. Not varied."""

@@ -1,6 +1,5 @@
 """What the sequential test made of a recording of healthy scanning, block by block; what is not healthy is refused."""
 
-import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -86,15 +85,6 @@ def heard_in_series(series: Series, limits: Limits, stale_ns: int) -> tuple[Hear
             heard.take(step.verdicts, rerun.line.nats)
     simulated = any(box.begun.simulated for box in series.boxes)
     return heard, simulated or any(order.reference.simulated for order in rerun.orders)
-
-
-def sha256_of(path: Path) -> str:
-    """Of a file's content, in hexadecimal. Raises RecordingError."""
-    try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise RecordingError(f"cannot be read ({error.strerror})", str(path), "Check the path and its rights") from None
 
 
 def _line(reference: Calibration, limits: Limits, stale_ns: int) -> Line:

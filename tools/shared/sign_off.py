@@ -1,22 +1,17 @@
 """The record that a calibration carries: who made it and of what, who signed it, and until when it holds."""
 
 import getpass
-import hashlib
 import json
 import os
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 
 from appliance.crosswire.running import Running
 from appliance.types import PARAMETERS
 from drivers.errors import ConfigurationError
-
-_PIECE_BYTES = 1 << 20
-"""Read at once of a recording, whose hash is taken; any size does."""
 
 
 def user() -> str:
@@ -25,15 +20,6 @@ def user() -> str:
         return getpass.getuser()
     except (OSError, KeyError):
         return f"uid {os.getuid()}"
-
-
-def file_sha256(path: Path) -> str:
-    """Of a file of any size. Raises OSError."""
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while piece := stream.read(_PIECE_BYTES):
-            digest.update(piece)
-    return digest.hexdigest()
 
 
 @dataclass(frozen=True, slots=True)

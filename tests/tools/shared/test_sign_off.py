@@ -7,7 +7,8 @@ import pytest
 from appliance.crosswire.running import RunningCalibration
 from drivers.errors import ConfigurationError
 from tests.support.crossings import SIZE_PX, guided_views
-from tools.shared.sign_off import SignOff, file_sha256, whole_record
+from tools.shared.digest import file_sha256
+from tools.shared.sign_off import SignOff, whole_record
 
 
 def test_nobody_signs_what_they_made() -> None:

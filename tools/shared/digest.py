@@ -1,0 +1,15 @@
+"""The SHA-256 of a file, by which a report says of which one it speaks."""
+
+import hashlib
+from pathlib import Path
+
+from drivers.errors import RecordingError
+
+
+def file_sha256(path: Path) -> str:
+    """Of a file of any size, in hexadecimal. Raises RecordingError."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordingError(f"cannot be read ({error.strerror})", str(path), "Check the path and its rights") from None
