@@ -47,6 +47,7 @@ measured."""
 
 _CHANNELS = "ElementNumberOfChannels"
 _TO_GREY = {3: cv2.COLOR_RGB2GRAY, 4: cv2.COLOR_RGBA2GRAY}
+"""Channels → conversion, by the weights of Rec. 601 as the live path has them (`drivers.openigtlink.image`)."""
 FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
 
