@@ -22,7 +22,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from drivers.errors import ProbewatchError
-from drivers.printable import printable_value
+from drivers.printable import printable, printable_value
 from tools.page.alarms import LastAlarms
 from tools.page.connection import EVENTS, MOST_LISTENERS
 from tools.page.pictures import Pictures, jpeg
@@ -227,6 +227,11 @@ class _Counted(StreamingResponse):
             self._ended()
 
 
+_USUAL_PORTS = {"http": "80", "https": "443"}
+_NAMED = 100
+"""Characters of a header that a refusal repeats."""
+
+
 class Guard:
     """Refuses whoever calls the page by a foreign name (so that no other site's page can), and what another origin
     sends; every answer forbids the browser what the page does not need.
@@ -250,9 +255,20 @@ class Guard:
         if called(host) not in self._hosts:
             return "this page is not called by that name; --host allows another"
         origin = headers.get("origin")
-        if method == "POST" and (origin is None or origin.partition("://")[2] != host):
-            return "the request comes from another page"
+        if method == "POST" and not _is_own(origin, host):
+            told = "none" if origin is None else printable(origin, _NAMED)
+            compared = f"Origin {told}, Host {printable(host, _NAMED)}"
+            return f"the request comes from another page: {compared}; a proxy must pass on Host as the browser sends it"
         return ""
+
+
+def _is_own(origin: str | None, host: str) -> bool:
+    """Whether a browser that calls the page by that Host is on a page of it; a port that goes without saying may be
+    said.
+    """
+    scheme, _, place = (origin or "").lower().partition("://")
+    port = f":{_USUAL_PORTS.get(scheme, '')}"
+    return bool(place) and place.removesuffix(port) == host.lower().removesuffix(port)
 
 
 def _guarded(send: Send) -> Callable[[Message], Awaitable[None]]:

@@ -116,8 +116,29 @@ def test_no_other_page_may_ask(web: WebPage, headers: dict[str, str], status: in
 def test_a_page_of_no_origin_may_not_ask(web: WebPage) -> None:
     link = http.client.HTTPConnection(web.address, timeout=10)
     link.request("POST", "/token", b'{"token": "x"}', {"Host": web.address})
-    assert Answer(link).status == 403
+    answer = Answer(link)
+    assert (answer.status, "Origin none, Host 127" in answer.json["error"]) == (403, True)
     link.close()
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "own"),
+    [
+        ("localhost", "http://localhost:80", True),
+        ("localhost:443", "https://localhost", True),
+        ("localhost:8443", "https://LOCALHOST:8443", True),
+        ("localhost", "https://localhost:8443", False),
+        ("localhost:443", "http://localhost", False),
+        ("localhost", "null", False),
+        ("localhost", "https://", False),
+        ("localhost", "localhost", False),
+    ],
+)
+def test_behind_a_proxy_the_name_must_be_the_browsers(web: WebPage, host: str, origin: str, own: bool) -> None:
+    """As nginx passes it on with $http_host; what was compared is said, as with $host, which loses the port."""
+    said = asked(web, "POST", "/token", {"token": "x"}, Host=host, Origin=origin).json["error"]
+    assert ("the token is wrong" in said) is own, said
+    assert (f"Origin {origin}, Host {host}; a proxy must pass on Host" in said) is not own, said
 
 
 @pytest.mark.parametrize("host", ["evil.example", "[::1]evil.example", "[::1]:80x", "localhost:80:x", "::1", "", "[]"])
