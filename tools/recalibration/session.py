@@ -21,6 +21,7 @@ from appliance.service.control.server import ControlRefused
 from appliance.service.feed.message import FeedMessage, Lost, Ordered, Taken
 from appliance.types import Calibration, State
 from drivers.errors import ProbewatchError
+from drivers.files.atomic_file import check_writable
 from drivers.printable import printable
 from tools.recalibration.held_service import ANSWER_S, Asked, HeldService
 from tools.recalibration.paperwork import LONGEST_WORDS, Begin, Signature, checked, sign_off, signed, write_signed
@@ -167,7 +168,7 @@ class ScanSession:
             return known[index] if 0 <= index < len(known) else None
 
     def begin(self, begin: Begin) -> None:
-        """Ask the service to recalibrate, and scan."""
+        """Ask the service to recalibrate, and scan. Raises ConfigurationError where no file could be written."""
         with self._lock:
             if self._phase in _OPEN:
                 who = "" if self._begin is None else self._begin.technician
@@ -175,6 +176,7 @@ class ScanSession:
                     f"{who} recalibrates already", "recalibration", "Look on, or have it rejected first"
                 )
             begin = checked(begin)
+            check_writable(self._folder / "calibration")  # now, and not once the scan is signed
             self._told = self._watch.seen().status or {}
             self._service.grasp()
             self._latency = LatencyStep() if begin.latency else None

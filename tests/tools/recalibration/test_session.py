@@ -87,6 +87,15 @@ def test_nothing_is_scanned_before_the_service_has_agreed(bench: Bench) -> None:
     assert bench.session.phase is Phase.IDLE
 
 
+def test_a_folder_that_cannot_take_the_calibration_is_told_before_the_scan(tmp_path: Path) -> None:
+    with ExitStack() as running:
+        bench = Bench(tmp_path, running)
+        bench.session._folder = tmp_path / "gone"
+        with pytest.raises(ConfigurationError, match="its folder does not exist, or may not be written to"):
+            bench.session.begin(CHOSEN)
+        assert (bench.session.phase, bench.service.asked) == (Phase.IDLE, [])
+
+
 @pytest.mark.parametrize(
     "chosen",
     [Begin("", "d", "t"), Begin("p", "  ", "t"), Begin("p", "d", ""), Begin("p", "d", "t", wanted="half")],
