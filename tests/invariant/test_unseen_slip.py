@@ -13,6 +13,8 @@ POSE_S = 1 / 60
 PLANE = rigid(rotation_from_vector(np.deg2rad([0.0, 7.0, 0.0])), np.array([0.0, 0.0, 9.0]))
 BENT_ACROSS = Change("bent by 7° about axial and slid by 9 mm across", inverse(X_REFERENCE) @ PLANE @ X_REFERENCE)
 """Nothing in the plane, where motion and the watch for slow slips would see it soon."""
+_HALF = rigid(rotation_from_vector(np.deg2rad([0.0, 3.5, 0.0])), np.array([0.0, 0.0, 4.5]))
+HALF_ACROSS = Change("half of that", inverse(X_REFERENCE) @ _HALF @ X_REFERENCE)
 
 
 @pytest.mark.thorough
@@ -67,3 +69,17 @@ def test_the_contact_opens_on_a_slip_between_two_readings_of_a_slow_tracker(ever
     assert cart.closed
     cart.change(BENT_ACROSS)
     assert cart.run(0.1 + 3 * every_ms / 1000, until=lambda: not cart.closed), cart.told()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("moving", [False, True])
+def test_the_contact_opens_on_a_slip_in_two_steps_one_reading_apart(moving: bool) -> None:
+    """At 20 poses a second, as a clamp gives way within 50 ms: the second step hid the first."""
+    cart = verified_cart(1, pose_ms=50.0)
+    cart.meet(moving=moving)
+    cart.run(2.0)
+    assert cart.closed
+    cart.change(HALF_ACROSS)
+    cart.run(0.05)
+    cart.change(BENT_ACROSS)
+    assert cart.run(0.4, until=lambda: not cart.closed), cart.told()

@@ -64,12 +64,13 @@ def fit_leap(t_s: Array, path: Array, after: int, floor: Array) -> Leap | None:
     return Leap(found[0], noise * float(np.linalg.norm(inverse[0])), left.max(axis=0), noise)
 
 
-def around_step(t_ns: Array, after: int, within_ns: int) -> list[int]:
-    """Four readings: those before and at a step, and those so long before and last after it by which the velocity there
-    is known; the first two are one where nothing lies before.
+def around_step(t_ns: Array, after: int, to: int, within_ns: int) -> list[int]:
+    """Four readings: those before and at the end of a step, and those so long before and after it by which the velocity
+    there is known; the first two are one where nothing lies before.
     """
     first = int(np.searchsorted(t_ns, t_ns[after - 1] - within_ns, side="right")) - 1
-    return [min(max(first, 0), after - 1), after - 1, after, t_ns.size - 1]
+    last = int(np.searchsorted(t_ns, t_ns[to] + within_ns))
+    return [min(max(first, 0), after - 1), after - 1, to, min(max(last, to + 1), t_ns.size - 1)]
 
 
 def uneven_step(t_s: Array, path: Array) -> Array:

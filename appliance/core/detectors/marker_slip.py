@@ -56,7 +56,9 @@ _FLOOR = np.repeat([0.03, np.deg2rad(0.01)], 3)
 """mm and rad: least scatter of a reading, as of the best optical trackers. Less trusts a window that happens to fit."""
 _PIECES, _ON_ITS_WAY_NS = 3, 35_000_000
 """Readings, and time, that may lie on the way: a clamp that gives way is through in 50 ms. More takes a quick hand for
-it."""
+it. One reading may in any case: of a slow tracker two steps in a row were none."""
+_LEAST_AFTER = 3
+"""Readings from the leap on, before it is given up: one on the way, and two that tell where the hand goes then."""
 _USUAL, _MEMORY_S = 2.5, 1.0
 """How many times the usual difference from a steady course is odd, and for how long differences count as usual. Less
 spends a fit on every reading of a tracker of .25 mm, more hides slips at 20 Hz in a lively hand."""
@@ -194,7 +196,9 @@ class MarkerSlip(Detector):
         if leapt_ns is None or t_ns - leapt_ns < _STAYS_NS:
             return False
         leapt = self._conclude(leapt_ns)
-        if odd and not leapt:
+        if not leapt and self._track[-_LEAST_AFTER][0] < leapt_ns:
+            self._leapt_ns = leapt_ns
+        elif odd and not leapt:
             self._leapt_ns, self._before_ns = t_ns, before_ns
         return leapt
 
@@ -247,19 +251,23 @@ class MarkerSlip(Detector):
         return True
 
     def _stole_away(self, t_ns: Array, path: Array, after: int) -> bool:
-        """Whether the body went beyond a limit in the step to that reading, unseen, where too few readings before it
-        tell what the hand did.
+        """Whether the body went beyond a limit in the step to that reading or in two, unseen, where too few readings
+        before it tell what the hand did.
         """
         if after > _LEAST_STEPS and self._smooth(t_ns):
             return False
-        nodes = around_step(t_ns, after, _STAYS_NS)
-        leap = uneven_step(t_ns[nodes], path[nodes])
-        if not self._spoils(leap):
-            return False
-        unseen = self._unseen(leap, int(t_ns[after - 1]), int(t_ns[after]), t_ns[nodes])
-        stole = unseen is None or self._spoils(unseen)
-        self._leave(after if stole else 0)
-        return stole
+        for to in (after, after + 1):
+            if to > after and t_ns[to] - t_ns[after - 1] > MOST_APART_NS:
+                break
+            nodes = around_step(t_ns, after, to, _STAYS_NS)
+            leap = uneven_step(t_ns[nodes], path[nodes])
+            if not self._spoils(leap):
+                continue
+            unseen = self._unseen(leap, int(t_ns[after - 1]), int(t_ns[to]), t_ns[nodes])
+            if unseen is None or self._spoils(unseen):
+                self._leave(to)
+                return True
+        return False
 
     def _falls_back(self, base: Matrix4, t_ns: Array, path: Array, after: int, found: Leap) -> bool:
         """Whether the readings from the leap on repeat those of before it."""
@@ -287,7 +295,7 @@ class MarkerSlip(Detector):
         smooth = self._smooth(t_ns)
         for pieces in range(_PIECES):
             kept = np.r_[:after, after + pieces : t_ns.size]
-            if pieces and t_ns[after + pieces] - t_ns[after] > _ON_ITS_WAY_NS:
+            if pieces > 1 and (after + pieces >= t_ns.size or t_ns[after + pieces] - t_ns[after] > _ON_ITS_WAY_NS):
                 break
             found = fit_leap(t_ns[kept] / 1e9, path[kept], after, _FLOOR)
             if found is None or found.certain < _CERTAIN or not found.clean:

@@ -111,6 +111,7 @@ class PictureChain(Detector):
         self._just_changed = False
         self._polarity = (1, 1)
         self._log_zoom = np.zeros(2)
+        self._covered_ns: int | None = None
         self.linked = self._direct = False
 
     def see(self, seen: Observation) -> bool:
@@ -124,8 +125,10 @@ class PictureChain(Detector):
         self.linked = self._direct = False
         known, self._just_changed = self._followed >= _CALM_FRAMES or self._just_changed, False
         if last is None or not 0 < view.t_ns - last.t_ns <= self._most_ns:
+            carried_on = self._covered_ns is not None and 0 < view.t_ns - self._covered_ns <= self._most_ns
             self._begin(view)
-            return None
+            # Pictures covered in part counted as sight meanwhile, and whoever saw them has given nothing up.
+            return PictureChange() if carried_on else None
         own = self._own_course(seen, view, last) if direct else None
         if own is not None and self._goes_on(own, view, last):
             self._go_on(view, last, own)
@@ -170,6 +173,7 @@ class PictureChain(Detector):
     def _begin(self, view: _View) -> None:
         """Another chain, of which nothing is known; a picture without anything in it begins none."""
         self._followed = self._searches = self._covered = 0
+        self._covered_ns = None
         self._earlier.clear()
         self._likenesses.clear()
         self._magnification.restart()
@@ -184,7 +188,7 @@ class PictureChain(Detector):
             self._course = own
             self._likenesses.append(self._newest)
             self._magnification.step(view.t_ns, view.small, own.after(view.t_ns - last.t_ns, last.small.shape[1]))
-        self._last = view
+        self._last, self._covered_ns = view, None
         self.linked = self._direct = True
         self._followed += 1
         self._searches = self._covered = 0
@@ -283,6 +287,7 @@ class PictureChain(Detector):
             self._go_on(view, last, own)
         else:
             self.linked = link.covered
+            self._covered_ns = view.t_ns if link.covered else self._covered_ns
 
     def _swept_past(self, view: _View, last: _View) -> bool:
         """Whether the hand went out of the plane so fast that no tissue can be in both."""

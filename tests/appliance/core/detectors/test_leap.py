@@ -30,5 +30,5 @@ def test_without_a_reading_before_the_velocity_is_that_after() -> None:
 
 def test_velocities_are_of_readings_a_tenth_of_a_second_apart_where_there_are_such() -> None:
     t_ns = np.array([0, 17, 34, 51, 68, 85, 102, 119, 300, 317, 400]) * 1_000_000
-    assert around_step(t_ns, 8, 100_000_000) == [1, 7, 8, 10]
-    assert around_step(t_ns[7:], 1, 100_000_000) == [0, 0, 1, 3]
+    assert around_step(t_ns, 8, 8, 100_000_000) == [1, 7, 8, 10]
+    assert around_step(t_ns[7:], 1, 2, 100_000_000) == [0, 0, 2, 3]
