@@ -39,6 +39,7 @@ def _schedule(pids: list[int], policy: int) -> None:
             _schedule([int(child) for child in (task / "children").read_text().split()], policy)
 
 
+@pytest.mark.slow
 def test_a_demo_whose_cart_gets_no_time_says_so_and_names_no_fault_for_it() -> None:
     command = [str(PROBEWATCH), "demo", "--fault", "flip-lateral@19"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as demo:
