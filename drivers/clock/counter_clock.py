@@ -94,10 +94,6 @@ keeps a wide one for longer after a clock that did stand still. From then on the
 one, which cannot be seen from here.
 """
 
-_WIDEST_NS = 3_600_000_000_000
-"""Most that is stated, an hour: a clock that leaps by centuries would make it more than 64 bits hold. Nothing is known
-of a time with a bound of seconds."""
-
 _BOUND_FLOOR_NS = 150_000.0
 """Least bound without requests: for what waking up and reading the clock add to every arrival alike, which no spread
 shows. More says less than is known. Not measured on a cart."""
@@ -312,8 +308,7 @@ class DeviceClock:
         """The same with a bound to its arrival, which is the truth if the device's clock stood still, and as far back
         as its time has leapt.
         """
-        reach_ns = max(stamp.err_ns, arrival_ns - stamp.t_ns, round(self._leapt_most_ns))
-        return Stamp(stamp.t_ns, min(reach_ns, _WIDEST_NS))
+        return Stamp(stamp.t_ns, max(stamp.err_ns, arrival_ns - stamp.t_ns, round(self._leapt_most_ns)))
 
     def _later_than_usual_ns(self, device_ns: int, arrival_ns: int) -> float:
         device_ns -= self._zero_ns
@@ -390,7 +385,7 @@ class DeviceClock:
         self._last_t_ns = min(max(raw_ns, self._last_t_ns), arrival_ns)
         bound_ns, bracket_ns = self._bound_ns() + self._shortest_ns, self._bracket_ns() + _BRACKET_FLOOR_NS
         bound_ns = min(bound_ns, bracket_ns) if self._floors else bound_ns + self._doubted_ns(arrival_ns)
-        return Stamp(self._last_t_ns, min(round(bound_ns) + abs(self._last_t_ns - raw_ns), _WIDEST_NS))
+        return Stamp(self._last_t_ns, round(bound_ns) + abs(self._last_t_ns - raw_ns))
 
     def _bound_ns(self) -> float:
         """How far the line may lie above the truth, and how that grows with the distance from the two readings that
