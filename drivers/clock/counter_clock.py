@@ -7,9 +7,7 @@ not contain was not there yet when its request was sent. The constant part of th
 subtract what is known of it, the transfer time of the reply, from `arrival_ns`.
 
 Where readings come later from some moment on, the device's clock has stood still, or they take longer: without requests
-nobody can tell. The line starts again along the later readings, and the bound reaches back to where it was before. The
-clock may step at that moment as well; then only the order of the measurements is known, and how often they come, so the
-bound reaches back to a usual period after the last one before.
+nobody can tell. The line starts again along the later readings, and the bound reaches back to where it was before.
 """
 
 import math
@@ -77,15 +75,6 @@ _LATE_FOR_NS = 250_000_000
 """How long readings that come later than that are taken for held up, in a process that stood still or on a line,
 before the device's clock is taken to have stood still. What was held up comes in one burst; less restarts while a burst
 is still being read, more leaves a device that paused without usable times for longer. Not measured on devices."""
-
-_STEPS = 15
-"""Newest steps of the device's time whose median is the usual one: a quarter of a second at 60 Hz. Fewer follow single
-gaps, more take longer to follow a change of the rate. Not varied."""
-
-_VARY = 4.0
-"""Median deviations of a step, by which the place of a measurement between its neighbours is doubted: 2.7 standard
-deviations, where steps are normal. More widens the bound after a step of the clock, less leaves out some measurements.
-"""
 
 _DOUBTED_NS = 120_000_000_000
 """How long the bound reaches back to the line before, where readings came later all at once and none has come as early
@@ -173,8 +162,6 @@ class DeviceClock:
         self._shortest_ns = 0
         self._before: _Line | None = None
         self._doubted_until_ns, self._came_back = 0, False
-        self._steps_ns: deque[int] = deque(maxlen=_STEPS)
-        self._told_ns, self._leapt_ns = 0, 0.0
         self._begin(0, 0)
 
     def stamp(
@@ -187,7 +174,6 @@ class DeviceClock:
         that is not known. asked_ns: when the request went out that it answers; the shortest time from there to the
         arrival is how much of a delay may be common to all readings, taken as 0 where that is not known.
         """
-        self._note_step(device_ns)
         if self._count == 0:
             self._begin(device_ns, arrival_ns)
         elif self._jumped(device_ns, arrival_ns):
@@ -203,12 +189,7 @@ class DeviceClock:
             self._add_floor(_Reading(self._device_ns, late_ns - (arrival_ns - absent_ns)), arrival_ns)
         stamp = self._estimate(arrival_ns)
         late_ns = arrival_ns - stamp.t_ns
-        return stamp if self._floors or late_ns < _FIRST_BOUND_NS else self._reaching(stamp, arrival_ns)
-
-    @property
-    def doubts(self) -> bool:
-        """The bound reaches back to a line before the last start."""
-        return self._before is not None
+        return stamp if self._floors or late_ns < _FIRST_BOUND_NS else _reaching(stamp, arrival_ns)
 
     @property
     def usual_delay_ns(self) -> int:
@@ -219,44 +200,24 @@ class DeviceClock:
         """
         return round(statistics.median(self._recent)) if self._recent else 0
 
-    def _note_step(self, device_ns: int) -> None:
-        """By how much more the device's time has passed since the last reading near the line than usual steps make."""
-        step_ns, self._told_ns = device_ns - self._told_ns, device_ns
-        if not self._count:
-            return
-        usual_ns, vary_ns = self._usual_step_ns()
-        if not 0 <= step_ns - usual_ns <= vary_ns:
-            self._leapt_ns += step_ns - usual_ns if step_ns < 0 else max(step_ns - usual_ns, 0.0)
-        if step_ns > 0:
-            self._steps_ns.append(step_ns)
-
-    @property
-    def _leapt_most_ns(self) -> float:
-        return self._leapt_ns + self._usual_step_ns()[1]
-
-    def _usual_step_ns(self) -> tuple[float, float]:
-        """The step, and how much longer it may be."""
-        if not self._steps_ns:
-            return 0.0, 0.0
-        usual_ns = statistics.median(self._steps_ns)
-        return usual_ns, _VARY * statistics.median(abs(step_ns - usual_ns) for step_ns in self._steps_ns)
-
     def _restart(self, device_ns: int, arrival_ns: int) -> None:
         self._remember(device_ns, arrival_ns)
         self.restarts += 1
         self._begin(device_ns, arrival_ns)
 
     def _remember(self, device_ns: int, arrival_ns: int) -> None:
-        """Which line may still be true. A reading that comes later does not tell why, and time that leaps, not by how
-        much: the measurement may be a usual step after the one before.
+        """Which line may still be true. A reading that comes later does not tell why; time that runs back, or further
+        ahead than the lateness there was, is a step of the clock, which leaves that lateness in doubt.
         """
         late_ns = self._later_than_usual_ns(device_ns, arrival_ns)
-        stepped = late_ns <= 0 or device_ns - self._zero_ns < self._device_ns
+        went_back = device_ns - self._zero_ns < self._device_ns
         self._came_back = late_ns <= 0
-        level_ns = self._origin_ns + self._level_ns
-        before = self._before or _Line(self._zero_ns, level_ns, self._slope, self._skew, arrival_ns)
-        leapt_ns = self._leapt_most_ns if stepped else max(self._leapt_most_ns, 0.0)
-        self._before, self._doubted_until_ns = before.moved(-leapt_ns), arrival_ns + _DOUBTED_NS
+        if late_ns > 0 and not went_back:
+            level_ns = self._origin_ns + self._level_ns
+            self._before = self._before or _Line(self._zero_ns, level_ns, self._slope, self._skew, arrival_ns)
+            self._doubted_until_ns = arrival_ns + _DOUBTED_NS
+        elif self._before is not None and (went_back or -late_ns > self._doubted_ns(arrival_ns) + _FIRST_BOUND_NS):
+            self._before = self._before.moved(late_ns - max(self._recent, default=0.0))  # as late as any other, at most
 
     def _doubted_ns(self, arrival_ns: int) -> float:
         """How far the line lies above the one before, which may still be true."""
@@ -281,7 +242,6 @@ class DeviceClock:
         self._edge_ns = (0.0, float(_BIN_NS))
         self._doubt_ns = _FIRST_BOUND_NS
         self._held_up_ns: int | None = None
-        self._leapt_ns = 0.0
 
     def _jumped(self, device_ns: int, arrival_ns: int) -> bool:
         """The device's clock moved back, or by a time that the host's clock did not see pass, or it stood still."""
@@ -300,15 +260,9 @@ class DeviceClock:
         return True
 
     def _held_up_estimate(self, device_ns: int, arrival_ns: int) -> Stamp:
-        """By the line, which is none the wiser for it."""
+        """By the line. The bound reaches to the arrival: that is the truth if the device's clock stood still."""
         self._device_ns = float(device_ns - self._zero_ns)
-        return self._reaching(self._estimate(arrival_ns), arrival_ns)
-
-    def _reaching(self, stamp: Stamp, arrival_ns: int) -> Stamp:
-        """The same with a bound to its arrival, which is the truth if the device's clock stood still, and as far back
-        as its time has leapt.
-        """
-        return Stamp(stamp.t_ns, max(stamp.err_ns, arrival_ns - stamp.t_ns, round(self._leapt_most_ns)))
+        return _reaching(self._estimate(arrival_ns), arrival_ns)
 
     def _later_than_usual_ns(self, device_ns: int, arrival_ns: int) -> float:
         device_ns -= self._zero_ns
@@ -326,10 +280,7 @@ class DeviceClock:
         self._count += 1
         if self._keep_lowest(reading):
             self._fit()
-        late_ns = reading.late_ns - self._line(reading.device_ns)
-        self._recent.append(late_ns)
-        if late_ns <= _LATE_NS:
-            self._leapt_ns = 0.0
+        self._recent.append(reading.late_ns - self._line(reading.device_ns))
 
     def _add_floor(self, floor: _Reading, arrival_ns: int) -> None:
         """The truth lies above. A line far below has been left behind by a step of the device's clock."""
@@ -447,6 +398,11 @@ def counter_rate_hz(counters: Sequence[int], arrivals_ns: Sequence[int]) -> floa
     """
     slope_ns = statistics.linear_regression(counters, [t_ns - arrivals_ns[0] for t_ns in arrivals_ns]).slope
     return 1e9 / slope_ns
+
+
+def _reaching(stamp: Stamp, arrival_ns: int) -> Stamp:
+    """The same with a bound to its arrival, which is the truth if the device's clock stood still."""
+    return Stamp(stamp.t_ns, max(stamp.err_ns, arrival_ns - stamp.t_ns))
 
 
 def _doubt_ns(lateness_ns: list[float]) -> float:

