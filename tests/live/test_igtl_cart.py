@@ -144,7 +144,6 @@ def test_slow_clients_of_the_state_delay_nobody(closed: Cart, state_server: int)
     print(f"late ticks: {closed.status()['counters']['late_ticks'] - before}")
 
 
-@pytest.mark.slow
 def test_the_demo_finds_every_fault_behind_a_server(folder: Path, tmp_path: Path) -> None:  # noqa: F811
     """The real line; the same script as of the demo without a server, which another test runs. Half as fast: a server
     more is more than two slow processors can do.
