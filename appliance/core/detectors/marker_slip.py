@@ -257,7 +257,7 @@ class MarkerSlip(Detector):
         if after > _LEAST_STEPS and self._smooth(t_ns):
             return False
         for to in (after, after + 1):
-            if to > after and t_ns[to] - t_ns[after - 1] > MOST_APART_NS:
+            if to + 1 == t_ns.size or (to > after and t_ns[to] - t_ns[after - 1] > MOST_APART_NS):
                 break
             nodes = around_step(t_ns, after, to, _STAYS_NS)
             leap = uneven_step(t_ns[nodes], path[nodes])
@@ -322,10 +322,7 @@ class MarkerSlip(Detector):
 
     def _spoils(self, size: Array) -> bool:
         """Whether a leap of the picture plane (6,) alone would bring the body beyond a limit."""
-        return self._beyond(self._of_body(size))
-
-    def _beyond(self, step: Matrix4) -> bool:
-        moved_mm, turned_rad = _extent(step)
+        moved_mm, turned_rad = _extent(self._of_body(size))
         return moved_mm > self._limits.offset_mm or turned_rad > np.deg2rad(self._limits.rotation_deg)
 
     def _of_body(self, size: Array) -> Matrix4:

@@ -237,6 +237,13 @@ def test_readings_five_times_a_second_are_too_few_to_doubt_a_hand() -> None:
     assert Cart(gesture, hz=5.0).go(30.0).doubts == []
 
 
+@pytest.mark.parametrize("hz", [5.0, 8.0, 9.0])
+def test_a_step_to_the_last_reading_is_not_weighed_as_nothing_lies_behind_it(hz: float) -> None:
+    """Two readings of a slow tracker: no velocity is known after the second."""
+    with np.errstate(all="raise"):
+        assert Cart(gesture, hz=hz).go(6.0).go(8.0, slid(2, 9.0)).doubts
+
+
 def test_small_leaps_add_up() -> None:
     cart = Cart().go(1.0).go(2.0, slid(0, 2.2))
     assert cart.faults == []
