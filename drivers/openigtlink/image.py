@@ -8,11 +8,11 @@ together, in the byte order that it names. Source: as of drivers.openigtlink.mes
 import struct
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from drivers.errors import ProtocolError
 from drivers.samples import GreyImage
+from drivers.video.grey import CHANNELS, grey_of
 
 _LAYOUT = struct.Struct(">HBBBB3H12f3H3H")
 _SCALARS = {2: "i1", 3: "u1", 4: "i2", 5: "u2", 6: "i4", 7: "u4", 10: "f4", 11: "f8"}
@@ -21,7 +21,6 @@ _GREY = 3
 """Scalar type of 8 bits without sign, which needs no conversion."""
 _ORDERS = {1: ">", 2: "<"}
 """Byte order of the pixels, by the specification."""
-_TO_GREY = {3: cv2.COLOR_RGB2GRAY, 4: cv2.COLOR_RGBA2GRAY}
 """Number of components → OpenCV's weights of red, green and blue (ITU-R BT.601)."""
 
 Size = tuple[int, int, int]
@@ -79,7 +78,7 @@ def grey_picture(image: Image, levels: Levels | None) -> GreyImage:
         raise ValueError(f"sends volumes of {_sides(image.size)} instead of pictures. Name its picture by image=")
     if image.part != image.size:
         raise ValueError(f"sends parts of {_sides(image.part or image.size)} px. Have it send whole pictures")
-    if image.components not in (1, 3, 4):
+    if image.components not in CHANNELS:
         raise ValueError(f"sends {image.components} components a pixel. Have it send grey, RGB or RGBA")
     if image.scalar != _GREY and levels is None:
         kind = np.dtype(_SCALARS[image.scalar]).name
@@ -87,9 +86,7 @@ def grey_picture(image: Image, levels: Levels | None) -> GreyImage:
     pixels = np.frombuffer(image.data, np.dtype(_ORDERS[image.order] + _SCALARS[image.scalar]))
     pixels = pixels.reshape((rows, columns, image.components))
     shown = _spread(pixels, levels) if levels is not None else pixels.astype(np.uint8, copy=False)
-    if image.components == 1:
-        return np.asarray(shown[:, :, 0], np.uint8)
-    return np.asarray(cv2.cvtColor(shown, _TO_GREY[image.components]), np.uint8)
+    return grey_of(shown)
 
 
 def _spread(pixels: np.ndarray, levels: Levels) -> GreyImage:

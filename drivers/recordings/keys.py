@@ -14,6 +14,7 @@ NAMES: Mapping[str, tuple[str, ...]] = {
 }
 """Field → its names; the second is PLUS's in NRRD (vtkPlusSequenceIO). We write both there."""
 _TIMES = re.compile(r"axis ([0-9]+) index values")
+"""3D Slicer's key for the times of a sequence, s, all in one line."""
 _FROM = (0, 1)
 """Numbers of the first frame: PLUS and 3D Slicer count from 0, MATLAB scripts from 1."""
 

@@ -16,7 +16,6 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import BinaryIO
 
-import cv2
 import numpy as np
 
 from drivers.errors import RecordingError
@@ -28,6 +27,7 @@ from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, ORIENTATION, from_
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 from drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
 from drivers.video.crop import FLIPS
+from drivers.video.grey import CHANNELS, grey_of
 
 MAX_LINE_BYTES = 65_536
 """Of the header; lines of PLUS take some hundred. More reads on in a file that has no lines, and is no header."""
@@ -46,8 +46,6 @@ BLOCK_BYTES = 262_144
 measured."""
 
 _CHANNELS = "ElementNumberOfChannels"
-_TO_GREY = {3: cv2.COLOR_RGB2GRAY, 4: cv2.COLOR_RGBA2GRAY}
-"""Channels → conversion, by the weights of Rec. 601 as the live path has them (`drivers.openigtlink.image`)."""
 FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
 
@@ -126,14 +124,8 @@ class MetaImage:
         flip_rows, flip_columns = FLIPS[self._orientation]
         rows, columns = slice(None, None, -1 if flip_rows else 1), slice(None, None, -1 if flip_columns else 1)
         for block in self._blocks(width * height * self._channels):
-            stored = np.frombuffer(block, np.uint8)
-            grey = stored.reshape(height, width) if self._channels == 1 else self._grey(stored, height, width)
-            yield np.ascontiguousarray(grey[rows, columns])
-
-    def _grey(self, stored: GreyImage, height: int, width: int) -> GreyImage:
-        """As the live path makes it of a colour picture."""
-        colour = stored.reshape(height, width, self._channels)
-        return np.asarray(cv2.cvtColor(colour, _TO_GREY[self._channels]), np.uint8)
+            stored = np.frombuffer(block, np.uint8).reshape(height, width, self._channels)
+            yield np.ascontiguousarray(grey_of(stored)[rows, columns])
 
     def _entry(self, index: int, name: str) -> tuple[str, str]:
         key = f"Seq_Frame{index:04d}_{name}"
@@ -330,7 +322,7 @@ def _check_pictures(sequence: MetaImage, general: dict[str, str], orientation: s
         value = general.get(key, "" if key == "ElementType" else allowed)
         if value.upper() != allowed.upper():
             raise _refusal(sequence.path, key, f"is {value!r}, not {allowed}", remedy)
-    if sequence._channels not in (1, *_TO_GREY):
+    if sequence._channels not in CHANNELS:
         what = f"is {sequence._channels}, not 1, 3 (RGB) or 4 (RGBA)"
         raise _refusal(sequence.path, _CHANNELS, what, grey)
     named = orientation or general.get(ORIENTATION, "")

@@ -228,6 +228,7 @@ class _Counted(StreamingResponse):
 
 
 _USUAL_PORTS = {"http": "80", "https": "443"}
+"""By scheme: those that a browser leaves out of Origin and Host."""
 _NAMED = 100
 """Characters of a header that a refusal repeats."""
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from appliance.core.quality.gesture import gestures
-from appliance.core.quality.report import Change, LineReport
+from appliance.core.quality.report import Change, LineReport, spells
 from appliance.core.registration.pyramid import Bits
 from appliance.types import PARAMETERS, Check, State, VerdictKind
 from drivers.rigid import Array
@@ -79,8 +79,7 @@ def write_recording_page(
 
 def _states(changes: Sequence[Change], duration_s: float) -> str:
     plot = Plot((0, max(duration_s, 1e-3)), (0, 1), "s", "", height=90)
-    ends_s = [*(change.t_s for change in changes[1:]), duration_s]
-    for change, end_s in zip(changes, ends_s, strict=False):  # nothing to judge, no change, and no end
+    for change, end_s in spells(changes, duration_s):
         kind = _KINDS.get(change.state, "wait")
         plot.block(change.t_s, end_s, 0.05, 0.95, kind, f"{change.t_s:.1f} s {change.state.value}: {change.reason}")
     rows = [(f"{change.t_s:.2f}", change.state.value, change.fault or "–", change.reason) for change in changes]

@@ -9,7 +9,7 @@ import numpy as np
 
 from appliance.core.line import Line
 from appliance.core.parameters import MEASURED, PER_UNIT, limit_of_each
-from appliance.core.quality.report import Change
+from appliance.core.quality.report import Change, spells
 from appliance.limits import Limits
 from appliance.supervision.timeline import Timeline
 from appliance.types import Check, Fault, State, Verdict, VerdictKind
@@ -192,8 +192,7 @@ def _truth(conditions: Conditions, t_s: float) -> np.ndarray[tuple[int], np.dtyp
 
 def _closed(changes: list[Change], end_s: float) -> Iterator[tuple[float, float]]:
     """From when until when the contact was closed, s."""
-    ends_s = [*(change.t_s for change in changes[1:]), end_s]
-    for change, after_s in zip(changes, ends_s, strict=False):  # nothing to judge, no change, and no end
+    for change, after_s in spells(changes, end_s):
         if change.state is State.MONITORING:
             yield change.t_s, after_s
 

@@ -40,8 +40,8 @@ stretched by 6 % all (six sessions of two seconds). Less asks more often, 20 ms 
 _SEARCHES = 3
 """For a flip or a zoom, 40 ms each, after the chain has ended: the first pictures may be black, or half of another."""
 _SEARCHED_PARTS = 7
-"""Of 24, that show anything in both: more than one row. With fewer, wires in water and the bright rows of a probe in
-air, any other few lines look like them mirrored and zoomed (recording NwirePhantomFreehand)."""
+"""Parts of 24 that must show something in both pictures: more than one row. With fewer, wires in water and the bright
+rows of a probe in air, any other few lines look like them mirrored and zoomed (recording NwirePhantomFreehand)."""
 _LEFT_PX = 1.5
 """px of the small picture by which a turn may move its edge before it is made: parts are looked for 1 px beside."""
 _SWEPT_MM, _SWEPT_MM_PER_S = 0.7, 20.0
@@ -127,7 +127,7 @@ class PictureChain(Detector):
         if last is None or not 0 < view.t_ns - last.t_ns <= self._most_ns:
             carried_on = self._covered_ns is not None and 0 < view.t_ns - self._covered_ns <= self._most_ns
             self._begin(view)
-            # Pictures covered in part counted as sight meanwhile, and whoever saw them has given nothing up.
+            # Pictures that are covered in part kept the sight, so that the line has voided nothing by its gap rule.
             return PictureChange() if carried_on else None
         own = self._own_course(seen, view, last) if direct else None
         if own is not None and self._goes_on(own, view, last):

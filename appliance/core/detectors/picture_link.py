@@ -35,7 +35,7 @@ chance, less loses the edges of a picture that the hand has turned."""
 _LEAST_PARTS = 6
 """Of those that show anything in both. Fewer let a corner speak for the picture, more ask for a full field."""
 _LEAST_SHOWN = 2
-"""Of the parts of a picture that can be compared: wires in water are in three or four."""
+"""Parts of a picture that must show something, so that it can be compared: wires in water are in three or four."""
 _ALIKE, _LEAST_ALIKE = 0.4, 0.75
 """Correlation from which a part is alike, and share of such parts from which a picture is the earlier one as a whole.
 1 mm out of the plane left .79 to .96 of the parts alike, 1.3 mm .67 to .88; a mirrored picture had .58 at most, one

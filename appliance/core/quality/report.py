@@ -1,6 +1,6 @@
 """The report on one recording, and its JSON form, which docs/replay-report.md promises to others."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -58,6 +58,12 @@ class Change:
     state: State
     fault: Fault | None
     reason: str
+
+
+def spells(changes: Sequence[Change], end_s: float) -> Iterator[tuple[Change, float]]:
+    """Each change with the time, s, until which the room was in that state; none where there was no change."""
+    ends_s = [*(change.t_s for change in changes[1:]), end_s]
+    return zip(changes, ends_s[: len(changes)], strict=True)
 
 
 def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any]:
