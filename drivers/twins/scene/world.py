@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from drivers.errors import ConfigurationError
 from drivers.samples import GreyImage, Matrix4
 from drivers.twins.faults import ZOOM, spoil_image, zoom
+from drivers.twins.scene.sight import Sight
 from drivers.twins.scene.tissue import PERIOD_MM, Beam, Floats, Renderer, Tissue, grown
 from drivers.twins.scene.trajectory import Trajectory
 from drivers.twins.scene.wires import Clutter, wire_intensity
@@ -130,9 +131,11 @@ class World:
         """(height, width) uint8 seen at t_s; index, >= 0, seeds the electronic noise; active: faults in force."""
         return self.frame_at(self.trajectory.pose(t_s), index, active)
 
-    def frame_at(self, picture_pose: Matrix4, index: int = 0, active: Collection[str] = ()) -> GreyImage:
-        """The picture at a given pose P → C, (4, 4), mm."""
-        grey = self.plain_at(picture_pose, index)
+    def frame_at(
+        self, picture_pose: Matrix4, index: int = 0, active: Collection[str] = (), sight: Sight | None = None
+    ) -> GreyImage:
+        """The picture at a given pose P → C, (4, 4), mm. sight: how it differs from that of rigid tissue."""
+        grey = self.plain_at(picture_pose, index, sight)
         if not self.settings.overlay:
             return spoil_image(grey, active)
         screen, magnified = self._screen, 1.0
@@ -142,20 +145,28 @@ class World:
         grey = spoil_image(grey & screen.sector, {"flip-lateral", "flip-vertical"} & set(active))
         return np.asarray(cv2.max(grey, screen.drawn(magnified)), np.uint8)
 
-    def plain_at(self, picture_pose: Matrix4, index: int) -> GreyImage:
+    def plain_at(self, picture_pose: Matrix4, index: int, sight: Sight | None = None) -> GreyImage:
         """The echoes alone in 255 grey levels, (height, width) uint8: without faults and what the scanner draws."""
-        return self._compressed(*self.echoes_at(picture_pose), index)
+        return self._compressed(*self.echoes_at(picture_pose, sight), index)
 
-    def echoes_at(self, picture_pose: Matrix4) -> tuple[Floats, Floats]:
-        """Real and imaginary echo field, (height, width) float32, before noise, gain and compression."""
+    def echoes_at(self, picture_pose: Matrix4, sight: Sight | None = None) -> tuple[Floats, Floats]:
+        """Real and imaginary echo field, (height, width) float32, before noise, gain and compression. A cross-wire
+        gives way to nothing, so no sight differs there.
+        """
         if self.scene != "cross-wire":
-            return self._renderer.field(self._tissue, picture_pose)
+            return self._tissue_echoes(picture_pose, sight or Sight())
         amplitude = self._wire_echoes(picture_pose)
         if not np.isfinite(self.clutter.haze_db):
             return amplitude, np.zeros_like(amplitude)
         haze = np.float32(10 ** (self.clutter.haze_db / 20))
         real, imaginary = self._renderer.field(self._tissue, picture_pose)
         return amplitude + haze * real, haze * imaginary
+
+    def _tissue_echoes(self, pose: Matrix4, sight: Sight) -> tuple[Floats, Floats]:
+        real, imaginary = self._renderer.field(self._tissue, pose, sight.moved)
+        if sight.gain is not None:
+            real, imaginary = real * sight.gain, imaginary * sight.gain
+        return (real, imaginary) if sight.added is None else (real + sight.added, imaginary)
 
     @cached_property
     def _tissue(self) -> Tissue:

@@ -1,0 +1,145 @@
+"""Named worlds: what a probe may look at and through. One row each; a name joins rows by "+": half-30+drag-2."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+from drivers.errors import ConfigurationError
+from drivers.twins.scene.breathing import DIRECTIONS
+from drivers.twins.scene.softness import Follow
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """follow: what presses. play_mm: how far the skin sticks to the face. breath_mm, breath_to: way of the tissue, peak
+    to peak, and where to, a unit vector. organ: whether only what lies under the wall goes all of that way. pulse:
+    whether there is one.
+    """
+
+    follow: Follow = field(default_factory=Follow)
+    play_mm: float = 0.0
+    breath_mm: float = 0.0
+    breath_to: tuple[float, float, float] = DIRECTIONS["axial"]
+    organ: bool = False
+    pulse: bool = False
+
+    @property
+    def yields(self) -> bool:
+        """Whether parts of the tissue move against one another."""
+        return self.follow.whole > 0 or self.play_mm > 0 or self.organ
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    """A number in a name, in its unit."""
+
+    unit: str
+    least: float
+    most: float
+
+    def read(self, text: str) -> float:
+        """Raises ValueError."""
+        value = float(text)
+        if not self.least <= value <= self.most:
+            raise ValueError
+        return value
+
+    def __str__(self) -> str:
+        return f"{self.unit} {self.least:g} … {self.most:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One row. sizes: numbers that follow the name. to: whether a direction follows them. change: what it makes of the
+    surroundings, given the numbers.
+    """
+
+    what: str
+    change: Callable[..., Surroundings]
+    sizes: tuple[_Size, ...] = ()
+    to: bool = False
+
+    def form(self, name: str) -> str:
+        """How it is written: breath-MM-TO."""
+        return "-".join([name, *(size.unit.upper() for size in self.sizes), *(["TO"] if self.to else [])])
+
+
+def _pressed(now: Surroundings, **sizes: float) -> Surroundings:
+    return replace(now, follow=replace(now.follow, **({"whole": 1.0} | sizes)))
+
+
+def _breath(now: Surroundings, mm: float, to: str, organ: bool = False) -> Surroundings:
+    return replace(now, breath_mm=mm, breath_to=DIRECTIONS[to], organ=organ)
+
+
+_BREATH = _Size("mm", 1, 20)
+PARTS: Mapping[str, Part] = {
+    "rigid": Part("nothing gives way", lambda now: now),
+    "still": Part("the same", lambda now: now),
+    "breathing": Part("breath-4-axial+pulse", lambda now: replace(_breath(now, 4.0, "axial"), pulse=True)),
+    "layer": Part("a rigid back so deep", lambda now, mm: _pressed(now, back_mm=mm), (_Size("mm", 25, 300),)),
+    "half": Part(
+        "a half space under a face of this half width",
+        lambda now, mm: _pressed(now, half_width_mm=mm),
+        (_Size("mm", 5, 100),),
+    ),
+    "foam": Part(
+        "all of it goes along with a press by this share",
+        lambda now, share: _pressed(now, whole=share),
+        (_Size("share", 0.05, 0.95),),
+    ),
+    "drag": Part(
+        "skin that sticks to the face so far, then slips",
+        lambda now, mm: replace(now, play_mm=mm),
+        (_Size("mm", 0.1, 5),),
+    ),
+    "breath": Part("breathing, peak to peak", _breath, (_BREATH,), to=True),
+    "organ": Part(
+        "an organ that breathes under a wall that does less, and elsewhere",
+        lambda now, mm, to: _breath(now, mm, to, organ=True),
+        (_BREATH,),
+        to=True,
+    ),
+    "pulse": Part("a pulse of .3 mm along the axis", lambda now: replace(now, pulse=True)),
+}
+"""Every part there is. Ranges leave out what no patient has and what the renderer cannot show."""
+
+
+def listed() -> str:
+    """What there is, for a message."""
+    forms = ", ".join(part.form(name) for name, part in PARTS.items())
+    return f"{forms}; TO is one of {', '.join(DIRECTIONS)}; join them by +"
+
+
+def described() -> list[tuple[str, str]]:
+    """(form, what) of each part, for a page or a help text."""
+    return [(part.form(name), "; ".join([part.what, *map(str, part.sizes)])) for name, part in PARTS.items()]
+
+
+def surroundings(name: str) -> Surroundings:
+    """Raises ConfigurationError for a name that is none."""
+    now, given = Surroundings(), set()
+    for one in name.split("+"):
+        head, *rest = one.split("-")
+        if head in given:
+            raise _refusal(name, f"has '{head}' twice")
+        given.add(head)
+        now = _changed(now, name, one, head, rest)
+    return now
+
+
+def _changed(now: Surroundings, name: str, one: str, head: str, rest: list[str]) -> Surroundings:
+    part = PARTS.get(head)
+    if part is None:
+        raise _refusal(name, f"has no part '{one}'")
+    if len(rest) != len(part.sizes) + part.to or (part.to and rest[-1] not in DIRECTIONS):
+        raise _refusal(name, f"should have {part.form(head)} for '{one}'")
+    try:
+        sizes = [size.read(text) for size, text in zip(part.sizes, rest, strict=False)]
+    except ValueError:
+        ranges = ", ".join(map(str, part.sizes))
+        raise _refusal(name, f"has a number out of range in '{one}' ({ranges})") from None
+    return part.change(now, *sizes, *rest[len(part.sizes) :])
+
+
+def _refusal(name: str, what: str) -> ConfigurationError:
+    return ConfigurationError(f"the world '{name}' {what}", "simulated world", f"Use {listed()}")
