@@ -11,6 +11,8 @@ from rich.console import Console
 from appliance.core.parameters import MEASURED
 from appliance.storage.calibration_file import calibration_bytes
 from drivers.errors import ConfigurationError, DeviceLost
+from drivers.twins.scene.breathing import DIRECTIONS
+from drivers.twins.scene.surroundings import described, surroundings
 from tools.shared.found_recordings import found
 from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
@@ -20,7 +22,7 @@ from tools.study.hazard import STANDARD, Hazard
 from tools.study.page import check_page, write_page
 from tools.study.plan import Task, planned, tasks
 from tools.study.samples import ASKED, DEFAULT, KEYS, Conditions
-from tools.study.session import TISSUES, Tissue
+from tools.study.session import TISSUES
 from tools.study.store import is_url, listed
 from tools.study.summary import Coverage, Detection, coverages, detections
 from tools.study.table import StudyTable
@@ -31,20 +33,30 @@ _EXAMPLES = """
 Examples:
   probewatch study --seeds 3 --asked without-offsets     # how often healthy scanning is verified by itself
   probewatch study --sessions fan,hold --tissues still
+  probewatch study --sessions gesture --tissues half-30+drag-2,rigid+breath-12-elevational
   probewatch study --hazards bend-lateral=6@start,latency=450@sudden
   probewatch study --sessions gesture-in-plane,gesture-fan
   probewatch study --hazards all --scheduler tcp://dask:8786
   probewatch study archive/ LIVER2.igs.mha --calibration probe.toml
   probewatch study s3://bucket/archive --calibration probe.toml --scheduler tcp://dask:8786
+
+\b
+Parts of a world (--tissues), joined by +:
 """
+_PARTS = "\n".join(f"  {form:<22}{what}" for form, what in described())
 
 
-def _listed(_context: click.Context, option: click.Parameter, text: str) -> tuple[str, ...]:
-    known = {"sessions": tuple(ALL), "tissues": TISSUES}[str(option.name)]
-    usual = {"sessions": tuple(PROGRAMS), "tissues": TISSUES}[str(option.name)]
-    chosen = usual if text == "all" else tuple(text.split(","))
-    if unknown := [name for name in chosen if name not in known]:
-        raise click.BadParameter(f"'{unknown[0]}' is none of {', '.join(known)}")
+def _listed(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:
+    chosen = tuple(PROGRAMS) if text == "all" else tuple(text.split(","))
+    if unknown := [name for name in chosen if name not in ALL]:
+        raise click.BadParameter(f"'{unknown[0]}' is none of {', '.join(ALL)}")
+    return chosen
+
+
+def _worlds(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:
+    chosen = TISSUES if text == "all" else tuple(text.split(","))
+    for name in chosen:
+        surroundings(name)
     return chosen
 
 
@@ -62,7 +74,7 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
     return STANDARD if text == "all" else tuple(Hazard.parse(one) for one in text.split(","))
 
 
-@click.command(name="study", epilog=_EXAMPLES)
+@click.command(name="study", epilog=_EXAMPLES + _PARTS + f"\n  TO is one of {', '.join(DIRECTIONS)}.\n")
 @click.argument("recordings", nargs=-1)
 @click.option(
     "--output",
@@ -78,7 +90,13 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
     callback=_listed,
     help=f"{', '.join(ALL)}; all: those without a gesture",
 )
-@click.option("--tissues", default="all", show_default=True, callback=_listed, help=", ".join(TISSUES))
+@click.option(
+    "--tissues",
+    default="all",
+    show_default=True,
+    callback=_worlds,
+    help=f"worlds that the probe looks at, joined of parts by +: half-30+drag-2; see below; all: {', '.join(TISSUES)}",
+)
 @click.option("--seeds", default=10, show_default=True, type=click.IntRange(1, 10_000), help="of each session")
 @click.option(
     "--draws",
@@ -131,7 +149,7 @@ def command(
     recordings: tuple[str, ...],
     output: Path,
     sessions: tuple[str, ...],
-    tissues: tuple[Tissue, ...],
+    tissues: tuple[str, ...],
     seeds: int,
     draws: int,
     duration_s: float | None,

@@ -16,7 +16,7 @@ import numpy as np
 from appliance.core.parameters import MEASURED
 from tools.study.bound import least_delay_s
 from tools.study.hazard import HIDDEN_S, ONSET_S, Hazard, Manner
-from tools.study.session import FPS, Session, Tissue
+from tools.study.session import FPS, Session
 from tools.study.summary import Row, Share, number, rightly_named, truth_of
 
 SOON_S = 10.0
@@ -218,5 +218,4 @@ def _bound_s(hazard: Hazard, rows: list[Row]) -> float | None:
 
 
 def _session(row: Row) -> Session:
-    tissue: Tissue = "breathing" if row["tissue"] == "breathing" else "still"
-    return Session(row["session"], tissue, int(row["seed"]), float(row["duration_s"]))
+    return Session(row["session"], row["tissue"], int(row["seed"]), float(row["duration_s"]))

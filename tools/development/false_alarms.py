@@ -32,7 +32,7 @@ from tools.shared.terminal import progress_bar
 from tools.study.hand import PROGRAMS
 from tools.study.plan import tracker_of
 from tools.study.samples import POSE_HZ, frame_times, stamp_ns
-from tools.study.session import FPS, TISSUES, Session, Tissue, picture_path
+from tools.study.session import FPS, TISSUES, Session, picture_path
 from tools.study.summary import Row
 from tools.study.table import COMMIT, StudyTable, code_digest
 from tools.study.workers import results
@@ -206,11 +206,11 @@ def planned(seeds: int) -> list[Quiet]:
     return [Quiet(_session(name, tissue, seed), noise) for seed, name, tissue, noise in _mixture(seeds)]
 
 
-def _mixture(seeds: int) -> Iterator[tuple[int, str, Tissue, str]]:
+def _mixture(seeds: int) -> Iterator[tuple[int, str, str, str]]:
     yield from product(range(1, seeds + 1), [f"gesture-{name}" for name in PROGRAMS], TISSUES, NOISES)
 
 
-def _session(name: str, tissue: Tissue, seed: int) -> Session:
+def _session(name: str, tissue: str, seed: int) -> Session:
     """Seeds of this measurement are no others'."""
     return Session(name, tissue, 5000 + seed, LENGTH_S)
 

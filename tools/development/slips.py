@@ -27,12 +27,12 @@ from tools.development.markdown import table
 from tools.study.hazard import FAULTS
 from tools.study.plan import tracker_of
 from tools.study.samples import POSE_HZ, Conditions, rendered, samples, seconds, stamp_ns
-from tools.study.session import Session, Tissue
+from tools.study.session import Session
 from tools.study.summary import Share
 
 ROOT = Path(__file__).parents[2]
 FIGURES, KEPT = ROOT / "docs" / "slips.json", ROOT / "results" / "slips"
-SESSIONS: tuple[tuple[str, Tissue], ...] = (
+SESSIONS: tuple[tuple[str, str], ...] = (
     ("hold", "still"),
     ("in-plane", "still"),
     ("in-plane", "breathing"),
@@ -41,7 +41,7 @@ SESSIONS: tuple[tuple[str, Tissue], ...] = (
     ("elevational-10", "still"),
     ("elevational-20", "still"),
 )
-QUIET: tuple[tuple[str, Tissue], ...] = (*SESSIONS, ("mixed", "still"))
+QUIET: tuple[tuple[str, str], ...] = (*SESSIONS, ("mixed", "still"))
 """In which it must see nothing; slips are not looked for where the probe is lifted now and then."""
 SIZES: Mapping[str, tuple[float, ...]] = {"bend": (3.5, 6.0), "slide": (5.0, 10.0)}
 """deg and mm: a little beyond the limit that is set when nothing is configured, and twice the limit and more."""

@@ -9,7 +9,7 @@ from tools.study.hand import ALL
 from tools.study.hazard import Hazard
 from tools.study.outcome import run
 from tools.study.samples import DEFAULT, KEYS, Conditions, Tracker, rendered
-from tools.study.session import Session, Tissue
+from tools.study.session import Session
 
 _MOST_RUNS = 4
 """Runs in one task: pictures are rendered once for all of them, and what is done is written down after each task."""
@@ -32,7 +32,7 @@ class Task:
 
 def planned(
     sessions: Sequence[str],
-    tissues: Sequence[Tissue],
+    tissues: Sequence[str],
     seeds: int,
     noises_mm: Sequence[float],
     hazards: Sequence[Hazard],

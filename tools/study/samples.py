@@ -117,9 +117,12 @@ def rendered(session: Session, folder: Path | None) -> list[GreyImage]:
     if path is not None and path.exists():
         return list(read_metaimage(path).pictures())
     t_s = frame_times(session)
+    seen = zip(session.pictures(t_s), session.sights(t_s), session.touches(t_s), strict=True)
     pictures = [
-        session.world.frame_at(pose, k) if touches else blank_image((SETTINGS.height_px, SETTINGS.width_px), k)
-        for k, (pose, touches) in enumerate(zip(session.pictures(t_s), session.touches(t_s), strict=True))
+        session.world.frame_at(pose, k, sight=sight)
+        if touches
+        else blank_image((SETTINGS.height_px, SETTINGS.width_px), k)
+        for k, (pose, sight, touches) in enumerate(seen)
     ]
     if path is not None:
         poses = session.sensor(t_s, session.world.sensor_to_picture)

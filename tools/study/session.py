@@ -1,9 +1,9 @@
 """One session as it truly was: where the probe, the tissue and the marker body were at every time. Pure and seeded."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,45 +11,62 @@ from numpy.typing import NDArray
 from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.rigid import Array, ComplexArray, inverse, rigid, rotation_from_vector
+from drivers.twins.scene.patient import Patient
+from drivers.twins.scene.sight import Sight
+from drivers.twins.scene.softness import dragged
+from drivers.twins.scene.surroundings import surroundings
 from drivers.twins.scene.world import World, WorldSettings
 from tools.study.hand import ALL, lifted
 
-Tissue = Literal["still", "breathing"]
-TISSUES: tuple[Tissue, ...] = ("still", "breathing")
+TISSUES = ("still", "breathing")
+"""Worlds of which a study consists unless others are named: rigid tissue."""
 SETTINGS = WorldSettings(width_px=400, height_px=300)
 """A quarter of a full picture's work, with enough speckle for the registration: 32 × 21 mm. Sizes of pictures were not
 varied here."""
 
+_SKIN_MM = -SETTINGS.height_px * SETTINGS.scale_mm_per_px[1] / 2
+"""Of the face of the probe, from the middle of the picture; there the skin at rest is, in the axes of the tissue."""
+
+_CORNERS_MM = np.array([[-10.0, 10.0, -10.0, 10.0], [-9.0, -9.0, 9.0, 9.0]])
+"""Places of the picture by whose displacement the title tells one motion of the tissue from another."""
+
 FPS = 30.0
 """Of a scanner's video output."""
 
-_BREATH_MM, _BREATH_HZ, _JITTER = 4.0, 0.25, 0.1
-"""Way of the tissue along the axis, peak to peak, in quiet breathing beside the liver; its rate; and how much period
-and depth of one breath differ from the next (standard deviation)."""
-_PULSE_MM, _PULSE_HZ = 0.3, 1.1
-"""Peak to peak, beside a large vessel."""
+_HISTORY_HZ = 240.0
+"""At which the way of the face over the skin is followed, whatever pictures are asked for: a quarter of a millimetre
+at the quickest slide. Not varied."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """name: one of ALL. Times are s since its start; duration_s is its length."""
+    """name: one of ALL. tissue: the world that the probe looks at, by name (`surroundings`). Times are s since its
+    start; duration_s is its length.
+    """
 
     name: str
-    tissue: Tissue
+    tissue: str
     seed: int
     duration_s: float
 
     @property
     def title(self) -> str:
         """For file names; of other motion it is another, whatever the session is called."""
-        poses = self.pictures(np.arange(0.0, self.duration_s, 1 / FPS))
-        motion = sha256(np.round(poses, 6).tobytes()).hexdigest()[:8]
+        t_s = np.arange(0.0, self.duration_s, 1 / FPS)
+        poses, soft = self.pictures(t_s), self.patient.surroundings.yields
+        moved = [np.round(self.displaced(t, _CORNERS_MM), 6).tobytes() for t in t_s] if soft else []
+        motion = sha256(b"".join([np.round(poses, 6).tobytes(), *moved])).hexdigest()[:8]
         return f"{self.name}-{self.tissue}-{self.seed}-{self.duration_s:g}s-{motion}"
 
     @cached_property
     def world(self) -> World:
         """The tissue, its scanner and tracker."""
         return World(self.seed, settings=SETTINGS)
+
+    @cached_property
+    def patient(self) -> Patient:
+        """What the probe is on."""
+        return Patient(surroundings(self.tissue), self.seed, _SKIN_MM, self.duration_s)
 
     @cached_property
     def reference(self) -> Calibration:
@@ -61,14 +78,29 @@ class Session:
         """(n,) → (n, 4, 4) picture → room, mm: what the tracker could see."""
         rows = ALL[self.name][0](t_s, np.random.default_rng((self.seed, 53)))
         R = rotation_from_vector(np.deg2rad(rows[3:]).T)
-        skin = np.array([0.0, -SETTINGS.height_px * SETTINGS.scale_mm_per_px[1] / 2, 0.0])
+        skin = np.array([0.0, _SKIN_MM, 0.0])
         return rigid(R, skin + rows[:3].T - np.einsum("nij,j->ni", R, skin))
 
     def pictures(self, t_s: Array) -> Array:
-        """(n,) → (n, 4, 4) picture → tissue, mm: what the scanner sees."""
+        """(n,) → (n, 4, 4) picture → tissue, mm, as far as it moves as a whole: what the scanner sees of it."""
         poses = self.probe(t_s).copy()
-        poses[:, 1, 3] -= self._tissue_mm(t_s)
+        poses[:, :3, 3] -= self.patient.breathed(t_s)
         return poses
+
+    def sights(self, t_s: Array) -> Iterator[Sight | None]:
+        """(n,) → n: what of each picture is otherwise than `pictures` say."""
+        drags_mm = self._drags(t_s)
+        for pose, t, drag_mm in zip(self.pictures(t_s), t_s, drags_mm, strict=True):
+            yield self.patient.sight(pose, float(t), drag_mm)
+
+    def displaced(self, t_s: float, places_mm: Array) -> Array:
+        """(2, m) places in the picture, mm from its middle → (3, m) how far what is seen there has moved from rest
+        beyond what `pictures` say, mm, in the axes of the tissue.
+        """
+        t = np.array([t_s])
+        pose = self.pictures(t)[0]
+        points = pose[:3, :2] @ places_mm + pose[:3, 3, None]
+        return self.patient.displaced(pose, points, t_s, self._drags(t)[0])
 
     def touches(self, t_s: Array) -> NDArray[np.bool_]:
         """(n,) whether the probe is on the skin."""
@@ -78,19 +110,21 @@ class Session:
         """(n,) → (n, 4, 4) sensor → tracker without noise; body: (4, 4) sensor → picture, or (n, 4, 4) at each time."""
         return np.asarray(self.world.tissue_to_tracker @ self.probe(t_s) @ body)
 
-    def _tissue_mm(self, t_s: Array) -> Array:
-        if self.tissue == "still":
-            return np.zeros_like(t_s)
-        random = np.random.default_rng((self.seed, 59))
-        breaths = int(self.duration_s * _BREATH_HZ * 2) + 2
-        jitter = np.clip(1 + _JITTER * random.standard_normal((2, breaths)), 0.6, 1.4)
-        starts = np.concatenate([[-random.uniform(0, 1 / _BREATH_HZ)], jitter[0] / _BREATH_HZ]).cumsum()
-        number = np.searchsorted(starts, t_s, side="right") - 1
-        share = (t_s - starts[number]) / np.diff(starts)[number]
-        # Out is slow and in is quick: the fourth power of a cosine lingers at the end of breathing out.
-        breath = _BREATH_MM * jitter[1][number] * (1 - np.cos(np.pi * share) ** 4)
-        pulse = _PULSE_MM / 2 * np.sin(2 * np.pi * _PULSE_HZ * t_s + random.uniform(0, 2 * np.pi))
-        return np.asarray(breath + pulse)
+    def _drags(self, t_s: Array) -> Array:
+        """(n, 2) mm that the face holds the skin from its rest, lateral and elevational."""
+        history_s, held_mm = self._history
+        return np.stack([np.interp(t_s, history_s, axis) for axis in held_mm.T], axis=1)
+
+    @cached_property
+    def _history(self) -> tuple[Array, Array]:
+        """Times of the whole session, and what `_drags` says then."""
+        t_s = np.arange(0.0, self.duration_s + 1 / _HISTORY_HZ, 1 / _HISTORY_HZ)
+        play_mm = self.patient.surroundings.play_mm
+        if not play_mm:
+            return t_s, np.zeros((t_s.size, 2))
+        poses = self.pictures(t_s)
+        faces = poses[:, :3, 3] + _SKIN_MM * poses[:, :3, 1]
+        return t_s, dragged(faces[:, [0, 2]], play_mm, self.touches(t_s))
 
 
 def picture_path(poses: Array) -> tuple[ComplexArray, Array]:

@@ -55,6 +55,43 @@ def test_tissue_breathes_along_the_axis_and_no_breath_is_like_the_next():
     assert 8 <= ends.size <= 24
 
 
+@pytest.mark.parametrize("name", ["still", "breathing", "rigid+breath-4-lateral"])
+def test_rigid_tissue_is_seen_as_the_pose_says(name):
+    assert set(session("hold", name).sights(T_S[:5])) == {None}
+    assert np.array_equal(session("hold", "rigid").pictures(T_S), session("hold").pictures(T_S))
+
+
+def test_breath_in_any_direction_is_the_breath_along_the_axis_turned():
+    still, axial, aside = (session("hold", name) for name in ("rigid", "rigid+breath-4-axial", "breath-4-elevational"))
+    along = axial.pictures(T_S)[:, 1, 3] - still.pictures(T_S)[:, 1, 3]
+    assert aside.pictures(T_S)[:, 2, 3] - still.pictures(T_S)[:, 2, 3] == pytest.approx(along)
+    assert np.array_equal(aside.pictures(T_S)[:, :2, 3], still.pictures(T_S)[:, :2, 3])
+
+
+def test_soft_tissue_goes_along_with_the_press_of_the_hand():
+    one = session("in-plane", "half-20")
+    top = np.array([[0.0, 0.0], [-SETTINGS.height_px * SETTINGS.scale_mm_per_px[1] / 2, 9.5]])
+    for k in (5, 30, 77):
+        skin, deep = one.displaced(T_S[k], top)[1]
+        press_mm = one.probe(T_S[k : k + 1])[0] @ (0, top[1, 0], 0, 1) - (0, top[1, 0], 0, 1)
+        assert skin == pytest.approx(press_mm[1])
+        assert deep == pytest.approx(press_mm[1] / 2, rel=0.02)
+
+
+def test_skin_is_dragged_by_the_whole_way_since_the_start():
+    one = session("in-plane", "drag-2")
+    skin = np.array([[0.0], [-SETTINGS.height_px * SETTINGS.scale_mm_per_px[1] / 2]])
+    held_mm = np.array([np.hypot(*one.displaced(t, skin)[[0, 2], 0]) for t in T_S[:240:3]])
+    assert held_mm.max() == pytest.approx(2.0, abs=1e-3)
+    assert held_mm[0] == 0
+    assert one.displaced(5.0, skin) == pytest.approx(session("in-plane", "drag-2").displaced(5.0, skin))
+
+
+def test_a_title_tells_one_softness_from_another():
+    names = ("still", "rigid", "half-20", "half-30", "half-30+drag-2")
+    assert len({Session("hold", name, 1, 2.0).title for name in names}) == len(names)
+
+
 def test_only_a_mixed_session_leaves_the_skin():
     assert [name for name in ALL if lifted(name, T_S).any()] == ["mixed", "gesture-mixed"]
     assert not lifted("gesture-mixed", T_S[T_S < GESTURE_S + 38]).any()

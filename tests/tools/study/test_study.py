@@ -175,7 +175,7 @@ def study(*arguments):
     ("arguments", "what"),
     [
         (("--sessions", "walk"), "'walk' is none of in-plane"),
-        (("--tissues", "dead"), "'dead' is none of still"),
+        (("--tissues", "dead"), "no part 'dead'"),
         (("--noise-mm", "0"), "not a list of .001 to 5 mm"),
         (("--noise-mm", "some"), "not a list of .001 to 5 mm"),
         (("--hazards", "bend"), "'bend' is not a known hazard"),
