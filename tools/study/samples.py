@@ -14,7 +14,9 @@ from drivers.recordings.metaimage import SequenceItem, read_metaimage, write_met
 from drivers.rigid import Array, rigid, rotation_from_vector
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.faults import blank_image
+from drivers.twins.scene.processing import ProcessingScanner
 from tools.study.hazard import Hazard
+from tools.study.place import erring_by_place
 from tools.study.session import FPS, SETTINGS, Session
 
 POSE_HZ = 60.0
@@ -117,13 +119,7 @@ def rendered(session: Session, folder: Path | None) -> list[GreyImage]:
     if path is not None and path.exists():
         return list(read_metaimage(path).pictures())
     t_s = frame_times(session)
-    seen = zip(session.pictures(t_s), session.sights(t_s), session.touches(t_s), strict=True)
-    pictures = [
-        session.world.frame_at(pose, k, sight=sight)
-        if touches
-        else blank_image((SETTINGS.height_px, SETTINGS.width_px), k)
-        for k, (pose, sight, touches) in enumerate(seen)
-    ]
+    pictures = list(_shown(session, t_s))
     if path is not None:
         poses = session.sensor(t_s, session.world.sensor_to_picture)
         items = (
@@ -135,6 +131,23 @@ def rendered(session: Session, folder: Path | None) -> list[GreyImage]:
     return pictures
 
 
+def _shown(session: Session, t_s: Array) -> Iterator[GreyImage]:
+    """What the grabber hands on at each time."""
+    world, processing = session.world, session.world.surroundings.processing
+    scanner, picture = ProcessingScanner(processing), None
+    seen = zip(session.pictures(t_s), session.sights(t_s), session.touches(t_s), strict=True)
+    for k, (pose, sight, touches) in enumerate(seen):
+        if not touches:
+            scanner.off()
+            picture = None
+            yield blank_image((SETTINGS.height_px, SETTINGS.width_px), k)
+            continue
+        if picture is None or k % processing.repeats == 0:
+            plain = scanner.processed(world.plain_at(pose, k, sight))
+            picture = scanner.grabbed(world.on_screen(plain))
+        yield picture
+
+
 def _poses(conditions: Conditions, t_s: Array) -> Array:
     """(n, 4, 4) as the tracker reports them."""
     session, hazard, tracker = conditions.session, conditions.hazard, conditions.tracker
@@ -144,4 +157,4 @@ def _poses(conditions: Conditions, t_s: Array) -> Array:
     poses = hazard.measured(session.sensor(true_s, hazard.body(session.reference, t_s)), t_s)
     poses = poses @ rigid(turn, np.zeros((t_s.size, 3)))
     poses[:, :3, 3] += tracker.noise_mm * random.standard_normal((t_s.size, 3))
-    return hazard.reported(poses)
+    return hazard.reported(erring_by_place(poses, session.world.surroundings.tracker_mm, session.seed))

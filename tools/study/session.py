@@ -24,8 +24,8 @@ SETTINGS = WorldSettings(width_px=400, height_px=300)
 """A quarter of a full picture's work, with enough speckle for the registration: 32 × 21 mm. Sizes of pictures were not
 varied here."""
 
-_SKIN_MM = -SETTINGS.height_px * SETTINGS.scale_mm_per_px[1] / 2
-"""Of the face of the probe, from the middle of the picture; there the skin at rest is, in the axes of the tissue."""
+_DEEP_MM_PER_PX = (0.1, 0.15)
+"""Of the world `deep`: 40 × 45 mm, as far as the simulated tissue goes before it repeats."""
 
 _CORNERS_MM = np.array([[-10.0, 10.0, -10.0, 10.0], [-9.0, -9.0, 9.0, 9.0]])
 """Places of the picture by whose displacement the title tells one motion of the tissue from another."""
@@ -61,12 +61,14 @@ class Session:
     @cached_property
     def world(self) -> World:
         """The tissue, its scanner and tracker."""
-        return World(self.seed, settings=SETTINGS)
+        named = surroundings(self.tissue)
+        settings = replace(SETTINGS, scale_mm_per_px=_DEEP_MM_PER_PX) if named.deep else SETTINGS
+        return World(self.seed, settings=settings, surroundings=named)
 
     @cached_property
     def patient(self) -> Patient:
         """What the probe is on."""
-        return Patient(surroundings(self.tissue), self.seed, _SKIN_MM, self.duration_s)
+        return Patient(self.world.surroundings, self.seed, self.world.geometry, self.duration_s)
 
     @cached_property
     def reference(self) -> Calibration:
@@ -78,7 +80,7 @@ class Session:
         """(n,) → (n, 4, 4) picture → room, mm: what the tracker could see."""
         rows = ALL[self.name][0](t_s, np.random.default_rng((self.seed, 53)))
         R = rotation_from_vector(np.deg2rad(rows[3:]).T)
-        skin = np.array([0.0, _SKIN_MM, 0.0])
+        skin = np.array([0.0, self.world.geometry.skin_mm, 0.0])
         return rigid(R, skin + rows[:3].T - np.einsum("nij,j->ni", R, skin))
 
     def pictures(self, t_s: Array) -> Array:
@@ -123,7 +125,7 @@ class Session:
         if not play_mm:
             return t_s, np.zeros((t_s.size, 2))
         poses = self.pictures(t_s)
-        faces = poses[:, :3, 3] + _SKIN_MM * poses[:, :3, 1]
+        faces = poses[:, :3, 3] + self.world.geometry.skin_mm * poses[:, :3, 1]
         return t_s, dragged(faces[:, [0, 2]], play_mm, self.touches(t_s))
 
 

@@ -1,14 +1,19 @@
 """What the scanner sees of one patient, picture by picture. Seeded."""
 
+from collections.abc import Iterator
+from functools import cached_property, reduce
+
 import numpy as np
 
 from drivers.rigid import Array
 from drivers.samples import Matrix4
+from drivers.twins.scene.anatomy import RIBS_MM, Beams, needle, off_the_skin, rib_place, shadowed
 from drivers.twins.scene.breathing import DIRECTIONS, Rhythm
+from drivers.twins.scene.geometry import Geometry
 from drivers.twins.scene.sight import Sight
 from drivers.twins.scene.softness import Face, displacement
 from drivers.twins.scene.surroundings import Surroundings
-from drivers.twins.scene.tissue import Displacement
+from drivers.twins.scene.tissue import Displacement, Floats
 
 _ASIDE_MM = 5.0
 """At most, by which tissue gives way from somewhere else than the middle of the face: a patient is rounder on one side.
@@ -21,11 +26,13 @@ _WALL_SHARE = 0.25
 
 
 class Patient:
-    """skin_mm: y of the skin at rest, in the axes of the tissue. Times are s, up to duration_s."""
+    """The skin at rest lies where the face is while picture and tissue have the same axes. Times are s, up to
+    duration_s.
+    """
 
-    def __init__(self, surroundings: Surroundings, seed: int, skin_mm: float, duration_s: float) -> None:
+    def __init__(self, surroundings: Surroundings, seed: int, geometry: Geometry, duration_s: float) -> None:
         self.surroundings = surroundings
-        self._skin_mm = skin_mm
+        self._geometry, self._skin_mm = geometry, geometry.skin_mm
         self._rhythm = Rhythm(seed, duration_s)
         aside = np.random.default_rng((seed, 67)).uniform(-_ASIDE_MM, _ASIDE_MM, 2)
         self._aside_mm = (float(aside[0]), float(aside[1]))
@@ -35,8 +42,39 @@ class Patient:
         return self._way(t_s, wall=self.surroundings.organ)
 
     def sight(self, pose: Matrix4, t_s: float, drag_mm: Array) -> Sight | None:
-        """pose: (4, 4) picture → tissue that has moved as a whole. drag_mm: (2,) of the skin. None for rigid tissue."""
-        return Sight(self._displacement(pose, t_s, drag_mm)) if self.surroundings.yields else None
+        """pose: (4, 4) picture → tissue that has moved as a whole. drag_mm: (2,) of the skin. None for rigid tissue
+        with nothing in it.
+        """
+        now = self.surroundings
+        shades = list(self._shades(pose, t_s, drag_mm))
+        added = [part for _, part in shades]
+        if now.needle:
+            added.append(needle(self._geometry.x_mm, self._geometry.y_mm, t_s))
+        if not (now.yields or added):
+            return None
+        return Sight(
+            self._displacement(pose, t_s, drag_mm) if now.yields else None,
+            reduce(np.multiply, [gain for gain, _ in shades]) if shades else None,
+            reduce(np.add, added) if added else None,
+        )
+
+    def _shades(self, pose: Matrix4, t_s: float, drag_mm: Array) -> Iterator[tuple[Floats, Floats]]:
+        """(gain, added) of what lies in the way."""
+        now = self.surroundings
+        for rib_mm in RIBS_MM.get(now.ribs, ()):
+            rest = rib_place(rib_mm, self._skin_mm, pose)
+            place = pose[:3, :3].T @ (rest + self.displaced(pose, rest, t_s, drag_mm) - pose[:3, 3])
+            yield shadowed(self._beams, *map(float, self._geometry.beam(*place[:2])))
+        if now.contact < 1:
+            yield self._off_the_skin
+
+    @cached_property
+    def _beams(self) -> Beams:
+        return self._geometry.beams()
+
+    @cached_property
+    def _off_the_skin(self) -> tuple[Floats, Floats]:
+        return off_the_skin(self._beams, self.surroundings.contact)
 
     def displaced(self, pose: Matrix4, points_mm: Array, t_s: float, drag_mm: Array) -> Array:
         """(3, …) places in the tissue's axes → (3, …) mm."""
@@ -52,8 +90,8 @@ class Patient:
 
     def _displacement(self, pose: Matrix4, t_s: float, drag_mm: Array) -> Displacement:
         def moved(x_mm: Array, y_mm: Array) -> Array:
-            across, down = pose[:3, 0, None, None] * x_mm, pose[:3, 1, None, None] * y_mm[:, None]
-            return self.displaced(pose, across + down + pose[:3, 3, None, None], t_s, drag_mm)
+            across, down, middle = (pose[:3, column, None, None] for column in (0, 1, 3))
+            return self.displaced(pose, across * x_mm + down * y_mm + middle, t_s, drag_mm)
 
         return moved
 

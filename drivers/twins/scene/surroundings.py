@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from drivers.errors import ConfigurationError
 from drivers.twins.scene.breathing import DIRECTIONS
+from drivers.twins.scene.processing import Processing
 from drivers.twins.scene.softness import Follow
 
 
@@ -12,7 +13,9 @@ from drivers.twins.scene.softness import Follow
 class Surroundings:
     """follow: what presses. play_mm: how far the skin sticks to the face. breath_mm, breath_to: way of the tissue, peak
     to peak, and where to, a unit vector. organ: whether only what lies under the wall goes all of that way. pulse:
-    whether there is one.
+    whether there is one. ribs: how many. contact: share of the face that touches. layers, needle: whether there are
+    any. convex: whether the probe is. deep: whether the picture shows twice as much tissue on as many pixels.
+    processing: of the scanner. tracker_mm: by how much the tracker errs from place to place.
     """
 
     follow: Follow = field(default_factory=Follow)
@@ -21,6 +24,14 @@ class Surroundings:
     breath_to: tuple[float, float, float] = DIRECTIONS["axial"]
     organ: bool = False
     pulse: bool = False
+    ribs: int = 0
+    contact: float = 1.0
+    layers: bool = False
+    needle: bool = False
+    convex: bool = False
+    deep: bool = False
+    processing: Processing = field(default_factory=Processing)
+    tracker_mm: float = 0.0
 
     @property
     def yields(self) -> bool:
@@ -30,15 +41,16 @@ class Surroundings:
 
 @dataclass(frozen=True, slots=True)
 class _Size:
-    """A number in a name, in its unit."""
+    """A number in a name, in its unit. whole: whether it counts something."""
 
     unit: str
     least: float
     most: float
+    whole: bool = False
 
     def read(self, text: str) -> float:
         """Raises ValueError."""
-        value = float(text)
+        value = int(text) if self.whole else float(text)
         if not self.least <= value <= self.most:
             raise ValueError
         return value
@@ -65,6 +77,10 @@ class Part:
 
 def _pressed(now: Surroundings, **sizes: float) -> Surroundings:
     return replace(now, follow=replace(now.follow, **({"whole": 1.0} | sizes)))
+
+
+def _processed(now: Surroundings, change: Callable[[Processing], Processing]) -> Surroundings:
+    return replace(now, processing=change(now.processing))
 
 
 def _breath(now: Surroundings, mm: float, to: str, organ: bool = False) -> Surroundings:
@@ -100,6 +116,41 @@ PARTS: Mapping[str, Part] = {
         to=True,
     ),
     "pulse": Part("a pulse of .3 mm along the axis", lambda now: replace(now, pulse=True)),
+    "ribs": Part(
+        "ribs 8 mm deep with their shadows",
+        lambda now, number: replace(now, ribs=number),
+        (_Size("number", 1, 2, whole=True),),
+    ),
+    "contact": Part(
+        "the face touches with this share of its width",
+        lambda now, share: replace(now, contact=share),
+        (_Size("share", 0.4, 0.95),),
+    ),
+    "layers": Part("strong layers every 3 mm, as in a muscle", lambda now: replace(now, layers=True)),
+    "needle": Part("a needle that goes in and out", lambda now: replace(now, needle=True)),
+    "convex": Part("a convex probe of 25 mm radius, ±20°, 3.5 MHz", lambda now: replace(now, convex=True)),
+    "deep": Part("a picture 40 mm wide and 45 mm deep instead of 32 and 21", lambda now: replace(now, deep=True)),
+    "persistence": Part(
+        "a scanner that averages: this share of the last picture stays",
+        lambda now, share: _processed(now, lambda one: replace(one, persistence=share)),
+        (_Size("share", 0.05, 0.9),),
+    ),
+    "smoothing": Part(
+        "a scanner that smooths speckle", lambda now: _processed(now, lambda one: replace(one, smoothed=True))
+    ),
+    "slow": Part(
+        "a scanner of 15 Hz behind a grabber of 30 Hz", lambda now: _processed(now, lambda one: replace(one, repeats=2))
+    ),
+    "jpeg": Part(
+        "a grabber that codes pictures with this quality",
+        lambda now, quality: _processed(now, lambda one: replace(one, jpeg=quality)),
+        (_Size("quality", 5, 100, whole=True),),
+    ),
+    "tracker": Part(
+        "a tracker that errs by place (standard deviation of each axis, and .4° per mm)",
+        lambda now, mm: replace(now, tracker_mm=mm),
+        (_Size("mm", 0.05, 2),),
+    ),
 }
 """Every part there is. Ranges leave out what no patient has and what the renderer cannot show."""
 

@@ -27,8 +27,8 @@ from drivers.samples import Matrix4
 Floats = NDArray[np.float32]
 Complexes = NDArray[np.complex64]
 Displacement = Callable[[Array, Array], Array]
-"""Picture places x (m,) and y (n,), mm from its middle → (3, n, m) how far what is seen there has moved, mm, in the
-axes of the tissue."""
+"""Places of the picture x and y, mm from its middle, that make up (n, m) together → (3, n, m) how far what is seen
+there has moved, mm, in the axes of the tissue."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +45,14 @@ class Beam:
     carrier_rad_per_mm: float = 40.8
 
 
-_STEP_MM = (0.16, 0.07, 1.27)
+STEP_MM = (0.16, 0.07, 1.27)
 _POINTS = (480, 760, 11)
 _NODE_MM = 0.75
 """Between places at which a displacement is asked for; a cubic spline goes through them. Twice as far, it rings by a
 hundredth of a millimetre where an organ slides under its wall; nearer ones only cost time."""
+_LAYERS = (16, 5.0)
+"""Of a layered muscle: fasciae in the period of the tissue, one every 3 mm, and how strong they are: three times as
+those of other tissue, ten decibels."""
 _NOTHING = np.zeros((0, 0), np.float32)
 _TAPS = 4
 _PAD = 12
@@ -57,7 +60,7 @@ _ROWS = _POINTS[1] + 2 * _PAD
 """Grid of the tissue (x, y, z): steps of two pixels across and one down, and under two σ of the beam out of plane.
 Finer ones take memory and time. Points of the spline across planes, and a margin into which interpolation may step."""
 
-PERIOD_MM = tuple(step * points for step, points in zip(_STEP_MM, _POINTS, strict=True))
+PERIOD_MM = tuple(step * points for step, points in zip(STEP_MM, _POINTS, strict=True))
 """The tissue repeats after 76.8 × 53.2 × 14.0 mm (x, y, z); its origin is in the middle, so few pictures wrap."""
 
 
@@ -68,26 +71,28 @@ class Tissue:
     planes repeat the other end, so that interpolation may step over the edge.
     """
 
-    def __init__(self, seed: int, structures: bool = True) -> None:
+    def __init__(self, seed: int, structures: bool = True, layers: bool = False) -> None:
         random = np.random.default_rng((seed, 23))
         columns, rows, planes = _POINTS
         white = random.standard_normal((planes, rows, columns, 2), np.float32).view(np.complex64)[..., 0]
         if structures:
             for add in (_add_texture, _add_inclusions, _add_surfaces):
                 add(white, random)
+        if layers:
+            _add_surfaces(white, random, *_LAYERS)
         self.real, self.imaginary = _stored(white.real), _stored(white.imag)
 
 
 @lru_cache(maxsize=3)
-def grown(seed: int, structures: bool) -> Tissue:
+def grown(seed: int, structures: bool, layers: bool = False) -> Tissue:
     """The tissue of this seed, shared by the worlds of a process that look at it: half a second and 44 MB each."""
-    return Tissue(seed, structures)
+    return Tissue(seed, structures, layers)
 
 
 def _wrapped_mm(axis: int, centre_mm: float) -> Floats:
     """Signed distance of each grid point from centre_mm along one axis of the periodic tissue."""
     period = PERIOD_MM[axis]
-    place = np.arange(_POINTS[axis]) * _STEP_MM[axis] - centre_mm
+    place = np.arange(_POINTS[axis]) * STEP_MM[axis] - centre_mm
     return ((place + period / 2) % period - period / 2).astype(np.float32)
 
 
@@ -116,20 +121,20 @@ def _add_inclusions(white: Complexes, random: np.random.Generator) -> None:
             white[np.ix_(near[2], near[1], near[0])] *= 1 + np.float32(gain - 1) * inside
 
 
-def _add_surfaces(white: Complexes, random: np.random.Generator) -> None:
+def _add_surfaces(white: Complexes, random: np.random.Generator, count: int = 5, strength: float = 1.5) -> None:
     """Fasciae: thin gently waved sheets that echo in phase, hence bright where the beam meets them squarely."""
     x, z = (_wrapped_mm(axis, 0.0) * np.float32(2 * np.pi / PERIOD_MM[axis]) for axis in (0, 2))
-    for depth_mm in random.uniform(0.02, 0.18) * PERIOD_MM[1] + np.arange(5) * (PERIOD_MM[1] / 5):
+    for depth_mm in random.uniform(0.02, 0.18) * PERIOD_MM[1] + np.arange(count) * (PERIOD_MM[1] / count):
         phase_x, phase_z = random.uniform(0, 2 * np.pi, 2)
         waves_mm = 0.5 * np.sin(x + phase_x)[None, :] + 0.03 * np.sin(3 * x[None, :] + z[:, None] + phase_z)
         sheet_mm = (depth_mm + waves_mm).astype(np.float32)
-        rows = np.arange(round((depth_mm - 1) / _STEP_MM[1]), round((depth_mm + 1) / _STEP_MM[1]))
-        away_mm = (rows * np.float32(_STEP_MM[1]))[None, :, None] - sheet_mm[:, None, :]
+        rows = np.arange(round((depth_mm - 1) / STEP_MM[1]), round((depth_mm + 1) / STEP_MM[1]))
+        away_mm = (rows * np.float32(STEP_MM[1]))[None, :, None] - sheet_mm[:, None, :]
         phase = np.exp(np.complex64(-1j * Beam().carrier_rad_per_mm) * sheet_mm)[:, None, :]
-        white[:, rows % _POINTS[1]] += np.float32(1.5) * np.exp(away_mm**2 * np.float32(-1 / (2 * 0.1**2))) * phase
+        white[:, rows % _POINTS[1]] += np.float32(strength) * np.exp(away_mm**2 * np.float32(-1 / (2 * 0.1**2))) * phase
 
 
-def _bell(place: NDArray[Any], sigma: float) -> Floats:
+def bell(place: NDArray[Any], sigma: float) -> Floats:
     """Gaussian weights that keep the variance of white noise."""
     taps = np.exp(-((place / sigma) ** 2) / 2)
     return np.asarray(taps / np.sqrt(np.sum(taps**2)), np.float32)
@@ -149,14 +154,18 @@ class Renderer:
     """
 
     def __init__(self, size_px: tuple[int, int], scale_mm_per_px: tuple[float, float], beam: Beam) -> None:
-        self._size_px, self._carrier = size_px, beam.carrier_rad_per_mm
         sigma_px = (beam.lateral_mm / scale_mm_per_px[0] / 2, beam.axial_mm / scale_mm_per_px[1])
-        reach = self._reach = [ceil(3.2 * sigma) for sigma in sigma_px]
-        columns, rows = (size_px[0] + 1) // 2 + 2 * reach[0] + 1, size_px[1] + 2 * reach[1]
-        self._x_mm = ((np.arange(columns) - reach[0]) * 2 - (size_px[0] - 1) / 2) * scale_mm_per_px[0]
-        self._y_mm = (np.arange(rows) - reach[1] - (size_px[1] - 1) / 2) * scale_mm_per_px[1]
-        self._down = _bell(np.arange(-reach[1], reach[1] + 1), sigma_px[1])
-        self._across = [_bell(np.arange(-reach[0], reach[0] + 1) - half, sigma_px[0]) for half in (0.0, 0.5)]
+        self._lay(size_px, sigma_px, beam)
+        self._x_mm = ((np.arange(self._columns) - self._reach[0]) * 2 - (size_px[0] - 1) / 2) * scale_mm_per_px[0]
+        self._y_mm = (np.arange(self._rows) - self._reach[1] - (size_px[1] - 1) / 2) * scale_mm_per_px[1]
+
+    def _lay(self, size_px: tuple[int, int], sigma: tuple[float, float], beam: Beam) -> None:
+        """The grid of echoes for a picture of so many pixels; sigma: of the beam in columns and rows of the grid."""
+        self._size_px, self._carrier = size_px, beam.carrier_rad_per_mm
+        reach = self._reach = [ceil(3.2 * one) for one in sigma]
+        self._columns, self._rows = (size_px[0] + 1) // 2 + 2 * reach[0] + 1, size_px[1] + 2 * reach[1]
+        self._down = bell(np.arange(-reach[1], reach[1] + 1), sigma[1])
+        self._across = [bell(np.arange(-reach[0], reach[0] + 1) - half, sigma[0]) for half in (0.0, 0.5)]
 
     def field(self, tissue: Tissue, pose: Matrix4, moved: Displacement | None = None) -> tuple[Floats, Floats]:
         """Real and imaginary part of F, each (height, width); mean |F|² is 1 for uniform tissue.
@@ -164,33 +173,49 @@ class Renderer:
         pose: (4, 4) P → C, mm. moved: smooth over a millimetre.
         """
         drift_mm = None if moved is None else self._drift(moved)
-        per_plane_rad = self._carrier * pose[1, 2] / pose[2, 2] * _STEP_MM[2]
-        along_rad = self._carrier * (pose[1, :2] - (0, 1)) - per_plane_rad / _STEP_MM[2] * pose[2, :2]
+        per_plane_rad = self._carrier * pose[1, 2] / pose[2, 2] * STEP_MM[2]
+        along_rad = self._carrier * (pose[1, :2] - (0, 1)) - per_plane_rad / STEP_MM[2] * pose[2, :2]
         echoes = self._slice(tissue, pose, per_plane_rad, drift_mm)
         if drift_mm is not None:
-            back_rad = np.float32(per_plane_rad / _STEP_MM[2]) * drift_mm[2] - np.float32(self._carrier) * drift_mm[1]
+            back_rad = np.float32(per_plane_rad / STEP_MM[2]) * drift_mm[2] - np.float32(self._carrier) * drift_mm[1]
             echoes *= cv2.merge(cv2.polarToCart(np.ones_like(back_rad), back_rad)).view(np.complex64)[..., 0]
+        echoes = self._carried(echoes, along_rad)
+        return self._spread(echoes.real), self._spread(echoes.imag)
+
+    def _carried(self, echoes: Complexes, along_rad: Array) -> Complexes:
+        """Times the part of the carrier's phase that is linear in the picture."""
         echoes *= np.exp(1j * along_rad[0] * self._x_mm).astype(np.complex64)[None, :]
         echoes *= np.exp(1j * along_rad[1] * self._y_mm).astype(np.complex64)[:, None]
-        return self._spread(echoes.real), self._spread(echoes.imag)
+        return echoes
 
     def _drift(self, moved: Displacement) -> Floats:
         """(3, rows, columns) mm at every grid point."""
-        (x_mm, across), (y_mm, down) = self._nodes
-        nodes = moved(x_mm, y_mm).astype(np.float32)
+        (nodes_x, across), (nodes_y, down) = self._nodes
+        nodes = moved(*self._node_places(nodes_x, nodes_y)).astype(np.float32)
         # OpenCV's product: numpy's waits for BLAS threads, thirty times as long on a busy computer.
         rows = [cv2.gemm(down, part, 1, _NOTHING, 0) for part in nodes]
         return np.stack([cv2.gemm(row, across, 1, _NOTHING, 0, flags=cv2.GEMM_2_T) for row in rows])
 
     @cached_property
     def _nodes(self) -> list[tuple[Array, Floats]]:
-        """Along x and y: nodes, mm, and what turns values there into values at the grid points."""
+        """Along columns and rows: nodes, and what turns values there into values at the grid points."""
         found = []
-        for place_mm in (self._x_mm, self._y_mm):
-            nodes_mm = np.linspace(place_mm[0], place_mm[-1], ceil(np.ptp(place_mm) / _NODE_MM) + 1)
-            spline = CubicSpline(nodes_mm, np.eye(nodes_mm.size))(place_mm)
-            found.append((nodes_mm, np.asarray(spline, np.float32)))
+        for place, step in zip(self._axes(), self._node_steps(), strict=True):
+            nodes = np.linspace(place[0], place[-1], ceil(np.ptp(place) / step) + 1)
+            found.append((nodes, np.asarray(CubicSpline(nodes, np.eye(nodes.size))(place), np.float32)))
         return found
+
+    def _axes(self) -> tuple[Array, Array]:
+        """Along columns and rows: where the grid points are."""
+        return np.asarray(self._x_mm, np.float64), np.asarray(self._y_mm, np.float64)
+
+    def _node_steps(self) -> tuple[float, float]:
+        """Between nodes, in the unit of each axis."""
+        return _NODE_MM, _NODE_MM
+
+    def _node_places(self, across: Array, down: Array) -> tuple[Array, Array]:
+        """x and y of nodes, mm."""
+        return across, down[:, None]
 
     def _slice(self, tissue: Tissue, pose: Matrix4, per_plane_rad: float, drift_mm: Floats | None) -> Complexes:
         """b summed along the elevational axis of the beam, over the four stored planes that its profile reaches.
@@ -207,7 +232,7 @@ class Renderer:
         number -= lowest
         column, row = _wrapped(column, 0), _wrapped(row, 1) + _wrapped(below, 2) * np.float32(_ROWS)
         # One plane further along the beam lies this much aside in the tissue, in columns and rows.
-        aside = [np.float32(pose[axis, 2] / pose[2, 2] * _STEP_MM[2] / _STEP_MM[axis]) for axis in (0, 1)]
+        aside = [np.float32(pose[axis, 2] / pose[2, 2] * STEP_MM[2] / STEP_MM[axis]) for axis in (0, 1)]
         echoes = np.zeros(plane.shape, np.complex64)
         for tap, weight in enumerate(_spline(plane)):
             beyond = np.float32(tap - 1) - plane
@@ -219,10 +244,10 @@ class Renderer:
     def _index(self, pose: Matrix4, axis: int, drift_mm: Floats | None) -> Floats:
         """Place of every grid point along one tissue axis, in steps of the stored tissue, not wrapped."""
         middle_mm = pose[axis, 3] + PERIOD_MM[axis] / 2
-        across = ((pose[axis, 0] * self._x_mm + middle_mm) / _STEP_MM[axis]).astype(np.float32)
-        down = (pose[axis, 1] * self._y_mm / _STEP_MM[axis]).astype(np.float32)
+        across = ((pose[axis, 0] * self._x_mm + middle_mm) / STEP_MM[axis]).astype(np.float32)
+        down = (pose[axis, 1] * self._y_mm / STEP_MM[axis]).astype(np.float32)
         index: Floats = across[None, :] + down[:, None]
-        return index if drift_mm is None else index - drift_mm[axis] * np.float32(1 / _STEP_MM[axis])
+        return index if drift_mm is None else index - drift_mm[axis] * np.float32(1 / STEP_MM[axis])
 
     def _spread(self, part: Floats) -> Floats:
         """Convolution with the Gaussian, and interpolation of the columns in between."""

@@ -12,7 +12,10 @@ from scipy.spatial.transform import Rotation
 from drivers.errors import ConfigurationError
 from drivers.samples import GreyImage, Matrix4
 from drivers.twins.faults import ZOOM, spoil_image, zoom
+from drivers.twins.scene.fan import FanRenderer
+from drivers.twins.scene.geometry import Geometry
 from drivers.twins.scene.sight import Sight
+from drivers.twins.scene.surroundings import Surroundings
 from drivers.twins.scene.tissue import PERIOD_MM, Beam, Floats, Renderer, Tissue, grown
 from drivers.twins.scene.trajectory import Trajectory
 from drivers.twins.scene.wires import Clutter, wire_intensity
@@ -28,8 +31,11 @@ _TRACKER_ROTATION_VECTOR = (1.9, 0.7, -0.5)
 _TRACKER_ORIGIN_MM = (64.0, -87.0, -1520.0)
 """Tissue → tracker: oblique likewise, and 1.5 m in front of it (negative z), where a Polaris measures."""
 
-_HALF_ANGLE_DEG = 17.0
-"""Of the sector that is drawn. Wider ones are cut off by the sides of the picture, narrower ones show less tissue."""
+_HALF_ANGLE_DEG, _FAN_HALF_ANGLE_DEG = 17.0, 20.0
+"""Of the sector that is drawn, by pixels, and of a convex probe, by mm. Wider ones are cut off by the sides of the
+picture, narrower ones show less tissue."""
+_APEX = -1.2
+"""Height of the sector's apex above the picture, in heights of the picture: a fan of 25 mm radius in 21 mm of depth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +82,7 @@ class World:
     """Truth and what the devices see of it.
 
     program: one of trajectory.PROGRAMS. scene: one of SCENES; "speckle" is tissue without any structure.
-    clutter: what the tank of a cross-wire holds besides, if not clean water.
+    clutter: what the tank of a cross-wire holds besides, if not clean water. surroundings: kind of tissue and probe.
     Tissue is grown at the first picture, so a world that is only asked for poses costs nothing.
     Raises ConfigurationError for unknown names.
     """
@@ -88,11 +94,12 @@ class World:
         scene: str = "tissue",
         settings: WorldSettings | None = None,
         clutter: Clutter | None = None,
+        surroundings: Surroundings | None = None,
     ) -> None:
         if scene not in SCENES:
             raise ConfigurationError(f"'{scene}' is not a known scene", "simulated world", f"Use {', '.join(SCENES)}")
         self.seed, self.scene, self.settings = seed, scene, settings or WorldSettings()
-        self.clutter = clutter or Clutter()
+        self.clutter, self.surroundings = clutter or Clutter(), surroundings or Surroundings()
         self.trajectory = Trajectory(seed, program)
         self.sensor_to_picture = _rigid(_SENSOR_ROTATION_VECTOR, _SENSOR_OFFSET_MM)
         self.tissue_to_tracker = _rigid(_TRACKER_ROTATION_VECTOR, _TRACKER_ORIGIN_MM)
@@ -135,7 +142,10 @@ class World:
         self, picture_pose: Matrix4, index: int = 0, active: Collection[str] = (), sight: Sight | None = None
     ) -> GreyImage:
         """The picture at a given pose P → C, (4, 4), mm. sight: how it differs from that of rigid tissue."""
-        grey = self.plain_at(picture_pose, index, sight)
+        return self.on_screen(self.plain_at(picture_pose, index, sight), active)
+
+    def on_screen(self, grey: GreyImage, active: Collection[str] = ()) -> GreyImage:
+        """Plain echoes as the scanner's screen shows them, with all that it draws."""
         if not self.settings.overlay:
             return spoil_image(grey, active)
         screen, magnified = self._screen, 1.0
@@ -170,16 +180,29 @@ class World:
 
     @cached_property
     def _tissue(self) -> Tissue:
-        return grown(self.seed, self.scene == "tissue")
+        return grown(self.seed, self.scene == "tissue", self.surroundings.layers)
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        """Where the pixels lie."""
+        settings = self.settings
+        size_px, scale = (settings.width_px, settings.height_px), settings.scale_mm_per_px
+        middle = (settings.height_px - 1) / 2
+        apex_mm = (_APEX * settings.height_px - middle) * scale[1] if self.surroundings.convex else None
+        return Geometry(size_px, scale, apex_mm)
 
     @cached_property
     def _renderer(self) -> Renderer:
-        settings = self.settings
-        return Renderer((settings.width_px, settings.height_px), settings.scale_mm_per_px, Beam())
+        if self.surroundings.convex:
+            return FanRenderer(self.geometry, _FAN_HALF_ANGLE_DEG)
+        return Renderer(self.geometry.size_px, self.geometry.scale_mm_per_px, Beam())
 
     @cached_property
     def _screen(self) -> "_Screen":
-        return _Screen(self.settings.width_px, self.settings.height_px, self.settings.scale_mm_per_px[1])
+        scale = self.settings.scale_mm_per_px
+        convex = self.surroundings.convex
+        aspect, half_angle_deg = (scale[0] / scale[1], _FAN_HALF_ANGLE_DEG) if convex else (1.0, _HALF_ANGLE_DEG)
+        return _Screen(self.settings.width_px, self.settings.height_px, scale[1], aspect, half_angle_deg)
 
     @cached_property
     def _noise(self) -> Floats:
@@ -217,13 +240,16 @@ class World:
 class _Screen:
     """What the scanner draws: the border of the sector, a ruler of its depth, and text and probe arc that never move.
 
-    sector: (h, w) uint8 mask, 255 inside. top_row_px: sector top.
+    sector: (h, w) uint8 mask, 255 inside. top_row_px: sector top. aspect: of what the sector is round in: 1 for pixels.
     """
 
-    def __init__(self, width_px: int, height_px: int, axial_mm_per_px: float) -> None:
+    def __init__(
+        self, width_px: int, height_px: int, axial_mm_per_px: float, aspect: float, half_angle_deg: float
+    ) -> None:
+        self._aspect, self._half_angle_deg = aspect, half_angle_deg
         self.top_row_px = 0.06 * height_px
         self._size_px = (width_px, height_px)
-        self._apex_px = ((width_px - 1) / 2, -1.2 * height_px)
+        self._apex_px = ((width_px - 1) / 2, _APEX * height_px)
         self._axial_mm_per_px = axial_mm_per_px
         self.sector = self._sector()
         self._drawn: dict[float, GreyImage] = {}
@@ -245,9 +271,9 @@ class _Screen:
 
     def _sector(self) -> GreyImage:
         width, height = self._size_px
-        x, y = np.meshgrid(np.arange(width) - self._apex_px[0], np.arange(height) - self._apex_px[1])
+        x, y = np.meshgrid((np.arange(width) - self._apex_px[0]) * self._aspect, np.arange(height) - self._apex_px[1])
         radius, angle_deg = np.hypot(x, y), np.degrees(np.arctan2(x, y))
-        inside = (np.abs(angle_deg) < _HALF_ANGLE_DEG) & (radius > self.top_row_px - self._apex_px[1])
+        inside = (np.abs(angle_deg) < self._half_angle_deg) & (radius > self.top_row_px - self._apex_px[1])
         inside &= radius < 0.985 * height - self._apex_px[1]
         return np.where(inside, 255, 0).astype(np.uint8)
 
@@ -255,8 +281,8 @@ class _Screen:
         centre = (round(self._apex_px[0]), round(self._apex_px[1]))
         for row_px, grey in ((self.top_row_px - 3, 200), (0.985 * self._size_px[1], 90)):
             radius = round(row_px - self._apex_px[1])
-            start, stop = 90 - _HALF_ANGLE_DEG, 90 + _HALF_ANGLE_DEG
-            cv2.ellipse(text, centre, (radius, radius), 0, start, stop, grey, 1, cv2.LINE_AA)
+            start, stop = 90 - self._half_angle_deg, 90 + self._half_angle_deg
+            cv2.ellipse(text, centre, (round(radius / self._aspect), radius), 0, start, stop, grey, 1, cv2.LINE_AA)
 
     def _draw_scale(self, text: GreyImage, axial_mm_per_px: float) -> None:
         """Ticks every 5 mm of depth along the right edge, and a focus mark."""

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.errors import ConfigurationError
 from drivers.twins.scene.breathing import DIRECTIONS, Rhythm
+from drivers.twins.scene.geometry import Geometry
 from drivers.twins.scene.patient import Patient, face_at
 from drivers.twins.scene.softness import DRAG_DEPTH_MM, Face, Follow, displacement, dragged
 from drivers.twins.scene.surroundings import PARTS, surroundings
@@ -16,6 +17,7 @@ from drivers.twins.scene.tissue import Beam, Renderer, grown
 
 NO_DRAG = np.zeros(2)
 SCALE_MM = np.array([0.08, 0.07])
+GEOMETRY = Geometry((240, 200), (0.08, 0.07))
 SKIN_MM = -7.0
 
 
@@ -36,7 +38,7 @@ def seen(where, moved=None):
 
 
 def even(way_mm):
-    return lambda x_mm, y_mm: np.broadcast_to(np.reshape(way_mm, (3, 1, 1)), (3, y_mm.size, x_mm.size))
+    return lambda x_mm, y_mm: np.reshape(way_mm, (3, 1, 1)) + 0 * (x_mm + y_mm)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +129,7 @@ def test_tissue_that_has_turned_looks_as_it_does_from_a_pose_turned_back():
     back[:3, 3] = (0.3, -0.4, 0)
 
     def turned(x_mm, y_mm):
-        places = np.stack(np.broadcast_arrays(x_mm + 2, y_mm[:, None] + 1, 3.0, 1.0))
+        places = np.stack(np.broadcast_arrays(x_mm + 2, y_mm + 1, 3.0, 1.0))
         return (places - np.tensordot(back, places, 1))[:3]
 
     assert seen(there, turned) == pytest.approx(seen(back @ there), abs=0.01)
@@ -137,7 +139,7 @@ def test_tissue_pressed_together_moves_in_the_picture_as_asked():
     """Independent of the line: matched in blocks, between two presses of a layer on a back 14 mm down."""
 
     def pressed(press_mm):
-        return lambda x_mm, y_mm: np.stack([0, press_mm, 0])[:, None, None] * (0 * x_mm + 0.5 - y_mm[:, None] / 14)
+        return lambda x_mm, y_mm: np.stack([0, press_mm, 0])[:, None, None] * (0 * x_mm + 0.5 - y_mm / 14)
 
     before, after = (np.log(seen(pose(), pressed(press)) + 0.05).astype(np.float32) for press in (0.8, 1.1))
     for row in (40, 100, 150):
@@ -155,10 +157,10 @@ def test_tissue_pressed_together_moves_in_the_picture_as_asked():
 def test_breath_goes_where_it_is_told_and_an_organ_more_than_its_wall():
     t_s = np.arange(0, 20, 0.05)
     usual = Rhythm(3, 20.0).breath_mm(t_s, 12.0)
-    whole = Patient(surroundings("rigid+breath-12-oblique"), 3, SKIN_MM, 20.0).breathed(t_s)
+    whole = Patient(surroundings("rigid+breath-12-oblique"), 3, GEOMETRY, 20.0).breathed(t_s)
     assert whole == pytest.approx(usual[:, None] * DIRECTIONS["oblique"])
     assert 9 < np.ptp(usual) < 17
-    organ = Patient(surroundings("organ-12-elevational"), 3, SKIN_MM, 20.0)
+    organ = Patient(surroundings("organ-12-elevational"), 3, GEOMETRY, 20.0)
     assert organ.breathed(t_s) == pytest.approx(usual[:, None] * (0, 0.25, 0))
     k = int(usual.argmax())
     wall, liver = organ.displaced(pose(), np.array([[0, 0], [-6, 6], [0, 0]]), t_s[k], NO_DRAG).T
@@ -189,6 +191,7 @@ def test_a_name_says_what_it_says():
         ("half-30-axial", "half-MM"),
         ("half-3000", "out of range in 'half-3000' (mm 5 … 100)"),
         ("half-nan", "out of range"),
+        ("ribs-1.5", "out of range in 'ribs-1.5' (number 1 … 2)"),
         ("breath-4", "breath-MM-TO"),
         ("breath-4-upwards", "breath-MM-TO"),
         ("half-30+half-20", "'half' twice"),

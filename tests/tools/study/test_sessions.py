@@ -1,5 +1,7 @@
 """Hands and sessions: as fast, as far and as shaky as they say, and the same for the same seed."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,8 @@ from appliance.core.path.steps import predicted_path
 from drivers.rigid import inverse, rigid
 from tools.study.hand import ALL, GESTURE_S, lifted, tremor
 from tools.study.hazard import Hazard
+from tools.study.place import erring_by_place
+from tools.study.samples import rendered
 from tools.study.session import SETTINGS, TISSUES, Session, picture_path
 
 T_S = np.arange(0, 60, 1 / 30)
@@ -112,3 +116,29 @@ def test_the_sensor_sees_the_probe_and_not_the_tissue():
     poses = still.sensor(T_S, body)
     assert np.allclose(poses, breathing.sensor(T_S, body))
     assert np.allclose(inverse(still.world.tissue_to_tracker) @ poses @ inverse(body), still.probe(T_S))
+
+
+def test_a_slow_scanner_is_seen_twice_and_a_processing_one_every_time():
+    twice, each = (rendered(Session("hold", name, 1, 0.2), None) for name in ("slow", "persistence-0.5"))
+    assert [np.array_equal(a, b) for a, b in pairwise(twice)] == [True, False, True, False, True]
+    assert not any(np.array_equal(a, b) for a, b in pairwise(each))
+
+
+def test_a_deep_picture_begins_at_the_skin_too():
+    one = session("fan", "deep")
+    assert one.world.geometry.skin_mm == pytest.approx(-22.5)
+    skin = np.array([0, -22.5, 0, 1])
+    assert np.all(np.std(one.probe(T_S) @ skin, axis=0) < 1)
+
+
+def test_a_tracker_errs_by_place_slowly_and_as_far_as_it_is_said():
+    places = np.random.default_rng(3).uniform(-300, 300, (4000, 3))
+    poses = rigid(np.broadcast_to(np.eye(3), (4000, 3, 3)), places)
+    errors = np.array([erring_by_place(poses, 0.8, seed)[:, :3, 3] - places for seed in range(6)])
+    assert errors.std() == pytest.approx(0.8, rel=0.1)
+    near = rigid(poses[:, :3, :3], places + np.array([0, 0, 5.0]))
+    moved = erring_by_place(near, 0.8, 1) - erring_by_place(poses, 0.8, 1)
+    assert (moved[:, :3, 3] - (0, 0, 5.0)).std() < 0.6
+    turned = inverse(poses) @ erring_by_place(poses, 0.8, 1)
+    assert np.rad2deg(turned[:, 1, 0].std()) == pytest.approx(0.32, rel=0.2)
+    assert erring_by_place(poses, 0.0, 1) is poses

@@ -1,0 +1,27 @@
+"""A tracker whose error depends on the place, slowly: what its makers call volumetric accuracy. Pure and seeded."""
+
+import numpy as np
+
+from drivers.rigid import Array, rigid, rotation_from_vector
+
+_DEG_PER_MM = 0.4
+"""Of turns, against the error of a place: .3° with .75 mm, as an optical tracker's residual against a robot's arm."""
+_WAVES, _SHORTEST_MM, _LONGEST_MM = 8, 40.0, 120.0
+"""What the error is a sum of: alike over one to three centimetres. Shorter waves would be noise, longer ones a common
+offset, which no picture shows."""
+
+
+def erring_by_place(poses: Array, size_mm: float, seed: int) -> Array:
+    """(n, 4, 4) sensor → tracker, with an error of this standard deviation for each axis, and of turns accordingly."""
+    if not size_mm:
+        return poses
+    random = np.random.default_rng((seed, 71))
+    heading = random.standard_normal((_WAVES, 3))
+    length_mm = random.uniform(_SHORTEST_MM, _LONGEST_MM, (_WAVES, 1))
+    waves = 2 * np.pi * heading / np.linalg.norm(heading, axis=1, keepdims=True) / length_mm
+    phase = random.uniform(0, 2 * np.pi, (_WAVES, 6))
+    amplitude = np.sqrt(2 / _WAVES) * size_mm * np.array([1.0] * 3 + [_DEG_PER_MM] * 3)
+    error = np.sin((poses[:, :3, 3] @ waves.T)[:, :, None] + phase).sum(axis=1) * amplitude
+    erring = poses @ rigid(rotation_from_vector(np.deg2rad(error[:, 3:])), np.zeros((len(poses), 3)))
+    erring[:, :3, 3] += error[:, :3]
+    return np.asarray(erring)
