@@ -13,7 +13,7 @@ from appliance.types import Calibration
 from drivers.rigid import Array, ComplexArray, inverse, rigid, rotation_from_vector
 from drivers.twins.scene.patient import Patient
 from drivers.twins.scene.sight import Sight
-from drivers.twins.scene.softness import dragged
+from drivers.twins.scene.softness import dragged_along
 from drivers.twins.scene.surroundings import surroundings
 from drivers.twins.scene.world import World, WorldSettings
 from tools.study.hand import ALL, lifted
@@ -126,7 +126,7 @@ class Session:
             return t_s, np.zeros((t_s.size, 2))
         poses = self.pictures(t_s)
         faces = poses[:, :3, 3] + self.world.geometry.skin_mm * poses[:, :3, 1]
-        return t_s, dragged(faces[:, [0, 2]], play_mm, self.touches(t_s))
+        return t_s, dragged_along(faces[:, [0, 2]], play_mm, self.touches(t_s))
 
 
 def picture_path(poses: Array) -> tuple[ComplexArray, Array]:

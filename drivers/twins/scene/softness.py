@@ -14,7 +14,7 @@ against a press, muscles, and any memory but that of the skin.
 """
 
 from dataclasses import dataclass
-from math import inf
+from math import hypot, inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,15 +85,20 @@ def displacement(points_mm: Array, face: Face, follow: Follow, aside_mm: tuple[f
     )
 
 
-def dragged(way_mm: Array, play_mm: float, touches: NDArray[np.bool_]) -> Array:
-    """(n, 2) way of the face over the skin, in small steps → (n, 2) how far it holds the skin from its rest: it sticks
-    up to play_mm in any direction, and slips from there on. Off the skin the skin goes back.
+def dragged(held_mm: Array, step_mm: Array, play_mm: float) -> Array:
+    """How far the face holds the skin from its rest, (2,) lateral and elevational, after a small step over it: it
+    sticks up to play_mm in any direction, and slips from there on.
 
     After a turn the skin is carried from one end of its play to the other before the face slips again.
     """
+    pulled = held_mm + step_mm
+    return np.asarray(pulled * min(1.0, play_mm / max(hypot(*pulled), 1e-12)))
+
+
+def dragged_along(way_mm: Array, play_mm: float, touches: NDArray[np.bool_]) -> Array:
+    """(n, 2) the whole way of the face → (n, 2) `dragged` all along. Off the skin the skin goes back."""
     held = np.zeros_like(way_mm)
     for k in range(1, len(way_mm)):
-        pulled = held[k - 1] + way_mm[k] - way_mm[k - 1]
-        far = np.hypot(*pulled)
-        held[k] = pulled * (touches[k] * min(1.0, play_mm / max(far, 1e-12)))
+        if touches[k]:
+            held[k] = dragged(held[k - 1], way_mm[k] - way_mm[k - 1], play_mm)
     return held

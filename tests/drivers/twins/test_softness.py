@@ -11,7 +11,7 @@ from drivers.errors import ConfigurationError
 from drivers.twins.scene.breathing import DIRECTIONS, Rhythm
 from drivers.twins.scene.geometry import Geometry
 from drivers.twins.scene.patient import Patient, face_at
-from drivers.twins.scene.softness import DRAG_DEPTH_MM, Face, Follow, displacement, dragged
+from drivers.twins.scene.softness import DRAG_DEPTH_MM, Face, Follow, displacement, dragged_along
 from drivers.twins.scene.surroundings import PARTS, surroundings
 from drivers.twins.scene.tissue import Beam, Renderer, grown
 
@@ -91,7 +91,7 @@ def test_a_rocked_face_presses_one_side_more():
 def test_skin_sticks_slips_and_loses_its_play_at_each_turn():
     there = np.linspace(0, 5, 501)
     way = np.concatenate([there, there[::-1]])
-    held = dragged(np.stack([way, 0 * way], axis=1), 2.0, np.ones(way.size, bool))
+    held = dragged_along(np.stack([way, 0 * way], axis=1), 2.0, np.ones(way.size, bool))
     assert np.all(held[:, 1] == 0)
     assert held[:201, 0] == pytest.approx(way[:201]), "it sticks"
     assert held[200:501, 0] == pytest.approx(2.0), "it slips"
@@ -103,7 +103,7 @@ def test_skin_sticks_slips_and_loses_its_play_at_each_turn():
 def test_skin_sticks_alike_in_every_direction_and_goes_back_off_the_skin():
     way = np.stack([np.linspace(0, 3, 301), np.linspace(0, 4, 301)], axis=1)
     touches = np.arange(301) < 250
-    held = dragged(way, 1.5, touches)
+    held = dragged_along(way, 1.5, touches)
     assert held[249] == pytest.approx([0.9, 1.2])
     assert np.all(held[250:] == 0)
 
