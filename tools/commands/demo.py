@@ -17,6 +17,8 @@ from appliance.types import State
 from drivers.errors import TooBusy
 from drivers.files.atomic_file import check_writable
 from drivers.twins.faults import CART_FAULTS
+from drivers.twins.scene.bedside import scanned
+from drivers.twins.scene.surroundings import RIGID
 from tools.demo.director import Director
 from tools.demo.live_view import LiveView
 from tools.demo.load import DemoLoad
@@ -53,6 +55,11 @@ def _fault(text: str) -> tuple[str, float]:
     return fault, from_s
 
 
+def _tissue(_context: click.Context, _option: click.Parameter, name: str) -> str:
+    scanned(name)
+    return name
+
+
 @click.command(name="demo")
 @click.option(
     "--fault", "faults", multiple=True, callback=_faults, metavar="NAME@SECONDS", help="repeatable; see above"
@@ -60,6 +67,7 @@ def _fault(text: str) -> tuple[str, float]:
 @click.option("--duration", "duration_s", type=click.FloatRange(15, 86_400), help="end after so many seconds")
 @click.option("--speed", default=1.0, show_default=True, type=click.FloatRange(0.25, 4), help="cart seconds per second")
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of tissue, motion and noise")
+@click.option("--tissue", default=RIGID, show_default=True, callback=_tissue, help="what is scanned; see below")
 @click.option("--openigtlink", "served", is_flag=True, help="the service sees both through an OpenIGTLink server")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the report here too")
 def command(
@@ -67,6 +75,7 @@ def command(
     duration_s: float | None,
     speed: float,
     seed: int,
+    tissue: str,
     served: bool,
     json_path: Path | None,
 ) -> None:
@@ -89,6 +98,9 @@ def command(
       lose-tracker, stale-tracker   no answer, or an old one         (tracker-lost, tracker-stale)
     It comes at that time, or as soon after it as the calibration is verified: only then can it be lost.
 
+    --tissue NAME scans a patient instead of a phantom, such as half-30+drag-2; `probewatch study --help` lists the
+    parts. The calibration is not verified in soft tissue yet, so no fault can be put in there.
+
     \b
     Examples:
       probewatch demo --fault flip-lateral@20
@@ -101,7 +113,7 @@ def command(
     """
     check_writable(json_path)
     plan = chosen_plan(faults, duration_s) if faults else default_plan(duration_s)
-    settings = CartSettings(seed, speed, served)
+    settings = CartSettings(seed, speed, served, tissue=tissue)
     console = Console(file=sys.stdout, highlight=False)
     with _stoppable() as stop:
         script, history, counters = _run(plan, duration_s, settings, console, stop)

@@ -14,6 +14,8 @@ from drivers.clock.host_clock import HostClock
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import PICTURE_FAULTS
 from drivers.twins.scanner import Scanner, VideoPlug
+from drivers.twins.scene.bedside import Bedside
+from drivers.twins.scene.surroundings import RIGID, listed
 from drivers.twins.scene.tank import PlaceOfWork
 from drivers.twins.scene.trajectory import PROGRAMS, USUAL_PROGRAM
 from drivers.twins.scene.world import SCENES, World, WorldSettings
@@ -32,6 +34,7 @@ from drivers.twins.scene.world import SCENES, World, WorldSettings
     help="how the probe is moved",
 )
 @click.option("--scene", type=click.Choice(list(SCENES)), default="tissue", help="what it looks at [tissue]")
+@click.option("--tissue", default=RIGID, show_default=True, help=f"what is scanned, as in a study: {listed()}")
 @click.option(
     "--control", type=click.Path(dir_okay=False, path_type=Path), help="JSON list of faults, read again when it changes"
 )
@@ -44,6 +47,7 @@ def command(
     seed: int,
     program: str,
     scene: str,
+    tissue: str,
     control: Path | None,
     tank: Path | None,
     rate: float,
@@ -54,7 +58,7 @@ def command(
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     cv2.setNumThreads(1)
-    world = World(seed, program, scene, WorldSettings(fps=fps))
+    world = _world(seed, program, scene, WorldSettings(fps=fps), tissue)
     world.frame(0.0, 0)
     clock = HostClock(rate, time.monotonic_ns() if origin_ns is None else origin_ns)
     # A parent that no longer reads the events shall not be answered with a traceback.
@@ -63,3 +67,11 @@ def command(
         scanner = Scanner(PlaceOfWork(world, tank), plug, clock, FaultControl(PICTURE_FAULTS, file=control))
         scanner.run(stop)
         click.echo(json.dumps({"account": scanner.account}))
+
+
+def _world(seed: int, program: str, scene: str, settings: WorldSettings, tissue: str) -> World:
+    if tissue == RIGID:
+        return World(seed, program, scene, settings)
+    if scene != "tissue":
+        raise click.BadOptionUsage("--tissue", f"--tissue is of the scene 'tissue', not '{scene}'")
+    return Bedside(seed, program, settings, tissue)

@@ -23,6 +23,7 @@ from drivers.clock.host_clock import HostClock
 from drivers.errors import DeviceLost, ProbewatchError
 from drivers.files.atomic_file import replacing
 from drivers.twins.faults import PICTURE_FAULTS, Schedule
+from drivers.twins.scene.surroundings import RIGID
 from drivers.twins.scene.world import World
 from tools.simulators.run_with_parent import with_parent
 
@@ -127,13 +128,14 @@ class Part:
 @dataclass(frozen=True, slots=True)
 class CartSettings:
     """seed: of the world. rate: seconds of the cart per second. served: scanner and tracker come through an OpenIGTLink
-    server, as behind PLUS. fps: pictures per second of the cart.
+    server, as behind PLUS. fps: pictures per second of the cart. tissue: what is scanned (`surroundings`).
     """
 
     seed: int = 1
     rate: float = 1.0
     served: bool = False
     fps: float = 30.0
+    tissue: str = RIGID
 
 
 class NotReady(DeviceLost):
@@ -204,8 +206,9 @@ class SimulatedDevices:
             self._launch_server()
             return
         place = self.folder / name
+        scanned = ["--fps", str(self.settings.fps), "--tissue", self.settings.tissue]
         options = {
-            "scanner": ["--socket", str(place), "--control", f"{place}.json", "--fps", str(self.settings.fps)],
+            "scanner": ["--socket", str(place), "--control", f"{place}.json", *scanned],
             "polaris": ["--pty", str(place), "--rom", str(self.folder / "probe.rom"), "--control", f"{place}.json"],
             "relay_board": ["--pty", str(place)],
         }[name]

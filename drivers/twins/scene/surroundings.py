@@ -87,9 +87,11 @@ def _breath(now: Surroundings, mm: float, to: str, organ: bool = False) -> Surro
     return replace(now, breath_mm=mm, breath_to=DIRECTIONS[to], organ=organ)
 
 
+RIGID = "rigid"
+"""The usual world of simulated devices."""
 _BREATH = _Size("mm", 1, 20)
 PARTS: Mapping[str, Part] = {
-    "rigid": Part("nothing gives way", lambda now: now),
+    RIGID: Part("nothing gives way", lambda now: now),
     "still": Part("the same", lambda now: now),
     "breathing": Part("breath-4-axial+pulse", lambda now: replace(_breath(now, 4.0, "axial"), pulse=True)),
     "layer": Part("a rigid back so deep", lambda now, mm: _pressed(now, back_mm=mm), (_Size("mm", 25, 300),)),

@@ -13,6 +13,8 @@ from tools.demo.script import FAULT_CLASS
         (["--fault", "depth"], 2, "such as depth@25"),
         (["--fault", "depth@nan"], 2, "needs a time in seconds"),
         (["--fault", "depth@20", "--duration", "30"], 78, "the last fault may need until 58 s"),
+        (["--tissue", "jelly"], 78, "no part 'jelly'. Use rigid"),
+        (["--tissue", "deep"], 78, "Leave out deep and tracker"),
         (["--json", "/nowhere/at/all.json"], 78, "cannot be written"),
     ],
 )
