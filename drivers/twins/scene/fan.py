@@ -8,7 +8,7 @@ import numpy as np
 from drivers.rigid import Array
 from drivers.samples import Matrix4
 from drivers.twins.scene.geometry import Geometry
-from drivers.twins.scene.tissue import PERIOD_MM, STEP_MM, Beam, Complexes, Floats, Renderer
+from drivers.twins.scene.tissue import PERIOD_MM, STEP_MM, Beam, Complexes, Floats, Renderer, turned
 
 FAN_BEAM = Beam(lateral_mm=0.505, axial_mm=0.2, carrier_rad_per_mm=28.6)
 """3.5 MHz, as convex probes have. Lateral half way down. At 5 MHz the carrier would turn faster across a beam 28° off
@@ -59,7 +59,7 @@ class FanRenderer(Renderer):
         """The carrier goes along each beam instead of along the axis of the picture."""
         beam_mm = self._down_mm - self._radius[:, None]
         phase = along_rad[0] * self._along_mm + along_rad[1] * self._down_mm + self._carrier * beam_mm
-        return np.asarray(echoes * np.exp(1j * phase).astype(np.complex64) * self._even)
+        return np.asarray(echoes * turned(phase.astype(np.float32)) * self._even)
 
     def _spread(self, part: Floats) -> Floats:
         beams = super()._spread(part)
