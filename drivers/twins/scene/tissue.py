@@ -57,8 +57,9 @@ PERIOD_MM = tuple(step * points for step, points in zip(STEP_MM, _POINTS, strict
 """The tissue repeats after 76.8 × 53.2 × 14.0 mm (x, y, z); its origin is in the middle, so few pictures wrap."""
 
 _NODE_MM = 0.5
-"""Between places at which a displacement is asked for; a cubic spline goes through them. A press is followed to .007 mm,
-an organ that slides by 12 mm under its wall to .15 mm; with .75 mm to .31 mm, with .375 to .08. Nearer ones cost time."""
+"""Between places at which a displacement is asked for; a cubic spline goes through them. A press is followed to
+.007 mm, an organ that slides by 12 mm under its wall to .15 mm; with .75 mm to .31 mm, with .375 mm to .08 mm. Nearer
+ones cost time."""
 _LAYERS = (16, 5.0)
 """Of a layered muscle: fasciae in the period of the tissue, one every 3 mm, and how strong they are: three times as
 those of other tissue, ten decibels."""
