@@ -5,7 +5,6 @@ predicted steps of the picture's middle and turn, white tracker noise on an offs
 that leaving the plane adds (docs/method.md, equations 15 and 20).
 """
 
-from dataclasses import replace
 from functools import lru_cache
 from math import log, radians
 
@@ -38,7 +37,7 @@ def bounds(session: Session, noise_mm: float, noise_deg: float, span_s: float = 
     """
     t_s = np.arange(0.0, span_s, 1 / FPS)
     t_s = t_s[session.touches(t_s)]
-    still = replace(session, tissue="still")
+    still = session.at_rest
     path, turn = picture_path(still.pictures(t_s))
     steps = np.stack([_steps(still, t_s, path, turn, part) for part in np.vstack([np.diag(_SMALL), -np.diag(_SMALL)])])
     J = (steps[:9] - steps[9:]) / (2 * _SMALL[:, None, None])
@@ -62,7 +61,7 @@ def least_delay_s(session: Session, change: Array, noise_mm: float, noise_deg: f
     t_s = t_s[session.touches(t_s)]
     if t_s.size < 2:
         return np.inf
-    still = replace(session, tissue="still")
+    still = session.at_rest
     path, turn = picture_path(still.pictures(t_s))
     missed = _steps(still, t_s, path, turn, change) - _steps(still, t_s, path, turn, np.zeros(9))
     noises = _noises(still, t_s, noise_mm, noise_deg)

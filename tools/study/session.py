@@ -65,6 +65,11 @@ class Session:
         settings = replace(SETTINGS, scale_mm_per_px=_DEEP_MM_PER_PX) if named.deep else SETTINGS
         return World(self.seed, settings=settings, surroundings=named)
 
+    @property
+    def at_rest(self) -> "Session":
+        """The same hand and picture on rigid tissue that is still."""
+        return replace(self, tissue="deep" if self.world.surroundings.deep else "still")
+
     @cached_property
     def patient(self) -> Patient:
         """What the probe is on."""

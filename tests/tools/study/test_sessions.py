@@ -1,7 +1,8 @@
 """Hands and sessions: as fast, as far and as shaky as they say, and the same for the same seed."""
 
-from itertools import pairwise
+import itertools
 
+import cv2
 import numpy as np
 import pytest
 
@@ -118,10 +119,49 @@ def test_the_sensor_sees_the_probe_and_not_the_tissue():
     assert np.allclose(inverse(still.world.tissue_to_tracker) @ poses @ inverse(body), still.probe(T_S))
 
 
+def seen_later(one, from_s, to_s, place_mm):
+    """Where in the picture at to_s the tissue is that was at this place at from_s, mm, by fixed-point iteration."""
+
+    def at_rest(t_s, xy):
+        pose = one.pictures(np.array([t_s]))[0]
+        return pose[:3, :2] @ xy + pose[:3, 3, None] - one.displaced(t_s, xy), pose
+
+    wanted, _ = at_rest(from_s, place_mm)
+    found = place_mm
+    for _ in range(20):
+        here, pose = at_rest(to_s, found)
+        found = found + (pose[:3, :3].T @ (wanted - here))[:2]
+    return found
+
+
+@pytest.mark.parametrize("name", ["half-20+drag-2", "layer-80+breath-12-lateral"])
+def test_soft_tissue_in_a_picture_is_where_the_truth_says(name):
+    """Independent of the line: matched in blocks between two pictures a tenth of a second apart."""
+    one, t_s = session("in-plane", name), np.array([65, 68]) / 30
+    frames = zip(one.pictures(t_s), one.sights(t_s), strict=True)
+    before, after = (one.world.plain_at(pose, 0, sight).astype(np.float32) for pose, sight in frames)
+    middle, scale = np.array([199.5, 149.5]), np.array([0.08, 0.07])
+    for place_px in itertools.product((130, 270), (90, 160, 230)):
+        place_mm = ((place_px - middle) * scale)[:, None]
+        later_px = seen_later(one, *t_s, place_mm)[:, 0] / scale + middle
+        columns, rows = (slice(place - 20, place + 21) for place in place_px)
+        near = np.round(later_px).astype(int)
+        around = after[near[1] - 26 : near[1] + 27, near[0] - 26 : near[0] + 27]
+        likeness = cv2.matchTemplate(around, before[rows, columns], cv2.TM_CCOEFF_NORMED)
+        found = cv2.minMaxLoc(likeness)[3]
+        assert cv2.minMaxLoc(likeness)[1] > 0.6
+        assert near + found - 6 == pytest.approx(later_px, abs=1.2)
+
+
 def test_a_slow_scanner_is_seen_twice_and_a_processing_one_every_time():
     twice, each = (rendered(Session("hold", name, 1, 0.2), None) for name in ("slow", "persistence-0.5"))
-    assert [np.array_equal(a, b) for a, b in pairwise(twice)] == [True, False, True, False, True]
-    assert not any(np.array_equal(a, b) for a, b in pairwise(each))
+    assert [np.array_equal(a, b) for a, b in itertools.pairwise(twice)] == [True, False, True, False, True]
+    assert not any(np.array_equal(a, b) for a, b in itertools.pairwise(each))
+
+
+def test_what_a_motion_can_show_is_that_of_its_picture_at_rest():
+    assert session("fan", "half-20+drag-2").at_rest == session("fan")
+    assert session("fan", "half-20+deep").at_rest == session("fan", "deep")
 
 
 def test_a_deep_picture_begins_at_the_skin_too():
