@@ -1,4 +1,4 @@
-"""What stands in the way of the beam: ribs and their shadows, a face half off the skin, a needle. Pure."""
+"""What stands in the way of the beam: ribs and gas with their shadows, a face half off the skin, a needle. Pure."""
 
 from dataclasses import dataclass
 
@@ -17,6 +17,9 @@ _RIB_SLANT = 0.15
 """How far a rib goes sideways per mm out of the plane: a few millimetres in a sweep."""
 RIBS_MM = {1: (4.0,), 2: (-7.5, 7.5)}
 """Where they are, lateral, by their number. Two leave 10 mm of tissue to be seen between them."""
+
+_GAS_RINGS, _GAS_RING_MM = 0.35, 1.3
+"""What rings below gas, which makes its shadow grey: amplitude against plain tissue, and distance of the bands."""
 
 FACE_SHARE = 0.68
 """Half the width that the face counts for, of half the picture: that of the sector half way down."""
@@ -59,6 +62,12 @@ def shadowed(beams: Beams, across_mm: float, depth_mm: float, spread: float) -> 
     gain = 1 - (1 - _SHADOW) * under * np.clip(below / _SURFACE_MM, 0, 1)
     added = _RIB_ECHO * bulge * np.exp(-((below / _SURFACE_MM) ** 2) / 2)
     return gain.astype(np.float32), added.astype(np.float32)
+
+
+def ringing(gain: Floats, beams: Beams, depth_mm: float) -> Floats:
+    """(h, w) amplitude of the bands in the shadow of gas at this depth: as deep in every picture below its surface."""
+    below = beams.depth_mm - np.float32(depth_mm)
+    return np.asarray(_GAS_RINGS * (1 - gain) * (0.6 + 0.4 * np.cos(2 * np.pi * below / _GAS_RING_MM)), np.float32)
 
 
 def off_the_skin(beams: Beams, share: float) -> tuple[Floats, Floats]:

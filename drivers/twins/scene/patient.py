@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.rigid import Array
 from drivers.samples import Matrix4
-from drivers.twins.scene.anatomy import RIBS_MM, Beams, needle, off_the_skin, rib_place, shadowed
+from drivers.twins.scene.anatomy import RIBS_MM, Beams, needle, off_the_skin, rib_place, ringing, shadowed
 from drivers.twins.scene.breathing import DIRECTIONS, Rhythm
 from drivers.twins.scene.geometry import Geometry
 from drivers.twins.scene.sight import Sight
@@ -64,7 +64,9 @@ class Patient:
         for rib_mm in RIBS_MM.get(now.ribs, ()):
             rest = rib_place(rib_mm, self._skin_mm, pose)
             place = pose[:3, :3].T @ (rest + self.displaced(pose, rest, t_s, drag_mm) - pose[:3, 3])
-            yield shadowed(self._beams, *map(float, self._geometry.beam(*place[:2])))
+            across_mm, depth_mm, spread = map(float, self._geometry.beam(*place[:2]))
+            gain, added = shadowed(self._beams, across_mm, depth_mm, spread)
+            yield gain, added + ringing(gain, self._beams, depth_mm) if now.gas else added
         if now.contact < 1:
             yield self._off_the_skin
 

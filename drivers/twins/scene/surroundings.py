@@ -13,9 +13,9 @@ from drivers.twins.scene.softness import Follow
 class Surroundings:
     """follow: what presses. play_mm: how far the skin sticks to the face. breath_mm, breath_to: way of the tissue, peak
     to peak, and where to, a unit vector. organ: whether only what lies under the wall goes all of that way. pulse:
-    whether there is one. ribs: how many. contact: share of the face that touches. layers, needle: whether there are
-    any. convex: whether the probe is. deep: whether the picture shows twice as much tissue on as many pixels.
-    processing: of the scanner. tracker_mm: by how much the tracker errs from place to place.
+    whether there is one. ribs: how many. gas: whether they are gas instead. contact: share of the face that touches.
+    layers, needle: whether there are any. convex: whether the probe is. deep: whether the picture shows twice as much
+    tissue on as many pixels. processing: of the scanner. tracker_mm: by how much the tracker errs from place to place.
     """
 
     follow: Follow = field(default_factory=Follow)
@@ -25,6 +25,7 @@ class Surroundings:
     organ: bool = False
     pulse: bool = False
     ribs: int = 0
+    gas: bool = False
     contact: float = 1.0
     layers: bool = False
     needle: bool = False
@@ -121,6 +122,11 @@ PARTS: Mapping[str, Part] = {
     "ribs": Part(
         "ribs 8 mm deep with their shadows",
         lambda now, number: replace(now, ribs=number),
+        (_Size("number", 1, 2, whole=True),),
+    ),
+    "gas": Part(
+        "as many pockets of gas 8 mm deep, whose shadows ring",
+        lambda now, number: replace(now, ribs=number, gas=True),
         (_Size("number", 1, 2, whole=True),),
     ),
     "contact": Part(

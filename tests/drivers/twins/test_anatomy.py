@@ -58,6 +58,13 @@ def test_below_a_rib_the_picture_is_dark_and_its_surface_is_bright():
     assert seen.max() > free.max()
 
 
+def test_the_shadow_of_gas_is_grey_and_rings():
+    rib, gas = (world("rigid").plain_at(pose(), 0, sight(name, pose())).astype(float) for name in ("ribs-1", "gas-1"))
+    shadow = sight("ribs-1", pose()).gain < 0.05
+    assert 20 + rib[shadow].mean() < gas[shadow].mean() < world("rigid").plain_at(pose(), 0)[shadow].mean()
+    assert np.array_equal(gas[:60, :60], rib[:60, :60])
+
+
 @pytest.mark.parametrize("share", [0.6, 0.9])
 def test_a_face_shows_what_it_touches(share):
     gain = sight(f"contact-{share}", pose()).gain
