@@ -120,7 +120,7 @@ def command(
     outcome = judge(script, history)
     print_report(console, outcome)
     if json_path is not None:
-        write_json(json_path, report_fields(outcome, history, Circumstances(seed, speed, counters)))
+        write_json(json_path, report_fields(outcome, history, Circumstances(seed, speed, tissue, counters)))
     if not outcome.passed:
         sys.exit(TooBusy.exit_code if outcome.too_busy else 1)
 

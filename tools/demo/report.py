@@ -19,6 +19,7 @@ class Circumstances:
 
     seed: int
     speed: float
+    tissue: str
     counters: Mapping[str, int]
 
 
@@ -73,6 +74,7 @@ def report_fields(outcome: Outcome, history: History, circumstances: Circumstanc
         "too_busy": outcome.too_busy,
         "seed": circumstances.seed,
         "speed": circumstances.speed,
+        "tissue": circumstances.tissue,
         "duration_s": _number(history.end_s),
         "verified_s": _number(outcome.verified_s),
         "faults": [_fault(one) for one in outcome.findings],

@@ -114,7 +114,7 @@ def test_without_faults_only_quiet_is_asked_for() -> None:
 def test_the_report_is_json_and_a_table_of_80_columns() -> None:
     history = History((*GOOD, moment(75, WARNING, "latency")), SWITCHES, (41.0,), 90.0)
     outcome = judge(SCRIPT, history)
-    fields = json.loads(json.dumps(report_fields(outcome, history, Circumstances(1, 1.0, {}))))
+    fields = json.loads(json.dumps(report_fields(outcome, history, Circumstances(1, 1.0, "rigid", {}))))
     assert (fields["version"], fields["passed"]) == (1, False)
     assert fields["faults"][0]["recalibration_request_after_s"] == 3.1
     assert fields["unexpected"][0]["fault"] == "latency"
@@ -175,5 +175,5 @@ def test_a_prompt_says_what_is_shown_what_is_missing_and_which_motion_shows_it()
     assert some.text == "shown: 9 of 10; missing: offset-axial; to show it: rock it"
     assert Prompt(6.0, 10, (), ()).text == "shown: all 10"
     history = History(GOOD, SWITCHES, (41.0,), 90.0, prompts=(some,))
-    fields = report_fields(judge(SCRIPT, history), history, Circumstances(1, 1.0, {}))
+    fields = report_fields(judge(SCRIPT, history), history, Circumstances(1, 1.0, "rigid", {}))
     assert fields["prompts"] == [{"t_s": 5.0, "asked": 10, "missing": ["offset-axial"], "gesture": ["rock it"]}]
