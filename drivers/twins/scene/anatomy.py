@@ -27,6 +27,9 @@ _LOST, _RINGING, _RINGING_MM, _FADES_MM = 0.01, 1.5, 1.6, 4.0
 """What is left of echoes where the face is off the skin; the bands that ring between lens and air: amplitude against
 plain tissue, distance and how soon they fade."""
 
+_PEEL_S = 6.0
+"""In which one side of the face comes off the skin and back: as a hand searches. Not measured."""
+
 _NEEDLE_FROM_MM, _NEEDLE_DEG = (-14.0, -9.0), 35.0
 """Where a needle in a guide comes into the picture, from its middle, and how steep: as for a biopsy in the plane."""
 _NEEDLE_MM, _STROKE_MM, _STROKE_S = 16.0, 8.0, 6.0
@@ -68,6 +71,11 @@ def ringing(gain: Floats, beams: Beams, depth_mm: float) -> Floats:
     """(h, w) amplitude of the bands in the shadow of gas at this depth: as deep in every picture below its surface."""
     below = beams.depth_mm - np.float32(depth_mm)
     return np.asarray(_GAS_RINGS * (1 - gain) * (0.6 + 0.4 * np.cos(2 * np.pi * below / _GAS_RING_MM)), np.float32)
+
+
+def peeled(share: float, t_s: float) -> float:
+    """Share of the face that touches now, of one that comes off to `share` and back."""
+    return float(1 - (1 - share) * (1 - np.cos(2 * np.pi * t_s / _PEEL_S)) / 2)
 
 
 def off_the_skin(beams: Beams, share: float) -> tuple[Floats, Floats]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.rigid import Array
 from drivers.samples import Matrix4
-from drivers.twins.scene.anatomy import RIBS_MM, Beams, needle, off_the_skin, rib_place, ringing, shadowed
+from drivers.twins.scene.anatomy import RIBS_MM, Beams, needle, off_the_skin, peeled, rib_place, ringing, shadowed
 from drivers.twins.scene.breathing import DIRECTIONS, Rhythm
 from drivers.twins.scene.geometry import Geometry
 from drivers.twins.scene.sight import Sight
@@ -68,7 +68,7 @@ class Patient:
             gain, added = shadowed(self._beams, across_mm, depth_mm, spread)
             yield gain, added + ringing(gain, self._beams, depth_mm) if now.gas else added
         if now.contact < 1:
-            yield self._off_the_skin
+            yield off_the_skin(self._beams, peeled(now.contact, t_s)) if now.peels else self._off_the_skin
 
     @cached_property
     def _beams(self) -> Beams:

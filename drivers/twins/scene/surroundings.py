@@ -14,6 +14,7 @@ class Surroundings:
     """follow: what presses. play_mm: how far the skin sticks to the face. breath_mm, breath_to: way of the tissue, peak
     to peak, and where to, a unit vector. organ: whether only what lies under the wall goes all of that way. pulse:
     whether there is one. ribs: how many. gas: whether they are gas instead. contact: share of the face that touches.
+    peels: whether it comes and goes.
     layers, needle: whether there are any. convex: whether the probe is. deep: whether the picture shows twice as much
     tissue on as many pixels. processing: of the scanner. tracker_mm: by how much the tracker errs from place to place.
     """
@@ -27,6 +28,7 @@ class Surroundings:
     ribs: int = 0
     gas: bool = False
     contact: float = 1.0
+    peels: bool = False
     layers: bool = False
     needle: bool = False
     convex: bool = False
@@ -132,6 +134,11 @@ PARTS: Mapping[str, Part] = {
     "contact": Part(
         "the face touches with this share of its width",
         lambda now, share: replace(now, contact=share),
+        (_Size("share", 0.4, 0.95),),
+    ),
+    "peel": Part(
+        "one side of the face comes off the skin to this share and back in 6 s",
+        lambda now, share: replace(now, contact=share, peels=True),
         (_Size("share", 0.4, 0.95),),
     ),
     "layers": Part("strong layers every 3 mm, as in a muscle", lambda now: replace(now, layers=True)),

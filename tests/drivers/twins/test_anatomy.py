@@ -73,6 +73,12 @@ def test_a_face_shows_what_it_touches(share):
     assert np.array_equal(gain[0], gain[-1])
 
 
+def test_a_face_that_peels_off_comes_back():
+    seen = [(sight("peel-0.6", pose(), t).gain[100] > 0.5).sum() for t in (0.0, 1.5, 3.0, 6.0)]
+    assert seen[0] == seen[3] > seen[1] > seen[2]
+    assert seen[2] == (sight("contact-0.6", pose()).gain[100] > 0.5).sum()
+
+
 def test_a_needle_goes_in_and_out():
     lengths = [(sight("needle", pose(), t).added > 1).sum() for t in (0.0, 1.5, 4.5)]
     assert lengths[2] < lengths[0] < lengths[1]
