@@ -6,9 +6,9 @@ from drivers.rigid import Array, rigid, rotation_from_vector
 
 _DEG_PER_MM = 0.4
 """Of turns, against the error of a place: .3° with .75 mm, as an optical tracker's residual against a robot's arm."""
-_WAVES, _SHORTEST_MM, _LONGEST_MM = 8, 40.0, 120.0
-"""What the error is a sum of: alike over one to three centimetres. Shorter waves would be noise, longer ones a common
-offset, which no picture shows."""
+_WAVES, _SHORTEST_MM, _LONGEST_MM = 8, 80.0, 240.0
+"""What the error is a sum of: alike over one to three centimetres. .8 mm of it then grow by 2 to 6 % of a way, as a
+wrong scale would; waves half as long doubled that, longer ones are a common offset, which no picture shows."""
 
 
 def erring_by_place(poses: Array, size_mm: float, seed: int) -> Array:
