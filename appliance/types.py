@@ -156,6 +156,7 @@ class Fault(StrEnum):
     MEMORY_DAMAGED = "memory-damaged", Kind.INTEGRITY
     LOG_DAMAGED = "log-damaged", Kind.INTEGRITY
     LINE_OF_SIGHT = "line-of-sight", Kind.SIGHT
+    POSE_UNUSABLE = "pose-unusable", Kind.SIGHT
     NO_PICTURE = "no-picture", Kind.SIGHT
     USER_FREEZE = "user-freeze", Kind.SIGHT
     LOG_NOT_WRITTEN = "log-not-written", Kind.ADVISORY

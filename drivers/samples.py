@@ -29,7 +29,11 @@ class Stamp:
 
 
 class PoseStatus(Enum):
-    """What a tracker says of one pose; only OK carries numbers into the line."""
+    """What a tracker says of one pose; only OK carries numbers into the line.
+
+    FAULT: it says itself that it is not well. NOT_UNDERSTOOD: what came is neither a rigid pose nor a word that we
+    know, and nobody can say whose fault that is.
+    """
 
     OK = "ok"
     PARTIAL = "partly out of volume"
@@ -38,6 +42,7 @@ class PoseStatus(Enum):
     STALE = "stale"
     DISABLED = "disabled"
     FAULT = "fault"
+    NOT_UNDERSTOOD = "not understood"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -127,6 +127,7 @@ HAZARDS: dict[Fault, Hazard] = {
     Fault.MEMORY_DAMAGED: Hazard("Alarm memory is damaged", "Read 'probewatch log --verify', then acknowledge"),
     Fault.LOG_DAMAGED: Hazard("Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge"),
     Fault.LINE_OF_SIGHT: Hazard("Probe not seen by the tracker", "Bring the probe into the tracker's view"),
+    Fault.POSE_UNUSABLE: Hazard("What comes as a pose is none", "See the tracker's remarks; name the right tool"),
     Fault.USER_FREEZE: Hazard("Picture is paused by the user", "Unfreeze the scanner to continue"),
     Fault.NO_PICTURE: Hazard("No ultrasound in the picture", "Probe on the skin, live picture on the scanner"),
     Fault.LOG_NOT_WRITTEN: Hazard("Alarm log cannot be written", "Make room on the cart's disk; check it"),

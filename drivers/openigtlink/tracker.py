@@ -33,7 +33,7 @@ from drivers.printable import printable
 from drivers.rigid import pose_matrix, seen_from
 from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
 from drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
-from drivers.trackers.pose_bounds import FURTHEST_MM, UNIT_TOLERANCE
+from drivers.trackers.pose_bounds import UNIT_TOLERANCE
 from drivers.trackers.reference_place import ReferencePlace
 
 _APART_NS = 5_000_000
@@ -277,14 +277,13 @@ def _checked(matrix: Matrix4, name: str) -> TransformReading:
     """Servers send the identity, or zeros, for a tool that is not seen; no tool lies in the tracker's own origin."""
     if np.array_equal(matrix, np.eye(4)) or not matrix[:3].any():
         return TransformReading(None, PoseStatus.MISSING, f"{printable(name)} is not a measurement (identity or zeros)")
-    if np.abs(matrix[:3, 3]).max() > FURTHEST_MM:
-        return TransformReading(None, PoseStatus.FAULT, f"{printable(name)} is further away than any tool")
-    return rigid_reading(matrix, printable(name))
+    return rigid_reading(matrix, name)
 
 
 def _of_turn(turn: Turn, name: str) -> TransformReading:
     x, y, z, w = turn.quaternion
     length = math.hypot(x, y, z, w)
     if not abs(length - 1) <= UNIT_TOLERANCE:
-        return TransformReading(None, PoseStatus.FAULT, f"{printable(name)} has a quaternion of length {length:.4g}")
+        reason = f"{printable(name)} has a quaternion of length {length:.4g}"
+        return TransformReading(None, PoseStatus.NOT_UNDERSTOOD, reason)
     return _checked(pose_matrix((w, x, y, z), turn.position), name)

@@ -21,7 +21,7 @@ from drivers.files.regular_file import read_bounded, refuse_irregular
 from drivers.recordings.metaimage import MAX_PIXELS, MAX_STAMP_S, unreadable
 from drivers.rigid import pose_matrix
 from drivers.samples import GreyImage, Matrix4, PoseStatus
-from drivers.trackers.plus_transform import TransformReading, rigid_reading, without_matrix
+from drivers.trackers.plus_transform import GOOD, WITHOUT_POSE, TransformReading, rigid_reading, without_matrix
 from drivers.video.crop import FLIPS
 
 _MOST_PICTURES = 1_000_000
@@ -106,6 +106,10 @@ class Film:
         return [t_ns - first_ns for t_ns in times_ns], size_px
 
 
+_OWN_WORDS = {status.value: status for status in PoseStatus if status is not PoseStatus.OK}
+"""As `probewatch export` writes them, with a colon and the reason behind."""
+
+
 class PoseTable:
     """Poses out of a CSV as a sequence without pictures. Raises RecordingError naming the line and the column."""
 
@@ -151,8 +155,12 @@ class PoseTable:
         return False
 
     def transform(self, index: int, name: str) -> TransformReading:
-        status = (self._rows[index].get("status") or "ok").strip()
-        if status.upper() not in ("OK", ""):
+        status, _, reason = (self._rows[index].get("status") or "ok").strip().partition(": ")
+        if status in _OWN_WORDS:
+            return TransformReading(None, _OWN_WORDS[status], reason or status)
+        if status.upper() in WITHOUT_POSE:
+            return without_matrix(status.upper(), name)
+        if status.upper() not in GOOD:
             return TransformReading(None, PoseStatus.MISSING, status)
         values = [self._number(index, column) for column in self._columns]
         return rigid_reading(_from_rows(values) if self._columns == _MATRIX else _from_quaternion(values), name)

@@ -6,13 +6,14 @@ import numpy as np
 
 from drivers.printable import printable
 from drivers.samples import Matrix4, PoseStatus
+from drivers.trackers.pose_bounds import FURTHEST_MM
 
 _ROTATION_TOLERANCE = 2e-3
 """Largest error of RᵀR and of the last row that is rounding: PLUS prints six digits, and three would err by 1.7e-3.
 More takes a scaled matrix for a pose; an axis 2 % too long is refused (tests/drivers/recordings/test_metaimage.py).
 """
 
-_STATUSES = {  # PLUS says MISSING of a tool or port that is not there, OUT_OF_VIEW of one that is not seen
+WITHOUT_POSE = {
     "INVALID": PoseStatus.MISSING,
     "MISSING": PoseStatus.DISABLED,
     "OUT_OF_VIEW": PoseStatus.MISSING,
@@ -20,6 +21,7 @@ _STATUSES = {  # PLUS says MISSING of a tool or port that is not there, OUT_OF_V
     "DISABLED": PoseStatus.DISABLED,
     "REQ_TIMEOUT": PoseStatus.STALE,
 }
+"""PLUS's words: MISSING of a tool or port that is not there, OUT_OF_VIEW of one that is not seen."""
 
 
 GOOD = ("OK", "SWITCH1_IS_ON", "SWITCH2_IS_ON", "SWITCH3_IS_ON")
@@ -37,18 +39,28 @@ class TransformReading:
 
 def without_matrix(status: str, name: str) -> TransformReading:
     """What PLUS says of the transform `name` in place of OK, in capitals."""
-    return TransformReading(None, _STATUSES.get(status, PoseStatus.FAULT), f"{name} is {printable(status)}")
+    said = f"{printable(name)} is {printable(status)}"
+    if status in WITHOUT_POSE:
+        return TransformReading(None, WITHOUT_POSE[status], said)
+    return TransformReading(None, PoseStatus.NOT_UNDERSTOOD, f"{said}, a word that is not known here")
 
 
 def rigid_reading(matrix: Matrix4, name: str) -> TransformReading:
     """Refuse what is not rigid, by a marked reading; take the rounding of the digits sent out of what is."""
-    if not np.isfinite(matrix).all():
-        return TransformReading(None, PoseStatus.FAULT, f"{name} is not finite")
-    R = matrix[:3, :3]
-    skewed = np.abs(R.T @ R - np.eye(3)).max() > _ROTATION_TOLERANCE
-    if skewed or np.linalg.det(R) < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _ROTATION_TOLERANCE:
-        return TransformReading(None, PoseStatus.FAULT, f"{name} is not a rotation and a translation")
-    u, _, vt = np.linalg.svd(R)
+    if wrong := _no_pose(matrix):
+        return TransformReading(None, PoseStatus.NOT_UNDERSTOOD, f"{printable(name)} {wrong}")
+    u, _, vt = np.linalg.svd(matrix[:3, :3])
     rigid = np.eye(4)
     rigid[:3, :3], rigid[:3, 3] = u @ vt, matrix[:3, 3]
     return TransformReading(rigid, PoseStatus.OK)
+
+
+def _no_pose(matrix: Matrix4) -> str:
+    """Why it is none, in words; empty where it is one."""
+    if not np.isfinite(matrix).all():
+        return "is not finite"
+    R = matrix[:3, :3]
+    skewed = np.abs(R.T @ R - np.eye(3)).max() > _ROTATION_TOLERANCE
+    if skewed or np.linalg.det(R) < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _ROTATION_TOLERANCE:
+        return "is not a rotation and a translation"
+    return "is further away than any tool" if np.abs(matrix[:3, 3]).max() > FURTHEST_MM else ""

@@ -62,6 +62,7 @@ _STATUS_WORDS = {
     PoseStatus.STALE: "REQ_TIMEOUT",
     PoseStatus.DISABLED: "MISSING",
     PoseStatus.FAULT: "UNKNOWN",
+    PoseStatus.NOT_UNDERSTOOD: "UNKNOWN",
 }
 """What PLUS says of a tool."""
 

@@ -235,6 +235,7 @@ _MEND: dict[PoseStatus | None, str] = {
     PoseStatus.STALE: "Check that the tracker measures; start it again if it does",
     PoseStatus.DISABLED: "Plug the tool in, or correct its number or definition in the URL",
     PoseStatus.FAULT: "Remove what the tracker complains of",
+    PoseStatus.NOT_UNDERSTOOD: "See what the sender computes for this tool: a rigid transform in mm is asked for",
 }
 
 

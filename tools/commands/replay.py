@@ -286,6 +286,8 @@ def _print(outcome: _Outcome, subject: Subject) -> None:
         click.echo(f"  {outcome.comparison.sentence}")
     for reason, number in report.unpaired.items():
         click.echo(f"  {number} not paired: {reason}")
+    for reason, number in report.unusable.items():
+        click.echo(f"  {number} poses cannot be used: {reason}")
     Console(file=sys.stdout, highlight=False).print(_table(report))
     click.echo(f"{report.motions} motions of the probe went into the estimate")
     if report.second_opinion is not None:

@@ -12,11 +12,11 @@ _IDENTITY = np.eye(3)  # made once: every pose is held against it
 
 
 def checked_pose(pose: Pose) -> Pose:
-    """The pose itself, or one with status FAULT and the reason where its matrix is no finite rigid transform."""
+    """The pose itself, or one NOT_UNDERSTOOD, with the reason, where its matrix is no finite rigid transform."""
     if pose.matrix is None:
         return pose
     reason = _refused(pose.matrix)
-    return Pose(pose.stamp, pose.sequence, None, pose.rms_mm, PoseStatus.FAULT, reason) if reason else pose
+    return Pose(pose.stamp, pose.sequence, None, pose.rms_mm, PoseStatus.NOT_UNDERSTOOD, reason) if reason else pose
 
 
 def refused_picture(image: GreyImage) -> str:

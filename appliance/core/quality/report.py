@@ -1,7 +1,7 @@
 """The report on one recording, and its JSON form, which docs/replay-report.md promises to others."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
 
@@ -24,7 +24,8 @@ _ROTATION, _SCALE, _OFFSET = slice(0, 3), slice(3, 5), slice(5, 8)
 class LineReport:
     """What the line concludes from everything it was shown.
 
-    unpaired: reason → number of frames without a pose. latency: Check in ms, None where never estimated. estimate: X
+    unpaired: reason → number of frames without a pose. unusable: what the reader said → number of poses without a
+    number, where somebody counted them. latency: Check in ms, None where never estimated. estimate: X
     as solved, None where nothing was observed. motions: registered pairs that went into it. second_opinion: by closed
     forms, without the reference. required: names of the checks that the contact asked for. proposal: what is wrong has
     become, None where nothing is shown to be wrong.
@@ -42,6 +43,7 @@ class LineReport:
     second_opinion: SecondOpinion | None = None
     required: tuple[str, ...] = ()
     proposal: Proposal | None = None
+    unusable: dict[str, int] = field(default_factory=dict)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -74,6 +76,7 @@ def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any
         "poses": report.poses,
         "paired": report.paired,
         "unpaired": dict(report.unpaired),
+        "unusable_poses": dict(report.unusable),
         "latency": _latency(report.latency),
         "calibration": {**_calibration(report.estimate), "motions": report.motions},
         "second_opinion": _second_opinion(report.second_opinion),

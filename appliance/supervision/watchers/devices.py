@@ -12,7 +12,7 @@ from appliance.supervision.watchers.presence import (
     tracker_presence,
     video_presence,
 )
-from appliance.supervision.watchers.tracker_status import line_of_sight, tracker_alert, tracker_freshness
+from appliance.supervision.watchers.tracker_status import line_of_sight, pose_usable, tracker_alert, tracker_freshness
 from appliance.types import Check
 
 _WATCHERS = (
@@ -23,6 +23,7 @@ _WATCHERS = (
     tracker_freshness,
     estimator_presence,
     line_of_sight,
+    pose_usable,
 )
 _QUALITY_WATCHERS = (marker_fit, marker_geometry, field_indicator)
 

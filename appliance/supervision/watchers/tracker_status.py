@@ -4,7 +4,7 @@ from appliance.supervision.watchers.facts import Facts, Patience, silence
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import PoseStatus
 
-FINDS = (Fault.TRACKER_ALERT, Fault.TRACKER_STALE, Fault.LINE_OF_SIGHT)
+FINDS = (Fault.TRACKER_ALERT, Fault.TRACKER_STALE, Fault.LINE_OF_SIGHT, Fault.POSE_UNUSABLE)
 
 _UNSEEN = (PoseStatus.MISSING, PoseStatus.OUT_OF_VOLUME, PoseStatus.PARTIAL)
 
@@ -32,9 +32,22 @@ def line_of_sight(now_ns: int, facts: Facts, patience: Patience) -> Check:
 
     A probe laid aside or hidden is no fault of a device, but nothing can be verified meanwhile.
     """
-    last_pose_ns = facts.started_ns if facts.replies.pose_ns is None else facts.replies.pose_ns
-    age_ns = now_ns - last_pose_ns if facts.replies.status in _UNSEEN else 0
+    age_ns = _without_pose_ns(now_ns, facts) if facts.replies.status in _UNSEEN else 0
     return silence("line of sight", Fault.LINE_OF_SIGHT, age_ns, patience.unseen_ns, VerdictKind.NOT_VERIFIED)
+
+
+def pose_usable(now_ns: int, facts: Facts, patience: Patience) -> Check:
+    """NOT_VERIFIED when the reply is NOT_UNDERSTOOD, and there has been no pose for patience.tracker_ns.
+
+    A status that nobody knows, or a matrix that is not rigid, is no fault that the tracker reports.
+    """
+    age_ns = _without_pose_ns(now_ns, facts) if facts.replies.status is PoseStatus.NOT_UNDERSTOOD else 0
+    return silence("pose usable", Fault.POSE_UNUSABLE, age_ns, patience.tracker_ns, VerdictKind.NOT_VERIFIED)
+
+
+def _without_pose_ns(now_ns: int, facts: Facts) -> int:
+    """How long ago the last pose, or the start, was."""
+    return now_ns - (facts.started_ns if facts.replies.pose_ns is None else facts.replies.pose_ns)
 
 
 def _without_fresh_ns(now_ns: int, facts: Facts) -> int:

@@ -67,7 +67,7 @@ _CODES_6D = {
 
 def status_of_6d(tool: Tool6D) -> StatusReason:
     """One item of BX2; the code decides on trust, the missing bit on there being a pose at all."""
-    unknown = (PoseStatus.FAULT, f"the tracker gave the unknown status {tool.code}")
+    unknown = (PoseStatus.NOT_UNDERSTOOD, f"the tracker gave the unknown status {tool.code}")
     status, reason = _CODES_6D.get(tool.code, unknown)
     if status is PoseStatus.OK and tool.transform is None:
         return PoseStatus.MISSING, "the tracker does not see the tool"

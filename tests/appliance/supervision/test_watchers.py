@@ -82,6 +82,13 @@ def test_complaints_of_the_tracker_fail_only_when_they_last() -> None:
     assert failing(longer) == {"tracker-alert": VerdictKind.FAULT}
 
 
+def test_a_pose_that_is_none_is_not_verified_and_no_fault_of_the_tracker() -> None:
+    odd = replying(status=PoseStatus.NOT_UNDERSTOOD, pose_ns=NOW_NS - PATIENCE.tracker_ns)
+    assert failing(odd) == {}
+    longer = replying(status=PoseStatus.NOT_UNDERSTOOD, pose_ns=NOW_NS - PATIENCE.tracker_ns - 1)
+    assert failing(longer) == {"pose-unusable": VerdictKind.NOT_VERIFIED}
+
+
 @pytest.mark.parametrize(
     ("figure", "limit", "fault"),
     [

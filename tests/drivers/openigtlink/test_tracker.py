@@ -121,7 +121,7 @@ def said(key: str, value: str) -> dict[str, Any]:
         (said("TransformStatus", "OUT_OF_VOLUME"), PoseStatus.OUT_OF_VOLUME),
         (said("TransformStatus", "MISSING"), PoseStatus.DISABLED),
         (said("TransformStatus", "REQ_TIMEOUT"), PoseStatus.STALE),
-        (said("TransformStatus", "\x1b[2J"), PoseStatus.FAULT),
+        (said("TransformStatus", "\x1b[2J"), PoseStatus.NOT_UNDERSTOOD),
         (said("TransformValid", "false"), PoseStatus.MISSING),
         (said("TransformValid", "true"), PoseStatus.OK),
     ],
@@ -147,10 +147,10 @@ def spoilt(change: Callable[[Matrix4], Any]) -> Matrix4:
     [
         (np.eye(4), PoseStatus.MISSING, "not a measurement"),
         (np.zeros((4, 4)), PoseStatus.MISSING, "not a measurement"),
-        (spoilt(lambda m: m.__setitem__((0, 0), 1.2)), PoseStatus.FAULT, "not a rotation"),
-        (spoilt(lambda m: m.__setitem__((slice(3), 2), -m[:3, 2])), PoseStatus.FAULT, "not a rotation"),
-        (spoilt(lambda m: m.__setitem__((1, 1), math.nan)), PoseStatus.FAULT, "not finite"),
-        (spoilt(lambda m: m.__setitem__((1, 3), 1e9)), PoseStatus.FAULT, "further away"),
+        (spoilt(lambda m: m.__setitem__((0, 0), 1.2)), PoseStatus.NOT_UNDERSTOOD, "not a rotation"),
+        (spoilt(lambda m: m.__setitem__((slice(3), 2), -m[:3, 2])), PoseStatus.NOT_UNDERSTOOD, "not a rotation"),
+        (spoilt(lambda m: m.__setitem__((1, 1), math.nan)), PoseStatus.NOT_UNDERSTOOD, "not finite"),
+        (spoilt(lambda m: m.__setitem__((1, 3), 1e9)), PoseStatus.NOT_UNDERSTOOD, "further away"),
     ],
 )
 @pytest.mark.parametrize("name", [PROBE, REFERENCE])

@@ -52,6 +52,28 @@ def test_pictures_and_poses_come_in_order_of_time(tmp_path: Path) -> None:
     np.testing.assert_allclose(poses[5].matrix, turn(0.5, 5 / 3), atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("word", "status", "reason"),
+    [
+        ("OK", PoseStatus.OK, ""),
+        ("SWITCH2_IS_ON", PoseStatus.OK, ""),
+        ("fault: the tracker was bumped", PoseStatus.FAULT, "the tracker was bumped"),
+        ("out of volume: too far away", PoseStatus.OUT_OF_VOLUME, "too far away"),
+        ("OUT_OF_VIEW", PoseStatus.MISSING, "ProbeToTracker is OUT_OF_VIEW"),
+        ("missing", PoseStatus.MISSING, "missing"),
+        ("REQ_TIMEOUT", PoseStatus.STALE, "ProbeToTracker is REQ_TIMEOUT"),
+        ("behind the drape", PoseStatus.MISSING, "behind the drape"),
+    ],
+)
+def test_a_status_in_a_table_is_ours_a_word_of_plus_or_else_why_there_is_none(
+    tmp_path: Path, word: str, status: PoseStatus, reason: str
+) -> None:
+    table = tmp_path / "poses.csv"
+    table.write_text(f"t_s,status,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,{word},1,2,3,1,0,0,0\n")
+    reading = PoseTable(table).transform(0, "ProbeToTracker")
+    assert (reading.status, reading.reason) == (status, reason)
+
+
 def test_quaternions_are_poses_too(tmp_path: Path) -> None:
     table = tmp_path / "poses.csv"
     half = 0.3
@@ -64,7 +86,7 @@ def test_quaternions_are_poses_too(tmp_path: Path) -> None:
     turned[:3, :3], turned[:3, 3] = rotation_from_vector(np.array([0, 2 * half, 0])), (1, 2, 3)
     np.testing.assert_allclose(read.transform(0, "ProbeToTracker").matrix, turned, atol=1e-12)
     np.testing.assert_allclose(read.transform(1, "ProbeToTracker").matrix[:3, :3], np.eye(3))
-    assert read.transform(2, "ProbeToTracker").status is PoseStatus.FAULT, "no rotation"
+    assert read.transform(2, "ProbeToTracker").status is PoseStatus.NOT_UNDERSTOOD, "no rotation"
     np.testing.assert_allclose(read.transform(3, "ProbeToTracker").matrix, turned, atol=1e-12)
 
 

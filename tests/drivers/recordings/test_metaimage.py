@@ -125,6 +125,9 @@ IDENTITY = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
         (IDENTITY.replace("0", "1e400", 1), "not finite"),
         ("0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 1", "not a rotation"),
         ("1 0 0 0 0 1 0 0 0 0 1 0 0 0 0.1 1", "not a rotation"),
+        ("0.2 0 0 0 0 0.2 0 0 0 0 0.2 0 0 0 0 1", "not a rotation"),
+        ("1 0 0 0 0 1 0 0 0 0 -1 0 0 0 0 1", "not a rotation"),
+        ("1 0 0 1e9 0 1 0 0 0 0 1 0 0 0 0 1", "further away"),
     ],
 )
 def test_what_is_not_rigid_gives_no_matrix(raw, numbers, reason):
@@ -134,7 +137,7 @@ def test_what_is_not_rigid_gives_no_matrix(raw, numbers, reason):
         f"Seq_Frame0000_ProbeToTrackerTransform = {numbers}\nX = ".encode(),
     )
     reading = read_metaimage(raw).transform(0, "ProbeToTracker")
-    assert (reading.matrix, reading.status) == (None, PoseStatus.FAULT)
+    assert (reading.matrix, reading.status) == (None, PoseStatus.NOT_UNDERSTOOD)
     assert reason in reading.reason
 
 
@@ -161,7 +164,8 @@ def test_printed_digits_are_made_orthonormal(raw):
         ("OUT_OF_VIEW", PoseStatus.MISSING),
         ("MISSING", PoseStatus.DISABLED),
         ("DISABLED", PoseStatus.DISABLED),
-        ("whatever", PoseStatus.FAULT),
+        ("VALID", PoseStatus.NOT_UNDERSTOOD),
+        ("whatever", PoseStatus.NOT_UNDERSTOOD),
     ],
 )
 def test_transform_status_is_kept(raw, word, status):

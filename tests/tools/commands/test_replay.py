@@ -171,6 +171,7 @@ def test_replay_and_live_judge_every_kind_of_reply_alike(status, before):
         PoseStatus.DISABLED: "tracker-lost",
         PoseStatus.STALE: "tracker-stale",
         PoseStatus.FAULT: "tracker-alert",
+        PoseStatus.NOT_UNDERSTOOD: "pose-unusable",
     }
     hidden = status not in failing and status is not PoseStatus.OK
     expected = failing.get(status, "line-of-sight" if hidden else None)
@@ -253,6 +254,7 @@ def test_json_is_the_documented_contract():
         "poses": 11,
         "paired": 8,
         "unpaired": {"no pose after the frame": 2},
+        "unusable_poses": {},
         "latency": {"value_ms": -20.0, "sigma_ms": 30.0, "verdict": "OK"},
         "calibration": {
             "rotation_vector_rad": pytest.approx([0.1, 0.2, 1.5]),
@@ -400,6 +402,36 @@ def test_a_bad_calibration_is_one_line_and_78(session, calibration, damage, comp
     assert err.count("\n") == 1
     assert err.startswith(f"probewatch: {calibration}: ")
     assert complaint in err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("TransformStatus = OK", "TransformStatus = VALID", "ProbeToTracker is VALID, a word that is not known here"),
+        (
+            "Transform = ",
+            "Transform = 0.2 0 0 0 0 0.2 0 0 0 0 0.2 0 0 0 0 1\nX = ",
+            "is not a rotation and a translation",
+        ),
+    ],
+)
+def test_what_is_no_pose_is_no_fault_of_the_tracker_and_its_reason_is_told(
+    session, calibration, tmp_path, old, new, said
+):
+    target = tmp_path / "report.json"
+    session.write_bytes(session.read_bytes().replace(f"ProbeToTracker{old}".encode(), f"ProbeToTracker{new}".encode()))
+    code, out, _ = run(session, "--calibration", calibration, "--json", target)
+    data = json.loads(target.read_text())
+    assert (code, data["verdict"], data["fault"], list(data["unusable_poses"].values())) == (
+        0,
+        "NOT_VERIFIED",
+        None,
+        [40],
+    )
+    assert said in next(iter(data["unusable_poses"]))
+    assert said in out.splitlines()[-1]
+    assert "40 poses cannot be used: " in out
+    assert "fault" not in out.lower()
 
 
 def test_a_report_that_cannot_be_written_is_refused_first(session, calibration, tmp_path):

@@ -163,6 +163,7 @@ const GERMAN = {
  "pose not usable: stale": "Pose unbrauchbar: veraltet",
  "pose not usable: disabled": "Pose unbrauchbar: Werkzeug abgeschaltet",
  "pose not usable: fault": "Pose unbrauchbar: fehlerhaft",
+ "pose not usable: not understood": "Pose unbrauchbar: nicht verstanden",
  "no bright spot": "kein heller Punkt",
   "two spots: the crossing is not in the plane": "zwei Punkte: die Kreuzung liegt nicht in der Ebene",
   "more than two bright echoes, or one too large for a wire": "mehr als zwei helle Echos, oder eines zu groß für einen Draht",

@@ -77,7 +77,7 @@ def test_two_identical_pictures_show_no_motion_and_no_fault() -> None:
 )
 def test_poses_that_are_no_rigid_transform_are_faults_of_the_tracker(spoilt: np.ndarray, reason: str) -> None:
     pose = checked_pose(Pose(Stamp(0, 0), 1, spoilt, 0.1, PoseStatus.OK))
-    assert (pose.matrix, pose.status) == (None, PoseStatus.FAULT)
+    assert (pose.matrix, pose.status) == (None, PoseStatus.NOT_UNDERSTOOD)
     assert reason in pose.reason
     pictures = [HEALTHY.frame(k / 30, k) for k in range(4)]
     line, found = verdicts(pictures, [spoilt] * 4)

@@ -240,6 +240,7 @@ def test_the_tracker_thread_tells_answers_from_news_from_poses() -> None:
         PoseStatus.STALE: (True, False, False),
         PoseStatus.DISABLED: (False, True, False),
         PoseStatus.FAULT: (True, False, False),
+        PoseStatus.NOT_UNDERSTOOD: (True, True, False),
     }
     for status, expected in kinds.items():
         thread = TrackerThread("tracker", "ndi:/x", lambda url, clock: Tape([], None), lambda _: None, CLOCK)  # type: ignore[arg-type,return-value]
