@@ -63,6 +63,11 @@ class HeldService:
         self._held, self._asked_ns = client, time.monotonic_ns()
         self._looked_ns, self._gave_way, self._lost = self._asked_ns, False, False
 
+    def keep(self) -> None:
+        """It goes on recalibrating for us where it does; it is asked for nothing, whoever may look on."""
+        if not self.speak():
+            raise ControlRefused("the service does not wait for this scan. The scan is kept; signing it asks again")
+
     def hold(self, seen: Seen, wanted: bool = False) -> None:
         """It recalibrates for us, or is asked to again. seen: its status. wanted: a person asks for it now, which takes
         it also from monitoring.

@@ -208,6 +208,7 @@ class ScanSession:
             if known_mm is not None and not all(abs(value) < _FARTHEST_MM for value in known_mm):
                 raise ControlRefused("three numbers are needed, mm", "where the point is", "Or leave it out")
             assert self._scanned is not None
+            self._service.hold(self._watch.seen(), wanted=True)
             self._scanned.begin_check(None if known_mm is None else np.array(known_mm))
             self._phase = Phase.CHECKING
             self._solve()
@@ -239,6 +240,7 @@ class ScanSession:
         """Scan on: what there is stays."""
         with self._lock:
             self._require(Phase.REVIEW)
+            self._service.hold(self._watch.seen(), wanted=True)
             self._phase = Phase.SCANNING
         self._changed.set()
 
@@ -371,7 +373,10 @@ class ScanSession:
                         self._abort(why)
                     return
                 try:
-                    self._service.hold(seen)
+                    if self._phase is Phase.REVIEW:  # a question that nobody may ever answer takes nothing
+                        self._service.keep()
+                    else:
+                        self._service.hold(seen)
                     self._trouble = ""
                 except ProbewatchError as error:
                     self._trouble = error.what

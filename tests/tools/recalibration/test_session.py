@@ -132,6 +132,22 @@ def test_a_service_that_forgot_is_asked_again(bench: Bench) -> None:
     assert bench.session.phase is Phase.SCANNING
 
 
+@pytest.mark.parametrize("state", ["not verified", "halt", "monitoring"])
+def test_a_review_that_nobody_answers_takes_nothing_and_whoever_goes_on_asks_again(bench: Bench, state: str) -> None:
+    bench.session.begin(CHOSEN)
+    with bench.session._lock:
+        bench.session._phase = Phase.REVIEW
+        bench.service.state = state
+    until(lambda: bench.watch.seen().status["state"] == state)
+    for _ in range(3):
+        bench.session._look()
+    assert "does not wait for this scan" in bench.fields["trouble"]
+    assert bench.service.asked == ["begin-recalibration"]
+    bench.session.resume()
+    assert bench.service.asked == ["begin-recalibration"] * 2
+    assert bench.session.phase is Phase.SCANNING
+
+
 @pytest.mark.parametrize("state", ["monitoring", "recalibrating"])
 def test_a_service_that_has_gone_on_without_the_scan_is_not_taken_back(bench: Bench, state: str) -> None:
     """It was verified meanwhile, or recalibrates for somebody else: a scan that lies idle does not open the contact."""

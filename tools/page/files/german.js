@@ -281,6 +281,7 @@ const GERMAN_WITH_NUMBERS = [
   [/^the alarm log cannot be read \(.*\)$/, "das Alarmprotokoll kann nicht gelesen werden"],
   [/^given up for (.+), (?:whose connection is gone|who has been silent for ([\d.]+) s); the calibration before is in force, and not verified$/, "für $1 abgebrochen, Verbindung verloren; die Kalibrierung davor ist in Kraft und nicht bestätigt"],
   [/^the pictures are lost: .*\. The scan is kept, and goes on when they come back$/, "die Bilder fehlen. Der Scan bleibt erhalten und geht weiter, sobald sie wieder da sind"],
+  [/^the service does not wait for this scan\. The scan is kept; signing it asks again$/, "der Dienst wartet nicht auf diesen Scan. Der Scan bleibt erhalten; wer ihn unterschreibt, fragt den Dienst erneut"],
   [/^the service has gone on without this scan\. The scan is kept; signing it asks again$/, "der Dienst ist ohne diesen Scan weitergegangen. Der Scan bleibt erhalten; wer ihn unterschreibt, fragt den Dienst erneut"],
   [/^the service does not answer \(.*\)\. The scan is kept$/, "der Dienst antwortet nicht. Der Scan bleibt erhalten"],
   [/^the request comes from another page: Origin (.+), Host (.+); a proxy must pass on Host as the browser sends it$/, "die Anfrage kommt von einer anderen Seite: Origin $1, Host $2; ein Proxy muss Host so weitergeben, wie der Browser es sendet"],
