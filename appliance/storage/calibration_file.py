@@ -248,7 +248,7 @@ def _from_xml(data: bytes, path: Path, image_size_px: tuple[int, int] | None, pr
             "Give a device set with one probe calibration, or name its transform, such as LeftImageToProbe: --probe"
         )
         what = f"has {lack} in CoordinateDefinitions; it has {names}"
-        raise ConfigurationError(what, str(path), f"{remedy}, or [calibration] probe")
+        raise ConfigurationError(what, str(path), f"{remedy}, configure --calibration-probe, or [calibration] probe")
     matrix = np.eye(4)
     for one, other, text in way:
         matrix = _sixteen(text, f"{path}: Transform From {one} To {other}") @ matrix

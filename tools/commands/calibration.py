@@ -16,6 +16,7 @@ from appliance.limits import Limits
 from appliance.service.control.client import ControlClient
 from appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
 from appliance.storage.calibration_file import calibration_bytes, is_device_set, read_calibration, write_calibration
+from appliance.storage.device_set import clip_px, remarks
 from appliance.storage.reference import candidate_from_content, candidate_of_entry
 from appliance.storage.reference_store import FOLDER, Entry, History, content_of, read_history, set_aside
 from appliance.types import Calibration
@@ -200,21 +201,30 @@ def _why(status: dict[str, Any]) -> str:
 @command.command(name="import", short_help="make our file of a PLUS .xml or a .tfm of 3D Slicer")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--output", required=True, type=click.Path(path_type=Path), help="new file, .toml")
-@click.option("--image-size", nargs=2, required=True, type=click.IntRange(16, 16_384), help="width and height, px")
-@click.option("--probe", default="Probe", show_default=True, help="name of the marker body in the device set")
-def import_file(file: Path, output: Path, image_size: tuple[int, int], probe: str) -> None:
+@click.option("--image-size", nargs=2, type=click.IntRange(16, 16_384), help="width and height, px [PLUS's clip]")
+@click.option("--probe", default="Probe", show_default=True, help="marker body, or whole transform: LeftImageToProbe")
+def import_file(file: Path, output: Path, image_size: tuple[int, int] | None, probe: str) -> None:
     """Make our calibration file of FILE, a device set of PLUS or an ITK text transform (.tfm).
 
     Neither states the size of the pictures, to which the origin refers, nor any sigma: give --image-size of the
-    pictures as the service will see them. `probewatch calibration use` gives the new file to the service.
+    pictures as the service will see them, unless PLUS says which part of them it cuts out (ClipRectangleSize). What it
+    says besides of the devices is told, and what is to be done. `probewatch calibration use` gives the new file to the
+    service.
 
     \b
     Example:
       probewatch calibration import probe.tfm --image-size 640 480 --output probe.toml
     """
     check_new(output)
-    calibration = read_itk(file, image_size) if file.suffix == ".tfm" else read_calibration(file, image_size, probe)
-    digest = hashlib.sha256(calibration_bytes(file)).hexdigest()
+    content = calibration_bytes(file)
+    clip = clip_px(content)
+    if image_size is None and clip is None:
+        raise click.UsageError("Missing option '--image-size': the file does not say how large the pictures are")
+    size = image_size or (clip or (0, 0, 0, 0))[2:]
+    calibration = read_itk(file, size) if file.suffix == ".tfm" else read_calibration(file, size, probe)
+    for remark in remarks(content, size):
+        click.secho(remark, err=True, fg="yellow")
+    digest = hashlib.sha256(content).hexdigest()
     write_calibration(output, calibration, {"input": str(file.absolute()), "input_sha256": digest})
     click.echo(f"written: {output}")
 

@@ -9,6 +9,7 @@ import click
 from appliance.configuration.config import Config, config_of, configuration_text, is_configured
 from appliance.configuration.mistakes import Mistakes
 from appliance.storage.calibration_file import calibration_bytes
+from appliance.storage.device_set import remarks
 from appliance.storage.reference import candidate_from_content, size_for
 from drivers.errors import ConfigurationError
 from drivers.registry import check_options
@@ -36,9 +37,17 @@ def command(file: Path) -> None:
     if mistakes:
         sys.exit(ConfigurationError.exit_code)
     named = config_of(text, file).calibration.file
+    for remark in calibration_remarks(text, file):
+        click.secho(remark, err=True, fg="yellow")
     click.echo(f"{file} can be used; it names no calibration" if named is None else f"{file} and {named} can be used")
     if not is_configured(file):
         click.echo("but the service waits until it says configured = true")
+
+
+def calibration_remarks(text: str, file: Path) -> tuple[str, ...]:
+    """What the calibration of a configuration without mistakes asks of whoever takes it, one a line."""
+    place = config_of(text, file).calibration
+    return () if place.file is None else remarks(calibration_bytes(place.file), place.image_size_px)
 
 
 def mistakes_in(text: str, file: Path) -> list[str]:

@@ -19,7 +19,7 @@ from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from drivers.files.atomic_file import check_writable, writing
 from drivers.io.inventory import Found, gpio_chips, serial_ports, video_devices
 from drivers.registry import check_options, open_tracker, open_video
-from tools.commands.check import mistakes_in, rows
+from tools.commands.check import calibration_remarks, mistakes_in, rows
 from tools.commands.probe import complaints, findings, measure
 from tools.shared.configuration_text import Answers, Value, changed, template
 
@@ -84,6 +84,7 @@ class _Person:
 @click.option("--contact", help="URL of the output that drives the contact")
 @click.option("--lamp", "lamps", nargs=2, multiple=True, metavar="SIGNAL URL", help=f"{', '.join(_LAMPS)}; repeatable")
 @click.option("--calibration", help="the first reference: our TOML, or a PLUS device set")
+@click.option("--calibration-probe", "probe", help="its marker body in a device set, or LeftImageToProbe [Probe]")
 @click.option("--no-calibration", "without", is_flag=True, help="there is none yet: the first is scanned on this cart")
 @click.option("--language", type=click.Choice(["en", "de"]), help="of the operator's texts")
 @click.option("--untried", is_flag=True, help="do not try scanner and tracker")
@@ -96,6 +97,7 @@ def command(
     contact: str | None,
     lamps: tuple[tuple[str, str], ...],
     calibration: str | None,
+    probe: str | None,
     without: bool,
     language: str | None,
     untried: bool,
@@ -121,6 +123,8 @@ def command(
     answers["output", at, "url"] = told = opened.url(person, lambda: _outputs(held))
     answers |= _lamps(known, lamps)
     answers["calibration", "file"] = _calibration(calibration, without, old, person)
+    if probe is not None:
+        answers["calibration", "probe"] = probe
     spoken = language or _language(known, person)
     if spoken != known.alarm.language:
         answers["alarm", "language"] = spoken
@@ -307,6 +311,8 @@ def _checked(base: str, answers: Answers, file: Path) -> str:
         click.echo(mistake, err=True)
     if mistakes:
         raise ConfigurationError("nothing was written", str(file), "Answer otherwise, or start over with --fresh")
+    for remark in calibration_remarks(new, file):
+        click.secho(remark, err=True, fg="yellow")
     return new
 
 

@@ -8,6 +8,7 @@ from click.testing import CliRunner, Result
 from appliance.storage.calibration_file import write_calibration
 from tests.appliance.configuration.test_config import GOOD, written
 from tests.appliance.storage.test_calibration_file import calibration
+from tests.appliance.storage.test_device_set import device_set
 from tools.commands.check import command
 
 
@@ -72,6 +73,13 @@ def test_every_mistake_of_the_calibration_is_told(folder: Path) -> None:
     numbers = [number for number, line in enumerate(text.splitlines(), 1) if line.startswith(("version", "scale_mm"))]
     assert first.startswith(f"{probe}:{numbers[0]}: 'version' = 7: input should be 1")
     assert second.startswith(f"{probe}:{numbers[1]}: 'scale_mm_per_px' entry 1 = -")
+
+
+def test_what_a_device_set_says_of_its_devices_is_told_and_is_no_mistake(folder: Path) -> None:
+    (folder / "set.xml").write_bytes(device_set('LocalTimeOffsetSec="-0.05"'))
+    done = check(written(folder, GOOD.replace("probe.toml", "set.xml")))
+    assert (done.exit_code, "can be used" in done.stdout) == (0, True)
+    assert "LocalTimeOffsetSec = -0.05 s" in done.stderr
 
 
 def test_a_calibration_that_is_not_there(tmp_path: Path) -> None:

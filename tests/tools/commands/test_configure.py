@@ -13,6 +13,7 @@ from appliance.supervision.annunciator import Role
 from drivers.errors import ConfigurationError
 from drivers.registry import split_url
 from tests.appliance.storage.test_calibration_file import calibration
+from tests.appliance.storage.test_device_set import CLIP, device_set
 from tools.commands.configure import _outputs, _Person, _with_tool, command
 from tools.shared.configuration_text import template
 
@@ -112,6 +113,16 @@ def test_a_calibration_is_named_whole_and_checked(file: Path, monkeypatch: pytes
     monkeypatch.chdir(file.parent)
     assert configured(file, *DEVICES, "--calibration", "probe.toml", "--untried", "--yes").exit_code == 0
     assert load_config(file).calibration.file == file.parent / "probe.toml"
+
+
+def test_a_picture_of_another_name_in_a_device_set_can_be_named(file: Path) -> None:
+    device_set_file = file.parent / "set.xml"
+    device_set_file.write_bytes(device_set(source=CLIP).replace(b'"Image"', b'"LeftImage"'))
+    named = (*DEVICES, "--calibration", str(device_set_file), "--untried", "--yes")
+    assert "--calibration-probe" in configured(file, *named).stderr
+    result = configured(file, *named, "--calibration-probe", "LeftImageToProbe")
+    assert (result.exit_code, load_config(file).calibration.probe) == (0, "LeftImageToProbe")
+    assert "crop=100,20,640,480" in result.stderr
 
 
 @pytest.mark.parametrize("damage", ["[vidio]\n", "= 3\n", "\x00"])

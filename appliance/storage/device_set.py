@@ -1,0 +1,90 @@
+"""What a PLUS device set says of the devices beside its calibration: which part of the picture, and how late each is.
+
+The calibration is read by `calibration_file`. What is here is for a person: PLUS does these things itself to what it
+sends over OpenIGTLink, and a cart that reads the devices by its own drivers has to be told.
+"""
+
+from collections.abc import Iterator
+from xml.etree import ElementTree as ET
+
+from appliance.storage.calibration_file import is_device_set
+from drivers.files.markup import xml_of
+from drivers.printable import printable
+
+_LEAST_OFFSET_S = 0.0005
+"""An offset that is worth a word: half of the last digit of latency_ms as a person gives it. Less is PLUS's 0."""
+_MOST_REMARKS = 8
+"""Of one file: a device set has a handful of devices. More is for nobody to read."""
+
+
+def clip_px(content: bytes) -> tuple[int, int, int, int] | None:
+    """(left, top, width, height) of the part of the picture that the calibration is of; None unless one is named."""
+    named = {clip for node in _devices(content) for clip in _clips(node)}
+    return named.pop() if len(named) == 1 else None
+
+
+def remarks(content: bytes, image_size_px: tuple[int, int] | None = None) -> tuple[str, ...]:
+    """What a person has to know who takes the calibration, in words; none of a file that is no device set.
+
+    image_size_px: (width, height) of the pictures, where it is known.
+    """
+    return (*_of_clips(content, image_size_px), *_of_offsets(content))[:_MOST_REMARKS]
+
+
+def _of_clips(content: bytes, image_size_px: tuple[int, int] | None) -> Iterator[str]:
+    for node in _devices(content):
+        for clip in dict.fromkeys(_clips(node)):
+            left, top, width, height = clip
+            said = f"PLUS cuts {width} x {height} px from ({left}, {top}) out of the picture of {_name(node)}"
+            other = image_size_px not in (None, (width, height))
+            wrong = "" if not other else f", and {image_size_px[0]} x {image_size_px[1]} were given"  # type: ignore[index]
+            yield (
+                f"{said}; the calibration is of that part{wrong}. With v4l2: or opencv: give "
+                f"crop={left},{top},{width},{height} in the URL; over igtl: PLUS has cut it already"
+            )
+
+
+def _of_offsets(content: bytes) -> Iterator[str]:
+    for node in _devices(content):
+        offset_s = _number(node.get("LocalTimeOffsetSec", ""))
+        if offset_s is not None and abs(offset_s) >= _LEAST_OFFSET_S:
+            yield (
+                f"PLUS adds LocalTimeOffsetSec = {offset_s:g} s to the times of {_name(node)}. Over igtl: it has done "
+                "so already; where this cart reads the devices itself, measure it with 'probewatch latency' and give "
+                "latency_ms in the tracker's URL"
+            )
+
+
+def _devices(content: bytes) -> list[ET.Element]:
+    if not is_device_set(content):
+        return []
+    try:
+        return list(xml_of(content).iterfind(".//DataCollection//Device"))
+    except ValueError:
+        return []
+
+
+def _name(node: ET.Element) -> str:
+    return f"'{printable(node.get('Id', ''))[:40]}'"
+
+
+def _clips(device: ET.Element) -> Iterator[tuple[int, int, int, int]]:
+    """Of the device and its sources; PLUS writes a size of 0 or -1 for all of the picture."""
+    for node in device.iter():
+        origin, size = (_pair(node.get(f"ClipRectangle{what}", "")) for what in ("Origin", "Size"))
+        if size is not None and min(size) > 0:
+            yield (*(origin or (0, 0)), *size)
+
+
+def _pair(text: str) -> tuple[int, int] | None:
+    words = text.split()[:2]
+    if len(words) < 2 or not all(word.lstrip("-").isdecimal() and len(word) < 7 for word in words):
+        return None
+    return int(words[0]), int(words[1])
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
