@@ -34,6 +34,7 @@ class Description:
     """What an open device says of itself; empty or NaN where it does not say.
 
     tools: what it tracks, the probe's tool first. rate_hz: measurements per second. remarks: what it warned of.
+    absent: that what the URL names never came, and what comes instead; remedy: what to do about it.
     """
 
     model: str
@@ -42,6 +43,8 @@ class Description:
     tools: tuple[str, ...] = ()
     rate_hz: float = math.nan
     remarks: tuple[str, ...] = ()
+    absent: str = ""
+    remedy: str = ""
 
 
 @runtime_checkable

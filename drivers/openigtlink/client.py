@@ -8,6 +8,7 @@ from drivers.errors import DeviceLost, ProtocolError
 from drivers.io.tcp_line import SEND_S, connect_tcp, round_trip_ns
 from drivers.openigtlink.message import Header, Message, encode
 from drivers.openigtlink.stream import Arrived, MessageStream
+from drivers.printable import printable
 
 SERVER_REMEDY = "Check that the OpenIGTLink server runs and sends"
 
@@ -30,6 +31,10 @@ _SECOND_NS = 1_000_000_000  # over which they are counted
 
 _MOST_NAMES = 32
 """Of what a server sends, kept to say what there is. A hostile one could invent names without end."""
+
+
+_MOST_TOLD = 8
+"""Of these names in a sentence. More is for nobody to read."""
 
 
 class IgtlClient:
@@ -57,6 +62,11 @@ class IgtlClient:
         self._heard_ns = clock.now_ns()
         self._asked = False
         self._second = (self._heard_ns, 0, 0)
+
+    @property
+    def others(self) -> str:
+        """What the server sends, in words."""
+        return ", ".join(printable(name) for name in sorted(self.received)[:_MOST_TOLD]) or "nothing"
 
     def close(self) -> None:
         self._line.close()

@@ -32,12 +32,14 @@ _FULL_NAME = re.compile(r".+To[A-Z].*")
 @dataclass(frozen=True, slots=True)
 class IgtlOptions:
     """image: device name of the pictures, empty for the only one. probe, reference: names of the transforms, reference
-    None where the probe's is used alone. levels: see drivers.openigtlink.image. deadline_ms: None for the usual one.
+    None where the probe's is used alone. bare: the name of the probe's tool, by which its transform may be sent, empty
+    where the URL gives a whole name. levels: see drivers.openigtlink.image. deadline_ms: None for the usual one.
     ask: the message that is to be asked for. version: of the headers that we send.
     """
 
     image: str
     probe: str
+    bare: str
     reference: str | None
     levels: Levels | None
     cut: Cut
@@ -60,7 +62,8 @@ def parse_target(target: str, options: dict[str, str]) -> tuple[tuple[str, int],
     where = f"igtl://{target}"
     address = parse_address(target, PORT, where)
     refuse_unknown(options, _OPTIONS, where)
-    probe, reference = transform_name(options.get("probe", "Probe")), options.get("reference")
+    tool, reference = options.get("probe", "Probe"), options.get("reference")
+    probe = transform_name(tool)
     fixed = None if reference is None else transform_name(reference)
     if fixed == probe:
         raise ConfigurationError("probe and reference are the same transform", where, "Give two different names")
@@ -68,6 +71,7 @@ def parse_target(target: str, options: dict[str, str]) -> tuple[tuple[str, int],
     return address, IgtlOptions(
         image=_cut_off(options.get("image", "")),
         probe=probe,
+        bare="" if tool == probe else _cut_off(tool),
         reference=fixed,
         levels=_levels(options.get("levels"), where),
         cut=cut_from(options, where),

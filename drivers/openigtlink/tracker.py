@@ -52,6 +52,7 @@ _MOST_COMPLAINTS = 16
 """Devices of a server whose complaints are kept. A hostile one could invent names without end."""
 
 _KINDS = ("TRANSFORM", "TDATA", "QTDATA", "STATUS")
+_NAME_IT = "Name one that it sends by probe= in the URL; where the name is right, bring the tool into view"
 _BLAMELESS = (UNKNOWN_INSTRUCTION, UNKNOWN_VERSION)
 """Codes that answer a question of ours and say nothing of the tracker."""
 
@@ -77,6 +78,7 @@ class IgtlTracker:
         self._probe: _Measured | None = None
         self._reference: _Measured | None = None
         self._damage = ""
+        self._has_come = self._by_whole_name = False
         self._poses: deque[Pose] = deque()
         deadline_ns = round(options.tracker_deadline_ms * 1e6)
         self._client = IgtlClient(address, self._wanted, deadline_ns, options.version, clock)
@@ -105,6 +107,7 @@ class IgtlTracker:
             (self._time.restarts, "times the server's clock jumped, or its messages came later from then on"),
         )
         fixed = self._options.reference
+        absent = "" if self._has_come else f"no transform '{printable(self._options.probe)}' came"
         return Description(
             "OpenIGTLink server",
             tools=(self._options.probe, *(() if fixed is None else (f"{fixed} (reference)",))),
@@ -113,6 +116,8 @@ class IgtlTracker:
                 *self._reference_place.remarks(self._clock.now_ns()),
                 *(f"{count} {words}" for count, words in remarks if count),
             ),
+            absent=absent and f"{absent}; the server sends {self._client.others}",
+            remedy=absent and _NAME_IT,
         )
 
     def read(self, timeout_s: float) -> Pose | None:
@@ -138,8 +143,13 @@ class IgtlTracker:
 
     def _wanted(self, header: Header) -> bool:
         if header.kind == "TRANSFORM":
-            return header.device in (self._options.probe, self._options.reference)
+            self._by_whole_name |= header.device == self._options.probe
+            return header.device in (self._options.probe, self._options.reference) or self._is_bare(header.device)
         return header.kind in _KINDS
+
+    def _is_bare(self, name: str) -> bool:
+        """Whether the tool's name alone stands for its transform: it does for a server that sends no other."""
+        return bool(self._options.bare) and name == self._options.bare and not self._by_whole_name
 
     def _listen(self, until_ns: int) -> None:
         try:
@@ -156,11 +166,14 @@ class IgtlTracker:
             self._heed(message)
             return
         found = _readings(message)
+        if message.kind == "TRANSFORM" and self._is_bare(message.device):
+            found[self._options.probe] = found[message.device]
         if self._options.reference in found:
             time_ns = message.time_ns or arrived.arrival_ns
             self._reference = _Measured(found[self._options.reference], time_ns)
             self._pair()
         if self._options.probe in found:
+            self._has_come = True
             self._measured(found[self._options.probe], arrived)
 
     def _heed(self, message: Message) -> None:
@@ -233,10 +246,9 @@ class IgtlTracker:
             self._tell(PoseStatus.STALE, "the server repeats an old transform")
             return
         names = [self._options.probe, *([self._options.reference] if self._options.reference else [])]
-        others = ", ".join(printable(name) for name in sorted(self._client.received)[:8]) or "nothing"
         wanted = " and ".join(f"'{printable(name)}'" for name in names)
         damage = f"; damaged: {self._damage}" if self._damage else ""
-        self._tell(PoseStatus.MISSING, f"no new transform {wanted}; the server sends {others}{damage}")
+        self._tell(PoseStatus.MISSING, f"no new transform {wanted}; the server sends {self._client.others}{damage}")
 
     def _ask_whether_well(self, now_ns: int) -> None:
         if self._complaints and now_ns >= self._ask_ns:

@@ -12,8 +12,12 @@ from drivers.openigtlink.message import Header
 from drivers.openigtlink.options import IgtlOptions
 from drivers.openigtlink.sender_time import SenderTime
 from drivers.openigtlink.stream import Arrived
+from drivers.printable import printable
 from drivers.samples import Frame
 from drivers.video.crop import LEAST_PX
+
+_NAME_IT = "Name one of its IMAGEs by image= in the URL"
+_SEND_IT = "Have the server send its pictures as IMAGE, which is the only kind that is read"
 
 
 class IgtlVideo:
@@ -46,7 +50,12 @@ class IgtlVideo:
             (self.repeated, "pictures came again and were dropped"),
         )
         said = tuple(f"{count} {words}" for count, words in remarks if count)
-        return Description(f"OpenIGTLink, picture '{self._shown}'", remarks=said)
+        if self._shown:
+            return Description(f"OpenIGTLink, picture '{self._shown}'", remarks=said)
+        wanted = f" '{printable(self._options.image)}'" if self._options.image else ""
+        absent = f"no IMAGE{wanted} came; the server sends {self._client.others}"
+        pictures = any(name.startswith("IMAGE ") for name in self._client.received)
+        return Description("OpenIGTLink server", remarks=said, absent=absent, remedy=_NAME_IT if pictures else _SEND_IT)
 
     def read(self, timeout_s: float) -> Frame | None:
         """Next picture, or None when none came within timeout_s of the clock. Raises DeviceLost.

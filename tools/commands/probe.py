@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from drivers.clock.host_clock import HostClock
-from drivers.device_api import AlarmOutput, Identified, TrackerSource, VideoSource
+from drivers.device_api import AlarmOutput, Description, Identified, TrackerSource, VideoSource
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError, RecordingError
 from drivers.recordings.replay import ENDED
 from drivers.registry import device_kinds, open_output, open_tracker, open_video
@@ -130,9 +130,10 @@ def _probe_source(url: str, open_source: Open, seconds: float) -> None:
     with open_source(url, clock) as source:
         click.echo(f"connected in {(clock.now_ns() - clock.origin_ns) / 1e9:.2f} s, measuring for {seconds:g} s")
         measured = measure(source, seconds, clock)
-        description = _description(source)
-    _print([*description, *findings(measured)])
-    found = list(complaints(measured))
+        told = source.describe() if isinstance(source, Identified) else None
+    _print([*_rows(told), *findings(measured)])
+    absent = "" if told is None or measured.usable else told.absent
+    found = [absent] if absent else list(complaints(measured))
     for complaint in found:
         click.echo(f"! {complaint}")
     if measured.end is not None:
@@ -141,7 +142,8 @@ def _probe_source(url: str, open_source: Open, seconds: float) -> None:
         click.echo(measured.end.what)
     if not measured.usable:
         what = f"nothing to use came within {seconds:g} s"
-        raise DeviceLost(what, url, _MEND[_usual_status(measured)])
+        remedy = told.remedy if told is not None and absent else _MEND[_usual_status(measured)]
+        raise DeviceLost(f"{what}: {absent}" if absent else what, url, remedy)
     click.echo("poor, for what is marked with !" if found else "good")
 
 
@@ -162,9 +164,12 @@ def measure(source: TrackerSource | VideoSource, seconds: float, clock: HostCloc
 
 def _description(device: object) -> list[Row]:
     """What the device says of itself; devices without a word give nothing."""
-    if not isinstance(device, Identified):
+    return _rows(device.describe() if isinstance(device, Identified) else None)
+
+
+def _rows(told: Description | None) -> list[Row]:
+    if told is None:
         return []
-    told = device.describe()
     rate = "" if math.isnan(told.rate_hz) else f"{told.rate_hz:.4g} measurements per second"
     rows = [
         ("model", told.model),

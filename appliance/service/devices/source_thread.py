@@ -10,7 +10,7 @@ from appliance.core.acquisition.input_validation import refused_picture
 from appliance.service.devices.device_thread import DeviceThread
 from appliance.supervision.watchers.facts import Replies
 from drivers.clock.host_clock import HostClock
-from drivers.device_api import BumpDetector, Identified, TrackerSource, VideoSource, Watched
+from drivers.device_api import BumpDetector, Description, Identified, TrackerSource, VideoSource, Watched
 from drivers.errors import DeviceLost
 from drivers.samples import Frame, MarkerBody, Pose, Sample
 
@@ -65,7 +65,14 @@ class SourceThread(DeviceThread):
                     last_ns = now_ns
                     self._pass_on(sample, now_ns)
                 elif now_ns - last_ns > _REOPEN_AFTER_NS:
-                    raise DeviceLost("is open but sends nothing", self.url, "Check its cable and that it is running")
+                    raise self._silent(source)
+
+    def _silent(self, source: VideoSource | TrackerSource) -> DeviceLost:
+        """A server that sends other things by other names has no cable to check."""
+        told = source.describe() if isinstance(source, Identified) else Description("")
+        if told.absent:
+            return DeviceLost(told.absent, self.url, told.remedy)
+        return DeviceLost("is open but sends nothing", self.url, "Check its cable and that it is running")
 
     def _pass_on(self, sample: Sample, now_ns: int) -> None:
         if sample.stamp.later_than(now_ns):

@@ -231,6 +231,36 @@ def test_a_server_that_lives_without_the_transform_says_what_it_sends(cart: Serv
         )
 
 
+@pytest.mark.parametrize("named", [{}, {"probe": "Probe"}])
+def test_a_tool_may_be_sent_by_its_name_alone(cart: Server, named: dict[str, str]) -> None:
+    with opened(cart, **named) as tracker:
+        cart.send(transform("Probe", turned(1), 0))
+        np.testing.assert_allclose(next_pose(tracker).matrix, turned(1), atol=1e-3)
+        cart.send(transform(PROBE, turned(2), PERIOD_NS), transform("Probe", turned(3), 2 * PERIOD_NS))
+        cart.send(transform(PROBE, turned(4), 3 * PERIOD_NS))
+        for angle in (2, 4):
+            np.testing.assert_allclose(next_pose(tracker).matrix, turned(angle), atol=1e-3)
+
+
+def test_a_whole_name_stands_for_no_other(cart: Server) -> None:
+    with opened(cart, probe="ProbeToTracker") as tracker:
+        cart.send(transform("Probe", turned(1), 0))
+        assert next_pose(tracker).status is PoseStatus.MISSING
+
+
+def test_what_is_named_and_never_came_has_the_name_as_its_remedy(cart: Server) -> None:
+    with opened(cart) as tracker:
+        cart.send(transform("NeedleToTracker", turned(), 0))
+        next_pose(tracker)
+        told = tracker.describe()
+        assert told.absent == "no transform 'ProbeToTracker' came; the server sends TRANSFORM 'NeedleToTracker'"
+        assert "probe=" in told.remedy
+        cart.send(transform(PROBE, turned(), 0))
+        while next_pose(tracker).status is not PoseStatus.OK:
+            pass
+        assert (tracker.describe().absent, tracker.describe().remedy) == ("", "")
+
+
 def test_a_silent_server_is_asked_and_lost_within_its_deadline(cart: Server) -> None:
     clock = HostClock(RATE)
     with opened(cart, clock, deadline_ms="200") as tracker:

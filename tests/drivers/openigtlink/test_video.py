@@ -129,6 +129,28 @@ def test_a_server_without_pictures_lives_and_one_that_is_silent_is_lost(cart: Se
         assert watch.spent_s() < 0.55
 
 
+@pytest.mark.parametrize(
+    ("named", "sent", "remedy"),
+    [
+        ("Image", picture("Image_Reference", PIXELS, 0), "image="),
+        ("Image", encode(Message("VIDEO", "Image_Reference", b"H264", 0)), "as IMAGE"),
+        ("", transform("ProbeToTracker", turned(), 0), "as IMAGE"),
+    ],
+)
+def test_a_picture_that_never_came_is_told_with_what_came_instead(
+    cart: Server, named: str, sent: bytes, remedy: str
+) -> None:
+    with opened(cart, **({"image": named} if named else {})) as video:
+        cart.send(sent)
+        assert video.read(0.2) is None
+        told = video.describe()
+        wanted = f"no IMAGE '{named}' came; the server sends " if named else "no IMAGE came; the server sends "
+        assert told.absent.startswith(wanted)
+        assert told.absent != wanted + "nothing"
+        assert remedy in told.remedy
+        assert told.model == "OpenIGTLink server"
+
+
 def _read_on(video: IgtlVideo) -> None:
     for _ in range(100):
         video.read(0.1)

@@ -19,6 +19,7 @@ from drivers.recordings.metaimage import SequenceItem, write_metaimage
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.pty_line import PtyLine
 from drivers.twins.relay_board import RelayBoard
+from tests.support import simulated_igtl
 from tests.support.answers import answered
 from tests.support.boards import running_board
 from tests.support.recordings import SIZE_PX, items
@@ -235,3 +236,16 @@ def test_pictures_are_described() -> None:
     told = dict(findings(Measured(list(frames), [frame.stamp.t_ns for frame in frames])))
     assert told["picture"] == "32 x 24 pixels"
     assert told["rate"].startswith("25.00 per second")
+
+
+def test_where_the_name_is_wrong_the_remedy_is_the_name() -> None:
+    with simulated_igtl.bench() as one:
+        code, out, err = probed(f"igtl://{one.target}?probe=Needle&image=Reference", seconds="0.6")
+    poses, _, pictures = out.partition("Pictures")
+    assert code == 69
+    assert "nothing to use came within 0.6 s: no transform 'NeedleToTracker' came; the server sends" in err
+    assert "TRANSFORM 'ProbeToTracker'. Name one that it sends by probe= in the URL" in err
+    assert "! no transform 'NeedleToTracker' came; the server sends" in poses
+    assert "Bring the tool into view" not in poses
+    assert "no IMAGE 'Reference' came; the server sends" in pictures
+    assert "Have the server send its pictures as IMAGE" in pictures
