@@ -15,7 +15,7 @@ from appliance.supervision.annunciator import Role
 from appliance.supervision.policy import Durations
 from appliance.supervision.watchers.facts import Patience
 from drivers.errors import ConfigurationError
-from drivers.files.markup import toml_of
+from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
 from drivers.files.regular_file import read_bounded
 from drivers.registry import checked_url, is_simulated, split_url
 
@@ -359,12 +359,12 @@ def _ns(seconds: float) -> int:
 def configuration_text(path: Path) -> str:
     """Raises ConfigurationError for a file that cannot be read as text of bounded size."""
     try:
-        return read_bounded(path, _MOST_BYTES).decode()
+        return text_of(read_bounded(path, _MOST_BYTES))
     except OSError as error:
         what = f"cannot be read ({error.strerror})"
         raise ConfigurationError(what, str(path), "Check the path and its rights") from None
-    except UnicodeDecodeError:
-        raise ConfigurationError("is not UTF-8 text", str(path), "Save it as UTF-8") from None
+    except NotUtf8Error as error:
+        raise ConfigurationError(str(error), str(path), SAVE_AS_UTF_8) from None
 
 
 def _parsed(text: str, path: Path) -> dict[str, Any]:

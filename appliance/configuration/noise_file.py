@@ -15,7 +15,7 @@ from appliance.configuration.mistakes import Mistakes
 from appliance.limits import MOST_NAMED_NATS, NAMED_NATS, Limits
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import writing
-from drivers.files.markup import toml_of
+from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
 from drivers.files.regular_file import read_bounded
 
 _MOST_BYTES = 256_000
@@ -105,13 +105,15 @@ def read_noise(path: Path) -> LearnedNoise:
     except OSError as error:
         raise ConfigurationError(f"cannot be read ({error.strerror})", str(path), _LEARN) from None
     try:
-        text = data.decode()
+        text = text_of(data)
         values: dict[str, Any] = toml_of(data, _MOST_BYTES)
         if values.get("format") != "probewatch-noise":
             raise ConfigurationError("is not what probewatch noise writes", str(path), _LEARN)
         learned = LearnedNoise.model_validate(values)
     except ValidationError as error:
         raise Mistakes.found(error, LearnedNoise, text, path, _LEARN) from None
+    except NotUtf8Error as error:
+        raise ConfigurationError(str(error), str(path), SAVE_AS_UTF_8) from None
     except ValueError as error:
         raise ConfigurationError(f"is not valid TOML: {error}", str(path), _LEARN) from None
     learned._sha256 = hashlib.sha256(data).hexdigest()

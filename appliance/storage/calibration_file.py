@@ -19,7 +19,7 @@ from appliance.core.acquisition.input_validation import ORTHOGONAL_WITHIN
 from appliance.types import PARAMETERS, Calibration, Vector
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import writing
-from drivers.files.markup import toml_of, xml_of
+from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of, xml_of
 from drivers.files.regular_file import read_bounded
 from drivers.rigid import nearest_rotation
 from drivers.samples import Matrix4
@@ -117,7 +117,7 @@ def provenance_of(data: bytes) -> dict[str, str]:
     if is_device_set(data):
         return {}
     try:
-        stated = tomllib.loads(data.decode()).get("provenance", {})
+        stated = tomllib.loads(text_of(data)).get("provenance", {})
     except (ValueError, RecursionError):
         return {}
     return {str(key): str(text) for key, text in stated.items()} if isinstance(stated, dict) else {}
@@ -207,10 +207,12 @@ def _centre_px(image_size_px: tuple[int, int]) -> Vector:
 
 def _from_toml(data: bytes, path: Path) -> Calibration:
     try:
-        text = data.decode()
+        text = text_of(data)
         file = _File.model_validate(toml_of(data, _MAX_TOML_BYTES))
     except ValidationError as error:
         raise Mistakes.found(error, _File, text, path, "Mend it, or restore the file") from None
+    except NotUtf8Error as error:
+        raise ConfigurationError(str(error), str(path), SAVE_AS_UTF_8) from None
     except ValueError as error:
         raise ConfigurationError(f"is neither TOML nor XML: {error}", str(path), _GIVE) from error
     base = _from_parts(file, path)
@@ -282,6 +284,8 @@ def _xml_transforms(data: bytes, path: Path) -> list[_Named]:
     """Every Transform."""
     try:
         root = xml_of(data)
+    except NotUtf8Error as error:
+        raise ConfigurationError(str(error), str(path), SAVE_AS_UTF_8) from None
     except ValueError as error:
         raise ConfigurationError(f"is not XML as PLUS writes it: {error}", str(path), "Restore the file") from error
     nodes = root.iterfind(".//CoordinateDefinitions//Transform")

@@ -21,18 +21,39 @@ _STRING = (
 )
 _STRING_OR_COMMENT = re.compile("|".join((*_STRING, r"#[^\n]*")), re.DOTALL)
 _LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}")
+_ENCODING = re.compile(rb"\xff\xfe|\xfe\xff|\s*<\?xml[^>]{0,200}encoding")
+"""Begins a document that says in which encoding it is; of any other XML says that it is UTF-8."""
 _BRACKET = re.compile(r"[\[\]{}]")
 
 _MOST_ELEMENTS, _DEEPEST_ELEMENT = 10_000, 32
 """A device set of PLUS has 60 or so, five deep; 10,000 elements take a few MB."""
 
 
+SAVE_AS_UTF_8 = "Save it as UTF-8"
+"""What to do about a file that is not."""
+
+
+class NotUtf8Error(ValueError):
+    """Bytes that are no UTF-8 text; says where, in words for a person."""
+
+
+def text_of(data: bytes) -> str:
+    """Of UTF-8, without the mark that editors of Windows put in front. Raises NotUtf8Error."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            raise NotUtf8Error("is UTF-16 text, not UTF-8") from None
+        line = data.count(b"\n", 0, error.start) + 1
+        raise NotUtf8Error(f"is not UTF-8 text: line {line} has the byte 0x{data[error.start]:02x}") from None
+
+
 def toml_of(data: bytes, most_bytes: int) -> dict[str, Any]:
-    """The table of a TOML file. Raises ValueError: not UTF-8 text, larger, deeper than a configuration ever is, or no
+    """The table of a TOML file. Raises ValueError: NotUtf8Error, larger, deeper than a configuration ever is, or no
     TOML."""
     if len(data) > most_bytes:
         raise ValueError(f"too large (over {most_bytes // 1000} kB)")
-    text = data.decode()
+    text = text_of(data)
     _check_nesting(_STRING_OR_COMMENT.sub(lambda found: "" if found[0].startswith("#") else "_", text))
     return tomllib.loads(text)
 
@@ -40,9 +61,11 @@ def toml_of(data: bytes, most_bytes: int) -> dict[str, Any]:
 def xml_of(data: bytes) -> ET.Element:
     """The root of an XML document.
 
-    Raises ValueError: not well-formed, more or deeper elements than a device set has, or a document type. That is told
-    by the parser, so in whatever encoding; with it go all entities.
+    Raises ValueError: NotUtf8Error where it names no other encoding, not well-formed, more or deeper elements than a
+    device set has, or a document type. That is told by the parser, so in whatever encoding; with it go all entities.
     """
+    if not _ENCODING.match(data):
+        text_of(data)
     parser = ET.XMLParser(target=_Builder())
     try:
         parser.feed(data)

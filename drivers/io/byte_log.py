@@ -18,6 +18,7 @@ from typing import Self, TextIO
 
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError, RecordingError
+from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of
 from drivers.files.regular_file import open_regular, reading, refuse_irregular
 from drivers.printable import LONGEST_TEXT, printable
 
@@ -111,9 +112,11 @@ def read_log(path: Path) -> tuple[Entry, ...]:
     """The entries of a log. Raises RecordingError naming the line that is none."""
     try:
         with reading(path) as stream:
-            lines = stream.read().decode().splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+            lines = text_of(stream.read()).splitlines()
+    except OSError as error:
         raise RecordingError(f"the byte log cannot be read ({error})", str(path), "Check the path") from None
+    except NotUtf8Error as error:
+        raise RecordingError(str(error), str(path), SAVE_AS_UTF_8) from None
     if not lines or not lines[0].startswith(HEADING):
         raise RecordingError("this is not a byte log", str(path), f"Its first line must begin with '{HEADING}'")
     return tuple(_entry(path, number, line) for number, line in enumerate(lines, 1) if not line.startswith(HEADING))

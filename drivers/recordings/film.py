@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import RecordingError
+from drivers.files.markup import NotUtf8Error, text_of
 from drivers.files.regular_file import read_bounded, refuse_irregular
 from drivers.recordings.metaimage import MAX_PIXELS, MAX_STAMP_S, unreadable
 from drivers.rigid import pose_matrix
@@ -118,11 +119,11 @@ class PoseTable:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            text = read_bounded(path, _MOST_TABLE_BYTES).decode("utf-8-sig")
+            text = text_of(read_bounded(path, _MOST_TABLE_BYTES))
         except OSError as error:
             raise unreadable(path, error) from error
-        except UnicodeDecodeError:
-            raise RecordingError("is not UTF-8 text", str(path), "Save the table as CSV in UTF-8") from None
+        except NotUtf8Error as error:
+            raise RecordingError(str(error), str(path), "Save the table as CSV in UTF-8") from None
         rows = csv.DictReader(io.StringIO(text, newline=""))
         try:
             self._rows = list(rows)

@@ -11,7 +11,7 @@ import math
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from io import TextIOWrapper
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drivers.errors import RecordingError
+from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of
 from drivers.files.regular_file import reading
 from drivers.recordings.replay import open_recording
 from drivers.samples import Matrix4
@@ -69,8 +70,8 @@ def pose_file(path: Path) -> PoseAt:
     """Raises RecordingError naming the row that is not a pose."""
     rows: defaultdict[str, list[tuple[float, Matrix4 | None]]] = defaultdict(list)
     try:
-        with TextIOWrapper(reading(path), encoding="utf-8", newline="") as stream:
-            reader = csv.reader(stream)
+        with reading(path) as stream:
+            reader = csv.reader(StringIO(text_of(stream.read()), newline=""))
             if next(reader, None) != _HEADING:
                 raise RecordingError(
                     "the heading is missing", str(path), f"Its first line must be {','.join(_HEADING)}"
@@ -78,7 +79,9 @@ def pose_file(path: Path) -> PoseAt:
             for row in reader:
                 t_s, tool, pose = _row(row, f"{path}, line {reader.line_num}")
                 rows[tool].append((t_s, pose))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except NotUtf8Error as error:
+        raise RecordingError(str(error), str(path), SAVE_AS_UTF_8) from None
+    except (OSError, csv.Error) as error:
         raise RecordingError(f"the pose file cannot be read ({error})", str(path), "Check the path") from None
     return _of_tracks({tool: _track(found, str(path)) for tool, found in rows.items()})
 

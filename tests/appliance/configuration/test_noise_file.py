@@ -66,7 +66,7 @@ def test_limits_that_no_cart_has_are_refused_in_printable_words(tmp_path: Path, 
         ("", "is not what probewatch noise writes"),
         ('format = "probewatch-calibration"\n', "is not what probewatch noise writes"),
         ("named_nats = \n", "is not valid TOML"),
-        ("\xff\xfe", "is not valid TOML"),
+        ("\xff\xfe", "is UTF-16 text, not UTF-8"),
     ],
 )
 def test_a_file_of_another_kind_is_named_by_line(tmp_path: Path, content: str | None, what: str) -> None:
