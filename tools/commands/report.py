@@ -68,7 +68,8 @@ def command(config_path: Path, kind: str, day: datetime | None, folder: Path, as
     if in_force is not None:
         content = content_of(config.alarm.folder, in_force)
         due = dates_of(in_force, content, config.calibration.due_days).due_utc
-    write_period_page(page, cart, summary(wanted, reading, tests, now), due, damaged)
+    found = summary(wanted, reading, tests, now, () if history is None else history.entries)
+    write_period_page(page, cart, found, due, damaged)
     if pdf is not None:
         write_pdf(page, pdf)
     for file in (page, *([] if pdf is None else [pdf])):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from appliance.storage.alarm_chain import Entry, Event, Reading
+from appliance.storage.reference_store import Entry as Reference
 from appliance.supervision.alarms import SIGNALS, Priority
 from appliance.types import State
 from drivers.files.regular_file import read_bounded
@@ -69,7 +70,9 @@ class Alarm:
 class Summary:
     """shares_s: state → seconds. by_day: the same for each day, in order. requests: what was asked, how often.
 
-    damages: of the log, in words; chains: how often it was begun again. self_tests: as they were kept, oldest first.
+    in_force: references that were in force at some time of it, by the store, oldest first; a cart's first one comes in
+    force without a word in the log. damages: of the log, in words; chains: how often it was begun again. self_tests:
+    as they were kept, oldest first.
     """
 
     period: Period
@@ -78,6 +81,7 @@ class Summary:
     alarms: list[Alarm] = field(default_factory=list)
     requests: Counter[str] = field(default_factory=Counter)
     references: list[Entry] = field(default_factory=list)
+    in_force: list[Reference] = field(default_factory=list)
     software: list[tuple[str, str]] = field(default_factory=list)
     starts: int = 0
     damages: list[str] = field(default_factory=list)
@@ -102,7 +106,13 @@ def share(shares_s: Shares) -> float:
     return shares_s[State.MONITORING.value] / on_s if on_s > 0 else float("nan")
 
 
-def summary(wanted: Period, reading: Reading, self_tests: Iterable[dict[str, Any]], now: datetime) -> Summary:
+def summary(
+    wanted: Period,
+    reading: Reading,
+    self_tests: Iterable[dict[str, Any]],
+    now: datetime,
+    history: Sequence[Reference] = (),
+) -> Summary:
     """now: the present; what lies after it is not counted."""
     found = Summary(wanted, by_day=[defaultdict(float) for _ in wanted.days])
     end = min(wanted.end, now)
@@ -116,11 +126,19 @@ def summary(wanted: Period, reading: Reading, self_tests: Iterable[dict[str, Any
             found.software = [(entry.utc, str(entry.data.get("software", "?")))]
         elif wanted.start <= at < end:
             _note(found, entry)
+    found.in_force = list(_in_force(history, wanted.start, end))
     found.damages = [str(damage) for damage in reading.damages]
     found.self_tests = [
         test for test in self_tests if wanted.start <= datetime.fromisoformat(str(test["utc"])).astimezone(UTC) < end
     ]
     return found
+
+
+def _in_force(history: Sequence[Reference], start: datetime, end: datetime) -> Iterator[Reference]:
+    for number, one in enumerate(history):
+        until = _utc(history[number + 1].utc) if number + 1 < len(history) else end
+        if _utc(one.utc) < end and until > start:
+            yield one
 
 
 def read_self_tests(folder: Path) -> tuple[list[dict[str, Any]], int]:
@@ -200,7 +218,11 @@ def _note(found: Summary, entry: Entry) -> None:
 
 
 def _time(entry: Entry) -> datetime:
-    return datetime.fromisoformat(entry.utc).astimezone(UTC)
+    return _utc(entry.utc)
+
+
+def _utc(said: str) -> datetime:
+    return datetime.fromisoformat(said).astimezone(UTC)
 
 
 def per_fault(alarms: Iterable[Alarm]) -> list[tuple[str, int, float]]:

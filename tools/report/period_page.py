@@ -3,6 +3,7 @@
 from math import isfinite
 from pathlib import Path
 
+from appliance.storage.reference_store import Entry as Reference
 from appliance.types import State
 from tools.report.page import section, table, text, write_page
 from tools.report.period import OFF, Summary, per_fault, share
@@ -68,6 +69,8 @@ def _verification(found: Summary) -> str:
         for state, seconds in sorted(found.shares_s.items(), key=lambda share_s: -share_s[1])
     ]
     verified = f"the calibration was verified in {_percent(found.verified)} of it"
+    if not found.on_s:
+        return text("The service did not run: of this cart nothing was verified.", "bad")
     return (
         text(f"The service ran for {_hours(found.on_s)}; {verified}.")
         + plot.svg("hours in each state, day by day")
@@ -79,7 +82,7 @@ def _verification(found: Summary) -> str:
 
 def _alarms(found: Summary) -> str:
     if not found.alarms:
-        return text("None.", "good")
+        return text("None.", "good") if found.on_s else text("None, as the service did not run.", "bad")
     rows = [(name, str(number), f"{seconds:.0f} s") for name, number, seconds in per_fault(found.alarms)]
     shown = found.alarms[:_MOST_ALARMS]
     each = [
@@ -99,8 +102,9 @@ def _alarms(found: Summary) -> str:
 
 def _references(found: Summary, due_utc: str | None) -> str:
     due = text(f"To be checked again: {due_utc}." if due_utc else "No date is set for the next check.", "note")
+    held = text(f"In force: {'; '.join(map(_in_force, found.in_force)) or 'none'}.", "" if found.in_force else "bad")
     if not found.references:
-        return text("None came in force.") + due
+        return held + text("None came in force in this period.") + due
     rows = []
     for entry in found.references:
         said = entry.data.get("reference") or {}
@@ -108,7 +112,12 @@ def _references(found: Summary, due_utc: str | None) -> str:
         rows.append(
             (entry.utc, str(said.get("number")), str(said.get("origin")), by, str(said.get("difference") or "–"))
         )
-    return table(("UTC", "reference", "how", "by", "difference to the one before"), rows) + due
+    return held + table(("UTC", "reference", "how", "by", "difference to the one before"), rows) + due
+
+
+def _in_force(one: Reference) -> str:
+    shown = f"verified {one.verified_utc}" if one.verified_utc else "never verified"
+    return f"{one.number} ({one.origin}, {one.file}, SHA-256 {one.sha256[:12]}…) since {one.utc}, {shown}"
 
 
 def _self_tests(found: Summary, damaged: int) -> str:
@@ -131,5 +140,7 @@ def _software(found: Summary) -> str:
 def _log(found: Summary) -> str:
     if found.damages:
         return text("The chain is NOT whole: " + "; ".join(found.damages[:5]), "bad")
+    if not found.starts and not found.on_s:
+        return text("Nothing was logged.", "bad")
     begun = f"; it was begun again {found.chains} times" if found.chains else ""
     return text(f"The chain of the alarm log is whole{begun}.", "bad" if found.chains else "good")

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from appliance.storage.alarm_chain import read_log
 from appliance.storage.alarm_log import AlarmLog
+from appliance.storage.reference_store import Entry, History, sha256_of, write_history
 from drivers.errors import ConfigurationError
 from tests.appliance.configuration.test_config import GOOD
 from tools.commands.report import command
@@ -143,6 +144,34 @@ def test_the_page_holds_everything_and_loads_nothing(cart: Path) -> None:
     assert not re.search(r"(src|href)=[\"']?(?!data:)", text)
     for words in ("verified in", "tracker-lost", "recalibration", "anna", "failed", "cannot be read", "is whole"):
         assert words in text, words
+
+
+def test_a_cart_that_never_ran_is_not_green(cart: Path) -> None:
+    made(cart, "--of", "2025-06-15")
+    (page,) = cart.parent.glob("*-2025-06.html")
+    body = page.read_text().split("</style>")[-1]
+    assert "The service did not run" in body
+    assert 'class="good"' not in body
+
+
+def reference(number: int, utc: str) -> Entry:
+    made_of = {"file": "/etc/probewatch/probe.toml", "sha256": sha256_of(b"%d" % number), "image_size_px": (640, 480)}
+    return Entry(
+        number=number, origin="configuration", utc=utc, software="1", probe="Probe", simulated=False, **made_of
+    )
+
+
+def test_the_calibration_in_force_is_told_though_it_came_in_force_before(cart: Path) -> None:
+    """The first one of a cart comes in force without a word in the log."""
+    entries = tuple(reference(n, f"{utc}T08:00:00+00:00") for n, utc in ((1, "2025-12-24"), (2, "2026-02-01")))
+    contents = {one.sha256: b"%d" % one.number for one in entries}
+    write_history(cart.parent / "alarms", History(entries=entries), contents)
+    months = (("2026-01", [1]), ("2026-02", [1, 2]), ("2025-11", []))
+    for name, told in months:
+        made(cart, "--of", f"{name}-15")
+        (page,) = cart.parent.glob(f"*-{name}.html")
+        (line,) = re.findall(r"In force: .*?</p>", page.read_text())
+        assert [int(number) for number in re.findall(r"(\d+) \(configuration", line)] == told
 
 
 def test_a_damaged_log_is_told(cart: Path) -> None:
