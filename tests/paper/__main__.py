@@ -20,10 +20,10 @@ _AT = (20, 30, 40, 60, 100)
 _COMPARED = ("norm d=1", "norm d=10", "linear d=1", "linear d=10", figure4.CHAIN)
 
 
-def main() -> None:
+def main(results: Path = RESULTS, page: Path = PAGE) -> None:
     """Everything, with a progress bar; about three minutes on one core."""
     cv2.setNumThreads(1)
-    RESULTS.mkdir(parents=True, exist_ok=True)
+    results.mkdir(parents=True, exist_ok=True)
     runs = [(noise, seed) for noise in _NOISES_MM for seed in range(_SWEEPS)]
     with Progress() as progress:
         task = progress.add_task("the paper's figures", total=_steps(len(runs)))
@@ -40,22 +40,22 @@ def main() -> None:
         for score in comparison.scores():
             scores.append(score)
             progress.advance(task)
-    _write_table_1(rows)
-    _write_figure_4(found)
+    _write_table_1(results, rows)
+    _write_figure_4(results, found)
     shown = {name: curves[0] for (noise, name), curves in found.items() if noise == _NOISES_MM[0]}
-    plots.figure_4(shown, RESULTS / "figure-4.png")
-    _write_solvers(scores)
+    plots.figure_4(shown, results / "figure-4.png")
+    _write_solvers(results, scores)
     tables = {"table-1": _table_1(rows), "figure-4": _convergence(found), "reachable": _reachable(found)}
-    _into_page({**tables, "solvers": _solvers(scores)})
-    print(f"{RESULTS}/table-1.csv, figure-4.csv, figure-4.png, solvers.csv; tables in {PAGE}")
+    _into_page(page, {**tables, "solvers": _solvers(scores)})
+    print(f"{results}/table-1.csv, figure-4.csv, figure-4.png, solvers.csv; tables in {page}")
 
 
 def _steps(runs: int) -> int:
     return 5 + runs * (2 * len(figure4.STEPS) + 1) + len(comparison.NOISES_MM) * (len(comparison.METHODS) + 1)
 
 
-def _write_table_1(rows: list[table1.Row]) -> None:
-    with (RESULTS / "table-1.csv").open("w", newline="") as stream:
+def _write_table_1(results: Path, rows: list[table1.Row]) -> None:
+    with (results / "table-1.csv").open("w", newline="") as stream:
         out = csv.writer(stream)
         names = (f"{source}_{what}" for source in ("paper", "norm", "linear") for what in ("rodrigues_rad", "x", "y"))
         out.writerow(["dataset", *names])
@@ -63,8 +63,8 @@ def _write_table_1(rows: list[table1.Row]) -> None:
             out.writerow([number, *paper, *np.round(row.norm, 4), *np.round(row.linear, 4)])
 
 
-def _write_figure_4(found: dict[tuple[float, str], list[np.ndarray]]) -> None:
-    with (RESULTS / "figure-4.csv").open("w", newline="") as stream:
+def _write_figure_4(results: Path, found: dict[tuple[float, str], list[np.ndarray]]) -> None:
+    with (results / "figure-4.csv").open("w", newline="") as stream:
         out = csv.writer(stream)
         out.writerow(["tracker_mm", "method", "sweep", "frames", "scale_x_mm_per_px", "scale_y_mm_per_px"])
         for (noise, name), curves in found.items():
@@ -73,8 +73,8 @@ def _write_figure_4(found: dict[tuple[float, str], list[np.ndarray]]) -> None:
                     out.writerow([noise, name, number, frames, *np.round(scale, 5)])
 
 
-def _write_solvers(scores: list[comparison.Score]) -> None:
-    with (RESULTS / "solvers.csv").open("w", newline="") as stream:
+def _write_solvers(results: Path, scores: list[comparison.Score]) -> None:
+    with (results / "solvers.csv").open("w", newline="") as stream:
         out = csv.writer(stream)
         out.writerow([field.name for field in fields(comparison.Score)])
         out.writerows([score.noise_mm, score.method, *np.round(astuple(score)[2:], 4)] for score in scores)
@@ -127,14 +127,14 @@ def _reachable(found: dict[tuple[float, str], list[np.ndarray]]) -> str:
     return "\n".join(lines)
 
 
-def _into_page(tables: dict[str, str]) -> None:
+def _into_page(file: Path, tables: dict[str, str]) -> None:
     """Replace what stands between the marks of each table."""
-    page = PAGE.read_text()
+    page = file.read_text()
     for name, table in tables.items():
         mark = re.compile(rf"(<!-- {name} -->\n).*?(<!-- end -->)", re.DOTALL)
         page, count = mark.subn(lambda found, table=table: found[1] + table + "\n" + found[2], page)
         assert count == 1, name
-    PAGE.write_text(page)
+    file.write_text(page)
 
 
 if __name__ == "__main__":

@@ -23,17 +23,10 @@ from appliance.types import Calibration
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.files.atomic_file import writing
 from tools.shared.estimate import check_new
+from tools.shared.named_cart import control_option, folder_option, socket_option
 from tools.shared.recovered import recovered
-from tools.shared.service_socket import socket_option
 from tools.shared.verification import accepted, ask, await_verification, recalibrating
 
-_WHERE = click.option(
-    "--folder",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("/var/lib/probewatch"),
-    show_default=True,
-    help="[alarm] folder of the service's configuration",
-)
 _YES = click.option("--yes", is_flag=True, help="accept the difference that is stated, without being asked")
 # Time to take up the probe and sweep; the service itself needs up to 10 s of motion
 # (tests/appliance/core/test_line.py).
@@ -59,7 +52,7 @@ def command() -> None:
 
 
 @command.command(name="list", short_help="the references that were ever in force")
-@_WHERE
+@folder_option
 @click.option("--json", "as_json", is_flag=True, help="print the history as JSON")
 def list_references(folder: Path, as_json: bool) -> None:
     """Every reference that was ever in force, the present one last."""
@@ -78,7 +71,7 @@ def list_references(folder: Path, as_json: bool) -> None:
 
 @command.command(short_help="what is known of one reference")
 @click.argument("number", type=int, required=False)
-@_WHERE
+@folder_option
 @click.option("--content", is_flag=True, help="print the calibration file itself, as it was taken")
 def show(number: int | None, folder: Path, content: bool) -> None:
     """Everything that is known of reference NUMBER, or of the one in force."""
@@ -98,7 +91,7 @@ def show(number: int | None, folder: Path, content: bool) -> None:
 @command.command(short_help="how two references or files differ")
 @click.argument("before")
 @click.argument("after")
-@_WHERE
+@folder_option
 @click.option("--json", "as_json", is_flag=True, help="print the difference as JSON")
 def diff(before: str, after: str, folder: Path, as_json: bool) -> None:
     """How AFTER differs from BEFORE; each is the number of a reference, or a file."""
@@ -146,7 +139,7 @@ def back(number: int, control_socket: Path, yes: bool, wait_s: float) -> None:
 @click.option("--output", required=True, type=click.Path(path_type=Path), help="new file, .xml or .tfm")
 @click.option("--probe", default="Probe", show_default=True, help="name of the marker body in the device set")
 @click.option("--image-size", nargs=2, type=click.IntRange(16, 16_384), help="of SOURCE, where it does not say")
-@_WHERE
+@folder_option
 def export(source: str, output: Path, probe: str, image_size: tuple[int, int] | None, folder: Path) -> None:
     """Write SOURCE, the number of a reference or a file, for another program.
 
@@ -230,8 +223,8 @@ def import_file(file: Path, output: Path, image_size: tuple[int, int] | None, pr
 
 
 @command.command(short_help="set a damaged history aside and start again")
-@_WHERE
-@socket_option
+@folder_option
+@control_option
 @_YES
 def reset(folder: Path, control_socket: Path, yes: bool) -> None:
     """Set the history aside, damaged or lost, so that the service starts again with the configuration's file.

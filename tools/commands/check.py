@@ -13,14 +13,14 @@ from appliance.storage.device_set import remarks
 from appliance.storage.reference import candidate_from_content, size_for
 from drivers.errors import ConfigurationError
 from drivers.registry import check_options
+from tools.shared.named_cart import file_argument
 
 _ANY_SIZE_PX = (640, 480)
 """Stands for the size of pictures that are not there; no other finding depends on it."""
-_DEFAULT = Path("/etc/probewatch/probewatch.toml")
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path), default=_DEFAULT)
+@file_argument
 def command(file: Path) -> None:
     """Check the configuration FILE and the calibration it names. No device is opened, no service is asked.
 

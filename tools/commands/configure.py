@@ -22,8 +22,8 @@ from drivers.registry import check_options, open_tracker, open_video
 from tools.commands.check import calibration_remarks, mistakes_in, rows
 from tools.commands.probe import complaints, findings, measure
 from tools.shared.configuration_text import Answers, Value, changed, template
+from tools.shared.named_cart import file_argument
 
-_DEFAULT = Path("/etc/probewatch/probewatch.toml")
 _TRIAL_S = 2.0
 """For which a device is tried: forty pictures of a slow scanner, and a person does not wait long. Not varied."""
 _WORDS = {
@@ -78,7 +78,7 @@ class _Person:
 
 
 @click.command("configure", help=_HELP)
-@click.argument("file", type=click.Path(path_type=Path), default=_DEFAULT)
+@file_argument
 @click.option("--video", help="URL of the scanner's picture")
 @click.option("--tracker", help="URL of the tracker")
 @click.option("--contact", help="URL of the output that drives the contact")

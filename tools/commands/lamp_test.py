@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from appliance.service.control.client import ControlClient
-from tools.shared.service_socket import socket_option
+from tools.shared.named_cart import socket_option
 
 
 @click.command()

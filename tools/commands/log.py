@@ -17,6 +17,7 @@ from appliance.types import Fault, State
 from drivers.files.atomic_file import check_writable, writing
 from drivers.printable import LONGEST_TEXT, printable
 from tools.shared.alarm_history import settled_log
+from tools.shared.named_cart import folder_argument
 
 _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
 _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
@@ -40,7 +41,7 @@ def _one_of(words: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("/var/lib/probewatch"))
+@folder_argument
 @click.option("--since", type=click.DateTime(), help="entries from this time on, UTC")
 @click.option("--until", type=click.DateTime(), help="entries before this time, UTC")
 @click.option("--state", callback=_one_of(_STATES), help=f"changes to this state only: {', '.join(_STATES)}")

@@ -12,7 +12,7 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable, replacing
 from tools.monitoring.endpoint import Endpoint
 from tools.monitoring.reading import Exposition
-from tools.shared.service_socket import socket_option
+from tools.shared.named_cart import socket_option
 
 _LISTEN = "127.0.0.1:9797"
 """No port that Prometheus' list of exporters or Debian's packages gives to another program, as far as known."""

@@ -10,7 +10,7 @@ import click
 
 from tools.monitoring.mqtt import Publisher, broker_of
 from tools.monitoring.reading import read_status
-from tools.shared.service_socket import socket_option
+from tools.shared.named_cart import socket_option
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 

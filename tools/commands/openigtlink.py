@@ -11,7 +11,7 @@ from tools.openigtlink.asked import USUAL_NAMES, Names
 from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
 from tools.openigtlink.wording import NAMES
-from tools.shared.service_socket import socket_option
+from tools.shared.named_cart import socket_option
 from tools.shared.status_watch import StatusWatch
 
 _PORT = 18944

@@ -19,6 +19,7 @@ from tools.page.server import Page, Parts
 from tools.page.token_socket import Door, invitation
 from tools.page.tokens import TOKEN_S, Tokens
 from tools.recalibration.session import ScanSession
+from tools.shared.named_cart import config_option
 from tools.shared.status_watch import StatusWatch
 
 _LISTEN = "127.0.0.1:9780"
@@ -32,7 +33,7 @@ _LONGEST_HEADERS = 16_384
 
 
 @click.command()
-@click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: names sockets and log")
+@config_option
 @click.option("--socket", "control", type=click.Path(path_type=Path), help="control socket [of the configuration]")
 @click.option("--feed", type=click.Path(path_type=Path), help="socket of the feed [beside the control socket]")
 @click.option("--listen", default=_LISTEN, show_default=True, help="HOST:PORT; port 0 takes a free one")

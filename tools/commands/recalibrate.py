@@ -36,6 +36,7 @@ from tools.recalibration.session import ScanSession
 from tools.recalibration.terminal import run
 from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
+from tools.shared.named_cart import config_option
 from tools.shared.sign_off import SignOff, user
 from tools.shared.status_watch import StatusWatch
 from tools.shared.tables import FittingTable
@@ -91,7 +92,7 @@ class _Reference:
 
 
 @click.command(name="recalibrate", help=_HELP)
-@click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: names the next two")
+@config_option
 @click.option("--socket", type=click.Path(path_type=Path), help="control socket of the running service")
 @click.option("--calibration", type=click.Path(path_type=Path), help="calibration in force, if not the service's")
 @click.option("--output", type=click.Path(path_type=Path), help="new file [calibration in force, with date and time]")

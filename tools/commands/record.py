@@ -9,15 +9,14 @@ import click
 from appliance.configuration.config import load_config
 from drivers.errors import ConfigurationError
 from tools.recorder.run import RecorderService, ask
-
-_CONFIG = Path("/etc/probewatch/probewatch.toml")
+from tools.shared.named_cart import cart_option
 
 
 @click.command()
 @click.argument("action", required=False, type=click.Choice(["start", "stop", "status"]))
-@click.option("--config", "config_path", default=_CONFIG, show_default=True, type=click.Path(path_type=Path))
+@cart_option
 @click.option("--reason", default="", help="with start or stop: why, in a few words; kept with the stretch")
-def command(action: str | None, config_path: Path, reason: str) -> None:
+def command(action: str | None, config_file: Path, reason: str) -> None:
     """Record what the service sees into a bounded ring of black boxes, until Ctrl-C; the recorder's unit runs it.
 
     start and stop mark a stretch that the running recorder keeps, as it keeps the minutes around each alarm; status
@@ -33,7 +32,7 @@ def command(action: str | None, config_path: Path, reason: str) -> None:
     docs/black-box.md. A recorder cannot affect the service: a full or broken disk is reported in the journal and by
     status, and nowhere else.
     """
-    config = load_config(config_path)
+    config = load_config(config_file)
     if action is not None:
         _print(ask(config.recorder.socket, action, reason))
         return

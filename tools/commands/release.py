@@ -9,6 +9,7 @@ from appliance.configuration.config import load_config
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.registry import open_output
+from tools.shared.named_cart import ENVIRONMENT
 
 
 @click.command("release")
@@ -16,6 +17,8 @@ from drivers.registry import open_output
     "--config",
     "config_file",
     required=True,
+    envvar=ENVIRONMENT,
+    show_envvar=True,
     type=click.Path(dir_okay=False, path_type=Path),
     help="the configuration whose outputs are meant",
 )

@@ -17,8 +17,8 @@ from tools.report.pdf import check_pdf, write_pdf
 from tools.report.period import PERIODS, last_period, period, read_self_tests, summary
 from tools.report.period_page import write_period_page
 from tools.shared.alarm_history import settled_log
+from tools.shared.named_cart import cart_option
 
-_CONFIG = Path("/etc/probewatch/probewatch.toml")
 _SELF_TESTS = "self-tests"
 _NAMESPACE = "probewatch-report"
 _PATIENCE_S = 20
@@ -26,7 +26,7 @@ _PATIENCE_S = 20
 
 
 @click.command()
-@click.option("--config", "config_path", default=_CONFIG, show_default=True, type=click.Path(path_type=Path))
+@cart_option
 @click.option("--period", "kind", type=click.Choice(PERIODS), default="month", show_default=True)
 @click.option("--of", "day", type=click.DateTime(["%Y-%m-%d"]), help="a day in the period, UTC [the last one over]")
 @click.option(
@@ -37,7 +37,7 @@ _PATIENCE_S = 20
 )
 @click.option("--pdf", "as_pdf", is_flag=True, help="as PDF too, by chromium where that is installed")
 @click.option("--sign", "key", type=click.Path(path_type=Path), help="SSH key: a signature beside each file")
-def command(config_path: Path, kind: str, day: datetime | None, folder: Path, as_pdf: bool, key: Path | None) -> None:
+def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as_pdf: bool, key: Path | None) -> None:
     """Write one page of what this cart did: how much of the time its calibration was verified, alarms, trends,
     calibrations, self-tests and versions, from its alarm log and its store. It is sent nowhere.
 
@@ -50,7 +50,7 @@ def command(config_path: Path, kind: str, day: datetime | None, folder: Path, as
     The unit probewatch-report.timer writes one for each month. A signature is checked with
       ssh-keygen -Y verify -f allowed_signers -I CART -n probewatch-report -s FILE.sig < FILE
     """
-    config = load_config(config_path)
+    config = load_config(config_file)
     now = datetime.now(UTC)
     wanted = last_period(kind, now) if day is None else period(kind, day.replace(tzinfo=UTC))
     cart = platform.node() or "cart"

@@ -20,6 +20,7 @@ from appliance.service.host.resident_memory import keep_what_is_loaded, lock_mem
 from appliance.service.unconfigured import await_configuration
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError
+from tools.shared.named_cart import ENVIRONMENT
 
 
 @click.command()
@@ -27,6 +28,8 @@ from drivers.errors import ConfigurationError
     "--config",
     "config_file",
     required=True,
+    envvar=ENVIRONMENT,
+    show_envvar=True,
     type=click.Path(dir_okay=False, path_type=Path),
     help="the configuration, such as config/probewatch.toml",
 )

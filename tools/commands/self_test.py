@@ -22,7 +22,7 @@ from drivers.printable import printable
 from tools.selftest import items
 from tools.selftest.items import Item
 from tools.selftest.measured import Measured, measured
-from tools.shared.service_socket import socket_option
+from tools.shared.named_cart import config_option, control_option
 from tools.shared.terminal import progress_bar
 
 _STILL_S, _MOVING_S = 5.0, 12.0
@@ -38,8 +38,8 @@ _TIMEX_BYTES, _TIMEX_STATUS = 208, 40
 
 
 @click.command(name="self-test")
-@socket_option
-@click.option("--config", "config_file", type=click.Path(path_type=Path), help="of the service: names the sockets")
+@control_option
+@config_option
 @click.option("--feed", type=click.Path(path_type=Path), help="socket of the feed [beside the control socket]")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="where it is kept [alarm folder]")
 @click.option("--operator", default="", help="who does it; kept with the result")

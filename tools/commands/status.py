@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.live import Live
 
 from appliance.service.control.client import ControlClient
-from tools.shared.service_socket import socket_option
+from tools.shared.named_cart import socket_option
 from tools.shared.status_view import Status, StatusView, one_line
 
 _EVERY_S = 0.25

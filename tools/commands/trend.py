@@ -17,6 +17,7 @@ from appliance.storage.alarm_chain import Entry, Event
 from drivers.files.atomic_file import check_writable
 from tools.report.trend_page import write_trend_page
 from tools.shared.alarm_history import settled_log
+from tools.shared.named_cart import folder_argument
 from tools.shared.tables import NOTHING, FittingTable
 
 _HEADINGS = ("parameter", "estimates", "now", "limit", "since the first", "per day", "reaches the limit", "is")
@@ -25,7 +26,7 @@ _FAR_DAYS = 3650
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("/var/lib/probewatch"))
+@folder_argument
 @click.option("--reference", type=click.IntRange(1), metavar="N", help="of the history; without it the latest")
 @click.option("--html", "html_path", type=click.Path(path_type=Path), help="write a page with plots there")
 @click.option("--json", "as_json", is_flag=True, help="JSON, null for what is not known")

@@ -1,0 +1,74 @@
+"""One way to name a cart: --config, else PROBEWATCH_CONFIG; sockets and folders follow, and older options go before."""
+
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from tests.support.commands import commands
+from tools.shared.named_cart import ENVIRONMENT, control_option, folder_argument, socket_option
+
+ABOUT_NO_CART = {"demo", "devices", "export", "fleet", "latency", "probe", "simulate", "study"}
+"""Commands that need no cart, or several."""
+ASKED_FOR_ALONE = {"noise", "replay"}
+"""What they judge by is told in the report, and no variable of the environment changes it unseen."""
+
+
+@click.command()
+@socket_option
+def asks(control_socket: Path) -> None:
+    click.echo(control_socket)
+
+
+@click.command()
+@folder_argument
+def reads(folder: Path) -> None:
+    click.echo(folder)
+
+
+@pytest.fixture
+def cart(tmp_path: Path) -> Path:
+    """Its socket and folder are told by lines without a mistake; others have one."""
+    file = tmp_path / "cart.toml"
+    file.write_text('[control]\nsocket = "/run/second/control"\n[alarm]\nfolder = "alarms"\nlangage = "de"\n')
+    return file
+
+
+@pytest.mark.parametrize("by", ["--config", ENVIRONMENT])
+def test_the_configuration_names_socket_and_folder(cart: Path, by: str) -> None:
+    given = {"args": [by, str(cart)]} if by == "--config" else {"env": {ENVIRONMENT: str(cart)}}
+    assert CliRunner().invoke(asks, **given).output == "/run/second/control\n"
+    assert CliRunner().invoke(reads, **given).output == f"{cart.parent / 'alarms'}\n"
+
+
+def test_an_option_goes_before_the_configuration_and_that_before_the_environment(cart: Path) -> None:
+    other = cart.with_name("other.toml")
+    other.write_text("")
+    named = {ENVIRONMENT: str(cart)}
+    assert CliRunner().invoke(asks, ["--socket", "/x"], env=named).output == "/x\n"
+    assert CliRunner().invoke(reads, ["/y"], env=named).output == "/y\n"
+    assert CliRunner().invoke(asks, ["--config", str(other)], env=named).output == "/run/probewatch/control\n"
+
+
+@pytest.mark.parametrize("content", [None, "= 3"])
+def test_a_configuration_that_was_named_and_cannot_be_read_is_told(tmp_path: Path, content: str | None) -> None:
+    file = tmp_path / "cart.toml"
+    if content is not None:
+        file.write_text(content)
+    error = CliRunner().invoke(asks, ["--config", str(file)]).exception
+    assert str(file) in str(error)
+    assert "cannot be read" in str(error)
+
+
+def test_every_command_that_is_about_a_cart_takes_it_in_the_same_way() -> None:
+    lacking = set()
+    for path, command in commands():
+        if path[0] in ABOUT_NO_CART | ASKED_FOR_ALONE or isinstance(command, click.Group):
+            continue
+        options = {option for one in command.params for option in one.opts}
+        of_the_cart = options & {"--socket", "--folder", "folder", "--feed"} or path[0] in ("run", "check")
+        named = next((one for one in command.params if "--config" in one.opts), None)
+        if of_the_cart and (named is None or named.envvar != ENVIRONMENT):
+            lacking.add(" ".join(path))
+    assert lacking == set()

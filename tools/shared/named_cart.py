@@ -1,0 +1,118 @@
+"""Which cart a command means: the one of --config, else of PROBEWATCH_CONFIG, else of this computer. Its sockets and
+folders are derived from its configuration; options that name one of them go before it.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from drivers.errors import ConfigurationError
+from drivers.files.markup import toml_of
+from drivers.files.regular_file import read_bounded
+
+CONFIG = Path("/etc/probewatch/probewatch.toml")
+_SOCKET, _LOG = Path("/run/probewatch/control"), Path("/var/lib/probewatch")
+ENVIRONMENT = "PROBEWATCH_CONFIG"
+_NAMED = "probewatch.named_cart"
+_MOST_BYTES = 1_000_000
+"""Of a configuration, which has some kB."""
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+
+def config_option(command: _Command) -> _Command:
+    """Adds --config, whose value comes as config_file, None where neither it nor the environment names a cart."""
+    return _config(expose=True)(command)
+
+
+def file_argument(command: _Command) -> _Command:
+    """Adds FILE, which --config and the environment may name as well; it comes as file."""
+    file = click.argument("file", required=False, type=click.Path(path_type=Path), callback=_file)
+    return file(_config(expose=False)(command))
+
+
+def cart_option(command: _Command) -> _Command:
+    """Adds --config for a command that cannot do without: the file comes as config_file."""
+    return _config(expose=True, default=CONFIG)(command)
+
+
+def socket_option(command: _Command) -> _Command:
+    """Adds --config and --socket; the control socket of the service comes as control_socket."""
+    return _config(expose=False)(control_option(command))
+
+
+def control_option(command: _Command) -> _Command:
+    """Adds --socket alone, for a command that has --config already."""
+    option = click.option(
+        "--socket",
+        "control_socket",
+        type=click.Path(path_type=Path),
+        callback=_derived("control", "socket", _SOCKET),
+        help="control socket of the service [of its configuration]",
+    )
+    return option(command)
+
+
+def folder_argument(command: _Command) -> _Command:
+    """Adds --config and FOLDER; the folder of the alarm log comes as folder."""
+    return _config(expose=False)(click.argument("folder", required=False, **_FOLDER)(command))
+
+
+def folder_option(command: _Command) -> _Command:
+    """Adds --config and --folder; the folder of the alarm log comes as folder."""
+    told = "alarm log of the service [of its configuration]"
+    return _config(expose=False)(click.option("--folder", help=told, **_FOLDER)(command))
+
+
+def _config(expose: bool, default: Path | None = None) -> Callable[[_Command], _Command]:
+    return click.option(
+        "--config",
+        "config_file",
+        type=click.Path(path_type=Path),
+        default=default,
+        envvar=ENVIRONMENT,
+        show_envvar=True,
+        is_eager=True,
+        expose_value=expose,
+        callback=_remember,
+        help=f"configuration of the cart, from which all else is derived [{CONFIG}]",
+    )
+
+
+def _remember(context: click.Context, _: click.Parameter, value: Path | None) -> Path | None:
+    context.meta[_NAMED] = value
+    return value
+
+
+def _file(context: click.Context, _: click.Parameter, value: Path | None) -> Path:
+    return value or context.meta.get(_NAMED) or CONFIG
+
+
+def _derived(section: str, key: str, usual: Path) -> Callable[[click.Context, click.Parameter, Path | None], Path]:
+    def derive(context: click.Context, _: click.Parameter, value: Path | None) -> Path:
+        return value or _said(context.meta.get(_NAMED), section, key) or usual
+
+    return derive
+
+
+def _said(named: Path | None, section: str, key: str) -> Path | None:
+    """What the configuration says there, None where it says nothing; a running service is found although another line
+    has a mistake. Raises ConfigurationError for a file that was named and cannot be read.
+    """
+    file = named or CONFIG
+    try:
+        said = toml_of(read_bounded(file, _MOST_BYTES), _MOST_BYTES).get(section, {}).get(key)
+    except (OSError, ValueError, AttributeError) as error:
+        if named is None:
+            return None
+        what = error.strerror if isinstance(error, OSError) else error
+        raise ConfigurationError(f"cannot be read: {what}", str(file), f"See: probewatch check {file}") from None
+    return file.parent / said if isinstance(said, str) else None
+
+
+_FOLDER: dict[str, Any] = {
+    "type": click.Path(path_type=Path, file_okay=False),
+    "callback": _derived("alarm", "folder", _LOG),
+}
