@@ -10,13 +10,16 @@ unexport PYTHONDONTWRITEBYTECODE
 ONE_THREAD := env OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint types contracts quick thorough invariant \
+.PHONY: help setup demo test lint types contracts quick thorough invariant \
   gate-proof release-check failures live mutation pythons slow test-arm64 evidence evidence-full false-alarms coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z0-9-]+:.*## /{printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 ##@ First
+
+setup: $(VENV)/runtime ## probewatch itself, ready to use: .venv/bin/probewatch (under a minute)
+	@echo "ready: $(BIN)/probewatch --help"
 
 demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults, alarm, timeline (under 3 minutes)
 	$(BIN)/probewatch demo

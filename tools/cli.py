@@ -43,6 +43,9 @@ _COMMANDS = {
     "status": "what the service sees now; --watch keeps it on the screen",
 }
 
+CORE_UNUSABLE = "the compiled core "
+"""How the error begins of a core that cannot be loaded; no module of it is imported before a command needs it."""
+
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -85,6 +88,11 @@ def main() -> None:
             raise
         click.echo(f"probewatch: this computer has no room for it ({error.strerror}); see what else runs", err=True)
         sys.exit(os.EX_OSERR)
+    except ImportError as error:
+        if not str(error).startswith(CORE_UNUSABLE):
+            raise
+        click.echo(f"probewatch: {error}", err=True)
+        sys.exit(os.EX_SOFTWARE)
     except click.Abort:
         click.echo("probewatch: stopped", err=True)
         sys.exit(130)

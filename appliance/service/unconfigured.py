@@ -10,7 +10,7 @@ from appliance.service.host.systemd_notify import Notifier
 from drivers.errors import ConfigurationError
 
 _LOOK_AGAIN_S = 1.0
-_WHAT, _REMEDY = "not configured yet", "Edit it, then set configured = true in it; the service starts again by itself"
+_WHAT = "not configured yet"
 
 
 def await_configuration(path: Path, stop: threading.Event) -> None:
@@ -19,10 +19,11 @@ def await_configuration(path: Path, stop: threading.Event) -> None:
     No output is opened, so none is energised; that is what the watchdog is fed for. Raises ConfigurationError when the
     file becomes unreadable.
     """
-    status = f"not verified, alarm on: {_WHAT}. Edit {path}, then set configured = true in it"
+    remedy = f"Run: probewatch configure {path}. The service starts again by itself"
+    status = f"not verified, alarm on: {_WHAT}. {remedy}"
     notifier = Notifier()
-    get_log().warning("not configured", file=str(path), remedy=_REMEDY)
-    leave(path, ConfigurationError(_WHAT, str(path), _REMEDY))
+    get_log().warning("not configured", file=str(path), remedy=remedy)
+    leave(path, ConfigurationError(_WHAT, str(path), remedy))
     while not is_configured(path):
         notifier.alive(status)
         if stop.wait(_LOOK_AGAIN_S):

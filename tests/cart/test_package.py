@@ -13,7 +13,7 @@ PACKAGE = "/probewatch.deb"
 def test_after_installation_it_runs_unverified_and_says_what_to_do(container: Container) -> None:
     wait_status(container, "not verified, alarm on: not configured yet.", 30)
     shown = container.sh(f"systemctl status {UNIT} --no-pager").out
-    assert f"Edit {CONFIG}, then set configured = true in it" in shown
+    assert f"Run: probewatch configure {CONFIG}" in shown
     assert container.sh("stat -c '%U %G %a' /var/lib/probewatch").out.split() == ["probewatch", "probewatch", "750"]
     assert container.sh("probewatch --version").code == 0
     exposure = container.sh(f"systemd-analyze security {UNIT} --no-pager | tail -n 1").out

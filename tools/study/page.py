@@ -16,7 +16,7 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable, writing
 from tools.study.session import FPS
 from tools.study.summary import Coverage, Detection, Row, coverages, detections, false_rate_per_hour, healthy_hours
-from tools.study.table import CODE
+from tools.study.table import CODE, INSTALL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,7 +40,7 @@ svg { max-width: 100%; height: auto; } .note { color: #555; }
 def check_page(path: Path) -> None:
     """Raises ConfigurationError where matplotlib is not installed or the file cannot be written."""
     if importlib.util.find_spec("matplotlib") is None:
-        remedy = "Install it: pip install 'probewatch[study]'"
+        remedy = INSTALL
         raise ConfigurationError("the page needs the package matplotlib", str(path), remedy)
     check_writable(path)
 

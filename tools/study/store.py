@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.printable import printable
 from tools.shared.found_recordings import SUFFIXES
+from tools.study.table import INSTALL
 
 _COPY_BYTES = 1 << 22
 """Taken from the store at once: a request of an object store costs some 50 ms, whatever its size. Not measured."""
@@ -77,7 +78,7 @@ def _opened(url: str) -> tuple[Any, str]:
     try:
         import fsspec  # noqa: PLC0415  an extra that a cart does not have
     except ImportError:
-        remedy = "Install it: pip install 'probewatch[study]'"
+        remedy = INSTALL
         raise ConfigurationError("needs the package fsspec", printable(url), remedy) from None
     try:
         filesystem, path = fsspec.core.url_to_fs(url)

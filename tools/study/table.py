@@ -13,6 +13,9 @@ import appliance
 import drivers
 from drivers.errors import ConfigurationError
 
+INSTALL = "Install it, in the project's folder: .venv/bin/pip install '.[study]'"
+"""What to do where a package is missing that a cart does not need; probewatch is on no index, so it has a path."""
+
 CODE = "code"
 """Column with the digest of the code that made the row."""
 COMMIT = "commit"

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from appliance.service.host.child_process import end_with_parent
 from drivers.errors import ConfigurationError, DeviceLost
+from tools.study.table import INSTALL
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
@@ -73,7 +74,7 @@ def _remote(work: Callable[[_T], _R], tasks: list[_T], scheduler: str, say: Say)
     try:
         import distributed  # noqa: PLC0415  an extra that a cart does not have
     except ImportError:
-        remedy = "Install it: pip install 'probewatch[study]'"
+        remedy = INSTALL
         raise ConfigurationError("needs the package distributed", f"--scheduler {scheduler}", remedy) from None
     try:
         client = distributed.Client(scheduler, timeout=_ANSWER_S)

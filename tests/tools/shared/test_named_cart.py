@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests.support.commands import commands
-from tools.shared.named_cart import ENVIRONMENT, control_option, folder_argument, socket_option
+from tools.shared.named_cart import ENVIRONMENT, folder_argument, socket_option
 
 ABOUT_NO_CART = {"demo", "devices", "export", "fleet", "latency", "probe", "simulate", "study"}
 """Commands that need no cart, or several."""

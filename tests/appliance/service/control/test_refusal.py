@@ -46,7 +46,7 @@ def test_status_of_an_unconfigured_service_says_what_to_edit(tmp_path: Path) -> 
             service.terminate()
     assert shown.returncode == 78
     assert f"{file}: the service does not watch, since 20" in shown.stderr
-    assert "not configured yet. Edit it, then set configured = true in it" in shown.stderr
+    assert "not configured yet. Run: probewatch configure " in shown.stderr
 
 
 @pytest.mark.parametrize("command", [["status"], ["status", "--json"], ["ack"], ["lamp-test"]])
