@@ -70,11 +70,15 @@ def split_url(url: str, kind: str = "") -> tuple[str, str, dict[str, str]]:
     """
     scheme, colon, rest = url.partition(":")
     target, _, query = rest.removeprefix("//").partition("?")
-    if not colon or scheme not in _DRIVERS:
-        raise _no_scheme(url, kind)
+    if scheme not in _DRIVERS or not colon:
+        raise _no_scheme(url, kind) if scheme not in _DRIVERS else _no_device(url, scheme)
     if not target:
-        raise ConfigurationError("names no device", url, f"Write {scheme}: and then a path or an address")
+        raise _no_device(url, scheme)
     return scheme, target, dict(parse_qsl(query))
+
+
+def _no_device(url: str, scheme: str) -> ConfigurationError:
+    return ConfigurationError("names no device", url, f"Write {scheme}: and then a path or an address")
 
 
 def _no_scheme(url: str, kind: str) -> ConfigurationError:

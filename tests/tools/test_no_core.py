@@ -19,7 +19,9 @@ def without_core(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("arguments", [["replay", "a.mha", "--calibration", "b.xml"], ["recalibrate", "--simulated"]])
+@pytest.mark.parametrize(
+    "arguments", [["replay", "a.mha", "--calibration", "b.xml"], ["latency", "a.mha", "--calibration", "b.xml"]]
+)
 def test_a_command_that_needs_it_says_what_to_run(without_core: Path, arguments: list[str]) -> None:
     program = f"import sys; sys.argv = ['probewatch', *{arguments!r}]; from tools.cli import main; main()"
     done = subprocess.run(

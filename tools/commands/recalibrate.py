@@ -100,7 +100,7 @@ class _Reference:
 @click.option("--recording", type=click.Path(path_type=Path), help="the scan: a PLUS sequence, .igs.mha or .mhd")
 @click.option("--probe", help="tool on the probe, as the recording names it [Probe]")
 @click.option("--reference", help="reference tool of the recording; Tracker for none")
-@click.option("--orientation", help="how pictures are stored, e.g. MF, where the recording does not say")
+@click.option("--orientation", help="how pictures are stored, where the recording does not say: MF, MN, UF or UN")
 @click.option(
     "--latency-ms",
     type=click.FloatRange(-500, 500),

@@ -61,7 +61,14 @@ def _episode(text: str) -> Episode:
 @click.option("--calibration", type=click.Path(path_type=Path), help="our .toml or a PLUS device set")
 @click.option("--config", "config_path", type=click.Path(path_type=Path), help="judge as the cart with this file would")
 @click.option("--poses", type=click.Path(path_type=Path), help="sequence or .csv with the poses, if recorded apart")
-@click.option("--inject", "schedule", multiple=True, callback=_episodes, metavar="FAULT[@SECONDS]", help="repeatable")
+@click.option(
+    "--inject",
+    "schedule",
+    multiple=True,
+    callback=_episodes,
+    metavar="FAULT[@SECONDS]",
+    help=f"repeatable: {', '.join(CART_FAULTS)}",
+)
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the report here too")
 @click.option("--html", "html_path", type=click.Path(path_type=Path), help="write a page to look at, with plots")
 @click.option("--pdf", "pdf_path", type=click.Path(path_type=Path), help="that page as PDF, by chromium")
@@ -70,7 +77,7 @@ def _episode(text: str) -> Episode:
 )
 @click.option("--probe", help="tool on the probe, as the transforms name it [Probe]")
 @click.option("--reference", help="reference tool; Tracker for none [Reference, where recorded]")
-@click.option("--orientation", help="how pictures are stored, e.g. MF, where the file does not say")
+@click.option("--orientation", help="how pictures are stored, where the file does not say: MF, MN, UF or UN")
 @click.option(
     "--jobs", default=1, show_default=True, type=click.IntRange(1, 512), help="processes for several recordings"
 )

@@ -15,7 +15,7 @@ from drivers.registry import check_options, open_tracker, open_video
 from drivers.twins.fault_control import FaultControl, parse_fault
 from drivers.twins.faults import Schedule
 from drivers.twins.openigtlink import FAULTS, IMAGE_NAME, IgtlTwin, Opener
-from drivers.twins.scene.trajectory import USUAL_PROGRAM
+from drivers.twins.scene.trajectory import PROGRAMS, USUAL_PROGRAM
 from drivers.twins.scene.world import World
 from drivers.twins.world_sources import WorldTracker, WorldVideo
 
@@ -31,7 +31,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
     "--tracker", "tracker_url", metavar="URL", help="hand on the poses of this tracker instead of the world's"
 )
 @click.option("--seed", type=int, default=1, help="of the world")
-@click.option("--program", default=USUAL_PROGRAM, help="how the hand moves in the world")
+@click.option("--program", default=USUAL_PROGRAM, help=f"how the hand moves: {', '.join(PROGRAMS)}")
 @click.option("--fault", "faults", multiple=True, metavar="NAME[@FROM[..TO]]", help="in seconds; may be repeated")
 @click.option("--control", type=_FILE, help="JSON list of faults, read again whenever it changes")
 @click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="world seconds per second")

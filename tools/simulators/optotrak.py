@@ -12,7 +12,7 @@ from drivers.twins.fault_control import FaultControl, parse_fault
 from drivers.twins.faults import Schedule
 from drivers.twins.optotrak.first_principles import Device
 from drivers.twins.optotrak.tracker import FAULTS, serve
-from drivers.twins.scene.trajectory import USUAL_PROGRAM
+from drivers.twins.scene.trajectory import PROGRAMS, USUAL_PROGRAM
 from drivers.twins.scene.world import World
 from drivers.twins.tool_motion import PoseAt, pose_file, recorded_motion, world_motion
 
@@ -26,7 +26,7 @@ _OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
     click.option("--poses", type=_FILE, help="CSV of t_s,tool,q0,qx,qy,qz,x_mm,y_mm,z_mm instead of the world"),
     click.option("--recording", type=_FILE, help="PLUS sequence whose poses are shown instead of the world"),
     click.option("--seed", type=int, default=1, help="of the world"),
-    click.option("--program", default=USUAL_PROGRAM, help="how the hand moves in the world"),
+    click.option("--program", default=USUAL_PROGRAM, help=f"how the hand moves: {', '.join(PROGRAMS)}"),
     click.option("--fault", "faults", multiple=True, metavar="NAME[@FROM[..TO]]", help="in seconds; may be repeated"),
     click.option("--schedule", help="JSON list of faults instead"),
     click.option("--control", type=_FILE, help="JSON list of faults, read again whenever it changes"),

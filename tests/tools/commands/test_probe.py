@@ -249,3 +249,13 @@ def test_where_the_name_is_wrong_the_remedy_is_the_name() -> None:
     assert "Bring the tool into view" not in poses
     assert "no IMAGE 'Reference' came; the server sends" in pictures
     assert "Have the server send its pictures as IMAGE" in pictures
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"), [((), "igtl://host"), (("v4l2",), "Write v4l2: and then"), (("x:y",), "v4l2:")]
+)
+def test_what_it_takes_is_listed_where_none_of_it_was_given(typed: tuple[str, ...], said: str) -> None:
+    ended = answered("probe", *typed)
+    assert ended.returncode in (2, 78)
+    assert said in ended.stderr
+    assert "ndi+tcp://v4l2" not in ended.stderr
