@@ -254,6 +254,18 @@ class ScanSession:
         with self._lock:
             self._change(lambda scanned: scanned.correct(index, centre_px))
 
+    def require_complete(self) -> None:
+        """Raises ProbewatchError where the scan, as it is, cannot be accepted whoever signs it."""
+        with self._lock:
+            self._require(Phase.REVIEW)
+            assert self._scanned is not None
+            self._scanned.calibration()
+
+    def require_second(self, name: str) -> None:
+        """Raises ProbewatchError where that person may not sign what this one scanned."""
+        assert self._begin is not None
+        sign_off(self._begin, signed(Signature(name, "–"))).check()
+
     def accept(self, signature: Signature) -> None:
         """Write it, give it to the service, and have that prove it. Raises Asked for a difference to be accepted."""
         signature = signed(signature)

@@ -194,10 +194,11 @@ def _answer(session: ScanSession, said: str, fields: Fields) -> None:
 
 
 def _accept(session: ScanSession, check: Fields | None) -> None:
+    session.require_complete()
+    name, role = _second_person(session), click.prompt("role")
     unchecked = ""
     if check is None or check["why"]:
         unchecked = click.prompt("why is there no check at another point")
-    name, role = click.prompt("name of the second person"), click.prompt("role")
     comment = click.prompt("comment", default="", show_default=False)
     try:
         session.accept(Signature(name, role, comment, unchecked=unchecked))
@@ -205,6 +206,18 @@ def _accept(session: ScanSession, check: Fields | None) -> None:
         click.echo(f"against the calibration in force: {question.text}")
         if click.confirm("Accept that? Nothing of it is verified then."):
             session.accept(Signature(name, role, comment, question.text, unchecked))
+
+
+def _second_person(session: ScanSession) -> str:
+    """Asked for first, and again at once where it is the one who scanned: nothing is typed twice."""
+    while True:
+        name = str(click.prompt("name of the second person"))
+        try:
+            session.require_second(name)
+        except ProbewatchError as error:
+            click.echo(error.what)
+        else:
+            return name
 
 
 def _prove(session: ScanSession) -> None:
