@@ -1,10 +1,13 @@
-"""Tables that fit: in columns where the terminal is wide enough, else each row as a short list."""
+"""Tables that fit: into a terminal in columns, closer or with cells of several lines where it is narrow; into a pipe as
+lines with tabs, which cut and grep take apart.
+"""
 
 from collections.abc import Sequence
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.padding import Padding
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
@@ -14,6 +17,8 @@ _ENDLESS = 10_000
 """Columns that no table reaches, to measure how wide one wants to be."""
 _INDENT = 2
 """Columns by which the rest of a row is set in where the terminal is too narrow for a table."""
+_LEAST_WORDS = 12
+"""Columns of a cell with words, below which they are torn apart: then each row is a short list."""
 NOTHING = "–"
 
 
@@ -37,17 +42,49 @@ class FittingTable:
         self._styles = [*styles, *("" for _ in rows[len(styles) :])]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        table = self._table()
-        width = console.measure(table, options=options.update(max_width=_ENDLESS)).maximum
-        yield from [table] if width <= options.max_width else self._lists()
+        if not console.is_terminal:
+            yield from self._lines()
+            return
+        for tight in (self._tight, True):
+            table = self._table(tight)
+            if self._width(console, options, table) <= options.max_width:
+                yield table
+                return
+        table = self._table(True, folded=True)
+        fits = self._least_width(console, options) <= options.max_width
+        yield from [table] if fits else self._lists()
 
-    def _table(self) -> Table:
-        table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0 if self._tight else (0, 1))
+    @staticmethod
+    def _width(console: Console, options: ConsoleOptions, table: Table) -> int:
+        return console.measure(table, options=options.update(max_width=_ENDLESS)).maximum
+
+    def _least_width(self, console: Console, options: ConsoleOptions) -> int:
+        """Of the table, were every cell with words folded to the least."""
+        cut = [
+            [cell if self._is_figure(number) else cell[:_LEAST_WORDS] for number, cell in enumerate(row)]
+            for row in self._rows
+        ]
+        least = FittingTable(self._headings, cut, (), self._right_from, tight=True)
+        return self._width(console, options, least._table(True))
+
+    def _is_figure(self, number: int) -> bool:
+        return number >= self._right_from
+
+    def _table(self, tight: bool, folded: bool = False) -> Table:
+        table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=0 if tight else (0, 1))
         for number, heading in enumerate(self._headings):
-            table.add_column(heading, justify="right" if number >= self._right_from else "left")
+            figure = self._is_figure(number)
+            table.add_column(
+                heading, justify="right" if figure else "left", no_wrap=not folded or figure, overflow="fold"
+            )
         for row, style in zip(self._rows, self._styles, strict=True):
             table.add_row(*map(Text, row), style=style)
         return table
+
+    def _lines(self) -> RenderResult:
+        for cells in (self._headings, *self._rows):
+            yield Segment("\t".join(" ".join(cell.split()) for cell in cells))
+            yield Segment.line()
 
     def _lists(self) -> RenderResult:
         for (name, *cells), style in zip(self._rows, self._styles, strict=True):

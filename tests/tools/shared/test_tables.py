@@ -1,34 +1,42 @@
-"""A table is in columns where there is room, else each row is a list, and nothing is lost."""
+"""A table fits the terminal that it is written to, and is lines with tabs in a pipe."""
 
 import io
 
 import pytest
-from rich.cells import cell_len
 from rich.console import Console
 
-from appliance.core.quality.examination import examine_nothing
-from appliance.core.quality.judgement import judge
-from appliance.core.quality.report import LineReport
-from appliance.core.quality.verification import Standing
-from appliance.limits import Limits
-from appliance.types import Check, Fault, VerdictKind
-from tools.commands.replay import _table
+from tools.shared.tables import FittingTable
 
-DOUBTFUL = Check("offset-elevational", Fault.OFFSET, -28.4, 1.5, "mm", 4.0, VerdictKind.NOT_VERIFIED)
+HEADINGS = ("device", "what it is", "and what is wrong with it", "value", "limit")
+ROWS = [
+    ("/dev/video0", "a grabber of some maker", "it gives pictures of another size than before", "0.12", "5"),
+    ("/dev/ttyUSB0", "a tracker", "–", "13.7", "60"),
+]
 
 
-@pytest.mark.parametrize("columns", [38, 80])
-def test_the_report_of_a_replay_fits(columns: int) -> None:
-    checks = (DOUBTFUL, *examine_nothing(Limits()).checks)
-    report = LineReport(1, 1, 1, {}, None, None, 0, checks, judge(0, checks, Standing(())))
-    stream = io.StringIO()
-    Console(file=stream, width=columns).print(_table(report))
-    lines = stream.getvalue().splitlines()
-    assert all(cell_len(line) <= columns for line in lines)
-    assert "…" not in stream.getvalue()
-    said = " ".join(stream.getvalue().split())
-    for check in checks:
-        assert check.name in said
-    for part in ("-28.4 mm", "1.5", "4 mm", "7.1", "NOT_VERIFIED"):
-        assert part in said
-    assert ("of limit: 7.1" in said) == (columns == 38)
+def written(width: int, terminal: bool = True) -> list[str]:
+    out = io.StringIO()
+    Console(file=out, width=width, force_terminal=terminal, color_system=None, highlight=False).print(
+        FittingTable(HEADINGS, ROWS, right_from=3)
+    )
+    return out.getvalue().rstrip("\n").split("\n")
+
+
+@pytest.mark.parametrize("width", [40, 60, 80, 100, 120, 200])
+def test_nothing_is_wider_than_the_terminal_and_nothing_is_lost(width: int) -> None:
+    lines = written(width)
+    assert max(map(len, lines)) <= width
+    whole = "".join("".join(lines).split())
+    for cell in ("0.12", "13.7", "grabber", "pictures", "size"):
+        assert cell in whole
+
+
+@pytest.mark.parametrize("width", [80, 100, 120])
+def test_it_stays_a_table_where_that_can_be_read(width: int) -> None:
+    heading = next(line for line in written(width) if line.strip())
+    assert [name for name in ("device", "value", "limit") if name in heading] == ["device", "value", "limit"]
+
+
+@pytest.mark.parametrize("width", [20, 80, 200])
+def test_a_pipe_gets_a_line_for_each_row_with_tabs(width: int) -> None:
+    assert written(width, terminal=False) == ["\t".join(HEADINGS), *("\t".join(row) for row in ROWS)]

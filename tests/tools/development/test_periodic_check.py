@@ -1,0 +1,34 @@
+"""The sheet of the periodic check: every step has a tolerance and room for what was measured, and its limits are the
+shipped ones."""
+
+import re
+from pathlib import Path
+
+from appliance.limits import Limits
+from appliance.supervision.policy import Durations
+from tools.commands.probe import _LOOSE_BOUND_MS, _MANY_LOST, _POOR_FIT_MM
+
+SHEET = (Path(__file__).parents[3] / "docs" / "periodic-check.md").read_text()
+ROWS = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in re.findall(r"^\| \d.*\|$", SHEET, re.M)]
+
+
+def test_every_step_has_a_tolerance_and_a_field() -> None:
+    assert [row[0].strip("| ") for row in ROWS] == [str(number) for number in range(1, len(ROWS) + 1)]
+    for number, step, tolerance, field, passed in ROWS:
+        assert step, number
+        assert re.search(r"\d|equal|every|year", tolerance), step
+        assert "____" in field, step
+        assert "☐" in passed, step
+
+
+def test_its_figures_are_those_of_the_shipped_configuration() -> None:
+    limits = Limits()
+    for said in (
+        f"{limits.rotation_deg:g}° in rotation, {limits.scale_percent:g} % in scale, {limits.offset_mm:g} mm in offset",
+        f"{limits.latency_ms:g} ms in latency",
+        f"{100 * _MANY_LOST:g} % lost at most",
+        f"± {_LOOSE_BOUND_MS:g} ms at most",
+        f"marker fit {_POOR_FIT_MM:g} mm at most",
+    ):
+        assert said in SHEET, said
+    assert Durations().device_lost_after_ns <= 2_500_000_000
