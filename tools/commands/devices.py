@@ -43,4 +43,4 @@ def _row(kind: str, found: Found) -> tuple[str, ...]:
 
 def _print_table(rows: list[tuple[str, ...]]) -> None:
     styles = ["" if row[-1] == "free" else "yellow" for row in rows]
-    Console(highlight=False).print(FittingTable(_HEADINGS, rows, styles))
+    Console(highlight=False).print(FittingTable(_HEADINGS, rows, styles), crop=False)

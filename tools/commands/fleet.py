@@ -47,7 +47,7 @@ def command(prometheus: str, job: str, over: str, as_json: bool) -> None:
     elif carts:
         styles = ["yellow" if cart.needs else "" for cart in carts]
         table = FittingTable(_HEADINGS, [_row(cart) for cart in carts], styles)
-        Console(file=sys.stdout, highlight=False).print(table)
+        Console(file=sys.stdout, highlight=False).print(table, crop=False)
     else:
         click.echo(f"{prometheus} knows no cart; does it scrape them under job_name: {job}?", err=True)
     sys.exit(1 if not carts or any(cart.needs for cart in carts) else 0)

@@ -383,7 +383,7 @@ def _print(solution: OffsetSolution, before: Calibration) -> None:
         for name, old, new, sigma in parts
     ]
     rows.append(("size of the cloud", f"{solution.cloud_before_mm:.2f}", f"{solution.cloud_after_mm:.2f}", ""))
-    Console(file=sys.stdout, highlight=False).print(FittingTable(("mm", "before", "after", "± 1σ"), rows))
+    Console(file=sys.stdout, highlight=False).print(FittingTable(("mm", "before", "after", "± 1σ"), rows), crop=False)
     click.echo(f"views: {solution.views}, and {solution.rejected} rejected")
     click.echo(f"tilt spread: {solution.tilt_sd_deg:.1f}° (at least {solution.tilt_needed_deg:.1f}° needed)")
     click.echo(f"localisation: {solution.localisation_mm:.2f} mm per view and axis")

@@ -241,7 +241,7 @@ def _print_several(tasks: list[ArchiveTask], jobs: int, json_path: Path | None) 
             rows += found_rows
             progress.advance(bar)
     rows.sort(key=lambda row: row["recording"])
-    Console(file=sys.stdout, highlight=False).print(archive_table(rows))
+    Console(file=sys.stdout, highlight=False).print(archive_table(rows), crop=False)
     if json_path is not None:
         write_json(json_path, {"version": VERSION, "recordings": rows})
 
@@ -295,7 +295,7 @@ def _print(outcome: _Outcome, subject: Subject) -> None:
         click.echo(f"  {number} not paired: {reason}")
     for reason, number in report.unusable.items():
         click.echo(f"  {number} poses cannot be used: {reason}")
-    Console(file=sys.stdout, highlight=False).print(_table(report))
+    Console(file=sys.stdout, highlight=False).print(_table(report), crop=False)
     click.echo(f"{report.motions} motions of the probe went into the estimate")
     if report.second_opinion is not None:
         click.echo(_second_opinion(report.second_opinion))

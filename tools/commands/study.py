@@ -228,7 +228,7 @@ def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, sched
         missing = [row for row in rows if row["error"].startswith(NOT_FETCHED)]
         away += missing
         table.add(row for row in rows if row not in missing)
-    Console(highlight=False).print(archive_table([*table.rows, *away]))
+    Console(highlight=False).print(archive_table([*table.rows, *away]), crop=False)
     click.echo(f"written: {table.path}")
     if away:
         what = f"{len(away)} of {len(archive)} recordings could not be fetched"
@@ -252,10 +252,10 @@ def _print(rows: list[dict[str, str]]) -> None:
     healthy, sick = coverages(rows), detections(rows)
     if healthy:
         heads: tuple[str, ...] = ("session", "tissue", "noise", "closed", "from … to", "first", "FAULT", "worst z RMS")
-        console.print(FittingTable(heads, [_healthy_cells(one) for one in healthy], right_from=2))
+        console.print(FittingTable(heads, [_healthy_cells(one) for one in healthy], right_from=2), crop=False)
     if sick:
         heads = ("hazard", "FAULT", "named rightly", "after", "open after", "OK at twice its limit")
-        console.print(FittingTable(heads, [_sick_cells(one) for one in sick], right_from=1))
+        console.print(FittingTable(heads, [_sick_cells(one) for one in sick], right_from=1), crop=False)
 
 
 def _healthy_cells(one: Coverage) -> tuple[str, ...]:

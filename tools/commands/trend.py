@@ -57,7 +57,7 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
         click.echo(json.dumps({"reference": number, "parameters": [_fields(*one) for one in found.items()]}, indent=2))
     elif found:
         styles = ["yellow" if one.moving or one.near else "" for one in found.values()]
-        Console(highlight=False).print(FittingTable(_HEADINGS, rows, styles, right_from=1))
+        Console(highlight=False).print(FittingTable(_HEADINGS, rows, styles, right_from=1), crop=False)
     else:
         click.echo(f"{folder} holds no estimates yet: the service notes one every five minutes while it is verified")
     if html_path is not None:

@@ -26,10 +26,10 @@ class Circumstances:
 def print_report(console: Console, outcome: Outcome) -> None:
     """Timeline, alarms that had no fault, and the judgement in one sentence."""
     if outcome.findings:
-        console.print(_timeline(outcome.findings))
+        console.print(_timeline(outcome.findings), crop=False)
         console.print("Seconds after the fault began; verified: seconds after it ended.\n")
     if outcome.unexpected:
-        console.print(_unexpected(outcome.unexpected))
+        console.print(_unexpected(outcome.unexpected), crop=False)
     colour = "green" if outcome.passed else "yellow" if outcome.too_busy else "red"
     console.print(_sentence(outcome), soft_wrap=True, style=colour)
 

@@ -166,7 +166,7 @@ def _review(session: ScanSession, signature: Signature | None) -> None:
         fields = session.fields()
         console.print(picture(fields), _views(fields["scan"]))
         if fields["scan"]["compared"]:
-            console.print(comparison_table(fields["scan"]["compared"]))
+            console.print(comparison_table(fields["scan"]["compared"]), crop=False)
         console.print(f"check at another point: {check_text(fields['scan']['check'])}")
         if signature is not None:
             session.accept(signature)

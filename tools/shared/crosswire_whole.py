@@ -134,13 +134,15 @@ def _say(
         click.echo(f"  {number} without: {reason}")
     console = Console(highlight=False)
     if state.views:
-        console.print(view_table(state, np.array([view.centre_px for view in running.views]), options.review))
+        console.print(
+            view_table(state, np.array([view.centre_px for view in running.views]), options.review), crop=False
+        )
     if state.whole is not None:
         whole = state.whole
         others = {} if before is None else {"in force": before}
         if options.estimate is not None:
             others["estimate"] = read_calibration(options.estimate, whole.calibration.image_size_px)
-        console.print(parameter_table(whole, others))
+        console.print(parameter_table(whole, others), crop=False)
         if state.closed is not None:
             given = "the one in force" if before is not None else "the new one"
             zeta = f"{state.closed.zeta_mm:.2f} ± {state.closed.zeta_sigma_mm:.2f} mm"

@@ -23,7 +23,8 @@ NOTHING = "–"
 
 
 class FittingTable:
-    """rows: as many cells as headings; the first one names the row. styles: one for each row, "" for none.
+    """rows: as many cells as headings; the first one names the row. styles: one for each row, "" for none. Print with
+    crop=False, or lines in a pipe are cut off.
 
     right_from: number of the first column of figures, aligned on the right; tight: one space between columns.
     """

@@ -17,7 +17,7 @@ ROWS = [
 def written(width: int, terminal: bool = True) -> list[str]:
     out = io.StringIO()
     Console(file=out, width=width, force_terminal=terminal, color_system=None, highlight=False).print(
-        FittingTable(HEADINGS, ROWS, right_from=3)
+        FittingTable(HEADINGS, ROWS, right_from=3), crop=False
     )
     return out.getvalue().rstrip("\n").split("\n")
 
