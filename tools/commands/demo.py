@@ -25,7 +25,7 @@ from tools.demo.load import DemoLoad
 from tools.demo.outcome import History, Moment, Prompt, Switch, judge
 from tools.demo.report import Circumstances, print_report, report_fields
 from tools.demo.script import Planned, Script, chosen_plan, default_plan
-from tools.shared.json_report import write_json
+from tools.shared.json_report import file_of, json_option, text_aside
 from tools.shared.status_view import Status
 from tools.simulators.whole_cart import CartSettings, NotReady, SimulatedCart
 
@@ -69,7 +69,7 @@ def _tissue(_context: click.Context, _option: click.Parameter, name: str) -> str
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of tissue, motion and noise")
 @click.option("--tissue", default=RIGID, show_default=True, callback=_tissue, help="what is scanned; see below")
 @click.option("--openigtlink", "served", is_flag=True, help="the service sees both through an OpenIGTLink server")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the report here too")
+@json_option
 def command(
     faults: list[tuple[str, float]],
     duration_s: float | None,
@@ -111,7 +111,8 @@ def command(
     last line says which. 69: a part of the cart died. 75: undecided, because this computer was too busy with other
     programs; try again when it is not. 78: the script is not possible, or a file cannot be used.
     """
-    check_writable(json_path)
+    write_report = click.get_current_context().with_resource(text_aside(json_path))
+    check_writable(file_of(json_path))
     plan = chosen_plan(faults, duration_s) if faults else default_plan(duration_s)
     settings = CartSettings(seed, speed, served, tissue=tissue)
     console = Console(file=sys.stdout, highlight=False)
@@ -119,8 +120,7 @@ def command(
         script, history, counters = _run(plan, duration_s, settings, console, stop)
     outcome = judge(script, history)
     print_report(console, outcome)
-    if json_path is not None:
-        write_json(json_path, report_fields(outcome, history, Circumstances(seed, speed, tissue, counters)))
+    write_report(report_fields(outcome, history, Circumstances(seed, speed, tissue, counters)))
     if not outcome.passed:
         sys.exit(TooBusy.exit_code if outcome.too_busy else 1)
 

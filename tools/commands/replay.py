@@ -27,7 +27,7 @@ from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
 from tools.shared.estimate import check_new, write_estimate
 from tools.shared.found_recordings import found
-from tools.shared.json_report import write_json
+from tools.shared.json_report import file_of, json_option, text_aside
 from tools.shared.recording_run import BlackBoxSession, Seen, nobody, run, run_series
 from tools.shared.rerun import Comparison
 from tools.shared.subject import Subject
@@ -69,7 +69,7 @@ def _episode(text: str) -> Episode:
     metavar="FAULT[@SECONDS]",
     help=f"repeatable: {', '.join(CART_FAULTS)}",
 )
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="write the report here too")
+@json_option
 @click.option("--html", "html_path", type=click.Path(path_type=Path), help="write a page to look at, with plots")
 @click.option("--pdf", "pdf_path", type=click.Path(path_type=Path), help="that page as PDF, by chromium")
 @click.option(
@@ -120,7 +120,8 @@ def command(
     Exit code 0 says that a report was made; the verdict is in the report. 65: the recording cannot be used, or shows
     too little for --estimate; 78: the calibration or an option cannot.
     """
-    for path in (json_path, html_path, pdf_path):
+    write_report = click.get_current_context().with_resource(text_aside(json_path))
+    for path in (file_of(json_path), html_path, pdf_path):
         check_writable(path)
     check_pdf(pdf_path)
     if pdf_path is not None and html_path is None:
@@ -135,7 +136,7 @@ def command(
         _refuse_for_several(poses=poses, inject=schedule.episodes, estimate=estimate_path, html=html_path)
         named = (probe, reference, orientation)
         tasks = [ArchiveTask(_path(one), calibration, judging, _parts(one), *named) for one in several]
-        _print_several(tasks, jobs, json_path)
+        write_report({"version": VERSION, "recordings": _print_several(tasks, jobs)})
         return
     (one,) = several
     trace = Trace()
@@ -144,8 +145,7 @@ def command(
     files = [*(_parts(one) or (_path(one),)), *([] if poses is None else [poses])]
     subject = Subject.of(files, calibration, config_path, schedule)
     _print(outcome, subject)
-    if json_path is not None:
-        write_json(json_path, {**outcome.fields(), "of": subject.fields()})
+    write_report({**outcome.fields(), "of": subject.fields()})
     if html_path is not None:
         kept = subject, outcome.path.name, trace, outcome.report, outcome.timeline, outcome.comparison, outcome.damage
         write_recording_page(html_path, *kept)
@@ -232,7 +232,7 @@ def _parts(one: Path | Series) -> tuple[Path, ...]:
     return tuple(box.path for box in one.boxes) if isinstance(one, Series) else ()
 
 
-def _print_several(tasks: list[ArchiveTask], jobs: int, json_path: Path | None) -> None:
+def _print_several(tasks: list[ArchiveTask], jobs: int) -> list[dict[str, str]]:
     rows: list[dict[str, str]] = []
     with progress_bar("replay {task.completed:.0f} of {task.total:.0f}") as progress:
         bar = progress.add_task("replay", total=len(tasks))
@@ -242,8 +242,7 @@ def _print_several(tasks: list[ArchiveTask], jobs: int, json_path: Path | None) 
             progress.advance(bar)
     rows.sort(key=lambda row: row["recording"])
     Console(file=sys.stdout, highlight=False).print(archive_table(rows), crop=False)
-    if json_path is not None:
-        write_json(json_path, {"version": VERSION, "recordings": rows})
+    return rows
 
 
 def _box_fields(comparison: Comparison, damage: str) -> dict[str, object]:

@@ -1,6 +1,7 @@
 """`probewatch replay`: injection, timeline, JSON contract, and one clear line for every bad input."""
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -205,6 +206,23 @@ def test_timeline_of_a_calibration_fault_goes_up_in_order(session):
     warned, halted = (change.t_s for change in timeline.changes[-2:])
     assert halted - warned == pytest.approx(0.3, abs=0.051)
     assert "mirrored" in timeline.changes[-1].reason
+
+
+def test_a_recording_behind_json_is_not_written_over(session, calibration):
+    before = session.read_bytes()
+    code, _, err = run("--json", session, session, "--calibration", calibration)
+    assert (code, session.read_bytes() == before) == (2, True)
+    assert "put --json last" in err
+
+
+@pytest.mark.parametrize("more", [(), ("-",)])
+@pytest.mark.parametrize("number", [1, 2])
+def test_json_without_a_file_is_all_of_standard_output(session, calibration, more, number):
+    """As of every command that has --json; the text is on standard error."""
+    recordings = [session, *(shutil.copy(session, session.with_name(f"{n}.igs.mha")) for n in range(1, number))]
+    code, out, err = run(*recordings, "--calibration", calibration, "--json", *more)
+    assert (code, json.loads(out)["version"]) == (0, 1)
+    assert "NOT_VERIFIED" in err
 
 
 @pytest.mark.parametrize(
