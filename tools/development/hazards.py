@@ -1,54 +1,93 @@
-"""`make docs` writes docs/hazards.md: each hazard, what finds it, what then happens, its tests, its figures.
+"""`make docs` writes docs/hazards.md: each hazard, its severity, control, what remains, and the evidence.
 
 What finds a hazard declares it (`FINDS` of a module of the appliance); a test that tries it names it.
 """
 
 import ast
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from appliance.supervision.alarms import HAZARDS
+from appliance.supervision.alarms import HAZARDS, SIGNALS, Priority
 from appliance.supervision.policy import POLICY, Policy, Step
 from appliance.types import Fault
 from tools.development.evidence_figures import Figures
+from tools.development.evidence_pages import of_fault
+from tools.development.markdown import table
 from tools.study.hazard import FAULTS, Hazard
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "hazards.md"
+PAGE, ANOMALIES = ROOT / "docs" / "hazards.md", ROOT / "docs" / "known-anomalies.md"
 
 _GENERAL = ("tests/tools", "tests/support", "tests/rules", "tests/data")
 """Tests of how a hazard is shown, not of whether it is found and controlled."""
 
-_HEAD = """# Hazards, controls, tests and figures
+_HEAD = """# Hazards
 
 `make docs` writes this page from the code; `tests/tools/development/test_manual.py` fails when they differ. Of each
-hazard it tells what is required (its section in the manual), which part of the code finds it, what the supervisor then
-does (its row of the policy), which files of tests name it, and where what was measured stands. The invariant of
-all of them, *closed ⇒ everything required was shown by motion recent enough, and nothing contradicts it*, is driven by
-random disturbances in `tests/invariant/`; the loss of each part is walked by `tests/live/test_failures.py`. What a user
-reads and does is in [alarms.md](alarms.md), what the product is not for in [intended-use.md](intended-use.md).
+hazard:
 
-It is not the risk analysis of a medical device: severity and probability of harm depend on what the contact drives.
+- **severity**: the highest priority of alarm that it leads to, by the policy. Severity and probability of harm depend
+  on what the contact drives: this is not the risk analysis of a medical device.
+- **control**: what the supervisor does, and which part of the code finds it.
+- **residual**: in how many of the last study's simulated runs it was not named as a FAULT, and how many of the
+  [known anomalies](known-anomalies.md) speak of it.
+- **evidence**: the figures of each kind that was simulated, and the files of tests that name it, [below](#tests).
+
+The invariant of all of them, *closed ⇒ everything required was shown by motion recent enough, and nothing contradicts
+it*, is driven by random disturbances in `tests/invariant/`; the loss of each part is walked by
+`tests/live/test_failures.py`. What a user reads and does is in [alarms.md](alarms.md), what the product is not for in
+[intended-use.md](intended-use.md).
 """
+_PRIORITIES = (Priority.HIGH, Priority.MEDIUM, Priority.LOW, Priority.NONE)
 
 
 def hazards(figures: Figures) -> str:
     """The whole page, Markdown. figures: what was last measured."""
-    finders = found_by()
-    tests = _tried_by()
-    lines = [_HEAD, "| requirement | found by | control | tests | figure |", "| --- | --- | --- | --- | --- |"]
-    for hazard, row in HAZARDS.items():
-        cells = (
-            f"[`{hazard}`](alarms.md#{hazard}): {row.text}",
-            _listed(finders[hazard]),
-            f"contact {'opens' if POLICY[hazard].steps else 'stays as it is'}; {steps(POLICY[hazard])}",
-            _listed(one for one in tests[hazard] if not one.startswith(_GENERAL)),
-            _figures(hazard, figures),
-        )
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join((*lines, ""))
+    head = ("hazard", "severity", "control", "residual", "evidence")
+    lines = [_HEAD, *table(head, (_row(hazard, figures) for hazard in HAZARDS)), "## Tests", ""]
+    for hazard in HAZARDS:
+        lines += [f"### {hazard}", "", *(f"- [{file}](../{file})" for file in _tests(hazard)), ""]
+    return "\n".join(lines)
+
+
+def _row(hazard: Fault, figures: Figures) -> tuple[str, ...]:
+    row, number = POLICY[hazard], len(_tests(hazard))
+    finders = ", ".join(f"[{Path(file).stem}](../{file})" for file in found_by()[hazard])
+    return (
+        f"[`{hazard}`](alarms.md#{hazard}): {HAZARDS[hazard].text}",
+        _severity(row),
+        f"contact {'opens' if row.steps else 'stays as it is'}; {steps(row)}. Found by {finders}",
+        f"{_missed(hazard, figures)}; {_anomalies(hazard)}",
+        f"{_figures(hazard, figures)}; [{number} {'file' if number == 1 else 'files'} of tests](#{hazard})",
+    )
+
+
+def _tests(hazard: Fault) -> list[str]:
+    return [one for one in _tried_by()[hazard] if not one.startswith(_GENERAL)]
+
+
+def _severity(row: Policy) -> str:
+    """Of the worst state that it leads to."""
+    reached = {SIGNALS[step.state].priority for step in row.steps}
+    return next((priority.value for priority in _PRIORITIES if priority in reached), "advisory")
+
+
+def _missed(hazard: Fault, figures: Figures) -> str:
+    found = of_fault(figures.found, hazard)
+    runs = sum(one.runs for one in found)
+    return (
+        f"{sum(one.runs - len(one.fault_s) for one in found)} of {runs} runs without a FAULT"
+        if runs
+        else "not measured"
+    )
+
+
+def _anomalies(hazard: Fault) -> str:
+    rows = [line for line in ANOMALIES.read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
+    number = sum(f"`{hazard}`" in row for row in rows)
+    return f"{number or 'no'} known {'anomaly' if number == 1 else 'anomalies'}"
 
 
 @cache
@@ -88,10 +127,6 @@ def _figures(hazard: Fault, figures: Figures) -> str:
     """Sections of the evidence on its kinds that were measured."""
     kinds = dict.fromkeys(Hazard.parse(one.hazard).kind for one in figures.found)
     return ", ".join(f"[{kind}](evidence.md#{kind})" for kind in kinds if FAULTS[kind] is hazard) or "not measured"
-
-
-def _listed(files: Iterable[str]) -> str:
-    return ", ".join(f"`{file}`" for file in files)
 
 
 def _counted(file: str, finders: dict[Fault, list[str]]) -> int:
