@@ -257,6 +257,10 @@ def _box_fields(comparison: Comparison, damage: str) -> dict[str, object]:
         "same_kind_and_fault": comparison.alike,
         "ok_only_live": comparison.unproved,
         "ok_only_now": comparison.proved,
+        "told_live": [
+            {"t_s": one.t_ns / 1e9, "state": one.state, "fault": one.fault or None, "reason": one.reason}
+            for one in comparison.told
+        ],
         "text": comparison.text,
         "damage": damage or None,
     }
@@ -298,13 +302,20 @@ def _print(outcome: _Outcome, subject: Subject) -> None:
     click.echo(f"{report.motions} motions of the probe went into the estimate")
     if report.second_opinion is not None:
         click.echo(_second_opinion(report.second_opinion))
-    for change in outcome.timeline:
-        click.echo(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}")
+    _print_states(outcome)
     if report.proposal is not None:
         click.echo("\n".join(f"→ {clause}" for clause in report.proposal.text.split("; ")))
     fault = f" · {report.verdict.fault}" if report.verdict.fault else ""
     spoiled = f"{subject.spoiled}; " if subject.spoiled else ""
     click.echo(f"{spoiled}verdict: {report.verdict.kind.value}{fault}  {report.verdict.reason}")
+
+
+def _print_states(outcome: _Outcome) -> None:
+    """What the room is told now, then what it was told live."""
+    for change in outcome.timeline:
+        click.echo(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}")
+    for told in () if outcome.comparison is None else outcome.comparison.told:
+        click.echo(f"{told.t_ns / 1e9:8.2f} s  told live: {told.state}: {told.reason}")
 
 
 def _second_opinion(opinion: SecondOpinion) -> str:

@@ -66,6 +66,7 @@ def write_recording_page(
         parts.append(section("Proposed, not applied", *(text(clause) for clause in report.proposal.text.split("; "))))
     parts += [
         section("State", _states(changes, trace.duration_s)),
+        *([] if comparison is None else [section("State as it was told live", _told(comparison))]),
         section("What was missing", _missing(trace, report)),
         section("Coverage", _coverage(trace)),
         section("Path of the picture and of the tracker", *_paths(trace)),
@@ -84,6 +85,11 @@ def _states(changes: Sequence[Change], duration_s: float) -> str:
         plot.block(change.t_s, end_s, 0.05, 0.95, kind, f"{change.t_s:.1f} s {change.state.value}: {change.reason}")
     rows = [(f"{change.t_s:.2f}", change.state.value, change.fault or "–", change.reason) for change in changes]
     return plot.svg("states over time") + table(("s", "state", "fault", "reason"), rows)
+
+
+def _told(comparison: Comparison) -> str:
+    rows = [(f"{one.t_ns / 1e9:.2f}", one.state, one.fault or "–", one.reason) for one in comparison.told]
+    return table(("s", "state", "fault", "reason"), rows) if rows else text("The box holds no state.")
 
 
 def _missing(trace: Trace, report: LineReport) -> str:

@@ -91,6 +91,8 @@ def run_series(
     if rerun.line is None:
         raise RecordingError("ends before there was a reference", str(series.boxes[0].path), "Give --calibration")
     report = _with_reasons(rerun.line.report(), unusable)
+    told = [one._replace(t_ns=one.t_ns - session.start_ns) for one in rerun.comparison.told]
+    rerun.comparison.told = told
     return _with_devices(report, timeline), timeline.changes, rerun.comparison
 
 

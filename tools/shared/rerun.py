@@ -16,7 +16,7 @@ from appliance.core.order import Order
 from appliance.core.quality.report import LineReport
 from appliance.limits import Limits
 from appliance.storage.black_box import Series
-from appliance.storage.black_box_fields import Gap, Item, Made
+from appliance.storage.black_box_fields import Gap, Item, Made, State
 from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.samples import Frame, Pose, Sample
 
@@ -37,13 +37,22 @@ class Step(NamedTuple):
     verdicts: tuple[Verdict, ...]
 
 
+class Told(NamedTuple):
+    """A state of the service when the box was recorded. t_ns: of the cart's clock, or since the first sample."""
+
+    t_ns: int
+    state: str
+    fault: str
+    reason: str
+
+
 @dataclass
 class Comparison:
     """recorded, equal: verdicts of lines that are in the file from their first sample on and without a gap, and how
     many of them came again bit for bit. difference: the first that did not, in words. without_past, equal_anyway: the
     same of lines some of whose past is not in the file. alike: of both, how many came again with the same kind and
     fault. unproved: said OK live, and not verified now. proved: OK now, and not live. gaps: what is missing, in words.
-    text, every: as of `Begun`.
+    text, every: as of `Begun`. told: what the room was told live, from its first change of state on.
     """
 
     recorded: int = 0
@@ -57,6 +66,7 @@ class Comparison:
     gaps: list[str] = field(default_factory=list)
     text: str = "kept"
     every: int = 1
+    told: list[Told] = field(default_factory=list)
 
     @property
     def exact(self) -> bool:
@@ -125,6 +135,8 @@ class Rerun:
             elif isinstance(item, Verdict):
                 self._count()
                 self._said.append(item)
+            elif isinstance(item, State):
+                self._told(item, now_ns)
             elif isinstance(item, Gap):
                 self._left_over()
                 self._whole = False
@@ -141,6 +153,12 @@ class Rerun:
         if order is not None:
             self.orders.append(order)
         self._whole = made.step == 0
+
+    def _told(self, item: State, now_ns: int) -> None:
+        said = [str(item.status.get(name) or "") for name in ("state", "fault", "reason")]
+        told = Told(now_ns, *said)
+        if not self.comparison.told or self.comparison.told[-1][1:3] != told[1:3]:
+            self.comparison.told.append(told)
 
     def _count(self) -> None:
         if self._whole:

@@ -16,6 +16,7 @@ from appliance.types import Calibration
 from drivers.errors import ConfigurationError, RecordingError
 from drivers.recordings.metaimage import write_metaimage
 from drivers.recordings.nrrd import write_nrrd
+from drivers.samples import Frame, Stamp
 from drivers.twins.scene.world import WorldSettings
 from tests.support.black_boxes import record
 from tests.support.recordings import items
@@ -50,6 +51,27 @@ def test_a_black_box_is_judged_by_its_own_reference_and_compared(box: Path, tmp_
     assert told["black_box"]["bit_for_bit"] is True
     assert told["black_box"]["recorded_verdicts"] == told["black_box"]["equal_verdicts"] == 150
     assert told["frames"] == 150
+
+
+def test_what_was_told_live_stands_beside_what_is_told_now(tmp_path: Path) -> None:
+    """Each change of it, once; the same state told again is no change."""
+    reference = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), FRAME_PX)
+    frames = [Frame(Stamp(n * 100_000_000, 0), n, item.image) for n, item in enumerate(items(20, FRAME_PX))]
+    said_live = [
+        ("not verified", None, "too little"),
+        ("not verified", None, "still"),
+        ("halt", "polarity", "mirrored"),
+    ]
+    told = {5 * n: {"state": s, "fault": f, "reason": r} for n, (s, f, r) in enumerate(said_live)}
+    record(tmp_path / "a.mcap", Order(1, reference, Limits(), 500_000_000), frames, told=told)
+    report, page = tmp_path / "r.json", tmp_path / "r.html"
+    text = said(tmp_path / "a.mcap", "--json", report, "--html", page)
+    assert json.loads(report.read_text())["black_box"]["told_live"] == [
+        {"t_s": 0.0, "state": "not verified", "fault": None, "reason": "too little"},
+        {"t_s": 1.0, "state": "halt", "fault": "polarity", "reason": "mirrored"},
+    ]
+    assert "1.00 s  told live: halt: mirrored" in text
+    assert "State as it was told live" in page.read_text()
 
 
 @pytest.mark.thorough
