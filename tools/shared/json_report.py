@@ -30,12 +30,12 @@ def json_option(command: _Command) -> _Command:
     return option(command)
 
 
-_OTHERS = (".mha", ".mhd", ".nrrd", ".mcap", ".mp4", ".csv", ".toml", ".xml")
+_RECORDINGS = (".mha", ".mhd", ".nrrd", ".mcap", ".mp4", ".avi", ".mkv", ".webm", ".mov")
 
 
 def _no_recording(_: click.Context, __: click.Parameter, value: Path | None) -> Path | None:
     """What stands behind a --json without a file may be what is to be read, and must not be written over."""
-    if value is not None and value.suffix.lower() in _OTHERS:
+    if value is not None and value.suffix.lower() in _RECORDINGS:
         raise click.BadParameter(f"'{value}' is no name of a report; put --json last, or write --json -")
     return value
 
