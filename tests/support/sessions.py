@@ -7,6 +7,7 @@ from hashlib import sha256
 from appliance.limits import Limits, RequiredAges
 from drivers.samples import Frame, GreyImage, Matrix4, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.faults import Schedule, frozen_image, pose_time_s, spoil_pose
+from drivers.twins.scene.sight import Sight
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.kept_pictures import folder_of, picture
 
@@ -28,7 +29,10 @@ class KeptWorld(World):
         self._folder = folder_of(f"{seed} {program} {scene} {settings}")
         self._kept: dict[str, GreyImage] = {}
 
-    def plain_at(self, picture_pose: Matrix4, index: int) -> GreyImage:
+    def plain_at(self, picture_pose: Matrix4, index: int, sight: Sight | None = None) -> GreyImage:
+        """Of rigid tissue; what is seen otherwise is rendered anew each time."""
+        if sight is not None:
+            return super().plain_at(picture_pose, index, sight)
         name = sha256(picture_pose.tobytes() + str(index).encode()).hexdigest()[:24]
         if name not in self._kept:
             size_px = self.settings.width_px, self.settings.height_px
