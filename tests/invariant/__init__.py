@@ -28,7 +28,8 @@ f. Sight. Pictures without steady tissue (black, noise, every second one blank) 
    noise and black there.
 
 g. Break. The picture, by itself, mirrored, magnified, stretched or moved on the screen by more than a limit, however it
-   became so, and a second and a tick since the first genuine one of it ⇒ contact open, whatever the probe does.
+   became so, and a second and a tick since the first genuine one of it ⇒ contact open, whatever the probe does. Where
+   it became so gradually (faded, averaged, wiped) while the probe rested, 10 s.
 
 a is generous: it takes as shown whatever any line could have used, so a failure is never a matter of taste.
 

@@ -14,9 +14,9 @@ from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import AlarmState, Verdict
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
-from tests.invariant.circumstances import Circumstances, Manner, Pictures, Poses, Stamps
-from tests.invariant.oracle import MAX_AGE_NS, SHIPPED, TICK_NS, Broken, Oracle
-from tests.invariant.world import NONE, Change, Hand, Scanner, Tracker, reference
+from tests.invariant.circumstances import GRADUAL, Circumstances, Manner, Pictures, Poses, Stamps
+from tests.invariant.oracle import GRADUAL_WITHIN_NS, MAX_AGE_NS, NAMED_WITHIN_NS, SHIPPED, TICK_NS, Broken, Oracle
+from tests.invariant.world import NONE, Change, Hand, Scanner, Tracker, blended, reference
 
 ORIGIN_NS = 10_000_000_000_000
 """Later than any stamp in these tests is early: none is negative."""
@@ -149,7 +149,7 @@ class Cart:
         self._say(f"the picture, {manner.value}, {lasting_ns / 1e9:g} s: {change}")
         self._transition = _Transition(manner, self._change, self._now_ns, self._now_ns + lasting_ns)
         self._change = change
-        self.oracle.changed(change)
+        self.oracle.changed(change, GRADUAL_WITHIN_NS if manner in GRADUAL else NAMED_WITHIN_NS)
 
     def meet(self, **circumstances: object) -> None:
         """These circumstances from here on; what is not named stays."""
@@ -259,9 +259,11 @@ class Cart:
         if transition.manner is Manner.TORN:
             half = before.shape[0] // 2
             return np.vstack([before[:half], self._shown(pose)[half:]])
+        share = (self._now_ns - transition.start_ns) / (transition.end_ns - transition.start_ns)
         if transition.manner is Manner.ANIMATED:
-            share = (self._now_ns - transition.start_ns) / (transition.end_ns - transition.start_ns)
             return self._scanner.picture(pose, self._change.on_its_way(share))
+        if transition.manner in GRADUAL:
+            return blended(before, self._shown(pose), transition.manner, share)
         return self._scanner.black() if self._picture is None or transition.manner is Manner.BLACK else self._picture
 
     def _read(self, pose: np.ndarray) -> np.ndarray:

@@ -21,6 +21,15 @@ class Manner(Enum):
     FROZEN = "after the same picture again and again"
     TORN = "after one picture of which half is the old one's"
     ANIMATED = "little by little"
+    FADED = "fading into it"
+    AVERAGED = "averaged with what was before"
+    WIPED = "wiped from the top"
+    WIPED_IN_STEPS = "wiped from the left, with pauses"
+
+
+GRADUAL = (Manner.FADED, Manner.AVERAGED, Manner.WIPED, Manner.WIPED_IN_STEPS)
+"""Each picture is like the one before."""
+SUDDEN = tuple(manner for manner in Manner if manner not in GRADUAL)
 
 
 class Poses(Enum):

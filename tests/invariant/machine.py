@@ -9,9 +9,9 @@ from hypothesis.stateful import RuleBasedStateMachine, get_state_machine_test, i
 
 from appliance.limits import RequiredAges
 from tests.invariant.cart import Cart
-from tests.invariant.circumstances import Circumstances, Manner, Pictures, Poses, Stamps
+from tests.invariant.circumstances import GRADUAL, SUDDEN, Circumstances, Manner, Pictures, Poses, Stamps
 from tests.invariant.oracle import SHIPPED, STRICT
-from tests.invariant.world import BREAKS, CHANGES, NONE, Change
+from tests.invariant.world import ANOTHER_ASPECT, BREAKS, CHANGES, CORNERED, NONE, Change
 
 SPELL_S = st.sampled_from([0.5, 3.0, 3.0, 8.0, 34.0])
 """How long a disturbance lasts by itself; the longest outlasts any verification."""
@@ -91,7 +91,7 @@ class Room(RuleBasedStateMachine):
 
     @rule(
         change=st.sampled_from([NONE, *BREAKS]),
-        manner=st.sampled_from(Manner),
+        manner=st.sampled_from(SUDDEN),
         between_s=BETWEEN_S,
         seconds=st.sampled_from([1.5, 3.0, 8.0]),
     )
@@ -99,6 +99,20 @@ class Room(RuleBasedStateMachine):
         """It becomes another, or what it was."""
         self.cart.break_picture(change, manner, between_s)
         self.cart.run(between_s + seconds)
+
+    @rule(
+        change=st.sampled_from([NONE, *BREAKS, ANOTHER_ASPECT, CORNERED]),
+        manner=st.sampled_from(GRADUAL),
+        over_s=st.sampled_from([0.3, 0.8, 1.2, 3.0]),
+        seconds=st.sampled_from([1.5, 3.0, 12.0]),
+    )
+    def the_picture_changes_gradually(self, change: Change, manner: Manner, over_s: float, seconds: float) -> None:
+        """Nothing else hides it, and the probe rests: in motion it is for motion to tell."""
+        self._well()
+        self.cart.meet(moving=False)
+        self.cart.run(2.0)
+        self.cart.break_picture(change, manner, over_s)
+        self.cart.run(over_s + seconds)
 
     @rule(seconds=SPELL_S)
     def probe_rests(self, seconds: float) -> None:

@@ -18,6 +18,8 @@ from tests.invariant.world import NONE, Change
 TICK_NS = 50_000_000
 DISCOVERED_WITHIN_NS = 15_000_000_000
 NAMED_WITHIN_NS = 1_000_000_000
+GRADUAL_WITHIN_NS = 10_000_000_000
+"""The same where the picture became another gradually while the probe rested: a breath takes as long."""
 MAX_AGE_NS = Durations().max_verification_age_ns
 SWEPT_NS = round(SWEPT_AGE_S * 1e9)
 _REST_MM, _REST_RAD = 2.0, np.deg2rad(1.5)
@@ -81,12 +83,17 @@ class Oracle:
         self._told_before: frozenset[str] = frozenset()
         self._visible_ns = self._blank_ns = 0
         self._broken_ns: int | None = None
+        self._told_within_ns = NAMED_WITHIN_NS
         self._pictures: deque[Genuine] = deque(maxlen=20)
         self._waiting: deque[tuple[int, Matrix4 | None, frozenset[str] | None]] = deque()
         self._pose_ns: int | None = None
 
-    def changed(self, change: Change) -> None:
-        """From here on the true calibration is another. A fault that is told already says nothing of it."""
+    def changed(self, change: Change, told_within_ns: int = NAMED_WITHIN_NS) -> None:
+        """From here on the true calibration is another. A fault that is told already says nothing of it.
+
+        told_within_ns: after the first genuine picture of it.
+        """
+        self._told_within_ns = told_within_ns
         self._told_before = self._told
         self._waiting = deque((t_ns, None, right) for t_ns, _, right in self._waiting)
         self._change, self.shown_fault, self._visible_ns, self._broken_ns = change, None, 0, None
@@ -199,7 +206,7 @@ class Oracle:
         return Broken("f", what) if self._blank_ns > NAMED_WITHIN_NS + TICK_NS else None
 
     def _break(self, now_ns: int) -> Broken | None:
-        if self._broken_ns is None or now_ns - self._broken_ns <= NAMED_WITHIN_NS + TICK_NS:
+        if self._broken_ns is None or now_ns - self._broken_ns <= self._told_within_ns + TICK_NS:
             return None
         return Broken("g", f"the picture was {self._change} for {(now_ns - self._broken_ns) / 1e9:.2f} s")
 

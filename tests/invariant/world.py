@@ -16,6 +16,7 @@ from appliance.types import Calibration
 from drivers.rigid import rigid, rotation_from_vector, vector_from_rotation
 from drivers.samples import GreyImage, Matrix4
 from drivers.twins.faults import BEND_AXIS, BEND_DEG, SLIDE_MM
+from tests.invariant.circumstances import Manner
 
 WIDTH_PX, ROWS = 160, 120
 """The smallest in which the features of a sweep are followed: the time goes into the pictures."""
@@ -24,6 +25,8 @@ _LIMITS = Limits()
 _GRID_MM = 0.06
 _GRID = 1024
 _NOISE_GREY = 5.0
+_STEPS, _TIMES = 6, 3.0
+"""Of a wipe with pauses, and how many times its time constant an average takes."""
 _SPREAD_MM, _SPREAD_RAD = 0.1, np.deg2rad(0.02)
 """Of one reading of the tracker, per axis: those of the simulated cart."""
 _FROM_TISSUE = rigid(rotation_from_vector(np.array([1.9, 0.7, -0.5])), np.array([64.0, -87.0, -1520.0]))
@@ -134,6 +137,8 @@ DEEPER = Change("a deeper setting", magnified=(0.75, 0.75), moved_px=(0.0, -15.0
 PRESET = Change("a preset: deeper and mirrored", polarity=(-1, 1), magnified=(0.75, 0.75))
 STRETCHED = Change("stretched by 20 % across", magnified=(1.2, 1.0))
 SHIFTED = Change("moved by 50 px on the screen", moved_px=(50.0, 0.0))
+ANOTHER_ASPECT = Change("stretched by 8 % down", magnified=(1.0, 1.08), moved_px=(0.0, 4.8))
+CORNERED = Change("zoomed by 7.5 % about a corner", magnified=(1.075, 1.075), moved_px=(6.0, 4.5))
 BREAKS = (FLIPPED, UPSIDE_DOWN, ZOOMED, ZOOMED_TWICE, ZOOMED_ON_A_REGION, DEEPER, PRESET, STRETCHED, SHIFTED)
 """What people do to a picture, or a grabber."""
 CHANGES = (BENT_AND_SLID, BENT, SLID, ELSEWHERE, FLIPPED, UPSIDE_DOWN, MAGNIFIED, SHRUNK, SLIGHTLY_MAGNIFIED)
@@ -237,6 +242,19 @@ class Scanner:
     def _grain(self) -> GreyImage:
         row, column = self._random.integers(0, 512, 2)
         return _noise()[row : row + self._shape[0], column : column + self._shape[1]]
+
+
+def blended(before: GreyImage, after: GreyImage, manner: Manner, share: float) -> GreyImage:
+    """So much of the way, 0 … 1, from one picture to the other."""
+    height, width = before.shape
+    if manner is Manner.WIPED:
+        row = int(share * height)
+        return np.vstack([after[:row], before[row:]])
+    if manner is Manner.WIPED_IN_STEPS:
+        column = int(share * _STEPS + 1) * width // (_STEPS + 1)
+        return np.hstack([after[:, :column], before[:, column:]])
+    weight = 1 - np.exp(-_TIMES * share) if manner is Manner.AVERAGED else share
+    return np.asarray(cv2.addWeighted(before, 1 - weight, after, weight, 0), np.uint8)
 
 
 class Tracker:

@@ -9,6 +9,7 @@ from math import ceil, floor
 
 import numpy as np
 
+from appliance.core.detectors.picture_change import PictureChange
 from appliance.core.detectors.stretch import carried, likeness_in_place, stretch_between
 from appliance.core.registration.keyframe import compose, warp_matrix
 from appliance.core.registration.pyramid import Array32
@@ -66,14 +67,12 @@ class Magnification:
             self._measured.popleft()
         self._begin(t_ns, picture)
 
-    def crept(self) -> tuple[float, float] | None:
-        """Magnification (lateral, axial) of the last second where it is none of a hand's, told once; None otherwise."""
-        total = sum((one for _, one in self._measured), np.zeros(2))
-        zoom = np.exp(total)
-        if np.max(np.abs(total)) < (_LEAST if even((zoom[0], zoom[1])) else _LEAST_STRAIN):
-            return None
-        self._measured.clear()
-        return float(zoom[0]), float(zoom[1])
+    def crept(self) -> PictureChange | None:
+        """The magnification of the last second, told once; None where it is none but a hand's."""
+        change = magnified(sum((one for _, one in self._measured), np.zeros(2)))
+        if change is not None:
+            self._measured.clear()
+        return change
 
     def _in_both(self, picture: Array32) -> tuple[Array32, Array32]:
         """What of the picture was seen in the one before, as it was there, and as it is."""
@@ -90,7 +89,13 @@ class Magnification:
         self._base, self._base_ns, self._path = picture, t_ns, (np.zeros(2), 0.0)
 
 
-def even(zoom: tuple[float, float]) -> bool:
-    """Whether both axes are magnified by nearly as much: no tissue does that."""
-    first, second = np.log(zoom)
-    return bool(min(first / second, second / first) >= _EVEN) if first and second else False
+def magnified(log_zoom: Array) -> PictureChange | None:
+    """(2,) of a magnification that came little by little. Of a stretch along one axis, which tissue does as well, no
+    more is told than that what was shown is of before; None where it is none but a hand's.
+    """
+    first, second = log_zoom
+    even = bool(first and second and min(first / second, second / first) >= _EVEN)
+    if np.max(np.abs(log_zoom)) < (_LEAST if even else _LEAST_STRAIN):
+        return None
+    across, down = np.exp(log_zoom)
+    return PictureChange(zoom=(float(across), float(down))) if even else PictureChange()

@@ -14,10 +14,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from appliance.core.detectors.detector import Detector, Observation
-from appliance.core.detectors.magnification import Magnification, even
+from appliance.core.detectors.magnification import Magnification
 from appliance.core.detectors.picture_change import PictureChange, flip_or_zoom_of, stretch_of
-from appliance.core.detectors.picture_link import SMALL_PX, Link, comparable, link_between, parts_shown, small
+from appliance.core.detectors.picture_link import (
+    SMALL_PX,
+    Link,
+    View,
+    comparable,
+    link_between,
+    parts_shown,
+    small,
+)
 from appliance.core.detectors.polarity import MOST_FLIPPED
+from appliance.core.detectors.resting_picture import RestingPicture
 from appliance.core.detectors.stretch import carried, likeness_in_place
 from appliance.core.motion import out_of_plane_mm, predicted_motion
 from appliance.core.registration.pyramid import Array32, Bits
@@ -25,7 +34,6 @@ from appliance.core.registration.realtime_tracker import Warp
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array
-from drivers.samples import Matrix4
 
 FINDS = (Fault.POLARITY, Fault.SCALE)
 
@@ -57,15 +65,6 @@ _STILL_MM, _LOST = 0.5, 0.35
 40 to 80 ms. Not measured on tissue that moves out of the plane."""
 _COVERED = 5
 """Pictures in a row with the same part covered after which the cover belongs to the picture: a torn one is alone."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _View:
-    """A picture. small: (h, w). pose: (4, 4) sensor → tracker, mm, None where none was read."""
-
-    t_ns: int
-    small: Array32
-    pose: Matrix4 | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,12 +100,13 @@ class PictureChain(Detector):
         self._reference, self._tissue, self._most_ns = reference, tissue, most_ns
         self._px_per_mm = min(1.0, SMALL_PX / reference.image_size_px[0]) / reference.scale_mm_per_px
         self._aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
-        self._last: _View | None = None
+        self._last: View | None = None
         self._course = _Course()
         self._magnification = Magnification(self._aspect)
+        self._resting = RestingPicture(reference, self._aspect, self._link)
         self._followed = self._searches = self._covered = 0
         self._likenesses: deque[float] = deque(maxlen=_CALM_FRAMES)
-        self._earlier: deque[_View] = deque()
+        self._earlier: deque[View] = deque()
         self._newest = 1.0
         self._just_changed = False
         self._polarity = (1, 1)
@@ -120,7 +120,7 @@ class PictureChain(Detector):
 
     def step(self, seen: Observation) -> PictureChange | None:
         """The change between the last picture of the chain and this one; None where there was none."""
-        view = _View(seen.t_ns, small(seen.image, self._tissue()), seen.pose)
+        view = View(seen.t_ns, small(seen.image, self._tissue()), seen.pose)
         direct, last = self._direct, self._last
         self.linked = self._direct = False
         known, self._just_changed = self._followed >= _CALM_FRAMES or self._just_changed, False
@@ -132,7 +132,8 @@ class PictureChain(Detector):
         own = self._own_course(seen, view, last) if direct else None
         if own is not None and self._goes_on(own, view, last):
             self._go_on(view, last, own)
-            change = self._crept() or self._dissolved(view)
+            way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
+            change = self._magnification.crept() or self._dissolved(view) or self._resting.step(view, way)
             if change is not None:
                 self._take(change, view)
             return change
@@ -151,6 +152,7 @@ class PictureChain(Detector):
         """See Detector: what comes next goes on from the last picture all the same, wherever that was."""
         self.linked = self._direct = False
         self._earlier.clear()
+        self._resting.restart()
         if self._last is not None:
             self._last = replace(self._last, t_ns=min(self._last.t_ns, since_ns - 1))
 
@@ -170,18 +172,19 @@ class PictureChain(Detector):
             self._check("picture-zoom", Fault.SCALE, zoom, "%", self._scale_limit),
         )
 
-    def _begin(self, view: _View) -> None:
+    def _begin(self, view: View) -> None:
         """Another chain, of which nothing is known; a picture without anything in it begins none."""
         self._followed = self._searches = self._covered = 0
         self._covered_ns = None
         self._earlier.clear()
         self._likenesses.clear()
         self._magnification.restart()
+        self._resting.restart()
         self._last = view if comparable(view.small) else None
         self._course = _Course()
         self.linked = self._direct = self._last is not None
 
-    def _go_on(self, view: _View, last: _View, own: _Course | None) -> None:
+    def _go_on(self, view: View, last: View, own: _Course | None) -> None:
         if own is None:
             self._magnification.restart()
         else:
@@ -193,14 +196,14 @@ class PictureChain(Detector):
         self._followed += 1
         self._searches = self._covered = 0
 
-    def _own_course(self, seen: Observation, view: _View, last: _View) -> _Course | None:
+    def _own_course(self, seen: Observation, view: View, last: View) -> _Course | None:
         """As the picture was followed from the last one of the chain."""
         if not seen.followed or seen.warp is None:
             return None
         since_ns = view.t_ns - last.t_ns
         return _Course(seen.warp[0] / seen.image.shape[1] / since_ns, seen.warp[1] / since_ns)
 
-    def _goes_on(self, own: _Course, view: _View, last: _View) -> bool:
+    def _goes_on(self, own: _Course, view: View, last: View) -> bool:
         """Whether a picture that was followed is as much like the one before as those before it were."""
         way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
         likeness = likeness_in_place(carried(last.small, way, self._aspect), view.small)
@@ -209,15 +212,7 @@ class PictureChain(Detector):
         self._newest = likeness
         return not fell
 
-    def _crept(self) -> PictureChange | None:
-        """The magnification that has come little by little; of a stretch, which tissue does as well, no more than that
-        what was shown is of before."""
-        crept = self._magnification.crept()
-        if crept is None:
-            return None
-        return PictureChange(zoom=crept) if even(crept) else PictureChange()
-
-    def _dissolved(self, view: _View) -> PictureChange | None:
+    def _dissolved(self, view: View) -> PictureChange | None:
         """The change since a picture of half a second before, while the hand was still."""
         if view.pose is None or (self._earlier and view.t_ns - self._earlier[-1].t_ns < _LOOKS_NS):
             return None
@@ -239,7 +234,7 @@ class PictureChain(Detector):
             self._magnification.restart()
         return change
 
-    def _way(self, view: _View, last: _View) -> Warp:
+    def _way(self, view: View, last: View) -> Warp:
         """How far the tissue should have gone since the last picture of the chain, px of the small one and rad: by the
         tracker, or as it went last.
         """
@@ -250,7 +245,7 @@ class PictureChain(Detector):
         lateral, axial = self._reference.polarity
         return moved_mm[:2] * self._px_per_mm * self._reference.polarity, float(turned[2]) * lateral * axial
 
-    def _link(self, view: _View, last: _View) -> tuple[Array32, Link | None]:
+    def _link(self, view: View, last: View) -> tuple[Array32, Link | None]:
         """The last picture where its tissue is now, and how this one continues it."""
         moved_px, turn_rad = self._way(view, last)
         # A small turn is looked for: between its pixels speckle is blurred.
@@ -260,7 +255,7 @@ class PictureChain(Detector):
         moved = np.round(moved_px) if link is None else link.moved_px
         return carried(before, (moved, 0.0), self._aspect), link
 
-    def _change(self, placed: Array32, view: _View, link: Link | None) -> PictureChange | None:
+    def _change(self, placed: Array32, view: View, link: Link | None) -> PictureChange | None:
         """placed: the last picture of the chain where its tissue is now. What is like it as a whole is neither mirrored
         nor another depth by far.
         """
@@ -272,7 +267,7 @@ class PictureChain(Detector):
         self._searches += 1
         return flip_or_zoom_of(placed, view.small)
 
-    def _take_link(self, view: _View, last: _View, link: Link | None, own: _Course | None, direct: bool) -> None:
+    def _take_link(self, view: View, last: View, link: Link | None, own: _Course | None, direct: bool) -> None:
         """Go on with the chain where the picture continues it. One that is covered in part goes on as well, but stays
         no measure of what comes until it is clear that the cover stays. direct: nothing lies between.
         """
@@ -289,14 +284,14 @@ class PictureChain(Detector):
             self.linked = link.covered
             self._covered_ns = view.t_ns if link.covered else self._covered_ns
 
-    def _swept_past(self, view: _View, last: _View) -> bool:
+    def _swept_past(self, view: View, last: View) -> bool:
         """Whether the hand went out of the plane so fast that no tissue can be in both."""
         if view.pose is None or last.pose is None:
             return False
         way_mm = out_of_plane_mm(self._reference, last.pose, view.pose)
         return way_mm >= max(_SWEPT_MM, _SWEPT_MM_PER_S * (view.t_ns - last.t_ns) / 1e9)
 
-    def _take(self, change: PictureChange, view: _View) -> None:
+    def _take(self, change: PictureChange, view: View) -> None:
         self._just_changed = self._followed >= _CALM_FRAMES
         self._course = self._course.changed(change)
         self._polarity = (self._polarity[0] * change.polarity[0], self._polarity[1] * change.polarity[1])
@@ -304,6 +299,7 @@ class PictureChain(Detector):
         self._last = view
         self.linked = self._direct = True
         self._earlier.clear()
+        self._resting.restart()
         self._followed = self._searches = self._covered = 0
 
     def _check(self, name: str, fault: Fault, value: float, unit: str, limit: float) -> Check:

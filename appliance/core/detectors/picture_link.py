@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from appliance.core.registration.pyramid import Array32, Bits
 from drivers.rigid import Array
-from drivers.samples import GreyImage
+from drivers.samples import GreyImage, Matrix4
 
 SMALL_PX = 160
 """Columns in which pictures are compared. More asks for a zoom that is nearer and costs time for each that is tried;
@@ -58,6 +58,15 @@ stretched. More takes chance for a place, less loses tissue that moves."""
 DARK = 0.4
 """Contrast of a place ÷ that of what is looked for there, below which it shows nothing: shadow, or skin that the probe
 has left. Less finds bands in the dark of a probe in air; more loses tissue behind a shadow."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A picture. small: (h, w). pose: (4, 4) sensor → tracker, mm, None where none was read."""
+
+    t_ns: int
+    small: Array32
+    pose: Matrix4 | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

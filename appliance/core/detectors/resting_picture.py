@@ -1,0 +1,197 @@
+"""Whether the picture is still the one from which on the probe has rested: what changes gradually breaks no chain.
+
+Every picture of a rest is held against its first, which nothing drags along. Tissue that moves under a probe at rest
+comes back with the next breath, and passes through what lies between; a picture that has become another one does not
+come back, and one that fades, or is wiped, shows nothing in between but the two.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from appliance.core.detectors.magnification import magnified
+from appliance.core.detectors.picture_change import PictureChange, stretch_of
+from appliance.core.detectors.picture_link import Link, View
+from appliance.core.detectors.stretch import carried, stretch_between
+from appliance.core.motion import out_of_plane_mm, predicted_motion
+from appliance.core.registration.keyframe import compose, warp_matrix
+from appliance.core.registration.pyramid import Array32
+from appliance.core.registration.realtime_tracker import Warp
+from appliance.types import Calibration
+from drivers.rigid import Array
+from drivers.samples import Matrix4
+
+_STILL_MM, _STILL_IN_PLANE_MM = 0.5, 2.0
+"""Way out of the plane, and along an axis in it, up to which the probe rests. More compares what no two pictures share,
+less ends a rest by tremor. Not measured."""
+_ENDS_NS = 1_000_000_000
+"""For which it must have left to rest no more: a hand's tremor goes to and fro within it."""
+_LEAST_LIKES = 3
+"""Looks that must find the first picture again before one that does not counts, half a second: what a hand showed
+before it had come to rest is no measure. More misses what changes early in a rest."""
+_LOOKS_NS = 150_000_000
+"""Between two comparisons with the first picture, 2 ms each."""
+_BREATH_NS = 8_000_000_000
+"""For which no picture may be like the first: a breath of ten a minute, and a third. Less voids what was shown where a
+patient breathes slowly, more lets a picture pass for longer that has become another. Over tissue that breathes by 2
+to 12 mm, 12 to 15 times a minute, it came to 3.7 s at most (study, gesture-hold, 40 to 60 s, seeds 1 to 3)."""
+_MEASURED_NS = 600_000_000
+"""Between two searches for what has been magnified little by little: 3 ms each, 30 while the picture is not like the
+first one."""
+_KEPT_NS, _MOST_KEPT = 60_000_000, 66
+"""Between two pictures that are kept, and how many: 4 s of them. Fewer miss what tissue that leaps shows in between, or
+slow fades; more cost 80 kB and .2 ms each."""
+_BLUR_PX = 1.5
+"""Sigma, px of the small picture: speckle so blurred tells of another place, and not of half a px beside. More leaves
+too few grains."""
+_UNLIKE, _MOST_BEYOND = 0.15, 0.025
+"""Correlation below which two pictures are different ones, and how far each that lies between them may lie beyond both,
+of their difference squared. Tissue half way between two planes of so little likeness lies .06 and more beyond, by
+Gaussian speckle; the fades of a held probe came to .02. Less misses fades over a hand's tremor, more takes tissue."""
+_MOST_LEAP_PX = 1.5
+"""px of the small picture by which the way of the tissue may change from picture to picture: the registration leaps to
+what fades in, the tissue goes on. Not measured."""
+_STRAINED = 0.05
+"""Of the logarithm of an axis, from which a picture is not like the first: tissue that a breath strains goes back."""
+_LEAST_BETWEEN = 2
+"""Pictures between the two; of fewer the chain of pictures judges."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Kept:
+    """blurred: (h, w) the small picture. path: way of the tissue since the rest began, px of it and rad."""
+
+    t_ns: int
+    blurred: Array32
+    path: Warp
+
+
+class RestingPicture:
+    """Takes every picture that goes on with the chain.
+
+    link: a picture where its tissue is in a later one, and how that continues it. aspect: λ_axial ÷ λ_lateral.
+    """
+
+    def __init__(
+        self, reference: Calibration, aspect: float, link: Callable[[View, View], tuple[Array32, Link | None]]
+    ) -> None:
+        self._reference, self._aspect, self._link = reference, aspect, link
+        self.restart()
+
+    def restart(self) -> None:
+        """What comes is not compared with what came."""
+        self._first: View | None = None
+        self._likes = 0
+        self._strained = False
+        self._still_ns = self._looked_ns = self._measured_ns = self._unlike_ns = 0
+        self._kept: deque[_Kept] = deque(maxlen=_MOST_KEPT)
+        self._path: Warp = (np.zeros(2), 0.0)
+        self._way: Warp = (np.zeros(2), 0.0)
+
+    def step(self, view: View, way: Warp) -> PictureChange | None:
+        """The change since the probe rests; without a name where nothing tells what has become of the picture.
+
+        way: of its tissue since the picture before, px of the small one and rad.
+        """
+        if view.pose is None:
+            return None
+        first = self._first
+        if first is None or first.pose is None:
+            self._begin(view)
+            return None
+        self._keep(view, way)
+        since_ns = view.t_ns - self._looked_ns
+        if since_ns < _LOOKS_NS:
+            return None
+        self._looked_ns = view.t_ns
+        if self._left(first.pose, view.pose):
+            if view.t_ns - self._still_ns > _ENDS_NS:
+                self._begin(view)
+            return None
+        self._still_ns = view.t_ns
+        return self._look(view, first, since_ns)
+
+    def _left(self, first: Matrix4, now: Matrix4) -> bool:
+        """Whether the probe is elsewhere than where the rest began."""
+        moved_mm, _ = predicted_motion(self._reference, first, now)
+        beside = float(np.max(np.abs(moved_mm[:2]))) > _STILL_IN_PLANE_MM
+        return beside or out_of_plane_mm(self._reference, first, now) > _STILL_MM
+
+    def _begin(self, view: View) -> None:
+        self.restart()
+        self._first = view
+        self._still_ns = self._looked_ns = self._measured_ns = view.t_ns
+        self._kept.append(_Kept(view.t_ns, _blurred(view.small), self._path))
+
+    def _keep(self, view: View, way: Warp) -> None:
+        leapt = np.max(np.abs(way[0] - self._way[0])) > _MOST_LEAP_PX
+        self._way = self._way if leapt else way
+        self._path = compose(self._path, self._way, self._aspect)
+        if view.t_ns - self._kept[-1].t_ns >= _KEPT_NS:
+            self._kept.append(_Kept(view.t_ns, _blurred(view.small), self._path))
+
+    def _look(self, view: View, first: View, since_ns: int) -> PictureChange | None:
+        placed, link = self._link(view, first)
+        if link is None:
+            return None
+        alike = link.whole or link.covered
+        change = self._magnified(placed, view, alike) if view.t_ns - self._measured_ns >= _MEASURED_NS else None
+        if change is not None:
+            return change
+        if alike and not self._strained:
+            self._likes, self._unlike_ns = self._likes + 1, 0
+            return None
+        if self._likes < _LEAST_LIKES:
+            self._begin(view)
+            return None
+        self._unlike_ns += since_ns
+        return PictureChange() if self._unlike_ns > _BREATH_NS or self._blended(view) else None
+
+    def _magnified(self, placed: Array32, view: View, alike: bool) -> PictureChange | None:
+        """By how much since the rest began, wherever that is to be seen."""
+        self._measured_ns = view.t_ns
+        if alike:
+            found = stretch_between(placed, view.small, self._aspect, (1.0, 1.0))
+            log_zoom = np.zeros(2) if found is None else np.log(found.magnification)
+        else:
+            stretch = stretch_of(placed, view.small, self._aspect)
+            log_zoom = np.zeros(2) if stretch is None else np.log(stretch.zoom)
+        self._strained = bool(np.max(np.abs(log_zoom)) > _STRAINED)
+        return magnified(log_zoom)
+
+    def _blended(self, view: View) -> bool:
+        """Whether what was shown since the last picture that was another one is nothing but that one and this."""
+        now = _middle(_blurred(view.small))
+        between: list[Array] = []
+        for kept in reversed(self._kept):
+            shown = _middle(self._carried(kept))
+            if np.corrcoef(shown.ravel(), now.ravel())[0, 1] < _UNLIKE:
+                return len(between) >= _LEAST_BETWEEN and _lie_between(between, shown, now)
+            between.append(shown)
+        return False
+
+    def _carried(self, kept: _Kept) -> Array32:
+        """Where its tissue is now, blurred."""
+        turned = self._path[1] - kept.path[1]
+        way_px = self._path[0] - warp_matrix(turned, self._aspect) @ kept.path[0]
+        return carried(kept.blurred, (way_px, turned), self._aspect)
+
+
+def _blurred(picture: Array32) -> Array32:
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), _BLUR_PX), np.float32)
+
+
+def _lie_between(pictures: list[Array], one: Array, other: Array) -> bool:
+    """Whether each pixel of all pictures is as one, as the other, or something in between."""
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    most = _MOST_BEYOND * float(np.sum((high - low) ** 2))
+    return all(float(np.sum((shown - np.clip(shown, low, high)) ** 2)) <= most for shown in pictures)
+
+
+def _middle(picture: Array32) -> Array:
+    """Without what another place may have brought in."""
+    rows, columns = picture.shape[0] // 8, picture.shape[1] // 8
+    return np.asarray(picture[rows : picture.shape[0] - rows, columns : picture.shape[1] - columns], float)
