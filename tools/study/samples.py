@@ -17,7 +17,7 @@ from drivers.twins.faults import blank_image
 from drivers.twins.scene.processing import ProcessingScanner
 from tools.study.hazard import Hazard
 from tools.study.place import erring_by_place
-from tools.study.session import FPS, SETTINGS, Session
+from tools.study.session import FPS, Session
 
 POSE_HZ = 60.0
 """Of a Polaris Vega."""
@@ -127,7 +127,7 @@ def rendered(session: Session, folder: Path | None) -> list[GreyImage]:
             for k, (t, image, pose) in enumerate(zip(t_s, pictures, poses, strict=True))
         )
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_metaimage(path, items, (SETTINGS.width_px, SETTINGS.height_px), compressed=False)
+        write_metaimage(path, items, session.size_px, compressed=False)
     return pictures
 
 
@@ -140,7 +140,7 @@ def _shown(session: Session, t_s: Array) -> Iterator[GreyImage]:
         if not touches:
             scanner.off()
             picture = None
-            yield blank_image((SETTINGS.height_px, SETTINGS.width_px), k)
+            yield blank_image(session.size_px[::-1], k)
             continue
         if picture is None or k % processing.repeats == 0:
             plain = scanner.processed(world.plain_at(pose, k, sight))

@@ -24,8 +24,9 @@ SETTINGS = WorldSettings(width_px=400, height_px=300)
 """A quarter of a full picture's work, with enough speckle for the registration: 32 × 21 mm. Sizes of pictures were not
 varied here."""
 
-_DEEP_MM_PER_PX = (0.1, 0.15)
-"""Of the world `deep`: 40 × 45 mm, as far as the simulated tissue goes before it repeats."""
+_DEEP = WorldSettings(width_px=400, height_px=450, scale_mm_per_px=(0.1, 0.1))
+"""Of the world `deep`: 40 × 45 mm, as far as the simulated tissue goes before it repeats. Pixels as long as the
+pulse, of .15 mm, are too coarse to be registered well."""
 
 _CORNERS_MM = np.array([[-10.0, 10.0, -10.0, 10.0], [-9.0, -9.0, 9.0, 9.0]])
 """Places of the picture by whose displacement the title tells one motion of the tissue from another."""
@@ -62,8 +63,13 @@ class Session:
     def world(self) -> World:
         """The tissue, its scanner and tracker."""
         named = surroundings(self.tissue)
-        settings = replace(SETTINGS, scale_mm_per_px=_DEEP_MM_PER_PX) if named.deep else SETTINGS
+        settings = _DEEP if named.deep else SETTINGS
         return World(self.seed, settings=settings, surroundings=named)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Of a picture, columns and rows."""
+        return self.world.settings.width_px, self.world.settings.height_px
 
     @property
     def at_rest(self) -> "Session":
@@ -78,8 +84,7 @@ class Session:
     @cached_property
     def reference(self) -> Calibration:
         """The calibration as it is while nothing is wrong."""
-        size_px = SETTINGS.width_px, SETTINGS.height_px
-        return replace(calibration_from_image_to_probe(self.world.image_to_probe, size_px), simulated=True)
+        return replace(calibration_from_image_to_probe(self.world.image_to_probe, self.size_px), simulated=True)
 
     def probe(self, t_s: Array) -> Array:
         """(n,) → (n, 4, 4) picture → room, mm: what the tracker could see."""

@@ -16,7 +16,7 @@ class Surroundings:
     whether there is one. ribs: how many. gas: whether they are gas instead. contact: share of the face that touches.
     peels: whether it comes and goes.
     layers, needle: whether there are any. convex: whether the probe is. deep: whether the picture shows twice as much
-    tissue on as many pixels. processing: of the scanner. tracker_mm: by how much the tracker errs from place to place.
+    tissue. processing: of the scanner. tracker_mm: by how much the tracker errs from place to place.
     """
 
     follow: Follow = field(default_factory=Follow)
