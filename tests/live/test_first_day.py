@@ -212,9 +212,9 @@ def test_from_an_unconfigured_package_to_monitoring_within_ten_minutes(day: Day)
         person.sees("numbers of views to strike out or take back:")
         person.types("accept")
         for question, answer in (
-            ("why is there no check at another point:", "a simulated tank cannot be moved"),
             ("name of the second person:", "B. Jones"),
             ("role:", "clinical engineer"),
+            ("why is there no check at another point:", "a simulated tank cannot be moved"),
             ("comment", ""),
         ):
             person.sees(question)
