@@ -14,7 +14,7 @@ from drivers.printable import printable
 _LEAST_OFFSET_S = 0.0005
 """An offset that is worth a word: half of the last digit of latency_ms as a person gives it. Less is PLUS's 0."""
 _MOST_REMARKS = 8
-"""Of one file: a device set has a handful of devices. More is for nobody to read."""
+"""Remarks on one file: a device set has a handful of devices, and nobody reads more than a screen."""
 
 
 def clip_px(content: bytes) -> tuple[int, int, int, int] | None:
@@ -24,28 +24,30 @@ def clip_px(content: bytes) -> tuple[int, int, int, int] | None:
 
 
 def remarks(content: bytes, image_size_px: tuple[int, int] | None = None) -> tuple[str, ...]:
-    """What a person has to know who takes the calibration, in words; none of a file that is no device set.
+    """Sentences for the person who takes the calibration; empty for a file that is no device set.
 
     image_size_px: (width, height) of the pictures, where it is known.
     """
-    return (*_of_clips(content, image_size_px), *_of_offsets(content))[:_MOST_REMARKS]
+    devices = _devices(content)
+    return (*_of_clips(devices, image_size_px), *_of_offsets(devices))[:_MOST_REMARKS]
 
 
-def _of_clips(content: bytes, image_size_px: tuple[int, int] | None) -> Iterator[str]:
-    for node in _devices(content):
+def _of_clips(devices: list[ET.Element], image_size_px: tuple[int, int] | None) -> Iterator[str]:
+    for node in devices:
         for clip in dict.fromkeys(_clips(node)):
             left, top, width, height = clip
             said = f"PLUS cuts {width} x {height} px from ({left}, {top}) out of the picture of {_name(node)}"
-            other = image_size_px not in (None, (width, height))
-            wrong = "" if not other else f", and {image_size_px[0]} x {image_size_px[1]} were given"  # type: ignore[index]
+            wrong = ""
+            if image_size_px is not None and image_size_px != (width, height):
+                wrong = f", and {image_size_px[0]} x {image_size_px[1]} were given"
             yield (
                 f"{said}; the calibration is of that part{wrong}. With v4l2: or opencv: give "
                 f"crop={left},{top},{width},{height} in the URL; over igtl: PLUS has cut it already"
             )
 
 
-def _of_offsets(content: bytes) -> Iterator[str]:
-    for node in _devices(content):
+def _of_offsets(devices: list[ET.Element]) -> Iterator[str]:
+    for node in devices:
         offset_s = _number(node.get("LocalTimeOffsetSec", ""))
         if offset_s is not None and abs(offset_s) >= _LEAST_OFFSET_S:
             yield (
@@ -69,7 +71,7 @@ def _name(node: ET.Element) -> str:
 
 
 def _clips(device: ET.Element) -> Iterator[tuple[int, int, int, int]]:
-    """Of the device and its sources; PLUS writes a size of 0 or -1 for all of the picture."""
+    """Yields the clips of the device and its sources; PLUS writes a size of 0 or -1 for all of the picture."""
     for node in device.iter():
         origin, size = (_pair(node.get(f"ClipRectangle{what}", "")) for what in ("Origin", "Size"))
         if size is not None and min(size) > 0:

@@ -30,7 +30,7 @@ _MOST_ELEMENTS, _DEEPEST_ELEMENT = 10_000, 32
 
 
 SAVE_AS_UTF_8 = "Save it as UTF-8"
-"""What to do about a file that is not."""
+"""The remedy for a file that is not UTF-8."""
 
 
 class NotUtf8Error(ValueError):
@@ -38,7 +38,7 @@ class NotUtf8Error(ValueError):
 
 
 def text_of(data: bytes) -> str:
-    """Of UTF-8, without the mark that editors of Windows put in front. Raises NotUtf8Error."""
+    """Decodes UTF-8 and drops the byte order mark that Windows editors write. Raises NotUtf8Error."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

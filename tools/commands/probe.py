@@ -30,6 +30,7 @@ _POOR_FIT_MM = 0.5
 """Median RMS of the markers: two thirds of the shipped limit, .75 mm, so that a person hears of it before the alarm."""
 
 KINDS = "ndi:/dev/ttyUSB0, igtl://host, v4l2:/dev/video0 or relay:/dev/ttyUSB1"
+"""Examples of a URL, one of each kind of device."""
 Row = tuple[str, str]
 Open = Callable[[str, HostClock], TrackerSource | VideoSource]
 

@@ -44,6 +44,7 @@ Examples:
 Parts of a world (--tissues), joined by +:
 """
 _PARTS = "\n".join(f"  {form:<22}{what}" for form, what in described())
+"""One line of the help for each part of a world."""
 
 
 def _listed(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:

@@ -31,6 +31,7 @@ def json_option(command: _Command) -> _Command:
 
 
 _RECORDINGS = (".mha", ".mhd", ".nrrd", ".mcap", ".mp4", ".avi", ".mkv", ".webm", ".mov")
+"""Suffixes of recordings, which a report must not be written over."""
 
 
 def _no_recording(_: click.Context, __: click.Parameter, value: Path | None) -> Path | None:

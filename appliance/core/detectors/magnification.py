@@ -90,8 +90,8 @@ class Magnification:
 
 
 def magnified(log_zoom: Array) -> PictureChange | None:
-    """(2,) of a magnification that came little by little. Of a stretch along one axis, which tissue does as well, no
-    more is told than that what was shown is of before; None where it is none but a hand's.
+    """The change that a gradual magnification makes, None where a hand alone explains it. log_zoom: (2,), lateral and
+    axial. A stretch along one axis has no name, as strained tissue looks alike: it voids what was shown.
     """
     first, second = log_zoom
     even = bool(first and second and min(first / second, second / first) >= _EVEN)

@@ -55,7 +55,8 @@ _MOST_LEAP_PX = 1.5
 """px of the small picture by which the way of the tissue may change from picture to picture: the registration leaps to
 what fades in, the tissue goes on. Not measured."""
 _STRAINED = 0.05
-"""Of the logarithm of an axis, from which a picture is not like the first: tissue that a breath strains goes back."""
+"""Logarithm of an axis' magnification from which a picture is unlike the first: tissue that a breath strains goes back.
+Less voids what breathing strains, more misses a changed aspect. Not varied."""
 _LEAST_BETWEEN = 2
 """Pictures between the two; of fewer the chain of pictures judges."""
 
@@ -82,7 +83,7 @@ class RestingPicture:
         self.restart()
 
     def restart(self) -> None:
-        """What comes is not compared with what came."""
+        """Forgets the first picture of the rest and all that was measured against it."""
         self._first: View | None = None
         self._likes = 0
         self._strained = False

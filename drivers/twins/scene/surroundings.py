@@ -93,6 +93,11 @@ def _breath(now: Surroundings, mm: float, to: str, organ: bool = False) -> Surro
 RIGID = "rigid"
 """The usual world of simulated devices."""
 _BREATH = _Size("mm", 1, 20)
+"""Way of a breath, peak to peak, up to a deep one. Not measured."""
+_SHADOWS = _Size("number", 1, 2, whole=True)
+"""Number of ribs, or of pockets of gas."""
+_TOUCHING = _Size("share", 0.4, 0.95)
+"""Share of the width of the face that touches the skin. Not measured."""
 PARTS: Mapping[str, Part] = {
     RIGID: Part("nothing gives way", lambda now: now),
     "still": Part("the same", lambda now: now),
@@ -124,22 +129,22 @@ PARTS: Mapping[str, Part] = {
     "ribs": Part(
         "ribs 8 mm deep with their shadows",
         lambda now, number: replace(now, ribs=number),
-        (_Size("number", 1, 2, whole=True),),
+        (_SHADOWS,),
     ),
     "gas": Part(
         "as many pockets of gas 8 mm deep, whose shadows ring",
         lambda now, number: replace(now, ribs=number, gas=True),
-        (_Size("number", 1, 2, whole=True),),
+        (_SHADOWS,),
     ),
     "contact": Part(
         "the face touches with this share of its width",
         lambda now, share: replace(now, contact=share),
-        (_Size("share", 0.4, 0.95),),
+        (_TOUCHING,),
     ),
     "peel": Part(
         "one side of the face comes off the skin to this share and back in 6 s",
         lambda now, share: replace(now, contact=share, peels=True),
-        (_Size("share", 0.4, 0.95),),
+        (_TOUCHING,),
     ),
     "layers": Part("strong layers every 3 mm, as in a muscle", lambda now: replace(now, layers=True)),
     "needle": Part("a needle that goes in and out", lambda now: replace(now, needle=True)),

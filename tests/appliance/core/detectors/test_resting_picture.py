@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from appliance.core.detectors.picture_change import PictureChange
-from appliance.core.detectors.picture_link import View, link_between, small
+from appliance.core.detectors.picture_link import Link, View, link_between, small
 from appliance.core.detectors.resting_picture import RestingPicture
 from appliance.core.detectors.stretch import carried
+from appliance.core.registration.pyramid import Array32
 from appliance.types import Calibration
 from drivers.rigid import rigid
 from drivers.samples import GreyImage, Matrix4
@@ -55,7 +56,7 @@ def wiped(share: float) -> GreyImage:
 def watched(pictures: Iterable[GreyImage], poses: Iterable[Matrix4] | None = None) -> list[PictureChange | None]:
     """What is told of each of the pictures, after a second in which nothing moved."""
 
-    def link(view: View, first: View):  # type: ignore[no-untyped-def]
+    def link(view: View, first: View) -> tuple[Array32, Link | None]:
         found = link_between(first.small, view.small, np.zeros(2), np.full(2, 20.0))
         return carried(first.small, (np.zeros(2) if found is None else found.moved_px, 0.0), 1.0), found
 
