@@ -144,14 +144,13 @@ def test_slow_clients_of_the_state_delay_nobody(closed: Cart, state_server: int)
     print(f"late ticks: {closed.status()['counters']['late_ticks'] - before}")
 
 
-def test_the_demo_finds_every_fault_behind_a_server(folder: Path, tmp_path: Path) -> None:  # noqa: F811
+def test_the_demo_finds_every_fault_behind_a_server(folder: Path) -> None:  # noqa: F811
     """The real line; the same script as of the demo without a server, which another test runs. Half as fast: a server
     more is more than two slow processors can do.
     """
-    report = tmp_path / "demo.json"
     faults = ("flip-lateral@19", "lose-tracker@23", "latency@27")
     options = [word for fault in faults for word in ("--fault", fault)]
-    demo = Demo(folder, "--openigtlink", "--speed", "0.5", *options, "--json", str(report))
+    demo = Demo(folder, "--openigtlink", "--speed", "0.5", *options)
     code, out, _ = demo.finish(240)
     assert code == 0, out
     assert demo.left_nothing()

@@ -58,9 +58,9 @@ def states(cart: Cart, where: str = "") -> set[str]:
 
 def replayed(cart: Cart) -> dict[str, object]:
     """What `probewatch replay` says of everything that was recorded."""
-    folder, report = cart.config.parent / "recorder", cart.config.with_name("report.json")
-    subprocess.run([PROBEWATCH, "replay", folder, "--json", report], check=True, capture_output=True)
-    said: dict[str, object] = json.loads(report.read_text())["black_box"]
+    folder = cart.config.parent / "recorder"
+    done = subprocess.run([PROBEWATCH, "replay", folder, "--json"], check=True, capture_output=True)
+    said: dict[str, object] = json.loads(done.stdout)["black_box"]
     return said
 
 

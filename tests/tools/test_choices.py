@@ -1,4 +1,4 @@
-"""Every option that takes one of a few words lists them, in its help or in that of its command."""
+"""Options that come in several commands are one kind: words are listed, and --json is the same switch everywhere."""
 
 import click
 import pytest
@@ -23,3 +23,15 @@ def test_help_lists_the_words(name: str) -> None:
     assert found
     for path, told in found:
         assert all(word in told for word in WORDS[name]), path
+
+
+def test_json_is_one_switch_in_every_command() -> None:
+    found = {
+        path: (one.is_flag, one.help)
+        for path, command in commands()
+        for one in command.params
+        if isinstance(one, click.Option) and "--json" in one.opts
+    }
+    assert len(found) > 6
+    assert {is_flag for is_flag, _ in found.values()} == {True}
+    assert len({told for _, told in found.values()}) == 1, found

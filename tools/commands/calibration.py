@@ -1,7 +1,6 @@
 """`probewatch calibration`: which reference is in force, which were, how they differ, and back to an earlier one."""
 
 import hashlib
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from appliance.types import Calibration
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.files.atomic_file import writing
 from tools.shared.estimate import check_new
+from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import control_option, folder_option, socket_option
 from tools.shared.recovered import recovered
 from tools.shared.verification import accepted, ask, await_verification, recalibrating
@@ -53,12 +53,12 @@ def command() -> None:
 
 @command.command(name="list", short_help="the references that were ever in force")
 @folder_option
-@click.option("--json", "as_json", is_flag=True, help="print the history as JSON")
+@json_option
 def list_references(folder: Path, as_json: bool) -> None:
     """Every reference that was ever in force, the present one last."""
     history = _history(folder)
     if as_json:
-        click.echo(json.dumps(history.model_dump(mode="json"), ensure_ascii=False, indent=2))
+        click.echo(json_of(history.model_dump(mode="json")))
         return
     table = Table(
         "", "", "in force since, UTC", "origin", "verified", "file", "SHA-256", box=SIMPLE_HEAD, pad_edge=False
@@ -92,13 +92,13 @@ def show(number: int | None, folder: Path, content: bool) -> None:
 @click.argument("before")
 @click.argument("after")
 @folder_option
-@click.option("--json", "as_json", is_flag=True, help="print the difference as JSON")
+@json_option
 def diff(before: str, after: str, folder: Path, as_json: bool) -> None:
     """How AFTER differs from BEFORE; each is the number of a reference, or a file."""
     first, second = _pair(before, after, folder)
     change = difference(first, second)
     if as_json:
-        click.echo(json.dumps({**change.fields(), "text": change.text}, ensure_ascii=False, indent=2))
+        click.echo(json_of({**change.fields(), "text": change.text}))
     else:
         _print(change)
 

@@ -15,7 +15,6 @@ from rich.console import Console
 from appliance.supervision.supervisor import LATCHED
 from appliance.types import State
 from drivers.errors import TooBusy
-from drivers.files.atomic_file import check_writable
 from drivers.twins.faults import CART_FAULTS
 from drivers.twins.scene.bedside import scanned
 from drivers.twins.scene.surroundings import RIGID
@@ -25,7 +24,7 @@ from tools.demo.load import DemoLoad
 from tools.demo.outcome import History, Moment, Prompt, Switch, judge
 from tools.demo.report import Circumstances, print_report, report_fields
 from tools.demo.script import Planned, Script, chosen_plan, default_plan
-from tools.shared.json_report import file_of, json_option, text_aside
+from tools.shared.json_report import json_option, text_aside
 from tools.shared.status_view import Status
 from tools.simulators.whole_cart import CartSettings, NotReady, SimulatedCart
 
@@ -77,7 +76,7 @@ def command(
     seed: int,
     tissue: str,
     served: bool,
-    json_path: Path | None,
+    as_json: bool,
 ) -> None:
     """Watch a simulated cart while its faults are found.
 
@@ -104,15 +103,14 @@ def command(
     \b
     Examples:
       probewatch demo --fault flip-lateral@20
-      probewatch demo --fault depth@20 --fault lose-tracker@30 --json demo.json
+      probewatch demo --fault depth@20 --fault lose-tracker@30 --json > demo.json
       probewatch demo --duration 100 --seed 7
 
     Exit code 0: every fault was found, rightly named and recovered from, and nothing else alarmed. 1: some was not; the
     last line says which. 69: a part of the cart died. 75: undecided, because this computer was too busy with other
     programs; try again when it is not. 78: the script is not possible, or a file cannot be used.
     """
-    write_report = click.get_current_context().with_resource(text_aside(json_path))
-    check_writable(file_of(json_path))
+    write_report = click.get_current_context().with_resource(text_aside(as_json))
     plan = chosen_plan(faults, duration_s) if faults else default_plan(duration_s)
     settings = CartSettings(seed, speed, served, tissue=tissue)
     console = Console(file=sys.stdout, highlight=False)

@@ -1,6 +1,5 @@
 """`probewatch fleet`: which carts need somebody, from the Prometheus that watches them."""
 
-import json
 import re
 import sys
 
@@ -8,6 +7,7 @@ import click
 from rich.console import Console
 
 from tools.monitoring.fleet import CartReport, reports
+from tools.shared.json_report import json_of, json_option
 from tools.shared.tables import NOTHING, FittingTable
 
 _HEADINGS = ("cart", "needs", "state", "contact", "verified ago", "nearest limit", "due in", "reference", "version")
@@ -30,7 +30,7 @@ def _job(_context: click.Context, _option: click.Parameter, text: str) -> str:
 @click.option("--prometheus", default="http://127.0.0.1:9090", show_default=True, help="its URL")
 @click.option("--job", default="probewatch", show_default=True, callback=_job, help="under which it scrapes the carts")
 @click.option("--over", default="30m", show_default=True, callback=_span, help="span of the mean that shows a drift")
-@click.option("--json", "as_json", is_flag=True, help="JSON: a list of carts, null for what is not known")
+@json_option
 def command(prometheus: str, job: str, over: str, as_json: bool) -> None:
     """One table of all carts: which are unreachable, unverified, near a limit, or due for a check.
 
@@ -43,7 +43,7 @@ def command(prometheus: str, job: str, over: str, as_json: bool) -> None:
     """
     carts = reports(prometheus, job, over)
     if as_json:
-        click.echo(json.dumps([cart.fields() for cart in carts], indent=2))
+        click.echo(json_of([cart.fields() for cart in carts]))
     elif carts:
         styles = ["yellow" if cart.needs else "" for cart in carts]
         table = FittingTable(_HEADINGS, [_row(cart) for cart in carts], styles)

@@ -27,7 +27,7 @@ from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
 from tools.shared.estimate import check_new, write_estimate
 from tools.shared.found_recordings import found
-from tools.shared.json_report import file_of, json_option, text_aside
+from tools.shared.json_report import json_option, text_aside
 from tools.shared.recording_run import BlackBoxSession, Seen, nobody, run, run_series
 from tools.shared.rerun import Comparison
 from tools.shared.subject import Subject
@@ -87,7 +87,7 @@ def command(
     config_path: Path | None,
     poses: Path | None,
     schedule: Schedule,
-    json_path: Path | None,
+    as_json: bool,
     html_path: Path | None,
     pdf_path: Path | None,
     estimate_path: Path | None,
@@ -120,8 +120,9 @@ def command(
     Exit code 0 says that a report was made; the verdict is in the report. 65: the recording cannot be used, or shows
     too little for --estimate; 78: the calibration or an option cannot.
     """
-    write_report = click.get_current_context().with_resource(text_aside(json_path))
-    for path in (file_of(json_path), html_path, pdf_path):
+    write_report = click.get_current_context().with_resource(text_aside(as_json))
+    _refuse_report(recordings)
+    for path in (html_path, pdf_path):
         check_writable(path)
     check_pdf(pdf_path)
     if pdf_path is not None and html_path is None:
@@ -226,6 +227,13 @@ def _refuse_for_several(**given: object) -> None:
 
 def _path(one: Path | Series) -> Path:
     return one.boxes[0].path if isinstance(one, Series) else one
+
+
+def _refuse_report(recordings: tuple[Path, ...]) -> None:
+    """The name of a report behind --json is none of a recording."""
+    for path in recordings:
+        if path.suffix.lower() == ".json":
+            raise click.UsageError(f"'{path}' is no recording; --json prints the report: --json > {path}")
 
 
 def _parts(one: Path | Series) -> tuple[Path, ...]:

@@ -22,6 +22,7 @@ from drivers.printable import printable
 from tools.selftest import items
 from tools.selftest.items import Item
 from tools.selftest.measured import Measured, measured
+from tools.shared.json_report import json_option, text_aside
 from tools.shared.named_cart import config_option, control_option
 from tools.shared.terminal import progress_bar
 
@@ -45,7 +46,7 @@ _TIMEX_BYTES, _TIMEX_STATUS = 208, 40
 @click.option("--operator", default="", help="who does it; kept with the result")
 @click.option("--lamps", type=click.Choice(["ask", "seen", "not-seen", "skip"]), default="ask", show_default=True)
 @click.option("--yes", is_flag=True, help="wait for nobody: the probe lies still now, and moves after that")
-@click.option("--json", "as_json", is_flag=True, help="print what is kept, as JSON")
+@json_option
 def command(
     control_socket: Path,
     config_file: Path | None,
@@ -66,6 +67,7 @@ def command(
     \b
     Exit code 0: all green. 1: something is red, or could not be tried. 69: no service answers.
     """
+    write = click.get_current_context().with_resource(text_aside(as_json))
     config = None if config_file is None else load_config(config_file)
     control = control_socket if config is None else config.control.socket
     feed = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
@@ -80,9 +82,8 @@ def command(
     kept = _kept(folder, found, status, operator)
     if kept.remedy:
         found.append(kept)
-    if as_json:
-        click.echo(json.dumps([item.fields() for item in found], ensure_ascii=False, indent=1))
-    else:
+    write([item.fields() for item in found])
+    if not as_json:
         _print(found, kept)
     sys.exit(0 if all(item.green for item in found) else 1)
 

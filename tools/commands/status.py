@@ -1,7 +1,6 @@
 """`probewatch status`: what the service sees now."""
 
 import contextlib
-import json
 import sys
 import time
 from pathlib import Path
@@ -11,6 +10,7 @@ from rich.console import Console
 from rich.live import Live
 
 from appliance.service.control.client import ControlClient
+from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import socket_option
 from tools.shared.status_view import Status, StatusView, one_line
 
@@ -25,11 +25,12 @@ _EXIT = {"OK": 0, "NOT_VERIFIED": 3, "FAULT": 1}
 @click.command()
 @socket_option
 @click.option("--watch", is_flag=True, help="redraw four times a second until Ctrl-C; into a pipe, a line a second")
-@click.option("--json", "as_json", is_flag=True, help="JSON, as docs/control.md describes it; with --watch, one a line")
+@json_option
 def command(control_socket: Path, watch: bool, as_json: bool) -> None:
     """What the service sees now: state, age of the last verification, every check with its share of the limit.
 
     A bar that reaches its end has reached the limit; the cells beside it are the last eight seconds.
+    The JSON is that of docs/control.md; with --watch it is one a line.
 
     \b
     Exit code 0: verified, the contact is closed. 1: alarm. 3: not verified. 69: no service answers.
@@ -42,7 +43,7 @@ def command(control_socket: Path, watch: bool, as_json: bool) -> None:
             return
         status = client.status()
     if as_json:
-        click.echo(json.dumps(status, indent=2))
+        click.echo(json_of(status))
     else:
         Console(file=sys.stdout, highlight=False).print(StatusView().picture(status))
     sys.exit(_EXIT[_verdict(status)])
@@ -59,7 +60,7 @@ def _watch(client: ControlClient, as_json: bool) -> None:
     if as_json or not sys.stdout.isatty():
         while True:
             status = client.status()
-            click.echo(json.dumps(status) if as_json else one_line(status))
+            click.echo(json_of(status, None) if as_json else one_line(status))
             time.sleep(_LINE_EVERY_S)
     view = StatusView()
     with Live(refresh_per_second=1 / _EVERY_S, screen=True) as live:

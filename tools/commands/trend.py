@@ -1,6 +1,5 @@
 """`probewatch trend`: where the calibration is going, from what the service noted of it over days."""
 
-import json
 import sys
 from collections import defaultdict
 from datetime import datetime
@@ -17,6 +16,7 @@ from appliance.storage.alarm_chain import Entry, Event
 from drivers.files.atomic_file import check_writable
 from tools.report.trend_page import write_trend_page
 from tools.shared.alarm_history import settled_log
+from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import folder_argument
 from tools.shared.tables import NOTHING, FittingTable
 
@@ -29,7 +29,7 @@ _FAR_DAYS = 3650
 @folder_argument
 @click.option("--reference", type=click.IntRange(1), metavar="N", help="of the history; without it the latest")
 @click.option("--html", "html_path", type=click.Path(path_type=Path), help="write a page with plots there")
-@click.option("--json", "as_json", is_flag=True, help="JSON, null for what is not known")
+@json_option
 def command(folder: Path, reference: int | None, html_path: Path | None, as_json: bool) -> None:
     """Show which way each parameter of the calibration is drifting, long before it reaches its limit.
 
@@ -54,7 +54,7 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
     found = {} if number is None else trends(entries, number)
     rows = [_row(*one) for one in found.items()]
     if as_json:
-        click.echo(json.dumps({"reference": number, "parameters": [_fields(*one) for one in found.items()]}, indent=2))
+        click.echo(json_of({"reference": number, "parameters": [_fields(*one) for one in found.items()]}))
     elif found:
         styles = ["yellow" if one.moving or one.near else "" for one in found.values()]
         Console(highlight=False).print(FittingTable(_HEADINGS, rows, styles, right_from=1), crop=False)

@@ -1,67 +1,35 @@
-"""Reports as JSON: on standard output, where text then goes to the other one, or as a file, whole or not at all."""
+"""--json, which is one thing in every command that has it: JSON on standard output, and nothing else there."""
 
 import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 import click
 
-from drivers.files.atomic_file import writing
-
-STDOUT = Path("-")
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
 def json_option(command: _Command) -> _Command:
-    """Adds --json [FILE], whose value comes as json_path: STDOUT without a file, as --json is of every command."""
-    option = click.option(
-        "--json",
-        "json_path",
-        is_flag=False,
-        flag_value=str(STDOUT),
-        metavar="[FILE]",
-        type=click.Path(path_type=Path, allow_dash=True),
-        callback=_no_recording,
-        help="write the report there too; without FILE, or with -, print it, and the text on standard error",
-    )
-    return option(command)
-
-
-_RECORDINGS = (".mha", ".mhd", ".nrrd", ".mcap", ".mp4", ".avi", ".mkv", ".webm", ".mov")
-"""Suffixes of recordings, which a report must not be written over."""
-
-
-def _no_recording(_: click.Context, __: click.Parameter, value: Path | None) -> Path | None:
-    """What stands behind a --json without a file may be what is to be read, and must not be written over."""
-    if value is not None and value.suffix.lower() in _RECORDINGS:
-        raise click.BadParameter(f"'{value}' is no name of a report; put --json last, or write --json -")
-    return value
+    """Adds --json, a switch that comes as as_json."""
+    told = "print JSON and nothing else, null for what is not known; text goes to standard error"
+    return click.option("--json", "as_json", is_flag=True, help=told)(command)
 
 
 @contextlib.contextmanager
-def text_aside(json_path: Path | None) -> Iterator[Callable[[Mapping[str, object]], None]]:
-    """Gives what writes the report. Meanwhile text goes to standard error where the report goes to standard output."""
+def text_aside(as_json: bool) -> Iterator[Callable[[object], None]]:
+    """Gives what prints the JSON, where it is asked for. Meanwhile all that is printed goes to standard error then."""
     stdout = sys.stdout
 
-    def write(report: Mapping[str, object]) -> None:
-        if json_path == STDOUT:
-            click.echo(json.dumps(report, indent=2, allow_nan=False), file=stdout)
-        elif json_path is not None:
-            write_json(json_path, report)
+    def write(report: object) -> None:
+        if as_json:
+            click.echo(json_of(report), file=stdout)
 
-    with contextlib.redirect_stdout(sys.stderr if json_path == STDOUT else stdout):
+    with contextlib.redirect_stdout(sys.stderr if as_json else stdout):
         yield write
 
 
-def file_of(json_path: Path | None) -> Path | None:
-    """None where it goes to standard output."""
-    return None if json_path == STDOUT else json_path
-
-
-def write_json(path: Path, report: Mapping[str, object]) -> None:
-    """Replace the file at path. Raises ConfigurationError, ValueError for a number that is not finite."""
-    with writing(path) as stream:
-        stream.write(json.dumps(report, indent=2, allow_nan=False).encode() + b"\n")
+def json_of(report: object, indent: int | None = 2) -> str:
+    """The same in every locale, as it is ASCII. Raises ValueError for a number that is not finite."""
+    return json.dumps(report, indent=indent, allow_nan=False)

@@ -54,11 +54,11 @@ def monitoring(folder: Path, then: str, broken: Break | None) -> list[tuple[floa
     ]
     write_metaimage(folder / "scan.igs.mha", items, SIZE_PX, compressed=False)
     write_calibration(folder / "probe.toml", scan.calibration, {"by": "foreign scanner"})
-    names = ["scan.igs.mha", "--calibration", "probe.toml", "--json", "report.json"]
+    names = ["scan.igs.mha", "--calibration", "probe.toml", "--json"]
     paths = [name if name.startswith("--") else str(folder / name) for name in names]
     result = CliRunner().invoke(command, paths, catch_exceptions=False)
     assert result.exit_code == 0, result.output
-    changes = json.loads((folder / "report.json").read_text())["timeline"]
+    changes = json.loads(result.stdout)["timeline"]
     ends = [*(change["t_s"] for change in changes[1:]), END_S]
     return [(change["t_s"], end) for change, end in zip(changes, ends, strict=True) if change["state"] == "monitoring"]
 

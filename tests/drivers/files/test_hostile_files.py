@@ -32,7 +32,6 @@ from tests.support.recordings import SIZE_PX, items
 from tests.support.stopwatch import Stopwatch
 from tools.commands.log import command as log_command
 from tools.commands.replay import command as replay_command
-from tools.shared.json_report import write_json
 
 AT_ONCE_S = 1.0
 NAMED = r"not a file|a NUL in its name|leads out of the folder"
@@ -91,7 +90,7 @@ def write_csv(path: Path) -> None:
 
 
 def write_report(path: Path) -> None:
-    raise_refusal(CliRunner().invoke(replay_command, ["none.mha", "--calibration", "none.toml", "--json", str(path)]))
+    raise_refusal(CliRunner().invoke(replay_command, ["none.mha", "--calibration", "none.toml", "--html", str(path)]))
 
 
 def raise_refusal(result: Result) -> None:
@@ -100,7 +99,6 @@ def raise_refusal(result: Result) -> None:
 
 
 WRITERS: dict[str, Callable[[Path], object]] = {
-    "report": lambda path: write_json(path, {}),
     "report of a command, before its work": write_report,
     "export": write_csv,
     "calibration": lambda path: write_calibration(path, calibration(), {}),
@@ -139,8 +137,9 @@ def test_what_is_a_file_or_is_not_there_is_written(tmp_path: Path) -> None:
     link.symlink_to("file")
     for path in (file, link, new):
         check_writable(path)
-        write_json(path, {"is": "new"})
-        assert path.read_text() == '{\n  "is": "new"\n}\n'
+        with writing(path) as stream:
+            stream.write(b"new")
+        assert path.read_text() == "new"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "link", "new"]
 
 

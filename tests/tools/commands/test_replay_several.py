@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,19 +39,24 @@ def box(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def said(*arguments: object) -> str:
+    """All of it."""
+    return told(*arguments)[0]
+
+
+def told(*arguments: object) -> tuple[str, Any]:
+    """Text and JSON."""
     result = CliRunner().invoke(command, [str(one) for one in arguments], catch_exceptions=False)
     assert result.exit_code == 0, result.output
-    return result.output
+    return result.output, json.loads(result.stdout) if "--json" in arguments else None
 
 
 @pytest.mark.thorough
-def test_a_black_box_is_judged_by_its_own_reference_and_compared(box: Path, tmp_path: Path) -> None:
-    report = tmp_path / "report.json"
-    assert "all 150 verdicts are those of the live run, bit for bit" in said(box, "--json", report)
-    told = json.loads(report.read_text())
-    assert told["black_box"]["bit_for_bit"] is True
-    assert told["black_box"]["recorded_verdicts"] == told["black_box"]["equal_verdicts"] == 150
-    assert told["frames"] == 150
+def test_a_black_box_is_judged_by_its_own_reference_and_compared(box: Path) -> None:
+    text, report = told(box, "--json")
+    assert "all 150 verdicts are those of the live run, bit for bit" in text
+    assert report["black_box"]["bit_for_bit"] is True
+    assert report["black_box"]["recorded_verdicts"] == report["black_box"]["equal_verdicts"] == 150
+    assert report["frames"] == 150
 
 
 def test_what_was_told_live_stands_beside_what_is_told_now(tmp_path: Path) -> None:
@@ -62,11 +68,11 @@ def test_what_was_told_live_stands_beside_what_is_told_now(tmp_path: Path) -> No
         ("not verified", None, "still"),
         ("halt", "polarity", "mirrored"),
     ]
-    told = {5 * n: {"state": s, "fault": f, "reason": r} for n, (s, f, r) in enumerate(said_live)}
-    record(tmp_path / "a.mcap", Order(1, reference, Limits(), 500_000_000), frames, told=told)
-    report, page = tmp_path / "r.json", tmp_path / "r.html"
-    text = said(tmp_path / "a.mcap", "--json", report, "--html", page)
-    assert json.loads(report.read_text())["black_box"]["told_live"] == [
+    live = {5 * n: {"state": s, "fault": f, "reason": r} for n, (s, f, r) in enumerate(said_live)}
+    record(tmp_path / "a.mcap", Order(1, reference, Limits(), 500_000_000), frames, told=live)
+    page = tmp_path / "r.html"
+    text, report = told(tmp_path / "a.mcap", "--json", "--html", page)
+    assert report["black_box"]["told_live"] == [
         {"t_s": 0.0, "state": "not verified", "fault": None, "reason": "too little"},
         {"t_s": 1.0, "state": "halt", "fault": "polarity", "reason": "mirrored"},
     ]
@@ -117,21 +123,20 @@ def archive(box: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.thorough
-def test_a_folder_becomes_a_table_in_which_each_has_its_row(archive: Path, tmp_path: Path) -> None:
-    report = tmp_path / "report.json"
-    text = said(archive, "--json", report)
+def test_a_folder_becomes_a_table_in_which_each_has_its_row(archive: Path) -> None:
+    text, report = told(archive, "--json")
     assert "four.mcap" in text, "what cannot be read is told"
-    rows = {Path(row["recording"]).name: row for row in json.loads(report.read_text())["recordings"]}
+    rows = {Path(row["recording"]).name: row for row in report["recordings"]}
     assert set(rows) == {"one.igs.mha", "two.nrrd", "three.mcap", "five.mha"}
     assert rows["three.mcap"]["live"] == "150 of 150"
     assert "calibration is not known" in rows["one.igs.mha"]["error"]
 
 
 def test_with_a_calibration_all_are_judged_and_pictures_of_either_kind_alike(archive: Path, tmp_path: Path) -> None:
-    calibration, report = tmp_path / "probe.toml", tmp_path / "report.json"
+    calibration = tmp_path / "probe.toml"
     write_calibration(calibration, Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), FRAME_PX), {})
-    said(archive / "one.igs.mha", archive / "two.nrrd", "--calibration", calibration, "--json", report)
-    one, two = json.loads(report.read_text())["recordings"]
+    recordings = archive / "one.igs.mha", archive / "two.nrrd"
+    one, two = told(*recordings, "--calibration", calibration, "--json")[1]["recordings"]
     assert {**one, "recording": ""} == {**two, "recording": ""}
     assert one["frames"] == "40"
 

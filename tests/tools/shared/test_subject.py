@@ -28,10 +28,10 @@ def test_a_report_names_what_it_is_of_and_whether_it_was_spoiled(tmp_path: Path,
     scan, probe = tmp_path / "scan.igs.mha", tmp_path / "probe.toml"
     write_metaimage(scan, items(20, SIZE_PX), SIZE_PX)
     write_calibration(probe, Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), SIZE_PX), {})
-    report, page = tmp_path / "report.json", tmp_path / "page.html"
-    where = [str(scan), "--calibration", str(probe), "--json", str(report), "--html", str(page)]
-    said = CliRunner().invoke(command, [*where, *spoiled], catch_exceptions=False).output
-    told = json.loads(report.read_text())["of"]
+    page = tmp_path / "page.html"
+    where = [str(scan), "--calibration", str(probe), "--json", "--html", str(page)]
+    answer = CliRunner().invoke(command, [*where, *spoiled], catch_exceptions=False)
+    said, told = answer.stderr, json.loads(answer.stdout)["of"]
     assert told["recording"] == [{"file": str(scan), "sha256": sha256sum(scan)}]
     assert told["calibration"] == {"file": str(probe), "sha256": sha256sum(probe)}
     assert told["configuration"] is None
