@@ -43,13 +43,15 @@ class ControlClient:
         assert isinstance(status, dict)
         return status
 
-    def acknowledge(self) -> None:
-        """A person has seen the alarm: it falls silent, and a latched state ends once the cause is gone."""
-        self._ask(do="acknowledge")
+    def acknowledge(self, reason: str = "") -> None:
+        """A person has seen the alarm: it falls silent, and a latched state ends once the cause is gone. reason: for
+        the alarm log, here as below.
+        """
+        self._ask(do="acknowledge", **_noted(reason))
 
-    def pause_audio(self, seconds: float) -> None:
+    def pause_audio(self, seconds: float, reason: str = "") -> None:
         """Silence for at most 120 s."""
-        self._ask(do="pause-audio", seconds=seconds)
+        self._ask(do="pause-audio", seconds=seconds, **_noted(reason))
 
     def audio_off(self, reason: str) -> None:
         """Silence until audio_on, but for a reminder once a minute."""
@@ -59,9 +61,9 @@ class ControlClient:
         """End a pause or an audio-off."""
         self._ask(do="audio-on")
 
-    def test_lamps(self) -> None:
+    def test_lamps(self, reason: str = "") -> None:
         """All lamps and the tone for five seconds; the contact stays as it is."""
-        self._ask(do="lamp-test")
+        self._ask(do="lamp-test", **_noted(reason))
 
     def reload(self) -> None:
         """Take the limits, times and language of the changed configuration file; an invalid one changes nothing."""
@@ -114,6 +116,10 @@ class ControlClient:
         what = f"no service answers ({error.strerror or error})"
         remedy = "Start it: systemctl start probewatch; if it ends again, journalctl -u probewatch says why"
         return why_silent(self._path) or DeviceLost(what, str(self._path), remedy)
+
+
+def _noted(reason: str) -> dict[str, str]:
+    return {"reason": reason} if reason else {}
 
 
 def _wanted(wanted: Path | int) -> dict[str, str | int]:
