@@ -1,5 +1,6 @@
 """`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's tables and the figures of the last
-study, docs/hazards.md from code and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json.
+study, docs/hazards.md from code and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json, and the
+drawings of the gestures in docs/pictures.
 """
 
 import re
@@ -10,6 +11,7 @@ from pathlib import Path
 
 from statemachine.transition import Transition
 
+from appliance.core.quality.gesture import Gesture
 from appliance.core.quality.shown import PRESENT_NS
 from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
 from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, Signal
@@ -24,6 +26,7 @@ from tools.development.evidence_pages import pages, read_figures
 from tools.development.hazard_pages import hazard_pages, remedies
 from tools.development.hazards import PAGE, hazards, step_told, steps
 from tools.development.markdown import table
+from tools.shared.gesture_drawings import drawing
 
 MANUAL = Path(__file__).parents[2] / "docs" / "alarms.md"
 _OWN = {
@@ -72,6 +75,12 @@ def manual(figures: Figures) -> str:
         *(_signals(), _hazards(), _audio(), hazard_pages(figures)),
     )
     return "\n".join((_HEAD, *(line for table in tables for line in table)))
+
+
+def drawings() -> dict[Path, str]:
+    """Those of the gestures, for docs/gesture.md."""
+    found = (drawing(gesture) for gesture in Gesture)
+    return {MANUAL.parent / "pictures" / file.name: file.read_text(encoding="utf-8") for file in found}
 
 
 def _rows() -> Iterator[tuple[State, Transition]]:
@@ -230,5 +239,5 @@ def _audio() -> list[str]:
 
 if __name__ == "__main__":
     MEASURED = read_figures()
-    for path, text in {MANUAL: manual(MEASURED), PAGE: hazards(MEASURED), **pages(MEASURED)}.items():
+    for path, text in {MANUAL: manual(MEASURED), PAGE: hazards(MEASURED), **pages(MEASURED), **drawings()}.items():
         path.write_text(text, encoding="utf-8")

@@ -10,11 +10,13 @@ from typing import Any
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.panel import Panel
+from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
 from appliance.supervision.languages import told, translated
 from appliance.types import Fault
+from tools.shared.gesture_drawings import drawn
 from tools.shared.plain_text import shown
 
 Status = Mapping[str, Any]
@@ -147,7 +149,7 @@ def _title(status: Status) -> str:
 def _state(status: Status) -> Panel:
     lamp, say = status["lamp"], _words(status)
     facts = " · ".join([_age(status, say), _contact(status, say), *_latch(status, say)])
-    said = Text(_advice(status)), Text(_prompt(status), style="bold")
+    said = Text(_advice(status)), _drawn(status)
     lines = [Text(shown(status["text"]), style=f"bold {lamp}"), *said, Text(shown(facts), style=lamp)]
     return Panel(
         Text("\n").join(line for line in lines if line), title=_title(status), title_align="left", border_style=lamp
@@ -167,6 +169,16 @@ def _advice(status: Status) -> str:
 def _prompt(status: Status) -> str:
     """The motion that shows what is missing, while it is asked for."""
     return shown(status["remedy"]) if status["fault"] in (None, Fault.UNDECIDED) and status.get("gesture") else ""
+
+
+def _drawn(status: Status) -> Text:
+    """The prompt; each motion is a link to its moving drawing, where the terminal has links."""
+    files = {shown(text): drawn(text, _language(status)) for text in status.get("gesture", ())}
+    clauses = []
+    for clause in _prompt(status).split("; "):
+        file = files.get(clause)
+        clauses.append(Text(clause, Style(bold=True, link=None if file is None else file.as_uri())))
+    return Text("; ").join(clauses)
 
 
 def _age(status: Status, say: Mapping[str, str]) -> str:

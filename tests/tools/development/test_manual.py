@@ -5,6 +5,7 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
+from appliance.core.quality.gesture import Gesture
 from appliance.service.control.requests import Hands, Requests
 from appliance.service.control.status import alarm_fields, check_lists
 from appliance.supervision.alarms import HAZARDS
@@ -13,7 +14,7 @@ from appliance.supervision.supervisor import AlarmTable
 from appliance.types import AlarmState, Fault, State
 from tools.development.evidence_pages import pages, read_figures
 from tools.development.hazards import PAGE, ROOT, found_by, hazards
-from tools.development.manual import MANUAL, manual
+from tools.development.manual import MANUAL, drawings, manual
 from tools.study.hazard import FAULTS
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -26,6 +27,14 @@ def test_the_page_on_alarms_is_the_one_the_code_writes() -> None:
 
 def test_the_page_on_hazards_is_the_one_the_code_writes() -> None:
     assert PAGE.read_text(encoding="utf-8") == hazards(FIGURES), "run make docs"
+
+
+def test_the_drawings_of_the_gestures_are_those_of_the_page() -> None:
+    page = (MANUAL.parent / "gesture.md").read_text(encoding="utf-8")
+    assert len(drawings()) == len(Gesture)
+    for file, text in drawings().items():
+        assert file.read_text(encoding="utf-8") == text, "run make docs"
+        assert f"(pictures/{file.name})" in page
 
 
 def test_the_pages_on_what_was_measured_are_the_ones_the_figures_write() -> None:

@@ -9,15 +9,18 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
 from appliance.core.quality.check_fields import check_fields
+from appliance.core.quality.gesture import Gesture
 from appliance.core.quality.shown import Shown
 from appliance.service.control.status import alarm_fields, check_lists, shown_of_each
 from appliance.supervision.alarms import DISPLAY_COLUMNS
+from appliance.supervision.languages import translated
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import PARAMETERS, AlarmState, Check, Fault, State, Verdict, VerdictKind
@@ -257,3 +260,17 @@ def test_the_motion_that_is_asked_for_stands_beside_the_reason() -> None:
     assert "Probe on tissue; rock it" in one_line(asking)
     assert "rock it" not in one_line(asking | {"gesture": []})
     assert one_line(asking | {"fault": "scale"}).count("rock it") == 1, "a fault says what to do about it, once"
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_a_motion_that_is_asked_for_is_a_link_to_its_moving_drawing(language: str) -> None:
+    """Where the terminal has links; a pipe gets none."""
+    asked = [translated(gesture.value, language) for gesture in Gesture]
+    wanted = status(language, gesture=asked, remedy="; ".join(["Probe on tissue", *asked]))
+    out = io.StringIO()
+    Console(file=out, width=300, force_terminal=True).print(StatusView().picture(wanted))
+    links = re.findall(r"\x1b]8;[^;]*;(file://\S+?\.svg)\x1b", out.getvalue())
+    files = [Path(urlsplit(link).path) for link in dict.fromkeys(links)]
+    assert [file.name for file in files] == [f"gesture-{gesture.name.lower()}.svg" for gesture in Gesture]
+    assert all("<svg" in file.read_text(encoding="utf-8") for file in files)
+    assert "\x1b" not in "".join(drawn(80, wanted))
