@@ -10,12 +10,21 @@ from tools.simulators.whole_cart import Part
 
 
 class WebPage:
-    """`probewatch page` for the service at a socket. url: where it is reached. before: command that starts it."""
+    """`probewatch page` for the service at a socket, of a cart of that name. url: where it is reached. before: command
+    that starts it.
+    """
 
-    def __init__(self, folder: Path, control: Path, listen: str = "127.0.0.1:0", before: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        control: Path,
+        listen: str = "127.0.0.1:0",
+        before: Sequence[str] = (),
+        cart: str = "Cart 3",
+    ) -> None:
         self.door = folder / "door"
         self._command = [*before, str(PROBEWATCH), "page", "--socket", str(control), "--folder", str(folder)]
-        self._command += ["--door", str(self.door)]
+        self._command += ["--door", str(self.door), "--cart", cart]
         if (config := control.with_name("probewatch.toml")).exists():
             self._command += ["--config", str(config)]
         self._listen = listen

@@ -1,5 +1,6 @@
 """`probewatch page`: the cart's own web page, from a process of its own."""
 
+import platform
 import socket as sockets
 import sys
 import time
@@ -12,7 +13,8 @@ import uvicorn
 from appliance.configuration.config import load_config
 from appliance.service.control.rights import Onlookers
 from drivers.errors import ConfigurationError
-from tools.page.alarms import LastAlarms
+from tools.page.alarm_log_watch import AlarmLogWatch
+from tools.page.asking import Asking
 from tools.page.connection import Connection
 from tools.page.pictures import Pictures
 from tools.page.server import Page, Parts
@@ -32,12 +34,17 @@ _LONGEST_HEADERS = 16_384
 """Bytes: browsers send some 1000."""
 
 
+def _name() -> str:
+    return platform.node() or "cart"
+
+
 @click.command()
 @config_option
 @click.option("--socket", "control", type=click.Path(path_type=Path), help="control socket [of the configuration]")
 @click.option("--feed", type=click.Path(path_type=Path), help="socket of the feed [beside the control socket]")
 @click.option("--listen", default=_LISTEN, show_default=True, help="HOST:PORT; port 0 takes a free one")
 @click.option("--host", "hosts", multiple=True, help="another name by which browsers call this computer")
+@click.option("--cart", default=_name, help="name of this cart on the page; the host's name unless given")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="for new calibrations [.]")
 @click.option("--door", type=click.Path(path_type=Path), help=f"socket on which --token asks the page [{_DOOR}]")
 @click.option("--token", "ask", is_flag=True, help="print the URL and a one-time token of the running page, and end")
@@ -47,14 +54,15 @@ def command(
     feed: Path | None,
     listen: str,
     hosts: tuple[str, ...],
+    cart: str,
     folder: Path | None,
     door: Path | None,
     ask: bool,
 ) -> None:
     """Serve the cart's web page on http://127.0.0.1:9780 until Ctrl-C: what the service sees, for the whole room.
 
-    Looking needs no token. Recalibrating does: whoever may send requests to the service can ask for a one-time token,
-    which lets one browser recalibrate for twelve hours.
+    Looking needs no token. Recalibrating, acknowledging, silence and the lamp test do: whoever may send requests to the
+    service can ask for a one-time token, which lets one browser do that for twelve hours.
 
     \b
       probewatch page --token         # in a terminal of the cart; then type it into the page
@@ -79,7 +87,7 @@ def command(
         watch = running.enter_context(StatusWatch(control, _EVERY_S))
         session = running.enter_context(ScanSession(control, feed, (folder or Path()).absolute(), watch))
         pictures = running.enter_context(Pictures(feed))
-        alarms = LastAlarms(None if config is None else config.alarm.folder)
+        alarms = AlarmLogWatch(None if config is None else config.alarm.folder)
 
         def invite(name: str) -> tuple[str, str]:
             return tokens.issue(name, time.monotonic()), url
@@ -91,7 +99,7 @@ def command(
             click.echo(f"{url}   token: {invite('whoever started it')[0]}")
         else:
             click.echo(url)
-        parts = Parts(watch, pictures, session, alarms, tokens, _called(host, hosts))
+        parts = Parts(watch, pictures, session, alarms, Asking(control), tokens, cart, _called(host, hosts))
         _serve(Page(parts), listener)
 
 

@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -23,18 +24,21 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from drivers.errors import ProbewatchError
 from drivers.printable import printable, printable_value
-from tools.page.alarms import LastAlarms
+from tools.page.alarm_log_watch import AlarmLogWatch
+from tools.page.asking import REQUESTS, Asking
 from tools.page.connection import EVENTS, MOST_LISTENERS
 from tools.page.pictures import Pictures, jpeg
+from tools.page.room import room
 from tools.page.tokens import Tokens, Visitor
 from tools.page.wording import worded
 from tools.recalibration.held_service import Asked
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import ScanSession
 from tools.shared.called_host import called
+from tools.shared.gesture_drawings import DRAWINGS
 from tools.shared.status_watch import StatusWatch
 
-_FILES = Path(__file__).parent / "files"
+_FILES = (Path(__file__).parent / "files", DRAWINGS)
 _KINDS = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 _COOKIE = "probewatch"
 _EVENTS_S = 0.25
@@ -46,6 +50,7 @@ _LOOK_S = 0.02
 """Between two looks for a newer picture: a fifth of the time between two at ten a second."""
 _BODY_S = 5.0
 """For a request to be sent whole once it has begun, as long as for its head."""
+_NO_TOKEN = "a token is needed: probewatch page --token gives one"
 _MOST_BODY = 8192
 """Bytes of a request: names and a comment take some 500."""
 _POLICY = (
@@ -56,13 +61,15 @@ _POLICY = (
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """What the page is made of. hosts: names and addresses by which a browser may call it, without port."""
+    """What the page is made of. cart: its name. hosts: names and addresses by which a browser may call it, no port."""
 
     watch: StatusWatch
     pictures: Pictures
     session: ScanSession
-    alarms: LastAlarms
+    alarms: AlarmLogWatch
+    asking: Asking
     tokens: Tokens
+    cart: str
     hosts: frozenset[str]
 
 
@@ -79,8 +86,10 @@ class Page:
 
     def __init__(self, parts: Parts) -> None:
         self._parts = parts
-        self._files = {path.name: path.read_bytes() for path in sorted(_FILES.iterdir()) if path.suffix in _KINDS}
+        found = [path for folder in _FILES for path in sorted(folder.iterdir()) if path.suffix in _KINDS]
+        self._files = {path.name: path.read_bytes() for path in found}
         self._listeners: list[_Listener] = []
+        self._language = "en"  # of the room, as the service told it last
         routes = [
             Route("/", self._file),
             Route("/recalibrate", self._file),
@@ -89,6 +98,7 @@ class Page:
             Route("/picture", self._picture),
             Route("/view/{index:int}", self._view),
             Route("/token", self._token, methods=["POST"]),
+            Route("/request/{what}", self._request, methods=["POST"]),
             Route("/recalibration/{what}", self._recalibration, methods=["POST"]),
         ]
         self.app = Guard(Starlette(routes=routes), parts.hosts)
@@ -142,15 +152,20 @@ class Page:
         seen = parts.watch.seen()
         status = seen.status
         state = None if status is None else (status["state"], status["since_s"] < 1.0)
+        if status is not None:
+            self._language = status.get("language", "en")
         event = {
+            "cart": parts.cart,
+            "clock": datetime.now().astimezone().isoformat(timespec="seconds"),
             "status": status,
+            "room": None if status is None else room(status),
             "silence": seen.silence,
             "alarms": parts.alarms.fields(state),
             "recalibration": parts.session.fields(),
             "picture_trouble": parts.pictures.trouble,
             "visitor": None if visitor is None else visitor.name,
         }
-        found = printable_value(worded(event))
+        found = printable_value(worded(event, self._language))
         assert isinstance(found, dict)
         return found
 
@@ -188,27 +203,40 @@ class Page:
         response.set_cookie(_COOKIE, cookie, httponly=True, samesite="strict", path="/")
         return response
 
-    async def _recalibration(self, request: Request) -> Response:
-        """Every request that changes something."""
-        visitor = self._visitor(request)
+    async def _request(self, request: Request) -> Response:
+        """What the service is asked to do at once."""
+        visitor, what = self._visitor(request), request.path_params["what"]
         if visitor is None:
-            return _refused("a token is needed: probewatch page --token gives one", 403)
+            return _refused(_NO_TOKEN, 403)
+        if what not in REQUESTS:
+            return _refused("there is no such request", 404)
+        return await _done(self._parts.asking.ask, what, visitor.name)
+
+    async def _recalibration(self, request: Request) -> Response:
+        """Every request that changes something of a scan."""
+        if self._visitor(request) is None:
+            return _refused(_NO_TOKEN, 403)
         act = _ACTS.get(request.path_params["what"])
         if act is None:
             return _refused("there is no such request", 404)
         body = await _body(request)
         self._parts.session.touch()
-        try:
-            await run_in_threadpool(act, self._parts.session, body)
-        except Asked as question:
-            return JSONResponse({"ok": False, "ask": question.text}, 409)
-        except ProbewatchError as error:
-            parts = [text for text in (error.where, error.what, error.remedy) if text]
-            return JSONResponse({"ok": False, "error": str(error), "parts": parts}, 409)
-        return JSONResponse({"ok": True})
+        return await _done(act, self._parts.session, body)
 
     def _visitor(self, request: Request) -> Visitor | None:
         return self._parts.tokens.visitor(request.cookies.get(_COOKIE), time.monotonic())
+
+
+async def _done(act: Callable[..., None], *words: object) -> Response:
+    """What became of it: done, a question, or why not."""
+    try:
+        await run_in_threadpool(act, *words)
+    except Asked as question:
+        return JSONResponse({"ok": False, "ask": question.text}, 409)
+    except ProbewatchError as error:
+        parts = [text for text in (error.where, error.what, error.remedy) if text]
+        return JSONResponse({"ok": False, "error": str(error), "parts": parts}, 409)
+    return JSONResponse({"ok": True})
 
 
 class _Counted(StreamingResponse):

@@ -1,29 +1,33 @@
 """What the service and its log say in English, in the language of the room; the page's own words are in german.js."""
 
+import re
 from typing import Any
 
-from appliance.supervision.languages import told
+from appliance.supervision import languages
 
+_DECIMAL = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?![\d.]*\d)")
+"""A figure, and no address or version, which have more than one point."""
 _BACK = "not verified, the calibration before is in force: "
 """How the session begins when the service has not verified the new calibration; state and reason follow."""
 _BACK_DE = "nicht bestätigt, die Kalibrierung davor ist in Kraft: "
 
 
-def worded(event: dict[str, Any]) -> dict[str, Any]:
-    """The event of the page with these texts in the language of its status; each whole, or as it was.
+def told(text: str, language: str) -> str:
+    """In the language, with its decimal sign; as it was where it cannot be told whole."""
+    said = languages.told(text, language)
+    return said if said == text else _DECIMAL.sub(r"\1,\2", said)
 
-    Checks and compared parameters get a title beside the name, which stays.
+
+def worded(event: dict[str, Any], language: str) -> dict[str, Any]:
+    """The event of the page with these texts in the language of the room; each whole, or as it was.
+
+    Compared parameters get a title beside the name, which stays.
     """
     status = event["status"]
-    language = "en" if status is None else status.get("language", "en")
     event["alarms"] = _alarms(event["alarms"], language)
     event["recalibration"] = _recalibration(event["recalibration"], language)
     if status is not None:
-        event["status"] = {
-            **status,
-            "reason": told(status["reason"], language),
-            **{name: [_titled(check, language) for check in status[name]] for name in ("checks", "devices")},
-        }
+        event["status"] = {**status, "reason": told(status["reason"], language)}
     return event
 
 
@@ -32,7 +36,7 @@ def _titled(one: dict[str, Any], language: str) -> dict[str, Any]:
 
 
 def _alarms(alarms: dict[str, Any], language: str) -> dict[str, Any]:
-    return {**alarms, "entries": [_entry(entry, language) for entry in alarms["entries"]]}
+    return {**alarms, **{name: [_entry(entry, language) for entry in alarms[name]] for name in ("entries", "hour")}}
 
 
 def _entry(entry: dict[str, Any], language: str) -> dict[str, Any]:

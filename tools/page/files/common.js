@@ -5,8 +5,14 @@
 let language = (navigator.language || "en").startsWith("de") ? "de" : "en";
 function german(text) {
   if (text in GERMAN) return GERMAN[text];
-  for (const [pattern, words] of GERMAN_WITH_NUMBERS) if (pattern.test(text)) return text.replace(pattern, words);
+  for (const [pattern, words] of GERMAN_WITH_NUMBERS) if (pattern.test(text)) return comma(text.replace(pattern, words));
   return null;
+}
+// Decimals as German writes them; addresses and versions have more than one point.
+function comma(text) { return text.replace(/(?<![\d.])(\d+)\.(\d+)(?![\d.]*\d)/g, "$1,$2"); }
+function figure(value, places) {
+  const text = value.toFixed(places);
+  return language === "de" ? comma(text) : text;
 }
 // A text stays English where it cannot be said whole.
 function say(text) { return (language === "de" && text && german(text)) || text; }
@@ -17,7 +23,6 @@ function whole(parts) {
 }
 // The texts that stand in the page itself, in the language that is told; what the program writes is said where it is written.
 let translated = "en";
-const englishTitle = document.title;
 function translate() {
   document.documentElement.lang = language;
   if (language === translated) return;
@@ -30,9 +35,8 @@ function translate() {
   }
   translateUnseen();
 }
-// The texts that only a screen reader says, and the window's title.
+// The texts that only a screen reader says.
 function translateUnseen() {
-  document.title = say(englishTitle);
   for (const one of document.querySelectorAll("[aria-label]")) {
     one.english ??= one.getAttribute("aria-label");
     if (german(one.english)) one.setAttribute("aria-label", say(one.english));
@@ -57,33 +61,75 @@ function rows(body, lines) {
     return row;
   }));
 }
-function aged(age_s) { return age_s === null || age_s === undefined ? "–" : age_s < 100 ? `${age_s.toFixed(0)} s` : `${(age_s / 60).toFixed(0)} min`; }
+// For how long a state has lasted, in the largest unit that tells it.
+function lasted(time_s) {
+  if (time_s < 60) return `${Math.floor(time_s)} s`;
+  if (time_s < 3600) return `${Math.floor(time_s / 60)} min`;
+  return time_s < 86400 ? `${Math.floor(time_s / 3600)} h ${Math.floor(time_s % 3600 / 60)} min` : `${Math.floor(time_s / 86400)} d ${Math.floor(time_s % 86400 / 3600)} h`;
+}
+function ago(age_s) { return language === "de" ? `vor ${aged(age_s)}` : `${aged(age_s)} ago`; }
+function aged(age_s) { return age_s === null || age_s === undefined ? "–" : age_s < 100 ? `${figure(age_s, 0)} s` : `${figure(age_s / 60, 0)} min`; }
 
-function showState(status, silence) {
-  const box = el("state");
+const SIGNS = { green: "✓", cyan: "?", yellow: "⚠", red: "✗" };
+// What the state is, what is wrong, what to do; in the tab as well, and aloud when it changes.
+function showState(event) {
+  const { status, room, silence } = event, box = el("state");
+  set("cart", event.cart);
+  set("clock", event.clock.slice(11, 19));
   if (status) delete document.body.dataset.lost; else document.body.dataset.lost = "1";
-  if (!status) {
-    box.dataset.lamp = "red"; box.dataset.priority = "high";
-    set("state-title", say("No answer from the service"));
-    set("state-text", `${say("Do not rely on the overlay")} · ${say(silence)}`);
-    return;
-  }
+  if (!status) return showLoss("No answer from the service", silence);
   language = status.language || "en";
   document.documentElement.lang = language;
   box.dataset.lamp = status.lamp; box.dataset.priority = status.acknowledged ? "low" : status.priority;
-  set("state-title", status.text);
+  el("simulated").hidden = !room.simulated;
+  set("state-title", room.headline);
+  set("state-named", room.named);
+  const draws = el("gestures") && room.gestures.length && !status.fault;
+  const what = status.lamp === "green" ? "" : draws ? say("Probe on tissue; make the motions that are drawn") : status.remedy;
+  const known = [room.headline, room.named, status.remedy].map(text => text.toLowerCase());
+  set("state-text", what);
+  set("state-why", known.includes(status.reason.toLowerCase()) ? "" : status.reason);
   const age = status.verification_age_s;
-  const verified = age === null ? say("not verified now") : `${say("verified")}: ${aged(age)}`;
-  const what = status.fault ? status.remedy : status.text.includes(status.reason) ? "" : status.reason;
-  set("state-text", [what, verified, `${say("Contact")} ${say(status.energised ? "closed (safe)" : "OPEN")}`].filter(Boolean).join(" · "));
+  set("state-facts", [
+    `${say("for")} ${lasted(status.since_s)}`,
+    age === null ? say("not verified now") : `${say("verified")} ${ago(age)}`,
+    room.rests,
+    `${say("Contact")} ${say(status.energised ? "closed (safe)" : "OPEN")}`,
+    status.latched ? say(status.acknowledged ? "acknowledged" : "not acknowledged") : "",
+    sounding(status.audio),
+    status.audio.lamp_test ? say("lamp test") : "",
+  ].filter(Boolean).join(" · "));
+  inTab(SIGNS[status.lamp], [room.named || room.headline, lasted(status.since_s)], event.cart);
+  const urgent = status.priority === "high";
+  speak([room.headline, room.named, urgent ? what : ""].filter(Boolean).join(". "), urgent);
 }
-
-function lostPage() {
+function sounding(audio) {
+  const left = audio.left_s === null ? "" : ` ${figure(audio.left_s, 0)} s`;
+  return audio.mode === "paused" ? `${say("sound paused")}${left}` : audio.mode === "off" ? say("sound off") : "";
+}
+function showLoss(title, why) {
+  const box = el("state"), cart = el("cart").textContent;
   document.body.dataset.lost = "1";
-  const box = el("state");
   box.dataset.lamp = "red"; box.dataset.priority = "high";
-  set("state-title", say("This page has lost its cart"));
-  set("state-text", `${say("Do not rely on the overlay")} · ${say("reconnecting")}`);
+  set("state-title", say(title));
+  set("state-named", "");
+  set("state-text", say("Do not rely on the overlay"));
+  set("state-why", say(why));
+  set("state-facts", "");
+  inTab(SIGNS.red, [say(title)], cart);
+  speak(`${say(title)}. ${say("Do not rely on the overlay")}`, true);
+}
+function inTab(sign, parts, cart) {
+  const title = `${sign} ${[...parts, cart].join(" · ")}`;
+  if (document.title !== title) document.title = title;
+}
+// An alarm interrupts what a screen reader says; the rest waits for its end. Each is said once.
+let spoken = "";
+function speak(text, now) {
+  if (text === spoken) return;
+  spoken = text;
+  set(now ? "spoken-now" : "spoken", text);
+  set(now ? "spoken" : "spoken-now", "");
 }
 
 // Events come four times a second; three seconds without any are a loss, whatever the browser thinks of the connection.
@@ -94,16 +140,39 @@ function listen(show) {
     source = new EventSource("/events");
     source.onmessage = event => { heard = performance.now(); show(JSON.parse(event.data)); };
   }
+  listen.again = connect;
   connect();
   heard = performance.now();
   let tried = heard;
   setInterval(() => {
     const now = performance.now();
     if (now - heard > 3000) {
-      lostPage();
+      showLoss("This page has lost its cart", "reconnecting");
       if (now - tried > 3000) { tried = now; connect(); }
     }
   }, 500);
+}
+
+function refused(text) {
+  el("refused").hidden = !text;
+  set("refused", text);
+}
+// where: what. remedy, as the program puts them together.
+function refusal(parts, error) {
+  const [where, what, remedy] = parts.length === 3 ? parts : ["", ...parts];
+  return parts.length > 3 ? error : `${where && `${where}: `}${what}${remedy ? `. ${remedy}` : ""}`;
+}
+async function post(path, body) {
+  refused("");
+  try {
+    const answer = await fetch(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body || {}) });
+    const said = await answer.json();
+    if (!said.ok && !said.ask) refused(said.parts ? refusal(whole(said.parts), said.error) : say(said.error));
+    return said;
+  } catch (error) {
+    refused(say("The page does not answer. Try again."));
+    return { ok: false };
+  }
 }
 
 // One request at a time, each for a picture newer than the last: a slow tablet sees fewer, and nothing piles up.

@@ -15,41 +15,17 @@ let latest = null;   // the last recalibration that was told
 let confirmed = "";  // the difference that a person has accepted
 let shownViews = "";
 
-function refused(text) {
-  el("refused").hidden = !text;
-  set("refused", text);
-}
-
-// where: what. remedy, as the program puts them together.
-function refusal(parts, error) {
-  const [where, what, remedy] = parts.length === 3 ? parts : ["", ...parts];
-  return parts.length > 3 ? error : `${where && `${where}: `}${what}${remedy ? `. ${remedy}` : ""}`;
-}
-
-async function ask(what, body) {
-  refused("");
-  try {
-    const answer = await fetch(what === "token" ? "/token" : `/recalibration/${what}`, {
-      method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body || {}),
-    });
-    const said = await answer.json();
-    if (!said.ok && !said.ask) refused(said.parts ? refusal(whole(said.parts), said.error) : say(said.error));
-    return said;
-  } catch (error) {
-    refused(say("The page does not answer. Try again."));
-    return { ok: false };
-  }
-}
+function ask(what, body) { return post(what === "token" ? "/token" : `/recalibration/${what}`, body); }
 
 function numbers(scan) {
   const result = scan && scan.result;
   if (!result) { set("zeta", "ζ …"); rows(el("result"), []); return; }
-  set("zeta", `ζ ${result.zeta_mm.toFixed(2)} ± ${result.zeta_sigma_mm.toFixed(2)} mm`);
-  const lines = [[[say("one view scatters by")], [`${result.localisation_mm.toFixed(2)} mm`, "number"]]];
-  if (result.zeta_before_mm !== null) lines.push([[say("ζ before")], [`${result.zeta_before_mm.toFixed(2)} mm`, "number"]]);
-  if (result.closed_mm !== null) lines.push([[say("ζ in closed form")], [`${result.closed_mm.toFixed(2)}${result.closed_sigma_mm === null ? "" : ` ± ${result.closed_sigma_mm.toFixed(2)}`} mm`, "number"]]);
-  if (result.expected_mm !== null) lines.push([[say("error of a point, expected")], [`${result.expected_mm.toFixed(2)} mm`, "number"]]);
-  lines.push([[say("tracker late by")], [`${result.latency_ms.toFixed(0)} ± ${result.latency_sigma_ms.toFixed(0)} ms`, "number"]]);
+  set("zeta", `ζ ${figure(result.zeta_mm, 2)} ± ${figure(result.zeta_sigma_mm, 2)} mm`);
+  const lines = [[[say("one view scatters by")], [`${figure(result.localisation_mm, 2)} mm`, "number"]]];
+  if (result.zeta_before_mm !== null) lines.push([[say("ζ before")], [`${figure(result.zeta_before_mm, 2)} mm`, "number"]]);
+  if (result.closed_mm !== null) lines.push([[say("ζ in closed form")], [`${figure(result.closed_mm, 2)}${result.closed_sigma_mm === null ? "" : ` ± ${figure(result.closed_sigma_mm, 2)}`} mm`, "number"]]);
+  if (result.expected_mm !== null) lines.push([[say("error of a point, expected")], [`${figure(result.expected_mm, 2)} mm`, "number"]]);
+  lines.push([[say("tracker late by")], [`${figure(result.latency_ms, 0)} ± ${figure(result.latency_sigma_ms, 0)} ms`, "number"]]);
   rows(el("result"), lines);
 }
 
@@ -63,11 +39,11 @@ function comparison(scan) {
   }));
   rows(el("compare"), lines.map(one => [
     [one.title],
-    [`${one.value.toFixed(one.unit === "%" ? 4 : 2)}`, "number"],
-    [`${one.sigma.toFixed(3)} ${one.unit}`, "number"],
+    [`${figure(one.value, one.unit === "%" ? 4 : 2)}`, "number"],
+    [`${figure(one.sigma, 3)} ${one.unit}`, "number"],
     ...who.map(name => {
       const { off, sigmas } = one.others[name];
-      const told = off === null ? "–" : `${off >= 0 ? "+" : ""}${off.toFixed(2)} ${one.unit}${sigmas === null ? "" : ` (${sigmas.toFixed(1)}σ)`}`;
+      const told = off === null ? "–" : `${off >= 0 ? "+" : ""}${figure(off, 2)} ${one.unit}${sigmas === null ? "" : ` (${figure(sigmas, 1)}σ)`}`;
       return [told, sigmas !== null && Math.abs(sigmas) > 3 ? "number bad" : "number"];
     }),
   ]));
@@ -77,13 +53,13 @@ function comparison(scan) {
 function late(latency) {
   const seen = latency ? `${latency.seen} / ${latency.pictures}` : "…";
   set("late", latency && latency.latency_ms !== null
-    ? `${latency.latency_ms.toFixed(1)} ± ${latency.sigma_ms.toFixed(1)} ms (${seen})${latency.full ? ` · ${say("enough is collected: take it")}` : ""}`
+    ? `${figure(latency.latency_ms, 1)} ± ${figure(latency.sigma_ms, 1)} ms (${seen})${latency.full ? ` · ${say("enough is collected: take it")}` : ""}`
     : `${say("not known yet")} (${seen})${latency && latency.begun_anew ? ` · ${say("a minute did not show it, started again")}` : ""}`);
   el("late-take").disabled ||= !latency || latency.latency_ms === null;
 }
 
 function checked(check) {
-  const error = check && check.error_mm !== null ? ` · ${check.error_mm.toFixed(2)} mm RMS` : "";
+  const error = check && check.error_mm !== null ? ` · ${figure(check.error_mm, 2)} mm RMS` : "";
   const text = !check ? say("not made yet") : `${say(check.why) || say("passed")}${check.why ? "" : error}`;
   set("check-told", text);
   set("checking", text);
@@ -197,14 +173,14 @@ function views(scan, may) {
     button.setAttribute("aria-label", `${say(view.struck ? "Take back" : "Strike out")}: ${say("view")} ${index + 1}`);
     button.onclick = () => ask("strike", { index, struck: !view.struck });
     const what = say(view.struck ? "struck out" : view.used ? "" : "contradicts the others");
-    line.append(canvas, make("div", `${index + 1}: ${view.off_mm === null ? "–" : `${view.off_mm.toFixed(2)} mm`} ${what}`, view.used ? "soft" : "bad"), button);
+    line.append(canvas, make("div", `${index + 1}: ${view.off_mm === null ? "–" : `${figure(view.off_mm, 2)} mm`} ${what}`, view.used ? "soft" : "bad"), button);
     return line;
   }));
   if (focused !== undefined) { const again = document.querySelector(`[data-view="${focused}"]`); if (again) again.focus(); }
 }
 
 function show(event) {
-  showState(event.status, event.silence);
+  showState(event);
   translate();
   const now = latest = event.recalibration, may = event.visitor !== null, scan = now.scan;
   const wanted = PARTS[now.phase];

@@ -1,0 +1,69 @@
+"""The devices as a person says them: as it should be, or what is wrong with it and what to do. Pure."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from appliance.supervision.alarms import HAZARDS
+from appliance.supervision.languages import translated
+from appliance.types import Fault, Kind
+
+_GROUPS: Mapping[str, tuple[Fault, ...]] = {
+    "Scanner": (Fault.VIDEO_LOST, Fault.FROZEN_VIDEO, Fault.USER_FREEZE, Fault.NO_PICTURE),
+    "Tracker": (
+        *(Fault.TRACKER_LOST, Fault.TRACKER_STALE, Fault.TRACKER_ALERT, Fault.LINE_OF_SIGHT),
+        *(Fault.POSE_UNUSABLE, Fault.MARKER_BODY, Fault.FIELD_DISTORTION),
+    ),
+    "Contact and lamps": (Fault.OUTPUT_FAILED,),
+    "Computer": (Fault.ESTIMATOR_SILENT, Fault.OVERLOADED),
+    "Alarm log": (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED, Fault.LOG_NOT_WRITTEN),
+    "Calibration": (Fault.CALIBRATION_FILE, Fault.CALIBRATION_DUE),
+}
+"""Everything but what is judged of the calibration by motion, the worst first: what hides the others."""
+_ROLES = {"Scanner": "video", "Tracker": "tracker", "Contact and lamps": "output"}
+"""As `lost` and `fps` of the status name them."""
+
+Row = dict[str, Any]
+
+
+def devices(status: Mapping[str, Any], language: str) -> list[Row]:
+    """A row for each: device, kind (good, wait, notice, bad), wrong (text and remedy of each), driver (what it says of
+    a lost device, in its own words), rate (samples a second, None where it has none).
+    """
+    checks = (*status["checks"], *status["devices"])
+    found = {one["fault"]: one["verdict"] for one in checks if one["value"] is not None and one["verdict"] != "OK"}
+    if status["fault"] is not None:
+        found[status["fault"]] = "FAULT"
+    return [_row(device, found, status, language) for device in _GROUPS]
+
+
+def _row(device: str, found: Mapping[str, str], status: Mapping[str, Any], language: str) -> Row:
+    faults = [fault for fault in _GROUPS[device] if fault in found]
+    if faults and faults[0] is _GROUPS[device][0]:  # of a device that is gone nothing else is known
+        faults = faults[:1]
+    lost = list(_lost(device, status))
+    rate = status["fps"].get(_ROLES.get(device, ""))
+    return {
+        "device": device,
+        "kind": _kind([fault for fault in faults if found[fault] == "FAULT"], bool(faults), bool(lost)),
+        "wrong": [_said(fault, language) for fault in faults],
+        "driver": lost,
+        "rate": None if lost else rate,
+    }
+
+
+def _kind(failed: list[Fault], unknown: bool, lost: bool) -> str:
+    """An advisory is no alarm, and not in its colour."""
+    if lost or any(fault.kind is not Kind.ADVISORY for fault in failed):
+        return "bad"
+    return "notice" if failed else "wait" if unknown else "good"
+
+
+def _said(fault: Fault, language: str) -> dict[str, str]:
+    hazard = HAZARDS[fault]
+    return {"text": translated(hazard.text, language), "remedy": translated(hazard.remedy, language)}
+
+
+def _lost(device: str, status: Mapping[str, Any]) -> Iterator[str]:
+    """`lost` names each as its role and URL."""
+    role = _ROLES.get(device)
+    return (f"{name.partition(' ')[2]}: {what}" for name, what in status["lost"].items() if name.split(" ")[0] == role)

@@ -1,0 +1,105 @@
+"""What the alarm log says of the past: the last alarms, and the states of the last hour. Pure."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from appliance.storage.alarm_chain import Entry, Event
+from appliance.supervision.alarms import SIGNALS, Priority
+from appliance.types import State
+from drivers.printable import printable
+
+HOUR_S = 3600.0
+_LAST = 12
+"""Alarms told: what fits on a tablet beside everything else."""
+UNKNOWN = "unknown"
+"""Lamp of a time in which no service ran, or of which nothing is known."""
+_ALARMS = (Priority.HIGH, Priority.MEDIUM)
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A time in one state. from_s: of the wall clock, s since 1970. lamp: of Lamp, or UNKNOWN."""
+
+    from_s: float
+    lamp: str
+    state: str
+    reason: str
+    alarm: bool
+
+    def fields(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        said = {"lamp": self.lamp, "state": printable(self.state), "reason": printable(self.reason)}
+        return {"from_s": self.from_s, **said, "alarm": self.alarm}
+
+
+_NOTHING = Stretch(0.0, UNKNOWN, "", "", alarm=False)
+
+
+def last_states(entries: Sequence[Entry]) -> list[dict[str, str]]:
+    """The newest first, in the cart's own time."""
+    states = [entry for entry in entries if entry.event == Event.STATE]
+    return [
+        {"time": _local(entry.utc), "state": _said(entry, "state"), "reason": _said(entry, "reason")}
+        for entry in reversed(states[-_LAST:])
+    ]
+
+
+def hour(entries: Sequence[Entry], now_s: float) -> list[dict[str, Any]]:
+    """Each stretch of the hour before now_s, the oldest first; the first began before it, the last goes on.
+
+    A wall clock that was set back makes what came before as old as what came after.
+    """
+    known = [_NOTHING, *_stretches(entries)]
+    ordered: list[Stretch] = []
+    latest_s = now_s
+    for stretch in reversed(known):
+        latest_s = min(latest_s, stretch.from_s)
+        ordered.append(Stretch(latest_s, stretch.lamp, stretch.state, stretch.reason, stretch.alarm))
+        if latest_s <= now_s - HOUR_S:
+            break
+    return [stretch.fields() for stretch in reversed(ordered)]
+
+
+def _stretches(entries: Sequence[Entry]) -> Iterator[Stretch]:
+    """After a service that did not say that it stops, nothing is known from its last entry on."""
+    before: Entry | None = None
+    for entry in entries:
+        if entry.event == Event.STARTED and before is not None and before.event != Event.STOPPED:
+            yield Stretch(_seconds(before.utc), UNKNOWN, "", "", alarm=False)
+        if entry.event == Event.STATE:
+            yield _stretch(entry)
+        elif entry.event == Event.STOPPED:
+            yield Stretch(_seconds(entry.utc), UNKNOWN, "", "", alarm=False)
+        if entry.event != Event.CHAIN_BEGUN:  # of the service that starts
+            before = entry
+
+
+def _stretch(entry: Entry) -> Stretch:
+    """One of a state that this version does not know has no lamp."""
+    said = _said(entry, "state")
+    signal = SIGNALS[State(said)] if said in (state.value for state in State) else None
+    lamp = UNKNOWN if signal is None else signal.lamp.value
+    alarm = signal is not None and signal.priority in _ALARMS
+    return Stretch(_seconds(entry.utc), lamp, said, _said(entry, "reason"), alarm)
+
+
+def _seconds(utc: str) -> float:
+    return _moment(utc).timestamp()
+
+
+def _local(utc: str) -> str:
+    return _moment(utc).astimezone().isoformat(timespec="seconds")
+
+
+def _moment(utc: str) -> datetime:
+    """Of 1970 where it is none, as a damaged entry may say."""
+    try:
+        return datetime.fromisoformat(utc)
+    except ValueError:
+        return datetime.fromtimestamp(0).astimezone()
+
+
+def _said(entry: Entry, name: str) -> str:
+    return printable(str(entry.data.get(name, "")))

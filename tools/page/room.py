@@ -1,0 +1,37 @@
+"""The status as people in the room read it: one headline, what is wrong, and which motion is missing. Pure."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from appliance.supervision.alarms import EARLIER, PARTLY_EARLIER
+from appliance.supervision.languages import translated
+from tools.page.bars import bars
+from tools.page.devices import devices
+from tools.shared.gesture_drawings import drawn
+
+_PARTS = " · "
+"""Between the clauses of the status's text."""
+
+
+def room(status: Mapping[str, Any]) -> dict[str, Any]:
+    """simulated: whether a source is no real device. headline: the state. named: what is wrong, empty where nothing is.
+    rests: that what is verified rests on earlier motion. gestures: drawing and text of each that is asked for.
+    """
+    language = status.get("language", "en")
+    said = status["text"].split(_PARTS)[1 if status["simulated"] else 0 :]
+    earlier = {translated(text, language) for text in (EARLIER, PARTLY_EARLIER)}
+    return {
+        "simulated": bool(status["simulated"]),
+        "headline": said[0] if said else "",
+        "named": _PARTS.join(text for text in said[1:] if text not in earlier),
+        "rests": next((text for text in said[1:] if text in earlier), ""),
+        "gestures": _gestures(status["gesture"], language),
+        "bars": bars(status["checks"], language),
+        "devices": devices(status, language),
+    }
+
+
+def _gestures(texts: list[str], language: str) -> list[dict[str, str]]:
+    """Each with the file of its drawing; one that a newer service asks for has none."""
+    found = [(text, drawn(text, language)) for text in texts]
+    return [{"drawing": "" if file is None else file.name, "text": text} for text, file in found]
