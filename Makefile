@@ -64,7 +64,7 @@ live: $(VENV)/dev ## the service, the demo and every device simulator in real ti
 	$(BIN)/python -m tests.rules.retried -n 2 --dist loadfile -rs --no-fold-skipped -m "live and not slow and not alone"
 	$(BIN)/python -m tests.rules.retried -rs --no-fold-skipped -m "live and not slow and alone"
 
-mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about five minutes)
+mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (four minutes)
 	$(BIN)/python -m tests.rules.mutation
 
 pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root); VERSIONS=3.13 for one

@@ -2,29 +2,39 @@
 
 Written here because the libraries seen (mutmut 3) leave out decorated functions and class bodies, which is where the
 guards and the table of the supervisor are. Each mutant runs in a fork of this process, in which the changed module is
-imported in place of the real one; as many run beside each other as there are processors. The tests that noticed the
-changes before come first: what lies close together in a module is mostly noticed by the same ones.
+imported in place of the real one; as many run beside each other as there are processors.
+
+The unchanged modules are run once, and it is noted which test runs which of their lines. A mutant is given to the tests
+that run the changed statement; a change of what runs at import is given to all. So a test that is left out by mistake
+makes the score worse, never better. The tests that noticed the changes before come first: what lies close together in
+a module is mostly noticed by the same ones.
 """
 
 import ast
 import copy
 import gc
 import os
-import signal
+import pickle
+import resource
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
 
-import hypothesis.stateful
+import hypothesis.stateful  # noqa: F401
 import numpy  # noqa: F401  imported once, before the forks
 import pytest
 import statemachine  # noqa: F401
 from hypothesis import Phase, settings
+
+from tests.rules.reached import Line, Reach, Reached
 
 ROOT = Path(__file__).parents[2]
 TESTS = [
@@ -56,6 +66,10 @@ LEAST_PERCENT = 97.0
 """Of the mutants that must be noticed. The rest no test can see, such as a default that nobody leaves out."""
 _PATIENCE = 8
 """A mutant that takes so many times as long as the unchanged module hangs, and so has been noticed."""
+_UNCHANGED_S = 600
+"""Of the processor, for the tests on the unchanged modules while it is noted what they reach. Measured: 12 s each."""
+_LONG_S = 0.5
+"""Of a test, while it is noted what it reaches: those of many examples, which take 1 to 12 s, and no other."""
 _QUICKLY = [
     *("-x", "-q", "-m", "not slow", "-W", "ignore", "--tb=no", "--assert=plain"),
     *("-p", "no:cacheprovider", "-p", "no:unraisableexception", "-p", "no:threadexception"),
@@ -66,17 +80,64 @@ settings.register_profile("mutation", settings.get_profile("ci"), phases=[Phase.
 Change = Callable[[ast.AST], None]
 
 
-def mutants(tree: ast.Module) -> Iterator[tuple[str, ast.Module]]:
-    """(what was changed and where, changed module), one change each."""
+@dataclass(frozen=True)
+class Reaches:
+    """What each test reaches, and what runs before any of them does."""
+
+    by_test: Mapping[str, Reach]
+    at_import: frozenset[Line]
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A module with one change. lines: of the changed statement; None where it runs at import, so for every test."""
+
+    module: str
+    what: str
+    tree: ast.Module
+    lines: range | None
+
+    @property
+    def name(self) -> str:
+        return f"appliance.supervision.{self.module}"
+
+    def reached_by(self, reaches: Reaches) -> dict[str, float]:
+        """Test → how much of the processor it takes, in s."""
+        changed = {(file_of(self.module), number) for number in self.lines or ()}
+        whole = self.lines is None or reaches.at_import & changed
+        return {test: reach.took_s for test, reach in reaches.by_test.items() if whole or reach.lines & changed}
+
+
+def file_of(module: str) -> str:
+    return str(ROOT / "appliance" / "supervision" / f"{module}.py")
+
+
+def mutants(module: str, tree: ast.Module) -> Iterator[Mutant]:
+    """One change each."""
     nodes = list(ast.walk(tree))
     of_dataclasses = {id(one) for node in nodes if isinstance(node, ast.ClassDef) for one in _decorations(node)}
+    lines = dict(_lines(tree, None))
     for at, node in enumerate(nodes):
         if id(node) in of_dataclasses:
             continue
-        for what, change in _changes(node):
-            changed = copy.deepcopy(tree)
-            change(list(ast.walk(changed))[at])
-            yield f"line {getattr(node, 'lineno', 0)}: {what}", ast.fix_missing_locations(changed)
+        for what, changed, change in _changes(node):
+            mutated = copy.deepcopy(tree)
+            change(list(ast.walk(mutated))[at])
+            told = f"line {getattr(node, 'lineno', 0)}: {what}"
+            yield Mutant(module, told, ast.fix_missing_locations(mutated), lines[id(changed)])
+
+
+def _lines(node: ast.AST, within: range | None, in_function: bool = False) -> Iterator[tuple[int, range | None]]:
+    """(id of a node, lines of the statement of a function that it belongs to) of it and all below it."""
+    if isinstance(node, ast.stmt) and in_function:
+        body = getattr(node, "body", None)
+        end = body[0].lineno - 1 if body else node.end_lineno or node.lineno
+        within = range(node.lineno, max(node.lineno, end) + 1)
+    yield id(node), within
+    function = isinstance(node, ast.FunctionDef)
+    for child in ast.iter_child_nodes(node):
+        in_body = function and child in node.body
+        yield from _lines(child, within, in_function or in_body)
 
 
 def _decorations(node: ast.ClassDef) -> Iterator[ast.AST]:
@@ -85,7 +146,15 @@ def _decorations(node: ast.ClassDef) -> Iterator[ast.AST]:
         yield from ast.walk(decorator)
 
 
-def _changes(node: ast.AST) -> Iterator[tuple[str, Change]]:
+def _changes(node: ast.AST) -> Iterator[tuple[str, ast.AST, Change]]:
+    """(what is changed, the node that is, how)."""
+    if isinstance(node, ast.FunctionDef | ast.match_case):
+        yield from _statement_changes(node)
+    else:
+        yield from ((what, node, change) for what, change in _own_changes(node))
+
+
+def _own_changes(node: ast.AST) -> Iterator[tuple[str, Change]]:
     if isinstance(node, ast.Compare) and type(node.ops[0]) in _SWAPS:
         yield "comparison turned", lambda one: one.ops.__setitem__(0, _SWAPS[type(one.ops[0])]())
     elif isinstance(node, ast.BoolOp | ast.BinOp) and type(node.op) in _SWAPS:
@@ -103,8 +172,6 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, Change]]:
         yield f"{node.value} made {node.value + 1}", lambda one: setattr(one, "value", one.value + 1)
     elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
         yield f"{node.value} made {not node.value}", lambda one: setattr(one, "value", not one.value)
-    elif isinstance(node, ast.FunctionDef | ast.match_case):
-        yield from _statement_changes(node)
 
 
 def _left_only(node: ast.AST) -> None:
@@ -124,11 +191,15 @@ def _guard_changes(node: ast.keyword) -> Iterator[tuple[str, Change]]:
         yield f"only {part} of the guard", lambda one, part=part: setattr(one.value, "value", part)
 
 
-def _statement_changes(node: ast.FunctionDef | ast.match_case) -> Iterator[tuple[str, Change]]:
+def _statement_changes(node: ast.FunctionDef | ast.match_case) -> Iterator[tuple[str, ast.AST, Change]]:
     for index, statement in enumerate(node.body):
         docstring = isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
         if isinstance(statement, ast.Assign | ast.AugAssign | ast.Expr) and not docstring:
-            yield f"statement {index} left out", lambda one, index=index: one.body.__setitem__(index, ast.Pass())
+            yield (
+                f"statement {index} left out",
+                statement,
+                lambda one, index=index: one.body.__setitem__(index, ast.Pass()),
+            )
 
 
 class Changed(MetaPathFinder, Loader):
@@ -149,13 +220,13 @@ class Changed(MetaPathFinder, Loader):
         exec(compile(self._tree, self._name, "exec"), module.__dict__)
 
 
-class Quickest:
-    """Plugin: no time goes into making an example smaller, and the tests of many examples come last. Before them come
-    those of `first`, in its order. The name of a test that fails is written to the descriptor `told`.
+class Chosen:
+    """Plugin: the tests that a mutant is given to, in the order of the first that can notice it, and no time for making
+    an example smaller. The name of a test that fails is written to the descriptor `told`.
     """
 
-    def __init__(self, first: Sequence[str], told: int) -> None:
-        self._order = {name: place for place, name in enumerate(first)}
+    def __init__(self, order: Sequence[str], told: int) -> None:
+        self._order = {name: place for place, name in enumerate(order)}
         self._told = told
 
     @pytest.hookimpl(trylast=True)
@@ -164,72 +235,109 @@ class Quickest:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        items.sort(key=lambda item: (_tries(item), self._order.get(item.nodeid, len(self._order))))
+        items[:] = [item for item in items if item.nodeid in self._order]
+        items.sort(key=lambda item: self._order[item.nodeid])
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed:
             os.write(self._told, report.nodeid.encode())
 
 
-def _ordered(name: str) -> list[str]:
-    """Where a change of this module shows soonest comes first."""
-    return sorted(TESTS, key=lambda file: name.endswith((".audio", ".annunciator")) and "alarms" not in file)
+class Fork:
+    """A process of its own, which runs `work` with the descriptor into which it says what is to be heard of it. The
+    exit code is what `work` returns; 0 where it ends in any other way, such as a hang.
+    """
 
-
-def _tries(item: pytest.Item) -> int:
-    body = getattr(item, "function", None)
-    if hypothesis.is_hypothesis_test(body):
-        return 1
-    return 2 if item.path.stem.endswith("_model") else 0
-
-
-class Mutant:
-    """A process in which the tests run on the changed module, those of `first` before the others."""
-
-    def __init__(self, name: str, tree: ast.Module, limit_s: int, first: Sequence[str]) -> None:
+    def __init__(self, work: Callable[[int], int], limit_s: int) -> None:
         hears, told = os.pipe()
-        self._hears = hears
         self.pid = os.fork()
         if self.pid == 0:
-            _run(name, tree, limit_s, Quickest(first, told))
+            _run(work, told, limit_s)
         os.close(told)
+        self._hears = hears
 
-    def noticed_by(self) -> str:
-        """The test that failed, once the process has ended; empty where none did, or none could even be run."""
-        with os.fdopen(self._hears) as said:
+    def heard(self) -> bytes:
+        """All that it said; waits until it has ended."""
+        with os.fdopen(self._hears, "rb") as said:
             return said.read()
 
 
-def _run(name: str, tree: ast.Module, limit_s: int, plugin: Quickest) -> NoReturn:
-    """The exit code says whether all tests passed."""
+def _run(work: Callable[[int], int], told: int, limit_s: int) -> NoReturn:
+    """limit_s: of the processor's time, so that other programs make no hang of a mutant."""
     sink = os.open(os.devnull, os.O_WRONLY)
     os.dup2(sink, 1)
     os.dup2(sink, 2)
-    signal.alarm(limit_s)
-    sys.meta_path.insert(0, Changed(name, tree))
+    resource.setrlimit(resource.RLIMIT_CPU, (limit_s, limit_s))
     code = _KILLED
     try:
-        code = _SURVIVED if pytest.main([*_QUICKLY, *_ordered(name)], plugins=[plugin]) == 0 else _KILLED
+        code = work(told)
     finally:
         os._exit(code)
 
 
-def survivors(work: Sequence[tuple[str, str, ast.Module]], limit_s: int) -> Iterator[tuple[str, str]]:
-    """(module, what was changed) of each mutant on which every test passes."""
+def unchanged(modules: Sequence[str]) -> Reaches:
+    """What the tests reach in these modules. SystemExit where one fails."""
+    files, shares = [file_of(module) for module in modules], os.cpu_count() or 1
+    forks = [Fork(partial(_noted, Reached(files, share, shares)), _UNCHANGED_S) for share in range(shares)]
+    heard = [fork.heard() for fork in forks]
+    if any(os.waitstatus_to_exitcode(os.waitpid(fork.pid, 0)[1]) != _SURVIVED for fork in forks):
+        sys.exit("the tests fail without any change: run them first")
+    noted: list[Reaches] = [pickle.loads(one) for one in heard]
+    by_test = {test: reach for one in noted for test, reach in one.by_test.items()}
+    return Reaches(by_test, frozenset().union(*(one.at_import for one in noted)))
+
+
+def _noted(plugin: Reached, told: int) -> int:
+    """In a process of its own."""
+    settings.load_profile("mutation")
+    code = pytest.main([*_QUICKLY, *TESTS], plugins=[plugin])
+    with os.fdopen(told, "wb") as stream:
+        pickle.dump(Reaches(plugin.by_test, frozenset(plugin.at_import)), stream)
+    return _SURVIVED if code == 0 else _KILLED
+
+
+def survives(mutant: Mutant, order: Sequence[str], told: int) -> int:
+    """In a process of its own: whether these tests pass on the mutant."""
+    sys.meta_path.insert(0, Changed(mutant.name, mutant.tree))
+    files = dict.fromkeys(test.partition("::")[0] for test in order)
+    return _SURVIVED if pytest.main([*_QUICKLY, *files], plugins=[Chosen(order, told)]) == 0 else _KILLED
+
+
+def ordered(took_s: Mapping[str, float], noticing: Sequence[str]) -> list[str]:
+    """The tests that noticed a change before come first; then one of each parametrized test, as its others are likely
+    to notice the same; what takes long comes last.
+    """
+    before = [test for test in noticing if test in took_s]
+    of_function = Counter[str]()
+    keys: dict[str, tuple[bool, int, float]] = {}
+    for test in sorted(took_s, key=lambda test: (took_s[test], test)):
+        function = test.partition("[")[0]
+        keys[test] = took_s[test] > _LONG_S, of_function[function], took_s[test]
+        of_function[function] += 1
+    return before + sorted(keys.keys() - {*before}, key=lambda test: (keys[test], test))
+
+
+def survivors(work: Sequence[Mutant], reaches: Reaches, limit_s: int) -> Iterator[Mutant]:
+    """Those on which every test passes that they are given to."""
     waiting = list(reversed(work))
-    running: dict[int, tuple[str, str, Mutant]] = {}
+    running: dict[int, tuple[Mutant, Fork]] = {}
     noticing: list[str] = []
     while waiting or running:
         while waiting and len(running) < (os.cpu_count() or 1):
-            module, what, tree = waiting.pop()
-            mutant = Mutant(f"appliance.supervision.{module}", tree, limit_s, noticing)
-            running[mutant.pid] = module, what, mutant
+            mutant = waiting.pop()
+            if not (order := ordered(mutant.reached_by(reaches), noticing)):
+                yield mutant
+                continue
+            fork = Fork(partial(survives, mutant, order), limit_s)
+            running[fork.pid] = mutant, fork
+        if not running:
+            continue
         child, status = os.wait()
-        module, what, mutant = running.pop(child)
-        if noticed := mutant.noticed_by():
+        mutant, fork = running.pop(child)
+        if noticed := fork.heard().decode():
             noticing = [noticed, *(one for one in noticing if one != noticed)]
         if os.waitstatus_to_exitcode(status) == _SURVIVED:
-            yield module, what
+            yield mutant
 
 
 def main() -> None:
@@ -237,20 +345,16 @@ def main() -> None:
     os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
     gc.freeze()
     began_s = time.monotonic()
-    unchanged = ast.parse((ROOT / "appliance" / "supervision" / "ledger.py").read_text())
-    alive = list(survivors([("ledger", "nothing", unchanged)], limit_s=600))
-    assert alive, "the tests fail without any change"
-    limit_s = max(10, round(_PATIENCE * (time.monotonic() - began_s)))
-    work = []
-    for module in sys.argv[1:] or MODULES:
-        file = ROOT / "appliance" / "supervision" / f"{module}.py"
-        work += [(module, what, tree) for what, tree in mutants(ast.parse(file.read_text()))]
-    alive = []
-    for module, what in survivors(work, limit_s):
-        alive.append(what)
-        print(f"survived: {module}.py {what}", flush=True)
-    killed_percent = 100 * (1 - len(alive) / len(work))
-    print(f"killed {len(work) - len(alive)} of {len(work)} mutants, {killed_percent:.1f} %", end=" ")
+    modules = sys.argv[1:] or MODULES
+    reaches = unchanged(modules)
+    limit_s = max(10, round(_PATIENCE * sum(reach.took_s for reach in reaches.by_test.values())))
+    work = [one for module in modules for one in mutants(module, ast.parse(Path(file_of(module)).read_text()))]
+    alive = 0
+    for mutant in survivors(work, reaches, limit_s):
+        alive += 1
+        print(f"survived: {mutant.module}.py {mutant.what}", flush=True)
+    killed_percent = 100 * (1 - alive / len(work))
+    print(f"killed {len(work) - alive} of {len(work)} mutants, {killed_percent:.1f} %", end=" ")
     print(f"(at least {LEAST_PERCENT:g} % are asked for) in {time.monotonic() - began_s:.0f} s")
     sys.exit(killed_percent < LEAST_PERCENT)
 
