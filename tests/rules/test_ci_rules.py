@@ -106,13 +106,20 @@ def test_what_needs_the_computer_alone_runs_as_well() -> None:
 
 
 def test_ci_runs_every_part_that_gates_and_no_smaller_one() -> None:
-    """All of `make live`, a third of `make thorough`; three parts where what they are about has changed."""
+    """All of `make live`, a third of `make thorough`; three parts where what they are about has changed. What is begun
+    beside others is waited for.
+    """
     script = (ROOT / ".ci/run").read_text()
-    parts = re.findall(r"^part (.*)$", script, re.M)
+    parts = re.findall(r"^ *part (.*)$", script, re.M)
+    aside = re.search(
+        r"^without_real_time\(\) {\n(.*?)^}\n.*^beside without_real_time\n.*^end_beside\n", script, re.M | re.S
+    )
+    assert aside is not None
+    assert "live" not in aside[1]
     third = 'make thorough THIRD="$(.venv/bin/python -m tests.rules.third)"'
     whole = ["make test", "demo", third, "make invariant", "make live"]
     assert [part for part in whole if part not in parts] == []
-    changed = dict(re.findall(r"^when_changed (\w+) (.*?)(?:  #.*)?$", script, re.M))
+    changed = dict(re.findall(r"^ *when_changed (\w+) (.*?)(?:  #.*)?$", script, re.M))
     assert changed.keys() == ABOUT.keys()
     assert changed["mutation"] == "part make mutation"
     assert changed["pythons"] == "part make pythons"
@@ -160,6 +167,54 @@ def test_a_part_that_fails_ends_the_gate_with_its_exit_code() -> None:
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, "later" in done.stdout) == (7, False)
     assert re.search(r"^=== true: \d s$", done.stdout, re.M)
+
+
+def gate(folder: Path, *lines: str) -> "subprocess.Popen[str]":
+    """These lines in place of the gate's parts, by its own functions."""
+    functions = re.search(r"^part\(\) {\n.*?(?=^# The command after)", (ROOT / ".ci/run").read_text(), re.M | re.S)
+    assert functions is not None
+    script = "\n".join(("set -euo pipefail", functions[0].replace("seq 100", "seq 3"), *lines))
+    command = ["bash", "-c", script]
+    return subprocess.Popen(command, cwd=folder, stdout=-1, stderr=-2, text=True, start_new_session=True)
+
+
+def test_what_runs_beside_others_takes_what_they_leave_and_is_told_in_one_piece(tmp_path: Path) -> None:
+    (tmp_path / "waits").write_text("until [ -e begun ]; do sleep 0.01; done; chrt -p $$; touch ended\n")
+    (tmp_path / "begins").write_text("touch begun; until [ -e ended ]; do sleep 0.01; done; chrt -p $$\n")
+    with gate(
+        tmp_path, "both() { part sh waits; part true; }", "beside both", "part sh begins", "end_beside"
+    ) as process:
+        said, _ = process.communicate(timeout=20)
+    assert process.returncode == 0, said
+    classes = re.findall(r"SCHED_\w+$", said, re.M)
+    assert classes == ["SCHED_OTHER", "SCHED_IDLE"], said
+    assert re.findall(r"^=== (.*): \d+ s$", said, re.M) == ["sh begins", "sh waits", "true"]
+
+
+FAILS_FIRST = "part sh -c 'until [ -e begun ]; do sleep 0.01; done; exit 7'\nend_beside"
+
+
+@pytest.mark.parametrize("then", ["touch fails; end_beside; echo later", FAILS_FIRST])
+def test_what_fails_beside_others_or_before_it_has_ended_fails_the_gate(tmp_path: Path, then: str) -> None:
+    """And leaves nothing that runs on."""
+    (tmp_path / "lasts").write_text("touch begun; until [ -e fails ]; do sleep 0.01; done; exit 7\n")
+    with gate(tmp_path, "aside() { part sh lasts; }", "beside aside", then) as process:
+        said, _ = process.communicate(timeout=20)
+        until(lambda: not processes(process.pid), otherwise=lambda: processes(process.pid))
+    assert (process.returncode, "later\n" in said) == (7, False), said
+    assert "=== sh lasts\n" in said
+
+
+def test_a_gate_that_is_broken_off_ends_what_runs_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "deaf").write_text("trap '' INT\nsleep 60 &\necho begun >begun\nwait\n")
+    with gate(tmp_path, "aside() { part sh deaf; }", "beside aside", "part sleep 60") as process:
+        until((tmp_path / "begun").exists)
+        process.send_signal(signal.SIGTERM)
+        said, _ = process.communicate(timeout=20)
+        until(lambda: not processes(process.pid), otherwise=lambda: processes(process.pid))
+    assert process.returncode == 128 + signal.SIGTERM
+    assert "=== interrupted by SIGTERM in: sleep 60\n" in said
+    assert "=== interrupted by SIGTERM in: sh deaf\n" in said
 
 
 def test_this_suite_follows_the_list(pytestconfig: pytest.Config) -> None:
