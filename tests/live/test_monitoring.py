@@ -104,7 +104,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
     with ExitStack() as running:
         fleet = Fleet(tmp_path_factory.mktemp("fleet"), running)
         fleet.carts["halted"].say("scale")
-        fleet.carts["trackerless"].twins["polaris"].end(kill=True)
+        fleet.carts["trackerless"].kill_twin("polaris")
         hung = fleet.carts["hung"].daemon
         assert hung is not None
         os.kill(hung.process.pid, signal.SIGSTOP)
