@@ -71,7 +71,7 @@ _UNCHANGED_S = 600
 _LONG_S = 0.5
 """Of a test, while it is noted what it reaches: those of many examples, which take 1 to 12 s, and no other."""
 _QUICKLY = [
-    *("-x", "-q", "-m", "not slow", "-W", "ignore", "--tb=no", "--assert=plain"),
+    *("-x", "-q", "-m", "not slow and not thorough", "-W", "ignore", "--tb=no", "--assert=plain"),
     *("-p", "no:cacheprovider", "-p", "no:unraisableexception", "-p", "no:threadexception"),
 ]
 """Only whether a test fails is asked: without what pytest does to explain it, a mutant takes half the time."""
@@ -90,11 +90,14 @@ class Reaches:
 
 @dataclass(frozen=True)
 class Mutant:
-    """A module with one change. lines: of the changed statement; None where it runs at import, so for every test."""
+    """A change of a module. change: makes it, in this process for good. lines: of the changed statement; None where it
+    runs at import, so for every test.
+    """
 
     module: str
     what: str
     tree: ast.Module
+    change: Callable[[], None]
     lines: range | None
 
     @property
@@ -117,14 +120,12 @@ def mutants(module: str, tree: ast.Module) -> Iterator[Mutant]:
     nodes = list(ast.walk(tree))
     of_dataclasses = {id(one) for node in nodes if isinstance(node, ast.ClassDef) for one in _decorations(node)}
     lines = dict(_lines(tree, None))
-    for at, node in enumerate(nodes):
+    for node in nodes:
         if id(node) in of_dataclasses:
             continue
         for what, changed, change in _changes(node):
-            mutated = copy.deepcopy(tree)
-            change(list(ast.walk(mutated))[at])
             told = f"line {getattr(node, 'lineno', 0)}: {what}"
-            yield Mutant(module, told, ast.fix_missing_locations(mutated), lines[id(changed)])
+            yield Mutant(module, told, tree, partial(change, node), lines[id(changed)])
 
 
 def _lines(node: ast.AST, within: range | None, in_function: bool = False) -> Iterator[tuple[int, range | None]]:
@@ -298,7 +299,8 @@ def _noted(plugin: Reached, told: int) -> int:
 
 def survives(mutant: Mutant, order: Sequence[str], told: int) -> int:
     """In a process of its own: whether these tests pass on the mutant."""
-    sys.meta_path.insert(0, Changed(mutant.name, mutant.tree))
+    mutant.change()
+    sys.meta_path.insert(0, Changed(mutant.name, ast.fix_missing_locations(mutant.tree)))
     files = dict.fromkeys(test.partition("::")[0] for test in order)
     return _SURVIVED if pytest.main([*_QUICKLY, *files], plugins=[Chosen(order, told)]) == 0 else _KILLED
 

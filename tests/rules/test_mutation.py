@@ -45,11 +45,19 @@ def test_a_change_lies_in_the_lines_of_its_statement_and_in_every_test_where_it_
     assert found == [lines]
 
 
+def test_a_change_is_made_in_place_and_alone() -> None:
+    tree = ast.parse(SOURCE)
+    (mutant,) = [mutant for mutant in mutants("policy", tree) if mutant.what == "line 9: comparison turned"]
+    assert ast.unparse(tree) == ast.unparse(ast.parse(SOURCE)), "none before it is asked for"
+    mutant.change()
+    assert ast.unparse(tree) == ast.unparse(ast.parse(SOURCE.replace("self.high < 5", "self.high <= 5")))
+
+
 def given(lines: range | None, at_import: frozenset[int] = frozenset()) -> set[str]:
     file = file_of("policy")
     by_test = {"runs": Reach({(file, 5), (file, 6)}), "runs another": Reach({(file, 4), (file_of("ledger"), 5)})}
     reaches = Reaches(by_test, frozenset((file, line) for line in at_import))
-    return {*Mutant("policy", "", ast.Module([], []), lines).reached_by(reaches)}
+    return {*Mutant("policy", "", ast.Module([], []), lambda: None, lines).reached_by(reaches)}
 
 
 def test_a_mutant_is_given_to_the_tests_that_run_one_of_its_lines() -> None:
