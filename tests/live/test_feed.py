@@ -19,8 +19,6 @@ from tests.support.web_page import WebPage
 from tools.shared.feed import Feed
 from tools.simulators.whole_cart import Part
 
-pytestmark = pytest.mark.alone
-
 ALARMS = 24
 """In each half of a run; a turn takes some 1.5 s."""
 _MORE_S = 0.05
@@ -72,6 +70,7 @@ def onlookers(cart: Cart, web: WebPage) -> Iterator[None]:
         yield
 
 
+@pytest.mark.alone
 def test_the_alarm_is_not_later_with_two_viewers_a_sleeper_and_the_page(cart: Cart, tmp_path: Path) -> None:
     """Same run, with and without, in turns."""
     without: list[float] = []

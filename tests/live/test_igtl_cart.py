@@ -18,8 +18,6 @@ from tests.support.igtl_listener import Listener
 from tests.support.polling import until
 from tools.simulators.whole_cart import SERVER
 
-pytestmark = pytest.mark.alone
-
 TICK_S = 0.05
 """Of the service: within it the board takes what the tick has decided."""
 
@@ -144,6 +142,7 @@ def test_slow_clients_of_the_state_delay_nobody(closed: Cart, state_server: int)
     print(f"late ticks: {closed.status()['counters']['late_ticks'] - before}")
 
 
+@pytest.mark.alone
 def test_the_demo_finds_every_fault_behind_a_server(folder: Path) -> None:  # noqa: F811
     """The real line; the same script as of the demo without a server, which another test runs. Half as fast: a server
     more is more than two slow processors can do.

@@ -15,8 +15,6 @@ from tests.support.polling import until
 from tests.tools.monitoring.test_mqtt import MOSQUITTO, Mosquitto, Program, Reader
 from tools.simulators.whole_cart import Part
 
-pytestmark = pytest.mark.alone
-
 NICE = "/usr/bin/nice"
 
 

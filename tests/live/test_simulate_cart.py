@@ -14,8 +14,6 @@ from drivers.errors import ProbewatchError
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
 
-pytestmark = pytest.mark.alone
-
 Program = subprocess.Popen[str]
 
 
