@@ -24,7 +24,7 @@ setup: $(VENV)/runtime ## probewatch itself, ready to use: .venv/bin/probewatch 
 demo: $(VENV)/runtime ## a simulated cart: real protocol bytes, injected faults, alarm, timeline (under 3 minutes)
 	$(BIN)/probewatch demo
 
-test: $(VENV)/dev ## lint, types, import contracts and the quick test suite (about four minutes on two cores)
+test: $(VENV)/dev ## lint, types, import contracts and the quick test suite (about five minutes on two cores)
 	@$(MAKE) --no-print-directory --jobs=2 lint types contracts quick
 
 ##@ Every change
@@ -61,7 +61,7 @@ release-check: $(VENV)/dev ## everything there is, one part after the other, and
 failures: $(VENV)/dev ## every row of docs/failures.md on a simulated cart in real time (about two minutes)
 	$(BIN)/python -m tests.rules.retried -m "live and not slow" tests/live/test_failures.py
 
-live: $(VENV)/dev ## the service, the demo and every device simulator in real time (half an hour)
+live: $(VENV)/dev ## the service, the demo and every device simulator in real time (a quarter of an hour)
 	$(BIN)/python -m tests.rules.retried -n 3 --dist loadfile -rs --no-fold-skipped -m "live and not slow and not alone"
 	$(BIN)/python -m tests.rules.retried -rs --no-fold-skipped -m "live and not slow and alone"
 
