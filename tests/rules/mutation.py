@@ -306,17 +306,18 @@ def survives(mutant: Mutant, order: Sequence[str], told: int) -> int:
 
 
 def ordered(took_s: Mapping[str, float], noticing: Sequence[str]) -> list[str]:
-    """The tests that noticed a change before come first; then one of each parametrized test, as its others are likely
-    to notice the same; what takes long comes last.
+    """What takes long comes last. Before it the tests that noticed a change, the last one first; then one of each
+    parametrized test, as its others are likely to notice the same.
     """
-    before = [test for test in noticing if test in took_s]
+    recent = {test: place for place, test in enumerate(noticing)}
     of_function = Counter[str]()
-    keys: dict[str, tuple[bool, int, float]] = {}
+    keys: dict[str, tuple[bool, int, int, float, str]] = {}
     for test in sorted(took_s, key=lambda test: (took_s[test], test)):
         function = test.partition("[")[0]
-        keys[test] = took_s[test] > _LONG_S, of_function[function], took_s[test]
+        place = recent.get(test, len(recent))
+        keys[test] = took_s[test] > _LONG_S, place, of_function[function], took_s[test], test
         of_function[function] += 1
-    return before + sorted(keys.keys() - {*before}, key=lambda test: (keys[test], test))
+    return sorted(took_s, key=keys.__getitem__)
 
 
 def survivors(work: Sequence[Mutant], reaches: Reaches, limit_s: int) -> Iterator[Mutant]:

@@ -66,9 +66,10 @@ def test_a_mutant_is_given_to_the_tests_that_run_one_of_its_lines() -> None:
     assert given(None) == given(range(9, 10), frozenset({9})) == {"runs", "runs another"}, "import serves every test"
 
 
-def test_those_that_noticed_come_first_then_one_of_each_kind_then_what_is_short() -> None:
-    took_s = {"a[1]": 0.01, "a[2]": 0.02, "b[1]": 0.03, "b[2]": 0.04, "many": 3.0, "c": 0.05}
-    assert ordered(took_s, ["elsewhere", "c"]) == ["c", "a[1]", "b[1]", "a[2]", "b[2]", "many"]
+def test_those_that_noticed_come_first_then_one_of_each_kind_and_what_takes_long_last() -> None:
+    took_s = {"a[1]": 0.01, "a[2]": 0.02, "b[1]": 0.03, "b[2]": 0.04, "many": 3.0, "more": 4.0, "c": 0.05}
+    expected = ["c", "b[2]", "a[1]", "b[1]", "a[2]", "more", "many"]
+    assert ordered(took_s, ["elsewhere", "more", "c", "b[2]"]) == expected
 
 
 NOTING = """
