@@ -7,6 +7,7 @@ from typing import Any
 from appliance.core.parameters import MEASURED
 from appliance.supervision.languages import told
 from appliance.types import Fault
+from tools.page.wording import with_decimal_commas
 
 NAMES = (Fault.POLARITY.value, *MEASURED)
 """Of the rows, in their order."""
@@ -58,7 +59,7 @@ def _text(name: str, value: float, sigma: float | None, unit: str, limit: float,
 
 def _with_unit(figures: str, unit: str, language: str) -> str:
     """With the decimal sign of the language."""
-    said = figures.replace(".", ",") if language == "de" else figures
+    said = with_decimal_commas(figures) if language == "de" else figures
     return said + ("°" if unit == "deg" else f" {unit}")
 
 

@@ -1,7 +1,7 @@
 """What the alarm log says of the past: the last alarms, and the states of the last hour. Pure."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
@@ -11,6 +11,7 @@ from appliance.types import State
 from drivers.printable import printable
 
 HOUR_S = 3600.0
+"""Past that the page shows, in s. More makes short alarms too thin to be seen. Not varied."""
 _LAST = 12
 """Alarms told: what fits on a tablet beside everything else."""
 UNKNOWN = "unknown"
@@ -34,7 +35,9 @@ class Stretch:
         return {"from_s": self.from_s, **said, "alarm": self.alarm}
 
 
-_NOTHING = Stretch(0.0, UNKNOWN, "", "", alarm=False)
+def _unknown(from_s: float) -> Stretch:
+    """A time in which no service ran, or of which the log says nothing."""
+    return Stretch(from_s, UNKNOWN, "", "", alarm=False)
 
 
 def last_states(entries: Sequence[Entry]) -> list[dict[str, str]]:
@@ -51,12 +54,12 @@ def hour(entries: Sequence[Entry], now_s: float) -> list[dict[str, Any]]:
 
     A wall clock that was set back makes what came before as old as what came after.
     """
-    known = [_NOTHING, *_stretches(entries)]
+    known = [_unknown(0.0), *_stretches(entries)]
     ordered: list[Stretch] = []
     latest_s = now_s
     for stretch in reversed(known):
         latest_s = min(latest_s, stretch.from_s)
-        ordered.append(Stretch(latest_s, stretch.lamp, stretch.state, stretch.reason, stretch.alarm))
+        ordered.append(replace(stretch, from_s=latest_s))
         if latest_s <= now_s - HOUR_S:
             break
     return [stretch.fields() for stretch in reversed(ordered)]
@@ -67,11 +70,11 @@ def _stretches(entries: Sequence[Entry]) -> Iterator[Stretch]:
     before: Entry | None = None
     for entry in entries:
         if entry.event == Event.STARTED and before is not None and before.event != Event.STOPPED:
-            yield Stretch(_seconds(before.utc), UNKNOWN, "", "", alarm=False)
+            yield _unknown(_seconds(before.utc))
         if entry.event == Event.STATE:
             yield _stretch(entry)
         elif entry.event == Event.STOPPED:
-            yield Stretch(_seconds(entry.utc), UNKNOWN, "", "", alarm=False)
+            yield _unknown(_seconds(entry.utc))
         if entry.event != Event.CHAIN_BEGUN:  # of the service that starts
             before = entry
 
