@@ -9,8 +9,7 @@ import pytest
 from appliance.service.control.server import ControlRefused, Peer
 from tests.support.answering import Answers, recorded
 from tests.support.web_page import WebPage
-from tests.tools.page.test_page import asked, event
-from tools.page.token_socket import invitation
+from tests.tools.page.test_page import asked, event, redeemed_key
 
 
 class Granting(Answers):
@@ -44,8 +43,7 @@ def web(service: Granting, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 @pytest.fixture(scope="module")
 def key(web: WebPage) -> dict[str, str]:
-    cookie = asked(web, "POST", "/token", {"token": invitation(web.door)[0]}).headers["set-cookie"]
-    return {"Cookie": cookie.partition(";")[0]}
+    return redeemed_key(web)
 
 
 WHO = f"on the page, with a token of {getpass.getuser()}"

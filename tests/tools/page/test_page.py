@@ -52,6 +52,12 @@ def asked(web: WebPage, method: str, path: str, body: object = None, **headers: 
         link.close()
 
 
+def redeemed_key(web: WebPage) -> dict[str, str]:
+    """Headers of a browser that has redeemed a one-time token."""
+    cookie = asked(web, "POST", "/token", {"token": web.token()}).headers["set-cookie"]
+    return {"Cookie": cookie.partition(";")[0]}
+
+
 def event(web: WebPage, **headers: str) -> dict[str, Any]:
     """The first that a browser is told."""
     link = http.client.HTTPConnection(web.address, timeout=10)

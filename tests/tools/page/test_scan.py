@@ -9,9 +9,8 @@ import pytest
 from tests.support.live_scan import RecalibratingService, Scan
 from tests.support.polling import until
 from tests.support.web_page import WebPage
-from tests.tools.page.test_page import Answer, asked, event
+from tests.tools.page.test_page import Answer, asked, event, redeemed_key
 from tests.tools.recalibration.test_session import truth, wires
-from tools.page.token_socket import invitation
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +30,7 @@ class Browser:
 
     def __init__(self, web: WebPage) -> None:
         self._web = web
-        cookie = asked(web, "POST", "/token", {"token": invitation(web.door)[0]}).headers["set-cookie"]
-        self._key = {"Cookie": cookie.partition(";")[0]}
+        self._key = redeemed_key(web)
 
     def ask(self, what: str, **body: Any) -> Answer:
         return asked(self._web, "POST", f"/recalibration/{what}", body, **self._key)
@@ -128,7 +126,7 @@ def test_a_token_is_good_once_and_guessing_is_soon_over(service: RecalibratingSe
     def redeemed(token: str) -> Answer:
         return asked(web, "POST", "/token", {"token": token})
 
-    state, token = service.state, invitation(web.door)[0]
+    state, token = service.state, web.token()
     assert asked(web, "POST", "/recalibration/begin", BEGIN).status == 403
     wrong = redeemed("AAAA-AAAA")
     assert (wrong.status, "the token is wrong, was used, or is too old" in wrong.json["error"]) == (403, True)
@@ -136,5 +134,5 @@ def test_a_token_is_good_once_and_guessing_is_soon_over(service: RecalibratingSe
     assert redeemed(token).status == 403
     for _ in range(9):
         redeemed("wrong")
-    assert redeemed(invitation(web.door)[0]).status == 429
+    assert redeemed(web.token()).status == 429
     assert service.state == state
