@@ -67,9 +67,10 @@ LEAST_PERCENT = 97.0
 _PATIENCE = 8
 """A mutant that takes so many times as long as the unchanged module hangs, and so has been noticed."""
 _UNCHANGED_S = 600
-"""Of the processor, for the tests on the unchanged modules while it is noted what they reach. Measured: 12 s each."""
+"""Limit in processor seconds of the run that notes which lines the tests reach. Measured: 12 s on each processor."""
 _LONG_S = 0.5
-"""Of a test, while it is noted what it reaches: those of many examples, which take 1 to 12 s, and no other."""
+"""Processor seconds of a test, traced, from which it counts as long: tests of many examples take 1 to 12 s, no other
+takes as much."""
 _QUICKLY = [
     *("-x", "-q", "-m", "not slow and not thorough", "-W", "ignore", "--tb=no", "--assert=plain"),
     *("-p", "no:cacheprovider", "-p", "no:unraisableexception", "-p", "no:threadexception"),
@@ -82,7 +83,7 @@ Change = Callable[[ast.AST], None]
 
 @dataclass(frozen=True)
 class Reaches:
-    """What each test reaches, and what runs before any of them does."""
+    """Lines that each test runs, and lines that run before any test."""
 
     by_test: Mapping[str, Reach]
     at_import: frozenset[Line]
@@ -277,7 +278,7 @@ def _run(work: Callable[[int], int], told: int, limit_s: int) -> NoReturn:
 
 
 def unchanged(modules: Sequence[str]) -> Reaches:
-    """What the tests reach in these modules. SystemExit where one fails."""
+    """Notes which lines of these modules the tests run. Raises SystemExit where a test fails."""
     files, shares = [file_of(module) for module in modules], os.cpu_count() or 1
     forks = [Fork(partial(_noted, Reached(files, share, shares)), _UNCHANGED_S) for share in range(shares)]
     heard = [fork.heard() for fork in forks]
@@ -306,8 +307,9 @@ def survives(mutant: Mutant, order: Sequence[str], told: int) -> int:
 
 
 def ordered(took_s: Mapping[str, float], noticing: Sequence[str]) -> list[str]:
-    """What takes long comes last. Before it the tests that noticed a change, the last one first; then one of each
-    parametrized test, as its others are likely to notice the same.
+    """Returns the tests in the order in which they are tried: first those that noticed an earlier mutant, the latest
+    one first; then one case of each parametrized test, as its other cases are likely to notice the same. Long tests
+    come last, whatever they noticed.
     """
     recent = {test: place for place, test in enumerate(noticing)}
     of_function = Counter[str]()
@@ -321,7 +323,7 @@ def ordered(took_s: Mapping[str, float], noticing: Sequence[str]) -> list[str]:
 
 
 def survivors(work: Sequence[Mutant], reaches: Reaches, limit_s: int) -> Iterator[Mutant]:
-    """Those on which every test passes that they are given to."""
+    """Yields the mutants that no test notices of those that run the changed statement."""
     waiting = list(reversed(work))
     running: dict[int, tuple[Mutant, Fork]] = {}
     noticing: list[str] = []

@@ -16,7 +16,7 @@ Tracer = Callable[[FrameType, str, object], object]
 
 @dataclass(slots=True)
 class Reach:
-    """What one test ran, and how much of the processor it took."""
+    """Lines that one test ran, and the processor time that it took."""
 
     lines: set[Line] = field(default_factory=set)
     took_s: float = 0.0

@@ -37,7 +37,7 @@ def begins(page: Page, wanted: str) -> None:
 
 
 def violations(page: Page) -> list[str]:
-    """What axe-core finds that hinders people, whatever it calls its impact."""
+    """Returns the accessibility faults that axe-core finds, of any impact."""
     page.evaluate(AXE.read_text())
     found = page.evaluate("axe.run().then(done => done.violations)")
     return [f"{one['id']}: {one['nodes'][0]['html'][:120]}" for one in found]

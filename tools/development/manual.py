@@ -78,7 +78,7 @@ def manual(figures: Figures) -> str:
 
 
 def drawings() -> dict[Path, str]:
-    """Those of the gestures, for docs/gesture.md."""
+    """Returns path and content of each gesture's drawing, for docs/gesture.md."""
     found = (drawing(gesture) for gesture in Gesture)
     return {MANUAL.parent / "pictures" / file.name: file.read_text(encoding="utf-8") for file in found}
 

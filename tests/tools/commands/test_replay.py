@@ -209,7 +209,7 @@ def test_timeline_of_a_calibration_fault_goes_up_in_order(session):
 
 
 def test_the_name_of_a_report_behind_json_is_refused_with_what_to_type(session, calibration, tmp_path):
-    """It was a file to be written; a script that is from then is told, and nothing is judged meanwhile."""
+    """`--json FILE` wrote a file in earlier versions: the error says so, and the recording is not judged."""
     report = tmp_path / "report.json"
     report.write_text("old")
     code, out, err = run(session, "--calibration", calibration, "--json", report)

@@ -145,7 +145,7 @@ LOOKS: dict[State, dict[str, Any]] = {
         "since": 3,
     },
 }
-"""What the service tells in each state, beside the words that it makes of it."""
+"""Fields of the status that the service sends in each state; its texts are made from them."""
 CONFIGURATION = """
 video.url = "sim:{folder}/scanner"
 tracker.url = "ndi:{folder}/polaris"
@@ -199,7 +199,7 @@ def hour_of(folder: Path) -> None:
 
 
 class Feed:
-    """Of one picture, again and again; without a reference, which no page asks for."""
+    """Sends one picture again and again, without a reference, which no page asks for."""
 
     def __init__(self, path: Path) -> None:
         self.feed, self.reference = path, None
@@ -400,7 +400,7 @@ def test_every_quantity_has_its_bar_within_its_limit(looked_at: Room) -> None:
 
 
 def test_what_does_not_change_is_not_drawn_again(looked_at: Room) -> None:
-    """A hint stays, and a motion goes on, though the page is told four times a second."""
+    """An open tooltip stays and an animation goes on, though the page gets four events a second."""
     parts = ["#shown tr", "#gestures img", "#devices li", "#alarms li"]
     with looked_at.screen(1280) as page:
         looked_at.enter(State.NOT_VERIFIED, page)

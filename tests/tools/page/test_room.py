@@ -1,4 +1,4 @@
-"""What of the status the page shows, as people read it: headline, bars, devices, gestures."""
+"""The page shows the status as people read it: headline, bars, devices, gestures."""
 
 import json
 from pathlib import Path
