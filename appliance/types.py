@@ -57,6 +57,25 @@ class MotionKind(Enum):
     DECORRELATED = "decorrelated"
 
 
+DRAGS, PRESSES = 1, 2
+"""What tissue may do beside moving as if it were rigid, as bits: its skin drags along with the face; it follows a face
+that presses."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TissuePath:
+    """Path since the chain's first picture by what tissue may do.
+
+    path_px: (4, 2), path_rad: (4,), as of `Motion`, by the bits `DRAGS` and `PRESSES`. drag_px: (4,) lateral way of the
+    skin against what lies deep. tilt_rad: turn by ∂u_y/∂x, which tissue that follows the face shows in part.
+    """
+
+    path_px: Vector
+    path_rad: Vector
+    drag_px: Vector
+    tilt_rad: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
     """One registered picture: A since the keyframe, and the path it continues.
@@ -65,7 +84,8 @@ class Motion:
     u_px: (2,) (column, row) displacement of the tissue at the image centre, px. alpha_rad: in-plane rotation.
     covariance: (3, 3) of (u_x px, u_y px, α rad). correlation: of the registered pictures, -1 … 1.
     chain: number of the unbroken chain of keyframes; path_px, path_rad: (u, α) since the chain's first picture.
-    usable: False where the solver must not see it; reason says why.
+    usable: False where the solver must not see it; reason says why. tissue: the path by what tissue may do,
+    None where it is known to be rigid.
     """
 
     stamp: Stamp
@@ -81,6 +101,7 @@ class Motion:
     path_rad: float
     usable: bool
     reason: str = ""
+    tissue: TissuePath | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,14 +1,16 @@
 """Real-time Tracker: direct registration of a picture against a keyframe.
 
 Inverse-compositional Gauss–Newton (Hager and Belhumeur 1998, the paper's ref. 12) over translation u, in-plane rotation
-α, gain and bias. The rotation acts in millimetres, W(x) = Λ⁻¹ R(α) Λ x + u, because pixels are not square. Everything
-that depends on the keyframe alone is computed once per keyframe. Coordinates are px relative to the image centre.
+α, six terms by which tissue gives way beside that, gain and bias. The rotation acts in millimetres, W(x) = Λ⁻¹ R(α) Λ x
++ u, because pixels are not square. Everything that depends on the keyframe alone is computed once per keyframe.
+Coordinates are px relative to the image centre.
 
 A few points of three sizes of the picture find the way, many of the finest measure. Where the gradient of the keyframe
 is not all there any more, the speckle has changed: then the last steps look at the speckle alone.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import cos, sin
 
@@ -16,9 +18,10 @@ import cv2
 import numpy as np
 
 from appliance.core.registration.points import Fit, Picture, Template
-from appliance.core.registration.pyramid import Bits, Pyramid
+from appliance.core.registration.pyramid import Bits, Level, Pyramid
 from appliance.core.registration.speckle import Speckle, coarse_speckle
 from appliance.core.registration.template import template
+from appliance.types import DRAGS, PRESSES
 from drivers.rigid import Array
 
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
@@ -27,7 +30,7 @@ _STEPS = 15
 """Most steps on a level; a step shorter than `_STEERING` says ends it sooner. More costs time, only where it goes
 astray. Not measured.
 """
-_FINE, _DENSE = 30_000, 80_000
+_FINE, _DENSE = 24_000, 70_000
 _FINE_ACCURATE, _DENSE_ACCURATE = 80_000, 160_000
 """Points that measure: of the finest level, and of its speckle where that has changed. Time grows with them, the error
 falls until noise sets it: `make bench` shows both, of either mode.
@@ -40,6 +43,18 @@ _POLISHED_PX, _POLISHING_STEPS = 0.03, 5
 """A step below which the last descent ends, and most steps of it. The first is below the .05 px that tests ask of a
 registration (tests/appliance/core/registration/test_registration.py); each step costs a pass over all points.
 """
+_NEAR_PX, _NEARER_STEPS = 0.1, 2
+"""A step with all points after which no other is taken, and most others: in rigid tissue there is hardly ever one. Less
+takes more of them; more ends soft tissue short of the place, as the drag of the skin is close to a turn and a shift."""
+_GIVE = np.array([0.02, 0.08, 0.05, 0.05, 0.02, 0.02])
+"""What the terms may be on the way, as shares of half the width (x along x or y) or height. More follows quicker
+presses, and noise where few points are in view; less comes late at the skin, where 1 mm may be 10 px a picture."""
+_DRAG_MM, _DRAG_SHARE = 12.0, 0.25
+"""Depth over which the drag of the skin falls to 1/e, 10 to 15 mm in tissue; and the share of the picture's height that
+stands for it where millimetres are unknown: 12 mm of a picture of 48 mm."""
+_LOOSE_LEVELS = 2
+"""On the way, the finest so many, on which tissue may give way. The coarsest alone goes astray in rigid tissue that has
+turned, but finds quick presses, so it is loose where it is asked to be."""
 _LEAST_MIDDLE = 6
 """Side, px, of what is looked for in the coarsest level: a smaller one is alike everywhere."""
 _ASIDE_PX, _ASIDE_SHARE = 12.0, 0.02
@@ -48,6 +63,25 @@ the picture (`texture`), so nearer a good place has no peak; further, a descent 
 """
 _UNKNOWN = np.diag([1e6, 1e6, 10.0])
 """px², px², rad²: 1000 px and 3 rad are any place and any turn."""
+_GIVEN_IN = np.array([2, 3, 5, 6, 7, 8])
+"""Where in the field tissue that gives way differs from a rigid one."""
+_DRAG = 1
+"""Of the terms, that of the skin's drag."""
+_HELD_PX = 1e-4
+"""Standard deviation of a term that is taken for none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """What a picture shows of the motion of what lies deep, where so much is expected of the tissue.
+
+    u_px: (2,), alpha_rad, covariance (3, 3) of (u_x px, u_y px, α rad). drag_px: of the skin against that, lateral.
+    """
+
+    u_px: Array
+    alpha_rad: float
+    covariance: Array
+    drag_px: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +90,12 @@ class Registration:
 
     correlation: of keyframe and warped picture over the points in view, −1 … 1. peak: how far that exceeds the best
     correlation a little way off in four directions. overlap: share of points in view.
+
+    u and α are those of tissue that does not give way. readings: by what tissue may do, `DRAGS` and `PRESSES`; the
+    first of them is that one again, none where nothing can be said. field: (9,) px, the displacement of all tissue: a₀
+    + a₁ y + a₂ x + a₃ φ(y) along x and b₀ + b₁ x + b₂ y + b₃ y² + b₄ x y along y; x and y are −1 … 1 over the picture,
+    φ is the share of the skin's drag at that depth. tilt_rad: turn by ∂u_y/∂x, which tissue that follows the face shows
+    in part.
     """
 
     u_px: Array
@@ -67,6 +107,9 @@ class Registration:
     overlap: float
     converged: bool
     peak: float = 0.0
+    field: Array = field(default_factory=lambda: np.zeros(9))
+    readings: tuple[Reading, ...] = ()
+    tilt_rad: float = 0.0
 
 
 def warp_matrix(alpha_rad: float, aspect: float) -> Array:
@@ -84,14 +127,24 @@ class Keyframe:
     """The picture others are registered to, with its gradients and normal equations.
 
     mask: (h, w) bool, True where tissue may be seen; None for everywhere. accurate: several times the points, for
-    those who have the time.
+    those who have the time. axial_mm_per_px: of the picture as it came, None where it is unknown.
     """
 
-    def __init__(self, levels: Pyramid, aspect: float, mask: Bits | None = None, accurate: bool = False) -> None:
+    def __init__(
+        self,
+        levels: Pyramid,
+        aspect: float,
+        mask: Bits | None = None,
+        accurate: bool = False,
+        axial_mm_per_px: float | None = None,
+    ) -> None:
         self.aspect = aspect
         self._levels, self._mask, self._accurate = levels, mask, accurate
         self._speckle = Speckle(mask)
         self._centre = (levels.shape[1] - 1) / 2, (levels.shape[0] - 1) / 2
+        half_px = np.maximum(self._centre, 1)
+        self._free = np.square(_GIVE * half_px[[0, 1, 0, 1, 1, 1]])
+        self._fading_px = _DRAG_MM / axial_mm_per_px if axial_mm_per_px else _DRAG_SHARE * levels.shape[0]
         self._fine = self._template(0, _FINE_ACCURATE if accurate else _FINE)
         coarsest = levels.levels[-1]
         self._middle = coarse_speckle(coarsest)[_inner(coarsest.shape)]
@@ -105,9 +158,7 @@ class Keyframe:
     def _dense(self) -> Template | None:
         """Many points of the speckle, for pictures that have changed; worked out when the first one asks for it."""
         most = _DENSE_ACCURATE if self._accurate else _DENSE
-        return template(
-            self._speckle.of(self._levels), self._levels.factor, self._centre, self.aspect, most, self._mask
-        )
+        return self._points(self._speckle.of(self._levels), self._levels.factor, most)
 
     @cached_property
     def _steering(self) -> tuple[tuple[int, Template], ...]:
@@ -117,21 +168,48 @@ class Keyframe:
         return tuple((k, level) for k, level in found if level is not None)
 
     def _template(self, index: int, most: int) -> Template | None:
-        factor = self._levels.factor * 2.0**index
-        return template(self._levels.levels[index], factor, self._centre, self.aspect, most, self._mask)
+        return self._points(self._levels.levels[index], self._levels.factor * 2.0**index, most)
 
-    def register(self, levels: Pyramid, start: tuple[Array, float] | None = None) -> Registration:
+    def _points(self, level: Level, factor: float, most: int) -> Template | None:
+        return template(level, factor, self._centre, self.aspect, self._fading_px, most, self._mask)
+
+    def register(
+        self,
+        levels: Pyramid,
+        start: tuple[Array, float] | Array | None = None,
+        may: int = DRAGS | PRESSES,
+        loose: bool = False,
+    ) -> Registration:
         """Register a picture of the same size, coarse to fine from `start`, or from `guess`. Needs `textured`.
 
-        Raises ValueError where the size is another.
+        start: (u px, α rad), or the field of another registration to this keyframe. may: what tissue may do on the way,
+        as bits; the end is taken from there for all that it may. loose: whether it may do all of it, on the coarsest
+        level as well. Raises ValueError where the size is another.
         """
         if levels.shape != self._levels.shape:
             raise ValueError(f"a picture of {levels.shape} px, but a keyframe of {self._levels.shape}: take another")
-        u, alpha = (self.guess(levels), 0.0) if start is None else start
-        fit = Fit(u[0], u[1], alpha)
-        for k, level in self._steering:
-            level.descend(Picture(levels.levels[k]), fit, _STEPS, _STEERING[k][1])
-        return self._polished(levels, fit)
+        fit = self._begun((self.guess(levels), 0.0) if start is None else start)
+        return self._concluded(levels, self._descended(levels, fit, may, loose))
+
+    def _supposed(self, may: int) -> Array:
+        """(6,) px², the variance of the terms where tissue may do what the bits say, and nothing else."""
+        drag = np.arange(self._free.size) == _DRAG
+        return np.where(np.where(drag, may & DRAGS, may & PRESSES), self._free, _HELD_PX**2)
+
+    def _begun(self, start: tuple[Array, float] | Array) -> Fit:
+        if isinstance(start, tuple):
+            return Fit(start[0][0], start[0][1], start[1])
+        turn = -start[1] / self._centre[1] / self.aspect
+        alpha_rad = float(np.arcsin(np.clip(turn, -1, 1)))
+        give = (start - self._field((start[[0, 4]], alpha_rad), np.zeros(6)))[_GIVEN_IN]
+        return Fit(start[0], start[4], alpha_rad, give=give)
+
+    def _field(self, warp: tuple[Array, float], give: Array) -> Array:
+        (u_x, u_y), (x, y) = warp[0], self._centre
+        M = warp_matrix(warp[1], self.aspect)
+        found = np.array([u_x, M[0, 1] * y, (M[0, 0] - 1) * x, 0, u_y, M[1, 0] * x, (M[1, 1] - 1) * y, 0, 0])
+        found[_GIVEN_IN] += give
+        return found
 
     def guess(self, levels: Pyramid) -> Array:
         """(2,) px: where the middle of the keyframe is seen, found on the coarsest level by trying every place."""
@@ -143,29 +221,73 @@ class Keyframe:
         rows, columns = _inner(coarsest.shape)
         return np.array([column - columns.start, row - rows.start]) * levels.factor * 2.0**levels.coarsest
 
-    def _polished(self, levels: Pyramid, fit: Fit) -> Registration:
-        """One step with all points; where the speckle has changed, which tells less, several with more of them."""
+    def _descended(self, levels: Pyramid, fit: Fit, may: int, loose: bool) -> "_Descended":
+        """A few points find the way, then one step with all points; where the speckle has changed, which tells less,
+        several with more of them.
+        """
         assert self._fine is not None
-        finest, converged = Picture(levels.finest), bool(fit.converged)
-        self._fine.descend(finest, fit, 1, responding=True)
-        if fit.lost or fit.response[2] > _UNCHANGED or self._dense is None:
-            return self._concluded(finest, fit, converged, fit)
-        close = Fit(fit.u_x, fit.u_y, fit.alpha, fit.gain * fit.response[2])
-        speckle = Picture(self._speckle.of(levels))
-        self._dense.descend(speckle, close, _POLISHING_STEPS, _POLISHED_PX, responding=True)
-        fit.u_x, fit.u_y, fit.alpha = close.u_x, close.u_y, close.alpha
-        return self._concluded(finest, fit, converged, close)
+        for left, (k, level) in zip(range(len(self._steering), 0, -1), self._steering, strict=True):
+            fit.stiff[:] = 1 / self._supposed(DRAGS | PRESSES if loose else may if left <= _LOOSE_LEVELS else 0)
+            level.descend(Picture(levels.levels[k]), fit, _STEPS, _STEERING[k][1])
+        converged, last = bool(fit.converged), fit
+        self._fine.descend(Picture(levels.finest), fit, 1, _NEAR_PX, responding=True)
+        if not fit.converged and fit.response[2] > _UNCHANGED:
+            self._fine.descend(Picture(levels.finest), fit, _NEARER_STEPS, _NEAR_PX, responding=True)
+        if not fit.lost and fit.response[2] <= _UNCHANGED and self._dense is not None:
+            gain = fit.gain * fit.response[2]
+            last = Fit(fit.u_x, fit.u_y, fit.alpha, gain, give=fit.give, stiff=fit.stiff)
+            speckle = Picture(self._speckle.of(levels))
+            self._dense.descend(speckle, last, _POLISHING_STEPS, _POLISHED_PX, responding=True)
+        return _Descended(fit, converged, last, self.aspect)
 
-    def _concluded(self, finest: Picture, fit: Fit, converged: bool, last: Fit) -> Registration:
-        """last: the descent that ended it."""
+    def _concluded(self, levels: Pyramid, found: "_Descended") -> Registration:
         assert self._fine is not None
-        u_px, covariance = np.array([fit.u_x, fit.u_y]), last.covariance()
-        if covariance is None:
+        readings = found.readings([self._supposed(may) for may in range(1 + (DRAGS | PRESSES))])
+        fit = found.fit
+        u_px = np.array([fit.u_x, fit.u_y])
+        if not readings:
             return Registration(u_px, fit.alpha, 1.0, 0.0, _UNKNOWN, 0.0, 0.0, False)
-        reach_px = max(_ASIDE_PX, _ASIDE_SHARE * finest.shape[1])
-        (correlation, *aside), overlap = self._fine.correlate(finest, fit, reach_px)
-        peak = correlation - max(aside)
-        return Registration(u_px, fit.alpha, fit.gain, fit.bias, covariance, correlation, overlap, converged, peak)
+        reach_px = max(_ASIDE_PX, _ASIDE_SHARE * levels.finest.shape[1])
+        (correlation, *aside), overlap = self._fine.correlate(Picture(levels.finest), fit, reach_px)
+        field_px = self._field((u_px, fit.alpha), np.array(fit.give))
+        return Registration(
+            readings[0].u_px,
+            readings[0].alpha_rad,
+            fit.gain,
+            fit.bias,
+            readings[0].covariance,
+            correlation,
+            overlap,
+            found.converged,
+            correlation - max(aside),
+            field_px,
+            readings,
+            float(field_px[5] / max(self._centre[0], 1.0) * self.aspect),
+        )
+
+
+class _Descended:
+    """fit: with all points, last: the descent that ended it."""
+
+    def __init__(self, fit: Fit, converged: bool, last: Fit, aspect: float) -> None:
+        self.fit, self.converged, self._last, self._aspect = fit, converged, last, aspect
+
+    def readings(self, supposed: Sequence[Array]) -> tuple[Reading, ...]:
+        """Of the last look, where that is the variance of the terms, (6,) px² each; none where nothing can be said. The
+        fit goes where the last of them puts it.
+        """
+        fit, last = self.fit, self._last
+        together = last.together()
+        read = [self._reading(last.copied(), together, variance) for variance in supposed[:-1]]
+        read.append(self._reading(last, together, supposed[-1]))
+        fit.u_x, fit.u_y, fit.alpha, fit.give = last.u_x, last.u_y, last.alpha, last.give
+        return tuple(reading for reading in read if reading) if all(read) else ()
+
+    def _reading(self, fit: Fit, together: float, variance: Array) -> Reading | None:
+        covariance = fit.drawn(self._aspect, together, variance)
+        if covariance is None:
+            return None
+        return Reading(np.array([fit.u_x, fit.u_y]), fit.alpha, covariance, fit.give[_DRAG])
 
 
 def _inner(shape: tuple[int, ...]) -> tuple[slice, slice]:

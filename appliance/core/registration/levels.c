@@ -2,7 +2,7 @@
 
 #include "compiled.h"
 
-enum { CHUNK = 1024 };
+enum { SPAN = 1024 };
 
 static inline int32_t mirrored(int32_t at, int32_t count) {
     int32_t inside = at < 0 ? 1 : at < count ? at : count - 2;
@@ -15,10 +15,10 @@ static inline void smoothed(const uint8_t *restrict picture, int32_t rows, int32
     const uint8_t *here = picture + (int64_t)row * columns;
     const uint8_t *above = picture + (int64_t)mirrored(row - 1, rows) * columns;
     const uint8_t *below = picture + (int64_t)mirrored(row + 1, rows) * columns;
-    for (int32_t first = 0; first < columns; first += CHUNK) {
-        int32_t count = least(columns - first, CHUNK);
+    for (int32_t first = 0; first < columns; first += SPAN) {
+        int32_t count = least(columns - first, SPAN);
         int32_t left = mirrored(first - 1, columns), right = mirrored(first + count, columns);
-        int16_t vertical[CHUNK + 2];
+        int16_t vertical[SPAN + 2];
         for (int32_t i = 0; i < count; i++)
             vertical[i + 1] = (int16_t)(above[first + i] + here[first + i] + below[first + i]);
         vertical[0] = (int16_t)(above[left] + here[left] + below[left]);
@@ -35,11 +35,11 @@ static inline __attribute__((always_inline)) void halved(const int16_t *restrict
     const int16_t *upper = level + (int64_t)2 * row * columns, *lower = upper + columns;
     const int16_t *above = level + (int64_t)mirrored(2 * row - 1, rows) * columns;
     const int16_t *below = level + (int64_t)mirrored(2 * row + 2, rows) * columns;
-    for (int32_t first = 0; first < columns - 1; first += CHUNK) {
-        int32_t count = least(columns - first, CHUNK), left = mirrored(first - 1, columns);
+    for (int32_t first = 0; first < columns - 1; first += SPAN) {
+        int32_t count = least(columns - first, SPAN), left = mirrored(first - 1, columns);
         int32_t right = mirrored(first + count, columns);
-        uint16_t vertical[CHUNK + 2];
-        union { uint16_t one[CHUNK]; uint32_t two[CHUNK / 2]; } sum; /* pairs, added many at a time */
+        uint16_t vertical[SPAN + 2];
+        union { uint16_t one[SPAN]; uint32_t two[SPAN / 2]; } sum; /* pairs, added many at a time */
         for (int32_t i = 0; i < count; i++)
             vertical[i + 1] = (uint16_t)((1 + smooth) * (upper[first + i] + lower[first + i]) +
                                         smooth * (above[first + i] + below[first + i]));

@@ -2,10 +2,14 @@
 
 #include "compiled.h"
 
-enum { CHUNK = 256, BINS = 512 };
+enum { BINS = 512 };
+
+/* Upright bands in which points are listed, so that a run of neighbours in the list is a cell of the picture, not a
+   strip across it: 6 bands of 8 cells. */
+enum { BANDS = 6 };
 
 /* How many pixels tell what is flat, how many points tell the solver. */
-enum { TOLD = 16384, PREPARED = 2048 };
+enum { TOLD = 16384, PREPARED = 1024 };
 
 /* No grey is steeper. */
 enum { STEEPEST = 1 << 16 };
@@ -34,10 +38,11 @@ static int32_t threshold(const int32_t *counts, double flat_share, int32_t least
     return k > least_steep ? k : least_steep;
 }
 
-/* found: flat indices of every pitch-th pixel that is in the mask (0: all are), edge px or more from the sides, and
-   steeper than the flat rest, which holds flat_share of the gradient energy, as some of the rows tell, and than
-   least_steep greys. Returns how many; found has room for all pixels that are asked for. No number makes it loop for
-   ever or overflow: without a pitch and an edge of at least 1, or of a level beyond 32767 px, it finds nothing. */
+/* found: flat indices, upright band by band, of every pitch-th pixel that is in the mask (0: all are), edge px or more
+   from the sides, and steeper than the flat rest, which holds flat_share of the gradient energy, as some of the rows
+   tell, and than least_steep greys. Returns how many; found has room for all pixels that are asked for. No number makes
+   it loop for ever or overflow: without a pitch and an edge of at least 1, or of a level beyond 32767 px, it finds
+   nothing. */
 int32_t structured(const Level *level, const uint8_t *mask, int32_t pitch, int32_t edge, double flat_share,
                    int32_t least_steep, int32_t *found) {
     if (least(least(pitch, edge), least(level->rows, level->columns)) < 1) return 0;
@@ -54,14 +59,18 @@ int32_t structured(const Level *level, const uint8_t *mask, int32_t pitch, int32
             for (int32_t i = 0; i < some; i++) counts[least(steep[i] / (int32_t)NINTHS, BINS - 1)]++;
         }
     int32_t enough = (threshold(counts, flat_share, least_steep) + 1) * (int32_t)NINTHS;
-    for (int32_t row = edge; row < last_row; row += pitch)
-        for (int32_t column = edge; column < last_column; column += CHUNK * pitch) {
-            int32_t some = at_most(CHUNK, column, last_column, pitch);
-            int32_t at = row * level->columns + column;
-            steepness(level, at, pitch, some, steep);
-            for (int32_t i = 0; i < some; i++, at += pitch) {
-                found[count] = at;
-                count += (steep[i] >= enough) & (!mask || mask[at]);
+    int32_t band = ((last_column - edge) / pitch / BANDS + 1) * pitch;
+    for (int32_t left = edge; left < last_column; left += band)
+        for (int32_t row = edge; row < last_row; row += pitch) {
+            int32_t right = least(left + band, last_column);
+            for (int32_t column = left; column < right; column += CHUNK * pitch) {
+                int32_t some = at_most(CHUNK, column, right, pitch);
+                int32_t at = row * level->columns + column;
+                steepness(level, at, pitch, some, steep);
+                for (int32_t i = 0; i < some; i++, at += pitch) {
+                    found[count] = at;
+                    count += (steep[i] >= enough) & (!mask || mask[at]);
+                }
             }
         }
     return count;
@@ -84,11 +93,20 @@ void describe(const Level *level, const int32_t *chosen, int32_t of, int32_t cou
     }
 }
 
-void normal_matrix(const Template *points, int32_t used, float sum[PARAMETERS][PARAMETERS], Matrix found) {
+void add_products(float J[PARAMETERS][CHUNK], const float *weight, int32_t count, double sum[PARAMETERS][PARAMETERS]) {
+    for (int k = 0; k < PARAMETERS; k++)
+        for (int l = 0; l <= k; l++) {
+            float all = 0;
+            for (int32_t i = 0; i < count; i++) all += weight[i] * J[k][i] * J[l][i];
+            sum[k][l] += (double)all;
+        }
+}
+
+void normal_matrix(const Template *points, int32_t used, double sum[PARAMETERS][PARAMETERS], Matrix found) {
     for (int k = 0; k < PARAMETERS; k++)
         for (int l = 0; l < PARAMETERS; l++) {
-            double unit = (k < 3 ? 0.5 / points->factor : 1) * (l < 3 ? 0.5 / points->factor : 1);
-            found[k][l] = unit * (double)sum[k > l ? k : l][k > l ? l : k] * points->count / used;
+            double unit = (k < GAIN ? 0.5 / points->factor : 1) * (l < GAIN ? 0.5 / points->factor : 1);
+            found[k][l] = unit * sum[k > l ? k : l][k > l ? l : k] * points->count / used;
         }
 }
 
@@ -114,24 +132,29 @@ int32_t invert(Matrix A, Matrix inverse) {
     return 1;
 }
 
-/* Fills in the solver, which some of the points give well enough: it steers, it does not judge; and the energy. */
+/* Fills in normal, which some of the points give well enough: it steers, it does not judge; and energy. */
 void prepare(Template *points) {
     int32_t each = stride(points, PREPARED), used = 0;
-    float sum[PARAMETERS][PARAMETERS] = {{0}}, across = 0, down = 0, turn = 0, J[PARAMETERS];
-    for (int32_t i = 0; i < points->count; i += each, used++) {
-        jacobian(points, i, J);
-        for (int k = 0; k < PARAMETERS; k++)
-            for (int l = 0; l <= k; l++) sum[k][l] += J[k] * J[l];
+    float J[PARAMETERS][CHUNK], one[CHUNK];
+    double sum[PARAMETERS][PARAMETERS] = {{0}}, unit = 0.25 / (points->factor * points->factor);
+    double energy[ENERGIES] = {0, 0, points->count};
+    for (int32_t i = 0; i < CHUNK; i++) one[i] = 1;
+    for (int32_t first = 0; first < points->count; first += CHUNK * each) {
+        int32_t count = at_most(CHUNK, first, points->count, each);
+        jacobians(points, first, each, count, J);
+        add_products(J, one, count, sum);
+        used += count;
     }
-    for (int32_t i = 0; i < points->count; i++) {
-        jacobian(points, i, J);
-        across += J[0] * J[0], down += J[1] * J[1], turn += J[2] * J[2];
+    for (int32_t first = 0; first < points->count; first += CHUNK) {
+        int32_t last = least(first + CHUNK, points->count);
+        float across = 0, down = 0;
+        for (int32_t i = first; i < last; i++) {
+            float right = points->across[i], below = points->down[i];
+            across += right * right, down += below * below;
+        }
+        energy[0] += unit * (double)across, energy[1] += unit * (double)down;
     }
-    Matrix normal;
-    double unit = 0.25 / (points->factor * points->factor);
-    normal_matrix(points, used, sum, normal);
-    for (int k = 0; k < PARAMETERS; k++) normal[k][k] += 1e-9 * normal[k][k] + 1e-9;
-    invert(normal, points->solver);
-    double energy[] = {unit * (double)across, unit * (double)down, unit * (double)turn, points->count};
-    for (int k = 0; k < 4; k++) points->energy[k] = energy[k] > 1e-9 ? energy[k] : 1e-9;
+    normal_matrix(points, used, sum, points->normal);
+    for (int k = 0; k < PARAMETERS; k++) points->normal[k][k] += 1e-9 * points->normal[k][k] + 1e-9;
+    for (int k = 0; k < ENERGIES; k++) points->energy[k] = energy[k] > 1e-9 ? energy[k] : 1e-9;
 }

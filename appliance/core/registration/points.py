@@ -1,6 +1,7 @@
 """What registration does to every point of a keyframe, `points.c` and `descent.c`, for NumPy's arrays."""
 
 import ctypes
+from collections.abc import Sequence
 from ctypes import POINTER, c_double, c_float, c_int32, c_void_p, sizeof
 
 import numpy as np
@@ -12,7 +13,9 @@ from drivers.rigid import Array
 
 _PARTS = 5
 """Rows of `Picture.described`."""
-_PARAMETERS, _STRIPS, _SUMS, _LOOKS, *_SIZES = LAYOUT
+_PARAMETERS, _CELLS, _SUMS, _LOOKS, *_SIZES = LAYOUT
+_GIVES, _MOVES, _ENERGIES = 6, 9, 3
+"""As in compiled.h: terms, motions with them, and sums of squares of the gradient."""
 _MOST_SIDE = np.iinfo(np.int16).max
 
 
@@ -61,64 +64,100 @@ class Picture(ctypes.Structure):
 class Fit(ctypes.Structure):
     """State of a descent.
 
-    u_x, u_y: px, alpha: rad, gain and bias of the greys. response: share of the keyframe's gradient across, down and
-    around that is still there, of what the gain leaves of it. lost: too little was in view.
+    u_x, u_y: px, alpha: rad, gain and bias of the greys. give: (6,) px by which tissue gives way beside that, as
+    `keyframe.Registration` says. stiff: (6,) px⁻², 1 ÷ the variance that is expected of each. response: share of the
+    keyframe's gradient across, down and around that is still there, of what the gain leaves of it. lost: too little was
+    in view.
     """
 
     _fields_ = (
-        *((name, c_double) for name in ("u_x", "u_y", "alpha", "gain", "bias")),
+        *((name, c_double) for name in ("u_x", "u_y", "alpha")),
+        ("give", c_double * _GIVES),
+        *((name, c_double) for name in ("gain", "bias")),
+        ("stiff", c_double * _GIVES),
         ("response", c_double * 3),
+        ("step", c_double * _MOVES),
         ("converged", c_int32),
         ("lost", c_int32),
         ("inverse_cutoff", c_float),
-        ("sums", c_float * _SUMS * _STRIPS),
+        ("sums", c_float * _SUMS * _CELLS),
+        ("normal", c_double * _PARAMETERS * _PARAMETERS),
         ("curvature", c_double * _PARAMETERS * _PARAMETERS),
     )
 
-    def __init__(self, u_x: float, u_y: float, alpha: float, gain: float = 1.0, bias: float = 0.0) -> None:
-        super().__init__(u_x, u_y, alpha, gain, bias, (1.0, 1.0, 1.0))
+    def __init__(
+        self,
+        u_x: float,
+        u_y: float,
+        alpha: float,
+        gain: float = 1.0,
+        bias: float = 0.0,
+        give: Sequence[float] = (0.0,) * _GIVES,
+        stiff: Sequence[float] = (0.0,) * _GIVES,
+    ) -> None:
+        super().__init__(u_x, u_y, alpha, tuple(give), gain, bias, tuple(stiff), (1.0, 1.0, 1.0))
 
-    def covariance(self) -> Array | None:
-        """(3, 3) of u_x, u_y px, α rad, after a descent that was responding; None where it was lost, or nothing can be
-        said."""
-        found = np.empty((3, 3))
-        return found if _covariance(self, found.ctypes.data) else None
+    def together(self) -> float:
+        """How much less neighbouring points tell than as many that know nothing of one another, in units of what the
+        residual answers; after a descent that was responding. −1 where it was lost, or nothing can be said."""
+        return float(_together(self))
+
+    def copied(self) -> "Fit":
+        """The same, to go on from by itself."""
+        return Fit.from_buffer_copy(self)
+
+    def drawn(self, aspect: float, together: float, expected: Array) -> Array | None:
+        """Takes the last step anew, with (6,) px², the variance that is expected of the terms.
+
+        Returns the covariance (3, 3) of u_x, u_y px, α rad: H⁻¹ S H⁻ᵀ, the sandwich of an M-estimate (Huber 1967), H
+        the curvature with what is expected, S from how much cells of the picture disagree. Neighbouring pixels of
+        speckle and what decorrelates with them count once, whatever their number; and a picture in which only a part of
+        the keyframe's contrast is left tells as much less. To it comes what the terms may be by what is expected of
+        them. None where it is no number.
+        """
+        found = (c_double * 9)()
+        drawn = _draw(self, aspect, together, np.ascontiguousarray(expected, float).ctypes.data, found)
+        return np.array(found).reshape(3, 3) if drawn else None
 
 
 class Template(ctypes.Structure):
-    """Points of one pyramid level, top to bottom, with what a descent needs of them.
+    """Points of one pyramid level with what a descent needs of them.
 
     parts: (5, n) as `Picture.described`, n > 0. factor: px of the full picture per px of the level. centre: column and
-    row, px, of the middle of the picture. aspect: λ_axial ÷ λ_lateral.
+    row, px, of the middle of the picture. aspect: λ_axial ÷ λ_lateral. fading: px of depth, > 0, over which the drag of
+    the skin falls to 1/e.
     """
 
     _fields_ = (
         *((name, c_void_p) for name in ("_column", "_row", "_across", "_down", "_grey")),
         ("count", c_int32),
-        *((name, c_double) for name in ("factor", "centre_x", "centre_y", "aspect")),
-        ("energy", c_double * 4),
-        ("solver", c_double * _PARAMETERS * _PARAMETERS),
+        *((name, c_double) for name in ("factor", "centre_x", "centre_y", "aspect", "fading")),
+        ("energy", c_double * _ENERGIES),
+        ("normal", c_double * _PARAMETERS * _PARAMETERS),
     )
 
-    def __init__(self, parts: NDArray[np.int16], factor: float, centre: tuple[float, float], aspect: float) -> None:
+    def __init__(
+        self, parts: NDArray[np.int16], factor: float, centre: tuple[float, float], aspect: float, fading: float
+    ) -> None:
         self._parts = np.ascontiguousarray(parts, np.int16)
         assert self._parts.shape[0] == _PARTS
         assert self._parts.shape[1] > 0
         start, apart = self._parts.ctypes.data, self._parts.strides[0]
-        super().__init__(*(start + k * apart for k in range(_PARTS)), self._parts.shape[1], factor, *centre, aspect)
+        places = (start + k * apart for k in range(_PARTS))
+        super().__init__(*places, self._parts.shape[1], factor, *centre, aspect, fading)
         _prepare(self)
 
     def thinned(self, most: int) -> "Template":
         """The same with about `most` of the points."""
-        each = max(self.count // most, 1)
-        return Template(self._parts[:, ::each], self.factor, (self.centre_x, self.centre_y), self.aspect)
+        parts = self._parts[:, :: max(self.count // most, 1)]
+        return Template(parts, self.factor, (self.centre_x, self.centre_y), self.aspect, self.fading)
 
     def descend(
         self, picture: Picture, fit: Fit, most_steps: int, enough_px: float = 0.0, responding: bool = False
     ) -> None:
         """So many steps, or until one is shorter than enough_px, which is called converged, or the fit is lost.
 
-        responding: after each step see how much of the gradient is left; the next steps and the covariance need it.
+        responding: after each step see how much of the gradient is left; the next steps and the conclusion need it.
         """
         _descend(self, picture, fit, most_steps, enough_px, responding)
 
@@ -137,7 +176,8 @@ _seen = POINTER(Template), POINTER(Picture), POINTER(Fit)
 _descend = declared("descend", *_seen, c_int32, c_double, c_int32)
 _correlate = declared("correlate", *_seen, c_double, c_void_p, result=c_double)
 _prepare = declared("prepare", POINTER(Template))
-_covariance = declared("covariance", POINTER(Fit), c_void_p, result=c_int32)
+_together = declared("together", POINTER(Fit), result=c_double)
+_draw = declared("draw", POINTER(Fit), c_double, c_double, c_void_p, c_void_p, result=c_int32)
 _structured = declared(
     "structured", POINTER(Picture), c_void_p, c_int32, c_int32, c_double, c_int32, c_void_p, result=c_int32
 )

@@ -7,6 +7,7 @@ import numpy as np
 from appliance.core.registration.keyframe import Keyframe, Registration, compose
 from appliance.core.registration.overlay import OverlayMask
 from appliance.core.registration.pyramid import Bits, Pyramid, pyramid
+from appliance.types import DRAGS, PRESSES, TissuePath
 from drivers.rigid import Array
 from drivers.samples import GreyImage
 
@@ -31,9 +32,15 @@ _TURNS_RAD = (0.06, -0.06)
 registration. Not measured.
 """
 
+_GAINED = 0.02
+"""Likeness by which such a registration must exceed an acceptable one. More keeps one that is too stiff or went astray;
+less takes a looser one, which errs more, for a better one. Not varied by itself."""
+
 Warp = tuple[Array, float]
 _REST: Warp = (np.zeros(2), 0.0)
 """No way and no turn."""
+START = TissuePath(np.zeros((4, 2)), np.zeros(4), np.zeros(4), 0.0)
+"""Of the first picture of a chain."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +49,8 @@ class Tracked:
 
     registration: against the keyframe, None where the picture starts a chain. path: (u px, α rad) against the first
     picture of the chain. step: (u px, α rad) against the picture before, None at the start of a chain.
-    chain: number of the chain; it grows by one wherever the picture was lost. reason: why it was lost.
+    chain: number of the chain; it grows by one wherever the picture was lost. reason: why it was lost. tissue: the path
+    by what tissue may do.
     """
 
     chain: int
@@ -51,20 +59,26 @@ class Tracked:
     path: Warp
     step: Warp | None
     reason: str = ""
+    tissue: TissuePath = START
 
 
 class RealTimeTracker:
-    """Registers each picture to the keyframe; aspect = λ_axial ÷ λ_lateral."""
+    """Registers each picture to the keyframe; aspect = λ_axial ÷ λ_lateral, axial_mm_per_px None where unknown.
 
-    def __init__(self, aspect: float) -> None:
-        self._aspect = aspect
+    may: what the tissue may do, as bits, by the motion so far. What it is known not to do makes registration sharper.
+    """
+
+    def __init__(self, aspect: float, axial_mm_per_px: float | None = None) -> None:
+        self._aspect, self._axial_mm_per_px = aspect, axial_mm_per_px
+        self._along = self._keyframe_along = START
+        self.may = DRAGS | PRESSES
         self._overlay = OverlayMask()
         self._shape: tuple[int, int] | None = None
         self._keyframe: Keyframe | None = None
         self._keyframe_sequence = 0
         self._keyframe_path = _REST
         self._before: tuple[Pyramid, int, Warp] | None = None
-        self._warm = _REST
+        self._warm: Warp | Array = _REST
         self._chain = 0
         self._anchor: tuple[Keyframe, int, Warp] | None = None
 
@@ -99,7 +113,7 @@ class RealTimeTracker:
         """The latest picture is kept as anchor: a second keyframe, which no motion renews."""
         if self._before is not None:
             levels, _, path = self._before
-            self._anchor = (Keyframe(levels, self._aspect, self._overlay.mask), self._chain, path)
+            self._anchor = (self._keyframe_of(levels), self._chain, path)
 
     def against_anchor(self) -> Registration | None:
         """The latest picture against the anchor; None where there is none, or the two are not alike."""
@@ -109,7 +123,7 @@ class RealTimeTracker:
         if not anchor.textured:
             return None
         start = self._between(path, self._before[2]) if chain == self._chain else _REST
-        found = anchor.register(self._before[0], start)
+        found = anchor.register(self._before[0], start, self.may)
         return found if acceptable(found) else None
 
     def restart(self) -> None:
@@ -128,37 +142,58 @@ class RealTimeTracker:
             found = self._search(self._keyframe, levels) if self._keyframe.textured else found
         if not acceptable(found):
             return self._start(levels, sequence, "picture no longer matches the keyframe")
-        self._warm = (found.u_px, found.alpha_rad)
-        path = compose(self._keyframe_path, self._warm, self._aspect)
+        self._warm = found.field
+        path = compose(self._keyframe_path, (found.u_px, found.alpha_rad), self._aspect)
         step = self._between(self._before[2], path)
-        return Tracked(self._chain, self._keyframe_sequence, found, path, step)
+        self._along = self._continued(found)
+        return Tracked(self._chain, self._keyframe_sequence, found, path, step, tissue=self._along)
+
+    def _continued(self, found: Registration) -> TissuePath:
+        before = self._keyframe_along
+        ways = zip(before.path_px, before.path_rad, found.readings, strict=True)
+        path = [compose((u_px, alpha), (then.u_px, then.alpha_rad), self._aspect) for u_px, alpha, then in ways]
+        return TissuePath(
+            np.array([u_px for u_px, _ in path]),
+            np.array([alpha for _, alpha in path]),
+            before.drag_px + [reading.drag_px for reading in found.readings],
+            before.tilt_rad + found.tilt_rad,
+        )
 
     def _between(self, before: Warp, path: Warp) -> Warp:
         turned, _ = compose(before, (np.zeros(2), path[1] - before[1]), self._aspect)
         return path[0] - turned, path[1] - before[1]
 
     def _search(self, keyframe: Keyframe, levels: Pyramid) -> Registration:
-        """Warm start first; where that does not convince, wherever the keyframe's middle is seen, turned as well."""
-        best = keyframe.register(levels, self._warm)
+        """Warm start first; where that does not convince, wherever the keyframe's middle is seen, turned as well, in
+        tissue that may have given way by much."""
+        best = keyframe.register(levels, self._warm, self.may)
         if likeness(best) >= _GOOD_CORRELATION:
             return best
         place = keyframe.guess(levels)
         for turn_rad in (0.0, *_TURNS_RAD):
-            best = max(best, keyframe.register(levels, (place, turn_rad)), key=likeness)
+            lost = not acceptable(best)
+            found = keyframe.register(levels, (place, turn_rad), loose=True)
+            if likeness(found) > likeness(best) + (0.0 if lost else _GAINED):
+                best = found
             if acceptable(best):
                 break
         return best
 
     def _start(self, levels: Pyramid, sequence: int, reason: str) -> Tracked:
         self._chain += 1
+        self._along = START
         self._take_keyframe(levels, sequence, _REST)
         return Tracked(self._chain, sequence, None, _REST, None, reason)
 
     def _take_keyframe(self, levels: Pyramid, sequence: int, path: Warp) -> None:
-        self._keyframe = Keyframe(levels, self._aspect, self._overlay.mask)
+        self._keyframe = self._keyframe_of(levels)
         self._keyframe_sequence = sequence
         self._keyframe_path = path
+        self._keyframe_along = self._along
         self._warm = _REST
+
+    def _keyframe_of(self, levels: Pyramid) -> Keyframe:
+        return Keyframe(levels, self._aspect, self._overlay.mask, axial_mm_per_px=self._axial_mm_per_px)
 
 
 def acceptable(found: Registration) -> bool:

@@ -20,11 +20,18 @@ _SPARE = 1.2
 
 
 def template(
-    level: Level, factor: float, centre: tuple[float, float], aspect: float, most: int, mask: Bits | None
+    level: Level,
+    factor: float,
+    centre: tuple[float, float],
+    aspect: float,
+    fading: float,
+    most: int,
+    mask: Bits | None,
 ) -> Template | None:
     """About `most` points of a level, spread evenly over what has structure; None where there is too little of it.
 
     Evenly, not the steepest: in speckle the steepest are the edges of nulls. mask: (h, w) of the full picture.
+    fading: px of depth over which the drag of the skin falls to 1/e.
     """
     if min(level.shape) < 2 * _EDGE_PX + 1:
         return None
@@ -36,4 +43,4 @@ def template(
         chosen = picture.structured(mask, 1, _EDGE_PX, _FLAT_SHARE, _LEAST_STEP)
     if chosen.size < _LEAST_POINTS:
         return None
-    return Template(picture.described(chosen, most), factor, centre, aspect)
+    return Template(picture.described(chosen, most), factor, centre, aspect, fading)
