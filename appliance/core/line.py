@@ -84,7 +84,7 @@ class Line:
         self._frame_gate, self._pose_gate = StampGate(), StampGate()
         self._pairing = Pairing()
         aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
-        self._tracker = RealTimeTracker(aspect)
+        self._tracker = RealTimeTracker(aspect, float(reference.scale_mm_per_px[1]))
         self._evidence = Evidence(reference, limits, PathWindow(reference))
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
         self._picture_chain = PictureChain(limits, reference, lambda: self._tracker.mask, _GAP_NS)
@@ -153,6 +153,7 @@ class Line:
             latency=next((check for check in verdict.checks if check.name == "latency"), None),
             estimate=self._evidence.estimate,
             motions=self._evidence.motions,
+            follow=self._evidence.follow,
             second_opinion=self._evidence.second_opinion(),
             checks=verdict.checks,
             verdict=verdict,
@@ -269,6 +270,7 @@ class Line:
 
     def _watch(self, item: StampedPair | Unpaired) -> None:
         frame = item.frame
+        self._tracker.may = self._evidence.tissue
         tracked = self._tracker.step(frame.image, frame.sequence)
         seen = self._observed(item, tracked)
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None

@@ -103,6 +103,7 @@ def analyse(tracked: Tracked, pair: StampedPair, calibration: Calibration, keyfr
         path_rad=tracked.path[1],
         usable=usable,
         reason="" if usable else tracked.reason or kind.value,
+        tissue=tracked.tissue,
     )
 
 

@@ -1,5 +1,6 @@
 """Paths of a probe as a solver sees them, made without pictures: truth in closed form, noise seeded."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,9 +61,15 @@ def picture_path(truth: Calibration, pictures: Array) -> tuple[Array, Array]:
 
 
 def samples(
-    path, frames: int, seed: int, noise: Noise, truth: Calibration = TRUTH, start_s: float = 0.0
-) -> PathSamples:  # type: ignore[no-untyped-def]
-    """What the solver would be given for `frames` pictures on `path`."""
+    path: Callable[[Array], Array],
+    frames: int,
+    seed: int,
+    noise: Noise,
+    truth: Calibration = TRUTH,
+    start_s: float = 0.0,
+    rigid_tissue: bool = True,
+) -> PathSamples:
+    """What the solver would be given for `frames` pictures on `path`. rigid_tissue: whether it knows that it is."""
     random = np.random.default_rng(seed)
     t_s = start_s + np.arange(frames) / _FPS
     u_px, alpha = picture_path(truth, path(t_s))
@@ -70,7 +77,7 @@ def samples(
     wander = _wander(frames, random, noise)
     around = [_measured(path(t_s + shift) @ wander @ X, random, noise) for shift in (0.0, -_APART_S / 2, _APART_S / 2)]
     u_px = u_px + random.normal(0, noise.picture_px, u_px.shape)
-    return PathSamples(t_s, np.zeros(frames, dtype=np.int64), u_px, alpha, *around, _APART_S)
+    return PathSamples(t_s, np.zeros(frames, dtype=np.int64), u_px, alpha, *around, _APART_S, rigid=rigid_tissue)
 
 
 def _wander(frames: int, random: np.random.Generator, noise: Noise) -> Array:

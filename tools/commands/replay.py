@@ -308,6 +308,9 @@ def _print(outcome: _Outcome, subject: Subject) -> None:
         click.echo(f"  {number} poses cannot be used: {reason}")
     Console(file=sys.stdout, highlight=False).print(_table(report), crop=False)
     click.echo(f"{report.motions} motions of the probe went into the estimate")
+    if report.follow is not None and report.follow.gives_way:
+        share, sigma = 100 * report.follow.share, 100 * report.follow.sigma
+        click.echo(f"the tissue gives way: it follows the probe's face by {share:.0f} ± {sigma:.0f} %")
     if report.second_opinion is not None:
         click.echo(_second_opinion(report.second_opinion))
     _print_states(outcome)

@@ -29,7 +29,7 @@ def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check
 
 
 def dragged(travel_mm: Array) -> frozenset[str]:
-    """Names of the scales along axes of which the probe covered too little. travel_mm: (2,) lateral and axial."""
+    """Names of the scales along axes of which the probe covered too little. travel_mm: (2,) as of `Solution`."""
     ways = zip(PARAMETERS[SCALE], travel_mm, strict=True)
     return frozenset(name for name, way_mm in ways if way_mm < LEAST_TRAVEL_MM)
 

@@ -135,13 +135,17 @@ class Blocks:
             left[..., own] -= values[..., own].mean(axis=-1, keepdims=True)
         return left
 
+    def steps(self, path: Array, lag: int) -> Array:
+        """(k,) of a path (m,), over so many blocks within one chain."""
+        same = self.chain[lag:] == self.chain[:-lag]
+        return np.asarray((path[lag:] - path[:-lag])[same])
+
     def agreement(self, seen_mm: Array, missed_mm: Array, lag_s: float = AGREEMENT_LAG_S) -> float:
         """Correlation of a measured path (m,) with the predicted, of which it differs by what was missed, over lag_s;
         NaN where the probe has not moved, or for less than that.
         """
         lag = max(1, round(lag_s / max(float(np.median(np.diff(self.t_s))), 1e-3)))
-        same = self.chain[lag:] == self.chain[:-lag]
-        moved, missed = ((path[lag:] - path[:-lag])[same] for path in (seen_mm, missed_mm))
+        moved, missed = self.steps(seen_mm, lag), self.steps(missed_mm, lag)
         if len(moved) <= 2 or moved.std() <= _LEAST_MOVED_MM:
             return float("nan")
         return float(np.corrcoef(moved, moved - missed)[0, 1])
@@ -326,13 +330,17 @@ class LearnedNoise:
     by the MM algorithm (Zhou, Hu, Zhou and Lange 2019), which never leaves the positive.
     """
 
-    def __init__(self, blocks: Blocks, parts: Array, noise: Noise) -> None:
-        """parts: (PARTS, m, m) of the blocks."""
+    def __init__(self, blocks: Blocks, parts: Array, noise: Noise, given: Array | None = None) -> None:
+        """parts: (PARTS, m, m) of the blocks. given: (k, m, m) covariance of the first k rows besides, whatever is
+        learned.
+        """
         self._parts = [parts] * len(noise.variances)
         self._blocks = blocks
         positions = np.isin(np.arange(len(noise.variances)), POSITIONS)
         self._floors = np.where(positions[:, None], POSITION_FLOORS, ANGLE_FLOORS)
         self._offsets = [blocks.same * np.square(_OFFSET_MM if is_mm else _OFFSET_RAD) for is_mm in positions]
+        for k, known in enumerate(() if given is None else given):
+            self._offsets[k] = self._offsets[k] + known
         self._left_open: dict[int, Array] = {}
         self._unfollowed: dict[int, Array] = {}
         self.noise = replace(noise, variances=np.maximum(noise.variances, self._floors))
@@ -342,10 +350,10 @@ class LearnedNoise:
         return Whitener(self._parts[k], self._offsets[k], self.noise.variances[k], self._left_open.get(k))
 
     def learn(self, residual: Array, J: Array, covariance: Array) -> None:
-        """residual: (rows, m) at the estimate, free of outliers. J: (rows, 9, m). Where breaths are followed, only
+        """residual: (rows, m) at the estimate, free of outliers. J: (rows, p, m). Where breaths are followed, only
         those rows learn, in longer steps: their variances fall far at first.
 
-        covariance: (9, 9) of θ, by the noise as it is.
+        covariance: (p, p) of θ, by the noise as it is.
         """
         variances, power = self.noise.variances.copy(), 1.0 if self._left_open else 0.5
         learning = list(self._left_open or range(len(self.rows)))

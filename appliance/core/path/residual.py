@@ -1,5 +1,9 @@
 """Residual of the two paths: measured minus predicted, in the axes of each chain's first picture.
 
+Tissue follows the face that presses it, by a share that the motion tells as it tells the calibration, along the normal
+of the skin (docs/method.md, section 7). The axial scale comes from the turn: the picture's is seen as a shear, which no
+press changes, and measures the ratio of the scales.
+
 The path is linear in columns that the samples alone tell, with coefficients that the parameters alone set. So what
 costs time in proportion to the pictures is done once for all iterations, and blocks of pictures are averaged before.
 """
@@ -13,28 +17,55 @@ from appliance.core.path.steps import picture_steps, products_and_slopes
 from appliance.types import Calibration
 from drivers.rigid import Array, ComplexArray, rotation_from_vector
 
-ROTATION, SCALE, OFFSET, TAU = slice(0, 3), slice(3, 5), slice(5, 8), 8
-"""Of θ (9,): change of the reference in the order of PARAMETERS, and the latency, s."""
-VALUE = 9
+ROTATION, SCALE, OFFSET, TAU, FOLLOW, TILT = slice(0, 3), slice(3, 5), slice(5, 8), 8, 9, slice(10, 12)
+"""Of θ (12,): change of the reference in the order of PARAMETERS, the latency, s, and of the tissue, beside what was
+reckoned with: the share by which it follows the face, and the tilt, rad, of the skin's normal against the axis of the
+window's first picture, in its plane and out of it."""
+NOTHING = np.zeros(12)
+"""θ of the reference over tissue as it was reckoned with."""
+VALUE = 12
 """Of `PathResidual.linear`: the residual itself, behind its derivatives by θ."""
 _OF_X = np.array([0, 1, 2, 5, 6, 7, VALUE])
 """Rotation, offset and value: what `products_and_slopes` is of."""
-_OF_REST = np.zeros((10, 4))
+_OF_REST = np.zeros((VALUE + 1, 4))
 """Coefficients of the two measured axes, of the rate and of the measured turn, but for their values."""
 _OF_REST[[3, 4, TAU], [0, 1, 2]] = 1.0, 1.0, -1.0
+_MOST_FOLLOWED = 0.97
+"""Share by which tissue is reckoned to follow at most: 1 would leave nothing of a press to tell a mirrored axis by."""
+_FOLLOW_SD, _TILT_SD_RAD = 0.5, 0.12
+"""Standard deviation of the share and of the tilt before any motion is seen: any share there is, and a hand's rock of
+7°. Less holds tissue to the first estimate, more of a tilt asks for more motion to show the rotation about elevational.
+Not varied.
+"""
+_DOUBTED = 0.5
+"""Of that standard deviation, relative to what is left to show of a press, where polarities are weighed. More hides an
+axis that is mirrored; less holds tissue to a first estimate that breathing may have drawn. Not varied."""
+_MOST_TISSUE = np.array([1.2, 0.4, 0.4])
+"""Share and tilts, rad, that are fitted at most: all of it, and as far as a probe is rocked, but for noise."""
+_FOLLOW_BLOCKS = 3
+"""Whose steps tell what share is reckoned with at first: a third of a second or more, in which a hand moves and a
+breath hardly does."""
 LEAST_TRAVEL_MM = 1.0
 """Of the probe along an axis, below which nothing is concluded of its scale: skin drags along with the probe, which no
 simulation here shows. A hand that holds still covers .8 mm axially, a fan 1.2 mm (seed 1 of `probewatch study`).
 """
 
+_TINY = 1e-6
+"""Instead of zero where something is known."""
+
 Columns = list[Array | ComplexArray]
 
 
 class PathResidual:
-    """Of the kept pictures of the samples, n, in m blocks."""
+    """Of the kept pictures of the samples, n, in m blocks.
+
+    rigid: whether the tissue does not give way, as the samples show, or as the motion is known to be planar, which is a
+    phantom's; then a press tells the axial scale. follow, tilt: of the tissue, as it is reckoned with, in units of θ.
+    """
 
     def __init__(self, samples: PathSamples, reference: Calibration, planar: bool) -> None:
         self._samples, self._reference, self._planar = samples, reference, planar
+        self.rigid = planar or samples.rigid
         self._latest: tuple[bytes, Array] | None = None
         self.blocks = samples.blocks
         lateral, axial = reference.polarity
@@ -44,6 +75,7 @@ class PathResidual:
         seen = self._unturn * np.stack([x_mm, 1j * y_mm])
         moved, turn = samples.steps.moved, samples.steps.turn
         rate = np.zeros((1, len(self.blocks)))
+        self.follow, self.tilt = 0.0, np.zeros(2)
         along = self._path(moved)
         self._positions: Columns = [
             np.concatenate([self._path(self._unturn * moved), self.blocks.means(seen), rate]),
@@ -54,9 +86,13 @@ class PathResidual:
         self._angles: Columns = [np.concatenate([turned, rate, self.blocks.means(alpha[None])])]
         if planar:
             self._angles += [np.concatenate([turned, rate]) for _ in range(2)]
-        lever, _ = products_and_slopes(*self._moved_to(np.zeros(9)))
+        lever, _ = products_and_slopes(*self._moved_to(NOTHING))
         self.elevation_mm = np.asarray(self.blocks.means(np.cumsum(lever[-1, 2] @ moved)))
         """(m,) way of the picture's middle out of its plane, by the tracker and the reference."""
+        if not self.rigid:
+            followed = self.seen(NOTHING)[1] - self.way_mm[1]
+            steps = (self.blocks.steps(path, _FOLLOW_BLOCKS) for path in (self.pressed_mm, followed))
+            self.reckon(_slope(*steps), np.zeros(2))
 
     @classmethod
     def of(cls, samples: PathSamples, reference: Calibration, planar: bool = False) -> "PathResidual":
@@ -67,8 +103,78 @@ class PathResidual:
         residual: PathResidual | None = samples.made.get(key)
         if residual is None:
             residual = samples.made[key] = cls(samples, reference, planar)
-            residual.linearise_latency(np.zeros(9))
+            residual.linearise_latency(NOTHING)
         return residual
+
+    @property
+    def tissue_sd(self) -> Array:
+        """(3,) of FOLLOW and TILT before any motion is seen."""
+        if self.rigid:
+            return np.full(3, _TINY)
+        return np.array([_FOLLOW_SD, _TILT_SD_RAD, _TILT_SD_RAD])
+
+    @property
+    def given(self) -> Array:
+        """(2, m, m) mm² of the lateral and axial row: what tissue leaves open where it is not solved for. What a press
+        shows keeps its sign, or an axis that is mirrored would be tissue.
+        """
+        sd = self.tissue_sd * (_DOUBTED * (1 - self.follow), 1.0, 1.0)
+        _, slopes = self._following(np.append(self.follow, self.tilt))
+        slopes *= sd[:, None, None]
+        return np.asarray(np.einsum("pki,pkj->kij", slopes, slopes))
+
+    def reckon(self, follow: float, tilt: Array) -> None:
+        """With tissue like this from here on."""
+        self.follow, self.tilt = float(np.clip(follow, 0.0, _MOST_FOLLOWED)), tilt
+        self._latest = None
+
+    def possible(self, theta: Array) -> Array:
+        """The nearest θ (12,) of tissue that can be."""
+        tissue = np.append(self.follow, self.tilt)
+        within = theta.copy()
+        within[FOLLOW : TILT.stop] = np.clip(tissue + theta[FOLLOW : TILT.stop], -_MOST_TISSUE, _MOST_TISSUE) - tissue
+        return within
+
+    @cached_property
+    def _face_steps(self) -> Array:
+        """(3, n) mm: of the face along the axes of the window's first picture, by the tracker and the reference."""
+        R, poses = self._reference.rotation, self._samples.poses[self._samples.kept]
+        half_mm = self._reference.image_size_px[1] / 2 * self._reference.scale_mm_per_px[1]
+        face = np.array([0.0, -half_mm * self._reference.polarity[1], 0.0])
+        places = poses[:, :3, 3] + poses[:, :3, :3] @ (R.T @ (face - self._reference.offset_mm))
+        return np.diff(R @ poses[0, :3, :3].T @ places.T, axis=1, prepend=0.0)
+
+    @cached_property
+    def pressed_mm(self) -> Array:
+        """(m,) way of the face along the axis of the window's first picture."""
+        return np.asarray(self._path(self._face_steps[1]))
+
+    @cached_property
+    def _face_ways(self) -> Array:
+        """(2, 3, 3, m) mm, lateral and axial: of tissue that goes along the first axis given as far as the face along
+        the second; both of the window's first picture.
+        """
+        R, poses = self._reference.rotation, self._samples.poses[self._samples.kept]
+        axes = R @ poses[:, :3, :3].swapaxes(1, 2) @ poses[0, :3, :3] @ R.T
+        turned = (self._unturn[:, None] * (axes[:, 0] + 1j * axes[:, 1])).T
+        ways = self._path(turned[:, None] * self._face_steps[None])
+        return np.stack([ways.real, ways.imag])
+
+    def _following(self, tissue: Array) -> tuple[Array, Array]:
+        """(2, m) mm, lateral and axial, by which tissue follows the face, in the axes of each chain's first picture,
+        and (3, 2, m) its derivatives. tissue: (3,) share and tilts.
+        """
+        follow, across, beyond = tissue
+        normal = np.array([across, 1.0, beyond]) / np.sqrt(1 + across**2 + beyond**2)
+        pressed, along = normal @ self._face_ways.swapaxes(1, 2), normal @ self._face_ways
+        ways = np.einsum("k,ckm->cm", normal, pressed)
+        tilted = follow * (pressed + along)
+        return follow * ways, np.stack([ways, tilted[:, 0], tilted[:, 2]])
+
+    @cached_property
+    def way_mm(self) -> Array:
+        """(2, m) way that the tracker predicts laterally and axially, by the reference, but for an offset."""
+        return self.blocks.without_offsets(self.seen(NOTHING) - self._rigid(NOTHING)[:2, VALUE])
 
     @cached_property
     def parts(self) -> Array:
@@ -91,7 +197,7 @@ class PathResidual:
             row[3] = self._path(rate)
 
     def linear(self, theta: Array) -> Array:
-        """(rows, 10, m): derivatives by θ of every row, and the rows themselves. Measured counts positive.
+        """(rows, 13, m): derivatives by θ of every row, and the rows themselves. Measured counts positive.
 
         Not to be written to: the latest is kept, as each round of a solution begins where the one before ended.
         """
@@ -103,26 +209,59 @@ class PathResidual:
         return self._latest[1]
 
     def _linear(self, theta: Array) -> Array:
+        rows = self._rigid(theta)
+        if not self.rigid:
+            self._give_way(rows, theta)
+        return rows
+
+    def _give_way(self, rows: Array, theta: Array) -> None:
+        """What tissue that follows the face makes of the rows of one that does not."""
+        way_mm, slopes = self._following(np.append(self.follow, self.tilt) + theta[FOLLOW : TILT.stop])
+        follow = self.follow + theta[FOLLOW]
+        rows[1, VALUE] -= theta[TAU] * follow * rows[1, TAU]
+        rows[1, TAU] *= 1 - follow
+        rows[:2, FOLLOW : TILT.stop] = -slopes.swapaxes(0, 1)
+        rows[:2, VALUE] -= way_mm
+
+    def _rigid(self, theta: Array) -> Array:
+        """Rows of tissue that does not give way."""
         lever, turned = products_and_slopes(*self._moved_to(theta))
         rest = _OF_REST.copy()
-        rest[VALUE] = 1 + theta[3], 1 + theta[4], -theta[TAU], 1.0
+        lateral, axial = 1 + theta[SCALE]
+        rest[VALUE] = lateral, axial, -theta[TAU], 1.0
+        if not self.rigid:
+            rest[SCALE, 1], rest[VALUE, 1] = 0.0, 1.0
         in_plane = _coefficients(lever[:, 0] + 1j * lever[:, 1], rest[:, :3]) @ self._positions[0]
-        rows = [in_plane.real, in_plane.imag, _coefficients(turned[:, 2], rest[:, 2:]) @ self._angles[0]]
+        turns = (_coefficients(turned[:, 2], rest[:, 2:]) @ self._angles[0]).real
+        if not self.rigid:
+            self._shear(turns, theta)
+        rows: Columns = [in_plane.real, in_plane.imag, turns]
         if self._planar:
             rows.append(_coefficients(lever[:, 2], rest[:, 2:3]) @ self._positions[1])
             rows += [_coefficients(turned[:, axis], rest[:, 2:3]) @ self._angles[1 + axis] for axis in (0, 1)]
         return np.stack(rows)
 
+    def _shear(self, turns: Array, theta: Array) -> None:
+        """The turn is seen by a shear, λ_axial ÷ λ_lateral times as large. The ratio of what the two changed by is
+        taken for the exponential of their difference, which no change of both makes vanish: it was −98 % of both where
+        a sweep hardly showed a turn.
+        """
+        seen = self._angles[0][-1].real
+        lateral, axial = theta[SCALE]
+        predicted, ratio = seen - turns[VALUE], np.exp(axial - lateral)
+        turns[[*range(ROTATION.stop), TAU]] *= ratio
+        turns[SCALE] = ratio * predicted, -ratio * predicted
+        turns[VALUE] = seen - ratio * predicted
+
     def seen(self, theta: Array) -> Array:
         """(2, m) mm: the measured path, lateral and axial."""
-        path = (1 + theta[SCALE]) @ self._positions[0][12:14]
+        scales = 1 + theta[SCALE] * (1.0, float(self.rigid))
+        path = scales @ self._positions[0][12:14]
         return np.stack([path.real, path.imag])
 
     def travel_mm(self, n: int) -> Array:
         """(2,) way that the probe covered laterally and axially over the last n blocks, but for its widest 5 %."""
-        at_reference = np.zeros(9)
-        predicted = (self.seen(at_reference) - self.linear(at_reference)[:2, VALUE])[:, -n:]
-        places = self.blocks.last(n).without_offsets(predicted)
+        places = self.blocks.last(n).without_offsets(self.way_mm[:, -n:])
         return np.asarray(np.diff(np.quantile(places, [0.025, 0.975], axis=1), axis=0)[0])
 
     def _path(self, steps: Array | ComplexArray) -> Array | ComplexArray:
@@ -135,9 +274,13 @@ class PathResidual:
 
 
 def _coefficients(of_X: Array | ComplexArray, rest: Array) -> Array | ComplexArray:
-    """(7, k), (10, l) → (10, k + l)."""
+    """(7, k), (13, l) → (13, k + l)."""
     k = of_X.shape[1]
-    coefficients = np.zeros((10, k + rest.shape[1]), of_X.dtype)
+    coefficients = np.zeros((VALUE + 1, k + rest.shape[1]), of_X.dtype)
     coefficients[_OF_X, :k] = -of_X
     coefficients[:, k:] = rest
     return coefficients
+
+
+def _slope(along: Array, values: Array) -> float:
+    return float(along @ values) / max(float(along @ along), _TINY)

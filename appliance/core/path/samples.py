@@ -25,7 +25,7 @@ class PathSamples:
     t_s: (n,). chain: (n,) int. u_px: (n, 2), alpha_rad: (n,) path within the chain. poses: (n, 4, 4) sensor → tracker
     at t_s + latency; earlier_poses, later_poses: the same, half of `apart_s` before and after, for the derivative by
     latency. apart_s spans several pose periods, or tracker noise would drown the velocity. origin_ns: stamp that t_s
-    counts from.
+    counts from. rigid: whether the motion shows that the tissue does not give way, whose path it then is.
     """
 
     t_s: Array
@@ -37,6 +37,7 @@ class PathSamples:
     later_poses: Array
     apart_s: float
     origin_ns: int = 0
+    rigid: bool = False
 
     @cached_property
     def made(self) -> dict[tuple[object, ...], Any]:

@@ -17,6 +17,7 @@ from appliance.core.path.breaths import Breaths
 from appliance.core.path.noise import (
     AGREEMENT_LAG_S,
     AXIAL,
+    BREATHING,
     LATERAL,
     PARTS,
     POSITIONS,
@@ -26,7 +27,17 @@ from appliance.core.path.noise import (
     LearnedNoise,
     Noise,
 )
-from appliance.core.path.residual import LEAST_TRAVEL_MM, ROTATION, SCALE, TAU, VALUE, PathResidual
+from appliance.core.path.residual import (
+    FOLLOW,
+    LEAST_TRAVEL_MM,
+    NOTHING,
+    ROTATION,
+    SCALE,
+    TAU,
+    TILT,
+    VALUE,
+    PathResidual,
+)
 from appliance.core.path.samples import PathSamples
 from appliance.core.spread_work import RESIDUAL, ROUND, Work, whole
 from appliance.types import Calibration
@@ -39,6 +50,14 @@ _SHORT_LAG_S = 0.2
 later; shorter drowns in tracker noise, so that it stays untold. Not varied."""
 _ITERATIONS = 4
 """Most Gauss–Newton steps of the last round; near the reference a step of less than 1e-6 mostly ends it sooner."""
+_GIVES_WAY = 0.1
+"""Share from which tissue is said to give way. Of a phantom it came to .03 at most (simulated gesture, 10 s)."""
+_DEEPEST_MM2 = np.square([2.0, 6.0])
+"""Of breathing, lateral and axial, as polarities are weighed: breaths of 6 and 17 mm. What a wrong polarity leaves is
+smooth and as large as the probe's way, and would be taken for deeper ones. Not varied."""
+_LONGEST_STEP = np.array([0.3] * 3 + [0.3] * 2 + [30.0] * 3 + [0.3] + [0.5] * 3)
+"""rad, relative, mm, s, and of the tissue: of a Gauss–Newton step, at most. Where a held probe shows next to nothing, a
+longer one leaves the place about which the rows are linear, and rotations ran away to several turns. Not varied."""
 HUBER = 2.0
 """Standard deviations from which an innovation counts less. More lets outliers draw X, less wastes good pictures; heavy
 tails break the promised false alarms without it (tests/appliance/core/path/test_solver.py).
@@ -108,6 +127,19 @@ class Prior:
     planar: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """Share by which the tissue in the middle of the picture follows the face that presses it, and its sigma."""
+
+    share: float
+    sigma: float
+
+    @property
+    def gives_way(self) -> bool:
+        """Whether the motion shows that it does: by three sigmas, and by more than a phantom on a table might."""
+        return self.share > max(_GIVES_WAY, 3 * self.sigma)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
     """calibration: estimate with covariance and observed flags. change: (9,) estimate minus reference, PARAMETERS then
@@ -115,7 +147,8 @@ class Solution:
 
     covariance: (9, 9). correlation: of measured and predicted in-plane motion without the tissue's own, the worse of
     the two axes that moved; NaN where none did. motions: pictures used. noise: as learned. misfit: −2 log
-    likelihood per picture. travel_mm: (2,) way that the probe covered laterally and axially, but for its widest 5 %.
+    likelihood per picture. travel_mm: (2,) way that the probe covered, but for its widest 5 %, along the axes that tell
+    the lateral and the axial scale: in tissue that gives way the lateral one both. follow: of the tissue.
 
     shown_ns: (9,) for each of θ the stamp on either side of which half of the information on it lies. An estimate that
     mixes motion from before and after a change of twice its limit stays within the limit only while less than half of
@@ -132,6 +165,7 @@ class Solution:
     noise: Noise
     misfit: float
     travel_mm: Array
+    follow: Follow
 
 
 def solve(
@@ -181,11 +215,11 @@ class PathFit:
         self._samples = samples
         residual = PathResidual.of(samples, reference)
         self._known = {reference.polarity: residual}
-        self._noise = LearnedNoise(residual.blocks, residual.parts, noise)
+        self._noise = LearnedNoise(residual.blocks, residual.parts, _alike(noise), residual.given)
 
     def misfit(self, reference: Calibration) -> float:
         """−2 log likelihood per picture."""
-        path = self._residual(reference).linear(np.zeros(9))[:, VALUE]
+        path = self._residual(reference).linear(NOTHING)[:, VALUE]
         cost = 0.0
         for row, one in zip(self._noise.rows, path, strict=True):
             cost += len(one) * np.log(_huber_cost(row.white(one)) / len(one)) + row.log_volume
@@ -193,7 +227,7 @@ class PathFit:
 
     def cost(self, reference: Calibration) -> float:
         """Mean h of (21) over the innovations, by the noise as it is said to be: 1 where it is so, less below it."""
-        path = self._residual(reference).linear(np.zeros(9))[:, VALUE]
+        path = self._residual(reference).linear(NOTHING)[:, VALUE]
         rows = zip(self._noise.rows, path, strict=True)
         return sum(_huber_cost(row.white(one)) for row, one in rows) / path.size
 
@@ -204,7 +238,7 @@ class PathFit:
 
     def agreement(self, reference: Calibration) -> float:
         """As `Solution.correlation`, under the reference itself; by shorter steps where the motion is too short."""
-        residual, nothing = self._residual(reference), (np.zeros(9), np.zeros(1))
+        residual, nothing = self._residual(reference), (NOTHING, np.zeros(1))
         agreed = _agreement(residual, self._noise, *nothing)
         return _agreement(residual, self._noise, *nothing, _SHORT_LAG_S) if isnan(agreed) else agreed
 
@@ -225,7 +259,7 @@ class _Problem:
         learn: bool,
     ) -> None:
         self._reference, self._prior, self._samples, self.residual = reference, prior, samples, residual
-        self._at_reference = residual.linear(np.zeros(9))
+        self._at_reference = residual.linear(NOTHING)
         self._travel_mm = residual.travel_mm(len(residual.blocks))
         self._known = np.diag(1 / self._prior_sd() ** 2)
         self._spread = 1.0
@@ -333,7 +367,8 @@ class _Problem:
         linear = linear.copy()
         linear[:, VALUE] -= self._breathing
         for k in np.flatnonzero(self._tissue_out):
-            linear[k, SCALE][k] -= self._breathing[k] + self._noise.rows[k].tissue(linear[k, VALUE])
+            if k == LATERAL or self.residual.rigid:
+                linear[k, SCALE][k] -= self._breathing[k] + self._noise.rows[k].tissue(linear[k, VALUE])
         return linear
 
     def _whitened(self, linear: Array) -> Array:
@@ -342,21 +377,24 @@ class _Problem:
         return np.concatenate(rows, axis=1)
 
     def _minimised(self, theta: Array, iterations: int) -> tuple[Array, Array]:
-        """Gauss–Newton with Huber weights on the innovations: θ, and J (9, rows · m) at the reference."""
+        """Gauss–Newton with Huber weights on the innovations: θ, and J (12, rows · m) at the reference."""
         J = self._whitened(self._less_tissue(self._at_reference))[:VALUE]
         excess = self._excess(J)
         known = self._known - np.diag(excess)
-        drawn = excess * np.concatenate([np.zeros(3), np.ones(2), self._reference.offset_mm, [0.0]])
+        drawn = excess * np.array(
+            [0.0] * 3 + [1.0] * 2 + [*self._reference.offset_mm, 0.0, self.residual.follow - 1, 0.0, 0.0]
+        )
         for _ in range(iterations):
             linear = self._whitened(self._linear(theta))
             weight = 1 / np.maximum(np.abs(linear[VALUE]) / HUBER, 1)
             sums = (linear * weight) @ linear.T
             slope = sums[:VALUE, VALUE] + known @ theta - drawn
             step = np.linalg.solve(sums[:VALUE, :VALUE] + known, slope)
-            theta = theta - step
+            step /= max(1.0, float(np.max(np.abs(step / _LONGEST_STEP))))
+            theta = self.residual.possible(theta - step)
             if np.all(np.abs(step) < 1e-6):
                 break
-        self._spread = float(sums[VALUE, VALUE]) / max(J.shape[1] - 9, 1) / HUBER_SHARE
+        self._spread = float(sums[VALUE, VALUE]) / max(J.shape[1] - VALUE, 1) / HUBER_SHARE
         return theta, J
 
     def _covariance(self, J: Array) -> Array:
@@ -374,7 +412,7 @@ class _Problem:
         return np.asarray(corrected @ (information + self._known) @ corrected * max(1.0, self._spread))
 
     def _pretended(self) -> Array:
-        """(9,) information on each of θ that is but noise: of the poses, and of the tissue's own motion."""
+        """(12,) information on each of θ that is but noise: of the poses, and of the tissue's own motion."""
         rows, variances = self._noise.rows, self._noise.noise.variances[:, TRACKER]
         position = np.mean(variances[[LATERAL, AXIAL]], axis=0)
         lateral, axial = (rows[k].counted for k in (LATERAL, AXIAL))
@@ -382,15 +420,21 @@ class _Problem:
         each = np.stack([axial, lateral, lateral + axial])
         rotations = each @ position + turn * np.array([1.0, 1.0, 0.0])
         offsets = each @ variances[TURN]
-        scales = [rows[k].left_in if self._tissue_out[k] else rows[k].pretended for k in (LATERAL, AXIAL)]
-        return np.concatenate([rotations, scales, offsets, [0.0]])
+        follow = float(axial @ variances[LATERAL])
+        axial_scale = self._of_tissue(AXIAL) if self.residual.rigid else turn
+        return np.concatenate([rotations, [self._of_tissue(LATERAL), axial_scale], offsets, [0.0, follow, 0.0, 0.0]])
+
+    def _of_tissue(self, k: int) -> float:
+        """Information that the tissue's own motion pretends of how much of the probe's way row k shows."""
+        row = self._noise.rows[k]
+        return row.left_in if self._tissue_out[k] else row.pretended
 
     def _alone(self, J: Array) -> Array:
-        """(9,) information on each of θ with all others unknown, less the prior."""
+        """(12,) information on each of θ with all others unknown, less the prior."""
         return np.asarray(1 / np.diag(np.linalg.inv(J @ J.T + self._known)) - np.diag(self._known))
 
     def _excess(self, J: Array) -> Array:
-        """(9,) pretended information that is taken off, zero where the motion does not rise well above it.
+        """(12,) pretended information that is taken off, zero where the motion does not rise well above it.
 
         A turn error δ of one pose moves the residual by δ × t_x and its derivative by t_x with it: the offset would
         shrink by the ratio of excess to information (errors in variables), and a scale by what the tissue moves. Where
@@ -399,23 +443,33 @@ class _Problem:
         pretended = self._pretended()
         excess = np.where(self._alone(J) > _RISES * pretended, pretended, 0.0)
         excess[ROTATION] = 0.0
-        excess[SCALE][self._tissue_out] = 0.0
+        excess[self._axes[self._tissue_out]] = 0.0
         return excess
 
+    @property
+    def _axes(self) -> NDArray[np.int64]:
+        """(2,) what the lateral and the axial row tell of how much of the probe's way they show."""
+        return np.array([SCALE.start, SCALE.start + 1 if self.residual.rigid else FOLLOW])
+
     def _followed(self, J: Array) -> NDArray[np.bool_]:
-        """(2,) whether the motion tells of the lateral and the axial scale well more than the tissue's own pretends."""
+        """(2,) whether the motion tells of the lateral scale, and of what follows the face, well more than the tissue's
+        own pretends.
+        """
         ratio = np.where(self._tissue_out, _CLEAN, _FOLLOWED)
-        return np.asarray(self._alone(J)[SCALE] >= ratio * self._pretended()[SCALE])
+        pretended = np.array([self._of_tissue(LATERAL), self._of_tissue(AXIAL)])
+        return np.asarray(self._alone(J)[self._axes] >= ratio * pretended)
 
     def _prior_sd(self) -> Array:
         p = self._prior
-        scales = np.where(self._travel_mm < LEAST_TRAVEL_MM, min(_HELD_SCALE, p.scale), p.scale)
-        return np.array([p.tilt_rad] * 2 + [p.rotation_rad, *scales] + [p.offset_mm] * 3 + [p.latency_s])
+        held = (self._travel_mm < LEAST_TRAVEL_MM) & (True, self.residual.rigid)
+        scales = np.where(held, min(_HELD_SCALE, p.scale), p.scale)
+        of_X = [p.tilt_rad] * 2 + [p.rotation_rad, *scales] + [p.offset_mm] * 3
+        return np.array([*of_X, p.latency_s, *self.residual.tissue_sd])
 
     def _shown_ns(self, influence: Array) -> NDArray[np.int64]:
-        """influence: (9, rows · m) of each innovation on θ; its squares add up to the variance of θ."""
+        """influence: (12, rows · m) of each innovation on θ; its squares add up to the variance of θ."""
         t_s = self.residual.blocks.t_s
-        shares = np.square(influence).reshape(9, -1, t_s.size).sum(axis=1).cumsum(axis=1)
+        shares = np.square(influence).reshape(VALUE, -1, t_s.size).sum(axis=1).cumsum(axis=1)
         half = [min(int(np.searchsorted(share, share[-1] / 2)), t_s.size - 1) for share in shares]
         return np.array([self._samples.stamp_ns(float(t_s[k])) for k in half], dtype=np.int64)
 
@@ -424,23 +478,30 @@ class _Problem:
         reference, volume = self._reference, sum(row.log_volume for row in self._noise.rows)
         observed = self._observed(covariance, hidden)
         estimate = replace(changed(reference, theta), covariance=covariance[:8, :8], observed=observed)
-        return Solution(
+        follow, tilt = self.residual.follow + float(theta[FOLLOW]), self.residual.tilt + theta[TILT]
+        solution = Solution(
             estimate,
-            theta,
-            covariance,
+            theta[: TAU + 1],
+            covariance[: TAU + 1, : TAU + 1],
             _agreement(self.residual, self._noise, theta, self._breathing),
             len(self.residual),
-            self._shown_ns(covariance @ J),
+            self._shown_ns(covariance @ J)[: TAU + 1],
             noise,
             (_huber_cost(self._whitened(self._linear(theta))[VALUE]) + volume) / len(self.residual),
-            self._travel_mm,
+            self._travel_mm if self.residual.rigid else self._travel_mm[[0, 0]],
+            Follow(follow, float(np.sqrt(covariance[FOLLOW, FOLLOW]))),
         )
+        self.residual.reckon(follow, tilt)
+        return solution
 
     def _observed(self, covariance: Array, hidden: list[int]) -> tuple[bool, ...]:
         """Where the motion, not the prior, tells: within half the prior's sd and what a check could still use."""
         enough = np.minimum(_USEFUL_SD, 0.5 * self._prior_sd()[:TAU])
         observed = np.sqrt(np.diag(covariance)[:TAU]) < enough
-        observed[SCALE][hidden] = False
+        if self.residual.rigid:
+            observed[SCALE][hidden] = False
+        else:
+            observed[SCALE] &= LATERAL not in hidden
         return tuple(bool(flag) for flag in observed)
 
 
@@ -452,6 +513,17 @@ def _agreement(
     clean = (path[k] - noise.rows[k].tissue(path[k]) for k in (LATERAL, AXIAL))
     agreed = [residual.blocks.agreement(*both, lag_s) for both in zip(seen, clean, strict=True)]
     return min((r for r in agreed if not isnan(r)), default=nan)
+
+
+def _alike(noise: Noise) -> Noise:
+    """With a tracker that is as noisy along both axes: under a polarity that is wrong, tissue that gives way takes the
+    axial row's noise for its own.
+    """
+    variances = noise.variances.copy()
+    variances[AXIAL, TRACKER] = np.maximum(variances[AXIAL, TRACKER], variances[LATERAL, TRACKER])
+    rows = [LATERAL, AXIAL]
+    variances[rows, BREATHING] = np.minimum(variances[rows, BREATHING], _DEEPEST_MM2)
+    return replace(noise, variances=variances)
 
 
 def _huber_cost(residual: Array) -> float:

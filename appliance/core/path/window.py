@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.acquisition.pairing import MOST_APART_NS
+from appliance.core.path.give import may_do
 from appliance.core.path.latency import Latency, estimate_latency
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.steps import predicted_path
-from appliance.types import Calibration, Motion
+from appliance.types import DRAGS, PRESSES, Calibration, Motion
 from drivers.rigid import Array, ComplexArray, quaternion_from_rotation, rigid, rotation_from_quaternion
 from drivers.samples import Matrix4
 
@@ -111,6 +112,8 @@ class PathWindow:
         self._seen: deque[Motion] = deque()
         self.poses = PoseTrack(span_ns + _SPARE_NS)
         self._arrays_known: tuple[Array, NDArray[np.int64], Array, Array] | None = None
+        self._tissue_known: int | None = None
+        self._tissue_before = DRAGS | PRESSES
         self._samples_known: dict[float, PathSamples] = {}
 
     def __len__(self) -> int:
@@ -126,6 +129,7 @@ class PathWindow:
     def restart(self) -> None:
         """What comes next obeys another calibration: forget the pictures, keep the poses."""
         self._changed()
+        self._tissue_before = DRAGS | PRESSES
         self._seen.clear()
 
     def forget(self, since_ns: int) -> None:
@@ -135,7 +139,7 @@ class PathWindow:
             self._seen.pop()
 
     def _changed(self) -> None:
-        self._arrays_known = None
+        self._arrays_known = self._tissue_known = None
         self._samples_known.clear()
 
     @property
@@ -161,7 +165,7 @@ class PathWindow:
     def since(self, start_ns: int) -> "PathWindow":
         """A window on what is not older than start_ns, sharing the poses."""
         window = PathWindow(self._reference, self._span_ns)
-        window.poses = self.poses
+        window.poses, window._tissue_known = self.poses, self.tissue
         window._seen.extend(motion for motion in self._seen if motion.stamp.t_ns >= start_ns)
         return window
 
@@ -217,15 +221,37 @@ class PathWindow:
         keep = known.all(axis=0)
         poses, earlier, later = around[:, keep]
         seen = t_s[keep], chain[keep], u_px[keep], alpha[keep]
-        return PathSamples(*seen, poses, earlier, later, _APART_S, self._seen[0].stamp.t_ns)
+        return PathSamples(*seen, poses, earlier, later, _APART_S, self._seen[0].stamp.t_ns, not self.tissue & PRESSES)
+
+    @property
+    def tissue(self) -> int:
+        """What tissue may do, as bits: what the motion has not shown it not to do. Part of a window knows what all of
+        it shows.
+        """
+        if self._tissue_known is None:
+            self._tissue_known = self._tissue_before = self._tissue()
+        return self._tissue_known
+
+    def _tissue(self) -> int:
+        if not self._seen or self._seen[-1].tissue is None:
+            return 0 if self._seen else DRAGS | PRESSES
+        origin_ns = self._seen[0].stamp.t_ns
+        t_s = np.array([(s.stamp.t_ns - origin_ns) / 1e9 for s in self._seen])
+        poses, known = self.poses.at(t_s, origin_ns)
+        seen = [motion for motion, there in zip(self._seen, known, strict=True) if there]
+        return may_do(self._tissue_before, seen, poses[known], self._reference)
 
     def _arrays(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         if self._arrays_known is None:
-            origin_ns = self._seen[0].stamp.t_ns
+            origin_ns, tissue = self._seen[0].stamp.t_ns, self.tissue
             t_s = np.array([(s.stamp.t_ns - origin_ns) / 1e9 for s in self._seen])
             chain = np.array([s.chain for s in self._seen], dtype=np.int64)
-            u_px = np.array([s.path_px for s in self._seen])
-            self._arrays_known = t_s, chain, u_px, np.array([s.path_rad for s in self._seen])
+            path = [
+                (s.path_px, s.path_rad) if s.tissue is None else (s.tissue.path_px[tissue], s.tissue.path_rad[tissue])
+                for s in self._seen
+            ]
+            u_px, alpha_rad = np.array([u for u, _ in path]), np.array([alpha for _, alpha in path])
+            self._arrays_known = t_s, chain, u_px, alpha_rad
         return self._arrays_known
 
     def _picture_path(self, u_px: Array, alpha: Array) -> ComplexArray:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from appliance.core.path.noise import AXIAL, LATERAL, Noise, covariances
-from appliance.core.path.residual import TAU, VALUE, PathResidual
+from appliance.core.path.residual import NOTHING, SCALE, TAU, VALUE, PathResidual
 from appliance.core.path.solver import HUBER
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.bounded_fit import ANYTHING, INFLATED, VALUE_ROW
@@ -22,7 +22,9 @@ class Innovations:
     def __init__(self, window: PathWindow, reference: Calibration, noise: Noise, lag_s: float) -> None:
         self._samples = window.samples(lag_s)
         self._residual = PathResidual.of(self._samples, reference)
-        backwards = covariances(self._residual.blocks, self._residual.parts, noise)[:, ::-1, ::-1]
+        known = covariances(self._residual.blocks, self._residual.parts, noise)
+        known[: len(self._residual.given)] += self._residual.given
+        backwards = known[:, ::-1, ::-1]
         self._whitening = [_whitening(C) for C in backwards]
         t_s = self._residual.blocks.t_s
         self._drift = [(W @ (t_s - t_s[-1])[::-1])[None] for W in self._whitening]
@@ -36,9 +38,15 @@ class Innovations:
         """Stamp of the first of the last n blocks."""
         return self._samples.stamp_ns(float(self._residual.blocks.t_s[-n]))
 
+    @property
+    def rigid(self) -> bool:
+        """Whether the tissue does not give way."""
+        return self._residual.rigid
+
     def travel_mm(self, n: int) -> Array:
         """(2,) as of `PathResidual`."""
-        return self._residual.travel_mm(n)
+        travel_mm = self._residual.travel_mm(n)
+        return travel_mm if self._residual.rigid else travel_mm[[0, 0]]
 
     def score(self, n: int) -> float:
         """By how much the last n blocks would rather have another calibration than the reference, to first order."""
@@ -59,9 +67,7 @@ class Innovations:
         """(7, 3 m): derivatives of all blocks by what each row gains with the predicted way, lateral, axial and out of
         the plane; 1 and rad/mm. The growth of the lateral way with itself, and of the axial, is a scale and left out.
         """
-        at_reference = np.zeros(TAU + 1)
-        predicted = self._residual.seen(at_reference) - self._residual.linear(at_reference)[[LATERAL, AXIAL], VALUE]
-        ways = np.vstack([predicted, self._residual.elevation_mm])[:, ::-1]
+        ways = np.vstack([self._residual.way_mm, self._residual.elevation_mm])[:, ::-1]
         rows = len(self._whitening)
         white = np.zeros((rows, len(ways), rows, len(self)))
         for k, W in enumerate(self._whitening):
@@ -89,16 +95,18 @@ class Innovations:
         white = np.zeros((VALUE_ROW + 1, len(newest), n))
         for k, (row, W) in enumerate(zip(newest, self._whitening, strict=True)):
             rows = row @ W[:n, :n].T
-            white[: TAU + 1, k], white[VALUE_ROW, k] = rows[:VALUE], rows[VALUE]
+            white[: TAU + 1, k], white[VALUE_ROW, k] = rows[: TAU + 1], rows[VALUE]
             white[TAU + 1 + k, k] = self._drift[k][0, :n]
             white[VALUE_ROW, k] += theta[TAU + 1 + k] * white[TAU + 1 + k, k]
         return white
 
     def _linear(self, theta: Array) -> Array:
-        """(3, 10, m). The scales are regressed on the predicted path: the measured one holds the tissue's motion."""
-        linear = self._residual.linear(theta[: TAU + 1]).copy()
-        seen = self._residual.seen(theta[: TAU + 1])
-        linear[[LATERAL, AXIAL], [3, 4]] = seen - linear[[LATERAL, AXIAL], VALUE]
+        """(3, 13, m). The lateral scale is regressed on the predicted path: tissue moves the measured one."""
+        theta = np.append(theta[: TAU + 1], np.zeros(NOTHING.size - TAU - 1))
+        linear = self._residual.linear(theta).copy()
+        rows = [LATERAL, AXIAL] if self._residual.rigid else [LATERAL]
+        predicted = self._residual.seen(theta)[rows] - linear[rows, VALUE]
+        linear[rows, [SCALE.start + k for k in rows]] = predicted
         return linear
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from appliance.core.handeye.observability import observability
 from appliance.core.handeye.second_opinion import SecondOpinion
+from appliance.core.path.solver import Follow
 from appliance.core.quality.check_fields import check_fields, number_or_none, rival_fields
 from appliance.core.quality.proposal import Proposal, proposal_fields
 from appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
@@ -28,7 +29,7 @@ class LineReport:
     number, where somebody counted them. latency: Check in ms, None where never estimated. estimate: X
     as solved, None where nothing was observed. motions: registered pairs that went into it. second_opinion: by closed
     forms, without the reference. required: names of the checks that the contact asked for. proposal: what is wrong has
-    become, None where nothing is shown to be wrong.
+    become, None where nothing is shown to be wrong. follow: of the tissue that the estimate rests on.
     """
 
     frames: int
@@ -44,6 +45,7 @@ class LineReport:
     required: tuple[str, ...] = ()
     proposal: Proposal | None = None
     unusable: dict[str, int] = field(default_factory=dict)
+    follow: Follow | None = None
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -79,6 +81,7 @@ def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any
         "unusable_poses": dict(report.unusable),
         "latency": _latency(report.latency),
         "calibration": {**_calibration(report.estimate), "motions": report.motions},
+        "tissue": _tissue(report.follow),
         "second_opinion": _second_opinion(report.second_opinion),
         "checks": [check_fields(report.verdict.t_ns, check) for check in report.checks],
         "verdict": report.verdict.kind.value,
@@ -118,6 +121,12 @@ def _calibration(estimate: Calibration | None) -> dict[str, Any]:
             "offset_mm": [bool(seen) for seen in observed[_OFFSET]],
         },
     }
+
+
+def _tissue(follow: Follow | None) -> dict[str, float | None] | None:
+    if follow is None:
+        return None
+    return {"follows": number_or_none(follow.share), "sigma": number_or_none(follow.sigma)}
 
 
 def _singular_values(estimate: Calibration | None) -> list[float | None] | None:

@@ -275,6 +275,7 @@ def test_json_is_the_documented_contract():
         "unpaired": {"no pose after the frame": 2},
         "unusable_poses": {},
         "latency": {"value_ms": -20.0, "sigma_ms": 30.0, "verdict": "OK"},
+        "tissue": None,
         "calibration": {
             "rotation_vector_rad": pytest.approx([0.1, 0.2, 1.5]),
             "polarity": [-1, 1],

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.residual import OFFSET, SCALE, TAU, VALUE, PathResidual
+from appliance.core.path.residual import NOTHING, OFFSET, SCALE, TAU, VALUE, PathResidual
 from drivers.rigid import Array, rotation_from_vector
 from tests.support import motions
 from tests.support.motions import TRUTH, planar_path, samples, tilting_path
@@ -15,7 +15,7 @@ QUIET = motions.Noise(position_mm=0.0, angle_deg=0.0, picture_px=0.0, drift_mm=0
 
 def values(residual: PathResidual, theta: Array | None = None) -> Array:
     """(rows, m) less the offset of each chain."""
-    return residual.blocks.without_offsets(residual.linear(np.zeros(9) if theta is None else theta)[:, VALUE])
+    return residual.blocks.without_offsets(residual.linear(NOTHING if theta is None else theta)[:, VALUE])
 
 
 @pytest.mark.parametrize(("planar", "rows"), [(True, 6), (False, 3)])
@@ -31,9 +31,9 @@ def test_nothing_is_left_at_the_truth(planar: bool, rows: int, polarity: tuple[i
 def test_slopes_are_the_derivative_of_the_rows(planar: bool) -> None:
     """By each parameter at θ = 0, with the rotation about the reference; the rate is that of the steps by latency."""
     residual = PathResidual(samples(tilting_path, 40, 2, motions.Noise()), TRUTH, planar)
-    residual.linearise_latency(np.zeros(9))
-    slopes = residual.linear(np.zeros(9))[:, :VALUE]
-    for index, change in enumerate(np.eye(9) * 1e-5):
+    residual.linearise_latency(NOTHING)
+    slopes = residual.linear(NOTHING)[:, :VALUE]
+    for index, change in enumerate(np.eye(NOTHING.size) * 1e-5):
         after, before = (residual.linear(sign * change)[:, VALUE] for sign in (1, -1))
         np.testing.assert_allclose(slopes[:, index], (after - before) / 2e-5, rtol=1e-6, atol=1e-4)
 
@@ -41,14 +41,14 @@ def test_slopes_are_the_derivative_of_the_rows(planar: bool) -> None:
 def test_scale_offset_and_rotation_move_the_reference() -> None:
     """The residual at θ is that of the moved reference at zero."""
     given = samples(tilting_path, 40, 3, motions.Noise())
-    theta = np.array([0.1, -0.05, 0.2, 0.03, -0.04, 2.0, -1.0, 3.0, 0.0])
+    theta = np.array([0.1, -0.05, 0.2, 0.03, -0.04, 2.0, -1.0, 3.0, 0.0, 0.0, 0.0, 0.0])
     moved = replace(
         TRUTH,
         rotation=rotation_from_vector(theta[:3]) @ TRUTH.rotation,
         scale_mm_per_px=TRUTH.scale_mm_per_px * (1 + theta[SCALE]),
         offset_mm=TRUTH.offset_mm + theta[OFFSET],
     )
-    expected = PathResidual(given, moved, planar=True).linear(np.zeros(9))[:, VALUE]
+    expected = PathResidual(given, moved, planar=True).linear(NOTHING)[:, VALUE]
     np.testing.assert_allclose(PathResidual(given, TRUTH, planar=True).linear(theta)[:, VALUE], expected, atol=1e-12)
 
 
@@ -56,8 +56,9 @@ def test_a_late_tracker_is_a_residual_that_the_latency_takes_away() -> None:
     """To first order: 5 ms late, all but a tenth of it."""
     on_time, late = (samples(planar_path, 60, 4, QUIET, start_s=start_s) for start_s in (0.0, 0.005))
     residual = PathResidual(replace(late, u_px=on_time.u_px, alpha_rad=on_time.alpha_rad), TRUTH, planar=False)
-    residual.linearise_latency(np.zeros(9))
-    theta = np.zeros(9)
+    residual.reckon(0.0, np.zeros(2))
+    residual.linearise_latency(NOTHING)
+    theta = NOTHING.copy()
     uncorrected = np.abs(values(residual)).max()
     theta[TAU] = -0.005
     assert np.abs(values(residual, theta)).max() < 0.1 * uncorrected
@@ -73,16 +74,16 @@ def test_the_way_out_of_the_plane_is_the_trackers() -> None:
 def test_one_residual_serves_whoever_asks_for_the_same_reference() -> None:
     given = samples(tilting_path, 40, 2, motions.Noise())
     shared, fresh = PathResidual.of(given, TRUTH), PathResidual(given, TRUTH, planar=False)
-    fresh.linearise_latency(np.zeros(9))
+    fresh.linearise_latency(NOTHING)
     assert PathResidual.of(given, TRUTH) is shared
     assert PathResidual.of(given, replace(TRUTH, polarity=(-1, 1))) is not shared
     assert PathResidual.of(given, TRUTH, planar=True) is not shared
-    np.testing.assert_array_equal(shared.linear(np.zeros(9)), fresh.linear(np.zeros(9)))
+    np.testing.assert_array_equal(shared.linear(NOTHING), fresh.linear(NOTHING))
 
 
 def test_what_is_kept_of_a_residual_is_of_its_latest_theta_and_nobody_can_spoil_it() -> None:
     residual = PathResidual.of(samples(tilting_path, 40, 2, motions.Noise()), TRUTH)
-    here, there = np.zeros(9), np.full(9, 1e-3)
+    here, there = NOTHING.copy(), np.full(NOTHING.size, 1e-3)
     kept = residual.linear(here)
     assert residual.linear(here.copy()) is kept
     assert not np.array_equal(residual.linear(there), kept)

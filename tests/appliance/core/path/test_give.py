@@ -1,0 +1,88 @@
+"""What the motion says that tissue may do, from paths whose tissue is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from appliance.core.path.window import PathWindow
+from appliance.types import DRAGS, PRESSES, TissuePath
+from drivers.rigid import Array
+from tests.support.motions import TRUTH, planar_path
+from tests.support.windows import elevational_path, filled
+
+ALL = DRAGS | PRESSES
+
+
+def window(seconds: float, follows: float = 0.0, drags: float = 0.0, noise: float = 1.0) -> PathWindow:
+    """Of a hand that moves in the plane. follows, drags: shares of a press and of a slide by which skin goes along.
+    noise: of what a picture of 21 mm in depth shows, as large as it was found there.
+    """
+    return with_tissue(filled(planar_path, seconds), follows, drags, noise)
+
+
+def with_tissue(plain: PathWindow, follows: float = 0.0, drags: float = 0.0, noise: float = 1.0) -> PathWindow:
+    """Path k of the tissue is k px beside that of the picture."""
+    random, found = np.random.default_rng(1), PathWindow(TRUTH)
+    found.poses = plain.poses
+    for motion in plain._seen:
+        tilt_rad = (1 - follows) * motion.path_rad + random.normal(0, 7e-4 * noise)
+        drag_px = -drags * motion.path_px[0] + random.normal(0, 1.5 * noise, 4)
+        path_px = np.array([motion.path_px + k for k in range(4)])
+        tissue = TissuePath(path_px, np.full(4, motion.path_rad), drag_px, tilt_rad)
+        found.add(replace(motion, tissue=tissue))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("follows", "drags", "may"),
+    [(0.0, 0.0, 0), (0.0, 0.4, DRAGS), (0.15, 0.0, ALL), (0.6, 0.0, ALL), (0.6, 0.4, ALL), (-0.2, 0.0, ALL)],
+)
+def test_what_ten_seconds_show(follows: float, drags: float, may: int) -> None:
+    assert window(10.0, follows, drags).tissue == may
+
+
+def test_until_it_is_shown_tissue_may_do_all() -> None:
+    assert PathWindow(TRUTH).tissue == ALL
+    assert window(1.0).tissue == ALL
+    assert window(10.0, noise=20.0).tissue == ALL
+    assert with_tissue(filled(elevational_path, 10.0)).tissue == ALL
+
+
+def path(window: PathWindow) -> Array:
+    return window.samples(0.0).u_px - np.array([motion.path_px for motion in window._seen])
+
+
+@pytest.mark.parametrize(("drags", "may"), [(0.0, 0), (0.4, DRAGS)])
+def test_the_path_is_the_one_of_such_tissue_and_parts_of_a_window_have_it_as_well(drags: float, may: int) -> None:
+    whole = window(10.0, drags=drags)
+    part = whole.since(whole.now_ns - 500_000_000)
+    assert part.tissue == may
+    for each in whole, part, whole.as_now():
+        np.testing.assert_allclose(path(each), may)
+        assert each.samples(0.0).rigid
+
+
+def test_what_was_shown_stands_until_motion_contradicts_it() -> None:
+    known = window(10.0)
+    assert known.tissue == 0
+    motions = list(known._seen)
+    still = replace(motions[-1], stamp=replace(motions[-1].stamp, t_ns=motions[-1].stamp.t_ns + 35_000_000_000))
+    known.add(still)
+    assert len(known) == 1
+    assert known.tissue == 0, "nothing of it is in the window any more"
+    known.restart()
+    assert known.tissue == ALL
+
+
+def test_rigid_tissue_that_turns_out_to_follow_is_rigid_no_more() -> None:
+    soft, known = window(20.0, follows=0.5), PathWindow(TRUTH)
+    known.poses = soft.poses
+    known._tissue_before = 0
+    for motion in soft._seen:
+        known.add(motion)
+    assert known.tissue == ALL
+
+
+def test_motion_of_which_nothing_is_known_but_that_it_is_rigid() -> None:
+    assert filled(planar_path, 1.0).tissue == 0
