@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from appliance.core.detectors.detector import Detector, Observation
-from appliance.core.detectors.magnification import Magnification
+from appliance.core.detectors.magnification import Magnification, pressed_between
 from appliance.core.detectors.picture_change import PictureChange, flip_or_zoom_of, stretch_of
 from appliance.core.detectors.picture_link import (
     SMALL_PX,
@@ -190,7 +190,9 @@ class PictureChain(Detector):
         else:
             self._course = own
             self._likenesses.append(self._newest)
-            self._magnification.step(view.t_ns, view.small, own.after(view.t_ns - last.t_ns, last.small.shape[1]))
+            way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
+            pressed = pressed_between(self._reference, last, view)
+            self._magnification.step(view.t_ns, view.small, way, pressed)
         self._last, self._covered_ns = view, None
         self.linked = self._direct = True
         self._followed += 1

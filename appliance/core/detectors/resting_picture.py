@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from appliance.core.detectors.magnification import magnified
+from appliance.core.detectors.magnification import magnified, pressed_between
 from appliance.core.detectors.picture_change import PictureChange, stretch_of
 from appliance.core.detectors.picture_link import Link, View
 from appliance.core.detectors.stretch import carried, stretch_between
@@ -139,7 +139,7 @@ class RestingPicture:
         if link is None:
             return None
         alike = link.whole or link.covered
-        change = self._magnified(placed, view, alike) if view.t_ns - self._measured_ns >= _MEASURED_NS else None
+        change = self._magnified(placed, view, first, alike) if view.t_ns - self._measured_ns >= _MEASURED_NS else None
         if change is not None:
             return change
         if alike and not self._strained:
@@ -151,7 +151,7 @@ class RestingPicture:
         self._unlike_ns += since_ns
         return PictureChange() if self._unlike_ns > _BREATH_NS or self._blended(view) else None
 
-    def _magnified(self, placed: Array32, view: View, alike: bool) -> PictureChange | None:
+    def _magnified(self, placed: Array32, view: View, first: View, alike: bool) -> PictureChange | None:
         """By how much since the rest began, wherever that is to be seen."""
         self._measured_ns = view.t_ns
         if alike:
@@ -160,8 +160,9 @@ class RestingPicture:
         else:
             stretch = stretch_of(placed, view.small, self._aspect)
             log_zoom = np.zeros(2) if stretch is None else np.log(stretch.zoom)
-        self._strained = bool(np.max(np.abs(log_zoom)) > _STRAINED)
-        return magnified(log_zoom)
+        pressed = pressed_between(self._reference, first, view)
+        self._strained = bool(np.max(np.abs(log_zoom)) > _STRAINED + np.abs(pressed).sum())
+        return magnified(log_zoom, pressed)
 
     def _blended(self, view: View) -> bool:
         """Whether what was shown since the last picture that was another one is nothing but that one and this."""
