@@ -47,10 +47,11 @@ the sequential test. More seldom withdraws the OK later."""
 
 def distortion_nats(rows: Innovations) -> Work[float | None]:
     """By how much slopes explain the window better than the best calibration alone, wherever it is and whatever its
-    latency creeps to; None of a window that cannot tell, as it is too short or the probe covers too little.
+    latency creeps to; None of a window that cannot tell, as it is too short, the probe covers too little, or the tissue
+    gives way, which is not the same everywhere (21 nats in a healthy gesture over a half space).
     """
     n = len(rows)
-    if n < _LEAST_BLOCKS or rows.travel_mm(n).max() < _LEAST_TRAVEL_MM:
+    if not rows.rigid or n < _LEAST_BLOCKS or rows.travel_mm(n).max() < _LEAST_TRAVEL_MM:
         return None
     yield TRIAL.of()
     # Both fits are of one linear model, about the best calibration: with another scale the measured path is as much
