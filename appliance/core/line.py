@@ -3,6 +3,8 @@
 Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quality Control, one picture after the other.
 """
 
+from dataclasses import replace
+
 from appliance.core.acquisition.input_validation import checked_pose, refused_picture
 from appliance.core.acquisition.pairing import MOST_APART_NS, Pairing, Unpaired
 from appliance.core.acquisition.stamp_gate import Passage, StampGate
@@ -87,6 +89,7 @@ class Line:
         self._tracker = RealTimeTracker(aspect, float(reference.scale_mm_per_px[1]))
         self._evidence = Evidence(reference, limits, PathWindow(reference))
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
+        self._no_picture = NoPicture()
         self._picture_chain = PictureChain(limits, reference, lambda: self._tracker.mask, _GAP_NS)
         self._detectors: tuple[Detector, ...] = (
             self._picture_chain,
@@ -94,7 +97,7 @@ class Line:
             MarkerSlip(limits, reference),
             *(SlowSlip(limits, reference, over_s) for over_s in SLIPS_S),
             self._frozen,
-            NoPicture(),
+            self._no_picture,
             FrozenTracker(stale_ns),
             PoseConvention(lambda: self._evidence.explanation),
             ExchangedProbe(self._evidence.checks, limits.confidence_sigma),
@@ -280,7 +283,8 @@ class Line:
             self._tracker.renew_keyframe()
             self._evidence.restart()
         elif motion is not None and motion.usable and self._tracker.settled:
-            self._evidence.window.add(motion)
+            water = self._no_picture.texture is not None and self._no_picture.texture.water
+            self._evidence.window.add(replace(motion, tissue=None) if water else motion)
 
     def _analyse(self, pair: StampedPair, tracked: Tracked) -> Motion:
         """Sort the motion and let it steer the keyframe.

@@ -49,6 +49,11 @@ LEAST_TRAVEL_MM = 1.0
 """Of the probe along an axis, below which nothing is concluded of its scale: skin drags along with the probe, which no
 simulation here shows. A hand that holds still covers .8 mm axially, a fan 1.2 mm (seed 1 of `probewatch study`).
 """
+LEAST_TURN_RAD = np.deg2rad(3.0)
+"""Of the probe in the picture's plane, below which nothing is concluded over tissue that may give way: free to follow
+it, registration errs by half a degree a step, which passes for shear. Tremor turns by 1.2°, the gesture by 16°. More
+asks for a wider rock; less takes noise for a wrong scale or rotation (−24 % in a sweep over a half space, seed 1).
+"""
 
 _TINY = 1e-6
 """Instead of zero where something is known."""
@@ -222,6 +227,9 @@ class PathResidual:
         rows[1, TAU] *= 1 - follow
         rows[:2, FOLLOW : TILT.stop] = -slopes.swapaxes(0, 1)
         rows[:2, VALUE] -= way_mm
+        # The measured path is noisy where tissue may drag, and would draw the scale towards −100 %; the predicted is
+        # not.
+        rows[0, SCALE.start] = self.seen(theta)[0] - rows[0, VALUE]
 
     def _rigid(self, theta: Array) -> Array:
         """Rows of tissue that does not give way."""
@@ -258,6 +266,14 @@ class PathResidual:
         scales = 1 + theta[SCALE] * (1.0, float(self.rigid))
         path = scales @ self._positions[0][12:14]
         return np.stack([path.real, path.imag])
+
+    @cached_property
+    def tells(self) -> bool:
+        """Whether anything may be concluded: tissue is rigid, or the probe has turned enough."""
+        if self.rigid:
+            return True
+        turn_rad = self.blocks.without_offsets((self._angles[0][-1].real - self._rigid(NOTHING)[2, VALUE])[None])
+        return bool(np.diff(np.quantile(turn_rad, [0.025, 0.975]))[0] >= LEAST_TURN_RAD)
 
     def travel_mm(self, n: int) -> Array:
         """(2,) way that the probe covered laterally and axially over the last n blocks, but for its widest 5 %."""

@@ -238,6 +238,7 @@ class PathWindow:
         origin_ns = self._seen[0].stamp.t_ns
         t_s = np.array([(s.stamp.t_ns - origin_ns) / 1e9 for s in self._seen])
         poses, known = self.poses.at(t_s, origin_ns)
+        known &= np.array([motion.tissue is not None for motion in self._seen])
         seen = [motion for motion, there in zip(self._seen, known, strict=True) if there]
         return may_do(self._tissue_before, seen, poses[known], self._reference)
 

@@ -43,6 +43,11 @@ class Innovations:
         """Whether the tissue does not give way."""
         return self._residual.rigid
 
+    @property
+    def tells(self) -> bool:
+        """As of `PathResidual`."""
+        return self._residual.tells
+
     def travel_mm(self, n: int) -> Array:
         """(2,) as of `PathResidual`."""
         travel_mm = self._residual.travel_mm(n)

@@ -102,7 +102,8 @@ def accuse(
     try:
         yield INNOVATIONS.of(len(window))
         rows = Innovations(window, reference, noise if breathing_known else _with_breathing(noise), lag_s)
-        found = yield from _likeliest(rows, limits, lag_s)
+        if rows.tells:
+            found = yield from _likeliest(rows, limits, lag_s)
         if ask_bent:
             bent_nats = yield from distortion_nats(rows)
     except ValueError:

@@ -74,6 +74,12 @@ class Texture:
     spots: int
 
     @property
+    def water(self) -> bool:
+        """Whether it is spots in water alone, such as the wires of a phantom: nothing there gives way."""
+        few = self.speckle < max(_FEWEST, _SPECKLE_SHARE * self.visible)
+        return few and self.spots >= max(_FEWEST, _SPOT_SHARE * self.visible)
+
+    @property
     def tissue(self) -> float:
         """Share of speckle or of spots, whichever is better, ÷ the share that is asked for: from 1 on, a picture."""
         speckle = self.speckle / self.visible / _SPECKLE_SHARE if self.speckle >= _FEWEST else 0.0

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from appliance.core.path.residual import NOTHING, OFFSET, SCALE, TAU, VALUE, PathResidual
-from drivers.rigid import Array, rotation_from_vector
+from appliance.core.path.solver import Prior, solve
+from drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support import motions
 from tests.support.motions import TRUTH, planar_path, samples, tilting_path
 
@@ -36,6 +37,33 @@ def test_slopes_are_the_derivative_of_the_rows(planar: bool) -> None:
     for index, change in enumerate(np.eye(NOTHING.size) * 1e-5):
         after, before = (residual.linear(sign * change)[:, VALUE] for sign in (1, -1))
         np.testing.assert_allclose(slopes[:, index], (after - before) / 2e-5, rtol=1e-6, atol=1e-4)
+
+
+def test_where_tissue_may_give_way_the_lateral_scale_is_regressed_on_the_predicted_way() -> None:
+    """All other slopes are the derivatives. The measured way is noisy there, and drew the scale by −9 % and more."""
+    residual = PathResidual.of(samples(tilting_path, 40, 2, motions.Noise(), rigid_tissue=False), TRUTH)
+    residual.reckon(0.4, np.zeros(2))
+    residual.linearise_latency(NOTHING)
+    rows = residual.linear(NOTHING)
+    for index, change in enumerate(np.eye(NOTHING.size) * 1e-5):
+        after, before = (residual.linear(sign * change)[:, VALUE] for sign in (1, -1))
+        expected = (after - before) / 2e-5
+        if index == SCALE.start:
+            expected[0] = residual.seen(NOTHING)[0] - rows[0, VALUE]
+        np.testing.assert_allclose(rows[:, index], expected, rtol=1e-6, atol=1e-4)
+
+
+@pytest.mark.parametrize(("turn_deg", "tells"), [(0.5, False), (2.0, True)])
+def test_over_tissue_that_may_give_way_a_probe_that_hardly_turns_shows_nothing(turn_deg: float, tells: bool) -> None:
+    def path(t_s: Array) -> Array:
+        turn = np.outer(np.deg2rad(turn_deg) * np.sin(3 * t_s), [0, 0, 1])
+        return rigid(rotation_from_vector(turn), planar_path(t_s)[:, :3, 3])
+
+    for rigid_tissue in (False, True):
+        given = samples(path, 240, 2, motions.Noise(), rigid_tissue=rigid_tissue)
+        assert PathResidual.of(given, TRUTH).tells is (tells or rigid_tissue)
+        found = solve(given, TRUTH, Prior(latency_s=0.001)).calibration
+        assert any(found.observed) is (tells or rigid_tissue), found
 
 
 def test_scale_offset_and_rotation_move_the_reference() -> None:
