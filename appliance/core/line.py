@@ -273,7 +273,7 @@ class Line:
 
     def _watch(self, item: StampedPair | Unpaired) -> None:
         frame = item.frame
-        self._tracker.may = self._evidence.tissue
+        self._tracker.may = self._evidence.window.tissue
         tracked = self._tracker.step(frame.image, frame.sequence)
         seen = self._observed(item, tracked)
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None

@@ -17,7 +17,7 @@ _DRAG = 0.15
 """By what share of the probe's lateral way the skin goes along at most, likewise, for skin that does not drag. In rigid
 tissue −.01 ± .01 was seen, where the skin sticks for 3 mm −.5 ± .06 (gesture, in-plane, seed 1)."""
 _APART_S = 0.3
-"""Steps that tell it: as long as a hand's tremor turns one way."""
+"""Between the middles of the blocks of pictures that tell it: as long as a hand's tremor turns one way."""
 _LEAST_STEPS = 6
 """Of them; the sigma of fewer is no measure. Not varied."""
 
@@ -31,21 +31,27 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
     if len(seen) < _LEAST_STEPS:
         return before
     t_s = np.array([motion.stamp.t_ns for motion in seen]) / 1e9
-    each = max(1, round(_APART_S / max(float(np.median(np.diff(t_s))), 1e-3)))
-    same = np.diff(np.array([motion.chain for motion in seen])[::each]) == 0
+    block = np.cumsum(np.diff(t_s // _APART_S, prepend=0) != 0) - 1
+    chain = np.array([motion.chain for motion in seen])
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
+    whole = np.maximum.reduceat(chain, starts) == np.minimum.reduceat(chain, starts)
+    same = (np.diff(chain[starts]) == 0) & whole[1:] & whole[:-1]
     if same.sum() < _LEAST_STEPS:
         return before
+    tissue = [motion.tissue for motion in seen if motion.tissue is not None]
+    pictures = np.diff(starts, append=len(seen))
+
+    def steps(path: Array) -> Array:
+        """Of the means of blocks, as pictures err one by one."""
+        return np.asarray(np.diff(np.add.reduceat(path, starts) / pictures)[same])
+
     moved, turned = picture_steps(reference.rotation, reference.offset_mm, SensorSteps.between(poses))
-    way_mm, turn_rad = (np.diff(np.cumsum(steps)[::each])[same] for steps in (moved[0], turned[2]))
-    tissue = [motion.tissue for motion in seen[::each] if motion.tissue is not None]
     lateral, axial = reference.polarity
-    tilt_rad = np.diff([path.tilt_rad for path in tissue])[same] * lateral * axial
-    may = before & DRAGS | PRESSES * _may_be_other(bool(before & PRESSES), 1.0, _TILT, turn_rad, tilt_rad)
-    if may & PRESSES:
+    tilt_rad = steps(np.array([path.tilt_rad for path in tissue])) * lateral * axial
+    if _may_be_other(bool(before & PRESSES), 1.0, _TILT, steps(np.cumsum(turned[2])), tilt_rad):
         return DRAGS | PRESSES
-    drag_px = np.diff([path.drag_px[DRAGS] for path in tissue])[same] * lateral
-    drag_mm = drag_px * reference.scale_mm_per_px[0]
-    return DRAGS * _may_be_other(bool(before & DRAGS), 0.0, _DRAG, way_mm, drag_mm)
+    drag_mm = steps(np.array([path.drag_px[DRAGS] for path in tissue])) * lateral * reference.scale_mm_per_px[0]
+    return DRAGS * _may_be_other(bool(before & DRAGS), 0.0, _DRAG, steps(np.cumsum(moved[0])), drag_mm)
 
 
 def _may_be_other(before: bool, due: float, most: float, told: Array, seen: Array) -> bool:

@@ -112,8 +112,7 @@ class PathWindow:
         self._seen: deque[Motion] = deque()
         self.poses = PoseTrack(span_ns + _SPARE_NS)
         self._arrays_known: tuple[Array, NDArray[np.int64], Array, Array] | None = None
-        self._tissue_known: int | None = None
-        self._tissue_before = DRAGS | PRESSES
+        self._tissue = DRAGS | PRESSES
         self._samples_known: dict[float, PathSamples] = {}
 
     def __len__(self) -> int:
@@ -129,7 +128,7 @@ class PathWindow:
     def restart(self) -> None:
         """What comes next obeys another calibration: forget the pictures, keep the poses."""
         self._changed()
-        self._tissue_before = DRAGS | PRESSES
+        self._tissue = DRAGS | PRESSES
         self._seen.clear()
 
     def forget(self, since_ns: int) -> None:
@@ -139,7 +138,7 @@ class PathWindow:
             self._seen.pop()
 
     def _changed(self) -> None:
-        self._arrays_known = self._tissue_known = None
+        self._arrays_known = None
         self._samples_known.clear()
 
     @property
@@ -165,7 +164,7 @@ class PathWindow:
     def since(self, start_ns: int) -> "PathWindow":
         """A window on what is not older than start_ns, sharing the poses."""
         window = PathWindow(self._reference, self._span_ns)
-        window.poses, window._tissue_known = self.poses, self.tissue
+        window.poses, window._tissue = self.poses, self._tissue
         window._seen.extend(motion for motion in self._seen if motion.stamp.t_ns >= start_ns)
         return window
 
@@ -225,22 +224,27 @@ class PathWindow:
 
     @property
     def tissue(self) -> int:
-        """What tissue may do, as bits: what the motion has not shown it not to do. Part of a window knows what all of
-        it shows.
+        """What tissue may do, as bits: what the motion has not shown it not to do when `look_at_tissue` was last asked;
+        nothing where it is known to be rigid.
         """
-        if self._tissue_known is None:
-            self._tissue_known = self._tissue_before = self._tissue()
-        return self._tissue_known
+        return 0 if self._seen and self._seen[-1].tissue is None else self._tissue
 
-    def _tissue(self) -> int:
-        if not self._seen or self._seen[-1].tissue is None:
-            return 0 if self._seen else DRAGS | PRESSES
-        origin_ns = self._seen[0].stamp.t_ns
-        t_s = np.array([(s.stamp.t_ns - origin_ns) / 1e9 for s in self._seen])
-        poses, known = self.poses.at(t_s, origin_ns)
-        known &= np.array([motion.tissue is not None for motion in self._seen])
-        seen = [motion for motion, there in zip(self._seen, known, strict=True) if there]
-        return may_do(self._tissue_before, seen, poses[known], self._reference)
+    def look_at_tissue(self, lag_s: float) -> int:
+        """The same by all of the window. lag_s: of the tracker."""
+        if self._seen and self._seen[-1].tissue is not None:
+            self._changed()
+            origin_ns = self._seen[0].stamp.t_ns
+            t_s = np.array([(s.stamp.t_ns - origin_ns) / 1e9 for s in self._seen]) + lag_s
+            poses, known = self.poses.at(t_s, origin_ns)
+            known &= np.array([motion.tissue is not None for motion in self._seen])
+            seen = [motion for motion, there in zip(self._seen, known, strict=True) if there]
+            self._tissue = may_do(self._tissue, seen, poses[known], self._reference)
+        return self.tissue
+
+    def take_tissue(self, other: "PathWindow") -> None:
+        """What another window on the same motion has told of it."""
+        self._changed()
+        self._tissue = other._tissue
 
     def _arrays(self) -> tuple[Array, NDArray[np.int64], Array, Array]:
         if self._arrays_known is None:

@@ -19,7 +19,7 @@ from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
 from appliance.core.spread_work import Work
 from appliance.limits import NAMED_NATS, SWEPT_AGE_S, Limits
-from appliance.types import DRAGS, PARAMETERS, PRESSES, Calibration, Check, Fault, VerdictKind
+from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 
 _SHORT_NS = 3_500_000_000
 """The window that finds a change. Longer names it later: a scale is named within 4 s
@@ -57,15 +57,12 @@ class Evidence:
     is dropped, so that old and new calibration are never mixed into one estimate. A fault counts when two solutions in
     a row show it; while the short window still holds some of the time before the change, only that fault may be named,
     and a late tracker, which looks like any other. Then the window grows again, and shows what else is wrong.
-
-    tissue: what it may do, as bits, by the motion of the latest solution.
     """
 
     def __init__(self, reference: Calibration, limits: Limits, window: PathWindow) -> None:
         self._reference = reference
         self._limits = limits
         self.window = window
-        self.tissue = DRAGS | PRESSES
         self._nothing = examine_nothing(limits)
         self._choice = Choice()
         self.distortion = FieldDistortion(limits.named_nats)
@@ -117,7 +114,6 @@ class Evidence:
 
     def _start_over(self) -> None:
         self._under_way = None
-        self.tissue = DRAGS | PRESSES
         self.window.restart()
         self.rest.restart()
         self._verification.restart()
@@ -266,10 +262,11 @@ class Evidence:
         window: what was remembered at now_ns.
         """
         lagged_ns = yield from self._examiner.new_lag(window, now_ns)
-        self.tissue = window.tissue
         if lagged_ns is not None:
             # A window that holds motion from before the lag shows neither for seconds.
             self._lagged_ns, self._valid_ns = lagged_ns, max(self._valid_ns, lagged_ns)
+        window.look_at_tissue(self._examiner.about_s)
+        self.window.take_tissue(window)
         recent = window.since(max(self._lagged_ns, now_ns - _SHORT_NS))
         finding = yield from self._examiner.look(window, recent, self._valid_ns, now_ns - _SHORT_NS, now_ns)
         accusation = yield from self._accused(finding, window, now_ns)

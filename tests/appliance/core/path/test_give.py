@@ -39,14 +39,14 @@ def with_tissue(plain: PathWindow, follows: float = 0.0, drags: float = 0.0, noi
     [(0.0, 0.0, 0), (0.0, 0.4, DRAGS), (0.15, 0.0, ALL), (0.6, 0.0, ALL), (0.6, 0.4, ALL), (-0.2, 0.0, ALL)],
 )
 def test_what_ten_seconds_show(follows: float, drags: float, may: int) -> None:
-    assert window(10.0, follows, drags).tissue == may
+    assert window(10.0, follows, drags).look_at_tissue(0.0) == may
 
 
 def test_until_it_is_shown_tissue_may_do_all() -> None:
     assert PathWindow(TRUTH).tissue == ALL
-    assert window(1.0).tissue == ALL
-    assert window(10.0, noise=20.0).tissue == ALL
-    assert with_tissue(filled(elevational_path, 10.0)).tissue == ALL
+    assert window(1.0).look_at_tissue(0.0) == ALL
+    assert window(10.0, noise=60.0).look_at_tissue(0.0) == ALL
+    assert with_tissue(filled(elevational_path, 10.0)).look_at_tissue(0.0) == ALL
 
 
 def path(window: PathWindow) -> Array:
@@ -56,6 +56,7 @@ def path(window: PathWindow) -> Array:
 @pytest.mark.parametrize(("drags", "may"), [(0.0, 0), (0.4, DRAGS)])
 def test_the_path_is_the_one_of_such_tissue_and_parts_of_a_window_have_it_as_well(drags: float, may: int) -> None:
     whole = window(10.0, drags=drags)
+    whole.look_at_tissue(0.0)
     part = whole.since(whole.now_ns - 500_000_000)
     assert part.tissue == may
     for each in whole, part, whole.as_now():
@@ -65,23 +66,37 @@ def test_the_path_is_the_one_of_such_tissue_and_parts_of_a_window_have_it_as_wel
 
 def test_what_was_shown_stands_until_motion_contradicts_it() -> None:
     known = window(10.0)
-    assert known.tissue == 0
+    assert known.look_at_tissue(0.0) == 0
     motions = list(known._seen)
     still = replace(motions[-1], stamp=replace(motions[-1].stamp, t_ns=motions[-1].stamp.t_ns + 35_000_000_000))
     known.add(still)
     assert len(known) == 1
-    assert known.tissue == 0, "nothing of it is in the window any more"
+    assert known.look_at_tissue(0.0) == 0, "nothing of it is in the window any more"
     known.restart()
     assert known.tissue == ALL
+
+
+def rigid_window() -> PathWindow:
+    known = window(10.0)
+    known.look_at_tissue(0.0)
+    return known
+
+
+def test_rigid_tissue_is_known_by_a_tracker_that_is_late() -> None:
+    """By .2 s the picture tilts before the tracker turns."""
+    late = with_tissue(filled(planar_path, 10.0, late_s=0.2))
+    assert late.look_at_tissue(0.0) == ALL
+    assert late.look_at_tissue(0.2) == 0
 
 
 def test_rigid_tissue_that_turns_out_to_follow_is_rigid_no_more() -> None:
     soft, known = window(20.0, follows=0.5), PathWindow(TRUTH)
     known.poses = soft.poses
-    known._tissue_before = 0
+    known.take_tissue(rigid_window())
     for motion in soft._seen:
         known.add(motion)
-    assert known.tissue == ALL
+    assert known.tissue == 0
+    assert known.look_at_tissue(0.0) == ALL
 
 
 def test_motion_of_which_nothing_is_known_but_that_it_is_rigid() -> None:
