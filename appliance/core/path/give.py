@@ -18,6 +18,19 @@ _DRAG = 0.15
 tissue −.01 ± .01 was seen, where the skin sticks for 3 mm −.5 ± .06 (gesture, in-plane, seed 1)."""
 _APART_S = 0.3
 """Between the middles of the blocks of pictures that tell it: as long as a hand's tremor turns one way."""
+_MISALIGNED = 0.35
+"""Standard deviation of what the picture turns by for one of the probe about its lateral or axial axis, as
+`Prior.tilt_rad`. More lets noise pass for a share; less takes a wrong rotation, which tilts the axis, for soft tissue:
+with .1, another probe was not told to be one (gesture, two seeds)."""
+_LEAST_TURN = 0.1
+"""Of the turn about the elevational axis, what there is at least about such an axis for it to be looked at: of less the
+share is known ten times worse. Not varied."""
+_ANY = 10.0
+"""Standard deviation of a share of which nothing is supposed."""
+_ROUNDS = 3
+"""Of share and noise by turns: the noise only weighs what is supposed. Not varied."""
+_TINY = 1e-9
+"""Instead of zero where it divides."""
 _LEAST_STEPS = 6
 """Of them; the sigma of fewer is no measure. Not varied."""
 
@@ -43,24 +56,37 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
 
     def steps(path: Array) -> Array:
         """Of the means of blocks, as pictures err one by one."""
-        return np.asarray(np.diff(np.add.reduceat(path, starts) / pictures)[same])
+        return np.asarray(np.diff(np.add.reduceat(path, starts, axis=-1) / pictures)[..., same])
 
     moved, turned = picture_steps(reference.rotation, reference.offset_mm, SensorSteps.between(poses))
     lateral, axial = reference.polarity
     tilt_rad = steps(np.array([path.tilt_rad for path in tissue])) * lateral * axial
-    if _may_be_other(bool(before & PRESSES), 1.0, _TILT, steps(np.cumsum(turned[2])), tilt_rad):
+    turns_rad = steps(np.cumsum(turned, axis=1))
+    size = np.sqrt(np.mean(np.square(turns_rad), axis=1))
+    aside = np.where(size[:2] >= _LEAST_TURN * size[2], _MISALIGNED, _TINY)
+    if _may_be_other(bool(before & PRESSES), 1.0, _TILT, *_share(turns_rad, tilt_rad, np.append(aside, _ANY))):
         return DRAGS | PRESSES
     drag_mm = steps(np.array([path.drag_px[DRAGS] for path in tissue])) * lateral * reference.scale_mm_per_px[0]
-    return DRAGS * _may_be_other(bool(before & DRAGS), 0.0, _DRAG, steps(np.cumsum(moved[0])), drag_mm)
+    drag = _share(steps(np.cumsum(moved[0]))[None], drag_mm, np.array([_ANY]))
+    return DRAGS * _may_be_other(bool(before & DRAGS), 0.0, _DRAG, *drag)
 
 
-def _may_be_other(before: bool, due: float, most: float, told: Array, seen: Array) -> bool:
-    """Whether `seen` may go along with `told` by a share that is further from the one that is due; as before where the
-    motion does not say."""
-    square = float(told @ told)
-    if square == 0.0:
-        return before
-    share = float(told @ seen) / square
-    sigma = float(np.sqrt(np.mean(np.square(seen - share * told)) / square))
+def _share(told: Array, seen: Array, supposed: Array) -> tuple[float, float]:
+    """By what share `seen` (n,) goes along with any of `told` (k, n), or with what lies between them, and its sigma.
+    supposed: (k,) standard deviation of each coefficient.
+
+    An axis between them is that of a probe that is held otherwise than the reference says, and no softer.
+    """
+    left = float(np.mean(np.square(seen)))
+    for _ in range(_ROUNDS):
+        covariance = np.linalg.inv(told @ told.T / max(left, _TINY) + np.diag(supposed**-2))
+        shares = covariance @ told @ seen / max(left, _TINY)
+        left = float(np.mean(np.square(seen - shares @ told)))
+    share = float(np.linalg.norm(shares))
+    return share, float(np.sqrt(shares @ covariance @ shares)) / max(share, _TINY)
+
+
+def _may_be_other(before: bool, due: float, most: float, share: float, sigma: float) -> bool:
+    """Whether a share may be further than that from the one that is due; as before where the motion does not say."""
     beyond = abs(share - due) - most
     return beyond > -2 * sigma if before else beyond > 2 * sigma

@@ -103,18 +103,18 @@ class Evidence:
     def restart(self) -> None:
         """The geometry has changed: what was measured before says nothing of what comes."""
         self._examiner.restart()
-        self._start_over()
+        self._start_over(elsewhere=False)
 
     def lose_sight(self) -> None:
         """A hand may have changed whatever it likes meanwhile, so nothing is shown. How the patient breathes it has not
         changed: what was learned of that is where learning goes on.
         """
         self._examiner.lose_sight()
-        self._start_over()
+        self._start_over(elsewhere=True)
 
-    def _start_over(self) -> None:
+    def _start_over(self, elsewhere: bool) -> None:
         self._under_way = None
-        self.window.restart()
+        self.window.restart(elsewhere)
         self.rest.restart()
         self._verification.restart()
         self._latest = self._nothing

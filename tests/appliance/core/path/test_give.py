@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from appliance.core.path.window import PathWindow
-from appliance.types import DRAGS, PRESSES, TissuePath
-from drivers.rigid import Array
-from tests.support.motions import TRUTH, planar_path
+from appliance.types import DRAGS, PRESSES, Calibration, TissuePath
+from drivers.rigid import Array, rotation_from_vector
+from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import elevational_path, filled
 
 ALL = DRAGS | PRESSES
@@ -21,9 +21,11 @@ def window(seconds: float, follows: float = 0.0, drags: float = 0.0, noise: floa
     return with_tissue(filled(planar_path, seconds), follows, drags, noise)
 
 
-def with_tissue(plain: PathWindow, follows: float = 0.0, drags: float = 0.0, noise: float = 1.0) -> PathWindow:
+def with_tissue(
+    plain: PathWindow, follows: float = 0.0, drags: float = 0.0, noise: float = 1.0, reference: Calibration = TRUTH
+) -> PathWindow:
     """Path k of the tissue is k px beside that of the picture."""
-    random, found = np.random.default_rng(1), PathWindow(TRUTH)
+    random, found = np.random.default_rng(1), PathWindow(reference)
     found.poses = plain.poses
     for motion in plain._seen:
         tilt_rad = (1 - follows) * motion.path_rad + random.normal(0, 7e-4 * noise)
@@ -73,6 +75,8 @@ def test_what_was_shown_stands_until_motion_contradicts_it() -> None:
     assert len(known) == 1
     assert known.look_at_tissue(0.0) == 0, "nothing of it is in the window any more"
     known.restart()
+    assert known.tissue == 0, "the tissue is the same under another calibration"
+    known.restart(elsewhere=True)
     assert known.tissue == ALL
 
 
@@ -87,6 +91,21 @@ def test_rigid_tissue_is_known_by_a_tracker_that_is_late() -> None:
     late = with_tissue(filled(planar_path, 10.0, late_s=0.2))
     assert late.look_at_tissue(0.0) == ALL
     assert late.look_at_tissue(0.2) == 0
+
+
+@pytest.mark.parametrize("late_s", [0.1, 0.2, 0.45])
+def test_rigid_tissue_stays_rigid_as_a_tracker_begins_to_lag(late_s: float) -> None:
+    late = with_tissue(filled(planar_path, 10.0, late_s=late_s))
+    late.take_tissue(rigid_window())
+    assert late.look_at_tissue(0.0) == 0
+
+
+@pytest.mark.parametrize(("follows", "may"), [(0.0, 0), (0.5, ALL)])
+def test_a_probe_that_is_held_otherwise_than_the_reference_says_is_no_softer(follows: float, may: int) -> None:
+    """As another probe is: by 30°, which tilts the axis about which the picture turns."""
+    turned = replace(TRUTH, rotation=rotation_from_vector(np.deg2rad([30.0, 0.0, 0.0])) @ TRUTH.rotation)
+    other = with_tissue(filled(tilting_path, 10.0, reference=turned), follows, reference=turned)
+    assert other.look_at_tissue(0.0) == may
 
 
 def test_rigid_tissue_that_turns_out_to_follow_is_rigid_no_more() -> None:
