@@ -267,7 +267,7 @@ class _Problem:
         self._breathing = np.zeros_like(self._at_reference[:, VALUE])
         self._rounds = 0 if not learn else _ROUNDS_ON if start else _ROUNDS
         self._first, left = self._first_estimate()
-        self._noise = LearnedNoise(residual.blocks, residual.parts, start or self._first_noise(left))
+        self._noise = LearnedNoise(residual.blocks, residual.parts, start or self._first_noise(left), residual.sheared)
 
     def _first_estimate(self) -> tuple[Array, Array]:
         """θ by least squares, and (rows, m) what it leaves, each chain with an offset of its own."""

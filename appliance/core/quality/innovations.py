@@ -22,8 +22,7 @@ class Innovations:
     def __init__(self, window: PathWindow, reference: Calibration, noise: Noise, lag_s: float) -> None:
         self._samples = window.samples(lag_s)
         self._residual = PathResidual.of(self._samples, reference)
-        known = covariances(self._residual.blocks, self._residual.parts, noise)
-        known[: len(self._residual.given)] += self._residual.given
+        known = covariances(self._residual.blocks, self._residual.parts, noise) + self._residual.given
         backwards = known[:, ::-1, ::-1]
         self._whitening = [_whitening(C) for C in backwards]
         t_s = self._residual.blocks.t_s

@@ -66,6 +66,21 @@ def test_over_tissue_that_may_give_way_a_probe_that_hardly_turns_shows_nothing(t
         assert any(found.observed) is (tells or rigid_tissue), found
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_tissue_that_is_sheared_by_a_press_or_by_drag_has_not_turned(axis: int) -> None:
+    """By .05° for 1 mm, as the probe twists in step with that. Taken for a turn, it is a wrong rotation."""
+
+    def path(t_s: Array) -> Array:
+        way_mm = planar_path(t_s)[:, axis, 3]
+        return planar_path(t_s) @ rigid(rotation_from_vector(np.outer(way_mm, [0.0, 0.02, 0.0])), np.zeros(3))
+
+    given = samples(path, 240, 6, motions.Noise(), rigid_tissue=False)
+    way_mm = planar_path(given.t_s)[:, axis, 3]
+    found = solve(replace(given, alpha_rad=given.alpha_rad + np.deg2rad(0.05) * way_mm), TRUTH, Prior(latency_s=0.001))
+    assert abs(found.change[0]) < 3 * np.sqrt(found.covariance[0, 0])
+    assert np.sqrt(found.covariance[0, 0]) > np.deg2rad(1), "which of the two it is no such motion tells"
+
+
 def test_scale_offset_and_rotation_move_the_reference() -> None:
     """The residual at θ is that of the moved reference at zero."""
     given = samples(tilting_path, 40, 3, motions.Noise())
