@@ -84,6 +84,25 @@ class RequiredAges(BaseModel):
         return {check_name(name): age_s for name, age_s in self if age_s != 0}
 
 
+class Region(BaseModel):
+    """The part of the picture in which the error of a point counts, as shares of its width and height from the upper
+    left corner. By default all of it, which holds every sector.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    left: float = Field(default=0.0, ge=0, le=1)
+    right: float = Field(default=1.0, ge=0, le=1)
+    top: float = Field(default=0.0, ge=0, le=1)
+    bottom: float = Field(default=1.0, ge=0, le=1)
+
+    @model_validator(mode="after")
+    def _holds_something(self) -> Self:
+        if self.left >= self.right or self.top >= self.bottom:
+            raise PydanticCustomError("refused", "region is empty: left must be less than right, top less than bottom")
+        return self
+
+
 class Limits(BaseModel):
     """Deviation from the reference calibration at which a check fails, and how sure it must be."""
 
@@ -100,6 +119,13 @@ class Limits(BaseModel):
     confidence_sigma: float = Field(
         default=3.0, ge=1, le=6, description="standard deviations between 'seen' and 'shown'"
     )
+    point_mm: float | None = Field(
+        default=None, ge=0.5, le=50, description="error of a point, 99.7 %, that an OK may have; None: any, mm"
+    )
+    point_depth_mm: float | None = Field(
+        default=None, ge=0, le=400, description="depth for which the error of a point is told as well, mm"
+    )
+    region: Region = Region()
     required_age_s: RequiredAges = RequiredAges()
     at_rest_s: float = Field(default=AT_REST_S, ge=0, le=600, description="longer while the probe rests, s")
     named_nats: float = Field(

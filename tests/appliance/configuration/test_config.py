@@ -73,10 +73,10 @@ def test_the_commented_example_is_valid_and_names_every_key_with_its_default() -
     text = EXAMPLE.read_text()
     for model in (Limits(), SupervisorTimes()):
         for name, value in model:
-            if name in ("required_age_s", "named_nats"):  # in a section of its own, and not set by hand
+            if name in ("required_age_s", "region", "named_nats"):  # in a section of its own, and not set by hand
                 continue
             line = next(line for line in text.splitlines() if line.startswith(f"# {name} = "))
-            assert float(line.split("=")[1].split("#")[0]) == value
+            assert value in (None, float(line.split("=")[1].split("#")[0]))  # None: off, and the value an example
             bounds = {type(bound).__name__: bound for bound in type(model).model_fields[name].metadata}
             low, high = (float(part) for part in line.split("#")[-1].split("…"))
             assert (low, high) == (bounds["Ge"].ge, bounds["Le"].le)
@@ -138,6 +138,12 @@ def test_two_outputs(tmp_path: Path) -> None:
             ["[output] entry 2 url = 'relais:/dev/x'", "Did you mean relay:/dev/x?"],
         ),
         ("[[output]]\nport = 1\n", ["[output] entry 2 url is missing", "[output] entry 2 port is not known"]),
+        ("[limits]\npoint_mm = 0.1\n", ["[limits] point_mm = 0.1", "greater than or equal to 0.5"]),
+        ("[limits]\npoint_depth_mm = -1\n", ["[limits] point_depth_mm = -1", "greater than or equal to 0"]),
+        ("[limits.region]\nleft = 0.5\nright = 0.5\n", ["[limits] region", "left must be less than right"]),
+        ("[limits.region]\ntop = 1.0\n", ["[limits] region", "top less than bottom"]),
+        ("[limits.region]\nright = 1.5\n", ["[limits] region right = 1.5", "less than or equal to 1"]),
+        ("[limits.region]\nmiddle = 0.5\n", ["[limits] region middle"]),
         ("[limits.required_age_s]\npolarity = 0\n", ["[limits] required_age_s", "without polarity and latency"]),
         ("[limits.required_age_s]\nlatency = 0.0\n", ["[limits] required_age_s", "without polarity and latency"]),
         ("[limits.required_age_s]\noffset-axial = 121\n", ["offset-axial = 121", "max_verification_age_s = 120"]),
