@@ -12,6 +12,7 @@ from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, examine, examine_nothing, lag_known, latency_of, without
 from appliance.core.quality.examiner import BREATHED, Examiner
 from appliance.core.quality.field_distortion import FieldDistortion
+from appliance.core.quality.point_watch import PointWatch
 from appliance.core.quality.rest import Rest
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.shown import PRESENT_NS
@@ -67,6 +68,7 @@ class Evidence:
         self._choice = Choice()
         self.distortion = FieldDistortion(limits.named_nats)
         self.rest = Rest(limits, reference)
+        self.points = PointWatch(reference, limits)
         self._verification = Verification(limits, self.rest)
         self._latest = self._best = self._nothing
         self._suspects: frozenset[str] = frozenset()
@@ -116,6 +118,7 @@ class Evidence:
         self._under_way = None
         self.window.restart(elsewhere)
         self.rest.restart()
+        self.points.restart()
         self._verification.restart()
         self._latest = self._nothing
         self._choice = Choice()
@@ -130,6 +133,7 @@ class Evidence:
         self._under_way = None
         self.window.forget(since_ns)
         self.rest.forget(since_ns)
+        self.points.restart()
         self._verification.forget(since_ns)
         self.distortion.forget(since_ns)
         self._latest = self._nothing
@@ -145,6 +149,7 @@ class Evidence:
         self._under_way = None
         self.window.poses.forget(since_ns)
         self.rest.forget(since_ns)
+        self.points.pace.restart()
 
     def checks(self) -> tuple[Check, ...]:
         """Checks of the latest solution, of a distorted field, and of the choice that the solution leaves, while
@@ -277,6 +282,7 @@ class Evidence:
         accusation = None if self._latest.failed else accusation
         unnamed = None if accusation is None else undecided(accusation, excused, self._limits.named_nats)
         self._choice.note(unnamed, now_ns)
+        self.points.note(self._latest, self.standing, window.stamps_err_s)
 
     def glance(self) -> None:
         """Look for a flip that needs no solution: at every picture of the first motion, while the polarity is open."""

@@ -1,0 +1,115 @@
+"""The error of a point from picture to picture: what motion last showed of the change, and how the hand moves now."""
+
+from collections import deque
+from math import hypot
+
+import numpy as np
+
+from appliance.core.parameters import MEASURED
+from appliance.core.quality.examination import Finding
+from appliance.core.quality.point_error import Bounds, Change, Places, bounds_at, change_of, slope_of_places
+from appliance.core.quality.verification import Standing
+from appliance.limits import GESTURE_AGE_S, Limits
+from appliance.types import PARAMETERS, Calibration, Check, Fault, PointError
+from drivers.rigid import Array, inverse, rigid
+from drivers.samples import Matrix4
+
+_OVER_NS = 100_000_000
+"""Over which the speed is taken: with .1 mm of noise it is told to 1.4 mm/s. Longer tells a jerk late and less of it,
+shorter takes the tracker's noise for speed."""
+_KNOWN_NS = 300_000_000
+"""For which a speed stands without a pose, as long as poses are bridged. Longer tells a moving hand as it was."""
+_ELSE = 3.0
+"""Standard deviations of the difference by which newer motion may differ from what is kept. More keeps what has slowly
+changed, fewer drop by chance what only a gesture shows, until the next. Not varied."""
+_ALL = frozenset({Fault.POLARITY.value, *MEASURED})
+
+
+class Pace:
+    """How the hand moves the picture. now: (3, 4), from a place in the picture (x, y, z, 1), mm, to its speed in the
+    axes of the picture, mm/s; None while it is not known.
+    """
+
+    def __init__(self, reference: Calibration) -> None:
+        self._sensor_to_picture = rigid(reference.rotation, reference.offset_mm)
+        self._poses: deque[tuple[int, Matrix4]] = deque()
+        self._now: Array | None = None
+
+    def step(self, t_ns: int, pose: Matrix4) -> None:
+        """The pose of the picture at t_ns, sensor → tracker."""
+        self._poses.append((t_ns, pose))
+        while len(self._poses) > 2 and t_ns - self._poses[1][0] >= _OVER_NS:
+            self._poses.popleft()
+        before_ns, before = self._poses[0]
+        X = self._sensor_to_picture
+        self._now = None
+        if 0 < t_ns - before_ns <= _KNOWN_NS:
+            way = np.eye(4) - X @ inverse(pose) @ before @ inverse(X)
+            self._now = way[:3] / ((t_ns - before_ns) / 1e9)
+
+    def at(self, t_ns: int) -> Array | None:
+        """`now` as of a picture at t_ns."""
+        known = self._poses and 0 <= t_ns - self._poses[-1][0] <= _KNOWN_NS
+        return self._now if known else None
+
+    def restart(self) -> None:
+        """Poses before now were stamped wrongly, or lie behind a gap."""
+        self._poses.clear()
+        self._now = None
+
+
+class PointWatch:
+    """What a whole gesture showed is kept while less motion shows less of it, for as long as the offsets count; a sign
+    against the calibration, or newer motion that shows something else, ends it.
+    """
+
+    def __init__(self, reference: Calibration, limits: Limits) -> None:
+        self._reference = reference
+        self._places = Places(reference, limits)
+        self.pace = Pace(reference)
+        self._kept: tuple[Change, tuple[Check, ...]] | None = None
+        self._latest: Change | None = None
+
+    def restart(self) -> None:
+        """Nothing is shown any more."""
+        self._kept = self._latest = None
+
+    def note(self, finding: Finding, standing: Standing, stamps_err_s: float) -> None:
+        """What the latest solution shows."""
+        self._latest = change_of(finding, stamps_err_s)
+        if self._latest is not None and finding.shows(_ALL):
+            self._kept = self._latest, finding.checks
+        elif self._kept is not None and (standing.contradicted or _differs(finding.checks, self._kept[1])):
+            self._kept = None
+
+    def now(self, t_ns: int, standing: Standing) -> PointError | None:
+        """At a picture. None while it is not known: something was not observed, something speaks against the
+        calibration, or nobody knows how the hand moves.
+        """
+        known = self._known(t_ns, standing)
+        return None if known is None else self._places.error(*known)
+
+    def at(self, t_ns: int, standing: Standing, at_mm: Array) -> Bounds | None:
+        """The same at these places, as of `bounds_at`."""
+        known = self._known(t_ns, standing)
+        return None if known is None else bounds_at(at_mm, slope_of_places(at_mm, self._reference), *known)
+
+    def _known(self, t_ns: int, standing: Standing) -> tuple[Change, Array] | None:
+        change, pace = self._change(t_ns, standing), self.pace.at(t_ns)
+        return None if change is None or pace is None or standing.contradicted else (change, pace)
+
+    def _change(self, t_ns: int, standing: Standing) -> Change | None:
+        if self._kept is None or standing.verified_ns is None:
+            return self._latest
+        change, _ = self._kept
+        return change if t_ns - change.shown_ns <= GESTURE_AGE_S * 1e9 else self._latest
+
+
+def _differs(checks: tuple[Check, ...], kept: tuple[Check, ...]) -> bool:
+    """Whether any parameter of X has become another since; what is not observed differs in nothing."""
+    before = {check.name: check for check in kept}
+    return any(
+        abs(check.value - before[check.name].value) > _ELSE * hypot(check.sigma, before[check.name].sigma)
+        for check in checks
+        if check.name in PARAMETERS
+    )
