@@ -11,7 +11,7 @@ import numpy as np
 
 from appliance.core.order import Order
 from appliance.limits import Limits
-from appliance.types import Calibration, Check, Fault, Rival, Verdict, VerdictKind
+from appliance.types import Calibration, Check, Fault, PointError, Rival, Verdict, VerdictKind
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 Header = dict[str, Any]
@@ -53,6 +53,7 @@ def verdict_fields(verdict: Verdict) -> Header:
         "expires_ns": verdict.expires_ns,
         "checks": [_check_fields(check) for check in verdict.checks],
         "rivals": [_rival_fields(rival) for rival in verdict.rivals],
+        "point": None if verdict.point is None else _point_fields(verdict.point),
     }
 
 
@@ -106,6 +107,7 @@ def verdict_of(fields: Header) -> Verdict:
         verified_ns=_whole_or_none(fields["verified_ns"]),
         expires_ns=_whole_or_none(fields["expires_ns"]),
         rivals=tuple(Rival(_check(rival["check"]), float(rival["behind_nats"])) for rival in fields.get("rivals", ())),
+        point=None if fields.get("point") is None else _point(fields["point"]),
     )
 
 
@@ -150,6 +152,33 @@ def _check_fields(check: Check) -> Header:
 
 def _rival_fields(rival: Rival) -> Header:
     return {"check": _check_fields(rival.check), "behind_nats": _number(rival.behind_nats)}
+
+
+def _point_fields(point: PointError) -> Header:
+    deep = point.at_depth_mm
+    return {
+        "worst_mm": _numbers(point.worst_mm),
+        "median_mm": _numbers(point.median_mm),
+        "depth_mm": None if point.depth_mm is None else _number(point.depth_mm),
+        "at_depth_mm": None if deep is None else _numbers(deep),
+        "shown_ns": point.shown_ns,
+    }
+
+
+def _point(fields: Header) -> PointError:
+    depth, deep = fields["depth_mm"], fields["at_depth_mm"]
+    return PointError(
+        worst_mm=_pair(fields["worst_mm"]),
+        median_mm=_pair(fields["median_mm"]),
+        depth_mm=None if depth is None else float(depth),
+        at_depth_mm=None if deep is None else _pair(deep),
+        shown_ns=whole(fields["shown_ns"]),
+    )
+
+
+def _pair(values: list[Any]) -> tuple[float, float]:
+    narrow, wide = map(float, values)
+    return narrow, wide
 
 
 def _check(fields: Header) -> Check:

@@ -21,7 +21,8 @@ from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
 from appliance.core.motion import analyse, plane_step, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.judgement import Judgement, judge
+from appliance.core.quality.judgement import Judgement, bounded, judge
+from appliance.core.quality.point_error import Bounds
 from appliance.core.quality.proposal import propose
 from appliance.core.quality.report import LineReport
 from appliance.core.registration.pyramid import Bits
@@ -82,7 +83,7 @@ class Line:
     """
 
     def __init__(self, reference: Calibration, limits: Limits, stale_ns: int = round(TRACKER_STALE_MS * 1e6)) -> None:
-        self._reference = reference
+        self._reference, self._limits = reference, limits
         self._frame_gate, self._pose_gate = StampGate(), StampGate()
         self._pairing = Pairing()
         aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
@@ -143,6 +144,12 @@ class Line:
             sample = checked_pose(sample)
             self._take_pose(sample)
         return tuple(self._settled(item) for item in self._pairing.step(sample))
+
+    def point_bounds(self, t_ns: int, at_mm: Array) -> Bounds | None:
+        """At (n, 3) places in the axes of the picture, mm from its middle: what the error of a point of the verdict at
+        t_ns, the last one, is the worst and the median of.
+        """
+        return self._evidence.points.at(t_ns, self._evidence.standing, at_mm)
 
     def report(self) -> LineReport:
         """What the whole session showed; frames still waiting for a pose stay unpaired."""
@@ -211,9 +218,7 @@ class Line:
             self._lose_sight(t_ns)
             standing = self._evidence.standing
             shown_ns = standing.verified_ns, standing.expires_ns
-            verdict = Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._detected(), None, refusal, *shown_ns)
-            self._judgement.note(verdict)
-            return verdict
+            return self._told(Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._detected(), None, refusal, *shown_ns))
         height, width = item.frame.image.shape
         if (width, height) != self._reference.image_size_px:
             return self._judged(t_ns, (self._wrong_size(width, height),))
@@ -258,7 +263,12 @@ class Line:
         return (*self._evidence.checks(), *self._detected())
 
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
-        verdict = judge(t_ns, checks, self._evidence.standing, self._broke)
+        return self._told(judge(t_ns, checks, self._evidence.standing, self._broke))
+
+    def _told(self, verdict: Verdict) -> Verdict:
+        """With the error of a point as of now."""
+        point = self._evidence.points.now(verdict.t_ns, self._evidence.standing)
+        verdict = bounded(verdict, point, self._limits.point_mm)
         self._judgement.note(verdict)
         return verdict
 
@@ -279,6 +289,7 @@ class Line:
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None
         if isinstance(item, StampedPair):
             self._evidence.rest.step(frame.stamp.t_ns, item.matrix, self._tracker)
+            self._evidence.points.pace.step(frame.stamp.t_ns, item.matrix)
         if self._seen(seen):
             self._tracker.renew_keyframe()
             self._evidence.restart()

@@ -57,6 +57,16 @@ _RIVAL = _object(
     check=_CHECK,
     behind_nats={**_NUMBER, "description": "log likelihood by which it explains less than the likeliest"},
 )
+_LIMIT = {"type": ["number", "object", "null"], "description": "objects hold limits of their own; null is off"}
+_BOUNDS = {**_NUMBERS, "description": "holds for 95 %, for 99.7 %"}
+_POINT = _object(
+    "probewatch.PointError",
+    worst_mm=_BOUNDS,
+    median_mm=_BOUNDS,
+    depth_mm={"type": ["number", "null"], "description": "that somebody named, from the top of the picture"},
+    at_depth_mm={**_BOUNDS, "type": ["array", "null"]},
+    shown_ns=_INTEGER,
+)
 _REFERENCE = _object(
     "probewatch.Calibration",
     rotation={**_NUMBERS, "description": "3 x 3 by rows, sensor to picture"},
@@ -72,7 +82,7 @@ _ORDER = _object(
     "probewatch.Order",
     generation=_INTEGER,
     stale_ns=_INTEGER,
-    limits={"type": "object", "properties": {name: {"type": "number"} for name in Limits.model_fields}},
+    limits={"type": "object", "properties": dict.fromkeys(Limits.model_fields, _LIMIT)},
     reference=_REFERENCE,
 )
 
@@ -116,6 +126,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         expires_ns=_PERHAPS_INTEGER,
         checks={"type": "array", "items": _CHECK},
         rivals={"type": "array", "items": _RIVAL, "description": "what may be wrong, the likeliest first"},
+        point={"anyOf": [_POINT, {"type": "null"}], "description": "error of a point"},
     ),
     "/state": {"title": "probewatch.Status", "type": "object", "description": "the status of docs/control.md"},
     "/gap": _object("probewatch.Gap", reason=_TEXT, samples=_INTEGER),

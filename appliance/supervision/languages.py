@@ -138,6 +138,8 @@ GERMAN = {
     "beyond its limit, not certain: {name} {value} ± {sigma} {unit}, limit {limit} {unit}": (
         "jenseits der Grenze, nicht sicher: {name} {value} ± {sigma} {unit}, Grenze {limit} {unit}"
     ),
+    "error of a point {value} mm, limit {limit} mm": "Fehler eines Punktes {value} mm, Grenze {limit} mm",
+    "error of a point not known, limit {limit} mm": "Fehler eines Punktes unbekannt, Grenze {limit} mm",
     "{name} {value} {unit}, limit {limit} {unit}": "{name} {value} {unit}, Grenze {limit} {unit}",
     "{name} {value} {unit}, limit {limit} {unit}: waiting for it to be confirmed": (
         "{name} {value} {unit}, Grenze {limit} {unit}: noch zu bestätigen"

@@ -2,10 +2,11 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 
 from appliance.core.quality.gesture import gestures
 from appliance.core.quality.verification import Sign, Standing
-from appliance.types import PARAMETERS, Check, Fault, Kind, Rival, Verdict, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, Kind, PointError, Rival, Verdict, VerdictKind
 
 _ESTIMATED = frozenset({"polarity", "latency", *PARAMETERS})
 _NEAR = 0.8
@@ -61,6 +62,26 @@ def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing, broke: bool 
     return Verdict(t_ns, kind, checks, None, reason, standing.verified_ns, standing.expires_ns)
 
 
+def bounded(verdict: Verdict, point: PointError | None, limit_mm: float | None) -> Verdict:
+    """The verdict with the error of a point, which is not told beside a FAULT. limit_mm: that an OK may have, None for
+    any: beyond it, and where the error is not known, nothing is verified. It gives no OK and names no fault.
+    """
+    if verdict.kind is VerdictKind.FAULT:
+        return verdict
+    verdict = replace(verdict, point=point)
+    if limit_mm is None:
+        return verdict
+    if point is not None and point.worst_mm[-1] <= limit_mm:
+        shown_ns = None if verdict.verified_ns is None else min(verdict.verified_ns, point.shown_ns)
+        return replace(verdict, verified_ns=shown_ns)
+    error = "not known" if point is None else f"{point.worst_mm[-1]:.1f} mm"
+    told = [f"error of a point {error}, limit {limit_mm:g} mm"]
+    if verdict.kind is not VerdictKind.OK:
+        told = [verdict.reason, *(told if point is not None else [])]
+    kind, reason = VerdictKind.NOT_VERIFIED, "; ".join(told)
+    return replace(verdict, kind=kind, reason=reason, verified_ns=None, expires_ns=None)
+
+
 class Judgement:
     """Remembers whether a fault lasted and whether the calibration was ever verified.
 
@@ -75,10 +96,12 @@ class Judgement:
         self._verified_ns: int | None = None
         self._last_ns = 0
         self._rivals: tuple[Rival, ...] = ()
+        self._point: PointError | None = None
 
     def note(self, verdict: Verdict) -> None:
         """Take the next verdict of the line, in time order."""
         self._last_ns, self._rivals = verdict.t_ns, verdict.rivals
+        self._point = verdict.point or self._point
         if verdict.kind is VerdictKind.OK:
             self._verified_ns = verdict.t_ns
         for fault in list(self._since_ns):
@@ -91,6 +114,7 @@ class Judgement:
 
     def overall(self, checks: tuple[Check, ...]) -> Verdict:
         """FAULT if one lasted a second, else OK if the calibration was verified at any time, else NOT_VERIFIED.
+        Beside a FAULT there is no error of a point, else it is as it was last known.
 
         checks: the best that was known of each quantity; a lasting fault puts its failing checks in their place.
         """
@@ -100,11 +124,12 @@ class Judgement:
             checks = _replaced(checks, [check for check in failing.checks if check.verdict is VerdictKind.FAULT])
             return Verdict(self._last_ns, VerdictKind.FAULT, checks, fault, failing.reason, rivals=failing.rivals)
         if self._verified_ns is not None:
-            return Verdict(self._last_ns, VerdictKind.OK, checks, None, "calibration verified")
+            return Verdict(self._last_ns, VerdictKind.OK, checks, None, "calibration verified", point=self._point)
         missing = [name for name in self._required if name not in _shown(checks)]
         unverified = _unverified(checks, "too little in-plane motion to show", missing)
         reason = _undecided(self._rivals) if self._rivals else unverified
-        return Verdict(self._last_ns, VerdictKind.NOT_VERIFIED, checks, None, reason, rivals=self._rivals)
+        kind = VerdictKind.NOT_VERIFIED
+        return Verdict(self._last_ns, kind, checks, None, reason, rivals=self._rivals, point=self._point)
 
 
 def _replaced(checks: tuple[Check, ...], failing: list[Check]) -> tuple[Check, ...]:

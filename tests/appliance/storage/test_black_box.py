@@ -18,7 +18,7 @@ from appliance.core.order import Order
 from appliance.limits import Limits
 from appliance.storage.black_box import CHUNK_NS, SCHEMAS, BlackBox, BlackBoxWriter, series_of
 from appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State, fields_of, item_of
-from appliance.types import Calibration, Check, Fault, Rival, Verdict, VerdictKind
+from appliance.types import Calibration, Check, Fault, PointError, Rival, Verdict, VerdictKind
 from drivers.errors import RecordingError
 from drivers.recordings.mcap_file import MAGIC
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
@@ -262,6 +262,28 @@ def test_rivals_come_back() -> None:
     assert older.rivals == (), "of a version that knew of none"
     with pytest.raises(ValueError, match="not as documented"):
         item_of(topic, {**fields, "rivals": [3]})
+
+
+def test_the_error_of_a_point_comes_back() -> None:
+    for depth_mm, deep in ((None, None), (30.0, (0.1 + 0.2, 1 / 3))):
+        point = PointError((1 / 7, 2 / 7), (1e-300, 0.3), depth_mm, deep, 12)
+        topic, fields = fields_of(replace(VERDICT, point=point))
+        back = item_of(topic, fields)
+        assert isinstance(back, Verdict)
+        assert back.point == point
+        schema = SCHEMAS["/verdict"]["properties"]["point"]["anyOf"][0]
+        assert set(fields["point"]) == set(schema["properties"])
+    del fields["point"]
+    older = item_of(topic, fields)
+    assert isinstance(older, Verdict)
+    assert older.point is None, "of a version that knew of none"
+
+
+@pytest.mark.parametrize("change", [{"shown_ns": 1.5}, {"worst_mm": [1.0]}, {"median_mm": None}, {"depth_mm": []}])
+def test_an_error_of_a_point_that_is_not_as_documented_is_refused(change: dict[str, object]) -> None:
+    topic, fields = fields_of(replace(VERDICT, point=PointError((1.0, 2.0), (1.0, 2.0), None, None, 1)))
+    with pytest.raises(ValueError, match=r"."):
+        item_of(topic, {**fields, "point": fields["point"] | change})
 
 
 def test_what_would_unpack_to_more_than_a_chunk_holds_is_left_out_unread(tmp_path: Path) -> None:

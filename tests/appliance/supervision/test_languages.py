@@ -9,7 +9,7 @@ import pytest
 from appliance.core.detectors.pose_convention import WRONG
 from appliance.core.line import Line
 from appliance.core.quality.gesture import Gesture
-from appliance.core.quality.judgement import BROKE, Judgement, judge
+from appliance.core.quality.judgement import BROKE, Judgement, bounded, judge
 from appliance.core.quality.proposal import propose
 from appliance.core.quality.verification import Sign, Standing
 from appliance.limits import Limits
@@ -17,7 +17,7 @@ from appliance.supervision.alarms import DISTURBED, EARLIER, HAZARDS, OUTDATED, 
 from appliance.supervision.languages import GERMAN, told
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
-from appliance.types import PARAMETERS, Check, Fault, Rival, State, VerdictKind
+from appliance.types import PARAMETERS, Check, Fault, PointError, Rival, State, VerdictKind
 from drivers.samples import Frame, Stamp
 from tests.appliance.core.acquisition.test_input_validation import HEALTHY, noisy, verdicts
 from tests.appliance.core.test_line import truth
@@ -76,7 +76,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
         "exchanged-probe",
         *WRONG,
     }
-    assert len(reasons) == 13
+    assert len(reasons) == 15
 
 
 def test_every_word_of_the_status_is_translated_with_the_same_fields() -> None:
@@ -107,6 +107,9 @@ def checks(**values: tuple[float, float, VerdictKind]) -> tuple[Check, ...]:
         ).reason,
         judge(0, checks(), UNDECIDED).reason,
         *(one.text for one in PROPOSALS if one),
+        bounded(judge(0, checks(), STANDING), None, 2.5).reason,
+        bounded(judge(0, checks(), STANDING), PointError((1.0, 3.1), (1.0, 2.0), None, None, 0), 2.5).reason,
+        bounded(judge(0, (), STANDING), PointError((1.0, 3.1), (1.0, 2.0), None, None, 0), 2.5).reason,
         Judgement(REQUIRED).overall(()).reason,
         Judgement(REQUIRED).overall(checks()).reason,
         replace(judge(0, (), STANDING), reason=OUTDATED).reason,

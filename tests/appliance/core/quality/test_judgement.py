@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from appliance.core.quality.judgement import Judgement, judge
-from appliance.core.quality.verification import Standing
+from appliance.core.quality.judgement import Judgement, bounded, judge
+from appliance.core.quality.verification import Sign, Standing
 from appliance.limits import Limits
-from appliance.types import Check, Fault, Kind, Verdict, VerdictKind
+from appliance.supervision.languages import told
+from appliance.types import Check, Fault, Kind, PointError, Verdict, VerdictKind
 
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
 SECOND_NS = 1_000_000_000
@@ -157,3 +160,88 @@ def test_an_estimate_near_or_beyond_its_limit_is_named(
     clauses = judge(7, (*rest, doubtful), STANDING).reason.split("; ")
     assert [clause for clause in clauses if "its limit" in clause] == ([said] if said else [])
     assert len(clauses) == 1 + bool(said), "what is verified or missing is said as well"
+
+
+def error(worst_mm: float, shown_ns: int = 5) -> PointError:
+    return PointError((worst_mm / 2, worst_mm), (worst_mm / 3, worst_mm / 1.5), None, None, shown_ns)
+
+
+VERIFIED = replace(STANDING, verified_ns=6, expires_ns=9)
+
+
+def test_without_a_limit_the_error_of_a_point_is_told_and_nothing_else_changes() -> None:
+    for checks in (HEALTHY, UNSHOWN):
+        verdict = judge(7, checks, VERIFIED)
+        assert bounded(verdict, error(50.0), None) == replace(verdict, point=error(50.0))
+        assert bounded(verdict, None, None) == verdict
+
+
+def test_an_error_within_its_limit_leaves_the_ok_which_is_as_old_as_the_error() -> None:
+    verdict = bounded(judge(7, HEALTHY, VERIFIED), error(2.5, shown_ns=5), 2.5)
+    assert (verdict.kind, verdict.verified_ns, verdict.expires_ns) == (OK, 5, 9)
+    younger = bounded(judge(7, HEALTHY, VERIFIED), error(2.5, shown_ns=7), 2.5)
+    assert younger.verified_ns == 6
+
+
+@pytest.mark.parametrize(
+    ("point", "said"),
+    [
+        (error(3.14), "error of a point 3.1 mm, limit 2.5 mm"),
+        (None, "error of a point not known, limit 2.5 mm"),
+    ],
+)
+def test_beyond_the_limit_and_where_it_is_not_known_the_ok_is_withheld(point: PointError | None, said: str) -> None:
+    verdict = bounded(judge(7, HEALTHY, VERIFIED), point, 2.5)
+    assert (verdict.kind, verdict.fault, verdict.reason) == (NOT_VERIFIED, None, said)
+    assert (verdict.verified_ns, verdict.expires_ns, verdict.point) == (None, None, point)
+    assert told(said, "de") == said.replace("error of a point", "Fehler eines Punktes").replace(
+        "limit", "Grenze"
+    ).replace("not known", "unbekannt")
+
+
+def test_what_earlier_motion_verified_is_withheld_as_well() -> None:
+    verdict = bounded(judge(7, UNSHOWN, VERIFIED), error(3.0), 2.5)
+    assert (verdict.kind, verdict.verified_ns) == (NOT_VERIFIED, None)
+    assert verdict.reason.endswith("; error of a point 3.0 mm, limit 2.5 mm")
+    carried = bounded(judge(7, UNSHOWN, VERIFIED), error(2.0), 2.5)
+    assert (carried.kind, carried.verified_ns) == (NOT_VERIFIED, 5)
+
+
+POINTS = st.none() | st.builds(error, st.floats(0.0, 20.0), st.integers(0, 9))
+VERDICTS_OF_CHECKS = st.lists(st.sampled_from(list(VerdictKind)), min_size=len(HEALTHY), max_size=len(HEALTHY))
+
+
+@given(VERDICTS_OF_CHECKS, st.booleans(), st.booleans(), POINTS, st.floats(0.5, 50.0), st.none() | st.integers(0, 9))
+def test_a_limit_in_millimetres_only_ever_withholds(
+    kinds: list[VerdictKind], contradicted: bool, broke: bool, point: PointError | None, limit_mm: float, at: int | None
+) -> None:
+    checks = tuple(replace(one, verdict=kind) for one, kind in zip(HEALTHY, kinds, strict=True))
+    signs = (Sign(HEALTHY[0], 3, named=False),) if contradicted else ()
+    standing = replace(STANDING, contradicted=signs, verified_ns=None if signs else at, expires_ns=at)
+    without = judge(7, checks, standing, broke)
+    limited, plain = bounded(without, point, limit_mm), bounded(without, point, None)
+    assert limited.fault == without.fault == plain.fault
+    assert limited.checks == without.checks
+    assert plain.kind is without.kind
+    if limited.kind is OK:
+        assert without.kind is OK
+        assert point is not None
+        assert point.worst_mm[1] <= limit_mm
+    else:
+        assert limited.kind in (without.kind, NOT_VERIFIED)
+    if limited.verified_ns is not None:
+        assert without.verified_ns is not None
+        assert limited.verified_ns <= without.verified_ns
+        assert limited.expires_ns == without.expires_ns
+    if without.kind is FAULT:
+        assert limited.point is None
+
+
+def test_a_session_has_the_error_as_it_was_last_known_and_none_beside_a_fault() -> None:
+    judgement = Judgement(REQUIRED)
+    for t_ns, point in ((1, error(3.0)), (2, error(2.0)), (3, None)):
+        judgement.note(bounded(judge(t_ns, HEALTHY, STANDING), point, None))
+    assert judgement.overall(HEALTHY).point == error(2.0)
+    for t_ns in (4, 4 + 2 * SECOND_NS):
+        judgement.note(bounded(judge(t_ns, failing("polarity"), STANDING), error(2.0), None))
+    assert judgement.overall(HEALTHY).point is None
