@@ -15,6 +15,7 @@ from appliance.supervision.timeline import Timeline
 from appliance.types import Check, Fault, State, Verdict, VerdictKind
 from drivers.samples import Frame, GreyImage
 from tools.study.bound import bounds
+from tools.study.point import Coverage, errors_mm, places_mm
 from tools.study.samples import Conditions, samples, seconds, stamp_ns
 
 _EVERY_NS = 1_000_000_000
@@ -59,7 +60,7 @@ class Outcome:
     the contact was open for good. warnings, halts: how often these states began. ok_beyond_s, ok_gross_s: for how long
     it said OK with a parameter 1.3 and 2 times its limit away; closed_gross_s: for how long the contact was closed so.
     nats: largest log likelihood ratio of the sequential test, with a hazard since its onset; NaN where it had nothing
-    to test. cost_ms, cost_99_ms: processor time per picture.
+    to test. cost_ms, cost_99_ms: processor time per picture. point: of the error of a point.
     """
 
     frames: int = 0
@@ -80,12 +81,14 @@ class Outcome:
     cost_ms: float = 0.0
     cost_99_ms: float = 0.0
     last_reason: str = ""
+    point: Coverage = field(default_factory=Coverage)
     scores: dict[str, Scores] = field(default_factory=lambda: {name: Scores() for name in MEASURED})
 
     def row(self) -> dict[str, str]:
         """Column → cell; what is not known is empty."""
-        row = {one.name: cell(getattr(self, one.name)) for one in fields(self) if one.name != "scores"}
-        for name, scores in self.scores.items():
+        row = {one.name: cell(getattr(self, one.name)) for one in fields(self) if one.name not in ("point", "scores")}
+        parts: dict[str, Coverage | Scores] = {"point": self.point, **self.scores}
+        for name, scores in parts.items():
             for one in fields(scores):
                 row[f"{name} {one.name}"] = cell(getattr(scores, one.name))
         return row
@@ -96,7 +99,7 @@ def run(conditions: Conditions, pictures: list[GreyImage]) -> Outcome:
     session, judging, limits = conditions.session, conditions.judging, conditions.judging.limits
     line, outcome = Line(session.reference, limits), Outcome()
     timeline = Timeline(stamp_ns(0.0), stamp_ns(0.0), stamp_ns(session.duration_s), judging)
-    notes, costs_ms = _Notes(conditions, limits, outcome), [0.0]
+    notes, costs_ms = _Notes(conditions, limits, outcome, line), [0.0]
     for sample in samples(conditions, pictures):
         began_s = time.process_time()
         verdicts = line.step(sample)
@@ -105,7 +108,7 @@ def run(conditions: Conditions, pictures: list[GreyImage]) -> Outcome:
             costs_ms.append(0.0)
         timeline.step(sample, verdicts)
         for verdict in verdicts:
-            notes.take(verdict, line.nats)
+            notes.take(verdict)
     timeline.finish()
     notes.finish()
     outcome.cost_ms, outcome.cost_99_ms = float(np.mean(costs_ms)), float(np.quantile(costs_ms, 0.99))
@@ -119,14 +122,15 @@ def run(conditions: Conditions, pictures: list[GreyImage]) -> Outcome:
 class _Notes:
     """Reads the verdicts of the line into the outcome."""
 
-    def __init__(self, conditions: Conditions, limits: Limits, outcome: Outcome) -> None:
-        self._conditions, self._outcome, self._limits = conditions, outcome, limits
+    def __init__(self, conditions: Conditions, limits: Limits, outcome: Outcome, line: Line) -> None:
+        self._conditions, self._outcome, self._limits, self._line = conditions, outcome, limits, line
+        self._places_mm = places_mm(conditions)
         self._looked_ns, self._looks = 0, 0
         self._last_s = 0.0
         self._told: list[str] = []
 
-    def take(self, verdict: Verdict, nats: float | None) -> None:
-        outcome, t_s = self._outcome, seconds(verdict.t_ns)
+    def take(self, verdict: Verdict) -> None:
+        outcome, t_s, nats = self._outcome, seconds(verdict.t_ns), self._line.nats
         if nats is not None and self._after_s(t_s) >= 0:
             outcome.nats = float(np.fmax(outcome.nats, nats))
         outcome.frames += 1
@@ -175,6 +179,9 @@ class _Notes:
             if check.name in self._outcome.scores:
                 self._outcome.scores[check.name].look(check, truth[MEASURED.index(check.name)], t_s)
         self._outcome.last_reason = verdict.reason
+        bounds = None if verdict.point is None else self._line.point_bounds(verdict.t_ns, self._places_mm)
+        if bounds is not None:
+            self._outcome.point.look(bounds, errors_mm(self._conditions, t_s, self._places_mm))
 
 
 def gross(conditions: Conditions, limits: Limits, t_s: float) -> float:
