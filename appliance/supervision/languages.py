@@ -147,6 +147,12 @@ GERMAN = {
     "{name} {value} {unit}, limit {limit} {unit}: must be shown again by new motion": (
         "{name} {value} {unit}, Grenze {limit} {unit}: durch neue Bewegung neu zu zeigen"
     ),
+    "error of a point up to {worst} mm, of half of them up to {median} mm (99.7 %)": (
+        "Fehler eines Punktes bis {worst} mm, bei der Hälfte bis {median} mm (99.7 %)"
+    ),
+    "at {depth} mm depth up to {deep} mm": "in {depth} mm Tiefe bis {deep} mm",
+    "limit {limit} mm": "Grenze {limit} mm",
+    "error of a point not known": "Fehler eines Punktes unbekannt",
     "verified {age:.1f} s ago": "bestätigt vor {age:.1f} s",
     "not verified now": "jetzt nicht bestätigt",
     "contact closed (safe)": "Kontakt geschlossen (sicher)",

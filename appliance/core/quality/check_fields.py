@@ -1,10 +1,10 @@
-"""The JSON form of a check, which the status of a service and the report on a recording share."""
+"""The JSON form of a check and of the error of a point, shared by the status of a service and the report."""
 
 from collections.abc import Sequence
-from math import isfinite
+from math import ceil, isfinite
 from typing import Any
 
-from appliance.types import Check, Rival
+from appliance.types import Check, PointError, Rival
 
 
 def check_fields(now_ns: int, check: Check) -> dict[str, Any]:
@@ -25,6 +25,24 @@ def check_fields(now_ns: int, check: Check) -> dict[str, Any]:
 def rival_fields(now_ns: int, rivals: Sequence[Rival]) -> list[dict[str, Any]]:
     """Each with the fields of its check, and behind_nats."""
     return [{**check_fields(now_ns, rival.check), "behind_nats": rival.behind_nats} for rival in rivals]
+
+
+def point_fields(now_ns: int, point: PointError | None) -> dict[str, Any] | None:
+    """Ready for JSON; shown_age_s: how long before now_ns the oldest motion was that it rests on."""
+    if point is None:
+        return None
+    return {
+        "worst_mm": [*point.worst_mm],
+        "median_mm": [*point.median_mm],
+        "depth_mm": point.depth_mm,
+        "at_depth_mm": None if point.at_depth_mm is None else [*point.at_depth_mm],
+        "shown_age_s": (now_ns - point.shown_ns) / 1e9,
+    }
+
+
+def up_to(bound_mm: float) -> str:
+    """A bound in mm to a tenth, never less than it is."""
+    return f"{ceil(round(bound_mm * 10, 6)) / 10:.1f}"
 
 
 def number_or_none(value: float) -> float | None:

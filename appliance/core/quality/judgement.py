@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
+from appliance.core.quality.check_fields import up_to
 from appliance.core.quality.gesture import gestures
 from appliance.core.quality.verification import Sign, Standing
 from appliance.types import PARAMETERS, Check, Fault, Kind, PointError, Rival, Verdict, VerdictKind
@@ -74,7 +75,7 @@ def bounded(verdict: Verdict, point: PointError | None, limit_mm: float | None) 
     if point is not None and point.worst_mm[-1] <= limit_mm:
         shown_ns = None if verdict.verified_ns is None else min(verdict.verified_ns, point.shown_ns)
         return replace(verdict, verified_ns=shown_ns)
-    error = "not known" if point is None else f"{point.worst_mm[-1]:.1f} mm"
+    error = "not known" if point is None else f"{up_to(point.worst_mm[-1])} mm"
     told = [f"error of a point {error}, limit {limit_mm:g} mm"]
     if verdict.kind is not VerdictKind.OK:
         told = [verdict.reason, *(told if point is not None else [])]

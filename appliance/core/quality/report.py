@@ -10,7 +10,7 @@ import numpy as np
 from appliance.core.handeye.observability import observability
 from appliance.core.handeye.second_opinion import SecondOpinion
 from appliance.core.path.solver import Follow
-from appliance.core.quality.check_fields import check_fields, number_or_none, rival_fields
+from appliance.core.quality.check_fields import check_fields, number_or_none, point_fields, rival_fields
 from appliance.core.quality.proposal import Proposal, proposal_fields
 from appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.rigid import vector_from_rotation
@@ -87,6 +87,7 @@ def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any
         "verdict": report.verdict.kind.value,
         "fault": report.verdict.fault,
         "proposal": None if report.proposal is None else proposal_fields(report.proposal),
+        "point": point_fields(report.verdict.t_ns, report.verdict.point),
         "rivals": rival_fields(report.verdict.t_ns, report.verdict.rivals),
         "timeline": [{"t_s": change.t_s, "state": change.state.value, "reason": change.reason} for change in timeline],
     }

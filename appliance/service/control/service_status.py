@@ -18,6 +18,7 @@ from appliance.service.control.status import (
     log_fields,
     origin_fields,
     output_fields,
+    point_known,
     shown_of_each,
 )
 from appliance.service.control.supervision import Supervision
@@ -72,6 +73,7 @@ class ServiceStatus:
             "language": config.alarm.language,
             "missing": lacking,
             **check_lists(now_ns, seen.verdict, seen.devices, ages_ns, shown_now),
+            **point_known(now_ns, seen.alarm, seen.verdict, config.limits, most_ns),
             "proposal": self._proposals.fields(config.alarm.language),
             "audio": audio_fields(now_ns, self._annunciator.sound, testing),
             "outputs": output_fields(self._devices.outputs),

@@ -6,9 +6,10 @@ from types import MappingProxyType
 from typing import Any
 
 from appliance.configuration.config import Config
-from appliance.core.quality.check_fields import check_fields, rival_fields
+from appliance.core.quality.check_fields import check_fields, point_fields, rival_fields
 from appliance.core.quality.gesture import Gesture
 from appliance.core.quality.shown import Shown, shown
+from appliance.limits import Limits
 from appliance.service.control.references import SOFTWARE, References
 from appliance.service.devices.output_thread import OutputThread
 from appliance.service.host.recorder import Recorder
@@ -155,6 +156,16 @@ def check_lists(
         "devices": [check_fields(now_ns, check) for check in devices],
         "rivals": [] if verdict is None else rival_fields(now_ns, verdict.rivals),
     }
+
+
+def point_known(
+    now_ns: int, alarm: AlarmState, verdict: Verdict | None, limits: Limits, most_ns: int
+) -> dict[str, Any]:
+    """The error of a point, of motion since the last disturbance that is not older than most_ns, and its limit."""
+    point = None if verdict is None else verdict.point
+    if point is not None and not max(alarm.barrier_ns + 1, now_ns - most_ns) <= point.shown_ns <= now_ns:
+        point = None
+    return {"point": point_fields(now_ns, point), "point_limit_mm": limits.point_mm}
 
 
 def _line_check(now_ns: int, check: Check, age_ns: int | None, shown_now: Shown | None) -> dict[str, Any]:

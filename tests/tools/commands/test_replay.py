@@ -297,6 +297,7 @@ def test_json_is_the_documented_contract():
             "motions": 7,
         },
         "second_opinion": None,
+        "point": None,
         "checks": [
             {
                 "name": "scale lateral",

@@ -186,7 +186,8 @@ def test_an_error_within_its_limit_leaves_the_ok_which_is_as_old_as_the_error() 
 @pytest.mark.parametrize(
     ("point", "said"),
     [
-        (error(3.14), "error of a point 3.1 mm, limit 2.5 mm"),
+        (error(3.14), "error of a point 3.2 mm, limit 2.5 mm"),
+        (error(2.501), "error of a point 2.6 mm, limit 2.5 mm"),
         (None, "error of a point not known, limit 2.5 mm"),
     ],
 )
