@@ -26,6 +26,9 @@ Status = Mapping[str, Any]
 
 SHOWN = ("polarity", "latency", *PARAMETERS)
 """Checks that only motion can show: their coverage is worth watching."""
+_PLACES = {"worst": "worst_mm", "median": "median_mm", "depth": "at_depth_mm"}
+_SHARES = ("0.95", "0.997")
+"""For which the two bounds of a place hold."""
 _DEVICES = ("video", "tracker", "output")
 
 
@@ -45,7 +48,7 @@ def families(status: Status, now_s: float) -> list[Metric]:
 
     now_s: when it was asked, s since 1970.
     """
-    parts = (_state, _checks, _samples, _outputs, _losses, _host, _log, _reference)
+    parts = (_state, _checks, _point, _samples, _outputs, _losses, _host, _log, _reference)
     found = [metric for part in parts for metric in part(status)]
     return [_up(1), _gauge("exposition_timestamp_seconds", "When this was asked, since 1970", now_s), *found]
 
@@ -130,6 +133,19 @@ def _checks(status: Status) -> Iterator[Metric]:
     latency = line.get("latency", {})
     yield _gauge("latency_seconds", "How late the tracker's stamps are", _share(latency.get("value"), 1e3))
     yield _gauge("latency_sigma_seconds", "Standard deviation of that", _share(latency.get("sigma"), 1e3))
+
+
+def _point(status: Status) -> Iterator[Metric]:
+    point, limit_mm = status["point"], status["point_limit_mm"]
+    what = "Bound of the error of a point of the picture, for that share of what is left open"
+    metric = GaugeMetricFamily("probewatch_point_error_meters", what, labels=["place", "share"])
+    for place, key in _PLACES.items():
+        for share, bound_mm in zip(_SHARES, (point or {}).get(key) or (), strict=False):
+            metric.add_metric([place, share], bound_mm / 1e3)
+    yield metric
+    yield _gauge("point_error_limit_meters", "That an OK asks of the worst place, .997", _share(limit_mm, 1e3))
+    age_s = (point or {}).get("shown_age_s")
+    yield _gauge("point_error_age_seconds", "Age of the oldest motion that it rests on", age_s)
 
 
 def _shown_now(check: Mapping[str, Any]) -> bool:

@@ -7,7 +7,9 @@ from appliance.supervision.alarms import EARLIER, PARTLY_EARLIER
 from appliance.supervision.languages import translated
 from tools.page.bars import bars
 from tools.page.devices import devices
+from tools.page.wording import with_decimal_commas
 from tools.shared.gesture_drawings import drawn
+from tools.shared.point_text import point_text
 
 _PARTS = " · "
 """Between the clauses of the status's text."""
@@ -15,7 +17,8 @@ _PARTS = " · "
 
 def room(status: Mapping[str, Any]) -> dict[str, Any]:
     """simulated: whether a source is no real device. headline: the state. named: what is wrong, empty where nothing is.
-    rests: that what is verified rests on earlier motion. gestures: drawing and text of each that is asked for.
+    point: the error of a point. rests: that what is verified rests on earlier motion. gestures: drawing and text of
+    each that is asked for.
     """
     language = status.get("language", "en")
     said = status["text"].split(_PARTS)[1 if status["simulated"] else 0 :]
@@ -26,9 +29,15 @@ def room(status: Mapping[str, Any]) -> dict[str, Any]:
         "named": _PARTS.join(text for text in said[1:] if text not in earlier),
         "rests": next((text for text in said[1:] if text in earlier), ""),
         "gestures": _gestures(status["gesture"], language),
+        "point": _point(status.get("point"), status.get("point_limit_mm"), language),
         "bars": bars(status["checks"], language),
         "devices": devices(status, language),
     }
+
+
+def _point(point: Mapping[str, Any] | None, limit_mm: float | None, language: str) -> str:
+    said = point_text(point, limit_mm, language)
+    return with_decimal_commas(said) if language == "de" else said
 
 
 def _gestures(texts: list[str], language: str) -> list[dict[str, str]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from appliance.core.quality.check_fields import point_fields
 from appliance.core.quality.gesture import gestures
 from appliance.core.quality.report import Change, LineReport, spells
 from appliance.core.registration.pyramid import Bits
@@ -17,6 +18,7 @@ from drivers.samples import GreyImage
 from tools.report.page import picture, section, table, text, write_page
 from tools.report.svg import Plot
 from tools.report.trace import Curve, Trace
+from tools.shared.point_text import point_text
 from tools.shared.rerun import Comparison
 from tools.shared.subject import Subject
 
@@ -58,6 +60,7 @@ def write_recording_page(
             f"{report.frames} pictures, {report.poses} poses, {report.paired} paired; {trace.duration_s:.1f} s", "note"
         ),
     ]
+    parts.append(text(point_text(point_fields(verdict.t_ns, verdict.point)), "note"))
     if damage:
         parts.append(text(f"The file is damaged: {damage}", "bad"))
     if comparison is not None:

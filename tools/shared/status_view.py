@@ -18,6 +18,8 @@ from appliance.supervision.languages import told, translated
 from appliance.types import Fault
 from tools.shared.gesture_drawings import drawn
 from tools.shared.plain_text import shown
+from tools.shared.point_text import WORDS as POINT_WORDS
+from tools.shared.point_text import point_text
 
 Status = Mapping[str, Any]
 _Check = Mapping[str, Any]
@@ -34,6 +36,7 @@ WORDS = {
     "silenced": "sound acknowledged",
     "off": "sound off",
     "carried": "present motion does not show it; within its age, as no detector saw a change: {names}",
+    **POINT_WORDS,
 }
 """Every word of the picture that the service does not say itself."""
 
@@ -63,7 +66,7 @@ class StatusView:
         checks = [*status["checks"], *status["devices"]]
         self._note(status["counters"].get("uptime_s", 0.0), checks)
         table = _Checks(checks, {name: tuple(trend) for name, trend in self._trends.items()}, _language(status))
-        lines: list[RenderableType] = [_state(status), _rates(status), table]
+        lines: list[RenderableType] = [_state(status), _rates(status), table, _point(status)]
         return Group(*lines, *_carried(status), *_proposal(status), *_remarks(status), *_origin(status))
 
     def _note(self, uptime_s: float, checks: list[_Check]) -> None:
@@ -210,6 +213,14 @@ def _carried(status: Status) -> list[Text]:
     ages = (f"{told(one['name'], _language(status))} {one['shown_age_s']:.0f}/{one['max_age_s']:.0f} s" for one in own)
     line = _words(status)["carried"].format(names=", ".join(ages))
     return [Text(shown(f"{_CARRIED} {line}"), style="cyan")] if own else []
+
+
+def _point(status: Status) -> Text:
+    """In the colour of what it allows; a service that is older than this program knows of none."""
+    point, limit_mm = status.get("point"), status.get("point_limit_mm")
+    said = point_text(point, limit_mm, _language(status))
+    beyond = limit_mm is not None and (point is None or point["worst_mm"][1] > limit_mm)
+    return Text(shown(said), style="cyan" if beyond or point is None else "")
 
 
 def _proposal(status: Status) -> list[Text]:
