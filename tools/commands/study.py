@@ -18,7 +18,7 @@ from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
 from tools.study.archive import ARCHIVE_KEYS, NOT_FETCHED, ArchiveTask, archive_table
 from tools.study.hand import ALL, PROGRAMS
-from tools.study.hazard import STANDARD, Hazard
+from tools.study.hazard import STANDARD, WITHIN, Hazard
 from tools.study.page import check_page, write_page
 from tools.study.plan import Task, planned, tasks
 from tools.study.samples import ASKED, DEFAULT, KEYS, Conditions
@@ -72,6 +72,8 @@ def _noises(_context: click.Context, _option: click.Parameter, text: str) -> tup
 
 
 def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tuple[Hazard, ...]:
+    if text == "within":
+        return WITHIN
     return STANDARD if text == "all" else tuple(Hazard.parse(one) for one in text.split(","))
 
 
@@ -120,7 +122,7 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
     default="none",
     show_default=True,
     callback=_hazards,
-    help="none, all, or KIND=SIZE@MANNER,…: sizes in deg, mm, % and ms; manners start, sudden, creeping, unseen; a "
+    help="none, all, within (all nine at once, none beyond half of its limit), or KIND=SIZE@MANNER,…: sizes in deg, mm, % and ms; manners start, sudden, creeping, unseen; a "
     "slash between two at once",
 )
 @click.option(

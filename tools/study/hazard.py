@@ -1,7 +1,7 @@
 """What can be wrong in a session, how large, how it came about, and what it does to body, picture and stamp. Pure."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -226,3 +226,24 @@ STANDARD = tuple(
 )  # fmt: skip
 """`--hazards all`: each by 1.3 and 2 times its limit, one sign each, in every manner; metal that displaces by 3 or 6
 mm."""
+_HALF = {
+    **{kind: 1.5 if unit == "deg" else 2.0 for kind, (_, unit) in _BODY.items()},
+    "scale-lateral": 2.5,
+    "scale-axial": 2.5,
+    "latency": 30.0,
+}
+"""deg, mm, % and ms: of what is not wrong yet, at most: half of each limit as shipped."""
+_WITHIN_RUNS = 8
+"""Of `--hazards within`. More tell of more sizes on the same pictures."""
+
+
+def _within() -> Iterator[Hazard]:
+    random = np.random.default_rng(41)
+    for _ in range(_WITHIN_RUNS):
+        sizes = {kind: most * random.uniform(-1, 1) for kind, most in _HALF.items()}
+        yield Hazard.parse("/".join(f"{kind}={size:.2f}@{Manner.START}" for kind, size in sizes.items()))
+
+
+WITHIN = tuple(_within())
+"""`--hazards within`: all nine at once from the start, none beyond half of its limit, drawn evenly: nothing is to be
+named, and the error of a point is to be covered (`tools.study.point`)."""

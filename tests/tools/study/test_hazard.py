@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from appliance.core.parameters import limit_of_each
+from appliance.limits import Limits
 from drivers.errors import ConfigurationError
 from drivers.rigid import inverse, rigid, rotation_from_vector
 from drivers.samples import Frame, PoseStatus
-from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, STANDARD, Hazard, Manner
+from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, STANDARD, WITHIN, Hazard, Manner
 from tools.study.samples import Conditions, Tracker, samples, seconds
 from tools.study.session import Session
 
@@ -128,3 +130,10 @@ def test_no_hazard_leaves_every_picture_alone():
     later = [one for one in STANDARD if one.onset_s > 0]
     assert all(np.array_equal(one.shown(image, ONSET_S - 1), image) for one in later)
     assert np.array_equal(replace(Hazard(), kind="flip-lateral").shown(image, 1.0), image[:, ::-1])
+
+
+def test_what_lies_within_the_limits_is_of_all_nine_and_none_beyond_half() -> None:
+    shares = np.abs([one.change(np.array([1.0]))[0] for one in WITHIN]) / limit_of_each(Limits())
+    assert shares.max() <= 0.501
+    assert np.all(shares.max(axis=0) > 0.25)
+    assert len(set(WITHIN)) == len(WITHIN)
