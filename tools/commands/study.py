@@ -122,8 +122,8 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
     default="none",
     show_default=True,
     callback=_hazards,
-    help="none, all, within (all nine at once, none beyond half of its limit), or KIND=SIZE@MANNER,…: sizes in deg, mm, % and ms; manners start, sudden, creeping, unseen; a "
-    "slash between two at once",
+    help="none, all, within (all nine at once, none beyond half of its limit), or KIND=SIZE@MANNER,…: sizes in deg, "
+    "mm, % and ms; manners start, sudden, creeping, unseen; a slash between two at once",
 )
 @click.option(
     "--asked",
