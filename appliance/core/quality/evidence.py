@@ -282,7 +282,7 @@ class Evidence:
         accusation = None if self._latest.failed else accusation
         unnamed = None if accusation is None else undecided(accusation, excused, self._limits.named_nats)
         self._choice.note(unnamed, now_ns)
-        self.points.note(self._latest, self.standing, window.stamps_err_s)
+        self.points.note(self._latest, now_ns, self.standing, window.stamps_err_s)
 
     def glance(self) -> None:
         """Look for a flip that needs no solution: at every picture of the first motion, while the polarity is open."""

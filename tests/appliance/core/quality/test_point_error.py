@@ -115,15 +115,23 @@ def test_worst_and_median_are_those_of_the_region_and_a_depth_has_its_own() -> N
     assert (middle.depth_mm, middle.at_depth_mm, middle.shown_ns) == (None, None, 7)
 
 
-def test_a_depth_counts_from_the_top_of_the_picture_whichever_way_its_rows_run() -> None:
-    mirrored = replace(TRUTH, polarity=(1, -1))
-    tilt = np.zeros((9, 9))
-    tilt[4, 4] = 1e-4  # one per cent of the axial scale: nothing at the middle, most at the edges
-    own = Change(np.zeros(9), tilt + 1e-12 * np.eye(9), 0.0, 0)
-    height_mm = TRUTH.image_size_px[1] * float(TRUTH.scale_mm_per_px[1])
-    for reference in (TRUTH, mirrored):
-        at = [Places(reference, Limits(point_depth_mm=d)).error(own, STILL).at_depth_mm for d in (0.0, height_mm / 4)]
-        assert at[0] == pytest.approx(2 * np.array(at[1]), rel=1e-3)
+@pytest.mark.parametrize("rows", [1, -1])
+def test_a_depth_counts_from_the_top_of_the_picture_whichever_way_its_rows_run(rows: int) -> None:
+    """Ten per cent of the axial scale and a slide of 1 mm along it: one edge is off by their sum."""
+    known = Change(np.array([0.0] * 4 + [0.1, 0.0, 1.0, 0.0, 0.0]), 1e-12 * np.eye(9), 0.0, 0)
+    half_mm = TRUTH.image_size_px[1] * float(TRUTH.scale_mm_per_px[1]) / 2
+    for depth_mm in (0.0, half_mm / 2, 2 * half_mm):
+        at_depth = Places(replace(TRUTH, polarity=(1, rows)), Limits(point_depth_mm=depth_mm)).error(known, STILL)
+        assert at_depth.at_depth_mm is not None
+        assert at_depth.at_depth_mm[1] == pytest.approx(abs(0.1 * rows * (depth_mm - half_mm) - 1.0), abs=1e-3)
+
+
+def test_a_depth_beside_the_region_is_no_part_of_its_worst() -> None:
+    own, middle = change(5), Region(top=0.45, bottom=0.55)
+    beside = Places(TRUTH, Limits(region=middle, point_depth_mm=0.0)).error(own, HAND)
+    assert beside.worst_mm == Places(TRUTH, Limits(region=middle)).error(own, HAND).worst_mm
+    assert beside.at_depth_mm is not None
+    assert beside.at_depth_mm[1] > beside.worst_mm[1]
 
 
 def test_a_lag_counts_by_the_speed_of_the_hand_and_so_does_what_the_stamps_share() -> None:
@@ -154,6 +162,19 @@ def test_the_posterior_is_that_of_the_checks_with_what_the_model_leaves_out(show
     assert (own.mean[8], own.covariance[8, 8]) == pytest.approx((latency.value / 1e3, (latency.sigma / 1e3) ** 2))
     assert np.linalg.eigvalsh(own.covariance).min() > 0
     assert own.shown_ns == min(shown.solution.shown_ns)
+
+
+def test_a_latency_that_the_paths_know_more_sharply_is_taken_as_a_whole(shown: Finding) -> None:
+    """Its sigma alone, with what it had in common with the scales, would be no covariance."""
+    sharp = (replace(check, sigma=0.01) if check.name == "latency" else check for check in shown.checks)
+    assert shown.solution is not None
+    tied = shown.solution.covariance.copy()
+    tied[3, 8] = tied[8, 3] = 0.9 * np.sqrt(tied[3, 3] * tied[8, 8])
+    own = change_of(Finding(tuple(sharp), replace(shown.solution, covariance=tied)), 0.0)
+    assert own is not None
+    assert own.covariance[8, 8] == pytest.approx(1e-10)
+    assert own.covariance[3, 8] == pytest.approx(0.9 * np.sqrt(tied[3, 3]) * 1e-5)
+    assert np.linalg.eigvalsh(own.covariance).min() > 0
 
 
 @pytest.mark.parametrize("name", [*PARAMETERS, "latency"])

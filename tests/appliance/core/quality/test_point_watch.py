@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from appliance.core.parameters import LEFT_OUT
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.examination import Finding, examine, examine_nothing
+from appliance.core.quality.point_error import Change, Places
 from appliance.core.quality.point_watch import Pace, PointWatch
 from appliance.core.quality.verification import Sign, Standing
 from appliance.limits import Limits
-from appliance.types import Check, PointError, VerdictKind
+from appliance.types import PARAMETERS, Check, PointError, VerdictKind
 from drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import filled
@@ -20,6 +22,7 @@ S = 1_000_000_000
 LIMITS = Limits()
 VERIFIED = Standing(LIMITS.required_age_s.names, verified_ns=1)
 OPEN = Standing(LIMITS.required_age_s.names)
+NOTED_NS = 12 * S
 SENSOR_TO_PICTURE = rigid(TRUTH.rotation, TRUTH.offset_mm)
 
 
@@ -59,7 +62,7 @@ def at(watch: PointWatch, now_s: float, standing: Standing = VERIFIED) -> PointE
 def watching(*findings: Finding) -> PointWatch:
     watch = PointWatch(TRUTH, LIMITS)
     for finding in findings:
-        watch.note(finding, VERIFIED, 0.0)
+        watch.note(finding, NOTED_NS, VERIFIED, 0.0)
     return watch
 
 
@@ -102,11 +105,85 @@ def test_a_speed_that_is_old_or_of_one_pose_alone_is_not_known() -> None:
 
 
 def test_what_a_gesture_showed_is_kept_while_less_motion_shows_less(gesture: Finding, sweep: Finding) -> None:
-    shown = at(watching(gesture), 11.0)
+    shown = at(watching(gesture), 14.0)
     assert shown is not None
     assert at(watching(gesture, sweep), 14.0) == shown
-    assert at(watching(gesture, sweep, examine_nothing(LIMITS)), 100.0) == shown
+    assert at(watching(gesture, sweep, examine_nothing(LIMITS)), 14.0) == shown
     assert shown.shown_ns == 5 * S
+
+
+def test_it_says_less_and_less_of_now(gesture: Finding) -> None:
+    watch = watching(gesture)
+    told = [at(watch, now_s) for now_s in (5.0, 15.0, 35.0, 95.0)]
+    bounds_mm = [one.worst_mm[1] for one in told if one is not None]
+    assert len(bounds_mm) == 4
+    assert bounds_mm == sorted(bounds_mm)
+    squares = np.square(bounds_mm) - bounds_mm[0] ** 2
+    assert squares[3] == pytest.approx(3 * squares[2], rel=0.1), "as the root of the time"
+    still = Change(np.zeros(9), np.diag(np.square(0.7 * LEFT_OUT)), 0.0, 0)
+    grown = Places(TRUTH, LIMITS).error(still, np.zeros((3, 4))).worst_mm[1]
+    assert squares[2] == pytest.approx(grown**2, rel=0.2)
+
+
+def test_what_shows_all_but_less_surely_takes_its_place_only_once_it_is_too_old(gesture: Finding) -> None:
+    assert gesture.solution is not None
+    vague = tuple(
+        replace(check, sigma=2 * check.sigma, verdict=VerdictKind.NOT_VERIFIED) if check.name in PARAMETERS else check
+        for check in gesture.checks
+    )
+    later = Finding(vague, replace(gesture.solution, shown_ns=np.full(9, 100 * S)))
+    kept, then = at(watching(gesture, later), 110.0), at(watching(gesture, later), 126.0)
+    assert kept == at(watching(gesture), 110.0)
+    assert then == at(watching(later), 126.0)
+    assert kept is not None
+    assert then is not None
+    assert (kept.shown_ns, then.shown_ns) == (5 * S, 100 * S)
+    assert then.worst_mm[1] > kept.worst_mm[1]
+
+
+def scaled(gesture: Finding, by: float, shown_s: float) -> Finding:
+    """The gesture again, so much more or less sharply, and later."""
+    assert gesture.solution is not None
+    checks = tuple(replace(check, sigma=by * check.sigma) for check in gesture.checks)
+    covariance = by**2 * gesture.solution.covariance
+    shown_ns = np.full(9, round(shown_s * S))
+    return Finding(checks, replace(gesture.solution, covariance=covariance, shown_ns=shown_ns))
+
+
+@pytest.mark.parametrize(("by", "newer"), [(1.3, False), (1.0, True)])
+def test_of_two_that_show_everything_the_sharper_counts(gesture: Finding, by: float, newer: bool) -> None:
+    told = at(watching(gesture, scaled(gesture, by, 10.0)), 13.0)
+    assert told is not None
+    assert told.shown_ns == (10 if newer else 5) * S
+
+
+@pytest.mark.parametrize(("shown_s", "newer"), [(10, False), (90, True)])
+def test_it_gives_way_to_one_that_shows_everything_less_sharply_once_that_says_more_of_now(
+    gesture: Finding, shown_s: int, newer: bool
+) -> None:
+    watch = watching(gesture)
+    watch.note(scaled(gesture, 1.2, shown_s), (shown_s + 5) * S, VERIFIED, 0.0)
+    watch.note(examine_nothing(LIMITS), (shown_s + 6) * S, VERIFIED, 0.0)
+    told = at(watch, shown_s + 7.0)
+    assert told is not None
+    assert told.shown_ns == (shown_s if newer else 5) * S
+
+
+@pytest.mark.parametrize(("by_sigmas", "newer"), [(1.9, False), (2.1, True)])
+def test_newer_motion_that_shows_everything_and_something_else_takes_its_place(
+    gesture: Finding, by_sigmas: float, newer: bool
+) -> None:
+    other = tuple(
+        replace(check, value=check.value + by_sigmas * np.hypot(1.3, 1) * check.sigma)
+        if check.name == "scale-lateral"
+        else check
+        for check in gesture.checks
+    )
+    assert gesture.solution is not None
+    later = scaled(Finding(other, gesture.solution), 1.3, 10.0)
+    told = at(watching(gesture, later), 13.0)
+    assert told is not None
+    assert told.shown_ns == (10 if newer else 5) * S
 
 
 def test_it_ends_with_the_age_that_the_offsets_may_have(gesture: Finding, sweep: Finding) -> None:
@@ -125,9 +202,9 @@ def test_a_sign_against_the_calibration_ends_it_until_all_is_shown_anew(gesture:
     doubted = replace(OPEN, contradicted=(Sign(gesture.checks[1], 11 * S, named=False),))
     watch = watching(gesture)
     assert at(watch, 11.0, doubted) is None
-    watch.note(sweep, doubted, 0.0)
+    watch.note(sweep, NOTED_NS, doubted, 0.0)
     assert at(watch, 12.0) is None
-    watch.note(gesture, VERIFIED, 0.0)
+    watch.note(gesture, NOTED_NS, VERIFIED, 0.0)
     assert at(watch, 13.0) is not None
 
 
