@@ -82,7 +82,8 @@ def one_line(status: Status) -> str:
     """The status for a file or a pipe."""
     say = _words(status)
     said = _advice(status), _prompt(status)
-    parts = [f"{_title(status)}: {status['text']}", *said, _age(status, say), _contact(status, say)]
+    facts = [_age(status, say), _contact(status, say), _point(status).plain]
+    parts = [f"{_title(status)}: {status['text']}", *said, *facts]
     return " · ".join(filter(None, parts))
 
 

@@ -24,7 +24,7 @@ from tools.page.room import room
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
 from tools.shared.point_text import point_text
-from tools.shared.status_view import StatusView
+from tools.shared.status_view import StatusView, one_line
 from tools.shared.status_watch import Seen
 from tools.shared.subject import Subject
 
@@ -61,6 +61,7 @@ def metrics(status: dict[str, Any]) -> dict[tuple[str, ...], float]:
 def test_whoever_tells_it_in_words_tells_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = "error of a point up to 2.5 mm, of half of them up to 2.0 mm (99.7 %) · at 30 mm depth up to 2.3 mm"
     assert f"{said} · limit 3 mm" in terminal(STATUS)
+    assert f"{said} · limit 3 mm" in one_line(STATUS)
     assert room(STATUS)["point"] == f"{said} · limit 3 mm"
     assert said in replayed(capsys)
     assert said in recording_page(tmp_path / "x.html")
