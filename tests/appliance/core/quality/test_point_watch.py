@@ -120,7 +120,7 @@ def test_it_says_less_and_less_of_now(gesture: Finding) -> None:
     assert bounds_mm == sorted(bounds_mm)
     squares = np.square(bounds_mm) - bounds_mm[0] ** 2
     assert squares[3] == pytest.approx(3 * squares[2], rel=0.1), "as the root of the time"
-    still = Change(np.zeros(9), np.diag(np.square(0.7 * LEFT_OUT)), 0.0, 0)
+    still = Change(np.zeros(9), np.diag(np.square(LEFT_OUT)), 0.0, 0)
     grown = Places(TRUTH, LIMITS).error(still, np.zeros((3, 4))).worst_mm[1]
     assert squares[2] == pytest.approx(grown**2, rel=0.2)
 
