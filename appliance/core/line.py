@@ -3,6 +3,7 @@
 Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quality Control, one picture after the other.
 """
 
+from collections import deque
 from dataclasses import replace
 
 from appliance.core.acquisition.input_validation import checked_pose, refused_picture
@@ -18,13 +19,14 @@ from appliance.core.detectors.no_picture import NoPicture
 from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.detectors.pose_convention import PoseConvention
 from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
-from appliance.core.motion import analyse, plane_step, wants_keyframe
+from appliance.core.motion import analyse, plane_step, quick, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import Judgement, bounded, judge
 from appliance.core.quality.point_error import Bounds
 from appliance.core.quality.proposal import propose
 from appliance.core.quality.report import LineReport
+from appliance.core.registration.averaging import FrameAveraging
 from appliance.core.registration.pyramid import Bits
 from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
 from appliance.limits import TRACKER_STALE_MS, Limits
@@ -50,6 +52,9 @@ _WORK_SHARE = 0.17
 of 33. More lengthens the longest pictures, less makes solutions ready later. They cost 17 ms on average, 37 at nine in
 ten, 50 with breathing (paths without pictures, one seed), so they are ready after .1 s, .2 and .3.
 """
+_QUICK_PICTURES = 4
+"""By whose poses the hand is quick. Two are called so by the noise of a tracker alone, of .1 mm in one picture of ten
+of a slow circle; more ask for a hand that is quick for longer. Not varied."""
 _STEADY_CORRELATION = 0.6
 """Likeness from which a picture may testify against the tracker. Less takes a bad registration for a leap of the
 marker; more pauses the search for leaps in quick sweeps. Not measured.
@@ -88,6 +93,8 @@ class Line:
         self._pairing = Pairing()
         aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
         self._tracker = RealTimeTracker(aspect, float(reference.scale_mm_per_px[1]))
+        self._averaging = FrameAveraging()
+        self._poses_before: deque[Matrix4] = deque(maxlen=_QUICK_PICTURES)
         self._evidence = Evidence(reference, limits, PathWindow(reference))
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
         self._no_picture = NoPicture()
@@ -116,6 +123,11 @@ class Line:
     def mask(self) -> Bits | None:
         """(h, w) bool, True where the registration looks; None until it has learnt what never moves."""
         return self._tracker.mask
+
+    @property
+    def averaged(self) -> float:
+        """Share of the last picture that the scanner leaves in the next, as the pictures show it; 0 for none."""
+        return self._averaging.share
 
     @property
     def nats(self) -> float | None:
@@ -154,7 +166,7 @@ class Line:
     def report(self) -> LineReport:
         """What the whole session showed; frames still waiting for a pose stay unpaired."""
         self._pairing.finish()
-        verdict = self._judgement.overall((*self._evidence.final(), *self._detected()))
+        verdict = self._judgement.overall((*self._believed(self._evidence.final()), *self._detected()))
         return LineReport(
             frames=self._frames,
             poses=self._poses,
@@ -199,6 +211,7 @@ class Line:
             for detector in self._detectors:
                 detector.forget_poses(t_ns)
         else:
+            self._averaging.restart()
             self._pairing.forget_frames(t_ns)
             self._evidence.forget(t_ns)
             for detector in self._detectors:
@@ -226,6 +239,7 @@ class Line:
         if not self._frozen.repeats:
             self._watch(item)
         else:
+            self._averaging.repeat()
             self._seen(Observation(t_ns, item.frame.image, repeated=True))
             if self._frozen.repeats_ns > _GAP_NS:
                 self._lose_sight(t_ns)
@@ -260,7 +274,18 @@ class Line:
         self._sighted_ns = None
 
     def _checks(self) -> tuple[Check, ...]:
-        return (*self._evidence.checks(), *self._detected())
+        return (*self._believed(self._evidence.checks()), *self._detected())
+
+    def _believed(self, checks: tuple[Check, ...]) -> tuple[Check, ...]:
+        """Where it is open whether the scanner averages, motion names no scale: sweeps look too short then."""
+        if self._averaging.known:
+            return checks
+        return tuple(
+            replace(check, verdict=VerdictKind.NOT_VERIFIED)
+            if check.fault is Fault.SCALE and check.verdict is VerdictKind.FAULT
+            else check
+            for check in checks
+        )
 
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
         return self._told(judge(t_ns, checks, self._evidence.standing, self._broke))
@@ -278,10 +303,13 @@ class Line:
     def _lose_sight(self, t_ns: int) -> None:
         """Whoever stands still for long may go on anywhere: the chain ends here."""
         self._tracker.restart()
+        self._averaging.restart()
+        self._poses_before.clear()
         for detector in self._detectors:
             detector.pause(t_ns)
 
     def _watch(self, item: StampedPair | Unpaired) -> None:
+        item = self._undone(item)
         frame = item.frame
         self._tracker.may = self._evidence.window.tissue
         tracked = self._tracker.step(frame.image, frame.sequence)
@@ -296,6 +324,22 @@ class Line:
         elif motion is not None and motion.usable and self._tracker.settled:
             water = self._no_picture.texture is not None and self._no_picture.texture.water
             self._evidence.window.add(replace(motion, tissue=None) if water else motion)
+
+    def _undone(self, item: StampedPair | Unpaired) -> StampedPair | Unpaired:
+        """The same with a picture that holds nothing of those before it. What was made of pictures that did, or that
+        were made of another share, says nothing.
+        """
+        frame = item.frame
+        if isinstance(item, StampedPair):
+            self._poses_before.append(item.matrix)
+        else:
+            self._poses_before.clear()
+        hurries = len(self._poses_before) == _QUICK_PICTURES and quick(self._reference, self._poses_before)
+        image, changed = self._averaging.step(frame.image, frame.sequence, self._tracker.mask, hurries)
+        if changed:
+            self._tracker.restart()
+            self._evidence.restart()
+        return item if image is frame.image else replace(item, frame=replace(frame, image=image))
 
     def _analyse(self, pair: StampedPair, tracked: Tracked) -> Motion:
         """Sort the motion and let it steer the keyframe.

@@ -4,6 +4,7 @@ It looks at the picture, at the tracker, and at their disagreement, so that a wr
 spoiling the sorting: what the tracker alone calls out-of-plane counts for nothing while the picture looks the same.
 """
 
+from collections.abc import Sequence
 from math import cos, sin
 
 import numpy as np
@@ -27,6 +28,12 @@ _FAST_PX = 40.0
 """Between two pictures. Further steps were not tried: 40 px are registered within .05 px
 (tests/appliance/core/registration/test_registration.py). What is refused is lost to the solver.
 """
+_SPECKLE_MM, _PLACES = (1.5, 0.45), 5
+"""Lateral and axial way after which speckle has nothing in common with itself, three standard deviations of the echo of
+the study's probe of 5 MHz; and rows and columns of places where it is looked at. More asks for quicker hands; in the
+gesture every second picture has gone so far."""
+_STAYS = 3
+"""Of the 25 places, how many may have stayed: those about which the picture turns. Not varied."""
 _RENEW_CORRELATION, _RENEW_OUT_CORRELATION = 0.8, 0.7
 """Likeness to the keyframe below which it is renewed. More renews it more often, and each time adds the error of one
 registration to the path; less comes near to what the self-check of the Real-time Tracker refuses. Not measured.
@@ -82,6 +89,26 @@ def out_of_plane_mm(calibration: Calibration, first: Matrix4, second: Matrix4) -
     t_a, turn = predicted_motion(calibration, first, second)
     reach_mm = calibration.scale_mm_per_px * calibration.image_size_px / np.sqrt(12)
     return float(np.linalg.norm([t_a[2], turn[0] * reach_mm[1], turn[1] * reach_mm[0]]))
+
+
+def quick(calibration: Calibration, poses: Sequence[Matrix4]) -> bool:
+    """Whether tissue all over the picture has gone on by more than its speckle is long, from the last but one of these
+    poses to the last, and so far each time on the way from the first: one step alone may be a tracker's noise.
+    """
+    steps = len(poses) - 1
+    return steps > 0 and all(
+        _apart(calibration, first, poses[-1], times) for first, times in ((poses[0], steps), (poses[-2], 1))
+    )
+
+
+def _apart(calibration: Calibration, first: Matrix4, second: Matrix4, times: int) -> bool:
+    t_a, turn = predicted_motion(calibration, first, second)
+    reach_mm = calibration.scale_mm_per_px * calibration.image_size_px / 2
+    places = np.linspace(-1, 1, _PLACES)
+    lateral = (t_a[0] - turn[2] * reach_mm[1] * places) / _SPECKLE_MM[0]
+    axial = (t_a[1] + turn[2] * reach_mm[0] * places) / _SPECKLE_MM[1]
+    stays = np.add.outer(lateral**2, axial**2) < times**2
+    return int(np.count_nonzero(stays)) <= _STAYS
 
 
 def analyse(tracked: Tracked, pair: StampedPair, calibration: Calibration, keyframe_pose: Matrix4) -> Motion:

@@ -1,0 +1,88 @@
+"""The line behind a scanner that averages pictures: it tells the share in a gesture, and is right and silent as without."""
+
+from functools import cache
+
+import pytest
+
+from appliance.core.line import Line
+from appliance.types import Verdict, VerdictKind
+from drivers.samples import Frame, GreyImage
+from drivers.twins.scene.processing import Processing, ProcessingScanner
+from tools.study.hazard import Hazard
+from tools.study.samples import Conditions, frame_times, samples
+from tools.study.session import Session
+
+SHARES = (0.3, 0.5, 0.7)
+THOROUGH = pytest.mark.thorough
+
+
+@cache
+def plain(name: str, seconds: float, seed: int) -> tuple[Session, list[GreyImage]]:
+    """What the scanner has not averaged, in still and rigid tissue."""
+    session = Session(name, "rigid", seed, seconds)
+    poses = session.pictures(frame_times(session))
+    return session, [session.world.plain_at(pose, k) for k, pose in enumerate(poses)]
+
+
+def watched(
+    name: str, seconds: float, share: float, hazard: str = "none", seed: int = 1
+) -> tuple[Line, list[Verdict], int]:
+    """The line after a session, its verdicts, and the number of pictures until a share was believed."""
+    session, pictures = plain(name, seconds, seed)
+    scanner = ProcessingScanner(Processing(persistence=share))
+    shown = [session.world.on_screen(scanner.processed(one)) for one in pictures]
+    conditions = Conditions(session, Hazard.parse(hazard))
+    line, verdicts, told = Line(session.reference, conditions.judging.limits), [], 0
+    for sample in samples(conditions, shown):
+        verdicts += line.step(sample)
+        told += isinstance(sample, Frame) and not line.averaged
+    return line, verdicts, told
+
+
+def faults(verdicts: list[Verdict]) -> list[str]:
+    return list(dict.fromkeys(one.fault for one in verdicts if one.fault is not None))
+
+
+def first_ok_s(verdicts: list[Verdict]) -> float:
+    ok = [one.t_ns for one in verdicts if one.kind is VerdictKind.OK]
+    return (ok[0] - verdicts[0].t_ns) / 1e9 if ok else float("inf")
+
+
+@pytest.mark.parametrize("share", [0.5, *(pytest.param(share, marks=THOROUGH) for share in (0.3, 0.7))])
+def test_the_share_is_told_in_two_seconds_of_the_gesture(share: float) -> None:
+    line, _, told = watched("gesture", 2.0, share)
+    assert line.averaged == pytest.approx(share, abs=0.02)
+    assert told <= 55
+
+
+@THOROUGH
+def test_without_averaging_none_is_told() -> None:
+    assert watched("gesture", 2.0, 0.0)[0].averaged == 0
+
+
+@THOROUGH
+@pytest.mark.parametrize("share", SHARES)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_gesture_is_verified_and_nothing_is_found_late(share: float, seed: int) -> None:
+    _, verdicts, _ = watched("gesture", 8.0, share, seed=seed)
+    assert faults(verdicts) == []
+    assert first_ok_s(verdicts) <= 6.0
+    latency = next(check for check in verdicts[-1].checks if check.name == "latency")
+    assert abs(latency.value) <= 3.0
+
+
+@THOROUGH
+@pytest.mark.parametrize("share", SHARES)
+def test_a_fan_without_a_gesture_before_it_accuses_nothing(share: float) -> None:
+    """What was seen too short looked like a scale that is wrong: FAULT scale at .3."""
+    _, verdicts, _ = watched("fan", 30.0, share, seed=2)
+    assert faults(verdicts) == []
+
+
+@THOROUGH
+@pytest.mark.parametrize("share", SHARES)
+@pytest.mark.parametrize("hazard", ["scale-axial=10@start", "scale-lateral=-10@start", "latency=120@start"])
+def test_what_is_wrong_is_named_and_never_verified(share: float, hazard: str) -> None:
+    _, verdicts, _ = watched("gesture", 10.0, share, hazard)
+    assert faults(verdicts)[-1] == hazard.partition("-" if "scale" in hazard else "=")[0]
+    assert first_ok_s(verdicts) == float("inf")
