@@ -277,13 +277,13 @@ class Line:
         return (*self._believed(self._evidence.checks()), *self._detected())
 
     def _believed(self, checks: tuple[Check, ...]) -> tuple[Check, ...]:
-        """Where it is open whether the scanner averages, motion names no scale: sweeps look too short then."""
+        """While it is open whether the scanner averages, motion shows no scale, neither right nor wrong: what leaves
+        the plane looks shorter than it is behind one that does.
+        """
         if self._averaging.known:
             return checks
         return tuple(
-            replace(check, verdict=VerdictKind.NOT_VERIFIED)
-            if check.fault is Fault.SCALE and check.verdict is VerdictKind.FAULT
-            else check
+            replace(check, verdict=VerdictKind.NOT_VERIFIED) if check.fault is Fault.SCALE else check
             for check in checks
         )
 
