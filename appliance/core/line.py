@@ -26,6 +26,7 @@ from appliance.core.quality.judgement import Judgement, bounded, judge
 from appliance.core.quality.point_error import Bounds
 from appliance.core.quality.proposal import propose
 from appliance.core.quality.report import LineReport
+from appliance.core.quality.verification import Standing
 from appliance.core.registration.averaging import FrameAveraging
 from appliance.core.registration.pyramid import Bits
 from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
@@ -229,7 +230,7 @@ class Line:
         self._note_gap(t_ns)
         if refusal := refused_picture(item.frame.image):
             self._lose_sight(t_ns)
-            standing = self._evidence.standing
+            standing = self._standing
             shown_ns = standing.verified_ns, standing.expires_ns
             return self._told(Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._detected(), None, refusal, *shown_ns))
         height, width = item.frame.image.shape
@@ -287,12 +288,18 @@ class Line:
             for check in checks
         )
 
+    @property
+    def _standing(self) -> Standing:
+        """Of the evidence; as long as motion shows no scale nothing is verified."""
+        standing = self._evidence.standing
+        return standing if self._averaging.known else replace(standing, verified_ns=None, expires_ns=None)
+
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
-        return self._told(judge(t_ns, checks, self._evidence.standing, self._broke))
+        return self._told(judge(t_ns, checks, self._standing, self._broke))
 
     def _told(self, verdict: Verdict) -> Verdict:
         """With the error of a point as of now."""
-        point = self._evidence.points.now(verdict.t_ns, self._evidence.standing)
+        point = self._evidence.points.now(verdict.t_ns, self._standing)
         verdict = bounded(verdict, point, self._limits.point_mm)
         self._judgement.note(verdict)
         return verdict

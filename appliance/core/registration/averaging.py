@@ -26,31 +26,39 @@ _BACK = 3
 _FEWEST, _MOST, _WITHIN = 12, 24, 120
 """Quick pictures by whose median a share is told, at least and at most, and among how many pictures. Fewer tell it
 sooner and worse. Of more, and of a longer time, a change of the share is noticed later, and pictures add up that a
-tracker's noise alone has called quick."""
+tracker's noise alone has called quick. Another share than the one in force needs as many as there may be."""
 _LEAST_SHARE, _MOST_SHARE = 0.1, 0.9
 """Beyond which nothing is undone. With less than the least, motion is seen late by a tenth of a picture, 4 ms; with
 more than the most, undoing would amplify noise more than fourfold, and pictures are nearly still."""
-_SPREAD, _LAW = 0.04, 0.025
-"""Median difference of the likenesses to the last picture from their own, and of the three from s, s² and s³, up to which
-it is a share. In gestures of the study .01 to .02 and .01, over a half space .02 and .02; a sweep of 20 mm/s without
-averaging would differ from any share by .04. More takes speckle that changes for a share, less never believes one."""
-_LEFT, _ERRS = 0.02, 0.0055
-"""By which the likeness to the last picture may be wrong by what tissue that gives way has left there, half a cell away,
-and by which the median of a dozen likenesses errs. What a share is told by is weighed with both: from .46 for .5 over a
-half space of 20 mm to within .01 of it, and at .3 it errs by .013 instead of .006."""
-_SAME = 0.03
-"""By which a share must differ from the one in force to take its place: twice what a median of the fewest errs by in
-the study. Each change begins the evidence anew."""
-_OPPOSITE, _OFTEN = -0.05, 5
-"""Likeness below which nothing of the last picture can be left, and pictures that must show it. Without averaging it
-falls to −.12 to −.2 in every session of the study and five were below −.05 within .2 to 6 s, but for a mere hold; with
-a share of .15 the least of 895 was −.057, of .2 −.009, of .3 .083."""
+_SPREAD, _LAW, _NEW = 0.04, 0.015, (0.8, 1.08)
+"""Median difference of the likenesses to the last picture from their own; of the third likeness from what the first two
+tell; and of s, s² and s³ what is left in them by noise that is new in each picture, as a coder's: up to which it is a
+share. In gestures of the study .01 to .02, .005 and .97 to 1.03, behind a JPEG of quality 40 .84. More takes speckle that
+changes for a share: a sweep of 20 mm/s without averaging comes to 1.2; less never believes one."""
+_DEPTHS, _EVERYWHERE = 4, 0.06
+"""Bands of depth, and by how much the median likeness of one may differ from that of all: a scanner averages all of a
+picture alike. In rigid tissue .01, .03 where a part of the face is off the skin; over tissue that follows a press .07 to
+.3, as what goes along with the face is no quicker for a quick hand."""
+_SAME = 0.1
+"""Of the last picture, what a share that is told now would leave where the one in force was undone, from which on it
+takes its place: five times what a dozen pictures err by in the study. Each change begins the evidence anew; less does so
+for nothing."""
+_LOOKED_AT = 0.4
+"""Likeness from which on nothing can be opposite at any depth. Less misses soft tissue that deep down alone is
+opposite, more costs a twentieth of a millisecond more often. Not measured."""
+_OPPOSITE, _OFTEN = (-0.05, -0.1), 5
+"""Likeness below which nothing of the last picture can be left, of all of it and of a band of depth, and pictures that
+must show it. Without averaging it falls to −.12 to −.2 in every session of the study and five were below −.05 within .2
+to 6 s, but for a mere hold; with a share of .15 the least of 895 was −.057, of .2 −.009, of .3 .083."""
 _OPPOSED, _KNOWN = 300, 7200
 """Pictures for which that forbids to believe a share, and for which it says that there is none: 10 s and four minutes.
 An operator may have changed the share since. The second is longer than a probe that is held still stays verified."""
 _PARTED = 0.9
 """Of the negative likeness that undoing gives a picture in which nothing of the last is left, from which on it is taken
 for such a one. Less takes speckle for it that has gone by half a cell (−.24 at s = .3 in the study), more never does."""
+
+_NOTHING = 1e-9
+"""Keeps what is equal from dividing by zero."""
 
 
 class FrameAveraging:
@@ -65,6 +73,7 @@ class FrameAveraging:
         self._quick: deque[tuple[int, NDArray[np.float64]]] = deque(maxlen=_MOST)
         self._opposite: deque[int] = deque(maxlen=_OFTEN)
         self._none: int | None = None
+        self._doubted = False
         self._mask: Bits | None = None
         self._spots: Bits | None = None
         self.restart()
@@ -72,7 +81,7 @@ class FrameAveraging:
     def restart(self) -> None:
         """What comes has nothing in common with what came; the share stays."""
         self._last: GreyImage | None = None
-        self._sequence = self._repeated = 0
+        self._sequence = self._repeated = self._in_row = 0
         self._slopes: deque[Array32] = deque(maxlen=1 + _BACK)
 
     @property
@@ -95,15 +104,15 @@ class FrameAveraging:
         since = 1 if self._last is None else max(sequence - self._sequence - self._repeated, 1)
         before, self._last, self._sequence, self._repeated = self._last, image, sequence, 0
         self._pictures += 1
-        if since > 1 or mask is None:
-            self._slopes.clear()
-        if mask is not None:
-            self._slopes.append(self._slope(image, mask))
+        if mask is None:
+            return image, False
+        self._in_row = self._in_row + 1 if since == 1 else 0
+        self._slopes.append(self._slope(image, mask))
         alike, contrast = self._compared()
-        changed = self._learn(alike, quick)
-        if before is None or not self.share or self._parted(alike, contrast):
-            return image, changed
+        changed = self._in_row > 0 and self._learn(alike[: self._in_row], quick)
         left = self.share**since
+        if before is None or not self.share or not alike.size or _parted(alike[0], left * contrast):
+            return image, changed
         return np.asarray(cv2.addWeighted(image, 1 / (1 - left), before, -left / (1 - left), 0), np.uint8), changed
 
     def _slope(self, image: GreyImage, mask: Bits) -> Array32:
@@ -114,55 +123,79 @@ class FrameAveraging:
         if self._mask is not mask or self._spots is None:
             self._mask, self._spots = mask, mask[:-1:pitch, ::pitch] & mask[1::pitch, ::pitch]
         slope = cv2.subtract(below, above, mask=self._spots.view(np.uint8), dtype=cv2.CV_32F)
-        return np.asarray(slope, np.float32).ravel()
+        return np.asarray(slope, np.float32)
 
     def _compared(self) -> tuple[NDArray[np.float64], float]:
         """(0 … 3,) correlations of the latest slopes with those before, the last first, and how much stronger the last
         are than the latest; nothing where a picture is flat."""
-        sizes = [float(np.sqrt(slope @ slope)) for slope in self._slopes]
+        sizes = [float(np.linalg.norm(slope)) for slope in self._slopes]
         if len(sizes) < 2 or min(sizes) <= 0:
             return np.empty(0), 1.0
         *before, now = self._slopes
         ends = zip(before[::-1], sizes[-2::-1], strict=True)
-        return np.array([float(now @ slope) / (sizes[-1] * size) for slope, size in ends]), sizes[-2] / sizes[-1]
+        return np.array([np.vdot(now, slope) / (sizes[-1] * size) for slope, size in ends]), sizes[-2] / sizes[-1]
+
+    def _by_depth(self) -> NDArray[np.float64]:
+        """(4,) correlations of the latest slopes with the last at so many depths; NaN where one is flat."""
+        now, before = (np.array_split(self._slopes[k], _DEPTHS) for k in (-1, -2))
+        sizes = [float(np.linalg.norm(a)) * float(np.linalg.norm(b)) for a, b in zip(now, before, strict=True)]
+        pairs = zip(now, before, sizes, strict=True)
+        return np.array([np.vdot(a, b) / size if size else np.nan for a, b, size in pairs])
 
     def _learn(self, alike: NDArray[np.float64], quick: bool) -> bool:
         """Take what the latest picture has in common with those before it. True where another share is believed."""
-        if alike.size and alike[0] < _OPPOSITE:
+        if not alike.size or not (quick or alike[0] < _LOOKED_AT):
+            return False
+        by_depth = self._by_depth()
+        if alike[0] < _OPPOSITE[0] or np.nanmin(by_depth) < _OPPOSITE[1]:
             self._opposite.append(self._pictures)
         if not quick or alike.size < _BACK:
             return False
-        self._quick.append((self._pictures, alike))
+        self._quick.append((self._pictures, np.concatenate([alike, by_depth])))
         recent = [alike for picture, alike in self._quick if self._pictures - picture < _WITHIN]
-        told = _told(np.array(recent)) if len(recent) >= _FEWEST else None
+        enough = len(recent) >= (_MOST if self._doubted else _FEWEST)
+        told = _told(np.array(recent)) if enough else None
         self._none = self._pictures if told == 0 else self._none
-        if told is None or abs(told - self.share) <= _SAME or (told > 0 and self._shown_none(_OPPOSED)):
+        return told is not None and self._believe(told)
+
+    def _believe(self, told: float) -> bool:
+        """Whether it takes the place of the share in force: at once where there is none, else once two dozen pictures
+        say so that have nothing of the time before."""
+        differs = abs(told - self.share) > _SAME * (1 - told)
+        if not differs or (told > 0 and self._shown_none(_OPPOSED)):
+            self._doubted = self._doubted and differs
             return False
-        self.share = told
+        if self.share > 0 and not self._doubted:
+            self._doubted = True
+            self._quick.clear()
+            return False
+        self.share, self._doubted = told, False
         return True
 
     def _shown_none(self, pictures: int) -> bool:
         """Whether so many of the latest pictures say that nothing of the last is left in the next."""
         return len(self._opposite) == _OFTEN and self._pictures - self._opposite[0] < pictures
 
-    def _parted(self, alike: NDArray[np.float64], contrast: float) -> bool:
-        """Whether nothing of the last picture is left in the latest, as where the grabber has mirrored it."""
-        if not alike.size:
-            return False
-        left = self.share * contrast
-        fresh = (alike[0] - left) / max(1 - 2 * left * alike[0] + left**2, 1e-9) ** 0.5
-        return bool(fresh < -_PARTED * left / (1 + left**2) ** 0.5)
+
+def _parted(alike: float, left: float) -> bool:
+    """Whether nothing of the last picture is left in the latest, as where the grabber has mirrored it. alike: of the
+    two. left: what should be, ÷ contrast of the latest.
+    """
+    fresh = (alike - left) / max(1 - 2 * left * alike + left**2, _NOTHING) ** 0.5
+    return bool(fresh < -_PARTED * left / (1 + left**2) ** 0.5)
 
 
 def _told(alike: NDArray[np.float64]) -> float | None:
-    """The share that these likenesses tell, (n, 3), 0 for none; None where they tell nothing."""
-    first, second, third = np.median(alike, axis=0)
+    """The share that these likenesses tell, (n, 3 and 4), 0 for none; None where they tell nothing."""
+    first, second, third, *by_depth = np.median(alike, axis=0)
     if np.median(np.abs(alike[:, 0] - first)) > _SPREAD:
         return None
     if first < _LEAST_SHARE:
         return 0.0
-    told = np.array([first, second / first, third / second]) if second > 0 else np.full(3, first)
-    weights = np.array([_LEFT**-2, (first / _ERRS) ** 2, (second / _ERRS) ** 2])
-    share = float(told @ weights / weights.sum())
-    lawful = np.max(np.abs(np.array([first, second, third]) - share ** np.arange(1, 1 + _BACK))) <= _LAW
-    return share if lawful and share <= _MOST_SHARE else None
+    if min(second, third) <= 0:
+        return None
+    share = float((second / first * first**2 + third / second * second**2) / (first**2 + second**2))
+    new = first / share
+    lawful = _NEW[0] <= new <= _NEW[1] and abs(third - new * share**3) <= _LAW
+    alike_everywhere = np.nanmax(np.abs(np.subtract(by_depth, first))) <= _EVERYWHERE
+    return share if lawful and alike_everywhere and share <= _MOST_SHARE else None

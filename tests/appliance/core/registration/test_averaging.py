@@ -217,6 +217,14 @@ def test_a_picture_that_holds_nothing_of_the_last_is_handed_on_and_the_next_is_u
     assert np.std(second.astype(float) - fresh[25][:, ::-1]) < 2.5
 
 
+def test_a_black_picture_and_the_one_after_it_are_handed_on() -> None:
+    """A probe that is lifted off, before a scanner that begins anew."""
+    averaging = learnt(0.5)
+    black, after = np.zeros(SHAPE, np.uint8), grey(field(90))
+    assert taken(averaging, [black, after], first=FRAMES)[0] is black
+    assert taken(averaging, [black, after], first=FRAMES + 2)[1] is after
+
+
 def test_the_first_picture_after_a_loss_of_sight_is_handed_on_and_the_share_stays() -> None:
     averaging = learnt(0.5)
     averaging.restart()
@@ -229,7 +237,7 @@ def test_the_first_picture_after_a_loss_of_sight_is_handed_on_and_the_share_stay
 @pytest.mark.parametrize("then", [0.0, 0.3])
 def test_a_share_that_the_operator_changes_is_followed(then: float) -> None:
     averaging = learnt(0.7)
-    taken(averaging, averaged(quick(26, first=100), then), first=FRAMES)
+    taken(averaging, averaged(quick(60, first=100), then), first=FRAMES)
     assert averaging.share == pytest.approx(then, abs=0.02)
 
 
