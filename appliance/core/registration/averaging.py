@@ -39,6 +39,9 @@ _DEPTHS, _EVERYWHERE = 4, 0.06
 """Bands of depth, and by how much the median likeness of one may differ from that of all: a scanner averages all of a
 picture alike. In rigid tissue .01, .03 where a part of the face is off the skin; over tissue that follows a press .07 to
 .3, as what goes along with the face is no quicker for a quick hand."""
+_FAINT = 0.02
+"""Of the strength of all slopes, at most, in a band that says nothing: one as dark as that holds the rounding of greys.
+Not measured."""
 _SAME = 0.1
 """Of the last picture, what a share that is told now would leave where the one in force was undone, from which on it
 takes its place: five times what a dozen pictures err by in the study. Each change begins the evidence anew; less does so
@@ -136,18 +139,18 @@ class FrameAveraging:
         return np.array([np.vdot(now, slope) / (sizes[-1] * size) for slope, size in ends]), sizes[-2] / sizes[-1]
 
     def _by_depth(self) -> NDArray[np.float64]:
-        """(4,) correlations of the latest slopes with the last at so many depths; NaN where one is flat."""
+        """(4,) correlations of the latest slopes with the last at so many depths; NaN where there is next to nothing."""
         now, before = (np.array_split(self._slopes[k], _DEPTHS) for k in (-1, -2))
         sizes = [float(np.linalg.norm(a)) * float(np.linalg.norm(b)) for a, b in zip(now, before, strict=True)]
         pairs = zip(now, before, sizes, strict=True)
-        return np.array([np.vdot(a, b) / size if size else np.nan for a, b, size in pairs])
+        return np.array([np.vdot(a, b) / size if size > _FAINT * sum(sizes) else np.nan for a, b, size in pairs])
 
     def _learn(self, alike: NDArray[np.float64], quick: bool) -> bool:
         """Take what the latest picture has in common with those before it. True where another share is believed."""
         if not alike.size or not (quick or alike[0] < _LOOKED_AT):
             return False
         by_depth = self._by_depth()
-        if alike[0] < _OPPOSITE[0] or np.nanmin(by_depth) < _OPPOSITE[1]:
+        if alike[0] < _OPPOSITE[0] or np.nan_to_num(by_depth, nan=1.0).min() < _OPPOSITE[1]:
             self._opposite.append(self._pictures)
         if not quick or alike.size < _BACK:
             return False
@@ -197,5 +200,5 @@ def _told(alike: NDArray[np.float64]) -> float | None:
     share = float((second / first * first**2 + third / second * second**2) / (first**2 + second**2))
     new = first / share
     lawful = _NEW[0] <= new <= _NEW[1] and abs(third - new * share**3) <= _LAW
-    alike_everywhere = np.nanmax(np.abs(np.subtract(by_depth, first))) <= _EVERYWHERE
+    alike_everywhere = np.nan_to_num(np.abs(np.subtract(by_depth, first))).max() <= _EVERYWHERE
     return share if lawful and alike_everywhere and share <= _MOST_SHARE else None

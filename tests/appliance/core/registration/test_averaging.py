@@ -115,8 +115,31 @@ def in_front_of(share: float) -> list[GreyImage]:
     return [grey(120 + share * (field(5) - 120) + (1 - share) * (one.astype(np.float32) - 120)) for one in quick(60)]
 
 
-def coded() -> list[GreyImage]:
-    return [np.asarray(cv2.imdecode(cv2.imencode(".jpg", one, [1, 30])[1], 0), np.uint8) for one in quick(60)]
+def in_two_ways() -> list[GreyImage]:
+    """Tissue whose upper half goes along with the face, the lower less: as if each were averaged in its own way."""
+    upper, lower = averaged(quick(60), 0.5), averaged(quick(60), 0.3)
+    return [np.vstack([a[:90], b[90:]]) for a, b in zip(upper, lower, strict=True)]
+
+
+def adaptive() -> list[GreyImage]:
+    """A scanner that averages now more, now less."""
+    shares, mean, shown = np.random.default_rng(6).uniform(0.15, 0.75, 60), field(999), []
+    for share, picture in zip(shares, quick(60), strict=True):
+        mean = np.float32(share) * mean + np.float32(1 - share) * picture
+        shown.append(grey(mean))
+    return shown
+
+
+def of_four() -> list[GreyImage]:
+    """A scanner that shows a mean of the last four, and nothing of those before."""
+    pictures, weights = np.array([field(k % 40) - 120 for k in range(63)]), np.array([0.03, 0.25, 0.4, 1.0])
+    weights /= np.sqrt(np.sum(weights**2))
+    return [grey(120 + np.tensordot(weights.astype(np.float32), pictures[k : k + 4], 1)) for k in range(60)]
+
+
+def through_jpeg(picture: GreyImage, quality: int) -> GreyImage:
+    coded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return np.asarray(cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
 WITHOUT: dict[str, Callable[[], list[GreyImage]]] = {
@@ -130,7 +153,11 @@ WITHOUT: dict[str, Callable[[], list[GreyImage]]] = {
     "noisy repeats": noisy_repeats,
     "blended": blended,
     "haze": lambda: in_front_of(0.4),
-    "coded": coded,
+    "coded": lambda: [through_jpeg(one, 30) for one in quick(60)],
+    "mean of four": of_four,
+    "in two ways": in_two_ways,
+    "adaptive": adaptive,
+    "hardly": lambda: averaged(quick(60), 0.05),
     "freeze": lambda: [*quick(30), *[quick(1)[0]] * 30],
 }
 
@@ -151,6 +178,28 @@ def test_a_hand_that_is_not_quick_tells_no_share() -> None:
     taken(averaging, averaged(quick(60), 0.5), hurries=False)
     assert averaging.share == 0
     assert not averaging.known
+
+
+def test_quick_pictures_here_and_there_tell_no_share() -> None:
+    """A tracker's noise calls some quick."""
+    averaging = FrameAveraging()
+    for k, one in enumerate(averaged(quick(240), 0.5)):
+        averaging.step(one, k, EVERYWHERE, k % 12 == 0)
+    assert averaging.share == 0
+
+
+def test_a_share_is_told_where_the_depth_is_dark() -> None:
+    averaging = FrameAveraging()
+    for k, one in enumerate(averaged(quick(), 0.5)):
+        dark = np.random.default_rng(k).integers(0, 2, (60, SHAPE[1]), np.uint8)
+        averaging.step(np.vstack([one[:120], dark]), k, EVERYWHERE, True)
+    assert averaging.share == pytest.approx(0.5, abs=0.03)
+
+
+def test_a_share_is_told_where_the_grabber_codes() -> None:
+    averaging = FrameAveraging()
+    taken(averaging, [through_jpeg(one, 40) for one in averaged(quick(), 0.5)])
+    assert averaging.share == pytest.approx(0.5, abs=0.03)
 
 
 def test_without_a_mask_no_share_is_told_and_with_it_what_stands_still_is_left_out() -> None:
