@@ -81,8 +81,10 @@ def test_a_fan_without_a_gesture_before_it_accuses_nothing(share: float) -> None
 
 @THOROUGH
 @pytest.mark.parametrize("share", SHARES)
-@pytest.mark.parametrize("hazard", ["scale-axial=10@start", "scale-lateral=-10@start", "latency=120@start"])
-def test_what_is_wrong_is_named_and_never_verified(share: float, hazard: str) -> None:
-    _, verdicts, _ = watched("gesture", 10.0, share, hazard)
-    assert faults(verdicts)[-1] == hazard.partition("-" if "scale" in hazard else "=")[0]
+@pytest.mark.parametrize("hazard", ["scale-axial=10", "scale-lateral=-10", "latency=120"])
+def test_what_is_wrong_is_named_nothing_else_and_never_verified(share: float, hazard: str) -> None:
+    """Ten seconds of the gesture name a lag; a scale they may leave open."""
+    _, verdicts, _ = watched("gesture", 10.0, share, hazard + "@start")
+    name = "latency" if "latency" in hazard else "scale"
+    assert faults(verdicts) in ([name], [] if name == "scale" else [name])
     assert first_ok_s(verdicts) == float("inf")
