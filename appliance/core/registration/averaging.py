@@ -1,4 +1,4 @@
-"""Undoes the averaging of a scanner that leaves a share s of the last picture in the next: q_n = s q_(n-1) + (1 − s) p_n.
+"""Undoes what a scanner averages that leaves a share s of the last picture in the next: q_n = s q_(n-1) + (1 − s) p_n.
 
 What is left of the last picture stands where its tissue was. Registration is drawn there, so that motion is seen late
 and, where the speckle changes, too short. The share shows where the probe moves quickly: p_n has nothing in common with
@@ -33,19 +33,19 @@ more than the most, undoing would amplify noise more than fourfold, and pictures
 _SPREAD, _LAW, _NEW = 0.04, 0.015, (0.8, 1.08)
 """Median difference of the likenesses to the last picture from their own; of the third likeness from what the first two
 tell; and of s, s² and s³ what is left in them by noise that is new in each picture, as a coder's: up to which it is a
-share. In gestures of the study .01 to .02, .005 and .97 to 1.03, behind a JPEG of quality 40 .84. More takes speckle that
-changes for a share: a sweep of 20 mm/s without averaging comes to 1.2; less never believes one."""
+share. In gestures of the study .01 to .02, .005 and .97 to 1.03, behind a JPEG of quality 40 .84. More takes speckle
+that changes for a share: a sweep of 20 mm/s without averaging comes to 1.2; less never believes one."""
 _DEPTHS, _EVERYWHERE = 4, 0.06
 """Bands of depth, and by how much the median likeness of one may differ from that of all: a scanner averages all of a
-picture alike. In rigid tissue .01, .03 where a part of the face is off the skin; over tissue that follows a press .07 to
-.3, as what goes along with the face is no quicker for a quick hand."""
+picture alike. In rigid tissue .01, .03 where a part of the face is off the skin; over tissue that follows a press .07
+to .3, as what goes along with the face is no quicker for a quick hand."""
 _FAINT = 0.02
 """Of the strength of all slopes, at most, in a band that says nothing: one as dark as that holds the rounding of greys.
 Not measured."""
 _SAME = 0.1
 """Of the last picture, what a share that is told now would leave where the one in force was undone, from which on it
-takes its place: five times what a dozen pictures err by in the study. Each change begins the evidence anew; less does so
-for nothing."""
+takes its place: five times what a dozen pictures err by in the study. Each change begins the evidence anew; less does
+so for nothing."""
 _LOOKED_AT = 0.4
 """Likeness from which on nothing can be opposite at any depth. Less misses soft tissue that deep down alone is
 opposite, more costs a twentieth of a millisecond more often. Not measured."""
@@ -58,8 +58,7 @@ _OPPOSED, _KNOWN = 300, 7200
 An operator may have changed the share since. The second is longer than a probe that is held still stays verified."""
 _PARTED = 0.9
 """Of the negative likeness that undoing gives a picture in which nothing of the last is left, from which on it is taken
-for such a one. Less takes speckle for it that has gone by half a cell (−.24 at s = .3 in the study), more never does."""
-
+for such a one. Less takes speckle for it that has gone by half a cell (−.24 at .3 in the study), more never does."""
 _NOTHING = 1e-9
 """Keeps what is equal from dividing by zero."""
 
@@ -139,7 +138,7 @@ class FrameAveraging:
         return np.array([np.vdot(now, slope) / (sizes[-1] * size) for slope, size in ends]), sizes[-2] / sizes[-1]
 
     def _by_depth(self) -> NDArray[np.float64]:
-        """(4,) correlations of the latest slopes with the last at so many depths; NaN where there is next to nothing."""
+        """(4,) correlations of the latest slopes with the last at so many depths; NaN where there is next to none."""
         now, before = (np.array_split(self._slopes[k], _DEPTHS) for k in (-1, -2))
         sizes = [float(np.linalg.norm(a)) * float(np.linalg.norm(b)) for a, b in zip(now, before, strict=True)]
         pairs = zip(now, before, sizes, strict=True)

@@ -1,4 +1,4 @@
-"""The line behind a scanner that averages pictures: it tells the share in a gesture, and is right and silent as without."""
+"""The line behind a scanner that averages: it tells the share in a gesture, and is as right and silent as without."""
 
 from functools import cache
 

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 
 from appliance.core.line import Line
-from appliance.core.motion import analyse, predicted_motion, sort_motion, wants_keyframe
+from appliance.core.motion import analyse, predicted_motion, quick, sort_motion, wants_keyframe
 from appliance.core.registration.keyframe import Registration
 from appliance.core.registration.realtime_tracker import Tracked
 from appliance.limits import Limits
 from appliance.types import Motion, MotionKind, StampedPair
-from drivers.rigid import inverse, rigid, vector_from_rotation
+from drivers.rigid import inverse, rigid, rotation_from_vector, vector_from_rotation
 from drivers.samples import Frame, Matrix4, Stamp
 from drivers.twins.scene.trajectory import PROGRAMS
 from tests.drivers.test_rigid import poses
@@ -66,6 +66,31 @@ def test_the_predicted_motion_moves_tissue_as_the_two_picture_poses_do(first: Ma
     A = inverse(second) @ first
     np.testing.assert_allclose(t_a, A[:3, 3], atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(turn), np.linalg.norm(vector_from_rotation(A[:3, :3])), atol=1e-7)
+
+
+def turned(turn_deg: float) -> Matrix4:
+    """About the middle of the picture, in its plane."""
+    return rigid(rotation_from_vector(np.array([0, 0, np.deg2rad(turn_deg)])), np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("way", "expected"),
+    [
+        ([place(1.6 * k) for k in range(4)], True),
+        ([place(1.4 * k) for k in range(4)], False),
+        ([place(0, 0.5 * k) for k in range(4)], True),
+        ([place(0, 0.4 * k) for k in range(4)], False),
+        ([place(1.2 * k, 0.3 * k) for k in range(4)], True),
+        ([place(0, 0, 3.0 * k) for k in range(4)], False),
+        ([place(), place(), place(), place(0, 1.3)], False),
+        ([place(), place(0, 0.7), place(0, 1.4), place(0, 1.4)], False),
+        ([turned(20 * k) for k in range(4)], True),
+        ([turned(1 * k) for k in range(4)], False),
+        ([place(1.6)], False),
+    ],
+)
+def test_a_hand_is_quick_where_all_of_the_picture_goes_on_by_more_than_its_speckle(way, expected: bool) -> None:
+    assert quick(TRUTH, [sensor(one) for one in way]) is expected
 
 
 PREDOMINANT = {

@@ -1,7 +1,8 @@
-"""Pictures of a scanner that averages, made with a known share, are taken apart again; where none was averaged, nothing is."""
+"""Pictures averaged with a known share are taken apart again; those that were not averaged are left as they are."""
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import lru_cache
+from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -17,7 +18,7 @@ SHARES = (0.3, 0.5, 0.7)
 FRAMES = 24
 
 
-@lru_cache(maxsize=None)
+@cache
 def field(seed: int, rows: int = SHAPE[0]) -> np.ndarray[Any, np.dtype[np.float32]]:
     """Speckle, a few px long and wider than high, in grey levels."""
     white = np.random.default_rng((7, seed)).standard_normal((rows, SHAPE[1])).astype(np.float32)
@@ -107,7 +108,7 @@ def noisy_repeats() -> list[GreyImage]:
 def blended() -> list[GreyImage]:
     """A converter of rates that mixes each two neighbours."""
     pictures = quick(61)
-    return [grey((a.astype(np.float32) + b) / 2) for a, b in zip(pictures, pictures[1:], strict=False)]
+    return [grey((a.astype(np.float32) + b) / 2) for a, b in pairwise(pictures)]
 
 
 def in_front_of(share: float) -> list[GreyImage]:
