@@ -162,7 +162,7 @@ class Line:
         """At (n, 3) places in the axes of the picture, mm from its middle: what the error of a point of the verdict at
         t_ns, the last one, is the worst and the median of.
         """
-        return self._evidence.points.at(t_ns, self._evidence.standing, at_mm)
+        return self._evidence.points.at(t_ns, self._standing, at_mm)
 
     def report(self) -> LineReport:
         """What the whole session showed; frames still waiting for a pose stay unpaired."""

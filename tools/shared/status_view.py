@@ -66,7 +66,7 @@ class StatusView:
         checks = [*status["checks"], *status["devices"]]
         self._note(status["counters"].get("uptime_s", 0.0), checks)
         table = _Checks(checks, {name: tuple(trend) for name, trend in self._trends.items()}, _language(status))
-        lines: list[RenderableType] = [_state(status), _rates(status), table, _point(status)]
+        lines: list[RenderableType] = [_state(status), _rates(status), table, *_point(status)]
         return Group(*lines, *_carried(status), *_proposal(status), *_remarks(status), *_origin(status))
 
     def _note(self, uptime_s: float, checks: list[_Check]) -> None:
@@ -82,7 +82,7 @@ def one_line(status: Status) -> str:
     """The status for a file or a pipe."""
     say = _words(status)
     said = _advice(status), _prompt(status)
-    facts = [_age(status, say), _contact(status, say), _point(status).plain]
+    facts = _age(status, say), _contact(status, say), *(line.plain for line in _point(status))
     parts = [f"{_title(status)}: {status['text']}", *said, *facts]
     return " · ".join(filter(None, parts))
 
@@ -216,12 +216,14 @@ def _carried(status: Status) -> list[Text]:
     return [Text(shown(f"{_CARRIED} {line}"), style="cyan")] if own else []
 
 
-def _point(status: Status) -> Text:
-    """In the colour of what it allows; a service that is older than this program knows of none."""
+def _point(status: Status) -> list[Text]:
+    """In the colour of what it allows; nothing where it is not known and nobody asks for it."""
     point, limit_mm = status.get("point"), status.get("point_limit_mm")
+    if point is None and limit_mm is None:
+        return []
     said = point_text(point, limit_mm, _language(status))
     beyond = limit_mm is not None and (point is None or point["worst_mm"][1] > limit_mm)
-    return Text(shown(said), style="cyan" if beyond or point is None else "")
+    return [Text(shown(said), style="cyan" if beyond else "")]
 
 
 def _proposal(status: Status) -> list[Text]:
