@@ -123,6 +123,11 @@ class Calibration:
     observed: tuple[bool, ...] = (True,) * len(PARAMETERS)
     simulated: bool = False
 
+    @property
+    def face_mm(self) -> Vector:
+        """(3,) middle of the probe's face in the axes of the picture, from the picture's middle."""
+        return np.array([0.0, -self.polarity[1] * self.image_size_px[1] / 2 * self.scale_mm_per_px[1], 0.0])
+
 
 class Kind(Enum):
     """What sort of thing is wrong; what it leads to is the policy (`appliance.supervision.policy`).

@@ -170,9 +170,7 @@ class PathResidual:
     def _face_steps(self) -> Array:
         """(3, n) mm: of the face along the axes of the window's first picture, by the tracker and the reference."""
         R, poses = self._reference.rotation, self._samples.poses[self._samples.kept]
-        half_mm = self._reference.image_size_px[1] / 2 * self._reference.scale_mm_per_px[1]
-        face = np.array([0.0, -half_mm * self._reference.polarity[1], 0.0])
-        places = poses[:, :3, 3] + poses[:, :3, :3] @ (R.T @ (face - self._reference.offset_mm))
+        places = poses[:, :3, 3] + poses[:, :3, :3] @ (R.T @ (self._reference.face_mm - self._reference.offset_mm))
         return np.diff(R @ poses[0, :3, :3].T @ places.T, axis=1, prepend=0.0)
 
     @cached_property

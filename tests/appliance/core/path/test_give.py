@@ -44,6 +44,16 @@ def test_what_ten_seconds_show(follows: float, drags: float, may: int) -> None:
     assert window(10.0, follows, drags).look_at_tissue(0.0) == may
 
 
+@pytest.mark.parametrize(("rows", "drags", "may"), [(640, 0.0, PRESSES), (640, 0.4, ALL), (480, 0.0, ALL)])
+def test_only_deep_pictures_tell_skin_that_does_not_drag_over_tissue_that_follows(
+    rows: int, drags: float, may: int
+) -> None:
+    """45 mm and 34: in shallow ones what is pressed out sideways would pass for a wrong axial scale."""
+    reference = replace(TRUTH, image_size_px=(640, rows))
+    plain = filled(planar_path, 10.0, truth=reference, reference=reference)
+    assert with_tissue(plain, 0.6, drags, reference=reference).look_at_tissue(0.0) == may
+
+
 def test_until_it_is_shown_tissue_may_do_all() -> None:
     assert PathWindow(TRUTH).tissue == ALL
     assert window(1.0).look_at_tissue(0.0) == ALL
