@@ -173,7 +173,8 @@ class RealTimeTracker:
         for turn_rad in (0.0, *_TURNS_RAD):
             lost = not acceptable(best)
             found = keyframe.register(levels, (place, turn_rad), loose=True)
-            if likeness(found) > likeness(best) + (0.0 if lost else _GAINED):
+            better = likeness(found) > likeness(best) + (0.0 if lost else _GAINED)
+            if better and (lost or acceptable(found)):
                 best = found
             if acceptable(best):
                 break
