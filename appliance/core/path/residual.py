@@ -28,6 +28,8 @@ VALUE = 12
 """Of `PathResidual.linear`: the residual itself, behind its derivatives by θ."""
 _OF_X = np.array([0, 1, 2, 5, 6, 7, VALUE])
 """Rotation, offset and value: what `products_and_slopes` is of."""
+_OF_PLACE = np.array([0, 1, 2, 5, 6, 7, TAU])
+"""Rotation, offset and latency: by which the probe has gone elsewhere."""
 _OF_REST = np.zeros((VALUE + 1, 4))
 """Coefficients of the two measured axes, of the rate and of the measured turn, but for their values."""
 _OF_REST[[3, 4, TAU], [0, 1, 2]] = 1.0, 1.0, -1.0
@@ -252,9 +254,12 @@ class PathResidual:
         """What tissue that follows the face makes of the rows of one that does not."""
         way_mm, slopes = self._following(np.append(self.follow, self.tilt) + theta[FOLLOW : TILT.stop])
         follow = self.follow + theta[FOLLOW]
-        rows[1, VALUE] -= theta[TAU] * follow * rows[1, TAU]
-        rows[1, TAU] *= 1 - follow
+        # What moves the middle of the picture along the axis moves the face as much, and tissue by its share of that.
+        moved_mm = rows[1, _OF_PLACE]
+        rows[1, VALUE] -= follow * theta[_OF_PLACE] @ moved_mm
+        rows[1, _OF_PLACE] = (1 - follow) * moved_mm
         rows[:2, FOLLOW : TILT.stop] = -slopes.swapaxes(0, 1)
+        rows[1, FOLLOW] -= theta[_OF_PLACE] @ moved_mm
         rows[:2, VALUE] -= way_mm
         # The measured path is noisy where tissue may drag, and would draw the scale towards −100 %; the predicted is
         # not.
