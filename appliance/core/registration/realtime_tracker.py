@@ -164,15 +164,15 @@ class RealTimeTracker:
         return path[0] - turned, path[1] - before[1]
 
     def _search(self, keyframe: Keyframe, levels: Pyramid) -> Registration:
-        """Warm start first; where that does not convince, wherever the keyframe's middle is seen, turned as well, in
-        tissue that may have given way by much."""
+        """Warm start first; where that does not convince, wherever the keyframe's middle is seen, turned as well.
+        Tissue that may give way may have done so by much."""
         best = keyframe.register(levels, self._warm, self.may)
         if likeness(best) >= _GOOD_CORRELATION:
             return best
         place = keyframe.guess(levels)
         for turn_rad in (0.0, *_TURNS_RAD):
             lost = not acceptable(best)
-            found = keyframe.register(levels, (place, turn_rad), loose=True)
+            found = keyframe.register(levels, (place, turn_rad), self.may, loose=bool(self.may))
             better = likeness(found) > likeness(best) + (0.0 if lost else _GAINED)
             if better and (lost or acceptable(found)):
                 best = found
