@@ -136,6 +136,8 @@ class PathResidual:
         """(3, m, m) mm² or rad² of the rows: what tissue leaves open where it is not solved for. What a press shows
         keeps its sign, or an axis that is mirrored would be tissue.
         """
+        if self.rigid:
+            return self.sheared
         sd = self.tissue_sd * (_DOUBTED * (1 - self.follow), 1.0, 1.0)
         _, slopes = self._following(np.append(self.follow, self.tilt))
         slopes *= sd[:, None, None]
@@ -310,8 +312,11 @@ class PathResidual:
         return bool(np.diff(np.quantile(turn_rad, [0.025, 0.975]))[0] >= LEAST_TURN_RAD)
 
     def travel_mm(self, n: int) -> Array:
-        """(2,) way that the probe covered laterally and axially over the last n blocks, but for its widest 5 %."""
-        places = self.blocks.last(n).without_offsets(self.way_mm[:, -n:])
+        """(2,) way that the probe covered over the last n blocks, but for its widest 5 %, along the axes that tell the
+        lateral and the axial scale: in tissue that gives way the lateral one both.
+        """
+        way_mm = self.way_mm if self.rigid else self.way_mm[[LATERAL, LATERAL]]
+        places = self.blocks.last(n).without_offsets(way_mm[:, -n:])
         return np.asarray(np.diff(np.quantile(places, [0.025, 0.975], axis=1), axis=0)[0])
 
     def _path(self, steps: Array | ComplexArray) -> Array | ComplexArray:

@@ -147,8 +147,7 @@ class Solution:
 
     covariance: (9, 9). correlation: of measured and predicted in-plane motion without the tissue's own, the worse of
     the two axes that moved; NaN where none did. motions: pictures used. noise: as learned. misfit: −2 log
-    likelihood per picture. travel_mm: (2,) way that the probe covered, but for its widest 5 %, along the axes that tell
-    the lateral and the axial scale: in tissue that gives way the lateral one both. follow: of the tissue.
+    likelihood per picture. travel_mm: (2,) as of `PathResidual`. follow: of the tissue.
 
     shown_ns: (9,) for each of θ the stamp on either side of which half of the information on it lies. An estimate that
     mixes motion from before and after a change of twice its limit stays within the limit only while less than half of
@@ -488,7 +487,7 @@ class _Problem:
             self._shown_ns(covariance @ J)[: TAU + 1],
             noise,
             (_huber_cost(self._whitened(self._linear(theta))[VALUE]) + volume) / len(self.residual),
-            self._travel_mm if self.residual.rigid else self._travel_mm[[0, 0]],
+            self._travel_mm,
             Follow(follow, float(np.sqrt(covariance[FOLLOW, FOLLOW]))),
         )
         self.residual.reckon(follow, tilt)

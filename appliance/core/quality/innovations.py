@@ -49,8 +49,7 @@ class Innovations:
 
     def travel_mm(self, n: int) -> Array:
         """(2,) as of `PathResidual`."""
-        travel_mm = self._residual.travel_mm(n)
-        return travel_mm if self._residual.rigid else travel_mm[[0, 0]]
+        return self._residual.travel_mm(n)
 
     def score(self, n: int) -> float:
         """By how much the last n blocks would rather have another calibration than the reference, to first order."""
