@@ -242,11 +242,15 @@ class Rival:
     behind_nats: float
 
 
+POINT_LEVELS = (0.95, 0.997)
+"""Shares of what is left open for which the two bounds of a point hold: two and three sigmas, as people are used to."""
+
+
 @dataclass(frozen=True, slots=True)
 class PointError:
     """How far what the picture shows at a place may be from where the reference puts it in the room, mm.
 
-    Each bound is told twice: it holds for 95 % and for 99.7 % of what the motion leaves open. worst_mm, median_mm: over
+    Each bound is told twice, for each of `POINT_LEVELS` of what the motion leaves open. worst_mm, median_mm: over
     the region of the picture. depth_mm, at_depth_mm: a depth that somebody named, from the top of the picture, and the
     worst there; None where none was named. shown_ns: time of the oldest motion that the bounds rest on.
     """

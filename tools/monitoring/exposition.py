@@ -20,14 +20,14 @@ from prometheus_client.core import (
 
 from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.annunciator import Role
-from appliance.types import PARAMETERS, State
+from appliance.types import PARAMETERS, POINT_LEVELS, State
 
 Status = Mapping[str, Any]
 
 SHOWN = ("polarity", "latency", *PARAMETERS)
 """Checks that only motion can show: their coverage is worth watching."""
 _PLACES = {"worst": "worst_mm", "median": "median_mm", "depth": "at_depth_mm"}
-_SHARES = ("0.95", "0.997")
+_SHARES = tuple(f"{level:g}" for level in POINT_LEVELS)
 """For which the two bounds of a place hold."""
 _DEVICES = ("video", "tracker", "output")
 

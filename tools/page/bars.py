@@ -7,7 +7,7 @@ from typing import Any
 from appliance.core.parameters import MEASURED
 from appliance.supervision.languages import told
 from appliance.types import Fault
-from tools.page.wording import with_decimal_commas
+from tools.page.wording import figures
 
 NAMES = (Fault.POLARITY.value, *MEASURED)
 """Of the rows, in their order."""
@@ -57,10 +57,9 @@ def _text(name: str, value: float, sigma: float | None, unit: str, limit: float,
     return _with_unit(rounded(value, sigma, limit), unit, language)
 
 
-def _with_unit(figures: str, unit: str, language: str) -> str:
+def _with_unit(figure: str, unit: str, language: str) -> str:
     """With the decimal sign of the language."""
-    said = with_decimal_commas(figures) if language == "de" else figures
-    return said + ("°" if unit == "deg" else f" {unit}")
+    return figures(figure, language) + ("°" if unit == "deg" else f" {unit}")
 
 
 def rounded(value: float, sigma: float | None, limit: float) -> str:

@@ -7,7 +7,7 @@ from appliance.supervision.alarms import EARLIER, PARTLY_EARLIER
 from appliance.supervision.languages import translated
 from tools.page.bars import bars
 from tools.page.devices import devices
-from tools.page.wording import with_decimal_commas
+from tools.page.wording import figures
 from tools.shared.gesture_drawings import drawn
 from tools.shared.point_text import point_text
 
@@ -29,15 +29,10 @@ def room(status: Mapping[str, Any]) -> dict[str, Any]:
         "named": _PARTS.join(text for text in said[1:] if text not in earlier),
         "rests": next((text for text in said[1:] if text in earlier), ""),
         "gestures": _gestures(status["gesture"], language),
-        "point": _point(status.get("point"), status.get("point_limit_mm"), language),
+        "point": figures(point_text(status.get("point"), status.get("point_limit_mm"), language), language),
         "bars": bars(status["checks"], language),
         "devices": devices(status, language),
     }
-
-
-def _point(point: Mapping[str, Any] | None, limit_mm: float | None, language: str) -> str:
-    said = point_text(point, limit_mm, language)
-    return with_decimal_commas(said) if language == "de" else said
 
 
 def _gestures(texts: list[str], language: str) -> list[dict[str, str]]:

@@ -15,12 +15,12 @@ _BACK_DE = "nicht bestätigt, die Kalibrierung davor ist in Kraft: "
 def told(text: str, language: str) -> str:
     """In the language, with its decimal sign; as it was where it cannot be told whole."""
     said = languages.told(text, language)
-    return said if said == text else with_decimal_commas(said)
+    return said if said == text else figures(said, language)
 
 
-def with_decimal_commas(text: str) -> str:
-    """Text of a language that writes 2,5 for 2.5."""
-    return _DECIMAL.sub(r"\1,\2", text)
+def figures(text: str, language: str) -> str:
+    """The text with the decimal sign of its language: German writes 2,5 for 2.5."""
+    return _DECIMAL.sub(r"\1,\2", text) if language == "de" else text
 
 
 def worded(event: dict[str, Any], language: str) -> dict[str, Any]:

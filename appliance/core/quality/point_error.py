@@ -15,11 +15,9 @@ from appliance.core.parameters import MEASURED, PER_UNIT
 from appliance.core.path.residual import OFFSET, ROTATION
 from appliance.core.quality.examination import Finding
 from appliance.limits import Limits, Region
-from appliance.types import Calibration, Fault, PointError, VerdictKind
+from appliance.types import POINT_LEVELS, Calibration, Fault, PointError, VerdictKind
 from drivers.rigid import Array, skew
 
-LEVELS = (0.95, 0.997)
-"""Shares of what is left open for which the two bounds hold: two and three sigmas, as people are used to."""
 _ACROSS = 5
 """Places in each row and column of the region. The worst is at a corner (test_point_error.py), so more only make the
 median smoother, by 1 % or so, and cost time."""
@@ -93,7 +91,7 @@ class Places:
 @dataclass(frozen=True, slots=True, eq=False)
 class Bounds:
     """At n places. mean (n, 3) and covariance (n, 3, 3) of the error, truth less reference, mm in the axes of the
-    picture; bounds_mm: (len(LEVELS), n).
+    picture; bounds_mm: (len(POINT_LEVELS), n).
     """
 
     mean: Array
@@ -124,7 +122,7 @@ def slope_of_places(at_mm: Array, reference: Calibration) -> Array:
 
 
 def longest(mean: Array, covariance: Array) -> Array:
-    """(n, 3) and (n, 3, 3) of normal vectors → (len(LEVELS), n): lengths that so many of them do not exceed.
+    """(n, 3) and (n, 3, 3) of normal vectors → (len(POINT_LEVELS), n): lengths that so many of them do not exceed.
 
     The square of the length is a sum of weighted noncentral χ²; a shifted χ² with its mean, variance and third cumulant
     takes its place (Buckley and Eagleson 1988). The bounds then hold for 94.7 to 95.6 % and for 99.6 to 99.75 %,
@@ -136,7 +134,7 @@ def longest(mean: Array, covariance: Array) -> Array:
     second = 2 * (np.trace(powers, axis1=1, axis2=2) + 2 * np.sum(mean * seen, axis=1))
     third = 8 * (np.sum(powers * covariance, axis=(1, 2)) + 3 * np.sum(seen**2, axis=1))
     freedom = 8 * second**3 / third**2
-    chi = 2 * gammaincinv(freedom / 2, np.array(LEVELS)[:, None])
+    chi = 2 * gammaincinv(freedom / 2, np.array(POINT_LEVELS)[:, None])
     square = first + np.sqrt(second / (2 * freedom)) * (chi - freedom)
     return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 

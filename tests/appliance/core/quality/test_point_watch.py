@@ -1,5 +1,6 @@
 """What is known of the error of a point from picture to picture: kept while it counts, and gone with what ends it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -248,7 +249,7 @@ def test_evidence_knows_it_after_a_solution_and_no_more_after_a_loss_of_sight() 
 
 
 @pytest.mark.parametrize("forget", [Evidence.forget, Evidence.forget_poses])
-def test_evidence_forgets_it_with_the_stamps_that_were_wrong(forget) -> None:  # type: ignore[no-untyped-def]
+def test_evidence_forgets_it_with_the_stamps_that_were_wrong(forget: Callable[[Evidence, int], None]) -> None:
     evidence = evidence_of_a_gesture()
     now_ns = evidence.window.now_ns
     forget(evidence, now_ns - S)
