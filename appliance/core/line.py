@@ -290,7 +290,7 @@ class Line:
 
     @property
     def _standing(self) -> Standing:
-        """Of the evidence; as long as motion shows no scale nothing is verified."""
+        """Standing of the evidence; nothing is verified while motion can show no scale."""
         standing = self._evidence.standing
         return standing if self._averaging.known else replace(standing, verified_ns=None, expires_ns=None)
 

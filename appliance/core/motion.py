@@ -33,7 +33,7 @@ _SPECKLE_MM, _PLACES = (1.5, 0.45), 5
 the study's probe of 5 MHz; and rows and columns of places where it is looked at. More asks for quicker hands; in the
 gesture every second picture has gone so far."""
 _STAYS = 3
-"""Of the 25 places, how many may have stayed: those about which the picture turns. Not varied."""
+"""Most of the 25 places that may have stayed: those about which the picture turns. Not varied."""
 _RENEW_CORRELATION, _RENEW_OUT_CORRELATION = 0.8, 0.7
 """Likeness to the keyframe below which it is renewed. More renews it more often, and each time adds the error of one
 registration to the path; less comes near to what the self-check of the Real-time Tracker refuses. Not measured.

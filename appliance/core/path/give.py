@@ -33,16 +33,16 @@ share is known ten times worse. Not varied."""
 _ANY = 10.0
 """Standard deviation of a share of which nothing is supposed."""
 _ROUNDS = 3
-"""Of share and noise by turns: the noise only weighs what is supposed. Not varied."""
+"""Alternations of share and noise: the noise only weighs the supposed deviations. Not varied."""
 _TINY = 1e-9
 """Instead of zero where it divides."""
 _LEAST_STEPS = 6
-"""Of them; the sigma of fewer is no measure. Not varied."""
+"""Least number of steps between blocks: the sigma of fewer is no measure. Not varied."""
 
 
 def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibration) -> int:
-    """What the tissue may do, as bits: as before, until the motion shows otherwise. It follows no press where the
-    picture tilts as the tracker turned, and its skin does not drag where it does not go along with the probe.
+    """Returns what the tissue may do, as bits: as before, until the motion shows otherwise. Tissue follows no press
+    where the picture tilts as the tracker turned; skin does not drag where it does not go along with the probe.
 
     seen: with the path of tissue each. poses: (n, 4, 4) sensor → tracker at their times.
     """
@@ -60,7 +60,7 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
     pictures = np.diff(starts, append=len(seen))
 
     def steps(path: Array) -> Array:
-        """Of the means of blocks, as pictures err one by one."""
+        """Returns the steps between the means of blocks: the errors of single pictures average out."""
         return np.asarray(np.diff(np.add.reduceat(path, starts, axis=-1) / pictures)[..., same])
 
     moved, turned = picture_steps(

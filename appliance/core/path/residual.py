@@ -29,7 +29,7 @@ VALUE = 12
 _OF_X = np.array([0, 1, 2, 5, 6, 7, VALUE])
 """Rotation, offset and value: what `products_and_slopes` is of."""
 _OF_PLACE = np.array([0, 1, 2, 5, 6, 7, TAU])
-"""Rotation, offset and latency: by which the probe has gone elsewhere."""
+"""Indices in θ of rotation, offset and latency, which move the whole probe."""
 _OF_REST = np.zeros((VALUE + 1, 4))
 """Coefficients of the two measured axes, of the rate and of the measured turn, but for their values."""
 _OF_REST[[3, 4, TAU], [0, 1, 2]] = 1.0, 1.0, -1.0
