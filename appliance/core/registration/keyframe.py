@@ -19,7 +19,6 @@ import numpy as np
 
 from appliance.core.registration.points import Fit, Picture, Template
 from appliance.core.registration.pyramid import Bits, Level, Pyramid
-from appliance.core.registration.shadow import without_shadows
 from appliance.core.registration.speckle import Speckle, coarse_speckle
 from appliance.core.registration.template import template
 from appliance.types import DRAGS, PRESSES
@@ -140,7 +139,6 @@ class Keyframe:
         axial_mm_per_px: float | None = None,
     ) -> None:
         self.aspect = aspect
-        mask = without_shadows(levels, mask)
         self._levels, self._mask, self._accurate = levels, mask, accurate
         self._speckle = Speckle(mask)
         self._centre = (levels.shape[1] - 1) / 2, (levels.shape[0] - 1) / 2

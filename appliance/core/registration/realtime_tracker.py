@@ -7,6 +7,7 @@ import numpy as np
 from appliance.core.registration.keyframe import Keyframe, Registration, compose
 from appliance.core.registration.overlay import OverlayMask
 from appliance.core.registration.pyramid import Bits, Pyramid, pyramid
+from appliance.core.registration.shadow import Shadows
 from appliance.types import DRAGS, PRESSES, TissuePath
 from drivers.rigid import Array
 from drivers.samples import GreyImage
@@ -72,7 +73,7 @@ class RealTimeTracker:
         self._aspect, self._axial_mm_per_px = aspect, axial_mm_per_px
         self._along = self._keyframe_along = START
         self.may = DRAGS | PRESSES
-        self._overlay = OverlayMask()
+        self._overlay, self._shadows = OverlayMask(), Shadows()
         self._shape: tuple[int, int] | None = None
         self._keyframe: Keyframe | None = None
         self._keyframe_sequence = 0
@@ -130,6 +131,7 @@ class RealTimeTracker:
         """Forget keyframe and anchor: what comes next cannot be compared with what came before."""
         self._keyframe = self._anchor = None
         self._before = None
+        self._shadows = Shadows()
 
     def _follow(self, levels: Pyramid, sequence: int) -> Tracked:
         if self._keyframe is None or self._before is None:
@@ -194,7 +196,8 @@ class RealTimeTracker:
         self._warm = _REST
 
     def _keyframe_of(self, levels: Pyramid) -> Keyframe:
-        return Keyframe(levels, self._aspect, self._overlay.mask, axial_mm_per_px=self._axial_mm_per_px)
+        mask = self._shadows.outside(levels, self._overlay.mask)
+        return Keyframe(levels, self._aspect, mask, axial_mm_per_px=self._axial_mm_per_px)
 
 
 def acceptable(found: Registration) -> bool:

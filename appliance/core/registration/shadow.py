@@ -27,33 +27,41 @@ _MOST_SHARE = 0.5
 """Of what may be seen, above which nothing is a shadow: wires in water are spots of echo in nothing else."""
 
 
-def without_shadows(levels: Pyramid, mask: Bits | None) -> Bits | None:
-    """Returns where tissue may be seen and lies in no shadow. mask, result: (h, w) bool of the picture, True where
-    tissue may be seen; None for everywhere.
+class Shadows:
+    """Of one keyframe after the other, of one size. What was lit before belongs to the sector, and is in a shadow where
+    it is lit no more.
     """
-    level = levels.levels[min(_LEVEL, levels.coarsest)]
-    shadow = _tall(_dark(level, None if mask is None else mask_at(mask, level.shape)))
-    if not shadow.any():
-        return mask
-    height, width = levels.shape
-    covered = cv2.resize(_widened(shadow), (width, height), interpolation=cv2.INTER_NEAREST) > 0
-    return np.asarray(~covered if mask is None else mask & ~covered)
 
+    def __init__(self) -> None:
+        self._lit: Bits | None = None
 
-def _dark(level: Level, seen: Bits | None) -> Bits:
-    """(h, w): where hardly anything changes along a row, between what does; nowhere if that is most of it."""
-    change = np.zeros(level.shape, np.int16)
-    cv2.absdiff(level[:, 2:], level[:, :-2], change[:, 1:-1])
-    if seen is not None:
-        change *= seen
-    window = _odd(_ACROSS * level.shape[1]), _odd(_DOWN * level.shape[0])
-    usual = cv2.mean(change, None if seen is None else seen.view(np.uint8))[0]
-    lit = cv2.blur(change, window) >= _LEAST_CHANGE * usual
-    between = _between(lit)
-    dark = between & ~lit if seen is None else between & ~lit & seen
-    if np.count_nonzero(dark) > _MOST_SHARE * np.count_nonzero(between):
-        dark[:] = False
-    return np.asarray(dark)
+    def outside(self, levels: Pyramid, mask: Bits | None) -> Bits | None:
+        """Returns where tissue may be seen and lies in no shadow. mask, result: (h, w) bool of the picture, True where
+        tissue may be seen; None for everywhere.
+        """
+        level = levels.levels[min(_LEVEL, levels.coarsest)]
+        shadow = _tall(self._dark(level, None if mask is None else mask_at(mask, level.shape)))
+        if not shadow.any():
+            return mask
+        height, width = levels.shape
+        covered = cv2.resize(_widened(shadow), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+        return np.asarray(~covered if mask is None else mask & ~covered)
+
+    def _dark(self, level: Level, seen: Bits | None) -> Bits:
+        """(h, w): where hardly anything changes along a row, of the sector; nowhere if that is most of it."""
+        change = np.zeros(level.shape, np.int16)
+        cv2.absdiff(level[:, 2:], level[:, :-2], change[:, 1:-1])
+        if seen is not None:
+            change *= seen
+        window = _odd(_ACROSS * level.shape[1]), _odd(_DOWN * level.shape[0])
+        usual = cv2.mean(change, None if seen is None else seen.view(np.uint8))[0]
+        lit = cv2.blur(change, window) >= _LEAST_CHANGE * usual
+        self._lit = lit if self._lit is None else self._lit | lit
+        sector = _between(self._lit)
+        dark = sector & ~lit if seen is None else sector & ~lit & seen
+        if np.count_nonzero(dark) > _MOST_SHARE * np.count_nonzero(sector):
+            dark[:] = False
+        return np.asarray(dark)
 
 
 def _between(lit: Bits) -> Bits:

@@ -6,7 +6,7 @@ import pytest
 
 from appliance.core.registration.keyframe import Keyframe
 from appliance.core.registration.pyramid import pyramid
-from appliance.core.registration.shadow import without_shadows
+from appliance.core.registration.shadow import Shadows
 from drivers.rigid import Array
 from drivers.samples import GreyImage
 
@@ -41,7 +41,7 @@ def rib(left_px: float, right_px: float, top_px: float = 90.0) -> Array:
 
 
 def lit(amplitude: Array) -> Array:
-    found = without_shadows(pyramid(shown(amplitude)), None)
+    found = Shadows().outside(pyramid(shown(amplitude)), None)
     return np.ones((HEIGHT, WIDTH), bool) if found is None else found
 
 
@@ -81,7 +81,7 @@ def test_wires_in_water_lie_in_no_shadow() -> None:
 
 def test_what_may_not_be_seen_stays_so() -> None:
     mask = COLUMNS > 60
-    seen = without_shadows(pyramid(shown(speckle() * rib(250, 315))), mask)
+    seen = Shadows().outside(pyramid(shown(speckle() * rib(250, 315))), mask)
     assert seen is not None
     assert not seen[~mask].any()
     assert seen[100:, 61:200].all()
@@ -90,7 +90,8 @@ def test_what_may_not_be_seen_stays_so() -> None:
 def test_a_shadow_that_does_not_turn_hides_no_turn_of_the_tissue() -> None:
     """Two ribs: .286° of .3° were seen, and .14° where tissue may give way."""
     ribs = rib(60, 130) * rib(260, 330)
-    keyframe = Keyframe(pyramid(shown(speckle() * ribs)), 1.0)
+    home = pyramid(shown(speckle() * ribs))
+    keyframe = Keyframe(home, 1.0, Shadows().outside(home, None))
     found = keyframe.register(pyramid(shown(speckle(TURNED_DEG) * ribs)))
     turned_deg = [abs(np.degrees(reading.alpha_rad)) for reading in found.readings]
     assert turned_deg == pytest.approx([TURNED_DEG] * 4, abs=0.012)
@@ -100,3 +101,12 @@ def test_what_is_black_beside_a_sector_is_no_shadow() -> None:
     sector = np.abs(COLUMNS - 200) < 100 + 0.3 * ROWS
     text = (np.abs(ROWS - 20) < 8) & (np.abs(COLUMNS - 30) < 25) & (COLUMNS % 6 < 3)
     assert lit(np.where(sector, speckle(), 0) + text).all()
+
+
+def test_at_the_side_there_is_a_shadow_where_the_sector_was_lit_before() -> None:
+    shadows, off = Shadows(), np.clip((300 - COLUMNS) / 6, 0, 1)
+    assert shadows.outside(pyramid(shown(speckle())), None) is None
+    seen = shadows.outside(pyramid(shown(speckle() * off)), None)
+    assert seen is not None
+    assert not seen[:, 294:].any()
+    assert seen[:, :270].all()
