@@ -16,8 +16,12 @@ LONGEST_TEXT = 4000
 """Characters of one message or field of a log: room for every violation of a configuration, and for a traceback."""
 
 _UNPRINTABLE = "\N{REPLACEMENT CHARACTER}"
-_OWN_SEQUENCE = re.compile(r"(\x1b\[[0-9;?]{0,16}[A-Za-z]|\r)")
-"""What click and rich write to colour and to redraw: nothing that a terminal answers, no title, no clipboard."""
+_OWN_SEQUENCE = re.compile(
+    r"(\x1b\[[0-9;?]{0,16}[A-Za-z]|\r"
+    r"|\x1b\]8;(?:id=[0-9]{1,20};file:///[A-Za-z0-9._~%/-]{0,1000}/gesture-[a-z]{1,20}\.svg|;)\x1b\\)"
+)
+"""What click and rich write to colour and to redraw, and links to the drawings of the gesture: nothing that a terminal
+answers, no title, no clipboard, no other link."""
 
 
 def printable(text: str, longest: int = LONGEST_WORDS) -> str:
@@ -48,7 +52,8 @@ def printable_value(value: Any) -> Any:
 
 
 def printable_screen(text: str, colours: bool) -> str:
-    """What commands write: line breaks stay, and with `colours` the sequences for colours and cursor movements do."""
+    """What commands write: line breaks stay, and with `colours` the sequences for colours and cursor movements do, and
+    links to the drawings of the gesture."""
     if not colours:
         return _replaced(text, "\n\t")
     parts = _OWN_SEQUENCE.split(text)

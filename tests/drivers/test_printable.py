@@ -18,7 +18,11 @@ import structlog
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rich.console import Console
+from rich.style import Style
+from rich.text import Text as Words
 
+from appliance.core.quality.gesture import Gesture
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlServer
 from appliance.service.host.log import configure
@@ -36,6 +40,7 @@ from drivers.trackers.optotrak.tracker import open_tracker
 from drivers.video.v4l2 import abi
 from tests.support.recordings import SIZE_PX, items
 from tools.commands.log import command as log_command
+from tools.shared.gesture_drawings import drawing
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202etxet\u2066\u200b\r\n{forged}\x00\x7f\ud800" + "x" * 100_000
 SAFE_HOSTILE = HOSTILE.replace("\ud800", "")
@@ -90,6 +95,18 @@ def test_colours_pass_to_a_terminal_only() -> None:
     shown = printable_screen(text, colours=True)
     assert shown == "\x1b[1;31mred\x1b[0m \ufffd]0;title\ufffd \ufffd2J \ufffd\n"
     assert "\x1b" not in printable_screen(text, colours=False)
+
+
+def test_a_link_to_a_drawing_of_the_gesture_passes_to_a_terminal_and_no_other() -> None:
+    link = Words("slide it", Style(link=drawing(Gesture.SIDEWAYS).as_uri()))
+    screen = Console(file=io.StringIO(), force_terminal=True, color_system="standard", legacy_windows=False)
+    with screen.capture() as capture:
+        screen.print(link)
+    assert "\x1b]8;id=" in capture.get()
+    assert printable_screen(capture.get(), colours=True) == capture.get()
+    for url in ("https://a.example/gesture-press.svg", "file:///etc/passwd", "file:///a/gesture-press.svg;x"):
+        shown = printable_screen(f"\x1b]8;id=1;{url}\x1b\\here\x1b]8;;\x1b\\", colours=True)
+        assert "\x1b]8;id" not in shown
 
 
 def rtc3d_server(listener: socket.socket, words: str) -> None:
