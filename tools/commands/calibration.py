@@ -255,7 +255,7 @@ def _change(wanted: Path | int, socket: Path, yes: bool, wait_s: float) -> None:
 def _refuse_running(socket: Path) -> None:
     try:
         ControlClient(socket).close()
-    except DeviceLost:
+    except (DeviceLost, ConfigurationError):  # The latter is what a service that does not watch has left.
         return
     raise ConfigurationError("a service is running", str(socket), "Stop it first: systemctl stop probewatch")
 

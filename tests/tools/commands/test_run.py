@@ -104,3 +104,6 @@ def test_a_damaged_store_of_references_is_one_line_and_exit_78(tmp_path: Path) -
     assert (refused.returncode, refused.stderr.count("\n")) == (78, 1)
     assert "state/references/history.json: cannot be understood" in refused.stderr
     assert "probewatch calibration reset" in refused.stderr
+    folder, socket = place(config).parent, tmp_path / "control"
+    reset = answered("calibration", "reset", "--yes", "--folder", folder, "--socket", socket)
+    assert (reset.returncode, reset.stderr) == (0, ""), "what the refused service has left stands in nobody's way"
