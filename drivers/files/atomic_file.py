@@ -3,7 +3,7 @@
 import errno
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -78,6 +78,24 @@ def check_writable(path: Path | None) -> None:
             raise OSError(errno.EACCES, "its folder does not exist, or may not be written to")
     except OSError as error:
         raise _not_written(path, error) from error
+
+
+def check_new(path: Path | None) -> None:
+    """The same of a file that is not there yet, as what is there may be all that there is of it."""
+    check_writable(path)
+    if path is not None and path.exists():
+        raise ConfigurationError("exists already", str(path), "Give another name, or move it away")
+
+
+def check_apart(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
+    """Raises ConfigurationError where a command would write what it reads, or two things to one file."""
+    taken = {path.resolve() for path in inputs if path is not None}
+    for path in outputs:
+        if path is None:
+            continue
+        if path.resolve() in taken:
+            raise ConfigurationError("is named twice, and would be written over", str(path), "Give another name")
+        taken.add(path.resolve())
 
 
 def _not_written(path: Path, error: OSError) -> ConfigurationError:

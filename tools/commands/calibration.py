@@ -20,8 +20,7 @@ from appliance.storage.reference import candidate_from_content, candidate_of_ent
 from appliance.storage.reference_store import FOLDER, Entry, History, content_of, read_history, set_aside
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError, DeviceLost
-from drivers.files.atomic_file import writing
-from tools.shared.estimate import check_new
+from drivers.files.atomic_file import check_new, writing
 from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import control_option, folder_option, socket_option
 from tools.shared.recovered import recovered

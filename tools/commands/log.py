@@ -14,7 +14,8 @@ import click
 
 from appliance.storage.alarm_chain import Entry, Event, Reading
 from appliance.types import Fault, State
-from drivers.files.atomic_file import check_writable, writing
+from drivers.errors import ConfigurationError
+from drivers.files.atomic_file import check_new, writing
 from drivers.printable import LONGEST_TEXT, printable
 from tools.shared.alarm_history import settled_log
 from tools.shared.named_cart import folder_argument
@@ -49,7 +50,7 @@ def _one_of(words: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
 @click.option("--event", callback=_one_of(Event), help=f"one kind only: {', '.join(Event)}")
 @click.option("--last", type=click.IntRange(1), metavar="N", help="the last N that match")
 @click.option("--verify", is_flag=True, help="only say whether the chain is whole")
-@click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="write the entries there")
+@click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="write the entries to this new file")
 def command(
     folder: Path,
     since: datetime | None,
@@ -71,13 +72,18 @@ def command(
 
     Exit code 0: the chain is whole. 65: it is not; what is wrong is said on stderr. 78: the folder cannot be read.
     """
-    check_writable(csv_path)
+    _refuse_contradictions(verify, (since, until), (last, state, fault, event, csv_path))
+    check_new(csv_path)
+    if csv_path is not None and csv_path.absolute().parent.resolve() == folder.resolve():
+        raise ConfigurationError("lies in the folder of the log itself", str(csv_path), "Write it to another folder")
     reading = settled_log(folder)
     if not verify:
         wanted = [
             entry for entry in reading.entries if _within(entry, since, until) and _named(entry, state, fault, event)
         ]
         shown = wanted if last is None else wanted[-last:]
+        if not shown:
+            click.echo(f"none of {len(reading.entries)} entries is what was asked for", err=True)
         if csv_path is None:
             for entry in shown:
                 click.echo(_line(entry))
@@ -85,6 +91,16 @@ def command(
             _export(csv_path, shown)
             click.echo(f"{len(shown)} entries written to {csv_path}")
     sys.exit(_verified(reading))
+
+
+def _refuse_contradictions(
+    verify: bool, span: tuple[datetime | None, datetime | None], chosen: tuple[object, ...]
+) -> None:
+    since, until = span
+    if verify and any(one is not None for one in (*span, *chosen)):
+        raise click.UsageError("--verify looks at the whole log and writes nothing: leave the other options out")
+    if since is not None and until is not None and until < since:
+        raise click.UsageError("--until is before --since: nothing lies between")
 
 
 def _within(entry: Entry, since: datetime | None, until: datetime | None) -> bool:

@@ -20,13 +20,13 @@ from appliance.storage.calibration_file import read_calibration
 from appliance.supervision.timeline import Judging
 from appliance.types import Calibration, Check
 from drivers.errors import RecordingError
-from drivers.files.atomic_file import check_writable
+from drivers.files.atomic_file import check_apart, check_new, check_writable
 from drivers.recordings.replay import Recording, open_recording
 from drivers.twins.faults import CART_FAULTS, Episode, Schedule
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
-from tools.shared.estimate import check_new, write_estimate
+from tools.shared.estimate import write_estimate
 from tools.shared.found_recordings import found
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.point_text import point_text
@@ -126,6 +126,7 @@ def command(
     _refuse_report(recordings)
     for path in (html_path, pdf_path):
         check_writable(path)
+    check_apart((html_path, pdf_path, estimate_path), (*recordings, poses, calibration, config_path))
     check_pdf(pdf_path)
     if pdf_path is not None and html_path is None:
         raise click.UsageError("--pdf prints the page of --html")

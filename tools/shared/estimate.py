@@ -9,18 +9,10 @@ import numpy as np
 
 from appliance.storage.calibration_file import write_calibration
 from appliance.types import PARAMETERS, Calibration
-from drivers.errors import ConfigurationError, RecordingError
-from drivers.files.atomic_file import check_writable
+from drivers.errors import RecordingError
 
 _NEEDED = PARAMETERS[:5]
 """Rotations and scales: the offset follows from a cross-wire scan with `recalibrate --solve offset`."""
-
-
-def check_new(path: Path | None) -> None:
-    """Raises ConfigurationError where no new file can come to lie; None is no file."""
-    check_writable(path)
-    if path is not None and path.exists():
-        raise ConfigurationError("exists already", str(path), "Give --estimate another name")
 
 
 def write_estimate(path: Path, estimate: Calibration | None, nominal: Calibration, recording: Path) -> None:

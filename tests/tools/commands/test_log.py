@@ -159,6 +159,27 @@ def test_csv_holds_what_was_chosen(folder: Path, tmp_path: Path) -> None:
     ]
 
 
+def test_an_export_writes_over_nothing_and_not_into_the_log(folder: Path, tmp_path: Path) -> None:
+    """The log of a running cart was replaced by its own export, and was told to be whole."""
+    (part,) = folder.glob("*.jsonl")
+    before = part.read_bytes()
+    for place in (part, folder / "new.csv"):
+        assert isinstance(asked(folder, "--csv", str(place)).exception, ConfigurationError)
+    assert part.read_bytes() == before
+    assert not (folder / "new.csv").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--verify", "--state", "halt"), ("--since", "2026-02-01", "--until", "2026-01-01")]
+)
+def test_options_that_contradict_one_another_are_refused(folder: Path, arguments: tuple[str, ...]) -> None:
+    assert asked(folder, *arguments).exit_code == 2
+
+
+def test_it_says_that_nothing_is_what_was_asked_for(folder: Path) -> None:
+    assert "none of 5 entries is what was asked for" in asked(folder, "--since", "2100-01-01").stderr
+
+
 def test_a_folder_that_is_not_there_and_a_file_that_cannot_be_written(folder: Path, tmp_path: Path) -> None:
     assert isinstance(asked(tmp_path / "none").exception, ConfigurationError)
     assert isinstance(asked(folder, "--csv", str(tmp_path / "no" / "out.csv")).exception, ConfigurationError)

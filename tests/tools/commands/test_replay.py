@@ -217,6 +217,17 @@ def test_the_name_of_a_report_behind_json_is_refused_with_what_to_type(session, 
     assert f"--json > {report}" in err.replace("\n", "")
 
 
+@pytest.mark.parametrize(("option", "named"), [("--html", "session"), ("--html", "calibration"), ("--pdf", "page")])
+def test_a_report_writes_over_nothing_that_it_is_made_of(session, calibration, tmp_path, option, named):
+    place = {"session": session, "calibration": calibration, "page": tmp_path / "page.html"}[named]
+    before = session.read_bytes(), calibration.read_bytes()
+    html = () if option == "--html" else ("--html", tmp_path / "page.html")
+    code, _, err = run(session, "--calibration", calibration, *html, option, place)
+    assert code == 78
+    assert "would be written over" in err
+    assert (session.read_bytes(), calibration.read_bytes()) == before
+
+
 @pytest.mark.parametrize("number", [1, 2])
 def test_json_is_all_of_standard_output(session, calibration, number):
     """The text is on standard error."""
