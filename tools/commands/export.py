@@ -6,7 +6,7 @@ import click
 
 from appliance.storage.black_box import Series
 from drivers.errors import RecordingError
-from drivers.files.atomic_file import check_writable
+from drivers.files.atomic_file import check_new
 from tools.shared.export import FORMS, export
 from tools.shared.found_recordings import found
 
@@ -14,7 +14,7 @@ from tools.shared.found_recordings import found
 @click.command()
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--to", "form", required=True, type=click.Choice(FORMS), help="what to write")
-@click.option("--output", type=click.Path(path_type=Path), help="file to write [name of the recording, in this folder]")
+@click.option("--output", type=click.Path(path_type=Path), help="new file [name of the recording, in this folder]")
 def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> None:
     """Write RECORDINGS, the black boxes (.mcap) of one run of the recorder, in a form of other programs.
 
@@ -30,6 +30,9 @@ def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> Non
 
     Pictures are written as they were recorded: text is black only where the recorder has blackened it.
     """
+    for recording in recordings:
+        if not recording.exists():
+            raise RecordingError("is not there", str(recording), "Name a file that probewatch record has written")
     boxes, refused = found(recordings)
     for what in refused:
         click.secho(what, err=True, fg="yellow")
@@ -41,7 +44,7 @@ def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> Non
     path = output or Path(f"{series[0].boxes[0].path.stem}{ending}")
     if not path.name.endswith(ending):
         raise click.UsageError(f"--output {path.name} does not end in {ending}")
-    check_writable(path)
+    check_new(path)
     number = export(series[0], form, path)
     if damage := series[0].damage_text:
         click.secho(f"damaged: {damage}", err=True, fg="yellow")

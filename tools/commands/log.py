@@ -199,8 +199,8 @@ def _export(path: Path, entries: Iterable[Entry]) -> None:
 
 
 def _cell(value: object) -> str:
-    """A text that a spreadsheet would take for a formula gets the mark that keeps it a text."""
-    text = printable(str(value), LONGEST_TEXT)
+    """What a spreadsheet would take for a formula gets the mark that keeps it a text."""
+    text = "" if value is None else printable(str(value), LONGEST_TEXT)
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 

@@ -159,6 +159,14 @@ def test_csv_holds_what_was_chosen(folder: Path, tmp_path: Path) -> None:
     ]
 
 
+def test_csv_has_an_empty_cell_where_there_is_no_fault(folder: Path, tmp_path: Path) -> None:
+    AlarmLog(folder).append(NOON, 0, Event.STATE, {"state": "monitoring", "fault": None}, None)
+    asked(folder, "--last", "1", "--csv", str(tmp_path / "out.csv"))
+    with (tmp_path / "out.csv").open(newline="", encoding="utf-8") as stream:
+        (row,) = csv.DictReader(stream)
+    assert (row["state"], row["fault"]) == ("monitoring", "")
+
+
 def test_an_export_writes_over_nothing_and_not_into_the_log(folder: Path, tmp_path: Path) -> None:
     """The log of a running cart was replaced by its own export, and was told to be whole."""
     (part,) = folder.glob("*.jsonl")

@@ -123,4 +123,9 @@ def test_what_cannot_be_exported_is_refused(box: Path, tmp_path: Path) -> None:
     other.write_bytes(b"ObjectType = Image\n")
     runner = CliRunner()
     assert "is not a black box" in str(runner.invoke(command, [str(other), "--to", "csv"]).exception)
+    none = runner.invoke(command, [str(tmp_path / "none.mcap"), "--to", "csv"])
+    assert "none.mcap: is not there" in str(none.exception)
+    there = runner.invoke(command, [str(box), "--to", ".igs.mha", "--output", str(other)])
+    assert "exists already" in str(there.exception)
+    assert other.read_bytes() == b"ObjectType = Image\n"
     assert "does not end in .mp4" in runner.invoke(command, [str(box), "--to", "mp4", "--output", "x.avi"]).output
