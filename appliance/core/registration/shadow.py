@@ -23,6 +23,10 @@ _TALLEST_VESSEL = 0.25
 _EDGE = 0.04
 """Share of the width by which a shadow is widened to either side: its soft edge, and the speckle that this spoils. More
 leaves less tissue to look at, less leaves some of the edge. Not varied."""
+_SECTOR_TALL = 0.5
+"""Share of the picture's height over which a column of the sector is lit: more than four lines of text at its side.
+More finds no shadows where tissue is dim at depth; with none, text made the sector wider, and its sides were left out.
+"""
 _MOST_SHARE = 0.5
 """Of what may be seen, above which nothing is a shadow: wires in water are spots of echo in nothing else."""
 
@@ -33,7 +37,7 @@ class Shadows:
     """
 
     def __init__(self) -> None:
-        self._lit: Bits | None = None
+        self._sector: Bits | None = None
 
     def outside(self, levels: Pyramid, mask: Bits | None) -> Bits | None:
         """Returns where tissue may be seen and lies in no shadow. mask, result: (h, w) bool of the picture, True where
@@ -56,8 +60,9 @@ class Shadows:
         window = _odd(_ACROSS * level.shape[1]), _odd(_DOWN * level.shape[0])
         usual = cv2.mean(change, None if seen is None else seen.view(np.uint8))[0]
         lit = cv2.blur(change, window) >= _LEAST_CHANGE * usual
-        self._lit = lit if self._lit is None else self._lit | lit
-        sector = _between(self._lit)
+        sector = _between(lit)
+        if seen is not None:  # Before, text that touches the sector is lit as well.
+            self._sector = sector = sector if self._sector is None else sector | self._sector
         dark = sector & ~lit if seen is None else sector & ~lit & seen
         if np.count_nonzero(dark) > _MOST_SHARE * np.count_nonzero(sector):
             dark[:] = False
@@ -65,7 +70,11 @@ class Shadows:
 
 
 def _between(lit: Bits) -> Bits:
-    """The least convex area that holds the largest piece of what is lit: a sector is convex, text lies apart."""
+    """The least convex area that holds the largest piece of what is lit, where that is tall: text is low, and a sector
+    is convex.
+    """
+    tall = np.ones((round(_SECTOR_TALL * lit.shape[0]), 1), np.uint8)
+    lit = cv2.morphologyEx(lit.view(np.uint8), cv2.MORPH_OPEN, tall).view(np.bool_)
     _, labels, found, _ = cv2.connectedComponentsWithStats(lit.view(np.uint8), connectivity=4)
     found[0, cv2.CC_STAT_AREA] = 0  # What is not lit.
     piece = labels == int(np.argmax(found[:, cv2.CC_STAT_AREA]))

@@ -105,8 +105,18 @@ def test_what_is_black_beside_a_sector_is_no_shadow() -> None:
 
 def test_at_the_side_there_is_a_shadow_where_the_sector_was_lit_before() -> None:
     shadows, off = Shadows(), np.clip((300 - COLUMNS) / 6, 0, 1)
-    assert shadows.outside(pyramid(shown(speckle())), None) is None
-    seen = shadows.outside(pyramid(shown(speckle() * off)), None)
+    everywhere = np.ones((HEIGHT, WIDTH), bool)
+    assert shadows.outside(pyramid(shown(speckle())), everywhere) is everywhere
+    seen = shadows.outside(pyramid(shown(speckle() * off)), everywhere)
     assert seen is not None
     assert not seen[:, 294:].any()
     assert seen[:, :270].all()
+
+
+def test_text_beside_the_sector_that_was_not_yet_known_as_such_does_not_make_it_wider() -> None:
+    sector = np.abs(COLUMNS - 200) < 100 + 0.3 * ROWS
+    text = (np.abs(COLUMNS - 200) < 112 + 0.3 * ROWS) & ~sector & (COLUMNS % 6 < 3) & (np.abs(ROWS - 240) < 10)
+    shadows, amplitude = Shadows(), np.where(sector, speckle(), 0) + text
+    shadows.outside(pyramid(shown(amplitude)), None)
+    mask = ~text
+    assert shadows.outside(pyramid(shown(amplitude)), mask) is mask
