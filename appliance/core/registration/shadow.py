@@ -16,10 +16,11 @@ _ACROSS, _DOWN = 0.03, 0.12
 """Window of the mean change along a row, as shares of width and height: narrower than a rib's shadow, and longer than a
 null of the speckle is high. Less takes nulls for shadows, more misses narrow ones. Not varied."""
 _LEAST_CHANGE = 0.15
-"""Of the mean change along a row, below which there is no speckle. More takes dim tissue for a shadow; less misses the
-shadow of gas, whose bands ring. Chosen by looking at simulated ribs, gas and a face off the skin."""
+"""Share of the mean change along a row below which the picture shows no speckle. More takes dim tissue for a shadow;
+less misses the shadow of gas, whose bands ring. Chosen by looking at simulated ribs, gas and a face off the skin."""
 _TALLEST_VESSEL = 0.25
-"""Share of the picture's height from which what has no speckle is a shadow: they go on to the bottom. Not varied."""
+"""Share of the picture's height from which an area without speckle is a shadow: a shadow reaches the picture's bottom.
+More misses shadows of deep bone, less takes vessels for shadows. Not varied."""
 _EDGE = 0.04
 """Share of the width by which a shadow is widened to either side: its soft edge, and the speckle that this spoils. More
 leaves less tissue to look at, less leaves some of the edge. Not varied."""
@@ -28,12 +29,12 @@ _SECTOR_TALL = 0.5
 More finds no shadows where tissue is dim at depth; with none, text made the sector wider, and its sides were left out.
 """
 _MOST_SHARE = 0.5
-"""Of what may be seen, above which nothing is a shadow: wires in water are spots of echo in nothing else."""
+"""Share of the sector from which an area without speckle is no shadow: a picture of wires in water is mostly black."""
 
 
 class Shadows:
-    """Of one keyframe after the other, of one size. What was lit before belongs to the sector, and is in a shadow where
-    it is lit no more.
+    """Finds the shadows of each keyframe. The sector is known from all keyframes so far, which have one size: a side
+    that showed speckle once and shows none now lies in a shadow.
     """
 
     def __init__(self) -> None:
@@ -44,61 +45,67 @@ class Shadows:
         tissue may be seen; None for everywhere.
         """
         level = levels.levels[min(_LEVEL, levels.coarsest)]
-        shadow = _tall(self._dark(level, None if mask is None else mask_at(mask, level.shape)))
+        seen = None if mask is None else mask_at(mask, level.shape)
+        shadow = _tall(self._dark(_lit(level, seen), seen))
         if not shadow.any():
             return mask
         height, width = levels.shape
         covered = cv2.resize(_widened(shadow), (width, height), interpolation=cv2.INTER_NEAREST) > 0
         return np.asarray(~covered if mask is None else mask & ~covered)
 
-    def _dark(self, level: Level, seen: Bits | None) -> Bits:
-        """(h, w): where hardly anything changes along a row, of the sector; nowhere if that is most of it."""
-        change = np.zeros(level.shape, np.int16)
-        cv2.absdiff(level[:, 2:], level[:, :-2], change[:, 1:-1])
+    def _dark(self, lit: Bits, seen: Bits | None) -> Bits:
+        """(h, w): the parts of the sector without speckle; nowhere if they are most of it."""
+        sector, without = _between(lit), ~lit
         if seen is not None:
-            change *= seen
-        window = _odd(_ACROSS * level.shape[1]), _odd(_DOWN * level.shape[0])
-        usual = cv2.mean(change, None if seen is None else seen.view(np.uint8))[0]
-        lit = cv2.blur(change, window) >= _LEAST_CHANGE * usual
-        sector = _between(lit)
-        if seen is not None:  # Before, text that touches the sector is lit as well.
+            # Without a mask, text that touches the sector is lit too, so such a sector is not remembered.
             self._sector = sector = sector if self._sector is None else sector | self._sector
-        dark = sector & ~lit if seen is None else sector & ~lit & seen
+            without &= seen
+        dark = sector & without
         if np.count_nonzero(dark) > _MOST_SHARE * np.count_nonzero(sector):
             dark[:] = False
         return np.asarray(dark)
 
 
+def _lit(level: Level, seen: Bits | None) -> Bits:
+    """(h, w): where the picture changes along its rows, as speckle does."""
+    change = np.zeros(level.shape, np.int16)
+    cv2.absdiff(level[:, 2:], level[:, :-2], change[:, 1:-1])
+    if seen is not None:
+        change *= seen
+    window = _odd(_ACROSS * level.shape[1]), _odd(_DOWN * level.shape[0])
+    usual = cv2.mean(change, None if seen is None else seen.view(np.uint8))[0]
+    return np.asarray(cv2.blur(change, window) >= _LEAST_CHANGE * usual)
+
+
 def _between(lit: Bits) -> Bits:
-    """The least convex area that holds the largest piece of what is lit, where that is tall: text is low, and a sector
-    is convex.
-    """
-    tall = np.ones((round(_SECTOR_TALL * lit.shape[0]), 1), np.uint8)
-    lit = cv2.morphologyEx(lit.view(np.uint8), cv2.MORPH_OPEN, tall).view(np.bool_)
-    _, labels, found, _ = cv2.connectedComponentsWithStats(lit.view(np.uint8), connectivity=4)
-    found[0, cv2.CC_STAT_AREA] = 0  # What is not lit.
-    piece = labels == int(np.argmax(found[:, cv2.CC_STAT_AREA]))
-    rows = np.flatnonzero(piece.any(axis=1))
-    ends = np.argmax(piece[rows], axis=1), lit.shape[1] - 1 - np.argmax(piece[rows, ::-1], axis=1)
+    """The convex hull of the largest piece of what is lit, where that is tall: a sector is convex, and text is low."""
+    column = np.ones((round(_SECTOR_TALL * lit.shape[0]), 1), np.uint8)
+    tall = cv2.morphologyEx(lit.view(np.uint8), cv2.MORPH_OPEN, column)
     area = np.zeros(lit.shape, np.uint8)
-    if len(found) > 1:
+    if tall.any():
+        _, labels, found, _ = cv2.connectedComponentsWithStats(tall, connectivity=4)
+        piece = labels == 1 + int(np.argmax(found[1:, cv2.CC_STAT_AREA]))
+        rows = np.flatnonzero(piece.any(axis=1))
+        ends = np.argmax(piece[rows], axis=1), lit.shape[1] - 1 - np.argmax(piece[rows, ::-1], axis=1)
         points = np.concatenate([np.stack([columns, rows], axis=1) for columns in ends]).astype(np.int32)
         cv2.fillConvexPoly(area, cv2.convexHull(points), 1)
     return area.view(np.bool_)
 
 
 def _tall(dark: Bits) -> Bits:
-    """The pieces of it that are tall."""
+    """(h, w): the pieces that are taller than a vessel."""
     if not dark.any():
         return dark
     _, labels, found, _ = cv2.connectedComponentsWithStats(dark.view(np.uint8), connectivity=4)
     tall = found[:, cv2.CC_STAT_HEIGHT] >= _TALLEST_VESSEL * dark.shape[0]
-    tall[0] = False  # What is not dark.
+    tall[0] = False  # Label 0 is what is not dark.
     return np.asarray(tall[labels])
 
 
 def _widened(shadow: Bits) -> GreyImage:
-    """1 where it is, by half the window, as the mean there still reaches beyond the edge, and by the edge."""
+    """(h, w) of 0 and 1: the shadow, widened to either side by half the window, where the mean still reaches beyond the
+    edge, and by the edge itself.
+    """
     kernel = np.ones((1, _odd((_ACROSS + 2 * _EDGE) * shadow.shape[1])), np.uint8)
     return np.asarray(cv2.dilate(shadow.view(np.uint8), kernel), dtype=np.uint8)
 
