@@ -8,6 +8,7 @@ from appliance.core.line import Line
 from appliance.types import Verdict, VerdictKind
 from drivers.samples import Frame, GreyImage
 from drivers.twins.scene.processing import Processing, ProcessingScanner
+from tests.support.verdicts import faults
 from tools.study.hazard import Hazard
 from tools.study.samples import Conditions, frame_times, samples
 from tools.study.session import Session
@@ -37,10 +38,6 @@ def watched(
         verdicts += line.step(sample)
         told += isinstance(sample, Frame) and not line.averaged
     return line, verdicts, told
-
-
-def faults(verdicts: list[Verdict]) -> list[str]:
-    return list(dict.fromkeys(one.fault for one in verdicts if one.fault is not None))
 
 
 def first_ok_s(verdicts: list[Verdict]) -> float:

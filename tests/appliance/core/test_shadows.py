@@ -6,6 +6,8 @@ import pytest
 
 from appliance.core.line import Line
 from appliance.types import Verdict, VerdictKind
+from tests.support.kept_pictures import sessions
+from tests.support.verdicts import faults
 from tools.study.hazard import Hazard
 from tools.study.samples import Conditions, rendered, samples
 from tools.study.session import Session
@@ -18,11 +20,7 @@ def watched(name: str, tissue: str, seconds: float, seed: int, hazard: str = "no
     session = Session(name, tissue, seed, seconds)
     conditions = Conditions(session, Hazard.parse(hazard))
     line = Line(session.reference, conditions.judging.limits)
-    return [verdict for sample in samples(conditions, rendered(session, None)) for verdict in line.step(sample)]
-
-
-def faults(verdicts: list[Verdict]) -> list[str]:
-    return list(dict.fromkeys(one.fault for one in verdicts if one.fault is not None))
+    return [verdict for sample in samples(conditions, rendered(session, sessions())) for verdict in line.step(sample)]
 
 
 @pytest.mark.parametrize("tissue", ["ribs-1", "ribs-2", "gas-1", "peel-0.6"])
@@ -34,7 +32,7 @@ def test_a_gesture_is_verified_in_six_seconds(tissue: str, seed: int) -> None:
 
 
 def test_a_sweep_over_a_rib_accuses_nothing() -> None:
-    """It was told to have a wrong rotation about the axial axis, 11.9 of its sigmas off."""
+    """Without the mask of shadows, the line named a wrong rotation about the axial axis, 11.9 of its sigmas off."""
     assert faults(watched("elevational-10", "ribs-1", 30.0, 1)) == []
 
 
