@@ -20,8 +20,9 @@ _OWN_SEQUENCE = re.compile(
     r"(\x1b\[[0-9;?]{0,16}[A-Za-z]|\r"
     r"|\x1b\]8;(?:id=[0-9]{1,20};file:///[A-Za-z0-9._~%/-]{0,1000}/gesture-[a-z]{1,20}\.svg|;)\x1b\\)"
 )
-"""What click and rich write to colour and to redraw, and links to the drawings of the gesture: nothing that a terminal
-answers, no title, no clipboard, no other link."""
+"""Escape sequences of click and rich that pass: colours, cursor movements, and hyperlinks (OSC 8) to the drawings of
+the gesture. Sequences that a terminal answers, that set its title or clipboard, and all other hyperlinks do not pass.
+"""
 
 
 def printable(text: str, longest: int = LONGEST_WORDS) -> str:
@@ -52,8 +53,9 @@ def printable_value(value: Any) -> Any:
 
 
 def printable_screen(text: str, colours: bool) -> str:
-    """What commands write: line breaks stay, and with `colours` the sequences for colours and cursor movements do, and
-    links to the drawings of the gesture."""
+    """Output of a command, made printable: line breaks and tabs pass; with `colours`, the sequences of `_OWN_SEQUENCE`
+    pass too.
+    """
     if not colours:
         return _replaced(text, "\n\t")
     parts = _OWN_SEQUENCE.split(text)

@@ -81,7 +81,7 @@ def check_writable(path: Path | None) -> None:
 
 
 def check_new(path: Path | None) -> None:
-    """The same of a file that is not there yet, as what is there may be all that there is of it."""
+    """Raises ConfigurationError where the file cannot be written, or exists already. None is no file."""
     check_writable(path)
     if path is not None and path.exists():
         raise ConfigurationError("exists already", str(path), "Give another name, or move it away")

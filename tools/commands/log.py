@@ -199,7 +199,7 @@ def _export(path: Path, entries: Iterable[Entry]) -> None:
 
 
 def _cell(value: object) -> str:
-    """What a spreadsheet would take for a formula gets the mark that keeps it a text."""
+    """Text of a CSV cell: empty for None, and with a leading apostrophe where a spreadsheet would read a formula."""
     text = "" if value is None else printable(str(value), LONGEST_TEXT)
     return f"'{text}" if text.startswith(_FORMULA) else text
 

@@ -168,7 +168,7 @@ def test_csv_has_an_empty_cell_where_there_is_no_fault(folder: Path, tmp_path: P
 
 
 def test_an_export_writes_over_nothing_and_not_into_the_log(folder: Path, tmp_path: Path) -> None:
-    """The log of a running cart was replaced by its own export, and was told to be whole."""
+    """An export replaced a segment of the log of a running cart, and the command said that the chain was whole."""
     (part,) = folder.glob("*.jsonl")
     before = part.read_bytes()
     for place in (part, folder / "new.csv"):
