@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from appliance.core.path.residual import LEAST_TURN_RAD
 from appliance.core.path.steps import SensorSteps, picture_steps
 from appliance.types import DRAGS, PRESSES, Calibration, Motion
 from drivers.rigid import Array
@@ -17,6 +18,13 @@ _DRAG = 0.15
 """By what share of the face's lateral way the skin goes along at most, likewise, for skin that does not drag. In rigid
 tissue −.01 ± .01 was seen, where the skin sticks for 3 mm −.5 ± .06 (gesture, in-plane, seed 1); in tissue that follows
 a press .03 to .10 ± .03, and .34 to .58 ± .1 where its skin sticks for 2 mm (gesture, twelve runs)."""
+_LEAST_STIFF = 0.95
+"""Of the product of both shares of a turn, by ∂u_y/∂x and by ∂u_x/∂y, for tissue that follows no press. A wrong ratio
+of the scales divides one by what it multiplies the other with, so the product is 1 less what tissue follows, whatever
+the scales. Where tissue followed by .1 and the axial scale was 10 % too small the first was 1.00, and the cart was OK
+(gesture, five runs); the product was .90 to .92 ± .01, and .97 to 1.03 ± .01 in four rigid gestures. Half way between
+rigid tissue and one that hides twice the limit of a scale. Of a turn narrower than LEAST_TURN_RAD it is not asked:
+ordinary motion in rigid tissue was verified after 8 s instead of 4."""
 _DEEP_MM = 40.0
 """Depth of a picture from which skin that does not drag is told over tissue that follows a press. What is pressed out
 sideways draws the shear there by 2 %, in pictures of 21 mm by 5 to 11 %, and a scale was named falsely (half space of
@@ -38,6 +46,10 @@ _TINY = 1e-9
 """Instead of zero where it divides."""
 _LEAST_STEPS = 6
 """Least number of steps between blocks: the sigma of fewer is no measure. Not varied."""
+
+
+Share = tuple[float, float]
+"""By what share one way goes along with another, and its sigma."""
 
 
 def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibration) -> int:
@@ -71,19 +83,27 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
     turns_rad = steps(np.cumsum(turned, axis=1))
     size = np.sqrt(np.mean(np.square(turns_rad), axis=1))
     aside = np.where(size[:2] >= _LEAST_TURN * size[2], _MISALIGNED, _TINY)
-    tilt = _share(turns_rad, tilt_rad, np.append(aside, _ANY))
-    presses = PRESSES * _may_be_other(bool(before & PRESSES), 1.0, _TILT, *tilt)
+    supposed = np.append(aside, _ANY)
+    tilt = _share(turns_rad, tilt_rad, supposed)
+
+    def drags(reading: int) -> bool:
+        drag_px = steps(np.array([path.drag_px[reading] for path in tissue]))
+        drag_mm = drag_px * lateral * reference.scale_mm_per_px[0]
+        share, sigma = _share(steps(np.cumsum(moved[0]))[None], drag_mm, np.array([_ANY]))
+        return _may_be_other(bool(before & DRAGS), 0.0, _DRAG, share, sigma)
+
+    shear_rad = steps(np.array([path.path_rad[PRESSES | DRAGS * drags(DRAGS)] for path in tissue])) * lateral * axial
+    shear = _share(turns_rad, shear_rad, supposed)
+    pressed, wide = bool(before & PRESSES), np.ptp(np.cumsum(turns_rad[2])) >= LEAST_TURN_RAD
+    presses = _may_be_other(pressed, 1.0, _TILT, *tilt) or bool(wide and _may_follow(pressed, tilt, shear))
     if presses and 2 * abs(reference.face_mm[1]) < _DEEP_MM:
         return DRAGS | PRESSES
-    drag_px = steps(np.array([path.drag_px[DRAGS | presses] for path in tissue]))
-    drag_mm = drag_px * lateral * reference.scale_mm_per_px[0]
-    drag = _share(steps(np.cumsum(moved[0]))[None], drag_mm, np.array([_ANY]))
-    return presses | DRAGS * _may_be_other(bool(before & DRAGS), 0.0, _DRAG, *drag)
+    return PRESSES * presses | DRAGS * drags(DRAGS | PRESSES * presses)
 
 
-def _share(told: Array, seen: Array, supposed: Array) -> tuple[float, float]:
-    """By what share `seen` (n,) goes along with any of `told` (k, n), or with what lies between them, and its sigma.
-    supposed: (k,) standard deviation of each coefficient.
+def _share(told: Array, seen: Array, supposed: Array) -> Share:
+    """By what share `seen` (n,) goes along with any of `told` (k, n), or with what lies between them. supposed: (k,)
+    standard deviation of each coefficient.
 
     An axis between them is that of a probe that is held otherwise than the reference says, and no softer.
     """
@@ -92,11 +112,23 @@ def _share(told: Array, seen: Array, supposed: Array) -> tuple[float, float]:
         covariance = np.linalg.inv(told @ told.T / max(left, _TINY) + np.diag(supposed**-2))
         shares = covariance @ told @ seen / max(left, _TINY)
         left = float(np.mean(np.square(seen - shares @ told)))
-    share = float(np.linalg.norm(shares))
-    return share, float(np.sqrt(shares @ covariance @ shares)) / max(share, _TINY)
+    length = float(shares @ shares)
+    longer = float(np.trace(covariance))  # By noise.
+    sigma = np.sqrt(float(shares @ covariance @ shares) / max(length, _TINY))
+    return float(np.sqrt(max(length - longer, 0.0))), float(sigma)
 
 
 def _may_be_other(before: bool, due: float, most: float, share: float, sigma: float) -> bool:
     """Whether a share may be further than that from the one that is due; as before where the motion does not say."""
     beyond = abs(share - due) - most
     return beyond > -2 * sigma if before else beyond > 2 * sigma
+
+
+def _may_follow(before: bool, tilt: Share, shear: Share) -> bool:
+    """Whether both shares of a turn together say that tissue follows; as before where the motion does not say.
+
+    A tracker that begins to lag makes both less, and then the first is not near 1.
+    """
+    lacks = _LEAST_STIFF - tilt[0] * shear[0]
+    sigma = float(np.hypot(tilt[0] * shear[1], shear[0] * tilt[1]))
+    return lacks > -sigma if before else lacks > 2 * sigma and abs(tilt[0] - 1) <= _TILT

@@ -130,3 +130,14 @@ def test_rigid_tissue_that_turns_out_to_follow_is_rigid_no_more() -> None:
 
 def test_motion_of_which_nothing_is_known_but_that_it_is_rigid() -> None:
     assert filled(planar_path, 1.0).tissue == 0
+
+
+def test_a_wrong_axial_scale_does_not_make_tissue_that_follows_rigid() -> None:
+    """Tissue follows by .1 and the axial scale is 10 % too small: ∂u_y/∂x is that of the probe, ∂u_x/∂y tells."""
+    plain = filled(planar_path, 10.0)
+    hidden, told = PathWindow(TRUTH), 0.9
+    hidden.poses = plain.poses
+    for motion in with_tissue(plain)._seen:
+        assert motion.tissue is not None
+        hidden.add(replace(motion, tissue=replace(motion.tissue, path_rad=motion.tissue.path_rad * told)))
+    assert hidden.look_at_tissue(0.0) & PRESSES
