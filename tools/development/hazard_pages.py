@@ -6,18 +6,21 @@ Made from the detectors' own words, the configuration's defaults, the policy and
 import ast
 from collections.abc import Mapping
 from pathlib import Path
+from statistics import median
 
 from appliance.configuration.config import SupervisorTimes
 from appliance.core.parameters import QUANTITIES
 from appliance.limits import Limits
-from appliance.supervision.alarms import HAZARDS, Hazard
+from appliance.supervision.alarms import HAZARDS
+from appliance.supervision.alarms import Hazard as Row
 from appliance.types import Fault
 from tools.development.evidence_figures import Figures, Found
 from tools.development.evidence_pages import of_fault
 from tools.development.hazards import ROOT, found_by
 from tools.development.markdown import table
 from tools.development.slips import slip_pages
-from tools.study.hazard import FAULTS
+from tools.study.hazard import FAULTS, Hazard
+from tools.study.summary import Share
 
 _LIMITS: Mapping[Fault, tuple[str, ...]] = {
     **{fault: (quantity.limit_key,) for fault, quantity in QUANTITIES.items()},
@@ -60,7 +63,7 @@ def hazard_pages(figures: Figures) -> list[str]:
     return lines
 
 
-def remedies(row: Hazard) -> str:
+def remedies(row: Row) -> str:
     """What the operator does, also once a recalibration is requested."""
     return f"{row.remedy}; once a recalibration is requested: {row.requested}" if row.requested else row.remedy
 
@@ -88,17 +91,17 @@ def _note(fault: Fault, seen: list[Found]) -> str:
 
 
 def _seen(seen: list[Found]) -> list[str]:
-    head = ("hazard", "session, tissue", "FAULT (95 %)", "named rightly first", "median delay", "seeds", "commit")
-    rows = [
-        (
-            f"`{one.hazard}`",
-            f"{one.origin.session}, {one.origin.tissue}",
-            str(one.share),
-            f"{one.named} of {one.runs}",
-            one.delay,
-            one.origin.seeds,
-            ", ".join(f"`{commit}`" for commit in one.origin.commits),
-        )
-        for one in seen
-    ]
-    return table(head, rows)
+    """All kinds together, by when they happen, with links to each kind's own runs."""
+    head = ("when", "FAULT (95 %)", "named rightly first", "delay: median (range)")
+    manners = dict.fromkeys(one.hazard.rpartition("@")[2] for one in seen)
+    rows = [_manner(name, [one for one in seen if one.hazard.endswith(f"@{name}")]) for name in manners]
+    kinds = dict.fromkeys(Hazard.parse(one.hazard).kind for one in seen)
+    links = ", ".join(f"[{kind}](evidence.md#{kind})" for kind in kinds)
+    return [*table(head, rows), f"Each kind by itself, with sessions, seeds and commits: {links}.", ""]
+
+
+def _manner(name: str, seen: list[Found]) -> tuple[str, ...]:
+    delays_s = sorted(delay_s for one in seen for delay_s in one.fault_s)
+    runs = sum(one.runs for one in seen)
+    delay = f"{median(delays_s):.2f} s ({delays_s[0]:.2f} to {delays_s[-1]:.2f})" if delays_s else "–"
+    return name, str(Share(len(delays_s), runs)), f"{sum(one.named for one in seen)} of {runs}", delay
