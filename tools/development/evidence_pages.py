@@ -14,7 +14,7 @@ from appliance.limits import NAMED_NATS, WITHDRAWN_NATS
 from appliance.types import Fault
 from tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, Origin
 from tools.development.false_alarm_pages import false_alarm_lines
-from tools.development.markdown import table
+from tools.development.markdown import shared_aside, table
 from tools.report.svg import Plot, alone
 from tools.study.bound import FALSE_ALARM_H
 from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, Hazard
@@ -111,6 +111,7 @@ def _coverage(healthy: list[Healthy]) -> str:
 
 
 _ORIGIN = ("length, tracker", "seeds", "commit")
+_ASIDE = ("session, tissue", *_ORIGIN)
 
 
 def _origin(origin: Origin) -> tuple[str, ...]:
@@ -202,7 +203,13 @@ def _kind(one: Found) -> str:
 
 
 def _kind_table(kind: str, some: list[Found]) -> list[str]:
-    return [f"### {kind}", "", f"Ought to be named `{FAULTS[kind]}`.", "", *table(_FOUND, map(_found_row, some))]
+    return [
+        f"### {kind}",
+        "",
+        f"Ought to be named `{FAULTS[kind]}`.",
+        "",
+        *shared_aside(_FOUND, map(_found_row, some), _ASIDE),
+    ]
 
 
 _FOUND = (
