@@ -79,8 +79,8 @@ def run(cart: SimulatedCart) -> Iterator[Look]:
 def film(looks: Sequence[Look]) -> str:
     """An SVG that shows one look after the other, each for as long as it lasted, again and again.
 
-    looks: in the order of time. The last one stays for as long as a steady state does. Who asked for less motion sees
-    the last one alone.
+    looks: in the order of time. The last one stays for as long as a steady state does. Who asked for less motion, and a
+    program that shows none, sees the last one alone.
     """
     view = StatusView()
     drawn = [_drawn(look, view) for look in looks]
@@ -122,7 +122,7 @@ def _head(width_px: float, height_px: float, whole_s: float) -> str:
         "<title>probewatch status: not verified, monitoring after the gesture, then halt with the fault</title>\n"
         "<style>.f{visibility:hidden;animation:"
         f"{whole_s:.1f}s step-end infinite;font:20px 'DejaVu Sans Mono',Menlo,Consolas,monospace}}"
-        "@media(prefers-reduced-motion:reduce){.f{animation:none}.f:last-of-type{visibility:visible}}</style>\n"
+        ".f:last-of-type{visibility:visible}@media(prefers-reduced-motion:reduce){.f{animation:none}}</style>\n"
         f'<rect width="100%" height="100%" rx="8" fill="#292929"/>'
         f'<g transform="translate({_MARGIN_PX:g},{_MARGIN_PX:g})">'
     )
