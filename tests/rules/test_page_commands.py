@@ -23,7 +23,7 @@ _STANDS_FOR = re.compile(r"[…\[\]|(]")
 def in_blocks(page: Path) -> list[str]:
     """Commands of the page's blocks, without prompt and comment."""
     found, inside = [], False
-    for line in page.read_text(encoding="utf-8").splitlines():
+    for line in page.read_text(encoding="utf-8").replace("\\\n", " ").splitlines():
         if re.match(r"\s*(?:\d+\. )?```", line):
             inside = not inside
         elif inside and (said := _COMMAND.match(line.strip())):
