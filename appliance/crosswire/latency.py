@@ -1,8 +1,9 @@
 """How late the tracker is, from a probe moved up and down over the bottom of a water tank. Pure.
 
-The bottom is one bright line whose depth follows the probe. Its depth over time must be a linear map of the probe's
-position, at the right lag; appliance.core.path.latency finds that lag, as it does for the path of tissue. This is the
-published way of temporal calibration (Rousseau, Hellier, Barillot 2006; the PLUS toolkit) with a sigma of its own.
+The bottom is one bright line across the picture whose depth follows the probe. Its depth over time must be a linear map
+of the probe's position, at the right lag; appliance.core.path.latency finds that lag, as it does for the path of
+tissue. This is the published way of temporal calibration (Rousseau, Hellier, Barillot 2006; the PLUS toolkit) with a
+sigma of its own.
 """
 
 import numpy as np
@@ -13,10 +14,17 @@ from drivers.samples import Frame, GreyImage, Pose
 
 _BAND = 0.1
 """Share of the width, about the middle, whose columns are averaged: a line aslant by 10° blurs by a few pixels only."""
+_BESIDE = 0.1
+"""Share of the width, from the middle of the picture to the middle of the band to the left and to the right in which
+the line must go on. More tells lines from spots better, less takes what a convex face shows of the bottom. Of the real
+tank of PLUS it goes on in 87 % of the pictures with something bright, of PLUS's two N-wire phantoms in 2 and 0 %.
+"""
+_LEAST_SHARE = 0.5
+"""Of the pictures with something bright that moves, those in which it is a line; half way between these figures."""
 _SMOOTH_ROWS = 2.0
 """Sigma, px: speckle goes, the line of five to ten pixels stays."""
 _HALF_LINE_PX = 12
-"""Rows about the brightest that give the line's depth. Not varied."""
+"""Rows about the brightest that give the line's depth, and by which a line may bend between the bands. Not varied."""
 _LEAST_GREY = 12.0
 """By which the line must stand out of its own usual profile. Less follows noise, more loses weak bottoms."""
 _ROUGH_MM_PER_PX = 0.075
@@ -57,12 +65,20 @@ class BottomLine:
         return int(np.isfinite(self.depth_px()).sum())
 
     def depth_px(self) -> Vector:
-        """(n,) row of the line in each picture, NaN where there is none."""
+        """(n,) row of the line in the middle of each picture, NaN where there is none that goes on to both sides.
+
+        Where most of what is bright goes on to neither side, as the wires of a phantom, what does is chance: all NaN.
+        """
+        none = np.full(len(self._profiles), np.nan)
         if len(self._profiles) < _LEAST_PICTURES:
-            return np.full(len(self._profiles), np.nan)
+            return none
         profiles = np.array(self._profiles)
         moved = profiles - np.median(profiles, axis=0)
-        return np.array([_peak(row) for row in moved])
+        left, middle, right = (np.array([_peak(row) for row in moved[:, band]]) for band in range(3))
+        across = np.abs(left + right - 2 * middle) <= _HALF_LINE_PX
+        if across.sum() < _LEAST_SHARE * np.isfinite(middle).sum():
+            return none
+        return np.where(across, middle, np.nan)
 
     def latency(self) -> Latency | None:
         """None where the line or the motion does not show it."""
@@ -80,12 +96,15 @@ class BottomLine:
 
 
 def _profile(image: GreyImage) -> Vector:
-    """(h,) mean grey of the middle columns, smoothed along the rows."""
+    """(3, h) mean grey of a band left of the middle, in the middle and right of it, smoothed along the rows."""
     width = image.shape[1]
-    band = image[:, round(width * (0.5 - _BAND / 2)) : round(width * (0.5 + _BAND / 2)) + 1].mean(axis=1)
     reach = round(3 * _SMOOTH_ROWS)
     weights = np.exp(-((np.arange(-reach, reach + 1) / _SMOOTH_ROWS) ** 2) / 2)
-    return np.convolve(band, weights / weights.sum(), mode="same")
+    bands = []
+    for centre in (0.5 - _BESIDE, 0.5, 0.5 + _BESIDE):
+        band = image[:, round(width * (centre - _BAND / 2)) : round(width * (centre + _BAND / 2)) + 1].mean(axis=1)
+        bands.append(np.convolve(band, weights / weights.sum(), mode="same"))
+    return np.array(bands)
 
 
 def _peak(profile: Vector) -> float:

@@ -43,7 +43,7 @@ def command(
     `recalibrate --latency-ms`, or to the recorder.
 
     Without --calibration the recording is of a water tank: move the probe straight up and down over its bottom, which
-    shows as one bright line, for 15 s, 2 s to and fro, turning sharply. It needs nothing but that line.
+    shows as one bright line across the picture, for 15 s, 2 s to and fro, turning sharply. It needs nothing else.
 
     With --calibration it is of tissue or a phantom, moved sideways and in depth; a rough calibration is enough.
 
@@ -72,8 +72,10 @@ def _of_tank(session: Recording, recording: Path) -> Latency:
             progress.update(task, advance=1)
     found = bottom.latency()
     if found is None:
-        what = f"does not show it: a moving bright line was seen in {bottom.seen} of {bottom.pictures} pictures"
-        remedy = "Move the probe up and down over the bottom for 15 s, turning sharply; of tissue give --calibration"
+        line = f"a bright line across the picture that moves was seen in {bottom.seen} of {bottom.pictures} pictures"
+        what = f"is not of the bottom of a water tank, or its motion does not show how late the tracker is: {line}"
+        remedy = "Move the probe up and down over the bottom for 15 s, turning sharply; "
+        remedy += "for tissue or a phantom, also of wires, give --calibration"
         raise RecordingError(what, str(recording), remedy)
     click.echo(f"bottom line followed in {bottom.seen} of {bottom.pictures} pictures")
     return found

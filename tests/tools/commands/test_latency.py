@@ -53,3 +53,14 @@ def test_a_recording_without_pictures_is_refused() -> None:
     done = CliRunner().invoke(command, [str(plus_file("WaterTankBottomTranslationTrackerBuffer-trimmed.igs.mha"))])
     assert isinstance(done.exception, RecordingError)
     assert "holds no pictures" in str(done.exception)
+
+
+@pytest.mark.parametrize("name", ["NwirePhantomFreehand.igs.mha", "fCal_Test_Validation_3NWires_fCal2.0.igs.mha"])
+def test_wires_are_no_bottom_of_a_tank(name: str) -> None:
+    """Their spots were followed as if they were one line, and 160 and 57 ms told."""
+    done = CliRunner().invoke(command, [str(plus_file(name))])
+    assert isinstance(done.exception, RecordingError)
+    assert done.exception.exit_code == 65
+    for words in ("line across the picture", "water tank", "--calibration"):
+        assert words in str(done.exception), words
+    assert "late by" not in done.output
