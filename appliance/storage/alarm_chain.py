@@ -104,6 +104,11 @@ class Reading:
     damages: tuple[Damage, ...]
     memory: Memory | None
 
+    @property
+    def broken(self) -> tuple[Damage, ...]:
+        """What no power cut explains: the chain is not whole."""
+        return tuple(damage for damage in self.damages if damage.fault is not None)
+
 
 @dataclass(slots=True)
 class _Chain:

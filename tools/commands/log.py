@@ -212,7 +212,7 @@ def _verified(reading: Reading) -> int:
         if entry.event == Event.CHAIN_BEGUN:
             found = "; ".join(map(str, entry.data.get("found", [])))
             click.secho(f"entry {entry.number} begins a new chain: {found}", err=True, fg="yellow")
-    if any(damage.fault for damage in reading.damages):
+    if reading.broken:
         click.secho("the chain is NOT whole", err=True, fg="red")
         return 65
     click.echo(f"{len(reading.entries)} entries, the chain is whole", err=True)

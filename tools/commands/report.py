@@ -3,18 +3,19 @@
 import platform
 import shutil
 import subprocess
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
 import click
 
-from appliance.configuration.config import load_config
-from appliance.storage.reference_dates import dates_of
-from appliance.storage.reference_store import content_of, read_history
+from appliance.configuration.config import Config, load_config
+from appliance.storage.reference_dates import Dates, dates_of
+from appliance.storage.reference_store import History, content_of, read_history
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable
 from tools.report.pdf import check_pdf, write_pdf
-from tools.report.period import PERIODS, last_period, period, read_self_tests, summary
+from tools.report.period import PERIODS, Period, Summary, last_period, period, read_self_tests, summary
 from tools.report.period_page import write_period_page
 from tools.shared.alarm_history import settled_log
 from tools.shared.named_cart import cart_option
@@ -47,14 +48,21 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
       probewatch report --period week --of 2026-01-15 --pdf
       probewatch report --sign /etc/probewatch/report-key
 
+    Without --of it is of the last period that is over; one that is not over is told "so far", in its name too.
+
     The unit probewatch-report.timer writes one for each month. A signature is checked with
       ssh-keygen -Y verify -f allowed_signers -I CART -n probewatch-report -s FILE.sig < FILE
+
+    \b
+    Exit code 0: written. 65: written, but the alarm log is damaged, which stands at the top of the report. 78: a file
+    cannot be used.
     """
     config = load_config(config_file)
     now = datetime.now(UTC)
     wanted = last_period(kind, now) if day is None else period(kind, day.replace(tzinfo=UTC))
+    _refuse_future(wanted, now)
     cart = platform.node() or "cart"
-    page = folder / f"{cart}-{wanted.name}.html"
+    page = folder / f"{cart}-{wanted.name}{'' if wanted.end <= now else '-so-far'}.html"
     pdf = page.with_suffix(".pdf") if as_pdf else None
     check_writable(page)
     check_pdf(pdf)
@@ -63,18 +71,44 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
     reading = settled_log(config.alarm.folder)
     tests, damaged = read_self_tests(config.alarm.folder / _SELF_TESTS)
     history = read_history(config.alarm.folder)
-    in_force = None if history is None else history.in_force
-    due = None
-    if in_force is not None:
-        content = content_of(config.alarm.folder, in_force)
-        due = dates_of(in_force, content, config.calibration.due_days).due_utc
     found = summary(wanted, reading, tests, now, () if history is None else history.entries)
-    write_period_page(page, cart, found, due, damaged)
+    chosen = _chosen(wanted, found, day is None)
+    click.echo(chosen)
+    write_period_page(page, cart, found, _dates(config, history), damaged, chosen)
     if pdf is not None:
         write_pdf(page, pdf)
     for file in (page, *([] if pdf is None else [pdf])):
         signed = f", signed {file.name}.sig" if key is not None and _sign(file, key) else ""
         click.echo(f"written: {file}{signed}")
+    if reading.broken:
+        click.secho("the alarm log is damaged, as the top of the report says; see: probewatch log --verify", err=True)
+        sys.exit(65)
+
+
+def _refuse_future(wanted: Period, now: datetime) -> None:
+    if wanted.start > now:
+        what = f"the {wanted.kind} {wanted.name} has not begun: it is {now:%Y-%m-%d %H:%M} UTC by this computer's clock"
+        raise click.BadParameter(f"{what}. Give a day that has been", param_hint="'--of'")
+
+
+def _chosen(wanted: Period, found: Summary, by_itself: bool) -> str:
+    """Which period the report is of, and why."""
+    if not by_itself:
+        over = ", which is not over" if found.so_far else ""
+        return f"Report of the {wanted.kind} {wanted.name}{over}, as asked for with --of"
+    chosen = f"Report of the last {wanted.kind} that is over, {wanted.name}, as no day was named with --of"
+    if found.begins is not None and found.begins >= wanted.end:
+        since = f"{found.begins:%Y-%m-%d}"
+        return f"{chosen}. The alarm log begins after it, on {since}: --of {since} tells of that {wanted.kind}"
+    return chosen
+
+
+def _dates(config: Config, history: History | None) -> Dates | None:
+    """Of the calibration in force; None without one. Raises ConfigurationError."""
+    if history is None or history.in_force is None:
+        return None
+    content = content_of(config.alarm.folder, history.in_force)
+    return dates_of(history.in_force, content, config.calibration.due_days)
 
 
 def _check_key(key: Path) -> None:

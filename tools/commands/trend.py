@@ -63,7 +63,7 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
     if html_path is not None:
         write_trend_page(html_path, number, found, {name: unit_of(name) for name in found}, _HEADINGS, rows)
         click.echo(f"written: {html_path}", err=as_json)
-    sys.exit(65 if reading.damages else _code(found))
+    sys.exit(65 if reading.broken else _code(found))
 
 
 def trends(entries: tuple[Entry, ...], reference: int) -> dict[str, Trend]:

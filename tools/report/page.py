@@ -25,7 +25,7 @@ table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular
 th, td { padding: .2rem .7rem; border-bottom: 1px solid var(--faint); text-align: right; }
 th:first-child, td:first-child { text-align: left; } td.bad { color: var(--bad); font-weight: 600; }
 td.good { color: var(--good); } .note { color: var(--soft); } .verdict { font-size: 1.3rem; font-weight: 600; }
-.good { color: var(--good); } .bad { color: var(--bad); } .wait { color: var(--wait); }
+.good { color: var(--good); } .bad { color: var(--bad); } .wait { color: var(--wait); } .warn { color: var(--warn); }
 svg, img { max-width: 100%; height: auto; } svg text { font-size: 12px; fill: var(--text); }
 svg text.tick { text-anchor: middle; fill: var(--soft); } svg text.left { text-anchor: end; }
 svg text.label { text-anchor: middle; fill: var(--soft); }

@@ -26,8 +26,9 @@ _MOST_BYTES = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Period:
-    """From start until before end, UTC. name: such as 2026-10."""
+    """From start until before end, UTC. kind: one of PERIODS. name: such as 2026-10."""
 
+    kind: str
     name: str
     start: datetime
     end: datetime
@@ -42,12 +43,12 @@ def period(kind: str, day: datetime) -> Period:
     """The day, week (from Monday on) or month that the day lies in."""
     start = day.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
     if kind == "day":
-        return Period(f"{start:%Y-%m-%d}", start, start + timedelta(days=1))
+        return Period(kind, f"{start:%Y-%m-%d}", start, start + timedelta(days=1))
     if kind == "week":
         start -= timedelta(days=start.weekday())
-        return Period(f"{start:%G-W%V}", start, start + timedelta(days=7))
+        return Period(kind, f"{start:%G-W%V}", start, start + timedelta(days=7))
     start = start.replace(day=1)
-    return Period(f"{start:%Y-%m}", start, (start + timedelta(days=31)).replace(day=1))
+    return Period(kind, f"{start:%Y-%m}", start, (start + timedelta(days=31)).replace(day=1))
 
 
 def last_period(kind: str, now: datetime) -> Period:
@@ -57,37 +58,63 @@ def last_period(kind: str, now: datetime) -> Period:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One time of alarm, from the first state that is one to the first that is none. worst: the last of them."""
+    """One time of alarm, from the first state that is one to the first that is none. worst: the last of them. ended:
+    False where it went on when the period ended, or when the report was made.
+    """
 
     begun: datetime
     lasted_s: float
     worst: str
     fault: str
     reason: str
+    ended: bool
+
+
+@dataclass(frozen=True, slots=True)
+class InForce:
+    """A reference, and when the next one took its place; None: it is still in force."""
+
+    reference: Reference
+    until: datetime | None
 
 
 @dataclass
 class Summary:
-    """shares_s: state → seconds. by_day: the same for each day, in order. requests: what was asked, how often.
+    """made: when the report was. shares_s: state → seconds. by_day: the same for each day, in order. requests: what was
+    asked, how often.
 
     in_force: references that were in force at some time of it, by the store, oldest first; a cart's first one comes in
-    force without a word in the log. damages: of the log, in words; chains: how often it was begun again. self_tests:
-    as they were kept, oldest first.
+    force without a word in the log. begins: first entry of the log, None without one. damages: of the whole log, in
+    words; torn: writes that a power cut tore; chains: how often it was begun again. self_tests: as they were kept,
+    oldest first.
     """
 
     period: Period
+    made: datetime
     shares_s: Shares = field(default_factory=lambda: defaultdict(float))
     by_day: list[Shares] = field(default_factory=list)
     alarms: list[Alarm] = field(default_factory=list)
     requests: Counter[str] = field(default_factory=Counter)
     references: list[Entry] = field(default_factory=list)
-    in_force: list[Reference] = field(default_factory=list)
+    in_force: list[InForce] = field(default_factory=list)
     software: list[tuple[str, str]] = field(default_factory=list)
     starts: int = 0
+    begins: datetime | None = None
     damages: list[str] = field(default_factory=list)
+    torn: list[str] = field(default_factory=list)
     chains: int = 0
     self_tests: list[dict[str, Any]] = field(default_factory=list)
     simulated: bool = False
+
+    @property
+    def so_far(self) -> bool:
+        """The period was not over when the report was made."""
+        return self.made < self.period.end
+
+    @property
+    def until(self) -> datetime:
+        """What is told is of the time before it."""
+        return min(self.period.end, self.made)
 
     @property
     def on_s(self) -> float:
@@ -114,31 +141,41 @@ def summary(
     history: Sequence[Reference] = (),
 ) -> Summary:
     """now: the present; what lies after it is not counted."""
-    found = Summary(wanted, by_day=[defaultdict(float) for _ in wanted.days])
-    end = min(wanted.end, now)
+    found = Summary(wanted, now, by_day=[defaultdict(float) for _ in wanted.days])
+    end = found.until
     spells = list(_spells(reading.entries, end))
     for from_, until, entry in spells:
         _count(found, entry, max(from_, wanted.start), min(until, end))
-    found.alarms = [alarm for alarm in _alarms(spells) if wanted.start <= alarm.begun < end]
+    found.alarms = [alarm for alarm in _alarms(spells) if _within(alarm, wanted.start, end)]
     for entry in reading.entries:
         at = _time(entry)
         if at < wanted.start and entry.event == Event.STARTED:
             found.software = [(entry.utc, str(entry.data.get("software", "?")))]
         elif wanted.start <= at < end:
             _note(found, entry)
-    found.in_force = list(_in_force(history, wanted.start, end))
-    found.damages = [str(damage) for damage in reading.damages]
+    found.in_force = [one for one in _in_force(history) if _overlaps(one, wanted.start, end)]
+    found.begins = _time(reading.entries[0]) if reading.entries else None
+    found.damages = [str(damage) for damage in reading.broken]
+    found.torn = [str(damage) for damage in reading.damages if damage not in reading.broken]
     found.self_tests = [
         test for test in self_tests if wanted.start <= datetime.fromisoformat(str(test["utc"])).astimezone(UTC) < end
     ]
     return found
 
 
-def _in_force(history: Sequence[Reference], start: datetime, end: datetime) -> Iterator[Reference]:
-    for number, one in enumerate(history):
-        until = _utc(history[number + 1].utc) if number + 1 < len(history) else end
-        if _utc(one.utc) < end and until > start:
-            yield one
+def _in_force(history: Sequence[Reference]) -> Iterator[InForce]:
+    for number, one in enumerate(history, 1):
+        yield InForce(one, _utc(history[number].utc) if number < len(history) else None)
+
+
+def _overlaps(one: InForce, start: datetime, end: datetime) -> bool:
+    return _utc(one.reference.utc) < end and (one.until is None or one.until > start)
+
+
+def _within(alarm: Alarm, start: datetime, end: datetime) -> bool:
+    """Also one that had begun before."""
+    ends = alarm.begun + timedelta(seconds=alarm.lasted_s)
+    return alarm.begun < end and (alarm.begun >= start or ends > start)
 
 
 def read_self_tests(folder: Path) -> tuple[list[dict[str, Any]], int]:
@@ -191,15 +228,15 @@ def _alarms(spells: Sequence[_Spell]) -> Iterator[Alarm]:
         if entry is not None and entry.data.get("state") in _ALARMS:
             begun, last = begun or from_, entry
         elif begun is not None and last is not None:
-            yield _alarm(begun, from_, last)
+            yield _alarm(begun, from_, last, True)
             begun = None
     if begun is not None and last is not None:
-        yield _alarm(begun, spells[-1][1], last)
+        yield _alarm(begun, spells[-1][1], last, False)
 
 
-def _alarm(begun: datetime, until: datetime, last: Entry) -> Alarm:
+def _alarm(begun: datetime, until: datetime, last: Entry, ended: bool) -> Alarm:
     fault, reason = last.data.get("fault") or "", str(last.data.get("reason", ""))
-    return Alarm(begun, (until - begun).total_seconds(), str(last.data.get("state")), str(fault), reason)
+    return Alarm(begun, (until - begun).total_seconds(), str(last.data.get("state")), str(fault), reason, ended)
 
 
 def _note(found: Summary, entry: Entry) -> None:

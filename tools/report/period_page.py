@@ -1,16 +1,23 @@
 """The page of a period."""
 
+from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
 
-from appliance.storage.reference_store import Entry as Reference
+from appliance.storage.reference_dates import Dates
 from appliance.types import State
 from tools.report.page import section, table, text, write_page
-from tools.report.period import OFF, Summary, per_fault, share
+from tools.report.period import OFF, Alarm, InForce, Summary, per_fault, share
 from tools.report.svg import Plot
 
 _MOST_ALARMS = 200
 """Told one by one; the rest is counted and in the log."""
+_LEAST_SHARE = 0.001
+"""Of the time: the least that one decimal of a per cent tells."""
+_MINUTES_FROM_S, _HOURS_FROM_S = 120, 2 * 3600
+"""From which duration on minutes and hours tell it well enough, s."""
+_MOST_DAMAGES = 5
+"""Told one by one, at the top; `probewatch log --verify` tells all."""
 _STACK = (
     (State.MONITORING.value, "good"),
     (State.NOT_VERIFIED.value, "wait"),
@@ -22,29 +29,87 @@ _STACK = (
 )
 
 
-def write_period_page(path: Path, cart: str, found: Summary, due_utc: str | None, damaged_tests: int) -> None:
-    """Raises ConfigurationError where it cannot be written."""
-    title = f"{cart}: {found.period.name}"
+def write_period_page(
+    path: Path, cart: str, found: Summary, dates: Dates | None, damaged_tests: int, chosen: str
+) -> None:
+    """dates: of the calibration in force, None without one. chosen: which period it is of, and why.
+
+    Raises ConfigurationError where it cannot be written.
+    """
+    title = f"{cart}: {found.period.name}{' so far' if found.so_far else ''}"
     parts = [
         "<h1>probewatch report</h1>",
         text(("SIMULATED · " if found.simulated else "") + title, "verdict"),
+        *_warnings(found, dates, damaged_tests),
         text(
-            f"{found.period.start:%Y-%m-%d} to {found.period.end:%Y-%m-%d} UTC, of the alarm log of this cart. "
-            "probewatch is not a certified medical device.",
+            f"{chosen}. From {_minute(found.period.start)} until {_minute(found.until)} UTC, by the alarm log of this "
+            f"cart; made {_minute(found.made)} UTC. probewatch is not a certified medical device.",
             "note",
         ),
         section("Verification", _verification(found)),
         section("Alarms", _alarms(found)),
-        section("Calibrations", _references(found, due_utc)),
+        section("Calibrations", _references(found, dates)),
         section("Self-tests", _self_tests(found, damaged_tests)),
         section("Software", _software(found)),
         section("The log itself", _log(found)),
+        section("Read by", text("Name ____________________  Date ____________  Signature ____________________")),
     ]
     write_page(path, f"probewatch: {title}", parts)
 
 
+def _warnings(found: Summary, dates: Dates | None, damaged_tests: int) -> list[str]:
+    """What a reader must know before the figures: they stand above them."""
+    told = []
+    if found.damages:
+        more = len(found.damages) - _MOST_DAMAGES
+        rest = f"; and {more} more: probewatch log --verify" if more > 0 else ""
+        what = "The alarm log is DAMAGED: entries are missing, were changed or put in; what follows may be false"
+        told.append(text(f"{what}. {'; '.join(found.damages[:_MOST_DAMAGES])}{rest}", "bad"))
+    if found.chains:
+        told.append(text(f"The chain of the alarm log was begun again {_times(found.chains)} in this period.", "bad"))
+    if overdue := "" if dates is None else dates.overdue(found.made):
+        told.append(text(f"The check of the calibration in force is OVERDUE: {overdue}.", "bad"))
+    if damaged_tests:
+        told.append(text(f"{_counted(damaged_tests, 'record')} of self-tests cannot be read.", "bad"))
+    if found.so_far:
+        told.append(text(f"The {found.period.kind} is not over: this is what happened so far.", "warn"))
+    return told
+
+
+def _times(number: int) -> str:
+    return "once" if number == 1 else f"{number} times"
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _minute(at: datetime) -> str:
+    return f"{at:%Y-%m-%d %H:%M}"
+
+
+def _utc_minute(said: str) -> str:
+    """said: ISO 8601."""
+    return _minute(datetime.fromisoformat(said).astimezone(UTC))
+
+
+def _good(found: Summary) -> str:
+    """Nothing is as it should be by the word of a log that is damaged."""
+    return "" if found.damages or found.chains else "good"
+
+
 def _percent(value: float) -> str:
-    return f"{100 * value:.0f} %" if isfinite(value) else "–"
+    """A little of a state, as of a halt, is not none of it."""
+    if not isfinite(value):
+        return "–"
+    return "< 0.1 %" if 0 < value < _LEAST_SHARE else f"{100 * value:.1f} %"
+
+
+def _duration(seconds: float) -> str:
+    """In the unit that a person would take."""
+    if seconds < _MINUTES_FROM_S:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < _HOURS_FROM_S else _hours(seconds)
 
 
 def _hours(seconds: float) -> str:
@@ -53,17 +118,17 @@ def _hours(seconds: float) -> str:
 
 def _verification(found: Summary) -> str:
     days = len(found.by_day)
-    plot = Plot((0, days), (0, 24), "day of the period", "h")
-    for number, shares_s in enumerate(found.by_day):
+    axis = f"day of the {found.period.kind}"
+    plot = Plot((0.5, days + 0.5), (0, 24), axis, "h")
+    for number, shares_s in enumerate(found.by_day, 1):
         low = 0.0
         for state, kind in _STACK:
             hours = shares_s[state] / 3600
             if hours > 0:
-                plot.block(number + 0.1, number + 0.9, low, low + hours, kind, f"{state}: {hours:.1f} h")
+                plot.block(number - 0.4, number + 0.4, low, low + hours, kind, f"{state}: {hours:.1f} h")
                 low += hours
-    coverage = Plot((0, days), (0, 100), "day of the period", "% verified", height=150)
-    middles = [number + 0.5 for number in range(days)]
-    coverage.line(middles, [100 * share(shares_s) for shares_s in found.by_day], "a")
+    coverage = Plot((0.5, days + 0.5), (0, 100), axis, "% verified", height=150)
+    coverage.line(range(1, days + 1), [100 * share(shares_s) for shares_s in found.by_day], "a")
     rows = [
         (state, _hours(seconds), "" if state == OFF else _percent(seconds / found.on_s))
         for state, seconds in sorted(found.shares_s.items(), key=lambda share_s: -share_s[1])
@@ -82,16 +147,16 @@ def _verification(found: Summary) -> str:
 
 def _alarms(found: Summary) -> str:
     if not found.alarms:
-        return text("None.", "good") if found.on_s else text("None, as the service did not run.", "bad")
-    rows = [(name, str(number), f"{seconds:.0f} s") for name, number, seconds in per_fault(found.alarms)]
+        return text("None.", _good(found)) if found.on_s else text("None, as the service did not run.", "bad")
+    rows = [(name, str(number), _duration(seconds)) for name, number, seconds in per_fault(found.alarms)]
     shown = found.alarms[:_MOST_ALARMS]
     each = [
-        (f"{alarm.begun:%Y-%m-%d %H:%M:%S}", f"{alarm.lasted_s:.0f} s", alarm.worst, alarm.fault or "–", alarm.reason)
+        (f"{alarm.begun:%Y-%m-%d %H:%M:%S}", _lasted(alarm), alarm.worst, alarm.fault or "–", alarm.reason)
         for alarm in shown
     ]
     more = len(found.alarms) - len(shown)
     rest = text(f"And {more} more; probewatch log has them all.") if more else ""
-    asked = ", ".join(f"{what} {number}" for what, number in found.requests.most_common()) or "nothing"
+    asked = ", ".join(f"{what} ({_times(number)})" for what, number in found.requests.most_common()) or "nothing"
     return (
         table(("fault", "alarms", "in all"), rows)
         + table(("begun, UTC", "lasted", "at the end", "fault", "reason"), each)
@@ -100,47 +165,74 @@ def _alarms(found: Summary) -> str:
     )
 
 
-def _references(found: Summary, due_utc: str | None) -> str:
-    due = text(f"To be checked again: {due_utc}." if due_utc else "No date is set for the next check.", "note")
-    held = text(f"In force: {'; '.join(map(_in_force, found.in_force)) or 'none'}.", "" if found.in_force else "bad")
+def _lasted(alarm: Alarm) -> str:
+    return _duration(alarm.lasted_s) if alarm.ended else f"!{_duration(alarm.lasted_s)}, and went on"
+
+
+def _references(found: Summary, dates: Dates | None) -> str:
+    due = text(_due(found, dates), "bad" if dates is not None and dates.overdue(found.made) else "note")
+    head = ("reference", "in force from, UTC", "until, UTC", "verified by motion", "how", "file", "SHA-256")
+    held = table(head, map(_in_force, found.in_force)) if found.in_force else text("None was in force.", "bad")
     if not found.references:
-        return held + text("None came in force in this period.") + due
+        return held + text("None came in force in this period, by the log.") + due
     rows = []
     for entry in found.references:
         said = entry.data.get("reference") or {}
         by = str(said.get("who") or "–")
         rows.append(
-            (entry.utc, str(said.get("number")), str(said.get("origin")), by, str(said.get("difference") or "–"))
+            (
+                _utc_minute(entry.utc),
+                str(said.get("number")),
+                str(said.get("origin")),
+                by,
+                str(said.get("difference") or "–"),
+            )
         )
     return held + table(("UTC", "reference", "how", "by", "difference to the one before"), rows) + due
 
 
-def _in_force(one: Reference) -> str:
-    shown = f"verified {one.verified_utc}" if one.verified_utc else "never verified"
-    return f"{one.number} ({one.origin}, {one.file}, SHA-256 {one.sha256[:12]}…) since {one.utc}, {shown}"
+def _due(found: Summary, dates: Dates | None) -> str:
+    """Of the calibration that is in force when the report is made."""
+    if dates is None:
+        return "No calibration is in force, so none is to be checked."
+    if overdue := dates.overdue(found.made):
+        return f"The next check of the calibration in force is overdue: {overdue}."
+    ends = [f"{what} {_minute(at)} UTC" for what, at in (("due", dates.due), ("expires", dates.expires)) if at]
+    return f"Next check of the calibration in force: {', '.join(ends) or 'no date is set'}."
+
+
+def _in_force(one: InForce) -> tuple[str, ...]:
+    reference = one.reference
+    until = "still in force" if one.until is None else _minute(one.until)
+    shown = "!never" if reference.verified_utc is None else _utc_minute(reference.verified_utc)
+    since = _utc_minute(reference.utc)
+    sha256 = f"{reference.sha256[:12]}…"
+    return str(reference.number), since, until, shown, reference.origin, Path(reference.file).name, sha256
 
 
 def _self_tests(found: Summary, damaged: int) -> str:
-    note = text(f"{damaged} records of self-tests cannot be read.", "bad") if damaged else ""
+    note = text(f"{_counted(damaged, 'record')} of self-tests cannot be read.", "bad") if damaged else ""
     if not found.self_tests:
         return text("None.", "bad") + note
     rows = []
     for test in found.self_tests:
         red = [str(item.get("name")) for item in test["items"] if not item.get("green")]
         passed = "+passed" if test.get("passed") else "!failed"
-        rows.append((str(test["utc"]), passed, str(test.get("operator") or "–"), ", ".join(red) or "–"))
+        rows.append((_utc_minute(str(test["utc"])), passed, str(test.get("operator") or "–"), ", ".join(red) or "–"))
     return table(("UTC", "result", "by", "red"), rows) + note
 
 
 def _software(found: Summary) -> str:
-    rows = [(utc, said) for utc, said in found.software] or [("–", "the service was not started")]
-    return table(("from, UTC", "version"), rows) + text(f"Started {found.starts} times.")
+    rows = [(_utc_minute(utc), said) for utc, said in found.software] or [("–", "the service was not started")]
+    started = f"Started {_times(found.starts)}." if found.starts else "Not started in this period."
+    return table(("from, UTC", "version"), rows) + text(started)
 
 
 def _log(found: Summary) -> str:
     if found.damages:
-        return text("The chain is NOT whole: " + "; ".join(found.damages[:5]), "bad")
+        return text("The chain is NOT whole, see the top of this report.", "bad")
+    torn = "".join(text(f"A write that a loss of power tore, no damage: {one}.", "note") for one in found.torn)
     if not found.starts and not found.on_s:
-        return text("Nothing was logged.", "bad")
-    begun = f"; it was begun again {found.chains} times" if found.chains else ""
-    return text(f"The chain of the alarm log is whole{begun}.", "bad" if found.chains else "good")
+        return text("Nothing was logged in this period.", "bad") + torn
+    begun = f"; it was begun again {_times(found.chains)}" if found.chains else ""
+    return text(f"The chain of the alarm log is whole{begun}.", _good(found) or "bad") + torn

@@ -129,11 +129,17 @@ def cart(tmp_path: Path) -> Path:
     return config
 
 
-def made(cart: Path, *options: str) -> str:
-    arguments = ["--config", str(cart), "--folder", str(cart.parent), "--of", "2026-01-15", *options]
+def made(cart: Path, *options: str, code: int = 0, of: str | None = "2026-01-15") -> str:
+    arguments = ["--config", str(cart), "--folder", str(cart.parent), *([] if of is None else ["--of", of]), *options]
     result = CliRunner().invoke(command, arguments, catch_exceptions=False)
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == code, result.output
     return result.output
+
+
+def body(cart: Path, name: str) -> str:
+    """Of the page of that period, as text without markup."""
+    (page,) = cart.parent.glob(f"*-{name}.html")
+    return re.sub(r"<[^>]+>", " ", page.read_text().split("</style>")[-1])
 
 
 def test_the_page_holds_everything_and_loads_nothing(cart: Path) -> None:
@@ -170,16 +176,103 @@ def test_the_calibration_in_force_is_told_though_it_came_in_force_before(cart: P
     for name, told in months:
         made(cart, "--of", f"{name}-15")
         (page,) = cart.parent.glob(f"*-{name}.html")
-        (line,) = re.findall(r"In force: .*?</p>", page.read_text())
-        assert [int(number) for number in re.findall(r"(\d+) \(configuration", line)] == told
+        assert [int(number) for number in re.findall(r"<td>(\d+)</td><td>20", page.read_text())] == told
+
+
+def test_each_calibration_is_told_with_the_time_for_which_it_was_in_force(cart: Path) -> None:
+    entries = tuple(reference(n, f"{utc}T08:00:00+00:00") for n, utc in ((1, "2025-12-24"), (2, "2026-01-20")))
+    contents = {one.sha256: b"%d" % one.number for one in entries}
+    write_history(cart.parent / "alarms", History(entries=entries), contents)
+    made(cart)
+    told = " ".join(body(cart, "2026-01").split())
+    assert "1 2025-12-24 08:00 2026-01-20 08:00 never configuration probe.toml" in told
+    assert "2 2026-01-20 08:00 still in force never configuration probe.toml" in told
+    assert "/etc/probewatch" not in told, "a name tells the file; the path is the cart's own"
+
+
+def test_a_check_that_is_overdue_stands_at_the_top(cart: Path) -> None:
+    entries = (reference(1, "2025-12-24T08:00:00+00:00"),)
+    write_history(cart.parent / "alarms", History(entries=entries), {entries[0].sha256: b"1"})
+    made(cart)
+    assert "OVERDUE" not in body(cart, "2026-01")
+    assert "no date is set" in body(cart, "2026-01")
+    cart.write_text(cart.read_text().replace("[calibration]", "[calibration]\ndue_days = 30"))
+    made(cart)
+    top, rest = body(cart, "2026-01").split("Verification", 1)
+    assert "OVERDUE: it is due since 2026-01-23 08:00 UTC" in top
+    assert "Next check" not in rest
+    assert "is overdue" in rest
 
 
 def test_a_damaged_log_is_told(cart: Path) -> None:
     (segment,) = (cart.parent / "alarms").glob("alarms-*.jsonl")
     segment.write_text(segment.read_text().replace("mirrored", "mirroreD"))
-    made(cart)
+    said = made(cart, code=65)
+    assert "is damaged" in said
+    top, rest = body(cart, "2026-01").split("Verification", 1)
+    assert "DAMAGED" in top
+    assert "it was changed" in top
+    assert "NOT whole" in rest
+
+
+@pytest.mark.parametrize("cut", ["last", "first", "one amid"])
+def test_lines_that_were_cut_out_stand_at_the_top_and_end_with_65(cart: Path, cut: str) -> None:
+    (segment,) = (cart.parent / "alarms").glob("alarms-*.jsonl")
+    lines = segment.read_text().splitlines(keepends=True)
+    left = {"last": lines[:-2], "first": lines[2:], "one amid": lines[:5] + lines[6:]}[cut]
+    segment.write_text("".join(left))
+    made(cart, code=65)
     (page,) = cart.parent.glob("*-2026-01.html")
-    assert "NOT whole" in page.read_text()
+    assert "DAMAGED" in body(cart, "2026-01").split("Verification", 1)[0]
+    assert '<p class="good"' not in page.read_text()
+
+
+def test_a_write_that_a_power_cut_tore_is_told_and_is_no_damage(cart: Path) -> None:
+    (segment,) = (cart.parent / "alarms").glob("alarms-*.jsonl")
+    segment.write_text(segment.read_text() + '{"number": 99')
+    made(cart)
+    assert "no damage" in body(cart, "2026-01")
+    assert "DAMAGED" not in body(cart, "2026-01")
+
+
+def test_a_period_that_is_not_over_says_so_far(cart: Path) -> None:
+    today = datetime.now(UTC)
+    said = made(cart, of=f"{today:%Y-%m-%d}")
+    name = f"{today:%Y-%m}-so-far"
+    assert "is not over" in said
+    assert f"{name}.html" in said
+    assert f"{today:%Y-%m} so far" in body(cart, name)
+    made(cart)
+    assert "so far" not in body(cart, "2026-01")
+
+
+def test_a_period_in_the_future_is_refused(cart: Path) -> None:
+    ahead = datetime.now(UTC) + timedelta(days=40)
+    said = made(cart, of=f"{ahead:%Y-%m-%d}", code=2)
+    assert f"the month {ahead:%Y-%m} has not begun" in said
+    assert not list(cart.parent.glob("*.html"))
+
+
+def test_which_period_it_takes_by_itself_is_said_with_the_reason(tmp_path: Path) -> None:
+    """On the first day of a cart the last month is empty: its log begins after it."""
+    now = datetime.now(UTC)
+    AlarmLog(tmp_path / "alarms").append(now, 1, "started", {"software": "1"}, None)
+    config = tmp_path / "probewatch.toml"
+    config.write_text(f'{GOOD}[alarm]\nfolder = "{tmp_path / "alarms"}"\n')
+    last = last_period("month", now).name
+    said = made(config, of=None)
+    for words in (f"last month that is over, {last}", "begins after it", f"--of {now:%Y-%m-%d}"):
+        assert words in said, words
+        assert words in body(config, last), words
+
+
+def test_an_alarm_that_began_before_and_one_that_goes_on_are_told(tmp_path: Path) -> None:
+    """The report of a month in which a HALT of the month before went on said that there were no alarms."""
+    logged(tmp_path, [(30 * 24.0, "state", state("halt", "scale"))])
+    february = summary(period("month", START + timedelta(days=40)), read_log(tmp_path), [], NOW)
+    (alarm,) = february.alarms
+    assert (alarm.begun, alarm.ended) == (START + timedelta(days=30), False)
+    assert summary(period("day", START), read_log(tmp_path), [], NOW).alarms == []
 
 
 @pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason="needs ssh-keygen (openssh-client)")
