@@ -9,13 +9,15 @@ from appliance.types import Fault
 class Condition:
     """It is shown, or stands (neither shown nor disproved), or is gone.
 
-    onset_ns: when it was first shown since it was last gone, None while gone. lifted_ns: when it went.
+    onset_ns: when it was first shown since it was last gone, None while gone. named_ns: since when it has been shown as
+    this fault. lifted_ns: when it went.
     """
 
     fault: Fault | None = None
     reason: str = ""
     shown: bool = False
     onset_ns: int | None = None
+    named_ns: int | None = None
     lifted_ns: int | None = None
 
     @property
@@ -24,6 +26,8 @@ class Condition:
 
     def show(self, now_ns: int, fault: Fault | None, reason: str) -> None:
         """fault: None where it is not known any more which one it was."""
+        if self.onset_ns is None or fault is not self.fault:
+            self.named_ns = now_ns
         self.fault, self.reason, self.shown = fault, reason, True
         self.onset_ns = now_ns if self.onset_ns is None else self.onset_ns
 
@@ -38,6 +42,12 @@ class Condition:
     def lasts(self, now_ns: int, duration_ns: int) -> bool:
         """Shown now, and not gone since duration_ns ago or longer."""
         return self.shown and self.onset_ns is not None and now_ns - self.onset_ns >= duration_ns
+
+    def names(self, now_ns: int, duration_ns: int) -> bool:
+        """Shown now, and as this fault for duration_ns or longer, or from its beginning on."""
+        if not self.shown or self.onset_ns is None or self.named_ns is None:
+            return False
+        return self.named_ns == self.onset_ns or now_ns - self.named_ns >= duration_ns
 
     def gone(self, now_ns: int, duration_ns: int) -> bool:
         """Gone for duration_ns or longer."""

@@ -30,6 +30,8 @@ class Ledger:
         self.internal, self.integrity = Condition(), Condition()
         self._unseen = Condition()
         self._accepted: frozenset[Fault] = frozenset()
+        self._told: frozenset[Fault | None] = frozenset()
+        self._acknowledged: frozenset[Fault | None] = frozenset()
         self._untested = False
         self.barrier_ns = -1
 
@@ -104,7 +106,8 @@ class Ledger:
             self._note_ok(verdict)
         elif verdict.fault is not None and verdict.fault.kind is Kind.CALIBRATION:
             self.barrier_ns = max(min(verdict.t_ns, self.now_ns), self.barrier_ns)
-            self.acknowledged = self.acknowledged and self.calibration.active
+            if not self.calibration.active:
+                self._acknowledge_none()
             self._show(verdict.fault, verdict.reason or HAZARDS[verdict.fault].text, verdict.checks)
         else:
             self._stand()
@@ -114,6 +117,7 @@ class Ledger:
         self.calibration.show(self.now_ns, fault, reason)
         told = [(check.fault, check.name) for check in checks if check.verdict is VerdictKind.FAULT]
         told += [] if fault is None else [(fault, "")]
+        self._told = frozenset(one for one, _ in told)
         unrecovered = next((one for one, check in told if _requests(one, check)), None)
         if unrecovered is None:
             self.unrecovered.stand()
@@ -139,8 +143,14 @@ class Ledger:
             self.unrecovered.lift(self.now_ns)
 
     def acknowledge(self) -> None:
-        """A person has seen the latched state; a fault that comes again is not acknowledged."""
+        """A person has seen the latched state, and what is told of it; a fault that comes again, or takes the place of
+        all that was told, is not acknowledged.
+        """
         self.acknowledged = True
+        self._acknowledged |= self._told | {self.latched_fault}
+
+    def _acknowledge_none(self) -> None:
+        self.acknowledged, self._acknowledged = False, frozenset()
 
     def accept_damage(self) -> None:
         """A person has seen what is damaged; the same found again, and any other damage, is another alarm."""
@@ -151,11 +161,26 @@ class Ledger:
     def latch(self, state: State, fault: Fault | None) -> None:
         """Hold this state until it is released; a person must acknowledge it."""
         self.latched, self.latched_fault = state, fault
-        self.acknowledged = False
+        self._acknowledge_none()
+
+    def replaced(self) -> Condition | None:
+        """What the line has shown in place of the latched fault for as long as a HALT takes, or anew after an OK; None
+        while it has not. What asks for a recalibration is not disproved by another fault.
+        """
+        requested = self.latched is State.RECALIBRATION_REQUESTED and self.unrecovered.active
+        shown = self.unrecovered if requested else self.calibration
+        if shown.fault in (None, self.latched_fault) or not shown.names(self.now_ns, self.durations.halt_after_ns):
+            return None
+        return None if shown.fault is Fault.UNDECIDED else shown
+
+    def rename(self, fault: Fault | None) -> None:
+        """The latched state is told as this fault from now on: one that nobody has acknowledged is another alarm."""
+        self.latched_fault = fault
+        self.acknowledged = self.acknowledged and fault in self._acknowledged
 
     def release(self) -> None:
         self.latched, self.latched_fault = None, None
-        self.acknowledged = False
+        self._acknowledge_none()
 
     def restore(self, reason: str) -> None:
         """What is latched stands again until the line disproves it."""

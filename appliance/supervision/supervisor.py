@@ -7,10 +7,11 @@ Decisions that the table alone does not tell:
   tracker's field that looks bent.
 - HALT is what a calibration fault ends in. A recalibration is requested for what motion does not recover, whether that
   was wrong from the start or joined what motion recovers, and is then named.
-- A latched state keeps the fault that led to it, unless that was one of two and motion has since told which; a device
-  lost meanwhile does not replace it. It is left only when a person has acknowledged it and the line has verified the
-  calibration since, in either order, or by a recalibration that was confirmed; a recalibration that was given up comes
-  back to it.
+- A latched state is told as the fault that led to it until the line has shown another one in its place for as long as a
+  HALT takes, or anew after an OK: then as that one, which must be acknowledged if nobody was told of it. What was one
+  of two is told at once as what motion shows it to be. A device lost meanwhile replaces neither.
+- A latched state is left only when a person has acknowledged it and the line has verified the calibration since, in
+  either order, or by a recalibration that was confirmed; a recalibration that was given up comes back to it.
 - Damage to the alarm's memory or log opens the contact until a person has acknowledged it.
 - Verification is forgotten whenever a hazard is active or the probe is out of the tracker's sight.
 """
@@ -182,7 +183,7 @@ class Supervisor:
         if self.state is not before:
             self._since_ns = now_ns
             self._enter(before)
-        self._name_what_was_undecided()
+        self._name_what_is_shown()
         return self._alarm_state(self._since_ns)
 
     def refusal(self, request: Request) -> str:
@@ -227,12 +228,19 @@ class Supervisor:
             self._ledger.release()
         return None
 
-    def _name_what_was_undecided(self) -> None:
-        """What was latched as one of two is told as what motion has since shown it to be."""
+    def _name_what_is_shown(self) -> None:
+        """People mend what is named: what was latched is not told as a part that is not at fault any more. What was
+        latched as one of two is what a person was told of, whichever it is.
+        """
+        if self.state not in LATCHED:
+            return
         shown = self._ledger.calibration
-        if self.state in LATCHED and self._fault is Fault.UNDECIDED and shown.shown and shown.fault is not self._fault:
+        if self._fault is Fault.UNDECIDED and shown.shown and shown.fault is not self._fault:
             self._fault, self._reason = shown.fault, shown.reason
             self._ledger.latched_fault = shown.fault
+        elif (instead := self._ledger.replaced()) is not None:
+            self._fault, self._reason = instead.fault, instead.reason
+            self._ledger.rename(instead.fault)
 
     def _alarm_state(self, since_ns: int) -> AlarmState:
         ledger = self._ledger
@@ -268,7 +276,8 @@ class Supervisor:
         if self.state is State.DEVICE_LOST:
             return device
         if self.state is State.INTERNAL_FAULT:
-            return integrity if integrity.active else internal
+            shown = next((one for one in (integrity, internal) if one.active), None)
+            return shown or max(integrity, internal, key=lambda one: one.lifted_ns or 0)
         if self.state is State.WARNING and not ledger.hazard:
             return max(calibration, device, internal, key=lambda one: one.lifted_ns or 0)
         return next((one for one in (calibration, device, internal) if one.active), None)

@@ -15,7 +15,7 @@ def command(control_socket: Path, bump: bool) -> None:
     """Acknowledge the alarm: it falls silent now.
 
     HALT and RECALIBRATION REQUESTED end once it is acknowledged AND the calibration has been verified again, in either
-    order. A fault that comes again sounds again. Who acknowledged what is in the alarm log.
+    order. A fault that comes again, or another one, sounds again. Who acknowledged what is in the alarm log.
 
     \b
     Exit code 0: done. 69: no service answers. 75: there is nothing to acknowledge.
@@ -25,8 +25,10 @@ def command(control_socket: Path, bump: bool) -> None:
             client.clear_bump()
             click.echo("the tracker's position sensor counts as checked")
             return
-        client.acknowledge()
+        click.echo(f"acknowledged · {client.acknowledge()}")
         status = client.status()
-        click.echo(f"acknowledged · {status['state']}: {status['reason']}")
-        if status["latched"] is not None:
+        click.echo(f"now · {status['state']}: {status['reason']}")
+        if status["latched"] is not None and not status["acknowledged"]:
+            click.echo("that is another alarm, which nobody has acknowledged yet")
+        elif status["latched"] is not None:
             click.echo("it ends once the calibration is verified again: move the probe over tissue, or recalibrate")

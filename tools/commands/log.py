@@ -121,7 +121,7 @@ def _line(entry: Entry) -> str:
 
 
 def _wanted(data: Mapping[str, Any]) -> str:
-    named = data.get("file") or (f"reference {data['number']}" if "number" in data else "")
+    named = data.get("file") or data.get("acknowledged") or (f"reference {data['number']}" if "number" in data else "")
     return f": {named}" if named else ""
 
 

@@ -44,6 +44,8 @@ energised is safe for all of them, and a dead cart lights red, yellow and cyan a
 
 HALT and RECALIBRATION REQUESTED latch: they end when a person has acknowledged **and** the line has verified the
 calibration since, in either order, or with a recalibration that was confirmed. They outlive a restart and a power cut.
+They are told as the fault that led there until another one has been shown in its place for as long as a HALT takes, or
+anew after an OK: then as that one, and it sounds again unless it was acknowledged with the first.
 """
 
 

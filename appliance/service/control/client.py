@@ -43,11 +43,11 @@ class ControlClient:
         assert isinstance(status, dict)
         return status
 
-    def acknowledge(self, reason: str = "") -> None:
+    def acknowledge(self, reason: str = "") -> str:
         """A person has seen the alarm: it falls silent, and a latched state ends once the cause is gone. reason: for
-        the alarm log, here as below.
+        the alarm log, here as below. Returns state and reason of what was acknowledged.
         """
-        self._ask(do="acknowledge", **_noted(reason))
+        return str(self._ask(do="acknowledge", **_noted(reason)).get("acknowledged", ""))
 
     def pause_audio(self, seconds: float, reason: str = "") -> None:
         """Silence for at most 120 s."""

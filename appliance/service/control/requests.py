@@ -16,6 +16,7 @@ from appliance.storage.alarm_chain import Event
 from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.audio import LONGEST_PAUSE_NS
 from appliance.supervision.supervisor import Request
+from appliance.types import AlarmState
 from drivers.printable import printable
 
 _ALWAYS = ("acknowledge", "audio-on")
@@ -32,7 +33,7 @@ class Hands:
     nothing else, so that a list that hangs keeps no file waiting.
     """
 
-    ask: Callable[[Request], None]
+    ask: Callable[[Request], AlarmState | None]
     status: Callable[[Peer], Reply]
     clear_bump: Callable[[], bool]
     reload: Callable[[], None]
@@ -57,7 +58,7 @@ class Requests:
         self._asking, self._peer = "", Peer(0, 0)
         self._table: dict[str, Callable[[Body], Reply | None]] = {
             "status": lambda _: {"status": hands.status(self._peer)},
-            "acknowledge": lambda _: hands.ask(Request.ACKNOWLEDGE),
+            "acknowledge": lambda _: self._acknowledge(),
             "pause-audio": self._pause_audio,
             "audio-off": self._audio_off,
             "audio-on": lambda _: hands.annunciator.audio.on(),
@@ -88,9 +89,9 @@ class Requests:
             return self._table[do](body) or {}
         self._refuse_too_many(do, who)
         self._asking = f"{self._name(who.uid)}, process {who.pid}"
-        reply = self._table[do](body)
-        self._note(do, body, who)
-        return reply or {}
+        reply = self._table[do](body) or {}
+        self._note(do, body, reply, who)
+        return reply
 
     def _refuse_too_many(self, do: str, who: Peer) -> None:
         wait_ns = self._allowance.wait_ns(who.uid, self._hands.now_ns())
@@ -99,7 +100,7 @@ class Requests:
             wait_s = math.ceil(wait_ns / 1e9)
             raise ControlRefused(f"{self._name(who.uid)} has asked too often ({rate}); wait {wait_s} s")
 
-    def _note(self, do: str, body: Body, who: Peer) -> None:
+    def _note(self, do: str, body: Body, reply: Reply, who: Peer) -> None:
         if do not in _ALWAYS:
             self._allowance.take(who.uid, self._hands.now_ns())
         said = {
@@ -107,6 +108,7 @@ class Requests:
             for key in ("file", "number", "confirm", "reason", "seconds", "hold_s")
             if key in body
         }
+        said |= {"acknowledged": printable(reply["acknowledged"])} if "acknowledged" in reply else {}
         self._hands.note(Event.REQUEST, do=do, who=self._asking, **said)
 
     def _name(self, uid: int) -> str:
@@ -117,6 +119,11 @@ class Requests:
             return self._names[uid]
         except (ControlRefused, KeyError):
             return f"uid {uid}"
+
+    def _acknowledge(self) -> Reply:
+        """What was acknowledged, which another alarm may follow at once."""
+        seen = self._hands.ask(Request.ACKNOWLEDGE)
+        return {} if seen is None else {"acknowledged": f"{seen.state.value}: {seen.reason}"}
 
     def _begin_recalibration(self, body: Body) -> None:
         hold_s = hold_s_of(body.get("hold_s"))

@@ -54,17 +54,20 @@ class Supervision:
         self.now_ns, self.devices = now_ns, devices
         return self._step(Inputs(verdicts, devices))
 
-    def ask(self, request: Request) -> None:
-        """Put a person's request to the supervisor, at once. Raises ControlRefused."""
-        seen = None if self.alarm is None else self.alarm.fault
+    def ask(self, request: Request) -> AlarmState | None:
+        """Put a person's request to the supervisor, at once; the alarm that was in force then, None before the first
+        step. Raises ControlRefused.
+        """
+        before = self.alarm
         self._step(Inputs(devices=self.devices, request=request))
         if self._supervisor.refused:
             raise ControlRefused(self._supervisor.refused)
         if request is Request.ACKNOWLEDGE:
-            self._recorder.accept_damage(seen)
+            self._recorder.accept_damage(None if before is None else before.fault)
         else:
             self.verdict = None
         self._log.info("request granted", request=request.value)
+        return before
 
     def _step(self, inputs: Inputs) -> AlarmState:
         before = self.alarm

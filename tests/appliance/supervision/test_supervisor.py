@@ -266,6 +266,60 @@ def test_latched_states_keep_the_fault_that_led_there() -> None:
     assert (room.alarm.state, room.alarm.fault, room.alarm.reason) == (H, "scale", "seen")
 
 
+def test_a_latched_state_names_what_is_shown_in_place_of_what_led_there() -> None:
+    """It went on to name the tracker's delay, which had been set right, where the marker body had turned."""
+    room = room_in(State.MONITORING)
+    for _ in range(3):
+        room.fault(S_NS, "latency")
+    room.ask(Request.ACKNOWLEDGE)
+    room.fault(TICK_NS, "rotation")
+    assert (room.alarm.fault, room.alarm.acknowledged) == ("latency", True), "a word is none yet"
+    room.fault(DURATIONS.halt_after_ns - 1, "rotation")
+    assert room.alarm.fault == "latency"
+    room.fault(1, "rotation")
+    assert (room.alarm.state, room.alarm.fault, room.alarm.latched_fault) == (H, "rotation", "rotation")
+    assert not room.alarm.acknowledged, "nobody has been told of it"
+    room.ask(Request.ACKNOWLEDGE)
+    for name in ("latency", "rotation"):
+        room.fault(TICK_NS, name)
+        room.fault(DURATIONS.halt_after_ns, name)
+        assert (room.alarm.fault, room.alarm.acknowledged) == (name, True), "both have been acknowledged"
+
+
+def test_what_comes_after_an_ok_is_named_at_once() -> None:
+    room = room_in(State.HALT)
+    room.ok()
+    room.fault(name="rotation")
+    assert (room.alarm.state, room.alarm.fault, room.alarm.latched_fault) == (H, "rotation", "rotation")
+
+
+def test_of_several_faults_that_were_told_each_is_acknowledged() -> None:
+    room = room_in(State.MONITORING)
+    for _ in range(3):
+        room.at(S_NS // 2, faults(room.now_ns + S_NS // 2, "rotation-lateral", "offset-axial"))
+    room.ask(Request.ACKNOWLEDGE)
+    room.fault(TICK_NS, "offset")
+    room.fault(DURATIONS.halt_after_ns, "offset")
+    assert (room.alarm.state, room.alarm.fault, room.alarm.acknowledged) == (H, "offset", True)
+
+
+def test_a_recalibration_is_requested_for_what_asked_for_it_whatever_else_is_shown() -> None:
+    room = room_in(State.RECALIBRATION_REQUESTED)
+    for _ in range(4):
+        room.fault(S_NS, "rotation")
+    assert (room.alarm.state, room.alarm.fault) == (Q, "scale")
+
+
+def test_damage_that_was_acknowledged_is_not_told_as_a_part_that_is_well() -> None:
+    """It was told as the estimator, which had been silent some time before."""
+    room = room_in(State.MONITORING)
+    room.at(TICK_NS, device("estimator-silent"))
+    assert room.at(TICK_NS) is I
+    assert room.at(TICK_NS, device("log-damaged")) is I
+    room.at(TICK_NS, Inputs(devices=device("log-damaged").devices, request=Request.ACKNOWLEDGE))
+    assert (room.alarm.state, room.alarm.fault) == (I, "log-damaged")
+
+
 LATCHED = pytest.mark.parametrize("state", [State.HALT, State.RECALIBRATION_REQUESTED])
 
 

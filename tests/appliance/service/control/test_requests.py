@@ -17,6 +17,8 @@ from appliance.service.control.rights import user_ids
 from appliance.service.control.server import ControlRefused, Peer
 from appliance.storage.alarm_log import ENTRIES_A_SEGMENT, SEGMENTS_KEPT
 from appliance.supervision.annunciator import Annunciator
+from appliance.supervision.supervisor import Request
+from appliance.types import AlarmState, Fault, State
 
 ANNA = Peer(pid=7, uid=0)
 VIEWER = Peer(pid=9, uid=4_000_001)
@@ -32,13 +34,14 @@ class Desk:
         self.wanted: list[Wanted] = []
         self.annunciator = Annunciator()
         self.now_ns = 0
+        self.alarm = AlarmState(State.HALT, 0, Fault.SCALE, "Picture scale has changed", False, None)
         nothing = cast(Callable[..., Any], lambda *_: None)
         take = self.wanted.append
         self.hold = Hold(lambda: None, lambda *_, **__: None, lambda _: True)
         recalibration = SimpleNamespace(propose=take, end=take, begin=lambda: None, abort=lambda: None)
         self.requests = Requests(
             Hands(
-                ask=nothing,
+                ask=lambda request: self.alarm if request is Request.ACKNOWLEDGE else None,
                 status=lambda _: {},
                 clear_bump=nothing,
                 reload=nothing,
@@ -65,6 +68,15 @@ def test_whatever_a_client_gives_as_a_reason_becomes_one_plain_line(reason: obje
         assert len(said) <= 200
         said.encode()
     json.dumps(desk.noted, allow_nan=False)
+
+
+def test_what_was_acknowledged_is_answered_and_noted_and_cannot_be_made_up() -> None:
+    desk = Desk()
+    answer = desk.requests.answer("acknowledge", {"acknowledged": "nothing"}, ANNA)
+    assert answer == {"acknowledged": "halt: Picture scale has changed"}
+    assert desk.noted[-1]["acknowledged"] == "halt: Picture scale has changed"
+    desk.requests.answer("lamp-test", {"acknowledged": "halt: made up"}, ANNA)
+    assert "acknowledged" not in desk.noted[-1]
 
 
 def test_a_viewer_may_ask_for_the_status_and_nothing_else() -> None:
