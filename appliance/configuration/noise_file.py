@@ -20,6 +20,8 @@ from drivers.files.regular_file import read_bounded
 
 _MOST_BYTES = 256_000
 """A thousand recordings with their names; a cart's week has some hundred. More is read for longer at each start."""
+NOISE_BEGINS = "# Learned from healthy scanning of this cart"
+"""The first words of each such file."""
 _LEARN = "Learn it again: probewatch noise"
 _JUDGED = ("rotation_deg", "scale_percent", "offset_mm", "latency_ms", "confidence_sigma")
 """Limits that the log likelihood ratio depends on."""
@@ -75,7 +77,7 @@ class LearnedNoise(BaseModel):
     def toml(self) -> str:
         """The file."""
         lines = [
-            "# Learned from healthy scanning of this cart by `probewatch noise`; docs/noise.md says what it means.",
+            f"{NOISE_BEGINS} by `probewatch noise`; docs/noise.md says what it means.",
             "# [noise] file of the configuration names it. It raises the threshold of a name and changes nothing else.",
         ]
         plain = self.model_dump(exclude={"limits", "recording"})

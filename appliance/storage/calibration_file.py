@@ -26,6 +26,8 @@ from drivers.samples import Matrix4
 
 FORMAT = "probewatch-calibration"
 VERSION = 1
+TOML_BEGINS = "# Spatial calibration of a tracked ultrasound probe"
+"""The first words of each file of ours."""
 
 _MAX_XML_BYTES = 1_000_000
 """A device set of PLUS has 10 kB or so."""
@@ -296,7 +298,7 @@ def _toml(calibration: Calibration, provenance: Mapping[str, str]) -> str:
     plus = "\n".join(f"#   {_row(row)}" for row in image_to_probe(calibration))
     hidden = [name for name, seen in zip(PARAMETERS, calibration.observed, strict=True) if not seen]
     lines = [
-        "# Spatial calibration of a tracked ultrasound probe. X maps the marker body's frame to the picture's frame:",
+        f"{TOML_BEGINS}. X maps the marker body's frame to the picture's frame:",
         "# origin at the picture's centre, x along columns, y along rows (down), z = x × y; mm.",
         "# The same as PLUS's ImageToProbe, corner pixel → mm, for reading only:",
         plus,

@@ -87,6 +87,23 @@ def check_new(path: Path | None) -> None:
         raise ConfigurationError("exists already", str(path), "Give another name, or move it away")
 
 
+def check_replaceable(path: Path | None, begins: bytes) -> None:
+    """Raises ConfigurationError where the file cannot be written, or exists and does not begin as what the command
+    writes there does: a slip of the pen costs no recording, calibration or configuration. None is no file.
+    """
+    check_writable(path)
+    if path is None or not path.exists():
+        return
+    try:
+        with path.open("rb") as stream:
+            there = stream.read(len(begins))
+    except OSError as error:
+        raise _not_written(path, error) from error
+    if there and there != begins:
+        what = "exists already, and is something else than what would be written there"
+        raise ConfigurationError(what, str(path), "Give another name, or move it away")
+
+
 def check_apart(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
     """Raises ConfigurationError where a command would write what it reads, or two things to one file."""
     taken = {path.resolve() for path in inputs if path is not None}

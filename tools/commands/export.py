@@ -30,6 +30,7 @@ def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> Non
 
     Pictures are written as they were recorded: text is black only where the recorder has blackened it.
     """
+    check_new(output)
     for recording in recordings:
         if not recording.exists():
             raise RecordingError("is not there", str(recording), "Name a file that probewatch record has written")

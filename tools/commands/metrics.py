@@ -9,13 +9,14 @@ from pathlib import Path
 import click
 
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_writable, replacing
+from drivers.files.atomic_file import check_replaceable, replacing
 from tools.monitoring.endpoint import Endpoint
 from tools.monitoring.reading import Exposition
 from tools.shared.named_cart import socket_option
 
 _LISTEN = "127.0.0.1:9797"
 """No port that Prometheus' list of exporters or Debian's packages gives to another program, as far as known."""
+_METRICS_BEGIN = b"# HELP probewatch_"
 _EVERY_S = 15.0
 """Between two files: Prometheus asks as often, unless it is told otherwise."""
 _MOST_PORT = 65535  # of TCP
@@ -68,7 +69,7 @@ def command(
         sys.exit(69 if b"\nprobewatch_up 0.0\n" in text else 0)
     if no_http and textfile is None:
         raise click.UsageError("--no-http without --textfile leaves nothing to do")
-    check_writable(textfile)
+    check_replaceable(textfile, _METRICS_BEGIN)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())

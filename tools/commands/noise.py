@@ -11,12 +11,12 @@ from rich.console import Console
 from rich.progress import track
 
 from appliance.configuration.config import load_config
-from appliance.configuration.noise_file import LearnedFrom, LearnedNoise, judged_by, write_noise
+from appliance.configuration.noise_file import NOISE_BEGINS, LearnedFrom, LearnedNoise, judged_by, write_noise
 from appliance.limits import FALSE_ALARM_H, MOST_NAMED_NATS, NAMED_NATS
 from appliance.storage.black_box import Series
 from appliance.supervision.timeline import Judging
 from drivers.errors import RecordingError
-from drivers.files.atomic_file import check_writable
+from drivers.files.atomic_file import check_replaceable
 from tools.shared.digest import file_sha256
 from tools.shared.found_recordings import found
 from tools.shared.healthy_scanning import Heard, heard_in_sequence, heard_in_series
@@ -53,7 +53,7 @@ def command(recordings: tuple[Path, ...], output: Path, config_path: Path | None
     Exit code 65: a recording is damaged, not healthy, named twice, or all are too short (it says how much is needed).
     78: a file or an option cannot be used.
     """
-    check_writable(output)
+    check_replaceable(output, NOISE_BEGINS.encode())
     config = None if config_path is None else load_config(config_path)
     judging = Judging() if config is None else Judging(config.limits, patience=config.supervisor.patience())
     several, refused = found(recordings)

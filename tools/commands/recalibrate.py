@@ -26,11 +26,11 @@ from appliance.crosswire.scan import CrosswireScan
 from appliance.crosswire.water import RANGE_C, SCANNER_M_S
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
-from appliance.storage.calibration_file import calibration_bytes, is_device_set, write_calibration
+from appliance.storage.calibration_file import TOML_BEGINS, calibration_bytes, is_device_set, write_calibration
 from appliance.storage.reference import candidate_from_content, in_force
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_writable, make_folder
+from drivers.files.atomic_file import check_replaceable, check_writable, make_folder
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import ScanSession
 from tools.recalibration.terminal import run
@@ -337,9 +337,11 @@ def _dated(before: _Reference | None) -> Path:
 
 
 def _check_target(target: Path, force: bool) -> None:
-    check_writable(target)
-    if target.exists() and not force:
+    if force:
+        check_replaceable(target, TOML_BEGINS.encode())
+    elif target.exists():
         raise ConfigurationError("exists already", str(target), "Give --output another name, or --force to replace it")
+    check_writable(target)
 
 
 def _check_size(before: _Reference, scan_input: ScanInput) -> None:

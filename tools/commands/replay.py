@@ -20,9 +20,10 @@ from appliance.storage.calibration_file import read_calibration
 from appliance.supervision.timeline import Judging
 from appliance.types import Calibration, Check
 from drivers.errors import RecordingError
-from drivers.files.atomic_file import check_apart, check_new, check_writable
+from drivers.files.atomic_file import check_apart, check_new, check_replaceable
 from drivers.recordings.replay import Recording, open_recording
 from drivers.twins.faults import CART_FAULTS, Episode, Schedule
+from tools.report.page import PAGE_BEGINS
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
@@ -124,8 +125,7 @@ def command(
     """
     write_report = click.get_current_context().with_resource(text_aside(as_json))
     _refuse_report(recordings)
-    for path in (html_path, pdf_path):
-        check_writable(path)
+    check_replaceable(html_path, PAGE_BEGINS)
     check_apart((html_path, pdf_path, estimate_path), (*recordings, poses, calibration, config_path))
     check_pdf(pdf_path)
     if pdf_path is not None and html_path is None:

@@ -13,7 +13,8 @@ from appliance.configuration.config import Config, load_config
 from appliance.storage.reference_dates import Dates, dates_of
 from appliance.storage.reference_store import History, content_of, read_history
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_writable
+from drivers.files.atomic_file import check_replaceable
+from tools.report.page import PAGE_BEGINS
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.period import PERIODS, Period, Summary, last_period, period, read_self_tests, summary
 from tools.report.period_page import write_period_page
@@ -64,7 +65,7 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
     cart = platform.node() or "cart"
     page = folder / f"{cart}-{wanted.name}{'' if wanted.end <= now else '-so-far'}.html"
     pdf = page.with_suffix(".pdf") if as_pdf else None
-    check_writable(page)
+    check_replaceable(page, PAGE_BEGINS)
     check_pdf(pdf)
     if key is not None:
         _check_key(key)

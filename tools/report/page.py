@@ -10,6 +10,7 @@ import cv2
 from drivers.files.atomic_file import writing
 from drivers.samples import GreyImage
 
+PAGE_BEGINS = b"<!doctype html>"
 _ALLOWED = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """Whatever a file or a device may have put into the text, the page loads and runs nothing."""
 _STYLE = """
@@ -41,7 +42,7 @@ svg rect.wait { fill: var(--wait); } svg rect.warn { fill: var(--warn); } svg re
 def write_page(path: Path, title: str, parts: Iterable[str]) -> None:
     """One HTML file that loads nothing from anywhere. Raises ConfigurationError where it cannot be written."""
     head = (
-        f"<!doctype html><html lang=en><head><meta charset=utf-8><title>{html.escape(title)}</title>"
+        f"{PAGE_BEGINS.decode()}<html lang=en><head><meta charset=utf-8><title>{html.escape(title)}</title>"
         '<meta name=viewport content="width=device-width">'
         f'<meta http-equiv="Content-Security-Policy" content="{_ALLOWED}">'
         f"<style>{_STYLE}</style></head><body><main>"

@@ -7,15 +7,17 @@ import tempfile
 from pathlib import Path
 
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import writing
+from drivers.files.atomic_file import check_replaceable, writing
 
+_PDF_BEGINS = b"%PDF-"
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _PATIENCE_S = 60
 """For a page to be printed: 2 s on a computer with nothing else to do, and many times that on a busy one."""
 
 
 def check_pdf(path: Path | None) -> None:
-    """Raises ConfigurationError where no browser can print it; None is no file."""
+    """Raises ConfigurationError where no browser can print it, or it would replace another thing; None is no file."""
+    check_replaceable(path, _PDF_BEGINS)
     if path is not None and _browser() is None:
         raise ConfigurationError("needs the program chromium", str(path), "Install it: apt install chromium")
 

@@ -9,12 +9,13 @@ from pathlib import Path
 import click
 
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_writable, replacing
+from drivers.files.atomic_file import check_new, check_replaceable, replacing
 from drivers.twins.faults import PICTURE_FAULTS
 from drivers.twins.ndi.tracker import NDI_FAULTS
 from tools.shared.configuration_text import Answers, changed, template
 from tools.simulators.whole_cart import CartSettings, SimulatedDevices
 
+_BEGINS = "# SIMULATED devices of `probewatch simulate cart`"
 _LOOK_S = 0.5
 """Between two looks whether every part still runs; how late an end is told."""
 
@@ -51,7 +52,10 @@ def command(file: Path | None, folder: Path | None, seed: int, unconfigured: boo
     What is configured is simulated: never use it on a real cart. Without --folder everything lies in a temporary folder
     that is removed at the end, the alarm log too.
     """
-    check_writable(file)
+    if unconfigured:
+        check_new(file)
+    else:
+        check_replaceable(file, _BEGINS.encode())
     if unconfigured and file is None:
         raise click.UsageError("--unconfigured writes a file: give --write FILE")
     stop = threading.Event()
@@ -84,7 +88,7 @@ def _made(folder: Path) -> Path:
 
 def _head(cart: SimulatedDevices) -> str:
     return (
-        "# SIMULATED devices of `probewatch simulate cart`, for as long as it runs. Never for a real cart.\n"
+        f"{_BEGINS}, for as long as it runs. Never for a real cart.\n"
         f"# probewatch status --watch --socket {cart.socket}\n"
         '# Faults: write a JSON list such as ["flip-lateral"] into these files; [] ends them.\n'
         f"# {cart.folder}/scanner.json: {', '.join(PICTURE_FAULTS)}\n"

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from appliance.core.parameters import MEASURED
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_writable, writing
+from drivers.files.atomic_file import check_replaceable, writing
+from tools.report.page import PAGE_BEGINS
 from tools.study.session import FPS
 from tools.study.summary import Coverage, Detection, Row, coverages, detections, false_rate_per_hour, healthy_hours
 from tools.study.table import CODE, INSTALL
@@ -38,11 +39,11 @@ svg { max-width: 100%; height: auto; } .note { color: #555; }
 
 
 def check_page(path: Path) -> None:
-    """Raises ConfigurationError where matplotlib is not installed or the file cannot be written."""
+    """Raises ConfigurationError where matplotlib is not installed or the file cannot be written or replaced."""
     if importlib.util.find_spec("matplotlib") is None:
         remedy = INSTALL
         raise ConfigurationError("the page needs the package matplotlib", str(path), remedy)
-    check_writable(path)
+    check_replaceable(path, PAGE_BEGINS)
 
 
 def write_page(path: Path, rows: Sequence[Row]) -> None:
@@ -68,9 +69,9 @@ def write_page(path: Path, rows: Sequence[Row]) -> None:
         ]
     if sick:
         parts += ["<h2>Hazards</h2>", _svg(_hazard_plot(sick)), _hazard_table(sick)]
-    text = f"<!doctype html><html lang=en><meta charset=utf-8><title>probewatch study</title><style>{_STYLE}</style>"
+    head = f"<html lang=en><meta charset=utf-8><title>probewatch study</title><style>{_STYLE}</style>"
     with writing(path) as stream:
-        stream.write((text + "\n".join(parts) + "</html>\n").encode())
+        stream.write(PAGE_BEGINS + (head + "\n".join(parts) + "</html>\n").encode())
 
 
 def _codes(rows: Sequence[Row]) -> str:

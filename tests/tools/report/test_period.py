@@ -246,6 +246,16 @@ def test_a_period_that_is_not_over_says_so_far(cart: Path) -> None:
     assert "so far" not in body(cart, "2026-01")
 
 
+def test_a_report_replaces_a_report_and_nothing_else(cart: Path) -> None:
+    made(cart)
+    (page,) = cart.parent.glob("*-2026-01.html")
+    made(cart)
+    page.write_text("notes")
+    with pytest.raises(ConfigurationError, match="is something else"):
+        made(cart)
+    assert page.read_text() == "notes"
+
+
 def test_a_period_in_the_future_is_refused(cart: Path) -> None:
     ahead = datetime.now(UTC) + timedelta(days=40)
     said = made(cart, of=f"{ahead:%Y-%m-%d}", code=2)
