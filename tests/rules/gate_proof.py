@@ -84,8 +84,8 @@ DEFECTS = (
     Defect(
         "an acknowledged fault stays silent for good",
         _LEDGER,
-        "self.acknowledged = self.acknowledged and self.calibration.active",
-        "self.acknowledged = self.acknowledged or False",
+        "if not self.calibration.active:\n                self._acknowledge_none()",
+        "if False:\n                self._acknowledge_none()",
         (_SUPERVISOR,),
     ),
     Defect(

@@ -2,30 +2,40 @@
 
 import hashlib
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
+from appliance.configuration.config import load_config
 from appliance.core.quality.calibration_difference import Difference, difference
 from appliance.limits import Limits
 from appliance.service.control.client import ControlClient
 from appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
-from appliance.storage.calibration_file import calibration_bytes, is_device_set, read_calibration, write_calibration
+from appliance.storage.calibration_file import (
+    calibration_bytes,
+    is_device_set,
+    provenance_of,
+    read_calibration,
+    write_calibration,
+)
 from appliance.storage.device_set import clip_px, remarks
 from appliance.storage.reference import candidate_from_content, candidate_of_entry
+from appliance.storage.reference_dates import dates_of
 from appliance.storage.reference_store import FOLDER, Entry, History, content_of, read_history, set_aside
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.files.atomic_file import check_new, writing
 from tools.shared.json_report import json_of, json_option
-from tools.shared.named_cart import control_option, folder_option, socket_option
+from tools.shared.named_cart import NAMED, control_option, folder_option, socket_option
 from tools.shared.recovered import recovered
+from tools.shared.sign_off import remarks_on
+from tools.shared.tables import FittingTable
 from tools.shared.verification import accepted, ask, await_verification, recalibrating
 
+_HEADINGS = ("no.", "", "in force since", "origin", "verified", "file", "SHA-256")
 _YES = click.option("--yes", is_flag=True, help="accept the difference that is stated, without being asked")
 # Time to take up the probe and sweep; the service itself needs up to 10 s of motion
 # (tests/appliance/core/test_line.py).
@@ -59,13 +69,9 @@ def list_references(folder: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json_of(history.model_dump(mode="json")))
         return
-    table = Table(
-        "", "", "in force since, UTC", "origin", "verified", "file", "SHA-256", box=SIMPLE_HEAD, pad_edge=False
-    )
-    for entry in history.entries:
-        mark = "▶" if entry is history.in_force else ""
-        table.add_row(mark, str(entry.number), *_cells(entry))
-    Console(file=sys.stdout, highlight=False).print(table)
+    present = history.in_force
+    rows = [(str(entry.number), "▶" if entry is present else "", *_cells(entry)) for entry in history.entries]
+    Console(file=sys.stdout, highlight=False).print(FittingTable(_HEADINGS, rows), crop=False)
 
 
 @command.command(short_help="what is known of one reference")
@@ -73,7 +79,9 @@ def list_references(folder: Path, as_json: bool) -> None:
 @folder_option
 @click.option("--content", is_flag=True, help="print the calibration file itself, as it was taken")
 def show(number: int | None, folder: Path, content: bool) -> None:
-    """Everything that is known of reference NUMBER, or of the one in force."""
+    """Everything that is known of reference NUMBER, or of the one in force: also who made and signed it, and until when
+    it holds. What is missing, a placeholder, or a date that cannot be, is told in lines that begin with "!".
+    """
     history = _history(folder)
     entry = history.entry(len(history.entries) if number is None else number)
     if content:
@@ -81,10 +89,34 @@ def show(number: int | None, folder: Path, content: bool) -> None:
         return
     for name, text in _told(entry, entry is history.in_force):
         click.echo(f"{name:<14}{text}")
+    _show_paperwork(folder, entry)
     calibration = candidate_of_entry(folder, entry).calibration
     click.echo(f"{'scales':<14}{_numbers(calibration.scale_mm_per_px, 5)} mm/px (lateral, axial)")
     click.echo(f"{'offset':<14}{_numbers(calibration.offset_mm, 2)} mm (lateral, axial, elevational)")
     click.echo(f"{'polarity':<14}{_numbers(calibration.polarity, 0)} (lateral, axial)")
+
+
+def _show_paperwork(folder: Path, entry: Entry) -> None:
+    content = content_of(folder, entry)
+    stated, dates, now = provenance_of(content), dates_of(entry, content, _due_days()), datetime.now(UTC)
+    role, at = stated.get("signed_role", ""), stated.get("signed_at", "")
+    signer = ", ".join(part for part in (stated.get("signed_by", ""), role, at and f"{_when(at)} UTC") if part)
+    ends = [(f"{day:%Y-%m-%d %H:%M} UTC" if day else "no date is set") for day in (dates.due, dates.expires)]
+    for name, text in (
+        ("made by", stated.get("made_by") or "not stated"),
+        ("signed by", signer or "nobody"),
+        ("next check", ends[0]),
+        ("expires", ends[1]),
+    ):
+        click.echo(f"{name:<14}{text}")
+    for remark in (*remarks_on(stated, now), *filter(None, [dates.overdue(now)])):
+        click.secho(f"{'!':<14}{remark}", fg="yellow")
+
+
+def _due_days() -> int | None:
+    """Of the cart's configuration, where one is named."""
+    named = click.get_current_context().meta.get(NAMED)
+    return None if named is None else load_config(named).calibration.due_days
 
 
 @command.command(short_help="how two references or files differ")

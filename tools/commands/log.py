@@ -2,7 +2,6 @@
 
 import csv
 import io
-import json
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime
@@ -143,7 +142,60 @@ def _estimate(data: Mapping[str, Any]) -> str:
 
 
 def _all_of_it(data: Mapping[str, Any]) -> str:
-    return json.dumps(data, ensure_ascii=False) if any(data.values()) else ""
+    """Name and value of each; what says nothing is left out."""
+    return ", ".join(f"{name.replace('_', ' ')} {_words(value)}" for name, value in data.items() if _says(value))
+
+
+def _says(value: object) -> bool:
+    return value is not None and value not in ("", [], {})
+
+
+def _words(value: object) -> str:
+    if isinstance(value, Mapping):
+        return f"({_all_of_it(value)})"
+    if isinstance(value, list):
+        return ", ".join(map(_words, value))
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
+
+
+def _begun(data: Mapping[str, Any]) -> str:
+    found = data.get("found") or []
+    return f"because of {'; '.join(map(str, found))}" if found else "of a new log"
+
+
+def _reloaded(data: Mapping[str, Any]) -> str:
+    noise = data.get("noise")
+    learned = f" · threshold of a name by {noise.get('file')}" if isinstance(noise, Mapping) else ""
+    return f"{data.get('file')}, SHA-256 {str(data.get('sha256'))[:12]}{learned}"
+
+
+def _overdue(data: Mapping[str, Any]) -> str:
+    return f"overdue: {data['overdue']}" if data.get("overdue") else "not overdue any more"
+
+
+def _overloaded(data: Mapping[str, Any]) -> str:
+    parts = [
+        f"{100 * data['pressure']:.0f} % of the last second waiting for a processor" if data.get("pressure") else "",
+        f"{100 * data['late']:.0f} % of its ticks late" if data.get("late") else "",
+        f"{data['waiting_frames']} pictures waiting" if data.get("waiting_frames") else "",
+    ]
+    return ", ".join(part for part in parts if part)
+
+
+def _overload_ended(data: Mapping[str, Any]) -> str:
+    repeated = data.get("repeated")
+    changes = [f"{change} {times} times" for change, times in repeated.items()] if isinstance(repeated, Mapping) else []
+    parts = [
+        f"after {data.get('for_s')} s",
+        f"{data['device_losses']} losses of devices meanwhile" if data.get("device_losses") else "",
+        f"without an entry each: {', '.join(changes)}" if changes else "",
+    ]
+    return ", ".join(part for part in parts if part)
+
+
+def _stepped(data: Mapping[str, Any]) -> str:
+    by_s = data.get("by_s")
+    return f"stepped by {by_s:+g} s" if isinstance(by_s, int | float) else _all_of_it(data)
 
 
 def _started(data: Mapping[str, Any]) -> str:
@@ -174,6 +226,13 @@ _TEXTS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     Event.STARTED: _started,
     Event.REFERENCE: lambda data: _reference(data.get("reference")),
     Event.ESTIMATE: _estimate,
+    Event.CHAIN_BEGUN: _begun,
+    Event.RELOADED: _reloaded,
+    Event.GIVEN_UP: lambda data: str(data.get("why")),
+    Event.OVERDUE: _overdue,
+    Event.OVERLOADED: _overloaded,
+    Event.OVERLOAD_ENDED: _overload_ended,
+    Event.WALL_CLOCK: _stepped,
     Event.PROPOSAL: lambda data: str(data.get("text")),
     Event.UNDECIDED: lambda data: str(data.get("text")),
 }

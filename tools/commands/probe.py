@@ -204,7 +204,7 @@ def _time_rows(quality: TimeQuality) -> list[Row]:
     jitter = "not to be told" if math.isnan(quality.jitter_ms) else f"{quality.jitter_ms:.2f} ms"
     return [
         ("rate", f"{quality.rate_hz:.2f} per second, the device counts {quality.step} for each"),
-        ("error of the time", f"± {quality.bound_ms:.2f} ms, at worst ± {quality.worst_bound_ms:.2f} ms"),
+        ("error of the time", f"median ± {quality.bound_ms:.2f} ms, at worst ± {quality.worst_bound_ms:.2f} ms"),
         ("jitter of the time", jitter),
         ("delay", f"{quality.delay_ms:.1f} ms from measurement to arrival, at worst {quality.worst_delay_ms:.1f} ms"),
         ("gaps", f"{quality.gaps}, {quality.lost} samples lost in them; longest step {quality.longest_ms:.0f} ms"),
@@ -222,7 +222,8 @@ def complaints(measured: Measured) -> Iterator[str]:
         yield f"the marker fit is poor ({np.median(fits_mm):.2g}). Clean the markers and compare body and definition"
     quality = time_quality(measured.samples, measured.arrivals_ns)
     if quality is not None and quality.bound_ms > _LOOSE_BOUND_MS:
-        yield f"the time is known only to ± {quality.bound_ms:.0f} ms. Measure longer, or look for what delays the line"
+        known = f"the time is known only to ± {quality.bound_ms:.0f} ms in the median"
+        yield f"{known}. Measure longer, or look for what delays the line"
     if quality is not None and quality.lost > _MANY_LOST * quality.samples:
         yield f"{quality.lost} samples were lost. Look for a slow line, or a busy host"
 

@@ -2,7 +2,9 @@
 
 import signal
 import threading
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -48,6 +50,38 @@ def command(action: str | None, config_file: Path, reason: str) -> None:
 
 
 def _print(fields: dict[str, object]) -> None:
-    for name, value in fields.items():
-        if name != "ok":
-            click.echo(f"{name.replace('_', ' ')}: {value}")
+    for name, said in told(fields):
+        click.echo(f"{name:<14}{said}")
+
+
+def told(fields: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What a recorder answers, as a person reads it; nothing of an answer without such fields."""
+    if "session" not in fields:
+        return []
+    state = (
+        f"NOT recording: {fields['failing']}"
+        if fields["failing"]
+        else "recording"
+        if fields["recording"]
+        else "waits for the service"
+    )
+    evicted = f", {fields['evicted_files']} older files gone" if fields["evicted_files"] else ""
+    withheld = f"{fields['withheld_pictures']} pictures" if fields["withheld_pictures"] else "nothing"
+    return [
+        ("recorder", state),
+        ("this stretch", "marked: it is kept" if fields["marked"] else "not marked"),
+        ("ring", f"{_size(fields['ring_bytes'])} in {_files(fields['ring_files'])}{evicted}"),
+        ("kept", f"{_size(fields['kept_bytes'])} in {_files(fields['kept_files'])}"),
+        ("disk", f"{_size(fields['free_bytes'])} free"),
+        ("lost", f"{fields['lost_samples']} samples" if fields["lost_samples"] else "nothing"),
+        ("withheld", withheld),
+        ("session", str(fields["session"])),
+    ]
+
+
+def _size(number: float) -> str:
+    return f"{number / 1e9:.1f} GB" if number >= 1e9 else f"{number / 1e6:.1f} MB"
+
+
+def _files(number: int) -> str:
+    return f"{number} file{'' if number == 1 else 's'}"

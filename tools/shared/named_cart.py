@@ -15,7 +15,8 @@ from drivers.files.regular_file import read_bounded
 CONFIG = Path("/etc/probewatch/probewatch.toml")
 _SOCKET, _LOG = Path("/run/probewatch/control"), Path("/var/lib/probewatch")
 ENVIRONMENT = "PROBEWATCH_CONFIG"
-_NAMED = "probewatch.named_cart"
+NAMED = "probewatch.named_cart"
+"""Key of the context's meta under which the named configuration lies, None where none was named."""
 _MOST_BYTES = 1_000_000
 """Of a configuration, which has some kB."""
 
@@ -82,17 +83,17 @@ def _config(expose: bool, default: Path | None = None) -> Callable[[_Command], _
 
 
 def _remember(context: click.Context, _: click.Parameter, value: Path | None) -> Path | None:
-    context.meta[_NAMED] = value
+    context.meta[NAMED] = value
     return value
 
 
 def _file(context: click.Context, _: click.Parameter, value: Path | None) -> Path:
-    return value or context.meta.get(_NAMED) or CONFIG
+    return value or context.meta.get(NAMED) or CONFIG
 
 
 def _derived(section: str, key: str, usual: Path) -> Callable[[click.Context, click.Parameter, Path | None], Path]:
     def derive(context: click.Context, _: click.Parameter, value: Path | None) -> Path:
-        return value or _said(context.meta.get(_NAMED), section, key) or usual
+        return value or _said(context.meta.get(NAMED), section, key) or usual
 
     return derive
 

@@ -3,6 +3,7 @@
 import getpass
 import json
 import os
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from importlib.metadata import version
@@ -12,6 +13,10 @@ import numpy as np
 from appliance.crosswire.running import Running
 from appliance.types import PARAMETERS
 from drivers.errors import ConfigurationError
+
+_STROKES = " .-_?<>[]()"
+_PLACEHOLDERS = ("", "name", "your name", "role", "todo", "tbd", "fixme", "x", "xxx", "n/a", "none", "unknown", "test")
+"""What stands in a form until somebody fills it in, in small letters and without the strokes around it."""
 
 
 def user() -> str:
@@ -62,6 +67,34 @@ class SignOff:
             "expires": "" if self.expires is None else self.expires.isoformat(),
         }
         return {name: text for name, text in said.items() if text}
+
+
+def remarks_on(stated: Mapping[str, str], now: datetime) -> Iterator[str]:
+    """What a reader of this provenance must not take for granted: nobody, a placeholder, a day that cannot be."""
+    for key, what in (("made_by", "who made it"), ("signed_by", "who signed it"), ("signed_role", "the signer's role")):
+        if _name(stated.get(key, "")).strip(_STROKES) in _PLACEHOLDERS and key in stated:
+            yield f"{what} is {stated[key]!r}: that is a placeholder, no person"
+    if not stated.get("signed_by"):
+        yield "nobody has signed it"
+    elif _name(stated["signed_by"]) == _name(stated.get("made_by", "")):
+        yield "it is signed by who made it, not by a second person"
+    made, signed = (_moment(stated.get(key)) for key in ("when", "signed_at"))
+    for moment, what in ((made, "made"), (signed, "signed")):
+        if moment is not None and moment > now:
+            yield f"it says that it was {what} on {moment:%Y-%m-%d %H:%M} UTC, which lies in the future"
+    if made is not None and signed is not None and signed.date() < made.date():
+        yield f"it was signed on {signed:%Y-%m-%d}, before it was made on {made:%Y-%m-%d}"
+    for key in ("when", "signed_at"):
+        if key in stated and _moment(stated[key]) is None:
+            yield f"its {key!r} is {stated[key]!r}, no time such as 2026-05-01T08:00:00+00:00"
+
+
+def _moment(text: str | None) -> datetime | None:
+    try:
+        moment = datetime.fromisoformat(text or "")
+    except ValueError:
+        return None
+    return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
 
 
 def _name(text: str) -> str:

@@ -105,7 +105,9 @@ class References(threading.Thread):
         if not self.on_disk:
             return f"it is not on the disk yet{'' if self._error is None else f' ({self._error})'}"
         if self.current.entry.verified_utc is None and self._missing and not self._expired:
-            return f"it is far from the one before, and of it is not shown yet: {', '.join(self._missing)}"
+            missing = ", ".join(self._missing)
+            new = "far from the one before" if self.current.entry.number > 1 else "the first calibration"
+            return f"it is {new}, and of it is not shown yet: {missing}"
         return self._expired or None
 
     @property

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -17,13 +18,14 @@ from appliance.core.parameters import QUANTITIES, class_of
 from appliance.core.quality.calibration_difference import difference
 from appliance.core.quality.proposal import proposal_fields, propose
 from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.calibration_file import image_to_probe, parse_calibration, read_calibration
-from appliance.storage.reference_store import HISTORY
+from appliance.storage.calibration_file import image_to_probe, parse_calibration, read_calibration, write_calibration
+from appliance.storage.reference_store import FOLDER, HISTORY, Entry, History, sha256_of, write_history
 from appliance.types import Calibration, Check, VerdictKind
 from drivers.rigid import rotation_from_vector
 from tests.support.answering import Answering
 from tests.support.answers import answered
 from tests.support.stores import PLUS, configuration, kept, log, place, settled, started, written
+from tools.commands.calibration import list_references
 from tools.shared.status_view import _origin
 
 pytestmark = pytest.mark.usefixtures("log")
@@ -61,7 +63,7 @@ def said(monkeypatch, config):
 def test_the_list_marks_what_is_in_force(said, config):
     code, out, _ = said("list")
     rows = [line.split() for line in out.splitlines() if "toml" in line]
-    assert (code, [row[0] for row in rows]) == (0, ["1", "▶"])
+    assert (code, rows[0][0], rows[1][:2]) == (0, "1", ["2", "▶"])
     assert "configuration" in rows[0]
     assert rows[1][-2:] == ["new.toml", kept(config).in_force.sha256[:12]]
     assert "no" in rows[1], "not verified yet"
@@ -76,6 +78,70 @@ def test_one_is_shown_with_its_origin_and_its_content_can_be_had_again(said, tmp
         assert part in out
     content = (tmp_path / "probe.toml").read_text()
     assert said("show", 1, "--content")[1] == content
+
+
+def test_who_signed_it_and_when_it_is_due_are_shown(said, config):
+    def shown(**stated: str) -> str:
+        file = config.alarm.folder.parent / "signed.toml"
+        calibration = read_calibration(config.alarm.folder.parent / "probe.toml")
+        write_calibration(file, calibration, stated)
+        (config.alarm.folder / FOLDER / HISTORY).unlink()
+        entry = kept_entry(file)
+        write_history(config.alarm.folder, History(entries=(entry,)), {entry.sha256: file.read_bytes()})
+        code, out, _ = said("show")
+        assert code == 0
+        return re.sub(" +", " ", out)
+
+    good = {
+        "made_by": "Anna Berg",
+        "signed_by": "Otto Weiss",
+        "signed_role": "physicist",
+        "when": "2026-01-01T08:00:00Z",
+    }
+    told = shown(**good, signed_at="2026-01-02T08:00:00+00:00", due="2199-05-01", expires="2199-06-01")
+    for line in (
+        "made by Anna Berg",
+        "signed by Otto Weiss, physicist, 2026-01-02 08:00:00 UTC",
+        "next check 2199-05-02 00:00 UTC",
+        "expires 2199-06-02 00:00 UTC",
+    ):
+        assert line in told, line
+    assert "!" not in told
+    bare = shown()
+    for line in ("made by not stated", "signed by nobody", "next check no date is set", "! nobody has signed it"):
+        assert line in bare, line
+    for stated, remark in (
+        ({**good, "signed_by": "Name"}, "who signed it is 'Name': that is a placeholder"),
+        ({**good, "made_by": "<TODO>"}, "who made it is '<TODO>': that is a placeholder"),
+        ({**good, "signed_role": "..."}, "the signer's role is '...': that is a placeholder"),
+        ({**good, "signed_by": "anna  berg"}, "signed by who made it"),
+        ({**good, "signed_at": "2199-01-01T08:00:00Z"}, "signed on 2199-01-01 08:00 UTC, which lies in the future"),
+        ({**good, "signed_at": "2025-01-01T08:00:00Z"}, "signed on 2025-01-01, before it was made on 2026-01-01"),
+        ({**good, "signed_at": "yesterday"}, "'yesterday', no time"),
+        ({**good, "due": "2026-02-01"}, "it is due since 2026-02-02"),
+        ({**good, "due": "soon"}, "'due' is 'soon', no day"),
+    ):
+        assert "! " in (told := shown(**stated)), stated
+        assert remark in told, remark
+
+
+def kept_entry(file: Path) -> Entry:
+    made_of = {"file": str(file), "sha256": sha256_of(file.read_bytes()), "image_size_px": (640, 480)}
+    utc = "2026-01-03T08:00:00+00:00"
+    return Entry(number=1, origin="configuration", utc=utc, software="1", probe="Probe", simulated=False, **made_of)
+
+
+@pytest.mark.parametrize("columns", [60, 80, 120])
+def test_the_list_fits_the_terminal(config, columns: int) -> None:
+    """File and SHA-256 were torn into columns of a few letters."""
+    out = io.StringIO()
+    console = Console(file=out, width=columns, force_terminal=True, color_system=None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tools.commands.calibration.Console", lambda **_: console)
+        list_references.main(["--folder", str(config.alarm.folder)], standalone_mode=False)
+    assert max(map(len, out.getvalue().splitlines())) <= columns
+    assert kept(config).in_force.sha256[:12] in out.getvalue()
+    assert "new.toml" in out.getvalue()
 
 
 def test_two_are_compared_by_number_or_file(said, tmp_path):

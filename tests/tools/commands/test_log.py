@@ -206,3 +206,33 @@ def test_a_reading_beside_the_service_finds_no_damage(tmp_path: Path, monkeypatc
     monkeypatch.setattr(alarm_chain, "_read_memory", beside)
     result = asked(tmp_path, "--verify")
     assert (result.exit_code, result.stderr) == (0, "3 entries, the chain is whole\n")
+
+
+WRITTEN = {
+    Event.CHAIN_BEGUN: ({"found": ["alarms-1.jsonl line 2: it was changed"], "after": "0" * 64}, "because of alarms-1"),
+    Event.STOPPED: ({}, "stopped: "),
+    Event.RELOADED: ({"file": "/etc/p.toml", "sha256": "ab" * 32, "noise": None}, "/etc/p.toml, SHA-256 abababababab"),
+    Event.GIVEN_UP: ({"who": "anna", "why": "given up for anna, gone"}, "given up for anna, gone"),
+    Event.OVERDUE: ({"overdue": None}, "not overdue any more"),
+    Event.OVERLOADED: (
+        {"pressure": 0.62, "late": 0.1, "waiting_frames": 3, "overloaded_s": 0.0},
+        "62 % of the last second waiting for a processor, 10 % of its ticks late, 3 pictures waiting",
+    ),
+    Event.OVERLOAD_ENDED: (
+        {"for_s": 7.5, "device_losses": 2, "repeated": {"warning (video-lost)": 3}, "state": "warning", "fault": None},
+        "after 7.5 s, 2 losses of devices meanwhile, without an entry each: warning (video-lost) 3 times",
+    ),
+    Event.WALL_CLOCK: ({"by_s": -3600.0}, "stepped by -3600 s"),
+    "of another version": ({"cause": {"a": [1, 2]}, "seen": True, "none": None}, "cause (a 1, 2), seen yes"),
+}
+
+
+@pytest.mark.parametrize("event", WRITTEN, ids=str)
+def test_every_kind_of_entry_is_told_in_words(event: str, tmp_path: Path) -> None:
+    """Braces, quotes and null are for programs: --csv and the file itself."""
+    data, words = WRITTEN[event]
+    AlarmLog(tmp_path).append(NOON, 1, event, data, None)
+    line = asked(tmp_path, "--last", "1").stdout
+    assert words in line
+    assert not set('{}"[]') & set(line), line
+    assert "null" not in line

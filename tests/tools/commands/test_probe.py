@@ -47,6 +47,7 @@ def test_a_tracker_that_works(tmp_path: Path) -> None:
     assert told["firmware"].strip() == "Version 1.0 (simulated)"
     assert told["tools"].strip() == "rigid body 1; rigid body 2 (reference)"
     assert told["marker fit"].split()[1] == "0.21,"
+    assert told["error of the time"].strip().startswith("median ± "), "which of both figures is the one to be compared"
     assert {"rate", "error of the time", "jitter of the time", "delay", "gaps"} <= set(told)
 
 

@@ -27,7 +27,7 @@ def test_its_figures_are_those_of_the_shipped_configuration() -> None:
         f"{limits.rotation_deg:g}° in rotation, {limits.scale_percent:g} % in scale, {limits.offset_mm:g} mm in offset",
         f"{limits.latency_ms:g} ms in latency",
         f"{100 * _MANY_LOST:g} % lost at most",
-        f"± {_LOOSE_BOUND_MS:g} ms at most",
+        f"± {_LOOSE_BOUND_MS:g} ms at most in the median",
         f"marker fit {_POOR_FIT_MM:g} mm at most",
     ):
         assert said in SHEET, said

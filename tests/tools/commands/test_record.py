@@ -1,0 +1,61 @@
+"""`probewatch record status`: what a recorder answers, in words."""
+
+from typing import Any
+
+import pytest
+
+from tools.commands.record import told
+
+ANSWER: dict[str, Any] = {
+    "ok": True,
+    "session": "20260105T080000Z",
+    "recording": True,
+    "failing": None,
+    "marked": False,
+    "ring_bytes": 12_400_000,
+    "kept_bytes": 0,
+    "ring_files": 1,
+    "kept_files": 0,
+    "evicted_files": 0,
+    "free_bytes": 41_200_000_000,
+    "lost_samples": 0,
+    "withheld_pictures": 0,
+}
+
+
+def test_what_a_recorder_that_is_well_says() -> None:
+    assert told(ANSWER) == [
+        ("recorder", "recording"),
+        ("this stretch", "not marked"),
+        ("ring", "12.4 MB in 1 file"),
+        ("kept", "0.0 MB in 0 files"),
+        ("disk", "41.2 GB free"),
+        ("lost", "nothing"),
+        ("withheld", "nothing"),
+        ("session", "20260105T080000Z"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changed", "row"),
+    [
+        ({"recording": False}, ("recorder", "waits for the service")),
+        ({"recording": False, "failing": "No space left"}, ("recorder", "NOT recording: No space left")),
+        ({"marked": True}, ("this stretch", "marked: it is kept")),
+        ({"ring_files": 7, "evicted_files": 3}, ("ring", "12.4 MB in 7 files, 3 older files gone")),
+        ({"lost_samples": 12}, ("lost", "12 samples")),
+        ({"withheld_pictures": 4}, ("withheld", "4 pictures")),
+    ],
+)
+def test_what_is_not_as_it_should_be_is_said(changed: dict[str, Any], row: tuple[str, str]) -> None:
+    assert row in told({**ANSWER, **changed})
+
+
+def test_every_field_of_a_recorder_is_told() -> None:
+    """One that is added there is not left out here."""
+    for name, value in ANSWER.items():
+        if name != "ok":
+            other = (
+                "other" if isinstance(value, str) or value is None else not value if isinstance(value, bool) else 7e9
+            )
+            assert told({**ANSWER, name: other}) != told(ANSWER), name
