@@ -58,13 +58,9 @@ def told(fields: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What a recorder answers, as a person reads it; nothing of an answer without such fields."""
     if "session" not in fields:
         return []
-    state = (
-        f"NOT recording: {fields['failing']}"
-        if fields["failing"]
-        else "recording"
-        if fields["recording"]
-        else "waits for the service"
-    )
+    state = "recording" if fields["recording"] else "waits for the service"
+    if fields["failing"]:
+        state = f"NOT recording: {fields['failing']}"
     evicted = f", {fields['evicted_files']} older files gone" if fields["evicted_files"] else ""
     withheld = f"{fields['withheld_pictures']} pictures" if fields["withheld_pictures"] else "nothing"
     return [

@@ -16,8 +16,9 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_replaceable
 from tools.report.page import PAGE_BEGINS
 from tools.report.pdf import check_pdf, write_pdf
-from tools.report.period import PERIODS, Period, Summary, last_period, period, read_self_tests, summary
+from tools.report.period import PERIODS, Period, Summary, last_period, period, summary
 from tools.report.period_page import write_period_page
+from tools.selftest.records import read_self_tests
 from tools.shared.alarm_history import settled_log
 from tools.shared.named_cart import cart_option
 
@@ -70,12 +71,12 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
     if key is not None:
         _check_key(key)
     reading = settled_log(config.alarm.folder)
-    tests, damaged = read_self_tests(config.alarm.folder / _SELF_TESTS)
+    tests = read_self_tests(config.alarm.folder / _SELF_TESTS)
     history = read_history(config.alarm.folder)
-    found = summary(wanted, reading, tests, now, () if history is None else history.entries)
+    found = summary(wanted, reading, tests.kept, now, () if history is None else history.entries)
     chosen = _chosen(wanted, found, day is None)
     click.echo(chosen)
-    write_period_page(page, cart, found, _dates(config, history), damaged, chosen)
+    write_period_page(page, cart, found, _dates(config, history), tests.faults, chosen)
     if pdf is not None:
         write_pdf(page, pdf)
     for file in (page, *([] if pdf is None else [pdf])):

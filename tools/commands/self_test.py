@@ -22,6 +22,7 @@ from drivers.printable import printable
 from tools.selftest import items
 from tools.selftest.items import Item
 from tools.selftest.measured import Measured, measured
+from tools.selftest.records import sealed
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.named_cart import config_option, control_option
 from tools.shared.terminal import progress_bar
@@ -154,7 +155,7 @@ def _kept(folder: Path, found: list[Item], status: dict[str, Any], operator: str
     try:
         make_folder(folder, 0o770)
         with replacing(file) as stream:
-            stream.write(json.dumps(record, ensure_ascii=False, indent=1).encode() + b"\n")
+            stream.write(json.dumps(sealed(record, folder), ensure_ascii=False, indent=1).encode() + b"\n")
         file.chmod(0o640)
     except (OSError, ProbewatchError) as error:
         return Item("kept", False, f"{folder}: {error}", "Name a --folder that you may write to, or be in its group")

@@ -1,18 +1,15 @@
 """What happened on a cart in a day, week or month, by its alarm log, its references and its self-tests."""
 
-import json
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any
 
 from appliance.storage.alarm_chain import Entry, Event, Reading
 from appliance.storage.reference_store import Entry as Reference
 from appliance.supervision.alarms import SIGNALS, Priority
 from appliance.types import State
-from drivers.files.regular_file import read_bounded
 
 PERIODS = ("day", "week", "month")
 Shares = defaultdict[str, float]
@@ -20,8 +17,6 @@ Shares = defaultdict[str, float]
 OFF = "off"
 """In place of a state while the service did not run."""
 _ALARMS = {state.value for state, signal in SIGNALS.items() if signal.priority in (Priority.HIGH, Priority.MEDIUM)}
-_MOST_BYTES = 1_000_000
-"""Of the record of a self-test, which has some kB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,19 +171,6 @@ def _within(alarm: Alarm, start: datetime, end: datetime) -> bool:
     """Also one that had begun before."""
     ends = alarm.begun + timedelta(seconds=alarm.lasted_s)
     return alarm.begun < end and (alarm.begun >= start or ends > start)
-
-
-def read_self_tests(folder: Path) -> tuple[list[dict[str, Any]], int]:
-    """(those that were kept, oldest first; how many files are none)."""
-    kept, damaged = [], 0
-    for file in sorted(folder.glob("*.json")):
-        try:
-            record = json.loads(read_bounded(file, _MOST_BYTES))
-            datetime.fromisoformat(str(record["utc"])).astimezone(UTC)
-            kept.append({**record, "items": [dict(item) for item in record["items"]]})
-        except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError):
-            damaged += 1
-    return sorted(kept, key=lambda record: str(record["utc"])), damaged
 
 
 _Spell = tuple[datetime, datetime, Entry | None]

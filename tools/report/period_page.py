@@ -1,5 +1,6 @@
 """The page of a period."""
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
@@ -30,9 +31,10 @@ _STACK = (
 
 
 def write_period_page(
-    path: Path, cart: str, found: Summary, dates: Dates | None, damaged_tests: int, chosen: str
+    path: Path, cart: str, found: Summary, dates: Dates | None, test_faults: Sequence[str], chosen: str
 ) -> None:
-    """dates: of the calibration in force, None without one. chosen: which period it is of, and why.
+    """dates: of the calibration in force, None without one. test_faults: of the records of
+    self-tests. chosen: which period it is of, and why.
 
     Raises ConfigurationError where it cannot be written.
     """
@@ -40,7 +42,7 @@ def write_period_page(
     parts = [
         "<h1>probewatch report</h1>",
         text(("SIMULATED · " if found.simulated else "") + title, "verdict"),
-        *_warnings(found, dates, damaged_tests),
+        *_warnings(found, dates, test_faults),
         text(
             f"{chosen}. From {_minute(found.period.start)} until {_minute(found.until)} UTC, by the alarm log of this "
             f"cart; made {_minute(found.made)} UTC. probewatch is not a certified medical device.",
@@ -49,7 +51,7 @@ def write_period_page(
         section("Verification", _verification(found)),
         section("Alarms", _alarms(found)),
         section("Calibrations", _references(found, dates)),
-        section("Self-tests", _self_tests(found, damaged_tests)),
+        section("Self-tests", _self_tests(found)),
         section("Software", _software(found)),
         section("The log itself", _log(found)),
         section("Read by", text("Name ____________________  Date ____________  Signature ____________________")),
@@ -57,20 +59,18 @@ def write_period_page(
     write_page(path, f"probewatch: {title}", parts)
 
 
-def _warnings(found: Summary, dates: Dates | None, damaged_tests: int) -> list[str]:
+def _warnings(found: Summary, dates: Dates | None, test_faults: Sequence[str]) -> list[str]:
     """What a reader must know before the figures: they stand above them."""
     told = []
     if found.damages:
-        more = len(found.damages) - _MOST_DAMAGES
-        rest = f"; and {more} more: probewatch log --verify" if more > 0 else ""
         what = "The alarm log is DAMAGED: entries are missing, were changed or put in; what follows may be false"
-        told.append(text(f"{what}. {'; '.join(found.damages[:_MOST_DAMAGES])}{rest}", "bad"))
+        told.append(text(f"{what}. {_first(found.damages)}. See: probewatch log --verify.", "bad"))
     if found.chains:
         told.append(text(f"The chain of the alarm log was begun again {_times(found.chains)} in this period.", "bad"))
     if overdue := "" if dates is None else dates.overdue(found.made):
         told.append(text(f"The check of the calibration in force is OVERDUE: {overdue}.", "bad"))
-    if damaged_tests:
-        told.append(text(f"{_counted(damaged_tests, 'record')} of self-tests cannot be read.", "bad"))
+    if test_faults:
+        told.append(text(f"Records of self-tests are not as they were kept: {_first(test_faults)}.", "bad"))
     if found.so_far:
         told.append(text(f"The {found.period.kind} is not over: this is what happened so far.", "warn"))
     return told
@@ -80,8 +80,9 @@ def _times(number: int) -> str:
     return "once" if number == 1 else f"{number} times"
 
 
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
+def _first(faults: Sequence[str]) -> str:
+    more = len(faults) - _MOST_DAMAGES
+    return "; ".join(faults[:_MOST_DAMAGES]) + (f"; and {more} more" if more > 0 else "")
 
 
 def _minute(at: datetime) -> str:
@@ -210,16 +211,15 @@ def _in_force(one: InForce) -> tuple[str, ...]:
     return str(reference.number), since, until, shown, reference.origin, Path(reference.file).name, sha256
 
 
-def _self_tests(found: Summary, damaged: int) -> str:
-    note = text(f"{_counted(damaged, 'record')} of self-tests cannot be read.", "bad") if damaged else ""
+def _self_tests(found: Summary) -> str:
     if not found.self_tests:
-        return text("None.", "bad") + note
+        return text("None.", "bad")
     rows = []
     for test in found.self_tests:
         red = [str(item.get("name")) for item in test["items"] if not item.get("green")]
         passed = "+passed" if test.get("passed") else "!failed"
         rows.append((_utc_minute(str(test["utc"])), passed, str(test.get("operator") or "–"), ", ".join(red) or "–"))
-    return table(("UTC", "result", "by", "red"), rows) + note
+    return table(("UTC", "result", "by", "red"), rows)
 
 
 def _software(found: Summary) -> str:

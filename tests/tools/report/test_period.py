@@ -1,7 +1,6 @@
 """The report of a period counts what the alarm log says, and its signature holds."""
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -17,7 +16,7 @@ from appliance.storage.reference_store import Entry, History, sha256_of, write_h
 from drivers.errors import ConfigurationError
 from tests.appliance.configuration.test_config import GOOD
 from tools.commands.report import command
-from tools.report.period import last_period, period, read_self_tests, summary
+from tools.report.period import last_period, period, summary
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 NOW = datetime(2026, 3, 1, tzinfo=UTC)
@@ -312,20 +311,6 @@ def test_a_key_that_cannot_sign_is_told(cart: Path) -> None:
     (cart.parent / "key").write_text("no key")
     with pytest.raises(ConfigurationError, match="cannot sign"):
         made(cart, "--sign", str(cart.parent / "key"))
-
-
-def test_self_tests_that_are_none_are_counted(cart: Path) -> None:
-    kept, damaged = read_self_tests(cart.parent / "alarms" / "self-tests")
-    assert (len(kept), damaged) == (2, 1)
-
-
-def test_what_somebody_else_put_beside_the_self_tests_is_counted_and_not_waited_for(tmp_path: Path) -> None:
-    """Whoever is in the group may write there."""
-    os.mkfifo(tmp_path / "pipe.json")
-    (tmp_path / "endless.json").symlink_to("/dev/zero")
-    (tmp_path / "deep.json").write_text("[" * 100_000)
-    (tmp_path / "early.json").write_text('{"utc": "0001-01-01T00:00:00+23:00", "items": []}')
-    assert read_self_tests(tmp_path) == ([], 4)
 
 
 @pytest.mark.thorough

@@ -1,0 +1,72 @@
+"""The records of self-tests as they are kept: one JSON file each, chained, so that one that was edited shows.
+
+Each carries the SHA-256 of its own content, which includes that of the record before it, as the entries of the alarm
+log do (appliance.storage.alarm_chain). It shows accidents and careless hands: whoever may write to the folder and knows
+this can make a new chain, and the newest record can be taken out unnoticed, as nothing follows it.
+"""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from appliance.storage.alarm_chain import GENESIS, digest_of
+from drivers.files.regular_file import read_bounded
+
+_MOST_BYTES = 1_000_000
+"""Of the record of a self-test, which has some kB."""
+
+
+@dataclass(frozen=True)
+class Records:
+    """kept: those that can be read, oldest first. faults: what is wrong with the folder, in words."""
+
+    kept: list[dict[str, Any]]
+    faults: list[str]
+
+
+def sealed(record: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """The record with its place in the chain of the folder, which need not exist yet."""
+    kept = read_self_tests(folder).kept
+    followed = {one.get("previous") for one in kept}
+    ends = [str(one["digest"]) for one in kept if "digest" in one and one["digest"] not in followed]
+    chained = {**record, "previous": ends[-1] if ends else GENESIS}
+    return {**chained, "digest": digest_of(chained)}
+
+
+def read_self_tests(folder: Path) -> Records:
+    """Everything in the folder; one that is missing is an empty one."""
+    kept, faults = [], []
+    for file in sorted(folder.glob("*.json")):
+        try:
+            kept.append((file.name, _parsed(json.loads(read_bounded(file, _MOST_BYTES)))))
+        except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError):
+            faults.append(f"{file.name} cannot be read")
+    kept.sort(key=lambda named: str(named[1]["utc"]))
+    faults += _broken(kept)
+    return Records([record for _, record in kept], faults)
+
+
+def _parsed(record: dict[str, Any]) -> dict[str, Any]:
+    datetime.fromisoformat(str(record["utc"])).astimezone(UTC)
+    return {**record, "items": [dict(item) for item in record["items"]]}
+
+
+def _broken(kept: list[tuple[str, dict[str, Any]]]) -> Iterator[str]:
+    """By the links, not by the times: the clock may have been set. Of records without a digest, as an earlier version
+    kept them, nothing shows whether they were changed.
+    """
+    digests = {record.get("digest") for _, record in kept} | {GENESIS}
+    chained = False
+    for name, record in kept:
+        if "digest" not in record:
+            if chained:
+                yield f"{name} has no digest, though one before it has: it was put in or changed"
+            continue
+        chained = True
+        if digest_of({key: value for key, value in record.items() if key != "digest"}) != record["digest"]:
+            yield f"{name} was changed after it was kept"
+        elif record.get("previous") not in digests:
+            yield f"{name} follows a record that is missing or was changed"
