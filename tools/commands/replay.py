@@ -20,10 +20,9 @@ from appliance.storage.calibration_file import read_calibration
 from appliance.supervision.timeline import Judging
 from appliance.types import Calibration, Check
 from drivers.errors import RecordingError
-from drivers.files.atomic_file import check_apart, check_new, check_replaceable
+from drivers.files.atomic_file import PAGE_BEGINS, check_apart, check_new, check_replaceable
 from drivers.recordings.replay import Recording, open_recording
 from drivers.twins.faults import CART_FAULTS, Episode, Schedule
-from tools.report.page import PAGE_BEGINS
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace

@@ -13,8 +13,7 @@ from appliance.configuration.config import Config, load_config
 from appliance.storage.reference_dates import Dates, dates_of
 from appliance.storage.reference_store import History, content_of, read_history
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_replaceable
-from tools.report.page import PAGE_BEGINS
+from drivers.files.atomic_file import PAGE_BEGINS, check_replaceable
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.period import PERIODS, Period, Summary, last_period, period, summary
 from tools.report.period_page import write_period_page

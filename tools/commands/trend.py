@@ -13,8 +13,7 @@ from rich.console import Console
 from appliance.core.parameters import MEASURED, QUANTITIES, class_of
 from appliance.core.quality.trend import Estimate, Trend, trend
 from appliance.storage.alarm_chain import Entry, Event
-from drivers.files.atomic_file import check_replaceable
-from tools.report.page import PAGE_BEGINS
+from drivers.files.atomic_file import PAGE_BEGINS, check_replaceable
 from tools.report.trend_page import write_trend_page
 from tools.shared.alarm_history import settled_log
 from tools.shared.json_report import json_of, json_option

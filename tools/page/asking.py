@@ -7,7 +7,7 @@ from appliance.service.control.client import ControlClient
 
 _SILENCE_S = 120.0
 """The longest that the service grants; whoever needs longer says why, with `probewatch pause --off`."""
-REQUESTS: Mapping[str, Callable[[ControlClient, str], None]] = {
+REQUESTS: Mapping[str, Callable[[ControlClient, str], object]] = {
     "acknowledge": lambda client, why: client.acknowledge(why),
     "silence": lambda client, why: client.pause_audio(_SILENCE_S, why),
     "sound": lambda client, _: client.audio_on(),

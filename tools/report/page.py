@@ -7,10 +7,9 @@ from pathlib import Path
 
 import cv2
 
-from drivers.files.atomic_file import writing
+from drivers.files.atomic_file import PAGE_BEGINS, writing
 from drivers.samples import GreyImage
 
-PAGE_BEGINS = b"<!doctype html>"
 _ALLOWED = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """Whatever a file or a device may have put into the text, the page loads and runs nothing."""
 _STYLE = """

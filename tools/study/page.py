@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 from appliance.core.parameters import MEASURED
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_replaceable, writing
-from tools.report.page import PAGE_BEGINS
+from drivers.files.atomic_file import PAGE_BEGINS, check_replaceable, writing
 from tools.study.session import FPS
 from tools.study.summary import Coverage, Detection, Row, coverages, detections, false_rate_per_hour, healthy_hours
 from tools.study.table import CODE, INSTALL

@@ -17,7 +17,7 @@ from appliance.storage.reference_store import RECALIBRATED
 from appliance.supervision.supervisor import Request, Supervisor
 from appliance.types import PARAMETERS, State
 
-Ask = Callable[[Request], None]
+Ask = Callable[[Request], object]
 """Puts a request to the supervisor. Raises ControlRefused."""
 
 _EVERYTHING = ("polarity", *PARAMETERS)
