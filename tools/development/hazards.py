@@ -32,7 +32,8 @@ hazard:
   on what the contact drives: this is not the risk analysis of a medical device.
 - **control**: what the supervisor does, and which part of the code finds it.
 - **residual**: in how many of the last study's simulated runs it was not named as a FAULT, and how many of the
-  [known anomalies](known-anomalies.md) speak of it.
+  [known anomalies](known-anomalies.md) name it. {unnamed} of the {rows} there name no hazard and may touch any of them:
+  read them all.
 - **evidence**: the figures of each kind that was simulated, and the files of tests that name it, [below](#tests).
 
 The invariant of all of them, *closed ⇒ everything required was shown by motion recent enough, and nothing contradicts
@@ -46,7 +47,10 @@ _PRIORITIES = (Priority.HIGH, Priority.MEDIUM, Priority.LOW, Priority.NONE)
 def hazards(figures: Figures) -> str:
     """The whole page, Markdown. figures: what was last measured."""
     head = ("hazard", "severity", "control", "residual", "evidence")
-    lines = [_HEAD, *table(head, (_row(hazard, figures) for hazard in HAZARDS)), "## Tests", ""]
+    known = _known()
+    unnamed = sum(not any(f"`{hazard}`" in row for hazard in HAZARDS) for row in known)
+    told = _HEAD.format(unnamed=unnamed, rows=len(known))
+    lines = [told, *table(head, (_row(hazard, figures) for hazard in HAZARDS)), "## Tests", ""]
     for hazard in HAZARDS:
         lines += [f"### {hazard}", "", *(f"- [{file}](../{file})" for file in _tests(hazard)), ""]
     return "\n".join(lines)
@@ -84,9 +88,13 @@ def _missed(hazard: Fault, figures: Figures) -> str:
     )
 
 
+def _known() -> list[str]:
+    """Rows of the page of known anomalies, without its heading."""
+    return [line for line in ANOMALIES.read_text(encoding="utf-8").splitlines() if line.startswith("| ")][1:]
+
+
 def _anomalies(hazard: Fault) -> str:
-    rows = [line for line in ANOMALIES.read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
-    number = sum(f"`{hazard}`" in row for row in rows)
+    number = sum(f"`{hazard}`" in row for row in _known())
     return f"{number or 'no'} known {'anomaly' if number == 1 else 'anomalies'}"
 
 

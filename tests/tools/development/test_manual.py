@@ -5,6 +5,8 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
+import pytest
+
 from appliance.core.quality.gesture import Gesture
 from appliance.service.control.requests import Hands, Requests
 from appliance.service.control.status import alarm_fields, check_lists
@@ -45,6 +47,18 @@ def test_the_pages_on_what_was_measured_are_the_ones_the_figures_write() -> None
 def headings(page: Path) -> set[str]:
     """Anchors of a page whose headings are words with hyphens."""
     return set(re.findall(r"^###? ([\w-]+)$", page.read_text(encoding="utf-8"), re.M))
+
+
+def test_the_anomalies_of_a_hazard_are_counted_on_their_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    known = tmp_path / "known.md"
+    rows = ["named `latency` late", "also `latency`, then `scale`", "a disk that is full", "a name such as scale"]
+    known.write_text("| what | effect |\n|---|---|\n" + "".join(f"| {row} | none |\n" for row in rows))
+    monkeypatch.setattr("tools.development.hazards.ANOMALIES", known)
+    page = " ".join(hazards(FIGURES).split())
+    assert "2 of the 4 there name no hazard" in page
+    for fault, number in (("latency", "2 known anomalies"), ("scale", "1 known anomaly"), ("polarity", "no known")):
+        (row,) = re.findall(rf"\| \[`{fault}`\].*?(?=\| \[`|## )", page)
+        assert number in row
 
 
 def test_every_hazard_has_severity_control_residual_and_evidence_with_links() -> None:

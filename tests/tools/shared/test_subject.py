@@ -41,6 +41,7 @@ def test_a_report_names_what_it_is_of_and_whether_it_was_spoiled(tmp_path: Path,
     title = re.search("<title>([^<]*)", page.read_text())
     assert title is not None
     assert title[1] == ("probewatch: SPOILED: scan.igs.mha" if spoiled else "probewatch: scan.igs.mha")
+    assert str(tmp_path) not in page.read_text(), "a name tells the file; where it lay is its owner's business"
     assert sha256sum(scan)[:12] in page.read_text()
     assert (said.count("SPOILED on purpose: --inject flip-lateral@0.1, depth@0"), "SPOILED" in said) == (
         (2, True) if spoiled else (0, False)
