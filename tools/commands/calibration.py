@@ -35,7 +35,7 @@ from tools.shared.sign_off import remarks_on
 from tools.shared.tables import FittingTable
 from tools.shared.verification import accepted, ask, await_verification, recalibrating
 
-_HEADINGS = ("no.", "", "in force since", "origin", "verified", "file", "SHA-256")
+_HEADINGS = ("no.", "", "since, UTC", "origin", "verified", "file", "SHA-256")
 _YES = click.option("--yes", is_flag=True, help="accept the difference that is stated, without being asked")
 # Time to take up the probe and sweep; the service itself needs up to 10 s of motion
 # (tests/appliance/core/test_line.py).

@@ -113,10 +113,10 @@ def _named(entry: Entry, state: str | None, fault: str | None, event: str | None
 
 
 def _line(entry: Entry) -> str:
-    text = _TEXTS.get(entry.event, _all_of_it)(entry.data)
+    text = f"{entry.event}: {_TEXTS.get(entry.event, _all_of_it)(entry.data)}".removesuffix(": ")
     colour = _COLOURS.get(str(entry.data.get("state")))
     latch = f" [latched: {entry.latch.state}]" if entry.latch is not None else ""
-    return f"{entry.number:6}  {entry.utc}  {click.style(f'{entry.event}: {text}', fg=colour)}{latch}"
+    return f"{entry.number:6}  {entry.utc}  {click.style(text, fg=colour)}{latch}"
 
 
 def _wanted(data: Mapping[str, Any]) -> str:
