@@ -164,9 +164,11 @@ def _begun(data: Mapping[str, Any]) -> str:
 
 
 def _reloaded(data: Mapping[str, Any]) -> str:
+    if "file" not in data:
+        return _all_of_it(data)
     noise = data.get("noise")
     learned = f" · threshold of a name by {noise.get('file')}" if isinstance(noise, Mapping) else ""
-    return f"{data.get('file')}, SHA-256 {str(data.get('sha256'))[:12]}{learned}"
+    return f"{data['file']}, SHA-256 {str(data.get('sha256'))[:12]}{learned}"
 
 
 def _overdue(data: Mapping[str, Any]) -> str:
@@ -179,14 +181,16 @@ def _overloaded(data: Mapping[str, Any]) -> str:
         f"{100 * data['late']:.0f} % of its ticks late" if data.get("late") else "",
         f"{data['waiting_frames']} pictures waiting" if data.get("waiting_frames") else "",
     ]
-    return ", ".join(part for part in parts if part)
+    return ", ".join(part for part in parts if part) or _all_of_it(data)
 
 
 def _overload_ended(data: Mapping[str, Any]) -> str:
     repeated = data.get("repeated")
     changes = [f"{change} {times} times" for change, times in repeated.items()] if isinstance(repeated, Mapping) else []
+    if "for_s" not in data:
+        return _all_of_it(data)
     parts = [
-        f"after {data.get('for_s')} s",
+        f"after {data['for_s']} s",
         f"{data['device_losses']} losses of devices meanwhile" if data.get("device_losses") else "",
         f"without an entry each: {', '.join(changes)}" if changes else "",
     ]
