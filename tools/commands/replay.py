@@ -124,8 +124,8 @@ def command(
     """
     write_report = click.get_current_context().with_resource(text_aside(as_json))
     _refuse_report(recordings)
-    check_replaceable(html_path, PAGE_BEGINS)
     check_apart((html_path, pdf_path, estimate_path), (*recordings, poses, calibration, config_path))
+    check_replaceable(html_path, PAGE_BEGINS)
     check_pdf(pdf_path)
     if pdf_path is not None and html_path is None:
         raise click.UsageError("--pdf prints the page of --html")

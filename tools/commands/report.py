@@ -70,12 +70,12 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
     if key is not None:
         _check_key(key)
     reading = settled_log(config.alarm.folder)
-    tests = read_self_tests(config.alarm.folder / _SELF_TESTS)
+    self_tests = read_self_tests(config.alarm.folder / _SELF_TESTS)
     history = read_history(config.alarm.folder)
-    found = summary(wanted, reading, tests.kept, now, () if history is None else history.entries)
+    found = summary(wanted, reading, self_tests.kept, now, () if history is None else history.entries)
     chosen = _chosen(wanted, found, day is None)
     click.echo(chosen)
-    write_period_page(page, cart, found, _dates(config, history), tests.faults, chosen)
+    write_period_page(page, cart, found, _dates(config, history), self_tests.faults, chosen)
     if pdf is not None:
         write_pdf(page, pdf)
     for file in (page, *([] if pdf is None else [pdf])):
