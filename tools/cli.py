@@ -93,6 +93,6 @@ def main() -> None:
             raise
         click.echo(f"probewatch: {error}", err=True)
         sys.exit(os.EX_SOFTWARE)
-    except click.Abort:
-        click.echo("probewatch: stopped", err=True)
+    except click.Abort as error:
+        click.echo(f"probewatch: {': '.join(['stopped', *map(str, error.args)])}", err=True)
         sys.exit(130)

@@ -28,12 +28,11 @@ from appliance.storage.reference_store import FOLDER, Entry, History, content_of
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.files.atomic_file import check_new, writing
+from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import NAMED, control_option, folder_option, socket_option
 from tools.shared.recovered import recovered
-from tools.shared.sign_off import remarks_on
-from tools.shared.tables import FittingTable
-from tools.shared.verification import accepted, ask, await_verification, recalibrating
+from tools.shared.verification import accepted, ask, await_verification, change_told, recalibrating
 
 _HEADINGS = ("no.", "", "since, UTC", "origin", "verified", "file", "SHA-256")
 _YES = click.option("--yes", is_flag=True, help="accept the difference that is stated, without being asked")
@@ -263,7 +262,8 @@ def reset(folder: Path, control_socket: Path, yes: bool) -> None:
     For a service that refuses to start because it cannot know its reference. What there was is kept under another name.
     """
     _refuse_running(control_socket)
-    ask(f"Set aside what is known of the reference in {folder}?", yes)
+    with stopped_saying("nothing was changed"):
+        ask(f"Set aside what is known of the reference in {folder}?", yes)
     try:
         kept = set_aside(folder)
     except OSError as error:
@@ -274,13 +274,16 @@ def reset(folder: Path, control_socket: Path, yes: bool) -> None:
 
 
 def _change(wanted: Path | int, socket: Path, yes: bool, wait_s: float) -> None:
-    with ControlClient(socket) as client:
-        confirm = accepted(client.propose_calibration(wanted), yes)
-    with ControlClient(socket) as client:
-        with recalibrating(client):
-            client.end_recalibration(wanted, confirm)
-        await_verification(client, socket, wait_s)
-        click.echo(f"reference {client.status()['reference']['number']} is verified and in force, also after a restart")
+    with change_told(socket):
+        with ControlClient(socket) as client:
+            confirm = accepted(client.propose_calibration(wanted), yes)
+        with ControlClient(socket) as client:
+            with recalibrating(client):
+                client.end_recalibration(wanted, confirm)
+            await_verification(client, socket, wait_s)
+            click.echo(
+                f"reference {client.status()['reference']['number']} is verified and in force, also after a restart"
+            )
 
 
 def _refuse_running(socket: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from appliance.configuration.config import Config, config_of, configuration_text, is_configured
+from appliance.configuration.config import CalibrationPlace, Config, config_of, configuration_text, is_configured
 from appliance.configuration.mistakes import Mistakes
 from appliance.storage.calibration_file import calibration_bytes
 from appliance.storage.device_set import remarks
@@ -59,7 +59,7 @@ def mistakes_in(text: str, file: Path) -> list[str]:
         config = config_of(text, file)
     except ConfigurationError as error:
         return rows(error)
-    return [*_options(config, file), *_calibration(config)]
+    return [*_options(config, file), *calibration_mistakes(config.calibration)]
 
 
 def rows(error: ConfigurationError) -> list[str]:
@@ -78,8 +78,8 @@ def _options(config: Config, file: Path) -> Iterator[str]:
             yield f"{file}: {section} url = '{url}': {error.what}. {error.remedy}"
 
 
-def _calibration(config: Config) -> list[str]:
-    place = config.calibration
+def calibration_mistakes(place: CalibrationPlace) -> list[str]:
+    """Why the file that is named cannot be the reference, one a line; none where it can, or where none is named."""
     if place.file is None:
         return []
     try:

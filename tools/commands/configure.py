@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import click
 
-from appliance.configuration.config import Config, config_of, configuration_text
+from appliance.configuration.config import CalibrationPlace, Config, config_of, configuration_text
 from appliance.configuration.toml_lines import Place
 from appliance.supervision.annunciator import Role
 from drivers.clock.host_clock import HostClock
@@ -19,9 +19,11 @@ from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from drivers.files.atomic_file import check_writable, writing
 from drivers.io.inventory import Found, gpio_chips, serial_ports, video_devices
 from drivers.registry import check_options, open_tracker, open_video
-from tools.commands.check import calibration_remarks, mistakes_in, rows
+from drivers.trackers.ndi.rom import read_rom
+from tools.commands.check import calibration_mistakes, calibration_remarks, mistakes_in, rows
 from tools.commands.probe import complaints, findings, measure
 from tools.shared.configuration_text import Answers, Value, changed, template
+from tools.shared.interruption import stopped_saying
 from tools.shared.named_cart import file_argument
 
 _TRIAL_S = 2.0
@@ -36,6 +38,7 @@ _EXAMPLES = {
     "tracker": "ndi:/dev/ttyUSB0, ndi+tcp://host:8765, optotrak://host:3020, igtl://host:18944?probe=Probe",
     "output": "relay:/dev/ttyUSB1, gpio:/dev/gpiochip0?line=17, serialpin:/dev/ttyUSB1?pin=rts",
 }
+_TOOL_QUESTION = "tool definition file (.rom) of the probe's markers, or 'wired'"
 _LAMPS = [role.value for role in Role if role is not Role.CONTACT]
 _HELP = """Write the configuration of this cart, without an editor.
 
@@ -113,22 +116,27 @@ def command(
     known = _known(base, file)
     old = known if known.configured and base == before else None
     try_it = None if untried else _try
-    answers: dict[Place, Value] = {("configured",): True}
-    seen = _Device("video", video, old.video.url if old else "", try_it)
-    answers["video", "url"] = seen.url(person, _pictures)
-    tracked = _Device("tracker", tracker, old.tracker.url if old else "", try_it)
-    answers["tracker", "url"] = held = tracked.url(person, _trackers)
-    at = _place(known, Role.CONTACT)
-    opened = _Device("output", contact, old.output[at].url if old else "", None)
-    answers["output", at, "url"] = told = opened.url(person, lambda: _outputs(held))
-    answers |= _lamps(known, lamps)
-    answers["calibration", "file"] = _calibration(calibration, without, old, person)
-    if probe is not None:
-        answers["calibration", "probe"] = probe
-    spoken = language or _language(known, person)
-    if spoken != known.alarm.language:
-        answers["alarm", "language"] = spoken
-    if _write(file, before, _checked(base, answers, file), yes, person):
+    place = _calibration_place(known, probe)
+    if calibration is not None and calibration != "none":
+        _refuse_calibration(place, _whole(calibration))
+    with stopped_saying("nothing was written"):
+        answers: dict[Place, Value] = {("configured",): True}
+        seen = _Device("video", video, old.video.url if old else "", try_it)
+        answers["video", "url"] = seen.url(person, _pictures)
+        tracked = _Device("tracker", tracker, old.tracker.url if old else "", try_it)
+        answers["tracker", "url"] = held = tracked.url(person, _trackers)
+        at = _place(known, Role.CONTACT)
+        opened = _Device("output", contact, old.output[at].url if old else "", None)
+        answers["output", at, "url"] = told = opened.url(person, lambda: _outputs(held))
+        answers |= _lamps(known, lamps)
+        answers["calibration", "file"] = _calibration(calibration, without, old, place, person)
+        if probe is not None:
+            answers["calibration", "probe"] = probe
+        spoken = language or _language(known, person)
+        if spoken != known.alarm.language:
+            answers["alarm", "language"] = spoken
+        written = _write(file, before, _checked(base, answers, file), yes, person)
+    if written:
         _tell_next(file, old is not None, told)
 
 
@@ -185,7 +193,10 @@ class _Device:
         default = self.before or ("1" if found and self.kind != "output" else "")
         while True:
             said = person.ask(_WORDS[self.kind], default, option)
-            url = found[int(said) - 1][0] if said.isdecimal() and 0 < int(said) <= len(found) else said
+            if said.isdecimal() and not 0 < int(said) <= len(found):
+                click.echo(f"! {said} is not in the list{_numbers(len(found))}; or give a URL")
+                continue
+            url = found[int(said) - 1][0] if said.isdecimal() else said
             if (taken := self._taken(url, person)) is not None:
                 return taken
 
@@ -208,17 +219,28 @@ class _Device:
             self.try_it(url, self.kind)
 
 
+def _numbers(most: int) -> str:
+    return f", give 1 to {most}" if most else ", which is empty"
+
+
 def _with_tool(url: str, person: _Person) -> str:
     """An NDI tracker sees wireless markers only with the tool definition of their body. Raises ConfigurationError."""
     if not url.startswith(("ndi:", "ndi+tcp:")) or "?" in url:
         return url
-    tool = person.ask("tool definition file (.rom) of the probe's markers, or 'wired'", "wired", "--tracker URL")
-    if tool == "wired":
-        return url
-    rom = Path(tool).absolute()
-    if not rom.is_file():
-        raise ConfigurationError("is not a file", str(rom), "Type its path again")
-    return f"{url}?probe={quote(str(rom))}"
+    while (tool := person.ask(_TOOL_QUESTION, "wired", "--tracker URL")) != "wired":
+        rom = _whole(tool)
+        try:
+            read_rom(str(rom))
+        except ConfigurationError as error:
+            click.echo(f"! {error}, or 'wired'")
+        else:
+            return f"{url}?probe={quote(str(rom))}"
+    return url
+
+
+def _whole(typed: str) -> Path:
+    """The path as the file is to name it; the shell does not see what is typed here."""
+    return Path(typed).expanduser().absolute()
 
 
 def _try(url: str, kind: str) -> None:
@@ -280,20 +302,43 @@ def _lamps(known: Config, lamps: tuple[tuple[str, str], ...]) -> dict[Place, Val
     return answers
 
 
-def _calibration(given: str | None, without: bool, old: Config | None, person: _Person) -> str | None:
+def _calibration_place(known: Config, probe: str | None) -> CalibrationPlace:
+    """What the new file says of a calibration beside its name."""
+    return known.calibration if probe is None else known.calibration.model_copy(update={"probe": probe})
+
+
+def _refuse_calibration(place: CalibrationPlace, file: Path) -> None:
+    """Raises ConfigurationError for a file that cannot be the reference, before anything else is asked or tried."""
+    mistakes = calibration_mistakes(place.model_copy(update={"file": file}))
+    for mistake in mistakes:
+        click.echo(mistake, err=True)
+    if mistakes:
+        raise ConfigurationError("nothing was written", f"--calibration {file}", "Name another, or --no-calibration")
+
+
+def _calibration(
+    given: str | None, without: bool, old: Config | None, place: CalibrationPlace, person: _Person
+) -> str | None:
     """As the file is to name it, None for a cart that has none yet. Raises ConfigurationError."""
     before = None if old is None else old.calibration.file
     if without:
         return None
     if given is None and old is not None and not person.is_there:
         given = str(before or "none")
-    if given is None:
-        if person.is_there:
-            click.echo(
-                "\nA calibration that you have: our TOML, or a PLUS device set (XML); none: scan it on this cart"
-            )
-        given = person.ask("calibration", str(before or "none"), "--calibration FILE, or --no-calibration")
-    return None if given == "none" else str(Path(given).absolute())
+    if given is not None:
+        return None if given == "none" else str(_whole(given))
+    if person.is_there:
+        click.echo("\nA calibration that you have: our TOML, or a PLUS device set (XML); none: scan it on this cart")
+    option = "--calibration FILE, or --no-calibration"
+    while (said := person.ask("calibration", str(before or "none"), option)) != "none":
+        file = _whole(said)
+        mistakes = calibration_mistakes(place.model_copy(update={"file": file}))
+        if not mistakes:
+            return str(file)
+        for mistake in mistakes:
+            click.echo(f"! {mistake}")
+        click.echo("Name another file, or none")
+    return None
 
 
 def _language(known: Config, person: _Person) -> str:

@@ -36,12 +36,13 @@ from tools.recalibration.session import ScanSession
 from tools.recalibration.terminal import run
 from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
+from tools.shared.interruption import stopped_saying
 from tools.shared.named_cart import config_option
 from tools.shared.sign_off import SignOff, user
 from tools.shared.status_watch import StatusWatch
 from tools.shared.tables import FittingTable
 from tools.shared.terminal import progress_bar
-from tools.shared.verification import accepted, await_verification, recalibrating, refuse_simulated
+from tools.shared.verification import accepted, await_verification, change_told, recalibrating, refuse_simulated
 
 _LOOK_S = 0.2
 """Between two questions to the service during a live scan: four of its ticks."""
@@ -202,17 +203,18 @@ def command(
         if simulate or recording is not None:
             raise click.UsageError("--live scans on the cart itself; leave --simulated and --recording out")
         asked = "" if signed_by else "yes"
-        begin = Begin(
-            probe or probe_serial or (asked and click.prompt("probe")),
-            preset or (asked and click.prompt("depth or preset of the scanner")),
-            made_by or (asked and click.prompt("your name")) or user(),
-            reason,
-            "zeta" if solve == "zeta" else "whole",
-            water_c,
-            scanner_m_s,
-            correct_sound,
-            latency_first,
-        )
+        with stopped_saying("nothing was begun"):
+            begin = Begin(
+                probe or probe_serial or (asked and click.prompt("probe")),
+                preset or (asked and click.prompt("depth or preset of the scanner")),
+                made_by or (asked and click.prompt("your name")) or user(),
+                reason,
+                "zeta" if solve == "zeta" else "whole",
+                water_c,
+                scanner_m_s,
+                correct_sound,
+                latency_first,
+            )
         if signed_by and latency_first:
             raise click.UsageError("--latency-first needs a person at the terminal; leave --signed-by out")
         nobody = unchecked or "nobody was asked (--signed-by)"
@@ -242,7 +244,7 @@ def command(
     if simulate and socket is not None:
         refuse_simulated(socket)
     sound(water_c, scanner_m_s, correct_sound)
-    with contextlib.nullcontext() if socket is None else ControlClient(socket) as client:
+    with change_told(socket), contextlib.nullcontext() if socket is None else ControlClient(socket) as client:
         with recalibrating(client):
             scan = _scanned(scan_input, latency_ms or 0.0)
             if solve == "all":
@@ -283,7 +285,11 @@ def _live(
         raise click.UsageError("name the service: --config FILE, or --socket")
     pictures = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
     place = _live_folder(folder, config)
-    with StatusWatch(control, _LOOK_S) as watch, ScanSession(control, pictures, place, watch) as session:
+    with (
+        change_told(control),
+        StatusWatch(control, _LOOK_S) as watch,
+        ScanSession(control, pictures, place, watch) as session,
+    ):
         run(session, begin, signature)
 
 

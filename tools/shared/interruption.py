@@ -1,10 +1,12 @@
-"""What a long computation says where somebody breaks it off."""
+"""What a command says where somebody breaks it off."""
 
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+
+import click
 
 _BREAK_OFF = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -27,3 +29,16 @@ def said_when_interrupted(what: str) -> Iterator[None]:
     finally:
         for one, handler in before.items():
             signal.signal(one, handler)
+
+
+@contextmanager
+def stopped_saying(tell: str | Callable[[], str]) -> Iterator[None]:
+    """Inside, Ctrl-C, the end of the input and an answer that declines raise click.Abort with what has become of it, as
+    `tell` says afterwards; what an inner block has told of it stays.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, EOFError, click.Abort) as error:
+        if isinstance(error, click.Abort) and error.args:
+            raise
+        raise click.Abort(tell if isinstance(tell, str) else tell()) from None

@@ -13,6 +13,7 @@ from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
 from appliance.types import State
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from tools.shared.interruption import stopped_saying
 from tools.shared.terminal import progress_bar
 
 _HOLD_S = 900.0
@@ -67,6 +68,46 @@ def recalibrating(client: ControlClient | None) -> Iterator[None]:
         with contextlib.suppress(ProbewatchError):
             client.abort_recalibration()
         raise
+
+
+@contextlib.contextmanager
+def change_told(socket: Path | None) -> Iterator[None]:
+    """Whoever interrupts or declines inside is told whether the service has another reference than at the beginning.
+
+    socket: of the service, None where none is to be told. Raises ProbewatchError where it does not answer.
+    """
+    if socket is None:
+        with stopped_saying("no service was told of anything"):
+            yield
+        return
+    before = _reference_of(socket)
+    with stopped_saying(lambda: _become(socket, before)):
+        yield
+
+
+def _reference_of(socket: Path) -> dict[str, Any] | None:
+    with ControlClient(socket) as client:
+        reference = client.status().get("reference")
+    return None if reference is None else {key: reference[key] for key in ("number", "sha256")}
+
+
+def _become(socket: Path, before: dict[str, Any] | None) -> str:
+    """Asked of the service once it has carried out what was asked last."""
+    time.sleep(_LOOK_EVERY_S)
+    try:
+        now = _reference_of(socket)
+    except ProbewatchError as error:
+        return f"whether the reference was changed is not known ({error.what}); see: probewatch calibration list"
+    if now == before:
+        kept = (
+            "there is no calibration, as before" if now is None else f"reference {now['number']} is in force, as before"
+        )
+        return f"nothing was changed, {kept}"
+    assert now is not None
+    if before is not None and now["sha256"] == before["sha256"]:
+        return f"the calibration before is in force again, as reference {now['number']}; motion has to verify it"
+    back = "" if before is None else f"; back to the one before: probewatch calibration back {before['number']}"
+    return f"reference {now['number']} was taken, and the contact stays open until motion has verified it{back}"
 
 
 def await_verification(client: ControlClient, socket: Path, wait_s: float) -> None:

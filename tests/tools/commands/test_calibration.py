@@ -2,7 +2,8 @@
 
 import io
 import json
-import re
+import os
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -17,12 +18,13 @@ from appliance.configuration.config import Config
 from appliance.core.parameters import QUANTITIES, class_of
 from appliance.core.quality.calibration_difference import difference
 from appliance.core.quality.proposal import proposal_fields, propose
+from appliance.service.control.server import ControlRefused, Peer
 from appliance.storage.alarm_log import AlarmLog
 from appliance.storage.calibration_file import image_to_probe, parse_calibration, read_calibration, write_calibration
 from appliance.storage.reference_store import FOLDER, HISTORY, Entry, History, sha256_of, write_history
 from appliance.types import Calibration, Check, VerdictKind
 from drivers.rigid import rotation_from_vector
-from tests.support.answering import Answering
+from tests.support.answering import Answering, Answers, recorded
 from tests.support.answers import answered
 from tests.support.stores import PLUS, configuration, kept, log, place, settled, started, written
 from tools.commands.calibration import list_references
@@ -274,3 +276,76 @@ def test_what_motion_does_not_recover_is_refused_with_what_to_do(
     assert answer.returncode == 78
     assert why in answer.stderr
     assert not (tmp_path / "new.toml").exists()
+
+
+class Interrupted(Answers):
+    """A service in whose answer to `at` somebody presses Ctrl-C before the command: of each kind the last is meant.
+
+    numbers: of the reference, and what its content is, as a real one changes them.
+    """
+
+    def __init__(self, path: Path, at: str) -> None:
+        super().__init__(path)
+        self._at, self.number, self.sha256, self.state = at, 1, "before", "monitoring"
+
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        if do == "begin-recalibration":
+            self.state = "recalibrating"
+        elif do == "end-recalibration":
+            self.number, self.sha256 = 2, "new"
+        elif do == "abort-recalibration":
+            self.state = "not verified"
+            if self.sha256 == "new":
+                self.number, self.sha256 = 3, "before"
+        if do == self._at or (self._at == "proof" and do == "status" and self.number == 2):
+            self._at = ""
+            os.kill(os.getpid(), signal.SIGINT)
+        reference = {**recorded()["reference"], "number": self.number, "sha256": self.sha256}
+        proposal = {"text": "hardly", "confirm": False, "sha256": "new"}
+        return {"status": recorded(state=self.state, reference=reference), "proposal": proposal}
+
+
+@pytest.mark.parametrize(
+    ("at", "said"),
+    [
+        ("propose-calibration", "stopped: nothing was changed, reference 1 is in force, as before"),
+        ("begin-recalibration", "stopped: nothing was changed, reference 1 is in force, as before"),
+        ("end-recalibration", "stopped: the calibration before is in force again, as reference 3"),
+        ("proof", "stopped: reference 2 was taken, and the contact stays open until motion has verified it; back to"),
+    ],
+)
+@pytest.mark.parametrize("command", ["use", "back"])
+def test_one_who_interrupts_a_change_is_told_what_became_of_it(
+    tmp_path: Path, command: str, at: str, said: str
+) -> None:
+    with Interrupted(tmp_path / "control", at) as service:
+        shown = answered("calibration", command, 1, "--socket", service.path)
+    assert shown.returncode == 130
+    assert f"probewatch: {said}" in shown.stderr
+
+
+def test_one_who_interrupts_and_cannot_be_told_is_told_that(tmp_path: Path) -> None:
+    with Interrupted(tmp_path / "control", "propose-calibration") as service:
+        told = service._answer
+
+        def silent_afterwards(do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+            if service._at == "":
+                raise ControlRefused("too many ask")
+            return told(do, request, who)
+
+        service._answer = silent_afterwards
+        shown = answered("calibration", "back", 1, "--socket", service.path)
+    assert "stopped: whether the reference was changed is not known (too many ask)" in shown.stderr
+
+
+def test_a_reset_that_is_declined_says_that_nothing_was_changed(
+    monkeypatch: pytest.MonkeyPatch, config: Config, tmp_path: Path
+) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setattr("sys.stdin", Terminal("n\n"))
+    where = ("--folder", config.alarm.folder, "--socket", tmp_path / "control")
+    shown = answered("calibration", "reset", *where)
+    assert (shown.returncode, shown.stderr) == (130, "probewatch: stopped: nothing was changed\n")

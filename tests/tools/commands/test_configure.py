@@ -2,19 +2,22 @@
 
 import re
 import stat
+import struct
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
-from appliance.configuration.config import load_config
+from appliance.configuration.config import CalibrationPlace, load_config
 from appliance.storage.calibration_file import write_calibration
 from appliance.supervision.annunciator import Role
 from drivers.errors import ConfigurationError
 from drivers.registry import split_url
+from drivers.trackers.ndi.rom import ROM_BYTES, rom_sum
 from tests.appliance.storage.test_calibration_file import calibration
 from tests.appliance.storage.test_device_set import CLIP, device_set
-from tools.commands.configure import _outputs, _Person, _with_tool, command
+from tests.support.person import Person
+from tools.commands.configure import _TOOL_QUESTION, _calibration, _Device, _outputs, _Person, _with_tool, command
 from tools.shared.configuration_text import template
 
 DEVICES = (
@@ -167,21 +170,86 @@ def test_a_port_that_the_tracker_takes_is_not_offered_for_the_contact() -> None:
     assert not any("ttyS0" in url for url in offered)
 
 
-def test_a_tool_definition_is_named_whatever_its_path(tmp_path: Path) -> None:
-    class Answers(_Person):
-        def ask(self, question: str, default: str, option: str) -> str:
-            return str(rom)
+class Answers(_Person):
+    """Somebody who gives these answers, one to each question, and keeps the questions."""
 
-    rom = tmp_path / "my probe+50%&x.rom"
-    rom.write_bytes(b"")
-    url = _with_tool("ndi:/dev/ttyUSB0", Answers())
+    def __init__(self, *answers: str) -> None:
+        super().__init__()
+        self.is_there = True
+        self._answers, self.asked = list(answers), list[str]()
+
+    def ask(self, question: str, default: str, option: str) -> str:
+        self.asked.append(question)
+        return self._answers.pop(0) or default
+
+
+def tool_definition(file: Path) -> Path:
+    image = bytearray(ROM_BYTES)
+    image[:4] = b"NDI\0"
+    image[4:6] = struct.pack("<H", rom_sum(image))
+    file.write_bytes(image)
+    return file
+
+
+def test_a_tool_definition_is_named_whatever_its_path(tmp_path: Path) -> None:
+    rom = tool_definition(tmp_path / "my probe+50%&x.rom")
+    url = _with_tool("ndi:/dev/ttyUSB0", Answers(str(rom)))
     assert split_url(url)[2] == {"probe": str(rom)}
     assert _with_tool(url, Answers()) == url
-    rom.unlink()
-    with pytest.raises(ConfigurationError, match="is not a file"):
-        _with_tool("ndi+tcp://vega", Answers())
+
+
+def test_a_wrong_tool_definition_is_told_and_asked_for_again_not_the_tracker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rom = tool_definition(tmp_path / "right.rom")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (other := tmp_path / "other.rom").write_bytes(b"PK" * 400)
+    tracker = _Device("tracker", None, "", None)
+    person = Answers("ndi+tcp://vega", str(tmp_path / "absent.rom"), str(tmp_path), str(other), "~/right.rom")
+    assert split_url(tracker.url(person, lambda: iter(())))[2] == {"probe": str(rom)}
+    assert person.asked == ["the tracker", *[_TOOL_QUESTION] * 4]
+    told = capsys.readouterr().out
+    for why in ("(No such file or directory)", "it is a folder, not a file", "not an NDI tool definition file"):
+        assert why in told
+
+
+def test_a_number_that_is_not_in_the_list_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    person = Answers("7", "2")
+    found = [("relay:/dev/ttyUSB0", "one"), ("relay:/dev/ttyUSB1", "other")]
+    assert _Device("output", None, "", None).url(person, lambda: iter(found)) == "relay:/dev/ttyUSB1"
+    assert "7 is not in the list, give 1 to 2" in capsys.readouterr().out
+
+
+def test_a_missing_calibration_is_told_at_its_question(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    right = tmp_path / "probe.toml"
+    write_calibration(right, calibration(), {})
+    (broken := tmp_path / "broken.toml").write_text("scale = 1\n")
+    person = Answers(str(tmp_path / "prope.toml"), str(broken), str(right))
+    assert _calibration(None, False, None, CalibrationPlace(), person) == str(right)
+    assert person.asked == ["calibration"] * 3
+    told = capsys.readouterr().out
+    assert f"{tmp_path}/prope.toml" in told
+    assert "No such file or directory" in told
+    assert "'scale' is not known" in told
+    assert _calibration(None, False, None, CalibrationPlace(), Answers("nowhere.toml", "none")) is None
+
+
+def test_a_missing_calibration_of_an_option_is_told_before_a_device_is_tried(file: Path) -> None:
+    result = configured(file, "--video", f"sim:{file.parent}/nobody", "--calibration", "/nowhere.toml")
+    assert "--calibration /nowhere.toml" in refusal(result)
+    assert "trying" not in result.output
 
 
 def test_no_half_file_is_left(file: Path) -> None:
     configured(file, *GIVEN)
     assert list(file.parent.iterdir()) == [file]
+
+
+def test_whoever_stops_is_told_that_nothing_was_written(file: Path) -> None:
+    with Person("configure", file) as person:
+        person.sees("The scanner's picture")
+        person.sees("the scanner's picture")
+        person.interrupts()
+        assert person.ends() == 130
+        assert "stopped: nothing was written" in person.text
+    assert file.read_text() == template()

@@ -112,6 +112,7 @@ def test_who_goes_away_from_the_review_leaves_the_calibration_before(
         if how == "interrupts":
             person.interrupts()
             assert person.ends() == 130
+            assert "stopped: nothing was changed, reference" in person.text
             assert service.asked[-1] == "abort-recalibration"
         else:
             person.process.kill()
