@@ -1,18 +1,23 @@
 """Which faults a simulated device shows now: from its command line, and from a file that may change while it runs.
 
 The control file is a JSON list. An entry is the name of a fault, which is then on as long as it is listed, or
-{"fault": NAME, "from_s": a, "to_s": b} in seconds of the world. The file may be absent; it adds to the command line.
+{"fault": NAME, "from_s": a, "to_s": b} in seconds of the world. The file may be absent or empty; it adds to the command
+line.
 """
 
 import json
-from collections.abc import Collection
+import re
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from drivers.errors import ConfigurationError
-from drivers.twins.faults import Episode, Schedule
+from drivers.twins.faults import Episode, Schedule, episode_of, refuse_unknown_fault
 
 _LOOK_EVERY_S = 0.05
 """World seconds between two looks at the file. Less asks the file system more often, more shows a fault later."""
+_REMEDY = 'Give a list such as ["lose-tracker"]'
+_GAP = re.compile(r"[ \t\r\n]*")
+"""White space of JSON."""
 
 
 class FaultControl:
@@ -27,6 +32,14 @@ class FaultControl:
         self._listed = Schedule()
         self._seen: tuple[int, int, int] | None = None
         self._look_s = -1.0
+        self._told = ""
+
+    def new_refusal(self) -> str | None:
+        """The refusal, once, whenever it has become another; None otherwise."""
+        if self.refusal == self._told:
+            return None
+        self._told = self.refusal
+        return self.refusal
 
     def active(self, t_s: float) -> frozenset[str]:
         """Names of the faults that are on at world time t_s."""
@@ -39,36 +52,50 @@ class FaultControl:
         try:
             found = file.stat()
             seen = (found.st_mtime_ns, found.st_size, found.st_ino)
-            text = file.read_text() if seen != self._seen else ""
-        except (OSError, UnicodeDecodeError):
+            if seen == self._seen:
+                return
+            self._listed, self.refusal = parse_faults(file.read_text(), self._names, str(file)), ""
+            self._seen = seen
+        except FileNotFoundError:
             self._seen, self._listed, self.refusal = None, Schedule(), ""
-            return
-        if seen == self._seen:
-            return
-        self._seen = seen
-        try:
-            self._listed, self.refusal = parse_faults(text, self._names), ""
         except ConfigurationError as error:
-            self.refusal = str(error)
+            self._seen, self.refusal = seen, str(error)
+        except (OSError, UnicodeDecodeError) as error:
+            why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+            self._seen, self.refusal = None, f"{file}: cannot be read ({why}). {_REMEDY}"
 
 
-def parse_faults(text: str, names: Collection[str]) -> Schedule:
-    """The JSON list of a control file. Raises ConfigurationError naming the entry that is wrong."""
+def parse_faults(text: str, names: Collection[str], where: str = "faults") -> Schedule:
+    """The JSON list of a control file. Raises ConfigurationError naming file, line and what is wrong there."""
     try:
-        entries = json.loads(text)
+        entries = json.loads(text) if text.strip() else []
     except (ValueError, RecursionError) as error:
-        raise ConfigurationError(f"not JSON ({error})", "faults", 'Give a list such as ["bump"]') from None
+        raise ConfigurationError(f"not JSON ({error})", where, _REMEDY) from None
     if not isinstance(entries, list):
-        raise ConfigurationError("not a list", "faults", 'Give a list such as ["bump"]')
-    bare = [entry for entry in entries if isinstance(entry, str)]
-    timed = Schedule.parse(json.dumps([entry for entry in entries if not isinstance(entry, str)]), names)
-    return Schedule((*(_listed(name, names) for name in bare), *timed.episodes))
+        raise ConfigurationError("not a list", where, _REMEDY)
+    lines = _lines(text)
+    return Schedule(tuple(_entry(one, names, f"{where}, line {next(lines)}") for one in entries))
+
+
+def _lines(text: str) -> Iterator[int]:
+    """In which line each entry of a JSON list begins, counted from 1. text: such a list, whole."""
+    decoder, at = json.JSONDecoder(), text.find("[")
+    while True:
+        gap = _GAP.match(text, at + 1)
+        begin = at + 1 if gap is None else gap.end()
+        yield text.count("\n", 0, begin) + 1
+        _, end = decoder.raw_decode(text, begin)
+        at = text.find(",", end)
+
+
+def _entry(entry: object, names: Collection[str], where: str) -> Episode:
+    return _listed(entry, names, where) if isinstance(entry, str) else episode_of(entry, names, where)
 
 
 def parse_fault(text: str, names: Collection[str]) -> Episode:
     """`NAME`, `NAME@FROM` or `NAME@FROM..TO` in seconds of the world. Raises ConfigurationError."""
     name, at, times = text.partition("@")
-    episode = _listed(name, names)
+    episode = _listed(name, names, "--fault")
     if not at:
         return episode
     begin, dots, end = times.partition("..")
@@ -79,7 +106,6 @@ def parse_fault(text: str, names: Collection[str]) -> Episode:
     return Schedule.parse(json.dumps([entry]), names).episodes[0]
 
 
-def _listed(name: str, names: Collection[str]) -> Episode:
-    if name not in names:
-        raise ConfigurationError(f"'{name}' is not a known fault", "faults", f"Use {', '.join(sorted(names))}")
+def _listed(name: str, names: Collection[str], where: str) -> Episode:
+    refuse_unknown_fault(name, names, where)
     return Episode(name, 0.0)

@@ -3,6 +3,7 @@
 The helpers are pure, so a recording can be spoiled with the same faults as the live twins.
 """
 
+import difflib
 import json
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -80,27 +81,44 @@ class Episode:
         return self.from_s <= t_s and (self.to_s is None or t_s < self.to_s)
 
 
-def _refuse(what: str, entry: object) -> ConfigurationError:
+def refuse_unknown_fault(name: object, names: Collection[str], where: str) -> None:
+    """Raises ConfigurationError for a name that is none of `names`, with what may have been meant."""
+    if name in list(names):
+        return
+    typed = str(name).lower()
+    begun = [one for one in names if typed and one.startswith(typed)]
+    close = begun or difflib.get_close_matches(typed, names, n=1, cutoff=0.6)
+    what = f"{repr(name)[:80]} is not a known fault"
+    if close:
+        what += f", did you mean {' or '.join(map(repr, close))}?"
+    elif name in PICTURE_FAULTS:
+        what += " of this device; the scanner shows it"
+    elif name in CART_FAULTS:
+        what += " of this device; the tracker shows it"
+    raise ConfigurationError(what, where, f"Use {', '.join(sorted(names))}")
+
+
+def _refuse(what: str, entry: object, where: str = "fault schedule") -> ConfigurationError:
     remedy = 'Give a list such as [{"fault": "depth", "from_s": 20, "to_s": 40}]'
-    return ConfigurationError(f"{what}: {json.dumps(entry)}", "fault schedule", remedy)
+    return ConfigurationError(f"{what}: {json.dumps(entry)}", where, remedy)
 
 
-def _second(entry: dict[str, Any], key: str) -> float:
+def _second(entry: dict[str, Any], key: str, where: str) -> float:
     value = entry[key]
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= _LATEST_S:
-        raise _refuse(f"{key} must be a number of seconds from 0 to 1e9", entry)
+        raise _refuse(f"{key} must be a number of seconds from 0 to 1e9", entry, where)
     return float(value)
 
 
-def _episode(entry: object, names: Collection[str]) -> Episode:
+def episode_of(entry: object, names: Collection[str], where: str = "fault schedule") -> Episode:
+    """An entry of a schedule. Raises ConfigurationError naming what is wrong; where: stands the entry."""
     if not isinstance(entry, dict) or not {"fault", "from_s"} <= set(entry) <= {"fault", "from_s", "to_s"}:
-        raise _refuse("each entry needs fault, from_s and may have to_s, nothing else", entry)
-    if entry["fault"] not in list(names):
-        raise _refuse(f"the fault must be one of {', '.join(names)}", entry)
-    from_s = _second(entry, "from_s")
-    to_s = None if entry.get("to_s") is None else _second(entry, "to_s")
+        raise _refuse("each entry needs fault, from_s and may have to_s, nothing else", entry, where)
+    refuse_unknown_fault(entry["fault"], names, where)
+    from_s = _second(entry, "from_s", where)
+    to_s = None if entry.get("to_s") is None else _second(entry, "to_s", where)
     if to_s is not None and to_s <= from_s:
-        raise _refuse("to_s must be later than from_s", entry)
+        raise _refuse("to_s must be later than from_s", entry, where)
     return Episode(entry["fault"], from_s, to_s)
 
 
@@ -122,7 +140,7 @@ class Schedule:
             raise _refuse(f"not JSON ({error})", text[:80]) from None
         if not isinstance(entries, list):
             raise _refuse("not a list", entries)
-        return cls(tuple(_episode(entry, names) for entry in entries))
+        return cls(tuple(episode_of(entry, names) for entry in entries))
 
     def to_json(self) -> str:
         """The text that parse() reads back as an equal Schedule."""

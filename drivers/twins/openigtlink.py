@@ -213,6 +213,8 @@ class IgtlTwin:
             self._server.listen()
         if changed:
             self._note("faults", sorted(active))
+        if (refusal := self.faults.new_refusal()) is not None:
+            self._note("refused", refusal)
 
     def _complain(self, status: Status) -> None:
         self._to_all(lambda client: self._message(client, "STATUS", "Tracker", status.content, self._clock.now_ns()))

@@ -102,7 +102,6 @@ class Scanner:
         self._held: GreyImage | None = None
         self._active: frozenset[str] = frozenset()
         self._watched = False
-        self._refusal = ""
         self._first: int | None = None
         self._last = 0
         self._sent = 0
@@ -128,8 +127,8 @@ class Scanner:
         frame = None if "lose-video" in active else self._rendered(number, t_s, t_ns, active)
         self._clock.sleep_until(t_ns)
         self._note(t_ns, "faults", sorted(active), active != self._active)
-        self._note(t_ns, "refused", self._faults.refusal, self._faults.refusal != self._refusal)
-        self._refusal = self._faults.refusal
+        refusal = self._faults.new_refusal()
+        self._note(t_ns, "refused", refusal, refusal is not None)
         self._active = active
         if frame is None:
             self._plug.unplug()

@@ -87,8 +87,34 @@ def test_control_file_adds_to_the_schedule_and_may_come_and_go(tmp_path: Path) -
     file.write_text('["bump", "nonsense"]')
     assert control.active(6.5) == {"bump"}, "a refused file changes nothing"
     assert "'nonsense' is not a known fault" in control.refusal
+    assert (control.new_refusal(), control.new_refusal()) == (control.refusal, None), "told once"
+    file.write_bytes(b"\xff\xfe")
+    assert control.active(6.7) == {"bump"}
+    assert f"{file}: cannot be read (it is not UTF-8 text)" in control.refusal
+    file.write_text("")
+    assert (control.active(6.9), control.refusal) == (frozenset(), ""), "an empty file lists none"
+    file.write_text('["bump"]')
+    control.active(7.1)
     file.unlink()
-    assert (control.active(7.0), control.refusal) == (frozenset(), "")
+    assert (control.active(7.3), control.refusal) == (frozenset(), "")
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "meant"),
+    [
+        ('["bmup"]', 1, "did you mean 'bump'?"),
+        ('[\n "bump",\n\n {"fault": "hto", "from_s": 1}]', 4, "did you mean 'hot'?"),
+        ('[{"fault": "bump",\n"from_s": 1}, "bump",\n"LOSE"]', 3, "did you mean 'lose-tracker'?"),
+        ('["depth"]', 1, "of this device; the scanner shows it"),
+        ('[\n["bump"]]', 2, "each entry needs fault"),
+        ('["x,]", \n\n7]', 1, "is not a known fault. Use "),
+        ('["bump"\n,\n{"fault": "bump", "from_s": -1}]', 3, "from_s must be"),
+    ],
+)
+def test_a_misspelt_fault_is_refused_with_its_line_and_what_was_meant(text: str, line: int, meant: str) -> None:
+    with pytest.raises(ConfigurationError, match=f"^x.json, line {line}: ") as refused:
+        parse_faults(text, NDI_FAULTS, "x.json")
+    assert meant in str(refused.value)
 
 
 @pytest.mark.parametrize("names", [NDI_FAULTS, OPTOTRAK_FAULTS], ids=["ndi", "optotrak"])

@@ -70,3 +70,25 @@ def test_without_a_file_the_configuration_is_all_that_is_printed(tmp_path: Path,
     cart.send_signal(signal.SIGTERM)
     assert (cart.wait(20), cart.stdout.read()) == (0, "")
     assert not folder.exists(), "nothing is left behind"
+
+
+def test_a_misspelt_fault_is_refused_with_its_line_and_a_right_one_is_told(tmp_path: Path, programs: ExitStack) -> None:
+    folder = tmp_path / "parts"
+    cart = start(programs, "simulate", "cart", "--write", tmp_path / "cart.toml", "--folder", folder)
+    assert cart.stderr is not None
+    assert "ready" in cart.stderr.readline()
+    file = folder / "scanner.json"
+    for text, said in (
+        ('[\n  "depth",\n  "flip-latreal"\n]', f"{file}, line 3: 'flip-latreal' is not a known fault, did you mean"),
+        ('["bend-marker"]', "the tracker shows it"),
+        ('["depth"]', "scanner: shows depth"),
+        ("", "scanner: shows no fault"),
+    ):
+        (new := tmp_path / "new").write_text(text)
+        new.replace(file)
+        assert said in cart.stderr.readline()
+    (new := tmp_path / "new").write_text('["lose-traker"]')
+    new.replace(folder / "polaris.json")
+    assert "polaris: refused, and nothing changes" in cart.stderr.readline()
+    cart.send_signal(signal.SIGINT)
+    assert cart.wait(20) == 0

@@ -14,8 +14,8 @@ from rich.console import Console
 
 from appliance.supervision.supervisor import LATCHED
 from appliance.types import State
-from drivers.errors import TooBusy
-from drivers.twins.faults import CART_FAULTS
+from drivers.errors import ConfigurationError, TooBusy
+from drivers.twins.faults import CART_FAULTS, refuse_unknown_fault
 from drivers.twins.scene.bedside import scanned
 from drivers.twins.scene.surroundings import RIGID
 from tools.demo.director import Director
@@ -43,8 +43,10 @@ def _faults(_context: click.Context, _option: click.Parameter, texts: tuple[str,
 
 def _fault(text: str) -> tuple[str, float]:
     fault, _, seconds = text.partition("@")
-    if fault not in CART_FAULTS:
-        raise click.BadParameter(f"'{fault}' is none of {', '.join(CART_FAULTS)}")
+    try:
+        refuse_unknown_fault(fault, CART_FAULTS, "")
+    except ConfigurationError as error:
+        raise click.BadParameter(f"{error.what}. {error.remedy}") from None
     try:
         from_s = float(seconds)
     except ValueError:

@@ -19,10 +19,10 @@ from appliance.storage.black_box import Series
 from appliance.storage.calibration_file import read_calibration
 from appliance.supervision.timeline import Judging
 from appliance.types import Calibration, Check
-from drivers.errors import RecordingError
-from drivers.files.atomic_file import PAGE_BEGINS, check_apart, check_new, check_replaceable
+from drivers.errors import ConfigurationError, RecordingError
+from drivers.files.atomic_file import check_apart, check_new, check_writable
 from drivers.recordings.replay import Recording, open_recording
-from drivers.twins.faults import CART_FAULTS, Episode, Schedule
+from drivers.twins.faults import CART_FAULTS, Episode, Schedule, refuse_unknown_fault
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
@@ -47,8 +47,10 @@ def _episodes(_context: click.Context, _option: click.Parameter, texts: tuple[st
 
 def _episode(text: str) -> Episode:
     fault, at, seconds = text.partition("@")
-    if fault not in CART_FAULTS:
-        raise click.BadParameter(f"'{fault}' is none of {', '.join(CART_FAULTS)}")
+    try:
+        refuse_unknown_fault(fault, CART_FAULTS, "")
+    except ConfigurationError as error:
+        raise click.BadParameter(f"{error.what}. {error.remedy}") from None
     try:
         from_s = float(seconds) if at else 0.0
     except ValueError:

@@ -1,9 +1,14 @@
 """`probewatch simulate cart`: scanner, tracker and relay board together, for a service that is started beside them."""
 
+import fcntl
+import os
 import signal
 import tempfile
 import threading
 import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -13,11 +18,13 @@ from drivers.files.atomic_file import check_new, check_replaceable, replacing
 from drivers.twins.faults import PICTURE_FAULTS
 from drivers.twins.ndi.tracker import NDI_FAULTS
 from tools.shared.configuration_text import Answers, changed, template
-from tools.simulators.whole_cart import CartSettings, SimulatedDevices
+from tools.simulators.whole_cart import CartSettings, Event, SimulatedDevices
 
 _BEGINS = "# SIMULATED devices of `probewatch simulate cart`"
 _LOOK_S = 0.5
-"""Between two looks whether every part still runs; how late an end is told."""
+"""Between two looks whether every part still runs, and what it says; how late either is told."""
+_CLAIM = "simulated-cart"
+"""File of the folder: holds the seed of the cart that lives there, and is locked while it runs."""
 
 
 @click.command("cart")
@@ -45,12 +52,17 @@ def command(file: Path | None, folder: Path | None, seed: int, unconfigured: boo
 
     With --unconfigured the file is the one that a package brings, for `probewatch configure`: docs/first-day.md.
 
-    Faults are written into two files, which the configuration names with every fault they know. Three hide what the
+    Faults are written into two files, which the configuration names with every fault they know; this command says what
+    is shown then, or why a list is refused. Three hide what the
     probe does and have no alarm of their own: sparse-poses, the tracker sees the probe in one measurement of twelve;
     flicker-blank, every second picture is black; future-stamp, one picture is stamped a minute ahead.
 
     What is configured is simulated: never use it on a real cart. Without --folder everything lies in a temporary folder
-    that is removed at the end, the alarm log too.
+    that is removed at the end, the alarm log too. With the --folder of an earlier cart that cart goes on, with its
+    alarm log and its calibration; it takes the same --seed, and only one cart at a time.
+
+    \b
+    Exit code 0: ended by Ctrl-C. 69: a part of it died. 78: a file or folder cannot be used, or is in use.
     """
     if unconfigured:
         check_new(file)
@@ -68,14 +80,65 @@ def command(file: Path | None, folder: Path | None, seed: int, unconfigured: boo
             if stop.wait(seconds):
                 raise click.Abort
 
-        with SimulatedDevices(place, CartSettings(seed, served=served), pause) as cart:
+        with _claimed(place, seed), SimulatedDevices(place, CartSettings(seed, served=served), pause) as cart:
             if unconfigured and file is not None:
                 _hand_out(_unconfigured(cart), file)
                 click.echo(_commands(cart, file), err=True)
             else:
                 _hand_out(_head(cart) + cart.config_text, file)
+            heard = Counter[str]()
             while not stop.wait(_LOOK_S):
                 cart.require_alive()
+                for name, part in cart.twins.items():
+                    told, heard[name] = part.said[heard[name] :], len(part.said)
+                    for line in filter(None, map(_told, told)):
+                        click.echo(f"{name}: {line}", err=True)
+
+
+def _told(event: Event) -> str:
+    """What a device says of its faults, in words; empty where it says something else."""
+    if event.get("refused"):
+        return f"refused, and nothing changes: {event['refused']}"
+    if "faults" in event:
+        return f"shows {', '.join(event['faults']) or 'no fault'}"
+    return ""
+
+
+@contextmanager
+def _claimed(folder: Path, seed: int) -> Iterator[None]:
+    """The folder for one cart alone, while it runs; says so where the cart of an earlier start goes on.
+
+    Raises ConfigurationError where another runs there, or where the calibration that is kept there is of another probe.
+    """
+    claim = folder / _CLAIM
+    try:
+        descriptor = os.open(claim, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError as error:
+        raise ConfigurationError(f"cannot be written ({error.strerror})", str(claim), "Choose another folder") from None
+    with os.fdopen(descriptor, "r+") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            remedy = "End that one, or choose another folder"
+            raise ConfigurationError("a simulated cart runs there already", str(folder), remedy) from None
+        before = stream.read().strip()
+        if before and before != str(seed):
+            remedy = f"Go on with it by --seed {before}, or choose another folder"
+            what = f"holds the alarm log and the calibration of a cart of --seed {before}"
+            raise ConfigurationError(what, str(folder), remedy)
+        if before:
+            click.echo(_goes_on(folder), err=True)
+        stream.seek(0)
+        stream.write(f"{seed}\n")
+        stream.flush()
+        yield
+
+
+def _goes_on(folder: Path) -> str:
+    """What is left of the cart before and counts again."""
+    left = [name for name in ("scanner.json", "polaris.json", "server.json", "tank") if (folder / name).exists()]
+    still = f"; still in force there: {', '.join(left)}" if left else ""
+    return f"the cart in {folder} goes on, with its alarm log and its calibration{still}"
 
 
 def _made(folder: Path) -> Path:

@@ -1,7 +1,8 @@
 """A simulated NDI tracker on its line: timing of the bytes, line speeds, restarts, and faults while it runs."""
 
-import sys
+import json
 from collections.abc import Callable
+from contextlib import suppress
 from threading import Event
 
 from drivers.clock.host_clock import HostClock
@@ -61,7 +62,6 @@ class NdiTwin:
         self._since: dict[str, float] = {}
         self._boot_ns: int | None = None
         self._replies = 0
-        self._refusal = ""
         self._reset_asked = Event()
 
     def run(self, stop: Event) -> None:
@@ -117,9 +117,14 @@ class NdiTwin:
             self._end(name)
         for name in sorted(come):
             self._begin(name, now_s)
-        if self.control.refusal != self._refusal:
-            self._refusal = self.control.refusal
-            print(self._refusal, file=sys.stderr, flush=True)
+        if gone or come:
+            self._note("faults", sorted(active))
+        if (refusal := self.control.new_refusal()) is not None:
+            self._note("refused", refusal)
+
+    def _note(self, what: str, value: object) -> None:
+        with suppress(BrokenPipeError):  # of a parent that no longer reads
+            print(json.dumps({"t_ns": self._clock.now_ns(), what: value}), flush=True)
 
     def _begin(self, name: str, now_s: float) -> None:
         match name:

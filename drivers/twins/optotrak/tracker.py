@@ -190,6 +190,8 @@ class OptotrakTwin:
             self._server.listen()
         if changed:
             self._note("faults", sorted(active))
+        if (refusal := self.faults.new_refusal()) is not None:
+            self._note("refused", refusal)
 
     def _serve(self, wake_ns: int) -> None:
         """Wait for connections and commands until wake_ns."""

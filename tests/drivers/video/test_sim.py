@@ -165,8 +165,8 @@ def test_a_bad_fault_is_refused_by_name_and_the_twin_goes_on(tmp_path: Path, twi
     assert twin.end() == 0
     refused = [event["refused"] for event in map(json.loads, twin.output.splitlines()) if "refused" in event]
     assert len(refused) == 1
-    assert "fault schedule" in refused[0]
-    assert "one of flip-lateral" in refused[0]
+    assert "line 1: 'fire' is not a known fault" in refused[0]
+    assert "flip-lateral" in refused[0]
 
 
 @pytest.fixture

@@ -120,7 +120,7 @@ def test_faults_of_the_command_line_keep_their_times(simulate: Callable[..., str
     ("options", "code", "words"),
     [
         (["--fault", "flood"], 78, "'flood' is not a known fault"),
-        (["--schedule", '[{"fault": "bump", "from_s": 1}]'], 78, "the fault must be one of"),
+        (["--schedule", '[{"fault": "bump", "from_s": 1}]'], 78, "'bump' is not a known fault"),
         (["--program", "waltz"], 78, "'waltz' is not a known motion"),
         (["--poses", "/no/such/file"], 65, "the pose file cannot be read"),
         (["--poses", "a", "--recording", "b"], 78, "exclude each other"),
