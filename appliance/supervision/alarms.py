@@ -159,6 +159,10 @@ OUTDATED = "the last verification is too old; move the probe over tissue"
 DISTURBED = "verified only before a disturbance; move the probe over tissue"
 """Why a calibration that the line has called verified does not count as verified."""
 
+NO_CALIBRATION = "Scan it: 'recalibrate --live --solve all'; or 'calibration use FILE'"
+EXPIRED_CALIBRATION = "Calibration has expired: 'probewatch recalibrate --live'"
+"""What to do where no motion can verify anything."""
+
 ACKNOWLEDGED = "acknowledged, waiting until the calibration is verified again"
 
 

@@ -14,6 +14,12 @@ GERMAN = {
     "Switch on the scanner and the tracker": "Ultraschallgerät und Tracker einschalten",
     "Calibration not verified": "Kalibrierung nicht bestätigt",
     "Move the probe over tissue in view of the tracker": "Sonde im Sichtfeld des Trackers über Gewebe bewegen",
+    "Scan it: 'recalibrate --live --solve all'; or 'calibration use FILE'": (
+        "Scannen: 'recalibrate --live --solve all'; oder 'calibration use DATEI'"
+    ),
+    "Calibration has expired: 'probewatch recalibrate --live'": (
+        "Kalibrierung ist abgelaufen: 'probewatch recalibrate --live'"
+    ),
     "Calibration verified": "Kalibrierung bestätigt",
     "by earlier motion": "durch frühere Bewegung",
     "in part by earlier motion": "teils durch frühere Bewegung",

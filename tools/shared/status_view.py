@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from appliance.supervision.languages import told, translated
-from appliance.types import Fault
+from appliance.types import Fault, State
 from tools.shared.gesture_drawings import drawn
 from tools.shared.plain_text import shown
 from tools.shared.point_text import WORDS as POINT_WORDS
@@ -167,12 +167,13 @@ def _advice(status: Status) -> str:
     if status["fault"] not in (None, Fault.UNDECIDED):
         return shown(status["remedy"])
     reason = told(status["reason"], _language(status))
-    return "" if reason in status["text"] else shown(reason)
+    return "" if reason in status["text"] or reason == status["remedy"] else shown(reason)
 
 
 def _prompt(status: Status) -> str:
-    """The motion that shows what is missing, while it is asked for."""
-    return shown(status["remedy"]) if status["fault"] in (None, Fault.UNDECIDED) and status.get("gesture") else ""
+    """The motion that shows what is missing, or what must be done before motion can show anything."""
+    asked = status.get("gesture") or (status["state"] == State.NOT_VERIFIED.value and status.get("reference_waits"))
+    return shown(status["remedy"]) if status["fault"] in (None, Fault.UNDECIDED) and asked else ""
 
 
 def _drawn(status: Status) -> Text:

@@ -21,6 +21,7 @@ from appliance.storage.calibration_file import calibration_bytes, is_device_set
 from appliance.storage.reference import Candidate, Reference, Size, candidate_from_content, candidate_of_entry, size_for
 from appliance.storage.reference_dates import Dates, dates_of
 from appliance.storage.reference_store import CONFIGURED, Entry, History, read_history, sha256_of, write_history
+from appliance.supervision.alarms import EXPIRED_CALIBRATION, NO_CALIBRATION
 from appliance.types import Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError
@@ -99,7 +100,8 @@ class References(threading.Thread):
         if not self._opened.is_set():
             return f"{self._folder} has not answered yet"
         if self.current is None and self._place.file is None:
-            return "there is no calibration yet. Scan a cross-wire: on the page, or probewatch recalibrate --live"
+            scan = "Scan a cross-wire: on the page, or probewatch recalibrate --live --solve all"
+            return f"there is no calibration yet. {scan}; or probewatch calibration use FILE"
         if self.current is None:
             return "no picture has come yet, whose size the device set does not state"
         if not self.on_disk:
@@ -109,6 +111,13 @@ class References(threading.Thread):
             new = "far from the one before" if self.current.entry.number > 1 else "the first calibration"
             return f"it is {new}, and of it is not shown yet: {missing}"
         return self._expired or None
+
+    @property
+    def next_step(self) -> str:
+        """What a person has to do before any motion can verify something; empty where motion can."""
+        if self._opened.is_set() and self.current is None and self._place.file is None:
+            return NO_CALIBRATION
+        return EXPIRED_CALIBRATION if self._expired else ""
 
     @property
     def dates(self) -> Dates:

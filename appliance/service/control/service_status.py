@@ -65,9 +65,10 @@ class ServiceStatus:
         lacking = [name for name, one in shown_now.items() if one is Shown.MISSING]
         rivals = () if seen.verdict is None else seen.verdict.rivals
         asked = gestures([rival.check.name for rival in rivals] or lacking)
+        step = self._references.next_step
         return {
             "t_ns": now_ns,
-            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, asked, shown_now),
+            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, asked, shown_now, step),
             **origin_fields(config, self._configuration.file, self._references),
             "recalibration": self._hold.fields(peer, now_ns, seen.recalibrating, seen.alarm.state is State.MONITORING),
             "language": config.alarm.language,

@@ -84,23 +84,27 @@ def alarm_fields(
     simulated: Sequence[str] = (),
     wanted: Sequence[Gesture] = (),
     shown_now: Mapping[str, Shown] = NONE,
+    next_step: str = "",
 ) -> dict[str, Any]:
     """What the room is told, in its language. simulated: URLs of the sources that are no real device. wanted: motion
-    that is still asked for. shown_now: of `shown_of_each`.
+    that is still asked for. shown_now: of `shown_of_each`. next_step: of the reference, before which no motion helps.
     """
     text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
     text += _carried_by(alarm, shown_now, language)
-    told = [translated(gesture.value, language) for gesture in wanted]
+    told = [] if next_step else [translated(gesture.value, language) for gesture in wanted]
     shows = alarm.fault is None if alarm.state is State.NOT_VERIFIED else alarm.fault is Fault.UNDECIDED
     if shows and told:
         remedy = "; ".join([translated("Probe on tissue", language), *told])
-    signal = SIGNALS[alarm.state]
+    signal, reason = SIGNALS[alarm.state], alarm.reason
+    if shows and next_step:
+        remedy = translated(next_step, language)
+        reason = next_step if reason == signal.remedy else reason
     return {
         "state": alarm.state.value,
         "text": f"{_SIMULATED[language] if simulated else ''}{text}",
         "remedy": remedy,
         "fault": alarm.fault,
-        "reason": alarm.reason,
+        "reason": reason,
         "priority": signal.priority.value,
         "lamp": signal.lamp.value,
         "energised": alarm.energised,

@@ -13,7 +13,16 @@ from appliance.core.quality.judgement import BROKE, Judgement, bounded, judge
 from appliance.core.quality.proposal import propose
 from appliance.core.quality.verification import Sign, Standing
 from appliance.limits import Limits
-from appliance.supervision.alarms import DISTURBED, EARLIER, HAZARDS, OUTDATED, PARTLY_EARLIER, SIGNALS
+from appliance.supervision.alarms import (
+    DISTURBED,
+    EARLIER,
+    EXPIRED_CALIBRATION,
+    HAZARDS,
+    NO_CALIBRATION,
+    OUTDATED,
+    PARTLY_EARLIER,
+    SIGNALS,
+)
 from appliance.supervision.languages import GERMAN, told
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
@@ -63,6 +72,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     tables = {text for row in (*SIGNALS.values(), *HAZARDS.values()) for text in (row.text, row.remedy)}
     tables |= {row.requested for row in HAZARDS.values() if row.requested}
     words = {*WORDS.values(), *(state.value for state in State), OUTDATED, DISTURBED, EARLIER, PARTLY_EARLIER}
+    words |= {NO_CALIBRATION, EXPIRED_CALIBRATION}
     reasons = {text for text in GERMAN if "{" in text and text not in words}
     units = {"deg", "axes"}
     said = {"calibration verified", "verified only in parts", "Probe on tissue", BROKE}

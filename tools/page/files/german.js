@@ -240,7 +240,7 @@ const GERMAN = {
   "cloud of reconstructed points": "Wolke der berechneten Punkte",
   "start the page with --config to see the alarm log": "die Seite mit --config starten, um das Alarmprotokoll zu sehen",
   "it was not asked yet": "er wurde noch nicht gefragt",
-  "there is no calibration yet. Scan a cross-wire: on the page, or probewatch recalibrate --live": "es gibt noch keine Kalibrierung. Ein Drahtkreuz scannen: auf der Seite, oder mit probewatch recalibrate --live",
+  "there is no calibration yet. Scan a cross-wire: on the page, or probewatch recalibrate --live --solve all; or probewatch calibration use FILE": "es gibt noch keine Kalibrierung. Ein Drahtkreuz scannen: auf der Seite, oder mit probewatch recalibrate --live --solve all; oder probewatch calibration use DATEI",
   "no picture has come yet, whose size the device set does not state": "noch ist kein Bild gekommen, dessen Größe die PLUS-Datei nicht nennt",
   "the first calibration, with none before to compare it with": "die erste Kalibrierung, ohne eine davor zum Vergleich",
   "a token is needed: probewatch page --token gives one": "ein Token ist nötig: probewatch page --token gibt eines",

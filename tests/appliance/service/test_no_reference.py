@@ -1,0 +1,62 @@
+"""What a service asks for while no motion can verify anything: a calibration, not a gesture."""
+
+import re
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from appliance.core.quality.gesture import Gesture
+from appliance.service.control.status import alarm_fields
+from appliance.supervision.languages import LANGUAGES, translated
+from appliance.types import AlarmState, State
+from tests.support.answers import answered
+from tests.support.simulated_cart import SimulatedCart
+
+
+class Uncalibrated(SimulatedCart):
+    """Its configuration names no calibration."""
+
+    def _write_files(self) -> None:
+        super()._write_files()
+        lines = self.config.read_text().splitlines(keepends=True)
+        self.config.write_text("".join(line for line in lines if "calibration.file" not in line))
+
+
+def test_a_cart_without_a_calibration_is_asked_for_one_not_for_a_gesture(tmp_path: Path) -> None:
+    with Uncalibrated(tmp_path) as cart:
+        status = cart.wait_for("not verified")
+        with cart.served():
+            shown = answered("status", "--socket", cart.socket)
+        taken = tmp_path / "probe.toml"
+        with cart.served():
+            used = answered("calibration", "use", taken, "--yes", "--wait", 1, "--socket", cart.socket)
+        asked = cart.status()
+    assert status["gesture"] == []
+    assert status["remedy"] == "Scan it: 'recalibrate --live --solve all'; or 'calibration use FILE'"
+    assert shown.returncode == 3
+    assert status["remedy"] in shown.stdout
+    assert not re.search("probe (on|over) tissue", shown.stdout, re.IGNORECASE)
+    assert "recalibrate --live --solve all" in status["reference_waits"]
+    assert "of it is not shown yet" in used.stderr, "what is asked for is taken, and motion is next"
+    assert asked["reference"]["number"] == 1
+    assert len(asked["gesture"]) > 1
+
+
+def test_an_expired_calibration_is_to_be_renewed_not_to_be_moved(tmp_path: Path) -> None:
+    with SimulatedCart(tmp_path, more='calibration.due_days = 30\ncalibration.overdue = "expires"\n') as cart:
+        cart.monitoring()
+        cart.utc += timedelta(days=31)
+        status = cart.wait_for("not verified")
+    assert (status["gesture"], status["remedy"]) == ([], "Calibration has expired: 'probewatch recalibrate --live'")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_step_is_told_in_the_calm_state_alone(language: str) -> None:
+    step = "Calibration has expired: 'probewatch recalibrate --live'"
+    lost = AlarmState(State.DEVICE_LOST, 0, None, "", False, None)
+    calm = AlarmState(State.NOT_VERIFIED, 0, None, "", False, None)
+    wanted = (Gesture.PRESS,)
+    assert alarm_fields(0, calm, language, wanted=wanted, next_step=step)["remedy"] == translated(step, language)
+    assert alarm_fields(0, calm, language, wanted=wanted)["gesture"] == [translated(Gesture.PRESS.value, language)]
+    assert "expired" not in alarm_fields(0, lost, language, next_step=step)["remedy"]
