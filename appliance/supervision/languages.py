@@ -14,6 +14,9 @@ GERMAN = {
     "Switch on the scanner and the tracker": "Ultraschallgerät und Tracker einschalten",
     "Calibration not verified": "Kalibrierung nicht bestätigt",
     "Move the probe over tissue in view of the tracker": "Sonde im Sichtfeld des Trackers über Gewebe bewegen",
+    "within its limit again; good once it has stayed so for some seconds: {names}": (
+        "wieder innerhalb der Grenze; gut, sobald es einige Sekunden so bleibt: {names}"
+    ),
     "Scan it: 'recalibrate --live --solve all'; or 'calibration use FILE'": (
         "Scannen: 'recalibrate --live --solve all'; oder 'calibration use DATEI'"
     ),

@@ -65,7 +65,9 @@ def command(
     service can ask for a one-time token, which lets one browser do that for twelve hours.
 
     \b
-      probewatch page --token         # in a terminal of the cart; then type it into the page
+      probewatch page --token                                # the page of the package; then type it into the page
+      probewatch page --config cart.toml --door page-door    # a page of your own, started by hand
+      probewatch page --token --door page-door               # a token of that one
 
     The page asks the service and its feed as any client may, so it cannot affect the alarm. It loads nothing from
     elsewhere. docs/page.md has pictures of it; docs/security.md says what listens.
@@ -92,13 +94,15 @@ def command(
         def invite(name: str) -> tuple[str, str]:
             return tokens.issue(name, time.monotonic()), url
 
-        if door is not None or _DOOR.parent.is_dir():
+        served = door or (_DOOR if _DOOR.parent.is_dir() else None)
+        if served is not None:
             onlookers = frozenset[int]() if config is None else Onlookers.of(config).refused
-            running.enter_context(Door(door or _DOOR, "", invite, onlookers))
+            running.enter_context(Door(served, "", invite, onlookers))
         if sys.stdout.isatty():
             click.echo(f"{url}   token: {invite('whoever started it')[0]}")
         else:
             click.echo(url)
+        click.echo(_how_to_ask(served), err=True)
         parts = Parts(watch, pictures, session, alarms, Asking(control), tokens, cart, _called(host, hosts))
         _serve(Page(parts), listener)
 
@@ -117,6 +121,14 @@ def _serve(page: Page, listener: sockets.socket) -> None:
         timeout_graceful_shutdown=1,
     )
     uvicorn.Server(config).run(sockets=[listener])
+
+
+def _how_to_ask(door: Path | None) -> str:
+    """How somebody gets a token of the running page. door: its socket for that, None where it has none."""
+    if door is None:
+        what = "this page cannot be asked for a token later: start it with --door FILE, such as --door page-door"
+        return f"{what}; then: probewatch page --token --door FILE"
+    return f"a token: probewatch page --token{'' if door == _DOOR else f' --door {door}'}"
 
 
 def _called(host: str, others: tuple[str, ...]) -> frozenset[str]:

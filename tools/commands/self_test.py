@@ -16,13 +16,13 @@ from rich.text import Text
 
 from appliance.configuration.config import load_config
 from appliance.service.control.client import ControlClient
-from drivers.errors import ProbewatchError
+from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.files.atomic_file import make_folder, replacing
 from drivers.printable import printable
 from tools.selftest import items
 from tools.selftest.items import Item
 from tools.selftest.measured import Measured, measured
-from tools.selftest.records import sealed
+from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.named_cart import config_option, control_option
 from tools.shared.terminal import progress_bar
@@ -45,7 +45,13 @@ _TIMEX_BYTES, _TIMEX_STATUS = 208, 40
 @click.option("--feed", type=click.Path(path_type=Path), help="socket of the feed [beside the control socket]")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="where it is kept [alarm folder]")
 @click.option("--operator", default="", help="who does it; kept with the result")
-@click.option("--lamps", type=click.Choice(["ask", "seen", "not-seen", "skip"]), default="ask", show_default=True)
+@click.option(
+    "--lamps",
+    type=click.Choice(["ask", "seen", "not-seen", "skip"]),
+    default="ask",
+    show_default=True,
+    help="test lamps and tone and ask; or say what was seen; skip does not pass",
+)
 @click.option("--yes", is_flag=True, help="wait for nobody: the probe lies still now, and moves after that")
 @json_option
 def command(
@@ -66,27 +72,43 @@ def command(
     What was found is kept as JSON in the folder `self-tests` of the alarm log's folder, for the report.
 
     \b
+    Examples:
+      probewatch self-test --operator "A. Smith"
+      probewatch self-test --yes --lamps skip --json      # in a script, where nobody can be asked
+
+    \b
     Exit code 0: all green. 1: something is red, or could not be tried. 69: no service answers.
+    78: nobody can be asked, or a file cannot be used.
     """
     write = click.get_current_context().with_resource(text_aside(as_json))
     config = None if config_file is None else load_config(config_file)
     control = control_socket if config is None else config.control.socket
     feed = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
     folder = folder or (Path("/var/lib/probewatch") if config is None else config.alarm.folder) / _FOLDER
+    if not yes and not sys.stdin.isatty():
+        what = "nobody can be asked to lay the probe down, and then to move it"
+        raise ConfigurationError(
+            what, "self-test", "Run it at a terminal, or give --yes and --lamps seen, not-seen or skip"
+        )
     with ControlClient(control) as client:
         client.status()
+    with stopped_saying("no result was kept"):
+        found, kept = _tested(control, feed, folder, operator, lamps, yes)
+    write([item.fields() for item in found])
+    if not as_json:
+        _print(found, kept)
+    sys.exit(0 if all(item.green for item in found) else 1)
+
+
+def _tested(control: Path, feed: Path, folder: Path, operator: str, lamps: str, yes: bool) -> tuple[list[Item], Item]:
+    """What was found, and whether it could be kept, which stands among the items where it could not."""
     still, moving, trouble = _measure(feed, yes)
     with ControlClient(control) as client:
         seen = _lamps(client, lamps)
         status = client.status()
     found = _judged(status, still, moving, trouble, seen)
     kept = _kept(folder, found, status, operator)
-    if kept.remedy:
-        found.append(kept)
-    write([item.fields() for item in found])
-    if not as_json:
-        _print(found, kept)
-    sys.exit(0 if all(item.green for item in found) else 1)
+    return ([*found, kept] if kept.remedy else found), kept
 
 
 def _measure(feed: Path, yes: bool) -> tuple[Measured, Measured, str]:
@@ -103,7 +125,7 @@ def _measure(feed: Path, yes: bool) -> tuple[Measured, Measured, str]:
 
 
 def _wait(what: str, yes: bool) -> None:
-    if not yes and sys.stdin.isatty():
+    if not yes:
         click.prompt(f"{what}; then Enter", default="", show_default=False, prompt_suffix=" ")
 
 

@@ -70,8 +70,10 @@ def invitation(path: Path) -> tuple[str, str]:
     except PermissionError:
         raise DeviceLost("your user may not ask the page for a token", str(path), join_group(path)) from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        what = f"no page answers ({printable(str(error)) or 'nothing'})"
-        raise DeviceLost(what, str(path), "Start it: systemctl start probewatch-page, or: probewatch page") from None
+        why = error.strerror if isinstance(error, OSError) else None
+        what = f"no page answers ({why or printable(str(error)) or 'nothing'})"
+        remedy = f"Start it: systemctl start probewatch-page, or: probewatch page --door {path}"
+        raise DeviceLost(what, str(path), remedy) from None
 
 
 def _name(uid: int) -> str:

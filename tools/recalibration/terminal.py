@@ -188,9 +188,18 @@ def _answer(session: ScanSession, said: str, fields: Fields) -> None:
         session.reject("in the terminal")
     else:
         views = fields["scan"]["views"]
-        for word in said.replace(",", " ").split():
-            index = int(word) - 1 if word.isdecimal() else -1
-            session.strike(index, not (0 <= index < len(views) and views[index]["struck"]))
+        words = said.replace(",", " ").split()
+        for word in words:
+            if not (word.isdecimal() and 0 < int(word) <= len(views)):
+                raise ControlRefused(f"'{word}' is no answer", "review", _accepted(len(views)))
+        for word in dict.fromkeys(words):
+            session.strike(int(word) - 1, not views[int(word) - 1]["struck"])
+
+
+def _accepted(views: int) -> str:
+    """What can be answered in the review."""
+    struck = f", or numbers of views from 1 to {views}, such as '2 5'" if views else ""
+    return f"Type accept, check, scan on or reject{struck}"
 
 
 def _accept(session: ScanSession, check: Fields | None) -> None:

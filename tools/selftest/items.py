@@ -12,6 +12,7 @@ from appliance.core.registration.pyramid import pyramid
 from appliance.types import State
 from drivers.rigid import vector_from_rotation
 from drivers.samples import Frame, Pose, PoseStatus
+from tools.shared.status_view import is_recovering
 from tools.shared.time_quality import TimeQuality, time_quality
 
 _LEAST_HZ = {"video": 10.0, "tracker": 15.0}
@@ -57,7 +58,10 @@ def devices(status: Status) -> list[Item]:
             continue
         good = check["verdict"] == "OK"
         what = "within its limit" if good else f"{check['value']} {check['unit']}, limit {check['limit']}"
-        items.append(Item(check["name"], good, what, "" if good else "See probewatch status"))
+        remedy = "" if good else "See probewatch status"
+        if is_recovering(check):
+            what, remedy = "was beyond its limit, and is within it again", "Wait some seconds, and test again"
+        items.append(Item(check["name"], good, what, remedy))
     items += [Item(device, False, what, "Mend it, or its cable") for device, what in status["lost"].items()]
     return items
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from drivers.errors import ConfigurationError
 from drivers.files.markup import toml_of
@@ -93,7 +94,12 @@ def _file(context: click.Context, _: click.Parameter, value: Path | None) -> Pat
 
 def _derived(section: str, key: str, usual: Path) -> Callable[[click.Context, click.Parameter, Path | None], Path]:
     def derive(context: click.Context, _: click.Parameter, value: Path | None) -> Path:
-        return value or _said(context.meta.get(NAMED), section, key) or usual
+        named = context.meta.get(_NAMED)
+        typed = context.get_parameter_source("config_file") is ParameterSource.COMMANDLINE
+        if value is not None and not (named is not None and typed):
+            return value
+        said = _said(named, section, key)  # also where it goes unused: a typed file that is not there is a slip
+        return value or said or usual
 
     return derive
 
@@ -108,8 +114,10 @@ def _said(named: Path | None, section: str, key: str) -> Path | None:
     except (OSError, ValueError, AttributeError) as error:
         if named is None:
             return None
-        what = error.strerror if isinstance(error, OSError) else error
-        raise ConfigurationError(f"cannot be read: {what}", str(file), f"See: probewatch check {file}") from None
+        if isinstance(error, OSError):
+            remedy = f"Name the cart's configuration, by --config or {ENVIRONMENT}, or leave both out for {CONFIG}"
+            raise ConfigurationError(f"cannot be read: {error.strerror}", str(file), remedy) from None
+        raise ConfigurationError(f"cannot be read: {error}", str(file), f"See: probewatch check {file}") from None
     return file.parent / said if isinstance(said, str) else None
 
 

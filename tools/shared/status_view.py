@@ -36,6 +36,7 @@ WORDS = {
     "silenced": "sound acknowledged",
     "off": "sound off",
     "carried": "present motion does not show it; within its age, as no detector saw a change: {names}",
+    "recovering": "within its limit again; good once it has stayed so for some seconds: {names}",
     **POINT_WORDS,
 }
 """Every word of the picture that the service does not say itself."""
@@ -120,6 +121,11 @@ def _now(check: _Check) -> str:
     """The verdict as of now: what was shown too long ago, or before a disturbance, is not verified any more."""
     earlier = check["verdict"] == "OK" and check.get("shown") in ("carried", "missing")
     return "NOT_VERIFIED" if earlier else str(check["verdict"])
+
+
+def is_recovering(check: Mapping[str, Any]) -> bool:
+    """The processor was overloaded so recently that it is not called good yet; other parts are good at once."""
+    return check["fault"] == Fault.OVERLOADED and check["verdict"] == "FAULT" and check["ratio"] < 1.0
 
 
 def _bar(ratio: float, colour: str, cells: int) -> Text:
@@ -238,7 +244,9 @@ def _remarks(status: Status) -> list[Text]:
     lost = [f"{device}: {what}" for device, what in status["lost"].items()]
     ended = [] if status["estimator"] is None else [f"estimator: {status['estimator']}"]
     given_up = (status.get("recalibration") or {}).get("ended")
+    back = ", ".join(told(one["name"], _language(status)) for one in status["devices"] if is_recovering(one))
     said = [
+        *([_words(status)["recovering"].format(names=back)] if back else []),
         *status["notices"],
         *([f"recalibration: {given_up}"] if given_up else []),
         *status["remarks"],

@@ -50,7 +50,6 @@ class NdiTelemetry:
 def describe(telemetry: NdiTelemetry) -> Description:
     """In words; see drivers.device_api.Identified."""
     identity = telemetry.identity
-    counted = ((telemetry.refused, "damaged replies refused"), (telemetry.doubted, "poses that had to be confirmed"))
     return Description(
         model=identity.title or "NDI tracker",
         firmware=f"{identity.freeze_tag or 'unknown'}, answers {telemetry.reply.name}",
@@ -60,8 +59,16 @@ def describe(telemetry: NdiTelemetry) -> Description:
         remarks=(
             *telemetry.warnings,
             *filter(None, [telemetry.health.warnings]),
-            *(f"{words}: {number}" for number, words in counted if number),
+            *(words.format(number) for number, words in _counted(telemetry) if number),
         ),
+    )
+
+
+def _counted(telemetry: NdiTelemetry) -> tuple[tuple[int, str], ...]:
+    """Numbers, and what each says to a person: the second stands after every start and every loss of sight."""
+    return (
+        (telemetry.refused, "damaged replies refused: {}; where they go on, see cable and plugs"),
+        (telemetry.doubted, "poses read a second time, after a leap or a gap, and then used: {}; this is no fault"),
     )
 
 

@@ -1,7 +1,11 @@
 """`probewatch self-test` without a service; that of a cart is in tests/live/test_feed.py."""
 
+import io
+from pathlib import Path
+
 import pytest
 
+from tests.support.answering import Answering
 from tests.support.answers import answered
 
 
@@ -10,3 +14,16 @@ def test_without_a_service_it_says_so(arguments: tuple[str, str]) -> None:
     shown = answered("self-test", *arguments, "--yes")
     assert shown.returncode in (69, 78)
     assert shown.stderr.count("\n") == 1
+
+
+def test_where_nobody_can_be_asked_it_refuses_and_measures_nothing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A probe that nobody laid down, and then moved, makes red lines that mean nothing."""
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    with Answering(tmp_path / "control") as service:
+        shown = answered("self-test", "--socket", service.path, "--folder", tmp_path)
+    assert (shown.returncode, shown.stdout) == (78, "")
+    assert "nobody can be asked to lay the probe down" in shown.stderr
+    assert "give --yes and --lamps" in shown.stderr
+    assert service.asked == {}

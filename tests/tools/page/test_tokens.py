@@ -1,5 +1,9 @@
 """One-time tokens: once, not for long, and not by trying."""
 
+from pathlib import Path
+
+from tests.support.answers import answered
+from tools.commands.page import _how_to_ask
 from tools.page.tokens import TOKEN_S, Tokens
 
 HOUR_S = 3600.0
@@ -58,3 +62,13 @@ def test_many_tokens_push_out_the_oldest() -> None:
     assert len({*issued}) == 9
     assert tokens.redeem(issued[0], 1.0) is None
     assert tokens.redeem(issued[1], 1.0) is not None
+
+
+def test_whoever_starts_a_page_is_told_how_to_get_a_token_of_it(tmp_path: Path) -> None:
+    """Without a door, and without the package's, nobody can ask for one: it says so, and what gives one."""
+    assert "start it with --door FILE" in _how_to_ask(None)
+    assert _how_to_ask(tmp_path / "door") == f"a token: probewatch page --token --door {tmp_path / 'door'}"
+    shown = answered("page", "--token", "--door", tmp_path / "door")
+    assert shown.returncode == 69
+    assert "no page answers (No such file or directory). Start it: " in shown.stderr
+    assert f"probewatch page --door {tmp_path / 'door'}" in shown.stderr

@@ -8,13 +8,16 @@ import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, ClassVar
 
 import pytest
 
+from appliance.service.control.server import ControlRefused
 from tests.support.live_scan import RecalibratingService, Scan
 from tests.support.person import Person
 from tests.support.polling import until
 from tests.tools.recalibration.test_session import truth, wires
+from tools.recalibration.terminal import _answer
 
 pytestmark = pytest.mark.thorough
 
@@ -146,3 +149,27 @@ def test_a_difference_is_stated_and_nothing_is_taken_before_it_is_accepted(
         assert person.ends() == 0
     said = tomllib.loads(service.taken.decode())
     assert said["provenance"]["check"] == "not made: the tank stands in a frame"
+
+
+@pytest.mark.parametrize(
+    ("said", "refused"),
+    [("foo", "'foo'"), ("yes", "'yes'"), ("0", "'0'"), ("1 4", "'4'"), ("2, acept", "'acept'")],
+)
+def test_an_answer_that_is_none_is_told_what_is_accepted_and_changes_nothing(said: str, refused: str) -> None:
+    class Session:
+        struck: ClassVar[list[tuple[int, bool]]] = []
+
+        def strike(self, index: int, struck: bool) -> None:
+            self.struck.append((index, struck))
+
+    session: Any = Session()
+    fields = {"scan": {"views": [{"struck": False}, {"struck": True}, {"struck": False}]}}
+    with pytest.raises(ControlRefused) as error:
+        _answer(session, said, fields)
+    assert f"{refused} is no answer. Type accept, check, scan on or reject, or numbers of views from 1 to 3" in str(
+        error.value
+    )
+    assert session.struck == []
+    _answer(session, "1, 2", fields)
+    assert session.struck == [(0, True), (1, False)]
+    session.struck.clear()

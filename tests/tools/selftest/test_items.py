@@ -102,3 +102,20 @@ def test_lamps_are_what_a_person_says(seen) -> None:
     lamp = {"url": "relay:x", "signal": "red"}
     assert items.outputs(recorded(outputs=[lamp]), seen).green is seen
     assert items.outputs(recorded(outputs=[lamp | {"signal": "contact"}]), seen).green is True
+
+
+def test_a_part_that_is_within_its_limit_again_is_red_and_says_why() -> None:
+    busy = {
+        "name": "processor time",
+        "fault": "overloaded",
+        "verdict": "FAULT",
+        "ratio": 0.4,
+        "value": 0.4,
+        "limit": 1.0,
+        "unit": "",
+    }
+    (one,) = items.devices({**recorded(), "devices": [busy], "lost": {}, "remarks": []})[:1]
+    assert (one.green, one.remedy) == (False, "Wait some seconds, and test again")
+    assert "was beyond its limit, and is within it again" in one.what
+    (one,) = items.devices({**recorded(), "devices": [{**busy, "ratio": 1.4, "value": 1.4}], "lost": {}})[:1]
+    assert one.what == "1.4 , limit 1.0"

@@ -51,6 +51,15 @@ def test_an_option_goes_before_the_configuration_and_that_before_the_environment
     assert CliRunner().invoke(asks, ["--config", str(other)], env=named).output == "/run/probewatch/control\n"
 
 
+def test_a_configuration_that_is_typed_and_not_there_is_told_also_beside_an_option(tmp_path: Path) -> None:
+    """An option goes before it, and a slip is none the less one."""
+    absent = ["--config", str(tmp_path / "nosuch.toml")]
+    for command, more in ((reads, [str(tmp_path)]), (asks, ["--socket", "/x"])):
+        error = CliRunner().invoke(command, [*absent, *more]).exception
+        assert "nosuch.toml: cannot be read: No such file or directory. Name the cart's configuration" in str(error)
+    assert CliRunner().invoke(asks, ["--socket", "/x"], env={ENVIRONMENT: absent[1]}).output == "/x\n"
+
+
 @pytest.mark.parametrize("content", [None, "= 3"])
 def test_a_configuration_that_was_named_and_cannot_be_read_is_told(tmp_path: Path, content: str | None) -> None:
     file = tmp_path / "cart.toml"

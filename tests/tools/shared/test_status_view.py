@@ -274,3 +274,12 @@ def test_a_motion_that_is_asked_for_is_a_link_to_its_moving_drawing(language: st
     assert [file.name for file in files] == [f"gesture-{gesture.name.lower()}.svg" for gesture in Gesture]
     assert all("<svg" in file.read_text(encoding="utf-8") for file in files)
     assert "\x1b" not in "".join(drawn(80, wanted))
+
+
+def test_a_cross_below_its_limit_is_explained() -> None:
+    """The computer was overloaded until a moment ago."""
+    devices = status()["devices"]
+    busy = [*devices, {**devices[0], "name": "processor time", "fault": "overloaded", "verdict": "FAULT", "ratio": 0.4}]
+    said = "! within its limit again; good once it has stayed so for some seconds: processor time !"
+    assert said in " ".join(drawn(120, status(devices=busy)))
+    assert "within its limit again" not in " ".join(drawn(120, status()))

@@ -78,6 +78,14 @@ def test_a_tracker_that_was_moved_is_told_and_changes_no_pose_relative_to_the_re
         assert [said for said in run(5.0) if "the tracker or the reference tool was moved" in said]
 
 
+def test_what_every_start_counts_is_told_as_no_fault(tmp_path: Path) -> None:
+    """The first pose is always read a second time."""
+    with bench(tmp_path) as cart, cart.open() as tracker:
+        until(tracker, PoseStatus.OK)
+        (said,) = tracker.describe().remarks
+    assert said == "poses read a second time, after a leap or a gap, and then used: 1; this is no fault"
+
+
 def test_closing_leaves_the_device_as_a_fresh_program_expects_it(tmp_path: Path) -> None:
     with bench(tmp_path) as cart:
         with cart.open() as tracker:
