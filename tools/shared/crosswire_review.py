@@ -14,6 +14,9 @@ from tools.shared.tables import FittingTable
 
 _UNITS = ("°",) * 3 + ("%",) * 2 + ("mm",) * 3
 """Of PARAMETERS, as people read them."""
+_AGREES_SIGMAS = 3.0
+"""Beyond which two calibrations disagree: of eight parameters, one in 50 honest scans has one there. Fewer accuse
+good scans; more pass those that are wrong."""
 _WORST = 8
 """Views shown where not all are asked for: what a person would strike out is among them."""
 
@@ -62,6 +65,24 @@ def parameter_table(whole: WholeSolution, others: Mapping[str, Calibration]) -> 
     return comparison_table(
         compared(whole, {name: difference_in_sigmas(whole.calibration, other) for name, other in others.items()})
     )
+
+
+def disagreements(whole: WholeSolution, others: Mapping[str, Calibration]) -> list[str]:
+    """Of each other calibration that is further off than the sigmas allow, which parameters are, in a sentence."""
+    told = []
+    for name, other in others.items():
+        change, sigmas = difference_in_sigmas(whole.calibration, other)
+        far = [index for index in range(len(PARAMETERS)) if abs(sigmas[index]) > _AGREES_SIGMAS]
+        words = (
+            f"{PARAMETERS[index]} by {change[index] * PER_UNIT[index]:+.2f} {_UNITS[index]} ({sigmas[index]:+.1f}σ)"
+            for index in far
+        )
+        if far:
+            told.append(
+                f"this scan and '{name}' disagree: {', '.join(words)}. Which of the two is wrong, or whether the marker"
+                " body has moved, only another scan tells: give it as --check, or solve it and compare"
+            )
+    return told
 
 
 def comparison_table(lines: Sequence[Mapping[str, Any]]) -> FittingTable:

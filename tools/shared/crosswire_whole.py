@@ -16,7 +16,7 @@ from appliance.crosswire.water import LARGEST_ERROR, for_tissue, speed_of_sound_
 from appliance.storage.calibration_file import read_calibration
 from appliance.types import Calibration
 from tools.shared.crosswire_input import ScanInput
-from tools.shared.crosswire_review import parameter_table, view_table
+from tools.shared.crosswire_review import disagreements, parameter_table, view_table
 from tools.shared.digest import file_sha256
 from tools.shared.sign_off import SignOff, whole_record
 
@@ -143,6 +143,8 @@ def _say(
         if options.estimate is not None:
             others["estimate"] = read_calibration(options.estimate, whole.calibration.image_size_px)
         console.print(parameter_table(whole, others), crop=False)
+        for disagreement in disagreements(whole, others):
+            click.secho(f"! {disagreement}", fg="yellow")
         if state.closed is not None:
             given = "the one in force" if before is not None else "the new one"
             zeta = f"{state.closed.zeta_mm:.2f} ± {state.closed.zeta_sigma_mm:.2f} mm"

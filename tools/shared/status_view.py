@@ -125,7 +125,7 @@ def _now(check: _Check) -> str:
 
 def is_recovering(check: Mapping[str, Any]) -> bool:
     """The processor was overloaded so recently that it is not called good yet; other parts are good at once."""
-    return check["fault"] == Fault.OVERLOADED and check["verdict"] == "FAULT" and check["ratio"] < 1.0
+    return bool(check["fault"] == Fault.OVERLOADED and check["verdict"] == "FAULT" and check["ratio"] < 1.0)
 
 
 def _bar(ratio: float, colour: str, cells: int) -> Text:
