@@ -35,3 +35,11 @@ def test_json_is_one_switch_in_every_command() -> None:
     assert len(found) > 6
     assert {is_flag for is_flag, _ in found.values()} == {True}
     assert len({told for _, told in found.values()}) == 1, found
+
+
+def test_every_command_shows_how_it_is_called() -> None:
+    """By its own help, or by that of the group it stands in."""
+    helps = {path: f"{command.help} {command.epilog}" for path, command in commands()}
+    shown = {path: f"{text} {helps.get(path[:-1], '')}" for path, text in helps.items()}
+    without = {path for path, text in shown.items() if path and f"probewatch {' '.join(path)}" not in text}
+    assert without <= {("simulate",)}, "its devices have examples of their own"

@@ -18,6 +18,10 @@ def command(control_socket: Path, bump: bool) -> None:
     order. A fault that comes again, or another one, sounds again. Who acknowledged what is in the alarm log.
 
     \b
+    Example:
+      probewatch ack
+
+    \b
     Exit code 0: done. 69: no service answers. 75: there is nothing to acknowledge.
     """
     with ControlClient(control_socket) as client:

@@ -54,7 +54,10 @@ def command() -> None:
       probewatch calibration diff 1 2
       probewatch calibration back 1           # states the difference and asks
       probewatch calibration use new.toml     # a file; --yes where nobody can be asked
+      probewatch calibration show 2
       probewatch calibration export 2 --output probe.xml
+      probewatch calibration import probe.tfm --image-size 640 480 --output probe.toml
+      probewatch calibration reset            # only where the service refuses its history
       probewatch calibration recover --output new.toml   # after a FAULT of rotation or offset
     """
 

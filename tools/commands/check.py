@@ -28,6 +28,11 @@ def command(file: Path) -> None:
     /etc/probewatch/probewatch.toml unless another one is named.
 
     \b
+    Examples:
+      probewatch check
+      probewatch check cart.toml
+
+    \b
     Exit code 0: the service would start with it. 78: it would not.
     """
     text = configuration_text(file)

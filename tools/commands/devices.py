@@ -26,6 +26,10 @@ def command(root: Path) -> None:
     Nothing is opened for that. In a URL, write ndi:, relay: or serialpin: before a serial port, v4l2: before video,
     gpio: before a GPIO chip and ?line= after it. Trackers on the network are not searched for: try one with
     `probewatch probe URL`.
+
+    \b
+    Example:
+      probewatch devices
     """
     rows = [_row(kind, found) for kind, look in _KINDS.items() for found in look(root)]
     if not rows:

@@ -39,6 +39,10 @@ def command(prometheus: str, job: str, over: str, as_json: bool) -> None:
     reference is due when its term ends within two weeks.
 
     \b
+    Example:
+      probewatch fleet --prometheus http://prometheus:9090
+
+    \b
     Exit code 0: no cart needs attention. 1: some do. 69: no Prometheus answers. 78: the argument is not a URL.
     """
     carts = reports(prometheus, job, over)

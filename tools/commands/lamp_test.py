@@ -11,7 +11,12 @@ from tools.shared.named_cart import socket_option
 @click.command()
 @socket_option
 def command(control_socket: Path) -> None:
-    """Light every lamp and sound the tone for five seconds. The contact stays as it is."""
+    """Light every lamp and sound the tone for five seconds. The contact stays as it is.
+
+    \b
+    Example:
+      probewatch lamp-test
+    """
     with ControlClient(control_socket) as client:
         client.test_lamps()
         outputs = client.status()["outputs"]

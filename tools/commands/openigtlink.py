@@ -64,6 +64,11 @@ def command(
     \b
     Answered as well: GET_STATUS, GET_STRING, GET_CAPABIL, and PLUS's commands GetStatus, GetTransform and
     RequestDeviceIds. Everything else is refused, in words. docs/connect.md shows it in 3D Slicer.
+
+    \b
+    Examples:
+      probewatch openigtlink
+      probewatch openigtlink --config cart.toml --stream
     """
     stop = Event()
     for number in (signal.SIGTERM, signal.SIGINT):

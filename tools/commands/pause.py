@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from appliance.service.control.client import ControlClient
+from appliance.supervision.annunciator import Role
 from tools.shared.named_cart import socket_option
 
 
@@ -28,10 +29,18 @@ def command(control_socket: Path, seconds: float, reason: str | None, on: bool) 
     with ControlClient(control_socket) as client:
         if on:
             client.audio_on()
-            click.echo("the alarm may sound again")
+            click.echo(f"the alarm may sound again{_without_tone(client)}")
         elif reason is not None:
             client.audio_off(reason)
-            click.echo("the alarm is silent until 'probewatch pause --on'; it reminds once a minute")
+            click.echo(
+                f"the alarm is silent until 'probewatch pause --on'; it reminds once a minute{_without_tone(client)}"
+            )
         else:
             client.pause_audio(seconds)
-            click.echo(f"the alarm is silent for {seconds:g} s")
+            click.echo(f"the alarm is silent for {seconds:g} s{_without_tone(client)}")
+
+
+def _without_tone(client: ControlClient) -> str:
+    """A remark on a cart that has no tone: it was silent before, and stays so."""
+    signals = {output["signal"] for output in client.status()["outputs"]}
+    return "" if Role.TONE.value in signals else "; this cart has no tone: nothing sounds in any case"

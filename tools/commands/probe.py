@@ -70,6 +70,12 @@ def command(url: str | None, seconds: float, may_click: bool) -> None:
 
     The last line of each source is one word: good; poor, for what is marked with "!"; or nothing, and why.
 
+    \b
+    Examples:
+      probewatch probe v4l2:/dev/video0
+      probewatch probe 'ndi:/dev/ttyUSB0?probe=/etc/probewatch/probe.rom'
+      probewatch probe relay:/dev/ttyUSB1 --click     # only while nobody relies on the contact
+
     Exit code 0 when it works, poorly too; else that of the fault: 69 the device is lost, or it or its half of a cart
     gives nothing to use, 76 it breaks its protocol, 78 the URL can never work, 65 the recording cannot be read.
     """

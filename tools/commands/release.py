@@ -27,6 +27,10 @@ def command(config_file: Path) -> None:
 
     The service's unit runs this after every end. A running service holds its outputs, so they are left to it.
     Exit code 69 when an output could not be reached.
+
+    \b
+    Example:
+      probewatch release --config /etc/probewatch/probewatch.toml
     """
     unreached = [problem for output in load_config(config_file).output if (problem := _release(output.url))]
     for problem in unreached:

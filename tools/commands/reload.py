@@ -18,6 +18,10 @@ def command(control_socket: Path) -> None:
     `systemctl restart probewatch`.
 
     \b
+    Example:
+      probewatch reload
+
+    \b
     Exit code 0: taken. 69: no service answers. 75: refused; stderr says why.
     """
     with ControlClient(control_socket) as client:

@@ -36,7 +36,12 @@ from tools.shared.named_cart import ENVIRONMENT
 @click.option("--clock-rate", default=1.0, type=click.FloatRange(0.01, 100), hidden=True)
 @click.option("--clock-origin-ns", type=int, hidden=True)
 def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -> None:
-    """Watch the devices named in the configuration until SIGTERM; the log is JSON lines on stderr."""
+    """Watch the devices named in the configuration until SIGTERM; the log is JSON lines on stderr.
+
+    \b
+    Example:
+      probewatch run --config cart.toml
+    """
     clock = HostClock(clock_rate, time.monotonic_ns() if clock_origin_ns is None else clock_origin_ns)
     try:
         _run(config_file, clock, slowness=max(1.0, 1 / clock_rate))

@@ -33,6 +33,12 @@ def command(control_socket: Path, watch: bool, as_json: bool) -> None:
     The JSON is that of docs/control.md; with --watch it is one a line.
 
     \b
+    Examples:
+      probewatch status
+      probewatch status --watch
+      probewatch status --config cart.toml --json
+
+    \b
     Exit code 0: verified, the contact is closed. 1: alarm. 3: not verified. 69: no service answers.
     78: the service is not configured, or cannot use its configuration.
     """

@@ -22,6 +22,10 @@ def command(log: Path, link: Path | None, port: int | None, rate: float) -> None
 
     A log is recorded with log=FILE in the tracker's URL. The program that connects must load the same tools and ask as
     the one did that recorded it: what the log does not hold is not answered, and said at the end.
+
+    \b
+    Example:
+      probewatch simulate log tracker.log --pty /tmp/polaris
     """
     stop = Event()
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -88,7 +88,13 @@ def command(
     rate: float,
     origin_ns: int | None,
 ) -> None:
-    """Simulate an NDI tracker until SIGTERM; prints one JSON line with its URL when it is ready."""
+    """Simulate an NDI tracker until SIGTERM; prints one JSON line with its URL when it is ready.
+
+    \b
+    Examples:
+      probewatch simulate ndi --model polaris-spectra --pty /tmp/polaris --rom /tmp/probe.rom
+      probewatch simulate ndi --model vega --tcp 8765 --rom /tmp/probe.rom --fault lose-tracker@20..30
+    """
     model = _model(MODELS[model_name], freeze_tag, network=port is not None)
     _check_rate(model, track_hz)
     clock = HostClock(rate, time.monotonic_ns() if origin_ns is None else origin_ns)

@@ -52,6 +52,10 @@ def command(
 
     It stands where PLUS would: --video and --tracker name devices, real or simulated, whose pictures and poses it hands
     on. Without them it shows the simulated world.
+
+    \b
+    Example:
+      probewatch simulate openigtlink --tcp 18944
     """
     stop = Event()
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -60,7 +60,12 @@ def command(
     rate: float,
     origin_ns: int | None,
 ) -> None:
-    """Simulate an Optotrak until SIGTERM; prints one JSON line with its URL when it is ready."""
+    """Simulate an Optotrak until SIGTERM; prints one JSON line with its URL when it is ready.
+
+    \b
+    Example:
+      probewatch simulate optotrak --tcp 3020
+    """
     device = Device(_motion(poses, recording, seed, program), frame_hz, bodies, skew_ppm)
     timed = Schedule.parse(schedule, FAULTS) if schedule else Schedule()
     given = Schedule((*timed.episodes, *(parse_fault(text, FAULTS) for text in faults)))

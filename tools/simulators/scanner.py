@@ -53,7 +53,12 @@ def command(
     rate: float,
     origin_ns: int | None,
 ) -> None:
-    """Simulate a scanner until SIGTERM; prints one JSON line with its URL when it is ready, then what changes."""
+    """Simulate a scanner until SIGTERM; prints one JSON line with its URL when it is ready, then what changes.
+
+    \b
+    Example:
+      probewatch simulate scanner --socket /tmp/scanner
+    """
     stop = Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())

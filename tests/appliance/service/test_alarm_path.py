@@ -144,7 +144,7 @@ def test_the_operators_commands(monitoring: SimulatedCart) -> None:
     assert json.loads(told(monitoring, "status", "--json").stdout)["state"] == "monitoring"
     refused = told(monitoring, "ack")
     assert (refused.returncode, "not possible while monitoring" in refused.stderr) == (75, True)
-    assert "silent for 30 s" in told(monitoring, "pause", "30").stdout
+    assert "silent for 30 s; this cart has no tone: nothing sounds" in told(monitoring, "pause", "30").stdout
     assert monitoring.status()["audio"]["mode"] == "paused"
     assert told(monitoring, "pause", "121").returncode == 2
     assert told(monitoring, "pause", "--off", " ").returncode == 75
