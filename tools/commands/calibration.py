@@ -32,6 +32,8 @@ from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import NAMED, control_option, folder_option, socket_option
 from tools.shared.recovered import recovered
+from tools.shared.sign_off import remarks_on
+from tools.shared.tables import FittingTable
 from tools.shared.verification import accepted, ask, await_verification, change_told, recalibrating
 
 _HEADINGS = ("no.", "", "since, UTC", "origin", "verified", "file", "SHA-256")

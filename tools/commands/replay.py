@@ -20,7 +20,7 @@ from appliance.storage.calibration_file import read_calibration
 from appliance.supervision.timeline import Judging
 from appliance.types import Calibration, Check
 from drivers.errors import ConfigurationError, RecordingError
-from drivers.files.atomic_file import check_apart, check_new, check_writable
+from drivers.files.atomic_file import PAGE_BEGINS, check_apart, check_new, check_replaceable
 from drivers.recordings.replay import Recording, open_recording
 from drivers.twins.faults import CART_FAULTS, Episode, Schedule, refuse_unknown_fault
 from tools.report.pdf import check_pdf, write_pdf

@@ -22,6 +22,7 @@ from drivers.printable import printable
 from tools.selftest import items
 from tools.selftest.items import Item
 from tools.selftest.measured import Measured, measured
+from tools.selftest.records import sealed
 from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.named_cart import config_option, control_option

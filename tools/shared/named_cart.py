@@ -94,7 +94,7 @@ def _file(context: click.Context, _: click.Parameter, value: Path | None) -> Pat
 
 def _derived(section: str, key: str, usual: Path) -> Callable[[click.Context, click.Parameter, Path | None], Path]:
     def derive(context: click.Context, _: click.Parameter, value: Path | None) -> Path:
-        named = context.meta.get(_NAMED)
+        named = context.meta.get(NAMED)
         typed = context.get_parameter_source("config_file") is ParameterSource.COMMANDLINE
         if value is not None and not (named is not None and typed):
             return value
