@@ -111,7 +111,8 @@ class Calibration:
     rotation: (3, 3) proper, R_x sensor → picture. polarity: ±1 for (lateral, axial).
     scale_mm_per_px: (2,) lateral, axial, > 0. offset_mm: (3,) t_x. image_size_px: (width, height) the origin refers to.
     covariance: (8, 8) in the order and units of PARAMETERS, None where unknown. observed: (8,) bool.
-    simulated: made of simulated pictures or poses, so that it is the calibration of no real probe.
+    simulated: made of simulated pictures or poses, so that it is the calibration of no real probe. face_radius_mm: of
+    the arc at which a convex picture begins; None where it is not known, or the face is flat.
     """
 
     rotation: Vector
@@ -122,6 +123,7 @@ class Calibration:
     covariance: Vector | None = None
     observed: tuple[bool, ...] = (True,) * len(PARAMETERS)
     simulated: bool = False
+    face_radius_mm: float | None = None
 
     @property
     def face_mm(self) -> Vector:

@@ -39,6 +39,7 @@ def calibration_fields(calibration: Calibration) -> Header:
         "covariance": None if covariance is None else _numbers(covariance),
         "observed": list(calibration.observed),
         "simulated": calibration.simulated,
+        "face_radius_mm": calibration.face_radius_mm,
     }
 
 
@@ -93,6 +94,7 @@ def calibration_of(fields: Header) -> Calibration:
         covariance=None if covariance is None else _array(covariance, (8, 8)),
         observed=tuple(bool(one) for one in fields["observed"]),
         simulated=bool(fields["simulated"]),
+        face_radius_mm=_number_or_none(fields.get("face_radius_mm")),
     )
 
 
@@ -206,6 +208,10 @@ def _numbers(values: Any) -> list[float | str]:
 
 def _array(values: list[Any], shape: tuple[int, ...]) -> Any:
     return np.array([float(value) for value in values], np.float64).reshape(shape)
+
+
+def _number_or_none(value: Any) -> float | None:
+    return None if value is None else float(value)
 
 
 def _whole_or_none(value: Any) -> int | None:

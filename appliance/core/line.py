@@ -12,6 +12,7 @@ from appliance.core.acquisition.stamp_gate import Passage, StampGate
 from appliance.core.detectors.depth_ruler import DepthRuler
 from appliance.core.detectors.detector import Detector, Observation
 from appliance.core.detectors.exchanged_probe import ExchangedProbe
+from appliance.core.detectors.fan_watch import FanWatch
 from appliance.core.detectors.frozen_tracker import FrozenTracker
 from appliance.core.detectors.frozen_video import FrozenVideo
 from appliance.core.detectors.marker_slip import MarkerSlip
@@ -103,6 +104,7 @@ class Line:
         self._detectors: tuple[Detector, ...] = (
             self._picture_chain,
             DepthRuler(lambda: self._tracker.mask, limits.scale_percent, limits.confidence_sigma),
+            FanWatch(reference, limits, self._evidence.checks),
             MarkerSlip(limits, reference),
             *(SlowSlip(limits, reference, over_s) for over_s in SLIPS_S),
             self._frozen,

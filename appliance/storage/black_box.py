@@ -77,6 +77,7 @@ _REFERENCE = _object(
     covariance={**_PERHAPS_NUMBERS, "description": "8 x 8 by rows"},
     observed={"type": "array", "items": _FLAG},
     simulated=_FLAG,
+    face_radius_mm={"type": ["number", "null"], "description": "of the arc at which a convex picture begins"},
 )
 _ORDER = _object(
     "probewatch.Order",

@@ -8,6 +8,7 @@ import json
 import tomllib
 from collections import defaultdict, deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -54,6 +55,8 @@ _Scale = Annotated[float, Field(ge=_SCALE_RANGE_MM[0], le=_SCALE_RANGE_MM[1])]
 _Side = Annotated[int, Field(ge=16, le=16_384)]
 _Sign = Literal[-1, 1]
 _Sigma = Annotated[float, Field(ge=0)]
+_Radius = Annotated[float, Field(ge=3, le=200)]
+"""mm: of the smallest endocavitary probes, and nearly flat."""
 
 
 class _File(BaseModel):
@@ -72,6 +75,7 @@ class _File(BaseModel):
     not_observed: tuple[str, ...] = ()
     sigma: dict[str, _Sigma] | None = None
     simulated: bool = False
+    face_radius_mm: _Radius | None = None
     provenance: dict[str, str] = {}
 
     @model_validator(mode="after")
@@ -221,7 +225,8 @@ def _from_toml(data: bytes, path: Path) -> Calibration:
     covariance = None if file.sigma is None else np.diag([file.sigma[name] ** 2 for name in PARAMETERS])
     observed = tuple(name not in file.not_observed for name in PARAMETERS)
     parts = (base.rotation, base.polarity, base.scale_mm_per_px, base.offset_mm, base.image_size_px)
-    return Calibration(*parts, covariance=covariance, observed=observed, simulated=file.simulated)
+    known = Calibration(*parts, covariance=covariance, observed=observed, simulated=file.simulated)
+    return replace(known, face_radius_mm=file.face_radius_mm)
 
 
 def _from_parts(file: _File, path: Path) -> Calibration:
@@ -313,6 +318,8 @@ def _toml(calibration: Calibration, provenance: Mapping[str, str]) -> str:
         f"offset_mm = {_row(calibration.offset_mm)}    # translation of X",
         f"not_observed = {json.dumps(hidden)}",
     ]
+    if calibration.face_radius_mm is not None:
+        lines += [f"face_radius_mm = {calibration.face_radius_mm!r}    # of the arc at which the picture begins"]
     if calibration.simulated:
         lines += ["simulated = true    # made of a simulated scan: no cart with real devices takes it"]
     if calibration.covariance is not None:

@@ -55,3 +55,12 @@ def items(count: int = 4, size_px: tuple[int, int] = SIZE_PX) -> list[SequenceIt
         )
         for index in range(count)
     ]
+
+
+def in_vivo_file(name: str) -> Path:
+    """A real recording of a liver with a convex probe, from beside the PLUS data; skips the test where it is absent."""
+    default = Path(__file__).parents[3] / "shared" / "data" / "plus"
+    path = Path(os.environ.get("PROBEWATCH_PLUS_DATA", default)).parent / "in-vivo" / name
+    if not path.exists():
+        pytest.skip(f"no in-vivo test data: {path} is absent (set PROBEWATCH_PLUS_DATA to the folder beside it)")
+    return path

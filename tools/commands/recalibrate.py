@@ -259,7 +259,11 @@ def command(
                 after = renewed(before.calibration, solution)
                 record = {**_provenance(solution, before, scan_input), **sign_off.fields()}
             _check_target(target, force)
-            after = replace(after, simulated=simulate or (before is not None and before.calibration.simulated))
+            after = replace(
+                after,
+                simulated=simulate or (before is not None and before.calibration.simulated),
+                face_radius_mm=None if before is None else before.calibration.face_radius_mm,
+            )
             write_calibration(target, after, {**record, **_previous(before)})
             click.echo(f"written: {target}")
             if client is not None:

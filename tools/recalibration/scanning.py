@@ -173,7 +173,9 @@ class Scanned:
             what, remedy = (found[0].what, found[0].remedy) if found else ("no view of the crossing yet", "Scan it")
             raise ScanRefused(what, "cross-wire scan", remedy)
         if self.wanted == "whole":
-            return state.whole.calibration
+            whole = state.whole.calibration
+            face_mm = None if self.reference is None else self.reference.face_radius_mm
+            return replace(whole, face_radius_mm=face_mm)
         if self.reference is None or state.closed is None:
             raise ScanRefused("ζ alone needs a calibration in force", "cross-wire scan", "Solve all of it")
         return renewed(self.reference, state.closed)

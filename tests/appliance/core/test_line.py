@@ -193,6 +193,27 @@ def test_a_depth_step_too_small_to_be_seen_in_tissue_is_told_from_the_ruler(zoom
 
 
 @THOROUGH
+@pytest.mark.parametrize("move", [(1.0, 1.0, 5.0, 0.0), (1.0, 1.02, 0.0, 0.0)])
+def test_a_grabber_that_shifts_or_stretches_a_little_is_told_from_the_fan(move: tuple[float, ...]) -> None:
+    """Far less than the limits of scale and offset, and than what tissue shows: the OK goes with the name."""
+    world, at_ns = kept(3, settings=SMALL), ORIGIN_NS + 9_000_000_000
+    line, verdicts = Line(truth(world), SWEPT), list[Verdict]()
+    warp = np.array([[move[0], 0, move[2]], [0, move[1], move[3] + (1 - move[1]) * SMALL.height_px / 2]])
+    for sample in session(world, 10.0):
+        if isinstance(sample, Frame) and sample.stamp.t_ns >= at_ns:
+            image = cv2.warpAffine(sample.image, warp, sample.image.shape[::-1])
+            verdicts += line.step(replace(sample, image=image.astype(np.uint8)))
+        else:
+            verdicts += line.step(sample)
+    assert any(v.kind is VerdictKind.OK for v in verdicts if v.t_ns < at_ns)
+    found = first_fault(verdicts)
+    assert found is not None
+    assert found[1] == "scale"
+    assert 9.0 <= found[0] <= 10.0
+    assert all(v.kind is not VerdictKind.OK for v in verdicts if v.t_ns > ORIGIN_NS + 1e9 * found[0])
+
+
+@THOROUGH
 def test_the_freeze_key_pauses_and_is_no_fault_and_the_contact_is_open_while_it_lasts() -> None:
     world = kept(3, settings=SMALL)
     line, supervisor = Line(truth(world), SWEPT), Supervisor(Durations())

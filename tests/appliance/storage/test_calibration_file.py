@@ -2,6 +2,7 @@
 
 import os
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -177,6 +178,17 @@ def test_pictures_of_another_size_are_refused(toml):
 def test_sigma_names_are_the_parameters(toml):
     text = toml.read_text()
     assert all(f"{name} = 1.0" in text for name in PARAMETERS)
+
+
+def test_the_radius_of_the_face_is_kept_and_bounded(tmp_path):
+    path = tmp_path / "convex.toml"
+    write_calibration(path, replace(calibration(), face_radius_mm=50.8), {})
+    assert read_calibration(path).face_radius_mm == 50.8
+    write_calibration(path, calibration(), {})
+    assert read_calibration(path).face_radius_mm is None
+    path.write_text(path.read_text().replace("not_observed", "face_radius_mm = 0.06\nnot_observed"))
+    with pytest.raises(ConfigurationError, match="face_radius_mm"):
+        read_calibration(path)
 
 
 @given(at=st.floats(0, 1, exclude_max=True), length=st.integers(0, 30), patch=st.binary(max_size=12))

@@ -80,6 +80,10 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     assert set(GERMAN) == tables | words | reasons | units | said | check_names() | {
         "picture-size",
         "depth-ruler",
+        "fan-stretch",
+        "fan-shift",
+        "fan-scale",
+        "fan-motion",
         "no-picture",
         "user-freeze",
         "undecided",

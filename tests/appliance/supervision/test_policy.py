@@ -100,6 +100,7 @@ def test_the_supervisor_takes_each_step_at_its_time_and_no_other(
         (Fault.POLARITY, "polarity", State.HALT),
         (Fault.SCALE, "scale-axial", State.RECALIBRATION_REQUESTED),
         (Fault.SCALE, "depth-ruler", State.RECALIBRATION_REQUESTED),
+        (Fault.SCALE, "fan-shift", State.RECALIBRATION_REQUESTED),
         (Fault.ROTATION, "rotation-axial", State.HALT),
         (Fault.OFFSET, "offset-lateral", State.HALT),
         (Fault.OFFSET, "offset-axial", State.HALT),

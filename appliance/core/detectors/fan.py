@@ -1,0 +1,241 @@
+"""The fan of a convex picture: apex, opening, radii and aspect, with what is not known of them. Pure geometry."""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from appliance.core.detectors.fan_borders import (
+    APEX_X,
+    APEX_Y,
+    ASPECT,
+    BOTTOM,
+    BOTTOM_RADIUS,
+    FACE,
+    FACE_RADIUS,
+    LEFT,
+    LEFT_SLOPE,
+    RIGHT,
+    Blacks,
+    Border,
+    off,
+    predicted,
+    window,
+)
+from appliance.core.detectors.fan_search import fan_about, thresholds
+from drivers.rigid import Array
+from drivers.samples import GreyImage
+
+_WINDOWS_PX = (16, 8)
+"""On either side of where a border was last found in which it is looked for, one after the other. The first covers what
+the search leaves of a picture whose every third pixel it takes."""
+_ROUNDS = 3
+"""Of reweighted least squares at each window."""
+_LEAST_SD_PX, _MOST_SD_PX = 0.29, 1.5
+"""Of a border's points: of whole pixels, and of one that is worth following."""
+_LEAST_REACH_PX = 2.0
+"""Beyond which a point counts for nothing, at the last. More is drawn to what lies beside, less to pixels."""
+_TUKEY = 4.0
+"""Standard deviations beyond which a point is none of the border."""
+_ON_PX, _LEAST_SHARE, _LEAST_FADING_SHARE, _LEAST_POINTS = 1.5, 0.5, 0.3, 12
+"""How near points lie to their border, and how many of all must, for it to be seen; of sides that fade with the depth a
+part must. Fewer take the edge of a shadow for a border, more miss what tissue hides in parts."""
+_ALIKE = 1.4
+"""By how much neighbouring points of a border err together, as a factor of sigma."""
+_BORDER_PX, _BLUR_PX = 0.3, 0.6
+"""By which a border as a whole may lie beside where it is seen, alone (the width of a drawn line, whole pixels) and
+outwards with all others (a blurred grabber, a codec): what is not in the noise of its points. The second came to 1 px
+of 80 drawn fans behind the worst of four grabbers."""
+_OUTWARDS = {LEFT: -1, RIGHT: 1, FACE: -1, BOTTOM: 1}
+"""Sign of the column or row by which a border is further out."""
+_CLEAR_SHARE, _INSIDE_PX, _USUAL = 0.4, (3, 8), 60
+"""Of what (percentile of the places) is seen so many px inside a border, the grey up to which what lies beside it is
+dark: an edge that a scaler has blurred lies where it is half as bright. More loses borders of which tissue is dark in
+parts."""
+_ACROSS, _MARGIN_RAD, _BESIDE_RAD, _MOST_LIT = 40, 0.03, np.linspace(0, 0.2, 12), 0.15
+"""Places beside a fan that are looked at: along a border, from how far beside it, rad or share of its depth, to how
+far. Of those so many may show something, as text does; tissue that goes on above the shadow of a rib shows .3 and
+more."""
+_MOST_ASPECT_SIGMA = 0.1
+"""Of a fan's aspect: of a larger one nobody knows whether the upper border is an arc about the apex."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fan:
+    """numbers: (7,) as `fan_borders` has them; the last is NaN where the lower arc is not seen. noise: (7, 7)
+    covariance of them by what differs from picture to picture; covariance: that and what all pictures of a scanner
+    share. black: greys up to which what lies beside is dark. borders: those that were seen.
+    """
+
+    numbers: Array
+    noise: Array
+    covariance: Array
+    black: Blacks
+    borders: tuple[int, ...]
+
+
+def fan_in(image: GreyImage) -> Fan | None:
+    """The fan of (h, w) uint8, face above; None where none is seen with both sides and the arc of the face."""
+    search = searching(image)
+    while True:
+        try:
+            next(search)
+        except StopIteration as end:
+            return cast("Fan | None", end.value)
+
+
+def searching(image: GreyImage, black: Blacks | None = None) -> Generator[None, None, Fan | None]:
+    """The same in pieces of 4 ms or less. black: greys up to which it is dark beside the fan, where those are known."""
+    best: Fan | None = None
+    for greys in [(grey, grey) for grey in thresholds(image)] if black is None else [black]:
+        yield
+        about = fan_about(image, greys[1])
+        yield
+        fan = None if about is None else fan_near(image, about, greys)
+        if fan is None or (black is None and _goes_on(image, fan)):
+            continue
+        if best is None or _merit(fan) > _merit(best):
+            best = fan
+    if best is None or black is not None:
+        return best
+    yield
+    return _clearer(image, best)
+
+
+def _clearer(image: GreyImage, fan: Fan) -> Fan:
+    """The same fan, its edges where they are half as bright as what they are of."""
+    clear = max(fan.black[0], _CLEAR_SHARE * _least_inside(image, fan))
+    for greys in ((fan.black[0], clear), (clear, clear)):
+        found = fan_near(image, fan.numbers, greys)
+        if found is not None and found.borders == fan.borders:
+            return found
+    return fan
+
+
+def _merit(fan: Fan) -> tuple[int, float]:
+    """How much is seen of it, and how well."""
+    return len(fan.borders), -float(np.trace(fan.covariance[:2, :2]))
+
+
+def _goes_on(image: GreyImage, fan: Fan) -> bool:
+    """Whether something is shown beside a side or below the lower arc: then a shadow ends there, and not the fan."""
+    apex_y, left, right, aspect, face, bottom = fan.numbers[APEX_Y:]
+    bottom = bottom if np.isfinite(bottom) else image.shape[0] - apex_y
+    along = np.linspace(face, bottom, _ACROSS)[:, None]
+    sides = [
+        (along, sign * (np.arctan(aspect * slope) + _MARGIN_RAD + _BESIDE_RAD))
+        for sign, slope in ((-1, left), (1, right))
+    ]
+    between = np.linspace(-np.arctan(aspect * left), np.arctan(aspect * right), _ACROSS)
+    below = bottom + (_MARGIN_RAD + _BESIDE_RAD)[:, None] * (bottom - face)
+    places = [*sides, *([(below, between)] if BOTTOM in fan.borders else [])]
+    black = max(fan.black[0], _CLEAR_SHARE * _least_inside(image, fan))
+    return any(_lit(image, fan, radius, angle, black) > _MOST_LIT for radius, angle in places)
+
+
+def _lit(image: GreyImage, fan: Fan, radius: Array, angle: Array, black: float) -> float:
+    """Share of places in polar coordinates about the apex that are not black; none lies outside the picture."""
+    rows = np.round(fan.numbers[APEX_Y] + radius * np.cos(angle)).astype(np.intp)
+    columns = np.round(fan.numbers[APEX_X] + radius * np.sin(angle) / fan.numbers[ASPECT]).astype(np.intp)
+    inside = (rows >= 0) & (rows < image.shape[0]) & (columns >= 0) & (columns < image.shape[1])
+    return float(np.mean(image[rows[inside], columns[inside]] > black)) if np.any(inside) else 0.0
+
+
+def _least_inside(image: GreyImage, fan: Fan) -> float:
+    """Grey of most places just inside the darkest border."""
+    inside = []
+    for border in fan.borders:
+        one = window(fan.numbers, border, image.shape, _INSIDE_PX[1])
+        greys = image[one.rows, one.columns][:, _INSIDE_PX[0] - _INSIDE_PX[1] :]
+        inside.append(float(np.percentile(greys, _USUAL)))
+    return min(inside)
+
+
+def fan_near(image: GreyImage, about: Array, black: Blacks) -> Fan | None:
+    """The fan whose borders lie within 16 px of those of another, (7,) px; None where they do not."""
+    numbers = about
+    for window_px in _WINDOWS_PX:
+        wanted = [LEFT, RIGHT, FACE, *([BOTTOM] if np.isfinite(numbers[BOTTOM_RADIUS]) else [])]
+        seen = {border: window(numbers, border, image.shape, window_px).read(image, black) for border in wanted}
+        points = {border: one.seen() for border, one in seen.items()}
+        if BOTTOM in points and points[BOTTOM].at.size < _LEAST_POINTS:
+            return fan_near(image, _without_bottom(about), black)
+        fitted = _fitted(numbers, points, window_px)
+        if fitted is None:
+            return None
+        numbers, noise, ways = fitted
+        on = [border for border, one in seen.items() if _on(numbers, border, one, BOTTOM in wanted)]
+        if on == wanted:
+            continue
+        return fan_near(image, _without_bottom(about), black) if on == wanted[:-1] and BOTTOM in wanted else None
+    covariance = noise + ways @ ways.T
+    if covariance[ASPECT, ASPECT] > (_MOST_ASPECT_SIGMA * numbers[ASPECT]) ** 2:
+        return None
+    return Fan(numbers, noise, covariance, black, tuple(wanted))
+
+
+def _without_bottom(numbers: Array) -> Array:
+    """(7,) of a fan whose lower arc is not looked for."""
+    return np.where(np.arange(7) == BOTTOM_RADIUS, np.nan, numbers)
+
+
+def _on(numbers: Array, border: int, seen: Border, whole: bool) -> bool:
+    """Whether a border lies where the fit has it. whole: the lower arc is seen too, so that sides do not fade."""
+    beside = off(numbers, border, seen)
+    near = int(np.count_nonzero(np.abs(beside) <= _ON_PX))
+    share = _LEAST_SHARE if whole or border not in (LEFT, RIGHT) else _LEAST_FADING_SHARE
+    return near >= max(_LEAST_POINTS, share * beside.size)
+
+
+def _fitted(numbers: Array, points: dict[int, Border], window_px: int) -> tuple[Array, Array, Array] | None:
+    """The fan of these borders, covariance by the noise of their points, and (7, n) ways by a shift of each and of all;
+    None where it is none, or one of them is not seen.
+    """
+    if min(one.at.size for one in points.values()) < _LEAST_POINTS:
+        return None
+    free = slice(7 if BOTTOM in points else BOTTOM_RADIUS)
+    reach = float(window_px)
+    for _ in range(_ROUNDS):
+        weighed = [_weighed(numbers, border, one, reach) for border, one in points.items()]
+        inverse = np.zeros((7, 7))
+        try:
+            inverse[free, free] = np.linalg.inv(np.sum([normal for normal, _, _ in weighed], axis=0)[free, free])
+        except np.linalg.LinAlgError:
+            return None
+        numbers = numbers + inverse @ np.sum([side for _, side, _ in weighed], axis=0)
+        reach = max(reach / 2, _LEAST_REACH_PX)
+        if not (np.all(np.isfinite(numbers[free])) and min(numbers[LEFT_SLOPE:BOTTOM_RADIUS]) > 0):
+            return None
+    alone = inverse @ np.stack([together for _, _, together in weighed], axis=1)
+    outwards = alone @ np.array([[_OUTWARDS[border]] for border in points])
+    ways = np.hstack([alone * _BORDER_PX, outwards * _BLUR_PX])
+    return numbers, inverse * _ALIKE**2, ways
+
+
+def _weighed(numbers: Array, border: int, seen: Border, reach: float) -> tuple[Array, Array, Array]:
+    """(7, 7) and (7,) of the normal equations of one border, and (7,) what moving it as a whole adds to them."""
+    place, slopes = predicted(numbers, border, seen.at)
+    beside, slopes = (seen.found - place) * seen.cosine, slopes * seen.cosine[:, None]
+    middle, sd = _about(np.sort(beside))
+    weight = np.maximum(1 - ((beside - middle) / min(_TUKEY * sd, reach)) ** 2, 0) ** 2 / sd**2
+    weighted = slopes.T * weight
+    return weighted @ slopes, weighted @ beside, weighted.sum(axis=1)
+
+
+def _about(beside: Array) -> tuple[float, float]:
+    """Where most of the points, ascending, lie, and their standard deviation about it, px."""
+    median = beside[beside.size // 2]
+    sd = 1.48 * float(np.sort(np.abs(beside - median))[beside.size // 2])
+    sd = min(max(sd, _LEAST_SD_PX), _MOST_SD_PX)
+    until = np.searchsorted(beside, beside + 2 * sd)
+    first = int((until - np.arange(beside.size)).argmax())
+    return float(beside[first : until[first]].mean()), sd
+
+
+def scale_sigmas(fan: Fan) -> Array:
+    """(2,) of the lateral and axial scale that the radius of the face shows, relative."""
+    inner = np.zeros((2, 7))
+    inner[:, FACE_RADIUS] = -1 / fan.numbers[FACE_RADIUS]
+    inner[0, ASPECT] = 1 / fan.numbers[ASPECT]
+    return np.asarray(np.sqrt(np.diag(inner @ fan.covariance @ inner.T)))

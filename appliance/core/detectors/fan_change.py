@@ -1,0 +1,97 @@
+"""By how much one fan is shifted and stretched against another: what a grabber or another depth does to all of it.
+
+A stretch and a shift move all borders; a shadow, a narrower sector or a darker depth moves some of them. So what the
+two leave as it is (both opening angles, the radii's ratio) must be alike, or nothing is said.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from appliance.core.detectors.fan import Fan
+from appliance.core.detectors.fan_borders import BOTTOM_RADIUS, LEFT_SLOPE
+from drivers.rigid import Array
+
+_ROUNDS = 3
+"""Of least squares: a stretch of a half and a shift by half of the picture are found to 10⁻⁴."""
+_MOST_MISFIT = 16.0
+"""χ² of what stretch and shift leave, of 2 or 3 numbers, by which a pair is still one picture stretched. Less misses
+what sigma is small for; more takes shadows for stretches."""
+_CONTENT_SHARE = 0.0005
+"""By which opening angles and radii may differ beside their sigmas, where a picture was stretched: pixels are whole."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FanChange:
+    """stretch: (2,) lateral and axial, logarithms. shift_px: (2,) of the picture's middle. covariance: (4, 4) of the
+    four. deeper: the lower arc is not at the same depth, as where the scanner shows another one, or was not seen.
+    """
+
+    stretch: Array
+    shift_px: Array
+    covariance: Array
+    deeper: bool
+
+    @property
+    def sigmas(self) -> Array:
+        """(4,) of stretch and shift."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def change_between(before: Fan, now: Fan, size_px: tuple[int, int]) -> FanChange | None:
+    """What has become of the fan in pictures of this size; None where no stretch and shift explains it."""
+    arcs = np.isfinite(before.numbers[BOTTOM_RADIUS]) and np.isfinite(now.numbers[BOTTOM_RADIUS])
+    for numbers in ([7] if arcs else []) + [6]:
+        found = _explained(before, now, size_px, numbers)
+        if found is not None:
+            return found
+    return None
+
+
+def _explained(before: Fan, now: Fan, size_px: tuple[int, int], numbers: int) -> FanChange | None:
+    """By the first so many numbers of the fans."""
+    middle = (np.array(size_px) - 1) / 2
+    one, other = _logarithms(before.numbers)[:numbers], _logarithms(now.numbers)[:numbers]
+    doubt = _doubt(before)[:numbers, :numbers] + _doubt(now)[:numbers, :numbers]
+    doubt = doubt + _CONTENT_SHARE**2 * np.diag([0, 0, 1, 1, 0, 0, 1])[:numbers, :numbers]
+    weight = np.linalg.inv(doubt)
+    change = np.zeros(4)
+    for _ in range(_ROUNDS):
+        left = other - _changed(one, change, middle)
+        slopes = _slopes(one, change, middle)
+        covariance = np.linalg.inv(slopes.T @ weight @ slopes)
+        change = change + covariance @ slopes.T @ weight @ left
+    left = other - _changed(one, change, middle)
+    if float(left @ weight @ left) > _MOST_MISFIT:
+        return None
+    return FanChange(change[:2], change[2:], np.asarray(covariance, np.float64), numbers == 6)
+
+
+def _logarithms(numbers: Array) -> Array:
+    """(7,) with logarithms of all but the apex."""
+    return np.concatenate([numbers[:LEFT_SLOPE], np.log(numbers[LEFT_SLOPE:])])
+
+
+def _doubt(fan: Fan) -> Array:
+    """(7, 7) covariance of the same; what all pictures share is in both of a pair."""
+    inner = np.concatenate([[1, 1], 1 / fan.numbers[LEFT_SLOPE:]])
+    return np.asarray(fan.noise * np.outer(inner, inner))
+
+
+def _changed(fan: Array, change: Array, middle: Array) -> Array:
+    """A fan, as `_logarithms`, that was stretched about the picture's middle and shifted."""
+    lateral, axial = change[:2]
+    apex = middle + np.exp(change[:2]) * (fan[:2] - middle) + change[2:]
+    beside = lateral - axial
+    return np.concatenate([apex, fan[2:] + np.array([beside, beside, -beside, axial, axial])[: fan.size - 2]])
+
+
+def _slopes(fan: Array, change: Array, middle: Array) -> Array:
+    """(n, 4) of the same by the change."""
+    slopes = np.zeros((7, 4))
+    slopes[[0, 1], [0, 1]] = np.exp(change[:2]) * (fan[:2] - middle)
+    slopes[[0, 1], [2, 3]] = 1
+    slopes[2:4, 0], slopes[2:4, 1] = 1, -1
+    slopes[4, :2] = -1, 1
+    slopes[5:, 1] = 1
+    return slopes[: fan.size]
