@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
 
-from appliance.core.exact_fields import verdict_fields
+from appliance.core.exact_fields import calibration_fields, calibration_of, verdict_fields
 from appliance.core.order import Order
 from appliance.limits import Limits
 from appliance.storage.black_box import CHUNK_NS, SCHEMAS, BlackBox, BlackBoxWriter, series_of
@@ -107,6 +107,14 @@ def test_a_check_of_a_file_from_before_rests_were_told_has_none() -> None:
     back = item_of(topic, fields)
     assert isinstance(back, Verdict)
     assert back.checks[0].rested_ns == 0
+
+
+def test_the_radius_of_the_face_comes_back_and_files_from_before_it_have_none() -> None:
+    fields = calibration_fields(replace(REFERENCE, face_radius_mm=50.8))
+    assert calibration_of(fields).face_radius_mm == 50.8
+    assert calibration_of(calibration_fields(REFERENCE)).face_radius_mm is None
+    del fields["face_radius_mm"]
+    assert calibration_of(fields).face_radius_mm is None
 
 
 @pytest.mark.thorough
