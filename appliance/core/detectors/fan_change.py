@@ -17,6 +17,9 @@ _ROUNDS = 3
 _MOST_MISFIT = 16.0
 """χ² of what stretch and shift leave, of 2 or 3 numbers, by which a pair is still one picture stretched. Less misses
 what sigma is small for; more takes shadows for stretches."""
+_NARROWED = 0.02
+"""Stretch, logarithm, from which a sector that was made narrower explains as well what no arc decides; nobody makes one
+narrower by less. Less leaves lateral stretches untold whose arcs are seen badly."""
 _CONTENT_SHARE = 0.0005
 """By which opening angles and radii may differ beside their sigmas, where a picture was stretched: pixels are whole."""
 
@@ -44,8 +47,17 @@ def change_between(before: Fan, now: Fan, size_px: tuple[int, int]) -> FanChange
     for numbers in ([7] if arcs else []) + [6]:
         found = _explained(before, now, size_px, numbers)
         if found is not None:
-            return found
+            much = float(np.max(np.abs(found.stretch))) > _NARROWED
+            return None if much and _narrowed(before, now, numbers) else found
     return None
+
+
+def _narrowed(before: Fan, now: Fan, numbers: int) -> bool:
+    """Whether both may be one fan but for the opening angles: apex, aspect and radii are alike."""
+    kept = [k for k in range(numbers) if k not in (LEFT_SLOPE, LEFT_SLOPE + 1)]
+    left = (_logarithms(now.numbers) - _logarithms(before.numbers))[kept]
+    doubt = (_doubt(before) + _doubt(now))[np.ix_(kept, kept)]
+    return float(left @ np.linalg.solve(doubt, left)) <= _MOST_MISFIT
 
 
 def _explained(before: Fan, now: Fan, size_px: tuple[int, int], numbers: int) -> FanChange | None:

@@ -69,6 +69,7 @@ def test_a_narrower_sector_is_no_stretch(style: FanStyle) -> None:
     before = known(fan_picture(style, 1, 0))
     for narrower in (
         replace(style, left_deg=0.85 * style.left_deg, right_deg=0.85 * style.right_deg),
+        replace(style, left_deg=0.96 * style.left_deg, right_deg=0.96 * style.right_deg),
         replace(style, right_deg=0.9 * style.right_deg),
     ):
         assert change_between(before, known(fan_picture(narrower, 1, 1)), SIZE_PX) is None
