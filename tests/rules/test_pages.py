@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md")])
-LONGEST_WORDS = {"README.md": 900, "docs/known-anomalies.md": 900}
+LONGEST_WORDS = {"README.md": 900, "docs/known-anomalies.md": 1000}
 """Two screens; some four minutes for somebody who reads every row."""
 
 
