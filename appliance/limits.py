@@ -115,6 +115,8 @@ class Limits(BaseModel):
     frozen_ms: float = Field(default=500.0, ge=100, le=10_000, description="identical pictures for this long, ms")
     marker_fit_mm: float = Field(default=0.75, ge=0.1, le=10, description="markers around the pose, RMS, mm")
     marker_shape_mm: float = Field(default=0.75, ge=0.1, le=10, description="markers around their definition, RMS, mm")
+    witness_mm: float = Field(default=1.0, ge=0.2, le=20, description="slide between two marker bodies, mm")
+    witness_deg: float = Field(default=1.0, ge=0.2, le=20, description="bend of the same, deg")
     field_indicator: float = Field(default=1.5, ge=0.1, le=10, description="indicator value of an Aurora")
     confidence_sigma: float = Field(
         default=3.0, ge=1, le=6, description="standard deviations between 'seen' and 'shown'"

@@ -170,6 +170,7 @@ class Fault(StrEnum):
     LATENCY = "latency", Kind.CALIBRATION
     POSE_CONVENTION = "pose-convention", Kind.CALIBRATION
     EXCHANGED_PROBE = "exchanged-probe", Kind.CALIBRATION
+    MARKER_BODY_MOVED = "marker-body-moved", Kind.CALIBRATION
     UNDECIDED = "undecided", Kind.CALIBRATION
     AGREEMENT = "agreement", Kind.ADVISORY
     FROZEN_VIDEO = "frozen-video", Kind.DEVICE

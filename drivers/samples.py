@@ -64,6 +64,8 @@ class Pose:
     matrix: (4, 4) sensor R → tracker T, or → reference tool where one is configured; None unless status is OK.
     sequence: the device's own frame counter. rms_mm: marker fit (Polaris) or indicator value (Aurora); NaN if unknown.
     reason: why status is not OK, in words, for the log.
+    witness: (4, 4) a second marker body on the same probe, in the same frame and measured with the first; None where
+    there is none, or it was not seen.
     """
 
     stamp: Stamp
@@ -72,10 +74,13 @@ class Pose:
     rms_mm: float
     status: PoseStatus
     reason: str = ""
+    witness: Matrix4 | None = None
 
     def __post_init__(self) -> None:
         if (self.matrix is not None) != (self.status is PoseStatus.OK):
             raise ValueError(f"a pose has a matrix if and only if it is OK, not {self.status.name}")
+        if self.witness is not None and self.matrix is None:
+            raise ValueError("the second body is told beside the first alone")
 
 
 @dataclass(frozen=True, slots=True)

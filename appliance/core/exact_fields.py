@@ -71,6 +71,7 @@ def pose_fields(pose: Pose) -> Header:
         "matrix": None if pose.matrix is None else _numbers(pose.matrix),
         "rms_mm": _number(pose.rms_mm),
         "reason": pose.reason,
+        "witness": None if pose.witness is None else _numbers(pose.witness),
     }
 
 
@@ -120,7 +121,7 @@ def stamp_of(fields: Header) -> Stamp:
 
 def pose_of(fields: Header) -> Pose:
     """Of pose_fields."""
-    matrix = fields["matrix"]
+    matrix, witness = fields["matrix"], fields.get("witness")
     return Pose(
         stamp_of(fields),
         whole(fields["sequence"]),
@@ -128,6 +129,7 @@ def pose_of(fields: Header) -> Pose:
         float(fields["rms_mm"]),
         PoseStatus[fields["status"]],
         str(fields["reason"]),
+        None if witness is None else _array(witness, (4, 4)),
     )
 
 

@@ -20,6 +20,7 @@ from appliance.core.detectors.no_picture import NoPicture
 from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.detectors.pose_convention import PoseConvention
 from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
+from appliance.core.detectors.witness import Witness
 from appliance.core.motion import analyse, plane_step, quick, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
@@ -85,11 +86,17 @@ class Line:
 
     step() accepts any frame: one of another size than the reference's is a scale fault, one that is no 8-bit grey
     picture is NOT_VERIFIED with the reason.
-    stale_ns: how long a tracker may repeat one pose while the picture moves.
+    stale_ns: how long a tracker may repeat one pose while the picture moves. lie: as of `Witness`.
     motion: the latest motion that was sorted, None before the first.
     """
 
-    def __init__(self, reference: Calibration, limits: Limits, stale_ns: int = round(TRACKER_STALE_MS * 1e6)) -> None:
+    def __init__(
+        self,
+        reference: Calibration,
+        limits: Limits,
+        stale_ns: int = round(TRACKER_STALE_MS * 1e6),
+        lie: Matrix4 | None = None,
+    ) -> None:
         self._reference, self._limits = reference, limits
         self._frame_gate, self._pose_gate = StampGate(), StampGate()
         self._pairing = Pairing()
@@ -100,6 +107,7 @@ class Line:
         self._evidence = Evidence(reference, limits, PathWindow(reference))
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
         self._no_picture = NoPicture()
+        self._witness = Witness(limits, lie)
         self._picture_chain = PictureChain(limits, reference, lambda: self._tracker.mask, _GAP_NS)
         self._detectors: tuple[Detector, ...] = (
             self._picture_chain,
@@ -112,6 +120,7 @@ class Line:
             FrozenTracker(stale_ns),
             PoseConvention(lambda: self._evidence.explanation),
             ExchangedProbe(self._evidence.checks, limits.confidence_sigma),
+            self._witness,
         )
         self._judgement = Judgement(limits.required_age_s.names)
         self._known_poses: tuple[tuple[int, Matrix4], ...] = ()
@@ -146,6 +155,11 @@ class Line:
     def reference(self) -> Calibration:
         """The calibration that is watched."""
         return self._reference
+
+    @property
+    def lie(self) -> Matrix4 | None:
+        """As of `Witness`."""
+        return self._witness.lie
 
     def step(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
         """Take the next sample; one verdict for each frame that it settles."""

@@ -116,6 +116,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
         rms_mm=_NUMBER,
         status=_TEXT,
         reason=_TEXT,
+        witness={**_PERHAPS_NUMBERS, "description": "the same of a second body on the probe, or null"},
     ),
     "/verdict": _object(
         "probewatch.Verdict",

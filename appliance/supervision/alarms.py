@@ -111,6 +111,10 @@ HAZARDS: dict[Fault, Hazard] = {
         "Use the calibrated probe, or load this one's calibration",
         "Use the calibrated probe, or calibrate this one",
     ),
+    Fault.MARKER_BODY_MOVED: Hazard(
+        "One of two marker bodies has moved",
+        "Check both clamps; scan: it shows whether the calibration holds",
+    ),
     Fault.UNDECIDED: Hazard(
         "Something is wrong, not yet clear what",
         "Make the motion that shows which of the two it is",

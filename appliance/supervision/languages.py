@@ -63,6 +63,10 @@ GERMAN = {
         "Kalibrierte Sonde nehmen oder Kalibrierung dieser Sonde laden"
     ),
     "Use the calibrated probe, or calibrate this one": "Kalibrierte Sonde nehmen oder diese kalibrieren",
+    "One of two marker bodies has moved": "Einer von zwei Markerkörpern ist verschoben",
+    "Check both clamps; scan: it shows whether the calibration holds": (
+        "Beide Klemmen prüfen; schallen: es zeigt, ob die Kalibrierung hält"
+    ),
     "Something is wrong, not yet clear what": "Falsch, noch unklar was",
     "Make the motion that shows which of the two it is": "Die Bewegung machen, die zeigt, welches von beiden es ist",
     "Picture is frozen": "Bild ist eingefroren",
@@ -215,6 +219,8 @@ GERMAN = {
     "marker-turn": "Marker verdreht",
     "marker-shift": "Marker verschoben",
     "marker-elevational": "Marker elevational",
+    "witness-slide": "Zeuge verschoben",
+    "witness-turn": "Zeuge verdreht",
     "frozen-video": "Standbild",
     "frozen-tracker": "Tracker steht",
     "video presence": "Video da",

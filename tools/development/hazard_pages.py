@@ -28,6 +28,7 @@ _LIMITS: Mapping[Fault, tuple[str, ...]] = {
     Fault.USER_FREEZE: ("frozen_ms",),
     Fault.VIDEO_LOST: ("video_silence_ms",),
     Fault.MARKER_BODY: ("marker_fit_mm", "marker_shape_mm"),
+    Fault.MARKER_BODY_MOVED: ("witness_mm", "witness_deg"),
     Fault.FIELD_DISTORTION: ("field_indicator", "named_nats"),
     Fault.TRACKER_LOST: ("tracker_silence_ms",),
     Fault.TRACKER_STALE: ("tracker_stale_ms",),

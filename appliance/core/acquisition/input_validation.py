@@ -1,5 +1,7 @@
 """What may enter the line. Whatever else a driver delivers is refused here with the reason, and not computed with."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from drivers.samples import GreyImage, Pose, PoseStatus
@@ -12,11 +14,15 @@ _IDENTITY = np.eye(3)  # made once: every pose is held against it
 
 
 def checked_pose(pose: Pose) -> Pose:
-    """The pose itself, or one NOT_UNDERSTOOD, with the reason, where its matrix is no finite rigid transform."""
+    """The pose itself, or one NOT_UNDERSTOOD, with the reason, where its matrix is no finite rigid transform; without
+    the second body where that has none.
+    """
     if pose.matrix is None:
         return pose
     reason = _refused(pose.matrix)
-    return Pose(pose.stamp, pose.sequence, None, pose.rms_mm, PoseStatus.NOT_UNDERSTOOD, reason) if reason else pose
+    if reason:
+        return Pose(pose.stamp, pose.sequence, None, pose.rms_mm, PoseStatus.NOT_UNDERSTOOD, reason)
+    return replace(pose, witness=None) if pose.witness is not None and _refused(pose.witness) else pose
 
 
 def refused_picture(image: GreyImage) -> str:

@@ -27,8 +27,9 @@ _FIRST = (
     Fault.EXCHANGED_PROBE,
 )
 """Faults that spoil or explain everything measured after them, in the order in which they are named."""
-_LAST = (Fault.UNDECIDED, Fault.FIELD_DISTORTION)
-"""Told after all others: what is not decided, and what mends by itself and must not hide what waits for a person."""
+_LAST = (Fault.MARKER_BODY_MOVED, Fault.UNDECIDED, Fault.FIELD_DISTORTION)
+"""Told after all others: that one of two bodies moved, of which motion names the first; what is not decided; and what
+mends by itself and must not hide what waits for a person."""
 
 BROKE = "the picture does not continue the one that was verified"
 """Lifted off, or another setting of the scanner: no detector names which."""

@@ -22,7 +22,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 
 _SPARE_SLOTS = 2
 """One that is being written, one between it and what the consumer may use; see the heading of this file."""
@@ -34,7 +34,7 @@ _READ_BYTES = 4096
 costs memory at every read."""
 _FRAME = struct.Struct("<cqqqII31x")
 """64 bytes, a cache line, so that the pixels begin at one."""
-_POSE = struct.Struct("<cqqqdB16d")
+_POSE = struct.Struct("<cqqqdBB32d")
 _STATUSES = tuple(PoseStatus)
 _LONGEST_REASON = 200
 """Bytes of UTF-8; the rest of a longer reason is cut. It is for a person to read, and every slot takes as much."""
@@ -209,10 +209,15 @@ def _pack_into(memory: mmap.mmap, start: int, sample: Sample) -> None:
         pixels = np.frombuffer(memory, np.uint8, width * height, start + _FRAME.size)
         pixels.reshape(height, width)[:] = sample.image
         return
-    numbers = [0.0] * 16 if sample.matrix is None else sample.matrix.ravel().tolist()
     status, reason = _STATUSES.index(sample.status), _reason(sample)
-    _POSE.pack_into(memory, start, b"P", stamp.t_ns, stamp.err_ns, sample.sequence, sample.rms_mm, status, *numbers)
+    kinds = status, sample.witness is not None
+    numbers = [*_sixteen(sample.matrix), *_sixteen(sample.witness)]
+    _POSE.pack_into(memory, start, b"P", stamp.t_ns, stamp.err_ns, sample.sequence, sample.rms_mm, *kinds, *numbers)
     memory[start + _POSE.size : start + _POSE.size + len(reason)] = reason
+
+
+def _sixteen(matrix: Matrix4 | None) -> list[float]:
+    return [0.0] * 16 if matrix is None else matrix.ravel().tolist()
 
 
 def _unpack(payload: bytes) -> Sample:
@@ -220,7 +225,9 @@ def _unpack(payload: bytes) -> Sample:
         _, t_ns, err_ns, sequence, width, height = _FRAME.unpack_from(payload)
         pixels = np.frombuffer(payload, np.uint8, width * height, _FRAME.size)
         return Frame(Stamp(t_ns, err_ns), sequence, pixels.reshape(height, width))
-    _, t_ns, err_ns, sequence, rms_mm, status, *numbers = _POSE.unpack_from(payload)
-    matrix = np.array(numbers).reshape(4, 4) if _STATUSES[status] is PoseStatus.OK else None
+    _, t_ns, err_ns, sequence, rms_mm, status, witnessed, *numbers = _POSE.unpack_from(payload)
+    matrices = np.array(numbers).reshape(2, 4, 4)
+    matrix = matrices[0] if _STATUSES[status] is PoseStatus.OK else None
+    witness = matrices[1] if witnessed else None
     reason = payload[_POSE.size :].decode(errors="replace")
-    return Pose(Stamp(t_ns, err_ns), sequence, matrix, rms_mm, _STATUSES[status], reason)
+    return Pose(Stamp(t_ns, err_ns), sequence, matrix, rms_mm, _STATUSES[status], reason, witness)

@@ -39,7 +39,10 @@ def items(count: int, from_ns: int = 5_000_000_000, step_ns: int = 100_000_000) 
         t_ns = from_ns + k * step_ns
         told += [
             (Frame(Stamp(t_ns, 500), k, picture(k)), t_ns),
-            (Pose(Stamp(t_ns, 1), k, turn(0.1 * k, k / 3), nan, PoseStatus.OK), t_ns),
+            (
+                Pose(Stamp(t_ns, 1), k, turn(0.1 * k, k / 3), nan, PoseStatus.OK, "", turn(0.2, k) if k % 2 else None),
+                t_ns,
+            ),
             (replace(VERDICT, t_ns=t_ns), t_ns),
         ]
     return told

@@ -88,6 +88,8 @@ def test_nothing_is_translated_that_nobody_says() -> None:
         "user-freeze",
         "undecided",
         "exchanged-probe",
+        "witness-slide",
+        "witness-turn",
         *WRONG,
     }
     assert len(reasons) == 15

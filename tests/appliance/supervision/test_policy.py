@@ -111,6 +111,7 @@ def test_the_supervisor_takes_each_step_at_its_time_and_no_other(
         (Fault.POSE_CONVENTION, "axes-swapped", State.HALT),
         (Fault.EXCHANGED_PROBE, "exchanged-probe", State.RECALIBRATION_REQUESTED),
         (Fault.UNDECIDED, "undecided", State.HALT),
+        (Fault.MARKER_BODY_MOVED, "witness-turn", State.HALT),
     ],
 )
 def test_a_recalibration_is_requested_for_what_motion_does_not_recover_alone(

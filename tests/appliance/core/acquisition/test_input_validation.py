@@ -85,6 +85,14 @@ def test_poses_that_are_no_rigid_transform_are_faults_of_the_tracker(spoilt: np.
     assert not any(v.kind is VerdictKind.OK for v in found)
 
 
+def test_a_second_body_without_a_rigid_pose_is_left_out_and_the_first_stays() -> None:
+    matrix = HEALTHY.measured_pose(0.3, 1)
+    spoilt = checked_pose(Pose(Stamp(0, 0), 1, matrix, 0.1, PoseStatus.OK, witness=np.zeros((4, 4))))
+    assert (spoilt.matrix is matrix, spoilt.witness, spoilt.status) == (True, None, PoseStatus.OK)
+    whole = Pose(Stamp(0, 0), 1, matrix, 0.1, PoseStatus.OK, witness=matrix)
+    assert checked_pose(whole) is whole
+
+
 def test_what_is_right_passes() -> None:
     pose = Pose(Stamp(0, 0), 1, HEALTHY.measured_pose(0.3, 1), 0.1, PoseStatus.OK)
     assert checked_pose(pose) is pose

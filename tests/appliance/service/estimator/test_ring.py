@@ -60,14 +60,18 @@ def test_samples_come_out_as_they_went_in() -> None:
         ring.put(Frame(Stamp(-3, 7), 2**40, image[:, ::-1]))
         ring.put(Pose(Stamp(1, 2), 3, matrix, 0.25, PoseStatus.OK))
         ring.put(Pose(Stamp(4, 5), 6, None, float("nan"), PoseStatus.MISSING, "hinter dem Gerät"))
-        (picture, pose, missing), dropped = ring.take()
+        ring.put(Pose(Stamp(7, 8), 9, matrix, 0.25, PoseStatus.OK, witness=matrix + 1))
+        (picture, pose, missing, witnessed), dropped = ring.take()
     assert dropped == 0
+    assert isinstance(witnessed, Pose)
+    assert np.array_equal(witnessed.witness, matrix + 1)
     assert isinstance(picture, Frame)
     assert (picture.stamp, picture.sequence) == (Stamp(-3, 7), 2**40)
     assert np.array_equal(picture.image, image[:, ::-1])
     assert isinstance(pose, Pose)
     assert (pose.stamp, pose.sequence, pose.rms_mm, pose.status) == (Stamp(1, 2), 3, 0.25, PoseStatus.OK)
     assert np.array_equal(pose.matrix, matrix)
+    assert pose.witness is None
     assert isinstance(missing, Pose)
     assert missing.matrix is None
     assert (missing.status, missing.reason) == (PoseStatus.MISSING, "hinter dem Gerät")

@@ -35,12 +35,14 @@ def bits(value: float) -> bytes:
 
 @given(st.lists(ANY, min_size=16, max_size=16), ANY, NS, NS, st.text(max_size=20))
 def test_a_pose_comes_back_bit_for_bit(numbers, rms_mm, t_ns, err_ns, reason) -> None:
-    pose = Pose(Stamp(t_ns, err_ns), 7, np.array(numbers).reshape(4, 4), rms_mm, PoseStatus.OK, reason)
+    matrix = np.array(numbers).reshape(4, 4)
+    pose = Pose(Stamp(t_ns, err_ns), 7, matrix, rms_mm, PoseStatus.OK, reason, matrix.T)
     found = again(message.taken_pose(3, pose))
     assert isinstance(found, Taken)
     assert isinstance(found.sample, Pose)
     assert (found.step, found.sample.stamp, found.sample.sequence) == (3, pose.stamp, 7)
     assert [bits(one) for one in found.sample.matrix.ravel()] == [bits(one) for one in numbers]
+    assert [bits(one) for one in found.sample.witness.T.ravel()] == [bits(one) for one in numbers]
     assert (bits(found.sample.rms_mm), found.sample.reason) == (bits(rms_mm), reason)
 
 

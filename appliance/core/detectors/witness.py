@@ -1,0 +1,245 @@
+"""Sees that one of two marker bodies on the same probe was bent or slid: they no longer lie to each other as before.
+
+The tracker alone shows it, without motion of the hand and without tissue. It does not show which of the two moved:
+where motion then shows rotation and offset to be within their limits, it was the second, or too little to matter, and
+how the two lie is learned again; where it does not, that motion names what is wrong of the first. While the second body
+is not seen nothing is concluded.
+"""
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from appliance.core.detectors.detector import Detector, Observation
+from appliance.limits import Limits
+from appliance.types import Check, Fault, VerdictKind
+from drivers.rigid import (
+    Array,
+    angle_from_rotation,
+    nearest_rotation,
+    rigid,
+    rotation_from_vector,
+    seen_from,
+    vector_from_rotation,
+)
+from drivers.samples import Matrix4, Pose
+
+FINDS = (Fault.MARKER_BODY_MOVED,)
+
+LEARN_NS, LEARN_READINGS = 2_000_000_000, 20
+"""For which, and from how many readings at least, it is learned how the two lie. More leaves a bend in that time
+unseen, less adds the noise of the learning to all that follows."""
+WINDOW_NS, WINDOW_READINGS = 400_000_000, 8
+"""Whose median is held against that, and readings that it has at least. A step is named when half of it is in the
+window, so longer names it later; less is noisier (`python -m tools.development.witness_law` has the figures)."""
+_LONGEST_NS = 2_000_000_000
+"""For which a window waits for its readings. More mixes what is seen now with what was seen before it was hidden."""
+LOOK_NS = 50_000_000
+"""Between two looks at the window. Less costs the processor, more names a step later by as much."""
+NAMED_SHARE = 0.5
+"""Of the limit, beyond which it is named: half-way, where a step as large as the limit is as far from naught as from
+itself. Less alarms for noise, more misses such a step by noise."""
+FIRST_SHARE = 1.0
+"""The same until the noise is known by a minute: before it nobody knows how the tracker errs from place to place, and
+half-way alarmed in each of four hours of .2 mm of that. Less alarms for it, more misses what moves in that minute."""
+NAMED_SIGMA = 6.0
+"""The same in standard deviations of a window. Three rows of noise pass 6 once in 10^7 (Maxwell, by calculation), and
+1,000 h have 10^7 windows; the scale is that of the noisiest row. More misses steps, less alarms for noise."""
+KEPT_SHARE = 0.7
+"""Of where it is named, below which it is undone. More flickers at the limit; less holds on to what was bent back."""
+SETTLED_BLOCKS, BLOCKS, FRESH_BLOCKS = 150, 1500, 50
+"""Windows: a minute, from which it is learned for good how the two lie; ten minutes, from which the noise is known; and
+how many are new each time that it is computed. Fewer do not know how the tracker errs from place to place (.1 mm of it
+alarmed in one hour of four with a lie of two seconds), more know it later."""
+_SAME_MM, _SAME_DEG = 0.01, 0.01
+"""Nearer than this the two are one tool under two names. No two bodies lie in one place; less is rounding."""
+_SPREAD, _MEDIAN = 1.4826, 1.2533
+"""Standard deviation of a normal variable in its median deviation, and of its median in that of its mean."""
+_MOST_ALIKE = 0.95
+"""Correlation of a reading with the one before from which a smoother one counts as this: two seconds tell no more."""
+
+
+class Witness(Detector):
+    """lie: (4, 4) second body → first, mm, as it lay in the minute in which it was learned under this calibration; None
+    until it is.
+    """
+
+    def __init__(self, limits: Limits, lie: Matrix4 | None = None) -> None:
+        self._limits = np.array([limits.witness_mm, limits.witness_deg])
+        self.lie = self._lie = lie
+        self._last_ns = 0
+        self._seen_ns: int | None = None
+        self._named_ns: int | None = None
+        self._changed = False
+        self._begin()
+
+    @property
+    def thresholds(self) -> Array:
+        """(2,) mm and deg beyond which it is named."""
+        return thresholds(self._limits, self._scale, len(self._blocks))
+
+    def pose(self, pose: Pose) -> None:
+        """See Detector."""
+        t_ns = self._last_ns = pose.stamp.t_ns
+        if pose.matrix is None or pose.witness is None:
+            return
+        lie = seen_from(pose.matrix, pose.witness)
+        if same_place(lie):
+            return
+        self._seen_ns = t_ns
+        if self._learning is not None:
+            self._learn(t_ns, lie)
+        elif self._lie is not None:
+            self._window.append((t_ns, apart(self._lie, lie)))
+            if not 0 <= t_ns - self._looked_ns < LOOK_NS:
+                self._looked_ns = t_ns
+                self._look(t_ns)
+
+    def see(self, seen: Observation) -> bool:
+        """See Detector; True once, when it was named: what motion showed before says nothing of the first body now."""
+        changed, self._changed = self._changed, False
+        return changed
+
+    def forget_poses(self, since_ns: int) -> None:
+        """See Detector; the window begins anew, and so does what was being learned."""
+        self._window.clear()
+        self._looked_ns = self._block_ns = 0
+        if self._learning:
+            self._learning = []
+
+    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+        """See Detector: the first body is where the calibration has it, so that how the second lies is learned anew."""
+        if self._named_ns is not None and until_ns > self._named_ns and shows(Fault.ROTATION) and shows(Fault.OFFSET):
+            self._named_ns = self.lie = self._lie = None
+            self._begin()
+
+    def checks(self) -> tuple[Check, ...]:
+        """Slide and turn of the two against each other, mm and deg; none before a second body is seen. The limit is
+        where it is named.
+        """
+        if self._seen_ns is None:
+            return ()
+        known = self._extents is not None and (
+            self._named_ns is not None or self._last_ns - self._seen_ns < _LONGEST_NS
+        )
+        extents = self._extents if known and self._extents is not None else np.full(2, np.nan)
+        limits = self.thresholds
+        beyond = extents > limits * (1.0 if self._named_ns is None else KEPT_SHARE)
+        rows = zip(("witness-slide", "witness-turn"), extents, self._scale, ("mm", "deg"), limits, beyond, strict=True)
+        return tuple(self._check(*row) for row in rows)
+
+    def _check(self, name: str, extent: float, sigma: float, unit: str, limit: float, beyond: bool) -> Check:
+        known = VerdictKind.OK if np.isfinite(extent) else VerdictKind.NOT_VERIFIED
+        verdict = VerdictKind.FAULT if beyond and self._named_ns is not None else known
+        return Check(name, Fault.MARKER_BODY_MOVED, float(extent), float(sigma), unit, float(limit), verdict)
+
+    def _begin(self) -> None:
+        """Learn the noise, and how they lie where that is not known."""
+        self._learning: list[tuple[int, Matrix4]] | None = []
+        self._window: deque[tuple[int, Array]] = deque()
+        self._blocks: deque[Array] = deque(maxlen=BLOCKS)
+        self._scale = self._learned_scale = np.zeros(2)
+        self._extents: Array | None = None
+        self._fresh = self._looked_ns = self._block_ns = 0
+
+    def _learn(self, t_ns: int, lie: Matrix4) -> None:
+        assert self._learning is not None
+        if self._learning and not 0 <= t_ns - self._learning[-1][0] < _LONGEST_NS:
+            self._learning.clear()
+        self._learning.append((t_ns, lie))
+        if len(self._learning) < LEARN_READINGS or t_ns - self._learning[0][0] < LEARN_NS:
+            return
+        lies = np.array([one for _, one in self._learning])
+        middle = _middle(lies)
+        readings = np.array([apart(middle, one) for one in lies])
+        period_ns = (t_ns - self._learning[0][0]) / (len(lies) - 1)
+        self._scale = self._learned_scale = first_scale(readings, readings_of_window(period_ns))
+        self._lie = middle if self._lie is None else self._lie
+        self._learning = None
+
+    def _look(self, t_ns: int) -> None:
+        window = self._window
+        while len(window) > WINDOW_READINGS and window[0][0] <= t_ns - WINDOW_NS:
+            window.popleft()
+        while window[0][0] <= t_ns - _LONGEST_NS:
+            window.popleft()
+        if len(window) < WINDOW_READINGS:
+            return
+        found = np.median([row for _, row in window], axis=0)
+        self._extents = extents(found)
+        was_named = self._named_ns is not None
+        if np.any(self._extents > self.thresholds * (KEPT_SHARE if was_named else 1.0)):
+            if not was_named:
+                self._named_ns, self._changed = t_ns, True
+            return
+        self._named_ns = None
+        if not 0 <= t_ns - self._block_ns < WINDOW_NS:
+            self._block_ns = t_ns
+            self._note_noise(found)
+
+    def _note_noise(self, block: Array) -> None:
+        self._blocks.append(block)
+        if self.lie is None and len(self._blocks) >= SETTLED_BLOCKS:
+            self._settle()
+        self._fresh += 1
+        if self._fresh >= FRESH_BLOCKS:
+            self._fresh = 0
+            self._scale = np.maximum(self._learned_scale, scale_of(np.array(self._blocks)))
+
+    def _settle(self) -> None:
+        """How they lay over a minute is how they lie; what was held against two seconds is held against it."""
+        assert self._lie is not None
+        middle = np.median(np.array(self._blocks), axis=0)
+        turn = rotation_from_vector(np.deg2rad(middle[3:]))
+        self.lie = self._lie = rigid(turn @ self._lie[:3, :3], self._lie[:3, 3] + middle[:3])
+        self._blocks = deque((row - middle for row in self._blocks), maxlen=BLOCKS)
+        self._window = deque((t_ns, row - middle) for t_ns, row in self._window)
+
+
+def apart(lie: Matrix4, now: Matrix4) -> Array:
+    """(6,) from one lie to another: shift, mm, and turn, deg, both in the axes of the first body."""
+    turn = vector_from_rotation(now[:3, :3] @ lie[:3, :3].T)
+    return np.concatenate([now[:3, 3] - lie[:3, 3], np.rad2deg(turn)])
+
+
+def extents(rows: Array) -> Array:
+    """(…, 6) → (…, 2): shift, mm, and turn, deg."""
+    return np.asarray(np.sqrt(np.square(rows.reshape(*rows.shape[:-1], 2, 3)).sum(axis=-1)))
+
+
+def thresholds(limits: Array, scale: Array, blocks: int) -> Array:
+    """(2,) mm and deg beyond which it is named. scale: as of `scale_of`; blocks: windows from which it is known."""
+    share = NAMED_SHARE if blocks >= SETTLED_BLOCKS else FIRST_SHARE
+    return np.maximum(share * limits, NAMED_SIGMA * scale)
+
+
+def scale_of(blocks: Array) -> Array:
+    """(n, 6) medians of windows apart → (2,) standard deviation of one, mm and deg, in the row where it is largest."""
+    spread = _SPREAD * np.median(np.abs(blocks - np.median(blocks, axis=0)), axis=0)
+    return np.asarray(spread.reshape(2, 3).max(axis=1))
+
+
+def first_scale(readings: Array, of_window: int) -> Array:
+    """(n, 6) readings in a row → (2,) the same, of windows of so many, by how alike one is to the next."""
+    left = readings - np.median(readings, axis=0)
+    power = np.maximum(np.square(left).sum(axis=0), 1e-12)
+    alike = np.clip((left[1:] * left[:-1]).sum(axis=0) / power, 0.0, _MOST_ALIKE)
+    spread = _MEDIAN * np.sqrt((1 + alike) / (1 - alike) / of_window) * _SPREAD * np.median(np.abs(left), axis=0)
+    return np.asarray(spread.reshape(2, 3).max(axis=1))
+
+
+def readings_of_window(period_ns: float) -> int:
+    """How many a window has of a tracker with this period."""
+    return max(WINDOW_READINGS, round(WINDOW_NS / period_ns))
+
+
+def same_place(lie: Matrix4) -> bool:
+    """Whether the two are one body under two names."""
+    turn = np.rad2deg(angle_from_rotation(lie[:3, :3]))
+    return bool(np.abs(lie[:3, 3]).max() < _SAME_MM and turn < _SAME_DEG)
+
+
+def _middle(lies: Array) -> Matrix4:
+    """(n, 4, 4) → (4, 4) median of the places, mean of the turns."""
+    return rigid(nearest_rotation(lies[:, :3, :3].mean(axis=0)), np.median(lies[:, :3, 3], axis=0))
