@@ -22,8 +22,8 @@ NAME_BYTES = 20
 """Of a device name, by the specification: senders cut longer ones off."""
 
 _OPTIONS = (
-    "image", "probe", "reference", "levels", "crop", "orientation", "deadline_ms", "latency_ms", "ask", "header",
-    "simulated",
+    "image", "probe", "reference", "witness", "levels", "crop", "orientation", "deadline_ms", "latency_ms", "ask",
+    "header", "simulated",
 )  # fmt: skip
 _ASKS = {"": "", "tdata": "TDATA", "qtdata": "QTDATA"}
 _FULL_NAME = re.compile(r".+To[A-Z].*")
@@ -31,16 +31,18 @@ _FULL_NAME = re.compile(r".+To[A-Z].*")
 
 @dataclass(frozen=True, slots=True)
 class IgtlOptions:
-    """image: device name of the pictures, empty for the only one. probe, reference: names of the transforms, reference
-    None where the probe's is used alone. bare: the name of the probe's tool, by which its transform may be sent, empty
-    where the URL gives a whole name. levels: see drivers.openigtlink.image. deadline_ms: None for the usual one.
-    ask: the message that is to be asked for. version: of the headers that we send.
+    """image: device name of the pictures, empty for the only one. probe, reference, witness: names of the transforms,
+    reference None where the probe's is used alone, witness None where no second body sits on the probe. bare: the name
+    of the probe's tool, by which its transform may be sent, empty where the URL gives a whole name. levels: see
+    drivers.openigtlink.image. deadline_ms: None for the usual one. ask: the message that is to be asked for. version:
+    of the headers that we send.
     """
 
     image: str
     probe: str
     bare: str
     reference: str | None
+    witness: str | None
     levels: Levels | None
     cut: Cut
     deadline_ms: float | None
@@ -67,12 +69,17 @@ def parse_target(target: str, options: dict[str, str]) -> tuple[tuple[str, int],
     fixed = None if reference is None else transform_name(reference)
     if fixed == probe:
         raise ConfigurationError("probe and reference are the same transform", where, "Give two different names")
+    witness = transform_name(options["witness"]) if "witness" in options else None
+    if witness is not None and witness in (probe, fixed):
+        remedy = "Name the transform of a second body on the probe"
+        raise ConfigurationError(f"the witness is the transform {witness}, which has a part already", where, remedy)
     _word(options, "simulated", ("yes", "no"), where)
     return address, IgtlOptions(
         image=_cut_off(options.get("image", "")),
         probe=probe,
         bare="" if tool == probe else _cut_off(tool),
         reference=fixed,
+        witness=witness,
         levels=_levels(options.get("levels"), where),
         cut=cut_from(options, where),
         deadline_ms=_number(options, "deadline_ms", DEADLINES_MS, where),

@@ -35,11 +35,16 @@ from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
 from drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
 from drivers.trackers.pose_bounds import UNIT_TOLERANCE
 from drivers.trackers.reference_place import ReferencePlace
+from drivers.trackers.witness import WitnessSight
 
 _APART_NS = 5_000_000
 """Between the times of probe and reference that make one pose. Tools of one measurement share a time; a server that
 reads them in turn is some milliseconds apart, in which a reference that is pushed at 100 mm/s moves by half a
 millimetre. Not measured."""
+
+_TOGETHER_NS = 1_000_000
+"""Between the times of probe and witness that are one measurement. A hand goes 200 mm/s, a fifth of a millimetre in it;
+less loses a server that rounds its times."""
 
 _RESOLUTION_MS = 10
 """Asked of a server that sends tracking data on request: 100 poses a second at most,
@@ -77,6 +82,9 @@ class IgtlTracker:
         self._ask_ns = 0
         self._probe: _Measured | None = None
         self._reference: _Measured | None = None
+        self._witness: _Measured | None = None
+        self._witness_later = False
+        self._judged_ns: int | None = None
         self._damage = ""
         self._has_come = self._by_whole_name = False
         self._poses: deque[Pose] = deque()
@@ -85,6 +93,7 @@ class IgtlTracker:
         self._time = SenderTime(round(options.latency_ms * 1e6), self._client.round_trip_ns)
         self._freshness = Freshness(clock.now_ns())
         self._reference_place = ReferencePlace()
+        self._sight = None if options.witness is None else WitnessSight(options.witness, clock.now_ns())
         try:
             self._greet()
         except BaseException:
@@ -110,10 +119,15 @@ class IgtlTracker:
         absent = "" if self._has_come else f"no transform '{printable(self._options.probe)}' came"
         return Description(
             "OpenIGTLink server",
-            tools=(self._options.probe, *(() if fixed is None else (f"{fixed} (reference)",))),
+            tools=(
+                self._options.probe,
+                *(() if fixed is None else (f"{fixed} (reference)",)),
+                *(() if self._sight is None else (f"{self._options.witness} (second on the probe)",)),
+            ),
             rate_hz=self._freshness.rate_hz,
             remarks=(
                 *self._reference_place.remarks(self._clock.now_ns()),
+                *(() if self._sight is None else self._sight.remarks(self._clock.now_ns())),
                 *(f"{count} {words}" for count, words in remarks if count),
             ),
             absent=absent and f"{absent}; the server sends {self._client.others}",
@@ -144,7 +158,9 @@ class IgtlTracker:
     def _wanted(self, header: Header) -> bool:
         if header.kind == "TRANSFORM":
             self._by_whole_name |= header.device == self._options.probe
-            return header.device in (self._options.probe, self._options.reference) or self._is_bare(header.device)
+            options = self._options
+            named = header.device in (options.probe, options.reference, options.witness)
+            return named or self._is_bare(header.device)
         return header.kind in _KINDS
 
     def _is_bare(self, name: str) -> bool:
@@ -172,6 +188,10 @@ class IgtlTracker:
             time_ns = message.time_ns or arrived.arrival_ns
             self._reference = _Measured(found[self._options.reference], time_ns)
             self._pair()
+        if self._options.witness in found:
+            self._witness = _Measured(found[self._options.witness], message.time_ns or arrived.arrival_ns)
+            self._witness_later |= self._probe is None and self._together(self._judged_ns)
+            self._pair()
         if self._options.probe in found:
             self._has_come = True
             self._measured(found[self._options.probe], arrived)
@@ -195,6 +215,7 @@ class IgtlTracker:
         self._time.told(time_ns)
         if not self._freshness.take(time_ns, reading.matrix, self._clock.now_ns()):
             return
+        self._release()
         if self._probe is not None:
             reason = f"no transform '{printable(str(self._options.reference))}' of the same time"
             self._judge(self._probe, TransformReading(None, PoseStatus.MISSING, reason))
@@ -206,22 +227,45 @@ class IgtlTracker:
     def _pair(self) -> None:
         """Make the pose, once everything that belongs to it is of one time."""
         probe, reference = self._probe, self._reference
-        if probe is None:
+        if probe is None or (self._witness_later and not self._together(probe.time_ns)):
             return
         if probe.reading.matrix is None or self._options.reference is None:
-            self._judge(probe, probe.reading)
+            self._judge(probe, probe.reading, witness=self._witnessed(probe))
             return
         apart_ns = abs(reference.time_ns - probe.time_ns) if reference is not None else _APART_NS + 1
         if reference is None or apart_ns > _APART_NS:
             return
+        witness = self._witnessed(probe)
         reading = reference.reading
         if reading.matrix is not None:
             assert probe.stamp is not None
             self._reference_place.take(probe.stamp.t_ns, reading.matrix)
+            witness = None if witness is None else seen_from(reading.matrix, witness)
             reading = TransformReading(seen_from(reading.matrix, probe.reading.matrix), PoseStatus.OK)
-        self._judge(probe, reading, apart_ns)
+        self._judge(probe, reading, apart_ns, witness)
 
-    def _judge(self, probe: _Measured, reading: TransformReading, apart_ns: int = 0) -> None:
+    def _release(self) -> None:
+        """What waits for the witness of its time alone waits no longer."""
+        if self._witness_later and self._probe is not None:
+            self._witness_later = False
+            self._pair()
+
+    def _together(self, time_ns: int | None) -> bool:
+        """Whether the last witness was measured at that time of the sender's."""
+        return (
+            self._witness is not None and time_ns is not None and abs(self._witness.time_ns - time_ns) <= _TOGETHER_NS
+        )
+
+    def _witnessed(self, probe: _Measured) -> Matrix4 | None:
+        """The second body measured with the probe, in the tracker's frame; None where it is not seen."""
+        if self._sight is None or self._witness is None or probe.reading.matrix is None or probe.stamp is None:
+            return None
+        matrix = self._witness.reading.matrix if self._together(probe.time_ns) else None
+        return self._sight.take(probe.stamp.t_ns, probe.reading.matrix, matrix)
+
+    def _judge(
+        self, probe: _Measured, reading: TransformReading, apart_ns: int = 0, witness: Matrix4 | None = None
+    ) -> None:
         """The pose as read, unless the server complains or everything stands still."""
         if self._complaints:
             reading = TransformReading(None, PoseStatus.MISSING, next(iter(self._complaints.values())))
@@ -229,12 +273,13 @@ class IgtlTracker:
             reading = TransformReading(None, PoseStatus.STALE, self._freshness.frozen)
         assert probe.stamp is not None
         stamp = Stamp(probe.stamp.t_ns, probe.stamp.err_ns + apart_ns)
-        self._put(stamp, reading)
+        self._judged_ns = probe.time_ns
+        self._put(stamp, reading, None if reading.matrix is None else witness)
 
-    def _put(self, stamp: Stamp, reading: TransformReading) -> None:
+    def _put(self, stamp: Stamp, reading: TransformReading, witness: Matrix4 | None = None) -> None:
         self._probe = None
         count = self._freshness.count
-        self._poses.append(Pose(stamp, count, reading.matrix, math.nan, reading.status, reading.reason))
+        self._poses.append(Pose(stamp, count, reading.matrix, math.nan, reading.status, reading.reason, witness))
 
     def _require_news(self) -> None:
         """Where the server lives and says nothing new of the probe, that is the word."""

@@ -28,7 +28,7 @@ _MAX_DISORDER = 0.1
 
 ENDED = "the recording has ended"
 """What is said of a device that has played all of its recording."""
-_OPTIONS = ("orientation", "poses", "probe", "reference", "start_s")
+_OPTIONS = ("orientation", "poses", "probe", "reference", "start_s", "witness")
 
 _S = TypeVar("_S", Frame, Pose)
 
@@ -38,7 +38,8 @@ class Recording:
     """Pictures and poses of one session, from one file or from two that share a clock.
 
     tool, reference: names of the transforms that make a pose, reference None where the first is used alone; tool None
-    where the session has no poses. left_out: reason → number of frames not passed on.
+    where the session has no poses. witness: of a second body on the probe, in the same frame as tool, None where none
+    is named. left_out: reason → number of frames not passed on.
     """
 
     pictures: Sequence
@@ -48,6 +49,7 @@ class Recording:
     frame_order: tuple[tuple[int, int], ...]
     pose_order: tuple[tuple[int, int], ...]
     left_out: dict[str, int]
+    witness: str | None = None
 
     @property
     def size_px(self) -> tuple[int, int] | None:
@@ -87,12 +89,20 @@ class Recording:
         for t_ns, index in self.pose_order:
             reading = self._reading(index)
             stamp, sequence = Stamp(t_ns, _STAMP_ERR_NS), self.poses.sequence(index)
-            yield Pose(stamp, sequence, reading.matrix, np.nan, reading.status, reading.reason)
+            witness = None if reading.matrix is None else self._witnessed(index)
+            yield Pose(stamp, sequence, reading.matrix, np.nan, reading.status, reading.reason, witness)
+
+    def _witnessed(self, index: int) -> Matrix4 | None:
+        if self.witness is None:
+            return None
+        return self._fixed(self.poses.transform(index, self.witness), index).matrix
 
     def _reading(self, index: int) -> TransformReading:
         """Probe → reference tool: inv(ReferenceToTracker) · ProbeToTracker where two transforms make the pose."""
         assert self.tool is not None
-        tool = self.poses.transform(index, self.tool)
+        return self._fixed(self.poses.transform(index, self.tool), index)
+
+    def _fixed(self, tool: TransformReading, index: int) -> TransformReading:
         if self.reference is None or tool.matrix is None:
             return tool
         reference = self.poses.transform(index, self.reference)
@@ -107,13 +117,15 @@ def open_recording(
     poses: Path | None = None,
     probe: str | None = None,
     reference: str | None = None,
+    witness: str | None = None,
     orientation: str | None = None,
     need_poses: bool = True,
 ) -> Recording:
     """Open a session and check its headers. poses: a second sequence whose transforms are used instead.
 
     The pose is <probe>To<reference> where recorded, else composed over the tracker, else <probe>ToTracker; probe is
-    "Probe" and reference "Reference" unless named; the name "Tracker" asks for poses without a reference tool.
+    "Probe" and reference "Reference" unless named; the name "Tracker" asks for poses without a reference tool. A second
+    body on the probe is "Witness" unless named, in the same frame as the probe; without that name it may be missing.
     Raises RecordingError, also where need_poses and the transforms are not there.
     """
     pictures = read_sequence(path, orientation)
@@ -130,6 +142,7 @@ def open_recording(
         frame_order=shown,
         pose_order=_in_time_order(pose_source)[0] if tool else (),
         left_out={reason: number for reason, number in left_out.items() if number},
+        witness=_witness_name(pose_source, tool, probe or "Probe", witness),
     )
 
 
@@ -205,6 +218,7 @@ def _from_url(target: str, options: dict[str, str], need_poses: bool) -> tuple[R
         poses=Path(options["poses"]) if "poses" in options else None,
         probe=options.get("probe"),
         reference=options.get("reference"),
+        witness=options.get("witness") if need_poses else None,
         orientation=options.get("orientation"),
         need_poses=need_poses,
     )
@@ -240,6 +254,19 @@ def _transform_names(
         str(poses.path),
         "Name the tool with --probe and --reference, or give the poses' recording with --poses",
     )
+
+
+def _witness_name(poses: Sequence, tool: str | None, probe: str, witness: str | None) -> str | None:
+    """Transform of the second body into the frame of the probe's; None where none was named and none is there."""
+    if tool is None:
+        return None
+    name = f"{witness or 'Witness'}{tool.removeprefix(probe)}"
+    if name in poses.transform_names():
+        return name
+    if witness is None:
+        return None
+    names = ", ".join(poses.transform_names())
+    raise RecordingError(f"has no {name}; its transforms: {names}", str(poses.path), "Name a second body of the probe")
 
 
 def _in_time_order(sequence: Sequence) -> tuple[tuple[tuple[int, int], ...], int]:

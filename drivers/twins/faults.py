@@ -195,6 +195,11 @@ def spoil_pose(matrix: Matrix4, active: Collection[str]) -> Matrix4:
     return matrix @ change
 
 
+def spoil_witness(matrix: Matrix4, active: Collection[str]) -> Matrix4:
+    """The same of a second body on the probe, whose own clamp gave way."""
+    return spoil_pose(matrix, {"bend-marker"} if "bend-witness" in active else ())
+
+
 def pose_time_s(t_s: float, active: Collection[str]) -> float:
     """World time of the pose that a tracker reports as that of t_s."""
     return t_s - LATENCY_S if "latency" in active else t_s

@@ -27,9 +27,10 @@ from drivers.openigtlink.message import UTF_8, Message, encode, time_of
 from drivers.openigtlink.stream import MessageStream
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.fault_control import FaultControl
+from drivers.twins.faults import spoil_witness
 from drivers.twins.tcp_server import TcpServer
 
-IMAGE_NAME, PROBE_NAME = "Image_Tracker", "ProbeToTracker"
+IMAGE_NAME, PROBE_NAME, WITNESS_NAME = "Image_Tracker", "ProbeToTracker", "WitnessToTracker"
 """Device names, in PLUS's manner."""
 
 FAULTS = (
@@ -47,12 +48,14 @@ FAULTS = (
     "identity",
     "left-out",
     "old-header",
+    "bend-witness",
+    "witness-missing",
 )
 """stall: open connections, and not a word more. mute: pictures and poses end, questions are answered. unplug:
 connections end and nobody listens. reset, clock-jump: at their beginning, the sender's clock by an hour. bad-crc,
 garbage: of every message, or between them. split: segments of 37 bytes. untimed: time 0. repeat: the last pose again
 and again. complain: STATUS says not ready. identity, left-out: what a server sends of a tool that is not seen, in
-place of PLUS's words. old-header: version 1, without metadata."""
+place of PLUS's words. old-header: version 1, without metadata. bend-witness, witness-missing: of the second body."""
 
 _STATUS_WORDS = {
     PoseStatus.OK: "OK",
@@ -264,6 +267,9 @@ class IgtlTwin:
         status = "" if "identity" in self._active else _STATUS_WORDS[pose.status]
         content = transform_content(matrix)
         self._to_all(lambda client: self._message(client, "TRANSFORM", PROBE_NAME, content, t_ns, status))
+        if "witness-missing" not in self._active and pose.witness is not None:
+            second = transform_content(spoil_witness(pose.witness, self._active))
+            self._to_all(lambda client: self._message(client, "TRANSFORM", WITNESS_NAME, second, t_ns, "OK"))
 
     def _to_all(self, made: Callable[[_Client], bytes]) -> None:
         most_bytes = _SEGMENT_BYTES if "split" in self._active else 1 << 20

@@ -27,7 +27,7 @@ from drivers.trackers.pose_bounds import UNIT_TOLERANCE
 from drivers.twins.scene.tank import PlaceOfWork
 from drivers.twins.scene.world import World
 
-PROBE, REFERENCE = "probe", "reference"
+PROBE, REFERENCE, WITNESS = "probe", "reference", "witness"
 
 PoseAt = Callable[[str, float, int], Matrix4 | None]
 """(name of the tool, world seconds, number of the measurement) → (4, 4) tool → tracker, mm; None where not seen."""
@@ -35,6 +35,16 @@ PoseAt = Callable[[str, float, int], Matrix4 | None]
 _HEADING = ["t_s", "tool", "q0", "qx", "qy", "qz", "x_mm", "y_mm", "z_mm"]
 _REFERENCE_POSE_MM = (150.0, -40.0, -1700.0)
 """Beside the probe and some 0.2 m behind it, where a reference is clamped to the table; tracker frame."""
+
+WITNESS_MM = (80.0, 10.0, -15.0)
+"""Of a second body on the probe, in the axes of the first: as far as two bodies of usual size must be apart."""
+_OTHER_NOISE = 1 << 40
+"""Added to the number of a measurement: the seed of another noise, which no measurement of the probe has."""
+
+
+def on_probe(tool: str) -> bool:
+    """Whether it is a second body on the probe: every tool but the first two by name."""
+    return tool not in (PROBE, REFERENCE)
 
 
 class Track:
@@ -56,12 +66,18 @@ class Track:
 
 
 def world_motion(world: World | PlaceOfWork) -> PoseAt:
-    """Poses of the shared world: its probe, and every other tool lying still beside it."""
-    still = np.eye(4)
-    still[:3, 3] = _REFERENCE_POSE_MM
+    """Poses of the shared world: its probe, a reference lying still beside it, and further tools, each a second body on
+    the probe with a noise of its own.
+    """
+    still, lie = np.eye(4), np.eye(4)
+    still[:3, 3], lie[:3, 3] = _REFERENCE_POSE_MM, WITNESS_MM
 
     def pose_at(tool: str, t_s: float, number: int) -> Matrix4 | None:
-        return world.measured_pose(t_s, max(number, 0)) if tool == PROBE else still
+        if tool == REFERENCE:
+            return still
+        if tool == PROBE:
+            return world.measured_pose(t_s, max(number, 0))
+        return np.asarray(world.measured_pose(t_s, max(number, 0) + _OTHER_NOISE) @ lie)
 
     return pose_at
 

@@ -9,6 +9,7 @@ from typing import Generic, Self, TypeVar
 from drivers.clock.host_clock import HostClock
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.scene.world import World
+from drivers.twins.tool_motion import PROBE, WITNESS, world_motion
 
 _POSE_HZ = 60.0
 """As a Polaris Spectra."""
@@ -72,10 +73,12 @@ class WorldVideo(_Paced[Frame]):
 
 
 class WorldTracker(_Paced[Pose]):
-    """See drivers.device_api.TrackerSource."""
+    """See drivers.device_api.TrackerSource; with a second body on the probe."""
 
     def __init__(self, world: World, clock: HostClock) -> None:
         super().__init__(world, clock, _POSE_HZ)
+        self._pose_at = world_motion(world)
 
     def _make(self, number: int, t_s: float, stamp: Stamp) -> Pose:
-        return Pose(stamp, number, self._world.measured_pose(t_s, number), math.nan, PoseStatus.OK)
+        probe, witness = self._pose_at(PROBE, t_s, number), self._pose_at(WITNESS, t_s, number)
+        return Pose(stamp, number, probe, math.nan, PoseStatus.OK, witness=witness)

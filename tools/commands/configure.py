@@ -227,20 +227,20 @@ def _with_tool(url: str, person: _Person) -> str:
     """An NDI tracker sees wireless markers only with the tool definition of their body. Raises ConfigurationError."""
     if not url.startswith(("ndi:", "ndi+tcp:")) or "?" in url:
         return url
-    while (tool := person.ask(_TOOL_QUESTION, "wired", "--tracker URL")) != "wired":
-        rom = _whole(tool)
-        try:
-            read_rom(str(rom))
-        except ConfigurationError as error:
-            click.echo(f"! {error}, or 'wired'")
-        else:
-            return f"{url}?probe={quote(str(rom))}"
-    return url
+    tool = person.ask("tool definition file (.rom) of the probe's markers, or 'wired'", "wired", "--tracker URL")
+    if tool == "wired":
+        return url
+    url = f"{url}?probe={_rom(tool)}"
+    second = person.ask("the same of a second marker body on the probe, or 'none'", "none", "--tracker URL")
+    return url if second == "none" else f"{url}&witness={_rom(second)}"
 
 
-def _whole(typed: str) -> Path:
-    """The path as the file is to name it; the shell does not see what is typed here."""
-    return Path(typed).expanduser().absolute()
+def _rom(tool: str) -> str:
+    """As it stands in a URL. Raises ConfigurationError."""
+    rom = Path(tool).absolute()
+    if not rom.is_file():
+        raise ConfigurationError("is not a file", str(rom), "Type its path again")
+    return quote(str(rom))
 
 
 def _try(url: str, kind: str) -> None:

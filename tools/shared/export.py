@@ -22,7 +22,7 @@ from drivers.rigid import interpolate
 from drivers.samples import Frame, GreyImage, Matrix4, Pose
 
 FORMS = (".igs.mha", ".igs.nrrd", "csv", "mp4")
-_NAME = "ProbeToTracker"
+_NAME, _WITNESS = "ProbeToTracker", "WitnessToTracker"
 _FPS = 30.0
 """Of a film whose pictures say no other."""
 _SLOWEST_FPS, _FASTEST_FPS = 1.0, 120.0
@@ -47,14 +47,17 @@ def export(series: Series, form: str, path: Path) -> int:
 
 def items(series: Series) -> Iterator[SequenceItem]:
     """Each picture with the probe's pose at its own time, between the two poses around it; INVALID where there is none.
+    Where a second body was ever seen, its pose stands beside it likewise.
 
     Stamps are the recording's own: CLOCK_MONOTONIC of the cart.
     """
-    poses = _poses(series)
-    times = [t_ns for t_ns, _ in poses]
+    poses, seconds = _poses(series), _poses(series, second=True)
+    tracks = {_NAME: poses} | ({_WITNESS: seconds} if seconds else {})
+    times = {name: [t_ns for t_ns, _ in track] for name, track in tracks.items()}
     for frame in _frames(series):
         t_ns = frame.stamp.t_ns
-        yield SequenceItem(t_ns, frame.image, {_NAME: _pose_at(poses, times, t_ns)}, frame.sequence)
+        found = {name: _pose_at(track, times[name], t_ns) for name, track in tracks.items()}
+        yield SequenceItem(t_ns, frame.image, found, frame.sequence)
 
 
 def _sequence(series: Series, path: Path) -> int:
@@ -170,9 +173,10 @@ def _fps(series: Series) -> float:
     return min(max(fps, _SLOWEST_FPS), _FASTEST_FPS)
 
 
-def _poses(series: Series) -> list[tuple[int, Matrix4]]:
-    """In order of time; None is no pose."""
-    found = [(item.stamp.t_ns, item.matrix) for item, _ in series.items() if isinstance(item, Pose)]
+def _poses(series: Series, second: bool = False) -> list[tuple[int, Matrix4]]:
+    """In order of time; None is no pose. second: of the second body on the probe."""
+    told = (item for item, _ in series.items() if isinstance(item, Pose))
+    found = [(pose.stamp.t_ns, pose.witness if second else pose.matrix) for pose in told]
     return sorted(((t_ns, matrix) for t_ns, matrix in found if matrix is not None), key=lambda pose: pose[0])
 
 

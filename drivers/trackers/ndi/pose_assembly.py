@@ -1,6 +1,7 @@
 """Replies → poses: what is new, when it was measured, whether it may be believed, and relative to what."""
 
 import math
+from dataclasses import dataclass
 
 from drivers.clock.monotonic_stamps import MonotonicStamps
 from drivers.rigid import seen_from
@@ -13,6 +14,7 @@ from drivers.trackers.ndi.pose_status import StatusReason
 from drivers.trackers.ndi.readings import Reading, Snapshot
 from drivers.trackers.ndi.tools import Tool
 from drivers.trackers.reference_place import ReferencePlace
+from drivers.trackers.witness import WitnessSight
 
 _FROZEN = "many poses in a row are equal to the last bit"
 
@@ -21,15 +23,23 @@ _REFERENCE_PERIODS = 3
 poses against a reference that has moved, fewer refuses mixed tools."""
 
 
-class PoseAssembly:
-    """reference: poses are relative to it where there is one.
+@dataclass(frozen=True, slots=True)
+class Bodies:
+    """reference: poses are relative to it where there is one. witness: a second tool on the probe; sight: of it."""
 
-    readings, detailed: the last of each tool, and the last with marker details, by handle. freshness: of the probe.
+    probe: Tool
+    reference: Tool | None = None
+    witness: Tool | None = None
+    sight: WitnessSight | None = None
+
+
+class PoseAssembly:
+    """readings, detailed: the last of each tool, and the last with marker details, by handle. freshness: of the probe.
     device_clock: turns its times into the host's. doubted: poses that had to be confirmed. reference_place: of the
     reference tool in the tracker's frame.
     """
 
-    def __init__(self, probe: Tool, reference: Tool | None, agreed: Agreed, latency_ms: float) -> None:
+    def __init__(self, bodies: Bodies, agreed: Agreed, latency_ms: float) -> None:
         self.readings: dict[int, Reading] = {}
         self.detailed: dict[int, Reading] = {}
         self.freshness = Freshness(agreed.tick_ns, agreed.dialect.repeats)
@@ -37,8 +47,10 @@ class PoseAssembly:
         self.doubted = 0
         self.reference_place = ReferencePlace()
         self._leapt_ns: int | None = None
-        self._probe, self._reference, self._latency_ns = probe, reference, round(latency_ms * 1e6)
-        self._outlier_gates = {tool.handle: OutlierGate() for tool in (probe, reference) if tool is not None}
+        self._probe, self._reference, self._latency_ns = bodies.probe, bodies.reference, round(latency_ms * 1e6)
+        self._witness, self._sight = bodies.witness, bodies.sight
+        gated = (bodies.probe, bodies.reference)
+        self._outlier_gates = {tool.handle: OutlierGate() for tool in gated if tool is not None}
         self._monotonic = MonotonicStamps()
         self._absent_ns: int | None = None
 
@@ -71,7 +83,22 @@ class PoseAssembly:
         rms_mm = probe.transform.error if probe.transform is not None else math.nan
         if status_reason[0] is not PoseStatus.OK:
             return self._without_number(status_reason, stamp, rms_mm)
-        return Pose(stamp, self.freshness.frame, self._relative(stamp.t_ns), rms_mm, PoseStatus.OK)
+        assert probe.transform is not None
+        matrix = probe.transform.matrix()
+        witness = self._witnessed(probe, matrix, stamp.t_ns)
+        if self._reference is not None:
+            reference = self.readings[self._reference.handle].transform
+            assert reference is not None
+            seen = reference.matrix()
+            self.reference_place.take(stamp.t_ns, seen)
+            matrix = seen_from(seen, matrix)
+            witness = None if witness is None else seen_from(seen, witness)
+        return Pose(stamp, self.freshness.frame, matrix, rms_mm, PoseStatus.OK, witness=witness)
+
+    def remarks(self, now_ns: int) -> tuple[str, ...]:
+        """What a person should know of the reference and of the second body, in words."""
+        sight = () if self._sight is None else self._sight.remarks(now_ns)
+        return (*self.reference_place.remarks(now_ns), *sight)
 
     def overdue_pose(self, answer: Answer) -> Pose | None:
         """Word that a new pose is overdue, once a period; None while it is not. For a reply without a new one."""
@@ -127,17 +154,16 @@ class PoseAssembly:
         status, reason = reading.status_reason
         return status, f"reference tool: {reason}" if reason else ""
 
-    def _relative(self, t_ns: int) -> Matrix4:
-        """(4, 4) probe → reference where there is one, else → tracker. t_ns: when the probe was measured."""
-        probe = self.readings[self._probe.handle].transform
-        assert probe is not None
-        if self._reference is None:
-            return probe.matrix()
-        reference = self.readings[self._reference.handle].transform
-        assert reference is not None
-        seen = reference.matrix()
-        self.reference_place.take(t_ns, seen)
-        return seen_from(seen, probe.matrix())
+    def _witnessed(self, probe: Reading, matrix: Matrix4, t_ns: int) -> Matrix4 | None:
+        """(4, 4) second body → tracker; None where it was not seen, or measured at another time than the probe: a hand
+        goes on meanwhile.
+        """
+        if self._witness is None or self._sight is None:
+            return None
+        reading = self.readings.get(self._witness.handle)
+        together = reading is not None and reading.usable and reading.tick == probe.tick
+        transform = reading.transform if reading is not None and together else None
+        return self._sight.take(t_ns, matrix, None if transform is None else transform.matrix())
 
     def _without_number(self, status_reason: StatusReason, stamp: Stamp, rms_mm: float) -> Pose:
         return Pose(stamp, max(self.freshness.frame, 0), None, rms_mm, status_reason[0], status_reason[1])

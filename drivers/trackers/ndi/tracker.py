@@ -4,6 +4,7 @@ Options of the URL:
     probe, reference: the tools, each as FILE.rom (wireless, loaded from its definition), @2 (on plug 2), @2b (second
         sensor on plug 2), or FILE.rom@2 (on plug 2, without a memory of its own). Without probe the first wired tool
         of six degrees of freedom. With reference all poses are relative to it.
+    witness: a second tool on the probe, in the same forms, whose poses tell when either of the two moves on it.
     tools: further tools, separated by commas; their poses are in `telemetry`.
     baud: line speed, 115200 unless given. reply: bx2, bx or tx, if the firmware's own choice shall not hold.
     counter_hz: rate of the frame counter, if the device's own shall not hold.
@@ -27,12 +28,13 @@ from drivers.trackers.ndi.marker_quality import MarkerQuality, worst
 from drivers.trackers.ndi.negotiation import negotiate
 from drivers.trackers.ndi.options import TrackerOptions, parse_options
 from drivers.trackers.ndi.polling import Polling
-from drivers.trackers.ndi.pose_assembly import PoseAssembly
+from drivers.trackers.ndi.pose_assembly import Bodies, PoseAssembly
 from drivers.trackers.ndi.session import Session
 from drivers.trackers.ndi.telemetry import NdiTelemetry, describe, tool_telemetry
 from drivers.trackers.ndi.tools import choose_probe
 from drivers.trackers.ndi.transport import ByteLine, SerialLine
 from drivers.trackers.ndi.wire import RefusedError
+from drivers.trackers.witness import WitnessSight
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "NdiTracker":
@@ -77,6 +79,7 @@ class NdiTracker:
         session.start(options.baud, options.wishes)
         self._probe = choose_probe(session.tools, options.probe is not None, self._link.where)
         reference = session.tools[1] if options.reference is not None else None
+        witness = session.tools[len(options.wishes) - len(options.further) - 1] if options.witness is not None else None
         posed = [tool for tool in (self._probe, reference) if tool is not None]
         self._tools = (*posed, *(tool for tool in session.tools if tool not in posed))
         electromagnetic = session.identity.electromagnetic
@@ -84,7 +87,9 @@ class NdiTracker:
         health = HealthWatch(session.bumped(), clock.now_ns())
         self._agreed = agreed = negotiate(session, options, self._probe, clock)
         self._alerts = Alerts(session, health, agreed.exchange, options.deadline_ms, clock)
-        self._assembly = PoseAssembly(self._probe, reference, agreed, options.latency_ms)
+        sight = None if witness is None else WitnessSight(witness.name, clock.now_ns())
+        bodies = Bodies(self._probe, reference, witness, sight)
+        self._assembly = PoseAssembly(bodies, agreed, options.latency_ms)
         self._polling = Polling(self._link, agreed, self._assembly.freshness, self._probe.handle)
 
     def __enter__(self) -> Self:
@@ -113,7 +118,7 @@ class NdiTracker:
             clock_restarts=self._agreed.device_clock.restarts,
             warnings=(
                 *self._session.warnings,
-                *self._assembly.reference_place.remarks(self._clock.now_ns()),
+                *self._assembly.remarks(self._clock.now_ns()),
             ),
         )
 

@@ -1,10 +1,10 @@
 """`optotrak://host:3020?body=1&reference=2`: poses of a rigid body of an Optotrak, from NDI's First Principles server.
 
-Options: body, reference (numbers of the rigid bodies in the order in which the server lists them, from 1), mode
-(stream, which is the default, or single: each frame is asked for), order (byte order of the payload, big or little),
-rate (frames per second wanted; without it all of them in stream mode, 60 in single mode), deadline_ms (silence after
-which the tracker counts as lost, 200), latency_ms (exposure to arrival as measured on this unit, 0), log (file for a
-byte log, see drivers.io.byte_log).
+Options: body, reference, witness (numbers of the rigid bodies in the order in which the server lists them, from 1;
+witness: a second one on the probe), mode (stream, which is the default, or single: each frame is asked for), order
+(byte order of the payload, big or little), rate (frames per second wanted; without it all of them in stream mode, 60 in
+single mode), deadline_ms (silence after which the tracker counts as lost, 200), latency_ms (exposure to arrival as
+measured on this unit, 0), log (file for a byte log, see drivers.io.byte_log).
 """
 
 import math
@@ -46,11 +46,12 @@ from drivers.trackers.staleness import (
     SLOWEST_PERIOD_NS,
     STALE_PERIODS,
 )
+from drivers.trackers.witness import WitnessSight
 
 PORT = 3020
 """TCP port of the RTC3D server of First Principles."""
 
-_OPTIONS = ("body", "reference", "mode", "order", "rate", "deadline_ms", "latency_ms", "log")
+_OPTIONS = ("body", "reference", "witness", "mode", "order", "rate", "deadline_ms", "latency_ms", "log")
 _ORDERS = {"big": ByteOrder.BIG, "little": ByteOrder.LITTLE}
 _WANTED = "6D Events"
 _CONNECT_S = 2.0
@@ -67,10 +68,11 @@ _EVENTS_KEPT = 100
 
 @dataclass(frozen=True, slots=True)
 class OptotrakOptions:
-    """The options of the URL, checked. body, reference: from 1. rate_hz: None for every frame."""
+    """The options of the URL, checked. body, reference, witness: from 1. rate_hz: None for every frame."""
 
     body: int = 1
     reference: int | None = None
+    witness: int | None = None
     single: bool = False
     order: ByteOrder = ByteOrder.BIG
     rate_hz: int | None = None
@@ -98,6 +100,7 @@ def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
     checked = OptotrakOptions(
         body=reader.whole("body", 255) or 1,
         reference=reader.whole("reference", 255),
+        witness=reader.whole("witness", 255),
         single=reader.word("mode", ("stream", "single")) == "single",
         order=_ORDERS[reader.word("order", tuple(_ORDERS))],
         rate_hz=reader.whole("rate", 4600),
@@ -107,6 +110,9 @@ def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
     )
     if checked.reference == checked.body:
         raise ConfigurationError("body and reference are the same rigid body", where, "Give two different numbers")
+    if checked.witness in (checked.body, checked.reference) and checked.witness is not None:
+        what = f"the witness is rigid body {checked.witness}, which is the probe's or the reference already"
+        raise ConfigurationError(what, where, "Give the number of a second body on the probe")
     if checked.rate_hz and 2000 / checked.rate_hz > checked.deadline_ms:
         remedy = f"Use deadline_ms={2000 / checked.rate_hz:.0f} or a higher rate"
         raise ConfigurationError(f"rate={checked.rate_hz} is too slow for the deadline", where, remedy)
@@ -163,6 +169,8 @@ class OptotrakTracker:
         self._freshness = _Freshness()
         self._monotonic = MonotonicStamps()
         self._reference_place = ReferencePlace()
+        named = options.witness is not None
+        self._witness = WitnessSight(f"rigid body {options.witness}", clock.now_ns()) if named else None
         self._words = ""
         self._bodies: Component | None = None
         deadline_ns = clock.now_ns() + round(_CONNECT_S * 1e9)
@@ -203,10 +211,12 @@ class OptotrakTracker:
             tools=(
                 f"rigid body {self._options.body}",
                 *(() if reference is None else (f"rigid body {reference} (reference)",)),
+                *(() if self._witness is None else (f"rigid body {self._options.witness} (second on the probe)",)),
             ),
             rate_hz=self._freshness.rate_hz,
             remarks=(
                 *self._reference_place.remarks(self._clock.now_ns()),
+                *(() if self._witness is None else self._witness.remarks(self._clock.now_ns())),
                 *((f"{self.refused} damaged packets were refused",) if self.refused else ()),
             ),
         )
@@ -313,6 +323,7 @@ class OptotrakTracker:
     def _relative(self, bodies: Component, probe: Body, stamp: Stamp) -> Pose:
         """The probe in the frame of the reference body, where one is configured."""
         matrix: Matrix4 = probe.matrix()
+        witness = self._witnessed(bodies, matrix, stamp)
         if self._options.reference is not None:
             reference = _listed(bodies, self._options.reference)
             if isinstance(reference, str):
@@ -323,7 +334,15 @@ class OptotrakTracker:
             seen = reference.matrix()
             self._reference_place.take(stamp.t_ns, seen)
             matrix = seen_from(seen, matrix)
-        return Pose(stamp, bodies.frame, matrix, probe.rms_mm, PoseStatus.OK)
+            witness = None if witness is None else seen_from(seen, witness)
+        return Pose(stamp, bodies.frame, matrix, probe.rms_mm, PoseStatus.OK, witness=witness)
+
+    def _witnessed(self, bodies: Component, probe: Matrix4, stamp: Stamp) -> Matrix4 | None:
+        """The second body on the probe in the tracker's frame, of the same frame; None where it is not seen."""
+        if self._witness is None or self._options.witness is None:
+            return None
+        listed = _listed(bodies, self._options.witness)
+        return self._witness.take(stamp.t_ns, probe, listed.matrix() if isinstance(listed, Body) else None)
 
     def _overdue(self, arrival_ns: int) -> Pose | None:
         reason = self._freshness.overdue(arrival_ns)

@@ -9,12 +9,13 @@ from scipy.spatial.transform import Rotation
 from drivers.samples import Matrix4
 from drivers.trackers.marker_geometry import Points, marker_geometry
 from drivers.trackers.ndi.replies import MOST_MARKERS, Markers, Position, ToolInformation, Transform
-from drivers.twins.faults import pose_time_s, spoil_pose
+from drivers.twins.faults import pose_time_s, spoil_pose, spoil_witness
 from drivers.twins.scene.metal import near_metal
-from drivers.twins.tool_motion import PROBE, PoseAt
+from drivers.twins.tool_motion import PROBE, PoseAt, on_probe
 
 TOOL_FAULTS = (
     "bend-marker",
+    "bend-witness",
     "em-distortion",
     "interference",
     "latency",
@@ -25,8 +26,10 @@ TOOL_FAULTS = (
     "partial",
     "slide-marker",
     "sparse-poses",
+    "witness-missing",
 )
-"""sparse-poses: `missing` but for one measurement in ONE_IN."""
+"""bend-witness, witness-missing: of further tools, which sit on the probe. sparse-poses: `missing` but for one
+measurement in ONE_IN."""
 
 ONE_IN = 12
 """Poses of sparse-poses: at 20 Hz one in .6 s, further apart than the pairing of pictures bridges (.25 s)."""
@@ -91,23 +94,35 @@ def measure(
     fit_mm: error field in health. faults: name → world second since when it has been on; those of the probe's marker
     body, and the disturbances, act on the probe alone.
     """
-    on_probe = faults if tool == PROBE else {}
-    true = pose_at(tool, pose_time_s(t_s, on_probe), number)
-    if true is None or "missing" in on_probe:
+    if on_probe(tool):
+        return _second(pose_at, tool, definition, fit_mm, t_s, number, faults)
+    active = faults if tool == PROBE else {}
+    true = pose_at(tool, pose_time_s(t_s, active), number)
+    if true is None or "missing" in active:
         return Measurement(None)
-    pose = spoil_pose(true, on_probe)
-    if "metal" in on_probe:
-        pose = _near_metal(pose, pose_at, t_s, number, on_probe["metal"])
-    outside = tuple("out-of-volume" in on_probe or ("partial" in on_probe and i == 0) for i in range(len(definition)))
-    status = _OUTSIDE * ("out-of-volume" in on_probe) + _PARTLY_OUTSIDE * ("partial" in on_probe)
-    if "em-distortion" in on_probe:
-        return _distorted(pose, fit_mm, (t_s - on_probe["em-distortion"]) / _DISTORTION_S, status)
-    status += _INTERFERENCE * ("interference" in on_probe)
+    pose = spoil_pose(true, active)
+    if "metal" in active:
+        pose = _near_metal(pose, pose_at, t_s, number, active["metal"])
+    outside = tuple("out-of-volume" in active or ("partial" in active and i == 0) for i in range(len(definition)))
+    status = _OUTSIDE * ("out-of-volume" in active) + _PARTLY_OUTSIDE * ("partial" in active)
+    if "em-distortion" in active:
+        return _distorted(pose, fit_mm, (t_s - active["em-distortion"]) / _DISTORTION_S, status)
+    status += _INTERFERENCE * ("interference" in active)
     places = definition.copy()
-    if "marker-drift" in on_probe and len(places) > _DRIFTING_MARKER:
-        drift_mm = _DRIFT_MM_PER_S * (t_s - on_probe["marker-drift"])
+    if "marker-drift" in active and len(places) > _DRIFTING_MARKER:
+        drift_mm = _DRIFT_MM_PER_S * (t_s - active["marker-drift"])
         places[_DRIFTING_MARKER, 0] += np.clip(drift_mm, 0.0, _FURTHEST_DRIFT_MM)
     return _fitted(pose, places, definition, fit_mm, status, outside)
+
+
+def _second(
+    pose_at: PoseAt, tool: str, definition: Points, fit_mm: float, t_s: float, number: int, faults: Mapping[str, float]
+) -> Measurement:
+    """A second body on the probe; the tracker is late with both."""
+    true = pose_at(tool, pose_time_s(t_s, faults), number)
+    if true is None or "witness-missing" in faults:
+        return Measurement(None)
+    return _fitted(spoil_witness(true, faults), definition, definition, fit_mm, 0, (False,) * len(definition))
 
 
 def _near_metal(pose: Matrix4, pose_at: PoseAt, t_s: float, number: int, since_s: float) -> Matrix4:

@@ -25,8 +25,8 @@ from drivers.trackers.optotrak.rtc3d import (
     PacketType,
     Text,
 )
-from drivers.twins.faults import pose_time_s, spoil_pose
-from drivers.twins.tool_motion import PROBE, REFERENCE, PoseAt
+from drivers.twins.faults import pose_time_s, spoil_pose, spoil_witness
+from drivers.twins.tool_motion import PROBE, REFERENCE, PoseAt, on_probe
 
 _RMS_MM, _DRIFTED_RMS_MM = 0.21, 1.4
 """Fit of a rigid body, whole and with the marker moved: well below and above the limit, 0.75 mm (docs/trackers.md)."""
@@ -82,7 +82,7 @@ class Device:
 
     def _pose(self, index: int, t_s: float, number: int, active: Collection[str]) -> Matrix4 | None:
         name = (PROBE, REFERENCE)[index] if index < 2 else f"tool{index}"
-        hidden = {PROBE: "missing", REFERENCE: "reference-missing"}.get(name)
+        hidden = {PROBE: "missing", REFERENCE: "reference-missing"}.get(name, "witness-missing")
         if hidden in active:
             return None
         if "frozen-pose" in active:
@@ -90,6 +90,8 @@ class Device:
         pose = self.pose_at(name, pose_time_s(t_s, active), number)
         if pose is None:
             return None
+        if on_probe(name):
+            pose = spoil_witness(pose, active)
         return _dithered(spoil_pose(pose, active) if name == PROBE else pose, index, number)
 
 

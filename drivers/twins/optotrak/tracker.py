@@ -33,6 +33,7 @@ from drivers.twins.tcp_server import TcpServer
 
 FAULTS = (
     "bend-marker",
+    "bend-witness",
     "slide-marker",
     "latency",
     "lose-tracker",
@@ -41,6 +42,7 @@ FAULTS = (
     "stale-time",
     "missing",
     "reference-missing",
+    "witness-missing",
     "marker-drift",
     "frozen-pose",
     "no-data",
@@ -56,10 +58,11 @@ FAULTS = (
     "reset",
     "unplug",
 )
-"""lose-tracker: silence on an open connection. stale-tracker: the same frame again and again; stale-number, stale-time:
-only its number, or only its time, stands still. frozen-pose: the same pose in new frames. marker-drift: a marker of the
-probe sits elsewhere on its body, so the fit is poor. no-data: alive, nothing new. split: segments of 37 bytes. dribble:
-one byte in 50 ms. counter-jump, reset: at their beginning. unplug: connections end and nobody listens."""
+"""bend-witness, witness-missing: of the bodies from the third on, which sit on the probe. lose-tracker: silence on an
+open connection. stale-tracker: the same frame again and again; stale-number, stale-time: only its number, or only its
+time, stands still. frozen-pose: the same pose in new frames. marker-drift: a marker of the probe sits elsewhere on its
+body, so the fit is poor. no-data: alive, nothing new. split: segments of 37 bytes. dribble: one byte in 50 ms.
+counter-jump, reset: at their beginning. unplug: connections end and nobody listens."""
 
 _SEGMENT_BYTES, _SEGMENT_NS = 37, 1_000_000
 """Fault "split": a prime, so that no field begins where a segment does for long; a millisecond apart, so that they

@@ -170,8 +170,10 @@ def test_a_port_that_the_tracker_takes_is_not_offered_for_the_contact() -> None:
     assert not any("ttyS0" in url for url in offered)
 
 
-class Answers(_Person):
-    """Somebody who gives these answers, one to each question, and keeps the questions."""
+def test_a_tool_definition_is_named_whatever_its_path(tmp_path: Path) -> None:
+    class Answers(_Person):
+        def ask(self, question: str, default: str, option: str) -> str:
+            return "none" if "second" in question else str(rom)
 
     def __init__(self, *answers: str) -> None:
         super().__init__()
@@ -195,6 +197,12 @@ def test_a_tool_definition_is_named_whatever_its_path(tmp_path: Path) -> None:
     rom = tool_definition(tmp_path / "my probe+50%&x.rom")
     url = _with_tool("ndi:/dev/ttyUSB0", Answers(str(rom)))
     assert split_url(url)[2] == {"probe": str(rom)}
+
+    class Two(Answers):
+        def ask(self, question: str, default: str, option: str) -> str:
+            return str(rom)
+
+    assert split_url(_with_tool("ndi:/dev/ttyUSB0", Two()))[2] == {"probe": str(rom), "witness": str(rom)}
     assert _with_tool(url, Answers()) == url
 
 

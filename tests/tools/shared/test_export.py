@@ -1,5 +1,6 @@
 """What is exported is read by others and by us as it was recorded."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,7 @@ from appliance.core.order import Order
 from appliance.limits import Limits
 from appliance.storage.black_box import BlackBox, Series
 from appliance.types import Calibration
+from drivers.errors import RecordingError
 from drivers.recordings.replay import open_recording
 from drivers.rigid import interpolate
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
@@ -129,3 +131,29 @@ def test_what_cannot_be_exported_is_refused(box: Path, tmp_path: Path) -> None:
     assert "exists already" in str(there.exception)
     assert other.read_bytes() == b"ObjectType = Image\n"
     assert "does not end in .mp4" in runner.invoke(command, [str(box), "--to", "mp4", "--output", "x.avi"]).output
+
+
+@pytest.mark.parametrize("form", [".igs.mha", ".igs.nrrd"])
+def test_a_second_body_is_exported_and_replayed_beside_the_first(tmp_path: Path, form: str) -> None:
+    lie = turn(0.3, 80.0)
+    seen = [
+        replace(one, witness=one.matrix @ lie) if isinstance(one, Pose) and one.matrix is not None else one
+        for one in samples()
+    ]
+    reference = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), SIZE_PX)
+    record(tmp_path / "scan.mcap", Order(1, reference, Limits(), 500_000_000), seen)
+    path = exported(tmp_path / "scan.mcap", form, tmp_path / f"scan{form}")
+    poses = list(open_recording(path).pose_samples())
+    found = [pose for pose in poses if pose.matrix is not None]
+    assert len(found) == COUNT - 1
+    for pose in found:
+        assert pose.witness is not None
+        np.testing.assert_allclose(np.linalg.inv(pose.matrix) @ pose.witness, lie, atol=0.2)
+    with pytest.raises(RecordingError, match="has no StylusToTracker"):
+        open_recording(path, witness="Stylus")
+
+
+def test_without_a_second_body_none_is_exported(box: Path, tmp_path: Path) -> None:
+    session = open_recording(exported(box, ".igs.mha", tmp_path / "scan.igs.mha"))
+    assert session.poses.transform_names() == ["ProbeToTracker"]
+    assert {pose.witness for pose in session.pose_samples()} == {None}
