@@ -24,6 +24,7 @@ def order_fields(order: Order) -> Header:
         "stale_ns": order.stale_ns,
         "limits": order.limits.model_dump(by_alias=True),
         "reference": calibration_fields(order.reference),
+        "lie": None if order.lie is None else _numbers(order.lie),
     }
 
 
@@ -77,8 +78,14 @@ def pose_fields(pose: Pose) -> Header:
 
 def order_of(fields: Header) -> Order:
     """Of order_fields."""
-    limits = Limits.model_validate(fields["limits"])
-    return Order(whole(fields["generation"]), calibration_of(fields["reference"]), limits, whole(fields["stale_ns"]))
+    limits, lie = Limits.model_validate(fields["limits"]), fields.get("lie")
+    return Order(
+        whole(fields["generation"]),
+        calibration_of(fields["reference"]),
+        limits,
+        whole(fields["stale_ns"]),
+        None if lie is None else _array(lie, (4, 4)),
+    )
 
 
 def calibration_of(fields: Header) -> Calibration:

@@ -1,19 +1,22 @@
 """What a line is made with. Whoever gives a new order gets a new line."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from appliance.limits import Limits
 from appliance.types import Calibration
+from drivers.samples import Matrix4
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
     """Work with this reference from now on. generation marks what is said of it.
 
-    stale_ns: how long a tracker may repeat one pose while the picture moves.
+    stale_ns: how long a tracker may repeat one pose while the picture moves. lie: (4, 4) second marker body → first,
+    mm, as an earlier line of this reference learned it (appliance.core.detectors.witness); None where none did.
     """
 
     generation: int
     reference: Calibration
     limits: Limits
     stale_ns: int
+    lie: Matrix4 | None = field(default=None, compare=False)

@@ -85,6 +85,10 @@ _ORDER = _object(
     stale_ns=_INTEGER,
     limits={"type": "object", "properties": dict.fromkeys(Limits.model_fields, _LIMIT)},
     reference=_REFERENCE,
+    lie={
+        **_PERHAPS_NUMBERS,
+        "description": "4 x 4 by rows, second marker body to first, mm, as learned before; or null",
+    },
 )
 
 SCHEMAS: dict[str, dict[str, Any]] = {

@@ -3,11 +3,14 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from appliance.configuration.config import CalibrationPlace, Config
 from appliance.storage.calibration_file import calibration_bytes, is_device_set, parse_calibration
 from appliance.storage.reference_store import Entry, content_of, read_history, sha256_of
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
+from drivers.samples import Matrix4
 
 Size = tuple[int, int]
 
@@ -36,6 +39,11 @@ class Reference:
     @property
     def calibration(self) -> Calibration:
         return self.candidate.calibration
+
+    @property
+    def lie(self) -> Matrix4 | None:
+        """As of `appliance.core.order.Order`, as it was kept."""
+        return None if self.entry.lie is None else np.array(self.entry.lie).reshape(4, 4)
 
 
 def candidate_from_content(content: bytes, file: str, size_px: Size | None, probe: str) -> Candidate:

@@ -17,7 +17,7 @@ from appliance.service.estimator.loop import serve as serve_estimator
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.types import Calibration, Fault, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
-from drivers.samples import Frame, PoseStatus, Sample
+from drivers.samples import Frame, Matrix4, PoseStatus, Sample
 from tools.commands.run import serve
 
 _COMMAND = (sys.executable, "-m", "tests.support.stand_in_daemon")
@@ -35,8 +35,14 @@ class TrustingLine:
     """
 
     def __init__(
-        self, reference: Calibration, limits: Limits, stale_ns: int, wanted: Callable[[], str] = _written
+        self,
+        reference: Calibration,
+        limits: Limits,
+        stale_ns: int,
+        lie: Matrix4 | None = None,
+        wanted: Callable[[], str] = _written,
     ) -> None:
+        self.lie = lie
         self._pose_ns = 0
         self._verified_ns: int | None = None
         self._wanted = wanted

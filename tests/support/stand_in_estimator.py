@@ -6,7 +6,7 @@ import time
 from appliance.limits import Limits
 from appliance.service.estimator.loop import serve
 from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
-from drivers.samples import Frame, Sample
+from drivers.samples import Frame, Matrix4, Sample
 
 OK, FAULT, CRASH, HANG, SILENT, LIMITS = range(1, 7)
 
@@ -15,7 +15,9 @@ class ObedientLine:
     """Says of each frame what its first pixel orders; its check names the lateral scale of the reference, and stale_ns
     as its limit. Asked for its limits, it gives them as its reason."""
 
-    def __init__(self, reference: Calibration, limits: Limits, stale_ns: int) -> None:
+    lie: Matrix4 | None = None
+
+    def __init__(self, reference: Calibration, limits: Limits, stale_ns: int, lie: Matrix4 | None = None) -> None:
         self._scale, self._limits, self._stale_ns = float(reference.scale_mm_per_px[0]), limits, stale_ns
 
     def step(self, sample: Sample) -> tuple[Verdict, ...]:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from appliance.core.detectors.witness import (
@@ -105,8 +106,8 @@ def hours_named(tracker: Tracker, hours: int, seed: int = 1) -> tuple[int, float
 class Found:
     """Of each look. ends: readings until it. named: whether it names one. limits: (looks, 2) where it would."""
 
-    ends: Array
-    named: Array
+    ends: NDArray[np.intp]
+    named: NDArray[np.bool_]
     limits: Array
 
 
@@ -136,7 +137,7 @@ def session(readings: Array, rate_hz: float, limits: Array) -> Found:
     return Found(learned + ends, named, asked)
 
 
-def _asked(looks: int, at: Array, blocks: Array, limits: Array, scale: Array) -> Array:
+def _asked(looks: int, at: NDArray[np.intp], blocks: Array, limits: Array, scale: Array) -> Array:
     """(looks, 2) thresholds in force at each: as learned at first, then by the windows until then, which end at the
     looks `at`.
     """

@@ -18,7 +18,7 @@ from appliance.limits import Limits
 from appliance.storage.black_box import Series
 from appliance.storage.black_box_fields import Gap, Item, Made, State
 from appliance.types import Calibration, Verdict, VerdictKind
-from drivers.samples import Frame, Pose, Sample
+from drivers.samples import Frame, Matrix4, Pose, Sample
 
 
 class Repeating(Protocol):
@@ -27,6 +27,10 @@ class Repeating(Protocol):
     def step(self, sample: Sample) -> tuple[Verdict, ...]: ...
 
     def report(self) -> LineReport: ...
+
+
+MakeLine = Callable[[Calibration, Limits, int, Matrix4 | None], Repeating]
+"""(reference, limits, stale_ns, lie), as `Order` has them."""
 
 
 class Step(NamedTuple):
@@ -114,7 +118,7 @@ class Comparison:
 class Rerun:
     """line: the latest, None before the first order. orders: one for each line that was made."""
 
-    def __init__(self, series: Series, make_line: Callable[[Calibration, Limits, int], Repeating] = Line) -> None:
+    def __init__(self, series: Series, make_line: MakeLine = Line) -> None:
         self._series, self._make_line = series, make_line
         self._said: deque[Verdict] = deque()
         self._again: deque[Verdict] = deque()
@@ -149,7 +153,7 @@ class Rerun:
         """What the line before said and is not in the file was said when the order had come already."""
         self._left_over()
         order = made.order
-        self.line = None if order is None else self._make_line(order.reference, order.limits, order.stale_ns)
+        self.line = None if order is None else self._make_line(order.reference, order.limits, order.stale_ns, order.lie)
         if order is not None:
             self.orders.append(order)
         self._whole = made.step == 0

@@ -72,6 +72,7 @@ class Witness(Detector):
         self._seen_ns: int | None = None
         self._named_ns: int | None = None
         self._changed = False
+        self._learning: list[tuple[int, Matrix4]] | None
         self._begin()
 
     @property
@@ -136,7 +137,7 @@ class Witness(Detector):
 
     def _begin(self) -> None:
         """Learn the noise, and how they lie where that is not known."""
-        self._learning: list[tuple[int, Matrix4]] | None = []
+        self._learning = []
         self._window: deque[tuple[int, Array]] = deque()
         self._blocks: deque[Array] = deque(maxlen=BLOCKS)
         self._scale = self._learned_scale = np.zeros(2)

@@ -136,11 +136,11 @@ class Recalibration:
         return before is not None and difference(before.calibration, candidate.calibration).beyond(self._limits())
 
     def _refer(self, reference: Reference) -> None:
-        self._estimator.refer(reference.calibration)
+        self._estimator.refer(reference.calibration, reference.lie)
         self._took(reference)
 
     def _return(self) -> None:
-        before = self._before
-        if before is not None and before is not self._references.current:
+        before, current = self._before, self._references.current
+        if before is not None and (current is None or before.entry.number != current.entry.number):
             self._take(before.candidate, f"went back to {before.entry.number}", "", self._change(before.candidate))
             self._before = self._references.current

@@ -21,10 +21,10 @@ from appliance.storage.calibration_file import calibration_bytes, is_device_set
 from appliance.storage.reference import Candidate, Reference, Size, candidate_from_content, candidate_of_entry, size_for
 from appliance.storage.reference_dates import Dates, dates_of
 from appliance.storage.reference_store import CONFIGURED, Entry, History, read_history, sha256_of, write_history
-from appliance.supervision.alarms import EXPIRED_CALIBRATION, NO_CALIBRATION
-from appliance.types import Verdict, VerdictKind
+from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError
+from drivers.samples import Matrix4
 
 SOFTWARE = version("probewatch")
 
@@ -196,6 +196,22 @@ class References(threading.Thread):
             self.current = Reference(entry, self.current.candidate)
             self._decided = True
         self.look_again()
+
+    def note_lie(self, reference: Calibration | None, lie: Matrix4 | None) -> None:
+        """How a second marker body lies to the first, as it is known under that reference. Kept with the one in force,
+        so that a restart finds what was bent meanwhile; another one in force begins without.
+        """
+        current = self.current
+        if current is None or current.calibration is not reference:
+            return
+        known = None if lie is None else tuple(map(float, lie.ravel()))
+        if known == current.entry.lie:
+            return
+        with self._lock:
+            entry = current.entry.model_copy(update={"lie": known})
+            self._history = self._history.model_copy(update={"entries": (*self._history.entries[:-1], entry)})
+            self.current = Reference(entry, current.candidate)
+        self._wake.set()
 
     def judged(self, verdicts: tuple[Verdict, ...]) -> tuple[Verdict, ...]:
         """The line's verdicts, without an OK that the reference in force has not earned yet."""

@@ -2,10 +2,11 @@
 
 import pickle
 import socket
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from appliance.core.order import Order
 from appliance.types import Verdict
+from drivers.samples import Matrix4
 
 _LONGEST = 1 << 17
 """Bytes of a message; a longer one would be cut. 64 verdicts, as many as `Pairing` lets wait, of 19 checks each came to
@@ -17,7 +18,7 @@ _LONGEST = 1 << 17
 class Word:
     """Estimator → hardware process, at least ten times a second. The counts are since the estimator's start.
 
-    said_ns: CLOCK_MONOTONIC when it was said.
+    said_ns: CLOCK_MONOTONIC when it was said. lie: as of `Order`, as it is known now.
     """
 
     generation: int
@@ -27,6 +28,7 @@ class Word:
     poses: int
     dropped_frames: int
     dropped_poses: int
+    lie: Matrix4 | None = field(default=None, compare=False)
 
 
 Message = Order | Word

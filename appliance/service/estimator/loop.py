@@ -15,7 +15,7 @@ from appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
 from appliance.service.estimator.tap import Tap, TapFds
 from appliance.service.host.child_process import end_with_parent
 from appliance.types import Calibration, Verdict
-from drivers.samples import Sample
+from drivers.samples import Matrix4, Sample
 
 _WORD_EVERY_NS = 100_000_000
 """Between two words where there is no verdict: ten must be missing before `Patience.estimator_ns` calls it silent."""
@@ -24,11 +24,14 @@ _WORD_EVERY_NS = 100_000_000
 class Stepper(Protocol):
     """The line, as this process sees it."""
 
+    @property
+    def lie(self) -> Matrix4 | None: ...
+
     def step(self, sample: Sample) -> tuple[Verdict, ...]: ...
 
 
-MakeLine = Callable[[Calibration, Limits, int], Stepper]
-"""(reference, limits, stale_ns), as `Order` has them."""
+MakeLine = Callable[[Calibration, Limits, int, Matrix4 | None], Stepper]
+"""(reference, limits, stale_ns, lie), as `Order` has them."""
 
 
 class Estimator:
@@ -83,7 +86,7 @@ class Estimator:
             assert isinstance(order, Order)
             if self._line is None:
                 self._discard()
-            self._line = self._make_line(order.reference, order.limits, order.stale_ns)
+            self._line = self._make_line(order.reference, order.limits, order.stale_ns, order.lie)
             self._generation = order.generation
             if self._tap is not None:
                 self._tap.begin(order)
@@ -125,7 +128,9 @@ class Estimator:
         now_ns = self._real_ns()
         if verdicts or now_ns - self._spoke_ns >= _WORD_EVERY_NS:
             self._spoke_ns = now_ns
-            send(self._link, Word(self._generation, now_ns, verdicts, *self._counts, *self._dropped))
+            counts = (*self._counts, *self._dropped)
+            lie = None if self._line is None else self._line.lie
+            send(self._link, Word(self._generation, now_ns, verdicts, *counts, lie))
 
 
 def serve(arguments: list[str], make_line: MakeLine) -> None:

@@ -16,6 +16,7 @@ from appliance.service.estimator.process_host import EstimatorHost
 from appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
 from appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.errors import ConfigurationError
+from drivers.samples import Matrix4
 from tests.support.polling import until
 from tests.support.stores import configuration, kept, log, settled, started, written
 
@@ -27,9 +28,10 @@ class Estimator(SimpleNamespace):
     """Knows only which reference it was given last."""
 
     reference: Calibration | None = None
+    lie: Matrix4 | None = None
 
-    def refer(self, reference: Calibration) -> None:
-        self.reference = reference
+    def refer(self, reference: Calibration, lie: Matrix4 | None = None) -> None:
+        self.reference, self.lie = reference, lie
 
 
 class Cart:

@@ -1,0 +1,129 @@
+"""How two marker bodies lie is kept with the calibration: through reload, restart and power-up, and not beyond it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from appliance.core.exact_fields import order_fields, order_of
+from appliance.core.order import Order
+from appliance.limits import Limits
+from appliance.service.control.references import References
+from appliance.service.estimator.link import Word
+from appliance.service.estimator.process_host import EstimatorHost
+from appliance.types import Calibration
+from drivers.rigid import rigid, rotation_from_vector
+from drivers.samples import Matrix4
+from tests.support.polling import until
+from tests.support.simulated_cart import SimulatedCart
+from tests.support.stand_in_daemon import TrustingLine
+from tests.support.stores import configuration, kept, log, started, written
+
+pytestmark = pytest.mark.usefixtures("log")
+__all__ = ["log"]
+
+LIE = rigid(rotation_from_vector(np.array([0.1, 0.2, 0.3])), np.array([80.0, 0.1, 1 / 3]))
+REFERENCE = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), (64, 48))
+
+
+def said(host: EstimatorHost, generation: int, lie: np.ndarray | None) -> None:
+    word = Word(generation, 0, (), 0, 0, 0, 0, lie)
+    host._hear = lambda: [word]
+    host.poll()
+
+
+@pytest.fixture
+def host() -> EstimatorHost:
+    made = EstimatorHost(REFERENCE, Limits(), 500, command=["sleep", "9"])
+    made._look_after = lambda now_s: None
+    return made
+
+
+def test_the_next_process_and_other_limits_go_on_with_it_and_another_reference_without(host: EstimatorHost) -> None:
+    said(host, 1, LIE)
+    assert host._order is not None
+    assert np.array_equal(host._order.lie, LIE)  # what a new process is sent
+    host.limit(Limits(witness_mm=2.0), 500)
+    assert np.array_equal(host.lie, LIE)
+    said(host, 1, LIE + 1)
+    assert np.array_equal(host.lie, LIE), "of a line before the present one"
+    host.refer(Calibration(np.eye(3), (1, 1), np.array([0.2, 0.1]), np.zeros(3), (64, 48)))
+    assert host.lie is None
+    said(host, 3, LIE)
+    said(host, 3, None)
+    assert host.lie is None
+    host.close()
+
+
+def test_an_order_keeps_it_bit_for_bit() -> None:
+    order = Order(3, REFERENCE, Limits(), 500, LIE)
+    assert np.array_equal(order_of(order_fields(order)).lie, LIE)
+    fields = order_fields(Order(3, REFERENCE, Limits(), 500))
+    assert order_of(fields).lie is None
+    del fields["lie"]
+    assert order_of(fields).lie is None, "as of a file from before"
+
+
+def test_it_is_on_the_disk_with_the_reference_and_voided_with_it(tmp_path: Path) -> None:
+    config = configuration(tmp_path)
+    references = started(config)
+    current = references.current
+    assert current is not None
+    assert current.lie is None
+    references.note_lie(REFERENCE, LIE)
+    assert references.current is current, "of a reference that is not in force"
+    references.note_lie(current.calibration, LIE)
+    until(lambda: kept(config).in_force.lie is not None)
+    references.close()
+    again: References = started(config)
+    assert again.current is not None
+    assert np.array_equal(again.current.lie, LIE)
+    assert again.current.entry.number == current.entry.number
+    again.take(again.from_content(written(tmp_path / "new.toml", 1, 0, 0).read_bytes(), "new.toml"), "recalibration")
+    assert again.current.lie is None
+    until(lambda: kept(config).in_force.number == current.entry.number + 1)
+    assert [entry.lie is None for entry in kept(config).entries] == [False, True]
+    again.close()
+
+
+def test_a_cart_that_restarts_or_whose_estimator_dies_goes_on_with_it(tmp_path: Path) -> None:
+    given: list[Matrix4 | None] = []
+
+    class Line(TrustingLine):
+        def __init__(self, reference: Calibration, limits: Limits, stale_ns: int, lie: Matrix4 | None = None) -> None:
+            super().__init__(reference, limits, stale_ns, lie, lambda: "")
+            given.append(lie)
+            self.lie = LIE
+
+    with SimulatedCart(tmp_path, Line) as cart:
+        cart.monitoring()
+        assert [one is None for one in given] == [True]
+        cart.kill_estimator()
+        cart.until(lambda: len(given) == 2)
+        cart.monitoring()
+        assert cart.daemon is not None
+        cart.config.write_text(cart.config.read_text() + "\n[limits]\nwitness_mm = 2.0\n")
+        cart.daemon.reload_soon()
+        cart.until(lambda: len(given) == 3)
+        cart.end_daemon()
+        cart.start_daemon()
+        cart.monitoring()
+    assert len(given) == 4
+    assert all(np.array_equal(one, LIE) for one in given[1:])
+
+
+def test_a_body_that_moved_halts_and_holds_until_a_person_acknowledges(tmp_path: Path) -> None:
+    with SimulatedCart(tmp_path) as cart:
+        cart.monitoring()
+        cart.say("marker-body-moved")
+        told = cart.wait_for("halt", 3.0)
+        assert (told["fault"], told["energised"]) == ("marker-body-moved", False)
+        cart.say(None)
+        cart.run(5.0)
+        assert cart.status()["state"] == "halt"
+        cart.end_daemon()
+        cart.start_daemon()
+        cart.run(5.0)
+        assert cart.status()["energised"] is False
+        assert cart.acknowledge()
+        cart.monitoring()
