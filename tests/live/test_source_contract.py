@@ -84,9 +84,16 @@ KINDS: dict[str, Callable[[Path], list[str]]] = {
     "ndi+tcp": lambda f: _simulate("ndi", "--model", "vega", "--tcp", "0", *_rom(f)),
     "optotrak": lambda f: _simulate("optotrak", "--tcp", "0"),
     "optotrak-single": lambda f: _simulate("optotrak", "--tcp", "0"),
+    "igtl-witness": lambda f: _simulate("openigtlink", "--tcp", "0"),
+    "ndi-witness": lambda f: [*KINDS["ndi"](f), "--witness-rom", str(f / "witness.rom")],
+    "optotrak-witness": lambda f: _simulate("optotrak", "--tcp", "0", "--bodies", "3"),
     "sim": _scanner,
 }
-MORE = {"optotrak-single": "mode=single&order=little&reference=2"}
+MORE = {
+    "optotrak-single": "mode=single&order=little&reference=2",
+    "igtl-witness": "witness=Witness",
+    "optotrak-witness": "reference=2&witness=3",
+}
 PICTURES = ("igtl-video", "sim")
 TRACKERS = [kind for kind in KINDS if kind not in PICTURES]
 LINES = ["igtl", "igtl-video", "ndi", "ndi+tcp", "optotrak", "sim"]
@@ -138,12 +145,14 @@ def require_contract(found: list[Frame | Pose], opened_ns: int) -> None:
 
 def require_pose(pose: Pose) -> None:
     assert (pose.matrix is not None) == (pose.status is PoseStatus.OK)
+    assert pose.witness is None or pose.matrix is not None, "the second body comes with the first alone"
     assert pose.reason or pose.status is PoseStatus.OK, "what is not OK says why"
-    if pose.matrix is not None:
-        rotation = pose.matrix[:3, :3]
-        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
-        assert np.linalg.det(rotation) == pytest.approx(1)
-        np.testing.assert_array_equal(pose.matrix[3], (0, 0, 0, 1))
+    for matrix in (pose.matrix, pose.witness):
+        if matrix is not None:
+            rotation = matrix[:3, :3]
+            np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+            assert np.linalg.det(rotation) == pytest.approx(1)
+            np.testing.assert_array_equal(matrix[3], (0, 0, 0, 1))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -153,6 +162,8 @@ def test_a_source_yields_samples_in_order_with_times_and_bounds(kind: str, start
         found = samples(source, 15)
         require_contract(found, opened_ns)
         assert [s for s in found if isinstance(s, Frame) or s.status is PoseStatus.OK], "some can be used"
+        seconds = [s for s in found if isinstance(s, Pose) and s.witness is not None]
+        assert bool(seconds) == kind.endswith("-witness"), "a second body where one is named, and nowhere else"
         require_timeouts(source)
     source.__exit__(None, None, None)
     with device.open() as source:

@@ -38,6 +38,7 @@ _OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
     click.option("--wired", type=click.Choice(WIRED_TOOLS), multiple=True, help="tool on a cable; may be repeated"),
     click.option("--rom", type=_FILE, help="write the definition of a generic probe here"),
     click.option("--reference-rom", type=_FILE, help="write the definition of a generic reference tool here"),
+    click.option("--witness-rom", type=_FILE, help="write the definition of a second body on the probe here"),
     click.option("--poses", type=_FILE, help="CSV of t_s,tool,q0,qx,qy,qz,x_mm,y_mm,z_mm instead of the world"),
     click.option("--recording", type=_FILE, help="PLUS sequence whose poses are shown instead of the world"),
     click.option("--seed", type=int, default=1, help="of the world"),
@@ -76,6 +77,7 @@ def command(
     wired: tuple[str, ...],
     rom: Path | None,
     reference_rom: Path | None,
+    witness_rom: Path | None,
     poses: Path | None,
     recording: Path | None,
     seed: int,
@@ -103,7 +105,7 @@ def command(
         _motion(poses, recording, PlaceOfWork(World(seed, program), tank)), model, track_hz, skew_ppm, cables
     )
     given = Schedule(tuple(parse_fault(text, NDI_FAULTS) for text in faults))
-    roms = _write_roms(rom, reference_rom)
+    roms = _write_roms(rom, reference_rom, witness_rom)
     stop = Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
@@ -131,12 +133,16 @@ def _motion(poses: Path | None, recording: Path | None, world: PlaceOfWork) -> P
     return world_motion(world) if recording is None else recorded_motion(recording)
 
 
-def _write_roms(probe: Path | None, reference: Path | None) -> str:
+def _write_roms(probe: Path | None, reference: Path | None, witness: Path | None) -> str:
     """The options that the URL of the tracker needs."""
     query = []
-    for name, path, main_type in (("probe", probe, PROBE), ("reference", reference, REFERENCE)):
+    for name, path, main_type in (
+        ("probe", probe, PROBE),
+        ("reference", reference, REFERENCE),
+        ("witness", witness, PROBE),
+    ):
         if path is not None:
-            path.write_bytes(make_rom(main_type))
+            path.write_bytes(make_rom(main_type, second=name == "witness"))
             query.append(f"{name}={path}")
     return f"?{'&'.join(query)}" if query else ""
 

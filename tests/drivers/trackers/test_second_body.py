@@ -48,7 +48,7 @@ def igtl(_folder: Path, reference: bool) -> Iterator[tuple[TrackerSource, Show]]
 
 @contextmanager
 def ndi(folder: Path, reference: bool, model: Any = SPECTRA, **bench: Any) -> Iterator[tuple[TrackerSource, Show]]:
-    (folder / "second.rom").write_bytes(second_rom())
+    (folder / "second.rom").write_bytes(make_rom(second=True))
     with simulated_ndi.bench(folder, model, **bench) as cart:
         cart.twin.device._pose_at = MOTION
         options = {"reference": cart.rom("reference")} if reference else {}
@@ -58,14 +58,6 @@ def ndi(folder: Path, reference: bool, model: Any = SPECTRA, **bench: Any) -> It
 
 def vega(folder: Path, reference: bool) -> Any:
     return ndi(folder, reference, VEGA)
-
-
-def second_rom() -> bytes:
-    """As the probe's, under another part number."""
-    image = bytearray(make_rom())
-    image[0x250:0x254] = b"SCND"
-    image[4:6] = sum(image[6:]).to_bytes(4, "little")[:2]
-    return bytes(image)
 
 
 def until(tracker: TrackerSource, wanted: Callable[[Pose], bool], limit: int = 300) -> Pose:
