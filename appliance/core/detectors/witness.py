@@ -72,6 +72,7 @@ class Witness(Detector):
         self._seen_ns: int | None = None
         self._named_ns: int | None = None
         self._changed = False
+        self._looked_ns = 0
         self._learning: list[tuple[int, Matrix4]] | None
         self._begin()
 
@@ -142,7 +143,7 @@ class Witness(Detector):
         self._blocks: deque[Array] = deque(maxlen=BLOCKS)
         self._scale = self._learned_scale = np.zeros(2)
         self._extents: Array | None = None
-        self._fresh = self._looked_ns = self._block_ns = 0
+        self._fresh, self._looked_ns, self._block_ns = 0, 0, 0
 
     def _learn(self, t_ns: int, lie: Matrix4) -> None:
         assert self._learning is not None

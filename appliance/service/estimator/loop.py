@@ -128,9 +128,9 @@ class Estimator:
         now_ns = self._real_ns()
         if verdicts or now_ns - self._spoke_ns >= _WORD_EVERY_NS:
             self._spoke_ns = now_ns
-            counts = (*self._counts, *self._dropped)
             lie = None if self._line is None else self._line.lie
-            send(self._link, Word(self._generation, now_ns, verdicts, *counts, lie))
+            (frames, poses), dropped = self._counts, self._dropped
+            send(self._link, Word(self._generation, now_ns, verdicts, frames, poses, dropped[0], dropped[1], lie))
 
 
 def serve(arguments: list[str], make_line: MakeLine) -> None:
