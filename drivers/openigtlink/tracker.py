@@ -212,10 +212,10 @@ class IgtlTracker:
     def _measured(self, reading: TransformReading, arrived: Arrived) -> None:
         """The probe's. The one before, for which no reference of its time came, goes without a number."""
         time_ns = arrived.message.time_ns
+        self._release()
         self._time.told(time_ns)
         if not self._freshness.take(time_ns, reading.matrix, self._clock.now_ns()):
             return
-        self._release()
         if self._probe is not None:
             reason = f"no transform '{printable(str(self._options.reference))}' of the same time"
             self._judge(self._probe, TransformReading(None, PoseStatus.MISSING, reason))

@@ -83,6 +83,37 @@ def test_a_reference_of_another_time_makes_no_pose(cart: Server) -> None:
         assert late.stamp.err_ns >= 3_000_000 - 1
 
 
+SECOND = "WitnessToTracker"
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2), (0, 2, 1)], ids=str)
+def test_a_witness_of_the_same_time_comes_with_the_pose_in_any_order(cart: Server, order: tuple[int, ...]) -> None:
+    with opened(cart, reference="Reference", witness="Witness") as tracker:
+        for count in range(6):
+            t_ns = count * PERIOD_NS
+            three = [(PROBE, turned(count)), (REFERENCE, FIXED), (SECOND, turned(count + 80, 50))]
+            cart.send(*(transform(*three[one], t_ns) for one in order))
+            pose = next_pose(tracker)
+            np.testing.assert_allclose(pose.matrix, seen_from(FIXED, turned(count)), atol=1e-3)
+            if count == 0:
+                continue  # until then it is not known that the server sends the witness last
+            np.testing.assert_allclose(pose.witness, seen_from(FIXED, turned(count + 80, 50)), atol=1e-3)
+
+
+def test_a_witness_of_another_time_or_that_is_gone_is_not_seen_and_holds_up_one_pose_at_most(cart: Server) -> None:
+    with opened(cart, witness="Witness") as tracker:
+        for count in range(3):
+            cart.send(transform(PROBE, turned(count), count * PERIOD_NS))
+            cart.send(transform(SECOND, turned(count + 80), count * PERIOD_NS))
+            assert next_pose(tracker).sequence == count
+        cart.send(transform(PROBE, turned(3), 3 * PERIOD_NS), transform(PROBE, turned(4), 4 * PERIOD_NS))
+        gone = next_pose(tracker), next_pose(tracker)
+        assert [(pose.sequence, pose.witness) for pose in gone] == [(3, None), (4, None)]
+        cart.send(transform(SECOND, turned(84), 5 * PERIOD_NS + 8_000_000), transform(PROBE, turned(5), 5 * PERIOD_NS))
+        assert next_pose(tracker).witness is None
+        assert "second on the probe" in tracker.describe().tools[-1]
+
+
 def test_a_name_of_a_transform_is_taken_as_it_is(cart: Server) -> None:
     with opened(cart, probe="StylusToReference") as tracker:
         cart.send(transform("StylusToTracker", turned(1), 0), transform("StylusToReference", turned(2), 0))

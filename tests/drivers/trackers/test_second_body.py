@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,9 @@ from drivers.errors import ConfigurationError
 from drivers.openigtlink.options import parse_target
 from drivers.openigtlink.source import open_tracker as open_igtl
 from drivers.rigid import angle_from_rotation, seen_from
-from drivers.samples import Matrix4, Pose, PoseStatus
+from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
 from drivers.trackers.ndi.options import parse_options as ndi_options
+from drivers.trackers.ndi.tracker import NdiTracker
 from drivers.trackers.optotrak.tracker import parse_options as optotrak_options
 from drivers.trackers.witness import WitnessSight
 from drivers.twins.faults import BEND_DEG
@@ -155,3 +157,15 @@ def test_a_second_body_that_stands_still_while_the_first_moves_is_not_seen() -> 
     assert sight.take(1, first, witness) is not None
     assert sight.take(2, first, witness) is not None
     assert sight.take(3, moved, witness.copy()) is None
+
+
+def test_a_second_body_measured_at_another_time_than_the_first_is_not_seen(tmp_path: Path) -> None:
+    with ndi(tmp_path, False) as (tracker, _):
+        assert isinstance(tracker, NdiTracker)
+        pose = until(tracker, lambda pose: pose.witness is not None)
+        assembly, handle = tracker._assembly, tracker._assembly._witness.handle
+        reading = assembly.readings[handle]
+        fine, later = (PoseStatus.OK, ""), pose.stamp.t_ns + 1_000_000_000
+        assert assembly.new_pose(Stamp(later, 0), fine).witness is not None
+        assembly.readings[handle] = replace(reading, tick=reading.tick - 1)
+        assert assembly.new_pose(Stamp(later + 1, 0), fine).witness is None
