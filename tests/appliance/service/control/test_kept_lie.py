@@ -11,6 +11,7 @@ from appliance.limits import Limits
 from appliance.service.control.references import References
 from appliance.service.estimator.link import Word
 from appliance.service.estimator.process_host import EstimatorHost
+from appliance.storage.reference_store import FOLDER, HISTORY
 from appliance.types import Calibration
 from drivers.rigid import rigid, rotation_from_vector
 from drivers.samples import Matrix4
@@ -70,6 +71,7 @@ def test_it_is_on_the_disk_with_the_reference_and_voided_with_it(tmp_path: Path)
     current = references.current
     assert current is not None
     assert current.lie is None
+    assert '"lie"' not in (config.alarm.folder / FOLDER / HISTORY).read_text(), "so that an older version reads it"
     references.note_lie(REFERENCE, LIE)
     assert references.current is current, "of a reference that is not in force"
     references.note_lie(current.calibration, LIE)
