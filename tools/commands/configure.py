@@ -39,6 +39,7 @@ _EXAMPLES = {
     "output": "relay:/dev/ttyUSB1, gpio:/dev/gpiochip0?line=17, serialpin:/dev/ttyUSB1?pin=rts",
 }
 _TOOL_QUESTION = "tool definition file (.rom) of the probe's markers, or 'wired'"
+_WITNESS_QUESTION = "the same of a second marker body on the probe, or 'none'"
 _LAMPS = [role.value for role in Role if role is not Role.CONTACT]
 _HELP = """Write the configuration of this cart, without an editor.
 
@@ -227,20 +228,29 @@ def _with_tool(url: str, person: _Person) -> str:
     """An NDI tracker sees wireless markers only with the tool definition of their body. Raises ConfigurationError."""
     if not url.startswith(("ndi:", "ndi+tcp:")) or "?" in url:
         return url
-    tool = person.ask("tool definition file (.rom) of the probe's markers, or 'wired'", "wired", "--tracker URL")
-    if tool == "wired":
+    tool = _asked_rom(person, _TOOL_QUESTION, "wired")
+    if tool is None:
         return url
-    url = f"{url}?probe={_rom(tool)}"
-    second = person.ask("the same of a second marker body on the probe, or 'none'", "none", "--tracker URL")
-    return url if second == "none" else f"{url}&witness={_rom(second)}"
+    second = _asked_rom(person, _WITNESS_QUESTION, "none")
+    return f"{url}?probe={tool}" + ("" if second is None else f"&witness={second}")
 
 
-def _rom(tool: str) -> str:
-    """As it stands in a URL. Raises ConfigurationError."""
-    rom = Path(tool).absolute()
-    if not rom.is_file():
-        raise ConfigurationError("is not a file", str(rom), "Type its path again")
-    return quote(str(rom))
+def _asked_rom(person: _Person, question: str, without: str) -> str | None:
+    """The tool definition as it stands in a URL, asked for until it can be read; None for the answer without one."""
+    while (typed := person.ask(question, without, "--tracker URL")) != without:
+        rom = _whole(typed)
+        try:
+            read_rom(str(rom))
+        except ConfigurationError as error:
+            click.echo(f"! {error}, or '{without}'")
+        else:
+            return quote(str(rom))
+    return None
+
+
+def _whole(typed: str) -> Path:
+    """The path as the file is to name it; the shell does not see what is typed here."""
+    return Path(typed).expanduser().absolute()
 
 
 def _try(url: str, kind: str) -> None:

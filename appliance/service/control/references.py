@@ -21,6 +21,7 @@ from appliance.storage.calibration_file import calibration_bytes, is_device_set
 from appliance.storage.reference import Candidate, Reference, Size, candidate_from_content, candidate_of_entry, size_for
 from appliance.storage.reference_dates import Dates, dates_of
 from appliance.storage.reference_store import CONFIGURED, Entry, History, read_history, sha256_of, write_history
+from appliance.supervision.alarms import EXPIRED_CALIBRATION, NO_CALIBRATION
 from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError

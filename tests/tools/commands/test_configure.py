@@ -17,7 +17,16 @@ from drivers.trackers.ndi.rom import ROM_BYTES, rom_sum
 from tests.appliance.storage.test_calibration_file import calibration
 from tests.appliance.storage.test_device_set import CLIP, device_set
 from tests.support.person import Person
-from tools.commands.configure import _TOOL_QUESTION, _calibration, _Device, _outputs, _Person, _with_tool, command
+from tools.commands.configure import (
+    _TOOL_QUESTION,
+    _WITNESS_QUESTION,
+    _calibration,
+    _Device,
+    _outputs,
+    _Person,
+    _with_tool,
+    command,
+)
 from tools.shared.configuration_text import template
 
 DEVICES = (
@@ -170,10 +179,8 @@ def test_a_port_that_the_tracker_takes_is_not_offered_for_the_contact() -> None:
     assert not any("ttyS0" in url for url in offered)
 
 
-def test_a_tool_definition_is_named_whatever_its_path(tmp_path: Path) -> None:
-    class Answers(_Person):
-        def ask(self, question: str, default: str, option: str) -> str:
-            return "none" if "second" in question else str(rom)
+class Answers(_Person):
+    """Somebody who gives these answers, one to each question, and keeps the questions."""
 
     def __init__(self, *answers: str) -> None:
         super().__init__()
@@ -195,14 +202,11 @@ def tool_definition(file: Path) -> Path:
 
 def test_a_tool_definition_is_named_whatever_its_path(tmp_path: Path) -> None:
     rom = tool_definition(tmp_path / "my probe+50%&x.rom")
-    url = _with_tool("ndi:/dev/ttyUSB0", Answers(str(rom)))
+    url = _with_tool("ndi:/dev/ttyUSB0", Answers(str(rom), "none"))
     assert split_url(url)[2] == {"probe": str(rom)}
-
-    class Two(Answers):
-        def ask(self, question: str, default: str, option: str) -> str:
-            return str(rom)
-
-    assert split_url(_with_tool("ndi:/dev/ttyUSB0", Two()))[2] == {"probe": str(rom), "witness": str(rom)}
+    second = tool_definition(tmp_path / "second.rom")
+    both = _with_tool("ndi:/dev/ttyUSB0", Answers(str(rom), str(second)))
+    assert split_url(both)[2] == {"probe": str(rom), "witness": str(second)}
     assert _with_tool(url, Answers()) == url
 
 
@@ -213,9 +217,9 @@ def test_a_wrong_tool_definition_is_told_and_asked_for_again_not_the_tracker(
     monkeypatch.setenv("HOME", str(tmp_path))
     (other := tmp_path / "other.rom").write_bytes(b"PK" * 400)
     tracker = _Device("tracker", None, "", None)
-    person = Answers("ndi+tcp://vega", str(tmp_path / "absent.rom"), str(tmp_path), str(other), "~/right.rom")
+    person = Answers("ndi+tcp://vega", str(tmp_path / "absent.rom"), str(tmp_path), str(other), "~/right.rom", "none")
     assert split_url(tracker.url(person, lambda: iter(())))[2] == {"probe": str(rom)}
-    assert person.asked == ["the tracker", *[_TOOL_QUESTION] * 4]
+    assert person.asked == ["the tracker", *[_TOOL_QUESTION] * 4, _WITNESS_QUESTION]
     told = capsys.readouterr().out
     for why in ("(No such file or directory)", "it is a folder, not a file", "not an NDI tool definition file"):
         assert why in told
