@@ -212,12 +212,13 @@ class DeviceClock:
         late_ns = self._later_than_usual_ns(device_ns, arrival_ns)
         went_back = device_ns - self._zero_ns < self._device_ns
         self._came_back = late_ns <= 0
+        before = self._before  # which `_doubted_ns` forgets once nobody has to doubt it
         if late_ns > 0 and not went_back:
             level_ns = self._origin_ns + self._level_ns
-            self._before = self._before or _Line(self._zero_ns, level_ns, self._slope, self._skew, arrival_ns)
+            self._before = before or _Line(self._zero_ns, level_ns, self._slope, self._skew, arrival_ns)
             self._doubted_until_ns = arrival_ns + _DOUBTED_NS
-        elif self._before is not None and (went_back or -late_ns > self._doubted_ns(arrival_ns) + _FIRST_BOUND_NS):
-            self._before = self._before.moved(late_ns - max(self._recent, default=0.0))  # as late as any other, at most
+        elif before is not None and (went_back or -late_ns > self._doubted_ns(arrival_ns) + _FIRST_BOUND_NS):
+            self._before = before.moved(late_ns - max(self._recent, default=0.0))  # as late as any other, at most
 
     def _doubted_ns(self, arrival_ns: int) -> float:
         """How far the line lies above the one before, which may still be true."""

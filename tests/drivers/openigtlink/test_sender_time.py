@@ -1,5 +1,7 @@
 """Stamps of a sender that tells its time in steps, as Windows does: the bound covers the step."""
 
+from random import Random
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -52,3 +54,18 @@ def test_times_that_are_exact_keep_their_narrow_bound(left_out: float, jitter_s:
     told_s = truth_s + random.normal(0, jitter_s, len(truth_s))
     _, bound = stamped(told_s, truth_s, random.exponential(0.0005, len(truth_s)))
     assert np.median(bound) < 2.5e-3
+
+
+@pytest.mark.parametrize("seed", [62, 116])
+def test_times_that_leap_by_centuries_end_no_thread(seed: int) -> None:
+    """A server tells any 64 bits. With these seeds a leap after a pause of two minutes amid late messages ended the
+    thread of its tracker; the bound stays one that can be handed on.
+    """
+    random, clock, arrival_ns = Random(seed), SenderTime(0, 0), 10**13
+    for _ in range(400):
+        arrival_ns += random.choice([10**7, 16 * 10**6, 3 * 10**8, 10**9])
+        true_ns = 10**15 + arrival_ns
+        leapt = [1, 2**31 * 10**9, (2**32 - 1) * 10**9, random.randrange(1, 2**32 * 10**9)]
+        told_ns = random.choice([*leapt, true_ns, true_ns - random.randrange(10**9)])
+        clock.told(told_ns)
+        assert 0 <= clock.stamp(told_ns, arrival_ns).err_ns <= 60 * 10**9
