@@ -20,7 +20,7 @@ from appliance.core.detectors.no_picture import NoPicture
 from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.detectors.pose_convention import PoseConvention
 from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
-from appliance.core.detectors.witness import Witness
+from appliance.core.detectors.split_slip import SplitSlip
 from appliance.core.motion import analyse, plane_step, quick, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
@@ -114,6 +114,7 @@ class Line:
             DepthRuler(lambda: self._tracker.mask, limits.scale_percent, limits.confidence_sigma),
             FanWatch(reference, limits, self._evidence.checks),
             MarkerSlip(limits, reference),
+            SplitSlip(limits, reference),
             *(SlowSlip(limits, reference, over_s) for over_s in SLIPS_S),
             self._frozen,
             self._no_picture,
@@ -397,6 +398,7 @@ class Line:
             moved=None if tracked.step is None else plane_step(*tracked.step, self._reference),
             warp=tracked.step,
             likeness=found.correlation,
+            keyframe=tracked.keyframe,
             pose=pose,
         )
 

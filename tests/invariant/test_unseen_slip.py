@@ -83,3 +83,21 @@ def test_the_contact_opens_on_a_slip_in_two_steps_one_reading_apart(moving: bool
     cart.run(0.05)
     cart.change(BENT_ACROSS)
     assert cart.run(0.4, until=lambda: not cart.closed), cart.told()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("bright", "moving"), [(2, False), (3, False), (2, True)])
+def test_the_contact_opens_on_a_slip_in_halves_in_two_neighbouring_gaps(bright: int, moving: bool) -> None:
+    """Each within what a hand could have gone in .15 s, and poses between that hid the first from the second."""
+    cart = verified_cart(1)
+    cart.meet(moving=moving)
+    cart.run(2.0)
+    assert cart.closed
+    for slipped in (HALF_ACROSS, BENT_ACROSS):
+        cart.meet(poses=Poses.GONE)
+        cart.run(0.075)
+        cart.change(slipped)
+        cart.run(0.075)
+        cart.meet(poses=Poses.GENUINE)
+        cart.run(bright * POSE_S)
+    assert not cart.closed or cart.run(0.2, until=lambda: not cart.closed), cart.told()

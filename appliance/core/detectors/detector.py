@@ -20,7 +20,7 @@ class Observation:
     Tracker registered it. step_mm: (2,) lateral and axial motion since the picture before; None where it was followed
     too badly to testify against the tracker. moved: (3,) way of the picture plane since the picture before, lateral and
     axial mm and turn rad in the axes of that one; None where it is not known. warp: the same of the tissue in the
-    picture, (u (2,) px, α rad), as `Registration` has it. likeness: to its keyframe, 0 … 1.
+    picture, (u (2,) px, α rad), as `Registration` has it. likeness: to its keyframe, 0 … 1; keyframe: which one.
     pose: (4, 4) sensor → tracker at its time, mm; None for a picture without one.
     """
 
@@ -32,6 +32,7 @@ class Observation:
     moved: Array | None = None
     warp: Warp | None = None
     likeness: float = 0.0
+    keyframe: int = 0
     pose: Matrix4 | None = None
 
 

@@ -1,0 +1,222 @@
+"""Sees a marker body that slips in parts, in several gaps of the tracker's readings, each part within what a hand could
+have gone meanwhile.
+
+The parts are added up. A hand goes no faster while the tracker is away than between the gaps, and where it leaves the
+plane, the likeness of the pictures to their keyframe falls. So what is doubted is a way beyond a limit for which the
+hand was too slow, and that no picture shows. It names nothing: what was shown before counts no more.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from math import hypot, log, sqrt
+
+import numpy as np
+
+from appliance.core.acquisition.pairing import MOST_APART_NS
+from appliance.core.detectors.detector import Detector, Observation
+from appliance.limits import Limits
+from appliance.types import Calibration, Check
+from drivers.rigid import Array, angle_from_rotation, inverse, rigid, rotation_from_vector, vector_from_rotation
+from drivers.samples import Matrix4, Pose
+
+_WITHIN_NS = 2_000_000_000
+"""From the first gap to the end of the last. Longer sees parts that come more seldom, and adds up more of what a hand
+does meanwhile. Not varied."""
+_GAP, _LEAST_GAP_NS = 2.5, 45_000_000
+"""Of the shortest time between two readings, and time, beyond which readings are apart by a gap. Less takes a single
+reading that is missing for one; more sees no slip amid shorter gaps. Not varied."""
+_CHUNK_NS = 100_000_000
+"""Of readings between the gaps, by which the velocities of the hand are known. Less takes the noise of a tracker for
+velocities, more misses how fast a hand goes to and fro. Not varied."""
+_LEAST_CHUNKS, _FASTER = 8, 1.5
+"""How many of these must be known, and how many times as fast a hand may go in the gaps. With fewer and less, a fan of
+which half of the readings were missing was doubted over tissue that looks alike everywhere; with more, less is seen
+amid many gaps, or in the first two seconds of a rest (paths without pictures, two seeds)."""
+_LEAST_GAPS = 2
+"""Of one alone `MarkerSlip` tells."""
+_SHIFT_NS = 100_000_000
+"""How far before or after the tracker the pictures may show the same: the limit of the latency and one picture."""
+_DENIED = 1 / 3
+"""Of the way out of the plane: where the pictures went out of it by less, it was none of the probe's. As in
+`MarkerSlip`."""
+_ALIKE = 0.3
+"""Likeness to its keyframe from which a picture that was followed is a witness. As in `MarkerSlip`."""
+_PLANE = [0, 1, 5]
+"""Of the six of a way those that lie in the plane."""
+_MOST_WAITING = 2_000
+"""Poses that wait for a picture to testify, 5 s of the fastest tracker; later they are forgotten."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Step:
+    """From one reading to the next. way: (6,) of the picture plane in its own axes, as X and the poses say, mm, rad."""
+
+    since_ns: int
+    t_ns: int
+    before: Matrix4
+    after: Matrix4
+    way: Array
+
+    @property
+    def taken_ns(self) -> int:
+        return self.t_ns - self.since_ns
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """A picture that was followed. moved: as `Observation` has it."""
+
+    t_ns: int
+    moved: Array
+    likeness: float
+    keyframe: int
+
+
+class SplitSlip(Detector):
+    """Adds up what the tracker went in gaps beyond the hand's velocity between them."""
+
+    def __init__(self, limits: Limits, reference: Calibration) -> None:
+        self._limits = limits
+        self._X = rigid(reference.rotation, reference.offset_mm)
+        self._back = inverse(self._X)
+        height_mm, width_mm = (reference.scale_mm_per_px * reference.image_size_px / np.sqrt(12))[::-1]
+        self._reach_mm = np.array([1.0, height_mm, width_mm])
+        self._waiting: deque[tuple[int, Matrix4]] = deque(maxlen=_MOST_WAITING)
+        self._last: tuple[int, Matrix4] | None = None
+        self._steps: deque[_Step] = deque()
+        self._pictures: deque[_Seen] = deque()
+        self._best = 0.0
+
+    def pose(self, pose: Pose) -> None:
+        """See Detector; it waits for the pictures of a tenth of a second after it."""
+        assert pose.matrix is not None
+        self._waiting.append((pose.stamp.t_ns, pose.matrix))
+
+    def see(self, seen: Observation) -> bool:
+        """See Detector; True where the parts add up to more than a limit."""
+        if seen.repeated:
+            return False
+        if seen.moved is None or seen.likeness < _ALIKE:
+            self._restart()
+            return False
+        self._best = max(self._best, seen.likeness)
+        self._pictures.append(_Seen(seen.t_ns, seen.moved, seen.likeness, seen.keyframe))
+        while self._pictures[0].t_ns < seen.t_ns - _WITHIN_NS - 3 * _SHIFT_NS:
+            self._pictures.popleft()
+        doubted = False
+        while self._waiting and self._waiting[0][0] <= seen.t_ns - _SHIFT_NS:
+            doubted |= self._take(*self._waiting.popleft())
+        if doubted:
+            self._restart()
+        return doubted
+
+    def pause(self, t_ns: int) -> None:
+        """See Detector."""
+        self._restart()
+        while self._waiting and self._waiting[0][0] <= t_ns:
+            self._waiting.popleft()
+
+    def forget_pictures(self, since_ns: int) -> None:
+        """See Detector."""
+        self.pause(since_ns)
+
+    def forget_poses(self, since_ns: int) -> None:
+        """See Detector; the poses before are forgotten as well."""
+        self._restart()
+        self._waiting.clear()
+
+    def checks(self) -> tuple[Check, ...]:
+        """None: it names nothing."""
+        return ()
+
+    def _restart(self) -> None:
+        self._last = None
+        self._steps.clear()
+        self._pictures.clear()
+        self._best = 0.0
+
+    def _take(self, t_ns: int, matrix: Matrix4) -> bool:
+        """Whether the way up to this reading is one that is doubted."""
+        last, self._last = self._last, (t_ns, matrix)
+        if last is None:
+            return False
+        if not 0 < t_ns - last[0] <= MOST_APART_NS:
+            self._steps.clear()
+            return False
+        self._steps.append(_Step(last[0], t_ns, last[1], matrix, self._way(last[1], matrix)))
+        while self._steps[0].since_ns < t_ns - _WITHIN_NS:
+            self._steps.popleft()
+        least_ns = max(_LEAST_GAP_NS, _GAP * min(step.taken_ns for step in self._steps))
+        return self._steps[-1].taken_ns > least_ns and self._slipped(least_ns)
+
+    def _slipped(self, least_ns: float) -> bool:
+        """Whether the gaps since one of them add up to more than a limit, unseen; a gap takes longer than least_ns."""
+        gaps = [step for step in self._steps if step.taken_ns > least_ns]
+        velocities = _velocities([step for step in self._steps if step.taken_ns <= least_ns])
+        if len(gaps) < _LEAST_GAPS or len(velocities) < _LEAST_CHUNKS:
+            return False
+        known = np.concatenate([velocities, _FASTER * velocities])
+        slowest, fastest = known.min(axis=0), known.max(axis=0)
+        way, taken_ns = gaps[-1].way, gaps[-1].taken_ns
+        for since in range(len(gaps) - 2, -1, -1):
+            way, taken_ns = way + gaps[since].way, taken_ns + gaps[since].taken_ns
+            beyond = way - np.clip(way, slowest * taken_ns, fastest * taken_ns)
+            if not self._spoils(beyond) or not self._denied(gaps[since], self._steps[-1]):
+                continue
+            beyond[_PLANE] = self._unseen(way[_PLANE], gaps[since:])
+            if self._spoils(beyond):
+                return True
+        return False
+
+    def _denied(self, first: _Step, last: _Step) -> bool:
+        """Whether the pictures went out of the plane by much less than the tracker did from one step to the other.
+
+        Two pictures are no further apart than both are from their keyframe; where there are several, the ways add up.
+        """
+        since_ns, until_ns = first.since_ns - _SHIFT_NS, last.t_ns + _SHIFT_NS
+        if not self._pictures or self._pictures[0].t_ns > since_ns:
+            return False
+        away_mm: dict[int, float] = {}
+        for one in self._pictures:
+            if since_ns <= one.t_ns <= until_ns:
+                away_mm[one.keyframe] = max(away_mm.get(one.keyframe, 0.0), self._away_mm(one))
+        way = self._way(first.before, last.after)
+        return 2 * sum(away_mm.values()) < _DENIED * float(np.linalg.norm(way[2:5] * self._reach_mm))
+
+    def _away_mm(self, one: _Seen) -> float:
+        """How far out of its keyframe's plane by their likeness exp(−d²/2), in that of the pictures most alike."""
+        return sqrt(2 * log(self._best / one.likeness))
+
+    def _unseen(self, way: Array, gaps: list[_Step]) -> Array:
+        """(3,) of a way in the plane what the pictures did not go in these gaps, at the lag at which it is least."""
+        t_ns = np.array([one.t_ns for one in self._pictures])
+        path = np.cumsum([one.moved for one in self._pictures], axis=0)
+        ends_ns = np.array([(gap.since_ns, gap.t_ns) for gap in gaps])
+        reach, least = np.array([1.0, 1.0, hypot(*self._reach_mm[1:])]), way
+        for late_ns in (-_SHIFT_NS, -_SHIFT_NS // 2, 0, _SHIFT_NS // 2, _SHIFT_NS):
+            left = way - [np.diff(np.interp(ends_ns + late_ns, t_ns, row)).sum() for row in path.T]
+            if np.linalg.norm(left * reach) < np.linalg.norm(least * reach):
+                least = left
+        return least
+
+    def _way(self, before: Matrix4, after: Matrix4) -> Array:
+        motion = self._X @ inverse(before) @ after @ self._back
+        return np.r_[motion[:3, 3], vector_from_rotation(motion[:3, :3])]
+
+    def _spoils(self, way: Array) -> bool:
+        """Whether such a way of the picture plane alone would bring the body beyond a limit."""
+        body = self._back @ rigid(rotation_from_vector(way[3:]), way[:3]) @ self._X
+        return hypot(*body[:3, 3].tolist()) > self._limits.offset_mm or angle_from_rotation(body[:3, :3]) > np.deg2rad(
+            self._limits.rotation_deg
+        )
+
+
+def _velocities(steps: list[_Step]) -> Array:
+    """(n, 6) mm and rad per ns of the picture plane, each over a tenth of a second or more of these steps."""
+    found, way, taken_ns = [], np.zeros(6), 0
+    for step in steps:
+        way, taken_ns = way + step.way, taken_ns + step.taken_ns
+        if taken_ns >= _CHUNK_NS:
+            found.append(way / taken_ns)
+            way, taken_ns = np.zeros(6), 0
+    return np.array(found)
