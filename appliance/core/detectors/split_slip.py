@@ -201,7 +201,7 @@ class SplitSlip(Detector):
 
     def _way(self, before: Matrix4, after: Matrix4) -> Array:
         motion = self._X @ inverse(before) @ after @ self._back
-        return np.r_[motion[:3, 3], vector_from_rotation(motion[:3, :3])]
+        return np.concatenate([motion[:3, 3], vector_from_rotation(motion[:3, :3])])
 
     def _spoils(self, way: Array) -> bool:
         """Whether such a way of the picture plane alone would bring the body beyond a limit."""
