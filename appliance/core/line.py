@@ -21,6 +21,7 @@ from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.detectors.pose_convention import PoseConvention
 from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
 from appliance.core.detectors.split_slip import SplitSlip
+from appliance.core.detectors.witness import Witness
 from appliance.core.motion import analyse, plane_step, quick, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
