@@ -367,6 +367,24 @@ def test_an_animated_stretch_is_a_change_without_a_name(across: float, down: flo
     assert told(calm) == {VerdictKind.OK}
 
 
+def organ(share: float) -> GreyImage:
+    """It slides by 6 mm under its wall, and is strained by 4 %."""
+    wide = speckle((240, 600))
+    image = wide[:, 140:460].copy()
+    slid = np.array([[1.0, 0.0, -140.0 - 60 * share], [0.0, 1.0, 0.0]])
+    image[60:] = cv2.warpAffine(wide, slid, (320, 240))[60:]
+    return stretched(image, 1.04**share, 1.04**share)
+
+
+def test_an_organ_that_slides_under_its_wall_is_no_zoom() -> None:
+    calm = watching([organ(0.0)] * CALM, STILL)
+    for k in range(24):
+        way = np.array([-60 / 15 if k < 15 else 0.0, 0.0])
+        picture, place = organ(min(k / 15, 1.0)), moved_by((0.0, 0.0))
+        assert step(calm, (CALM + k) * FRAME_NS, picture, True, (way, 0.0), place) is None
+    assert told(calm) == {VerdictKind.OK}
+
+
 def test_pictures_that_hold_nothing_are_in_no_chain() -> None:
     detector = event()
     noise = np.random.default_rng(1)
