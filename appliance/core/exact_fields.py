@@ -24,7 +24,7 @@ def order_fields(order: Order) -> Header:
         "stale_ns": order.stale_ns,
         "limits": order.limits.model_dump(by_alias=True),
         "reference": calibration_fields(order.reference),
-        "lie": None if order.lie is None else _numbers(order.lie),
+        "relative_pose": None if order.relative_pose is None else _numbers(order.relative_pose),
     }
 
 
@@ -78,13 +78,13 @@ def pose_fields(pose: Pose) -> Header:
 
 def order_of(fields: Header) -> Order:
     """Of order_fields."""
-    limits, lie = Limits.model_validate(fields["limits"]), fields.get("lie")
+    limits, relative_pose = Limits.model_validate(fields["limits"]), fields.get("relative_pose")
     return Order(
         whole(fields["generation"]),
         calibration_of(fields["reference"]),
         limits,
         whole(fields["stale_ns"]),
-        None if lie is None else _array(lie, (4, 4)),
+        None if relative_pose is None else _array(relative_pose, (4, 4)),
     )
 
 

@@ -87,7 +87,7 @@ class Line:
 
     step() accepts any frame: one of another size than the reference's is a scale fault, one that is no 8-bit grey
     picture is NOT_VERIFIED with the reason.
-    stale_ns: how long a tracker may repeat one pose while the picture moves. lie: as of `Witness`.
+    stale_ns: how long a tracker may repeat one pose while the picture moves. relative_pose: as of `Witness`.
     motion: the latest motion that was sorted, None before the first.
     """
 
@@ -96,7 +96,7 @@ class Line:
         reference: Calibration,
         limits: Limits,
         stale_ns: int = round(TRACKER_STALE_MS * 1e6),
-        lie: Matrix4 | None = None,
+        relative_pose: Matrix4 | None = None,
     ) -> None:
         self._reference, self._limits = reference, limits
         self._frame_gate, self._pose_gate = StampGate(), StampGate()
@@ -108,7 +108,7 @@ class Line:
         self._evidence = Evidence(reference, limits, PathWindow(reference))
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
         self._no_picture = NoPicture()
-        self._witness = Witness(limits, lie)
+        self._witness = Witness(limits, relative_pose)
         self._picture_chain = PictureChain(limits, reference, lambda: self._tracker.mask, _GAP_NS)
         self._detectors: tuple[Detector, ...] = (
             self._picture_chain,
@@ -159,9 +159,9 @@ class Line:
         return self._reference
 
     @property
-    def lie(self) -> Matrix4 | None:
+    def relative_pose(self) -> Matrix4 | None:
         """As of `Witness`."""
-        return self._witness.lie
+        return self._witness.relative_pose
 
     def step(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
         """Take the next sample; one verdict for each frame that it settles."""

@@ -11,12 +11,12 @@ from drivers.samples import Matrix4
 class Order:
     """Work with this reference from now on. generation marks what is said of it.
 
-    stale_ns: how long a tracker may repeat one pose while the picture moves. lie: (4, 4) second marker body → first,
-    mm, as an earlier line of this reference learned it (appliance.core.detectors.witness); None where none did.
+    stale_ns: how long a tracker may repeat one pose while the picture moves. relative_pose: (4, 4) second marker body →
+    first, mm, as an earlier line of this reference learned it (appliance.core.detectors.witness); None where none did.
     """
 
     generation: int
     reference: Calibration
     limits: Limits
     stale_ns: int
-    lie: Matrix4 | None = field(default=None, compare=False)
+    relative_pose: Matrix4 | None = field(default=None, compare=False)

@@ -66,7 +66,7 @@ class Tick:
         self._control.poll(self._requests.answer, self._hold.link)
         self._configuration.reload_if_asked()
         self._command(now_ns, self._supervision.alarm or alarm, bool(verdicts))
-        self._references.note_lie(self._estimator.reference, self._estimator.lie)
+        self._references.note_relative_pose(self._estimator.reference, self._estimator.relative_pose)
         self._references.see(self._devices.video.size_px)
         self._devices.note_rates(now_ns)
         self._estimates.step(now_ns, alarm, self._supervision.verdict, self._references.current)

@@ -85,7 +85,7 @@ _ORDER = _object(
     stale_ns=_INTEGER,
     limits={"type": "object", "properties": dict.fromkeys(Limits.model_fields, _LIMIT)},
     reference=_REFERENCE,
-    lie={
+    relative_pose={
         **_PERHAPS_NUMBERS,
         "description": "4 x 4 by rows, second marker body to first, mm, as learned before; or null",
     },

@@ -41,9 +41,9 @@ class Reference:
         return self.candidate.calibration
 
     @property
-    def lie(self) -> Matrix4 | None:
+    def relative_pose(self) -> Matrix4 | None:
         """As of `appliance.core.order.Order`, as it was kept."""
-        return None if self.entry.lie is None else np.array(self.entry.lie).reshape(4, 4)
+        return None if self.entry.relative_pose is None else np.array(self.entry.relative_pose).reshape(4, 4)
 
 
 def candidate_from_content(content: bytes, file: str, size_px: Size | None, probe: str) -> Candidate:

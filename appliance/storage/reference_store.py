@@ -41,7 +41,8 @@ class Entry(_Stored):
     8601. software: version that took it. file: where its content lay. image_size_px, probe: with which a device set was
     read. simulated: made of a simulated scan. difference: from the one before, in words; empty for the first. who:
     asked for it; empty for the service itself. to_show: checks that must be shown before its first OK. verified_utc:
-    when motion first showed it; None before. lie: as of `appliance.core.order.Order`, by rows; None where not known.
+    when motion first showed it; None before. relative_pose: as of `appliance.core.order.Order`, by rows; None where not
+    known.
     """
 
     number: Annotated[int, Field(ge=1)]
@@ -57,7 +58,7 @@ class Entry(_Stored):
     who: str = ""
     to_show: tuple[str, ...] = ()
     verified_utc: str | None = None
-    lie: Annotated[tuple[float, ...], Field(min_length=16, max_length=16)] | None = None
+    relative_pose: Annotated[tuple[float, ...], Field(min_length=16, max_length=16)] | None = None
 
 
 class History(_Stored):
@@ -191,11 +192,11 @@ def _places(folder: Path, sha256: str) -> tuple[Path, Path]:
 
 
 def _text(history: History) -> bytes:
-    """A lie is written only where there is one, so that versions that know none read the store of a usual cart."""
+    """A relative pose is written only where there is one, so versions without it read the store of a usual cart."""
     fields = history.model_dump(mode="json")
     for entry in fields["entries"]:
-        if entry["lie"] is None:
-            del entry["lie"]
+        if entry["relative_pose"] is None:
+            del entry["relative_pose"]
     return json.dumps({**fields, "check": digest_of(fields)}, indent=1).encode()
 
 

@@ -69,15 +69,15 @@ def world_motion(world: World | PlaceOfWork) -> PoseAt:
     """Poses of the shared world: its probe, a reference lying still beside it, and further tools, each a second body on
     the probe with a noise of its own.
     """
-    still, lie = np.eye(4), np.eye(4)
-    still[:3, 3], lie[:3, 3] = _REFERENCE_POSE_MM, WITNESS_MM
+    still, relative_pose = np.eye(4), np.eye(4)
+    still[:3, 3], relative_pose[:3, 3] = _REFERENCE_POSE_MM, WITNESS_MM
 
     def pose_at(tool: str, t_s: float, number: int) -> Matrix4 | None:
         if tool == REFERENCE:
             return still
         if tool == PROBE:
             return world.measured_pose(t_s, max(number, 0))
-        return np.asarray(world.measured_pose(t_s, max(number, 0) + _OTHER_NOISE) @ lie)
+        return np.asarray(world.measured_pose(t_s, max(number, 0) + _OTHER_NOISE) @ relative_pose)
 
     return pose_at
 

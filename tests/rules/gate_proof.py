@@ -98,8 +98,8 @@ DEFECTS = (
     Defect(
         "a reference comes in force without an entry in the log",
         "appliance/service/control/recalibration.py",
-        "        self._estimator.refer(reference.calibration, reference.lie)\n        self._took(reference)",
-        "        self._estimator.refer(reference.calibration, reference.lie)",
+        "        self._estimator.refer(reference.calibration, reference.relative_pose)\n        self._took(reference)",
+        "        self._estimator.refer(reference.calibration, reference.relative_pose)",
         ("tests/appliance/service/control/test_reference.py",),
     ),
     Defect(

@@ -39,10 +39,10 @@ class TrustingLine:
         reference: Calibration,
         limits: Limits,
         stale_ns: int,
-        lie: Matrix4 | None = None,
+        relative_pose: Matrix4 | None = None,
         wanted: Callable[[], str] = _written,
     ) -> None:
-        self.lie = lie
+        self.relative_pose = relative_pose
         self._pose_ns = 0
         self._verified_ns: int | None = None
         self._wanted = wanted

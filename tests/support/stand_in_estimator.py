@@ -15,9 +15,11 @@ class ObedientLine:
     """Says of each frame what its first pixel orders; its check names the lateral scale of the reference, and stale_ns
     as its limit. Asked for its limits, it gives them as its reason."""
 
-    lie: Matrix4 | None = None
+    relative_pose: Matrix4 | None = None
 
-    def __init__(self, reference: Calibration, limits: Limits, stale_ns: int, lie: Matrix4 | None = None) -> None:
+    def __init__(
+        self, reference: Calibration, limits: Limits, stale_ns: int, relative_pose: Matrix4 | None = None
+    ) -> None:
         self._scale, self._limits, self._stale_ns = float(reference.scale_mm_per_px[0]), limits, stale_ns
 
     def step(self, sample: Sample) -> tuple[Verdict, ...]:

@@ -65,7 +65,7 @@ def test_a_thread_that_waits_is_woken_by_its_event_or_its_time_and_by_nothing_el
 
 def test_a_line_that_raises_is_an_estimator_that_has_ended(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     class Broken:
-        lie = None
+        relative_pose = None
 
         def __init__(self, *_: object) -> None: ...
 

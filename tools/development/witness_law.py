@@ -33,7 +33,7 @@ from drivers.rigid import Array
 
 HOURS = 1000
 _SESSION_S = 3600
-"""After which the tracker is switched on again, and both noise and lie are learned anew. Longer learns them rarer."""
+"""After which the tracker is switched on again, and noise and relative pose are learned anew. Longer: more rarely."""
 _RADIUS_MM, _LEVER_MM, _MARKERS = 40.0, 80.0, 4
 """Of the markers around the middle of a body, between the two bodies, and markers of a body: of usual tools."""
 _STEPS = 100
@@ -72,7 +72,7 @@ usual size shows."""
 
 
 def noise(tracker: Tracker, readings: int, rng: np.random.Generator) -> Array:
-    """(readings, 6) of one lie against its mean: shift, mm, and turn, deg, in the axes of the first body."""
+    """(readings, 6) of one relative pose against its mean: shift, mm, and turn, deg, in the axes of the first body."""
     shift_mm = tracker.marker_mm / np.sqrt(_MARKERS)
     turn_deg = np.rad2deg(tracker.marker_mm / (_RADIUS_MM * np.sqrt(_MARKERS / 2)))
     sizes = np.repeat([shift_mm, turn_deg], 3)

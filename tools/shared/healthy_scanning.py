@@ -79,7 +79,7 @@ def heard_in_series(series: Series, limits: Limits, stale_ns: int) -> tuple[Hear
     if series.first_order() is None:
         raise RecordingError("holds no reference that was in force, so nothing was judged", str(path), _NOT_HEALTHY)
     heard = Heard(path)
-    rerun = Rerun(series, lambda reference, _limits, _stale_ns, _lie: _line(reference, limits, stale_ns))
+    rerun = Rerun(series, lambda reference, _limits, _stale_ns, _relative_pose: _line(reference, limits, stale_ns))
     for step in rerun.steps():
         if isinstance(step.item, Frame | Pose) and isinstance(rerun.line, Line):
             heard.take(step.verdicts, rerun.line.nats)

@@ -30,7 +30,7 @@ class Repeating(Protocol):
 
 
 MakeLine = Callable[[Calibration, Limits, int, Matrix4 | None], Repeating]
-"""(reference, limits, stale_ns, lie), as `Order` has them."""
+"""(reference, limits, stale_ns, relative_pose), as `Order` has them."""
 
 
 class Step(NamedTuple):
@@ -153,7 +153,11 @@ class Rerun:
         """What the line before said and is not in the file was said when the order had come already."""
         self._left_over()
         order = made.order
-        self.line = None if order is None else self._make_line(order.reference, order.limits, order.stale_ns, order.lie)
+        self.line = (
+            None
+            if order is None
+            else self._make_line(order.reference, order.limits, order.stale_ns, order.relative_pose)
+        )
         if order is not None:
             self.orders.append(order)
         self._whole = made.step == 0

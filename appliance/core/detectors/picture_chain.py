@@ -227,9 +227,7 @@ class PictureChain(Detector):
         if out_of_plane_mm(self._reference, before.pose, view.pose) > _STILL_MM:
             return None
         placed, link = self._link(view, before)
-        if link is None or link.alike >= _LOST:
-            return None
-        if not _searchable(placed, view.small):
+        if link is None or link.alike >= _LOST or not _searchable(placed, view.small):
             return None
         change = stretch_of(placed, view.small, self._aspect) or flip_or_zoom_of(placed, view.small)
         if change is None or self._strain(change, before, view):

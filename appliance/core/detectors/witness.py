@@ -1,9 +1,9 @@
-"""Sees that one of two marker bodies on the same probe was bent or slid: they no longer lie to each other as before.
+"""Sees that one of two marker bodies on the same probe was bent or slid: their relative pose has changed.
 
 The tracker alone shows it, without motion of the hand and without tissue. It does not show which of the two moved:
 where motion then shows rotation and offset to be within their limits, it was the second, or too little to matter, and
-how the two lie is learned again; where it does not, that motion names what is wrong of the first. While the second body
-is not seen nothing is concluded.
+their relative pose is learned again; where it does not, that motion names what is wrong of the first. While the second
+body is not seen nothing is concluded.
 """
 
 from collections import deque
@@ -28,7 +28,7 @@ from drivers.samples import Matrix4, Pose
 FINDS = (Fault.MARKER_BODY_MOVED,)
 
 LEARN_NS, LEARN_READINGS = 2_000_000_000, 20
-"""For which, and from how many readings at least, it is learned how the two lie. More leaves a bend in that time
+"""For which, and from how many readings at least, their relative pose is learned. More leaves a bend in that time
 unseen, less adds the noise of the learning to all that follows."""
 WINDOW_NS, WINDOW_READINGS = 400_000_000, 8
 """Whose median is held against that, and readings that it has at least. A step is named when half of it is in the
@@ -49,11 +49,11 @@ NAMED_SIGMA = 6.0
 KEPT_SHARE = 0.7
 """Of where it is named, below which it is undone. More flickers at the limit; less holds on to what was bent back."""
 SETTLED_BLOCKS, BLOCKS, FRESH_BLOCKS = 150, 1500, 50
-"""Windows: a minute, from which it is learned for good how the two lie; ten minutes, from which the noise is known; and
+"""Windows: a minute, from which the relative pose is known for good; ten minutes, from which the noise is known; and
 how many are new each time that it is computed. Fewer do not know how the tracker errs from place to place (.1 mm of it
-alarmed in one hour of four with a lie of two seconds), more know it later."""
+alarmed in one hour of four with a relative pose of two seconds), more know it later."""
 _SAME_MM, _SAME_DEG = 0.01, 0.01
-"""Nearer than this the two are one tool under two names. No two bodies lie in one place; less is rounding."""
+"""Nearer than this the two are one tool under two names. No two bodies are in one place; less is rounding."""
 _SPREAD, _MEDIAN = 1.4826, 1.2533
 """Standard deviation of a normal variable in its median deviation, and of its median in that of its mean."""
 _MOST_ALIKE = 0.95
@@ -61,13 +61,13 @@ _MOST_ALIKE = 0.95
 
 
 class Witness(Detector):
-    """lie: (4, 4) second body → first, mm, as it lay in the minute in which it was learned under this calibration; None
+    """relative_pose: (4, 4) second body → first, mm, of the minute in which it was learned under this calibration; None
     until it is.
     """
 
-    def __init__(self, limits: Limits, lie: Matrix4 | None = None) -> None:
+    def __init__(self, limits: Limits, relative_pose: Matrix4 | None = None) -> None:
         self._limits = np.array([limits.witness_mm, limits.witness_deg])
-        self.lie = self._lie = lie
+        self.relative_pose = self._relative_pose = relative_pose
         self._last_ns = 0
         self._seen_ns: int | None = None
         self._named_ns: int | None = None
@@ -86,14 +86,14 @@ class Witness(Detector):
         t_ns = self._last_ns = pose.stamp.t_ns
         if pose.matrix is None or pose.witness is None:
             return
-        lie = seen_from(pose.matrix, pose.witness)
-        if same_place(lie):
+        relative_pose = seen_from(pose.matrix, pose.witness)
+        if same_place(relative_pose):
             return
         self._seen_ns = t_ns
         if self._learning is not None:
-            self._learn(t_ns, lie)
-        elif self._lie is not None:
-            self._window.append((t_ns, apart(self._lie, lie)))
+            self._learn(t_ns, relative_pose)
+        elif self._relative_pose is not None:
+            self._window.append((t_ns, apart(self._relative_pose, relative_pose)))
             if not 0 <= t_ns - self._looked_ns < LOOK_NS:
                 self._looked_ns = t_ns
                 self._look(t_ns)
@@ -111,9 +111,9 @@ class Witness(Detector):
             self._learning = []
 
     def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
-        """See Detector: the first body is where the calibration has it, so that how the second lies is learned anew."""
+        """See Detector: the first body is where the calibration has it, so the relative pose is learned anew."""
         if self._named_ns is not None and until_ns > self._named_ns and shows(Fault.ROTATION) and shows(Fault.OFFSET):
-            self._named_ns = self.lie = self._lie = None
+            self._named_ns = self.relative_pose = self._relative_pose = None
             self._begin()
 
     def checks(self) -> tuple[Check, ...]:
@@ -137,7 +137,7 @@ class Witness(Detector):
         return Check(name, Fault.MARKER_BODY_MOVED, float(extent), float(sigma), unit, float(limit), verdict)
 
     def _begin(self) -> None:
-        """Learn the noise, and how they lie where that is not known."""
+        """Learn the noise, and the relative pose where that is not known."""
         self._learning = []
         self._window: deque[tuple[int, Array]] = deque()
         self._blocks: deque[Array] = deque(maxlen=BLOCKS)
@@ -145,19 +145,19 @@ class Witness(Detector):
         self._extents: Array | None = None
         self._fresh, self._looked_ns, self._block_ns = 0, 0, 0
 
-    def _learn(self, t_ns: int, lie: Matrix4) -> None:
+    def _learn(self, t_ns: int, relative_pose: Matrix4) -> None:
         assert self._learning is not None
         if self._learning and not 0 <= t_ns - self._learning[-1][0] < _LONGEST_NS:
             self._learning.clear()
-        self._learning.append((t_ns, lie))
+        self._learning.append((t_ns, relative_pose))
         if len(self._learning) < LEARN_READINGS or t_ns - self._learning[0][0] < LEARN_NS:
             return
-        lies = np.array([one for _, one in self._learning])
-        middle = _middle(lies)
-        readings = np.array([apart(middle, one) for one in lies])
-        period_ns = (t_ns - self._learning[0][0]) / (len(lies) - 1)
+        relative_poses = np.array([one for _, one in self._learning])
+        middle = _middle(relative_poses)
+        readings = np.array([apart(middle, one) for one in relative_poses])
+        period_ns = (t_ns - self._learning[0][0]) / (len(relative_poses) - 1)
         self._scale = self._learned_scale = first_scale(readings, readings_of_window(period_ns))
-        self._lie = middle if self._lie is None else self._lie
+        self._relative_pose = middle if self._relative_pose is None else self._relative_pose
         self._learning = None
 
     def _look(self, t_ns: int) -> None:
@@ -182,7 +182,7 @@ class Witness(Detector):
 
     def _note_noise(self, block: Array) -> None:
         self._blocks.append(block)
-        if self.lie is None and len(self._blocks) >= SETTLED_BLOCKS:
+        if self.relative_pose is None and len(self._blocks) >= SETTLED_BLOCKS:
             self._settle()
         self._fresh += 1
         if self._fresh >= FRESH_BLOCKS:
@@ -190,19 +190,21 @@ class Witness(Detector):
             self._scale = np.maximum(self._learned_scale, scale_of(np.array(self._blocks)))
 
     def _settle(self) -> None:
-        """How they lay over a minute is how they lie; what was held against two seconds is held against it."""
-        assert self._lie is not None
+        """The relative pose over a minute is kept; what was held against that of two seconds is held against it."""
+        assert self._relative_pose is not None
         middle = np.median(np.array(self._blocks), axis=0)
         turn = rotation_from_vector(np.deg2rad(middle[3:]))
-        self.lie = self._lie = rigid(turn @ self._lie[:3, :3], self._lie[:3, 3] + middle[:3])
+        self.relative_pose = self._relative_pose = rigid(
+            turn @ self._relative_pose[:3, :3], self._relative_pose[:3, 3] + middle[:3]
+        )
         self._blocks = deque((row - middle for row in self._blocks), maxlen=BLOCKS)
         self._window = deque((t_ns, row - middle) for t_ns, row in self._window)
 
 
-def apart(lie: Matrix4, now: Matrix4) -> Array:
-    """(6,) from one lie to another: shift, mm, and turn, deg, both in the axes of the first body."""
-    turn = vector_from_rotation(now[:3, :3] @ lie[:3, :3].T)
-    return np.concatenate([now[:3, 3] - lie[:3, 3], np.rad2deg(turn)])
+def apart(relative_pose: Matrix4, now: Matrix4) -> Array:
+    """(6,) from one relative pose to another: shift, mm, and turn, deg, both in the axes of the first body."""
+    turn = vector_from_rotation(now[:3, :3] @ relative_pose[:3, :3].T)
+    return np.concatenate([now[:3, 3] - relative_pose[:3, 3], np.rad2deg(turn)])
 
 
 def extents(rows: Array) -> Array:
@@ -236,12 +238,12 @@ def readings_of_window(period_ns: float) -> int:
     return max(WINDOW_READINGS, round(WINDOW_NS / period_ns))
 
 
-def same_place(lie: Matrix4) -> bool:
+def same_place(relative_pose: Matrix4) -> bool:
     """Whether the two are one body under two names."""
-    turn = np.rad2deg(angle_from_rotation(lie[:3, :3]))
-    return bool(np.abs(lie[:3, 3]).max() < _SAME_MM and turn < _SAME_DEG)
+    turn = np.rad2deg(angle_from_rotation(relative_pose[:3, :3]))
+    return bool(np.abs(relative_pose[:3, 3]).max() < _SAME_MM and turn < _SAME_DEG)
 
 
-def _middle(lies: Array) -> Matrix4:
+def _middle(relative_poses: Array) -> Matrix4:
     """(n, 4, 4) → (4, 4) median of the places, mean of the turns."""
-    return rigid(nearest_rotation(lies[:, :3, :3].mean(axis=0)), np.median(lies[:, :3, 3], axis=0))
+    return rigid(nearest_rotation(relative_poses[:, :3, :3].mean(axis=0)), np.median(relative_poses[:, :3, 3], axis=0))

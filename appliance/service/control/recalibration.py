@@ -136,7 +136,7 @@ class Recalibration:
         return before is not None and difference(before.calibration, candidate.calibration).beyond(self._limits())
 
     def _refer(self, reference: Reference) -> None:
-        self._estimator.refer(reference.calibration, reference.lie)
+        self._estimator.refer(reference.calibration, reference.relative_pose)
         self._took(reference)
 
     def _return(self) -> None:

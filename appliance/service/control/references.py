@@ -198,18 +198,18 @@ class References(threading.Thread):
             self._decided = True
         self.look_again()
 
-    def note_lie(self, reference: Calibration | None, lie: Matrix4 | None) -> None:
-        """How a second marker body lies to the first, as it is known under that reference. Kept with the one in force,
-        so that a restart finds what was bent meanwhile; another one in force begins without.
+    def note_relative_pose(self, reference: Calibration | None, relative_pose: Matrix4 | None) -> None:
+        """The pose of a second marker body relative to the first, as it is known under that reference. Kept with the
+        one in force, so that a restart finds what was bent meanwhile; another one in force begins without.
         """
         current = self.current
         if current is None or current.calibration is not reference:
             return
-        known = None if lie is None else tuple(map(float, lie.ravel()))
-        if known == current.entry.lie:
+        known = None if relative_pose is None else tuple(map(float, relative_pose.ravel()))
+        if known == current.entry.relative_pose:
             return
         with self._lock:
-            entry = current.entry.model_copy(update={"lie": known})
+            entry = current.entry.model_copy(update={"relative_pose": known})
             self._history = self._history.model_copy(update={"entries": (*self._history.entries[:-1], entry)})
             self.current = Reference(entry, current.candidate)
         self._wake.set()

@@ -18,7 +18,7 @@ _LONGEST = 1 << 17
 class Word:
     """Estimator → hardware process, at least ten times a second. The counts are since the estimator's start.
 
-    said_ns: CLOCK_MONOTONIC when it was said. lie: as of `Order`, as it is known now.
+    said_ns: CLOCK_MONOTONIC when it was said. relative_pose: as of `Order`, as it is known now.
     """
 
     generation: int
@@ -28,7 +28,7 @@ class Word:
     poses: int
     dropped_frames: int
     dropped_poses: int
-    lie: Matrix4 | None = field(default=None, compare=False)
+    relative_pose: Matrix4 | None = field(default=None, compare=False)
 
 
 Message = Order | Word

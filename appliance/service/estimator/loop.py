@@ -25,13 +25,13 @@ class Stepper(Protocol):
     """The line, as this process sees it."""
 
     @property
-    def lie(self) -> Matrix4 | None: ...
+    def relative_pose(self) -> Matrix4 | None: ...
 
     def step(self, sample: Sample) -> tuple[Verdict, ...]: ...
 
 
 MakeLine = Callable[[Calibration, Limits, int, Matrix4 | None], Stepper]
-"""(reference, limits, stale_ns, lie), as `Order` has them."""
+"""(reference, limits, stale_ns, relative_pose), as `Order` has them."""
 
 
 class Estimator:
@@ -86,7 +86,7 @@ class Estimator:
             assert isinstance(order, Order)
             if self._line is None:
                 self._discard()
-            self._line = self._make_line(order.reference, order.limits, order.stale_ns, order.lie)
+            self._line = self._make_line(order.reference, order.limits, order.stale_ns, order.relative_pose)
             self._generation = order.generation
             if self._tap is not None:
                 self._tap.begin(order)
@@ -128,9 +128,12 @@ class Estimator:
         now_ns = self._real_ns()
         if verdicts or now_ns - self._spoke_ns >= _WORD_EVERY_NS:
             self._spoke_ns = now_ns
-            lie = None if self._line is None else self._line.lie
+            relative_pose = None if self._line is None else self._line.relative_pose
             (frames, poses), dropped = self._counts, self._dropped
-            send(self._link, Word(self._generation, now_ns, verdicts, frames, poses, dropped[0], dropped[1], lie))
+            send(
+                self._link,
+                Word(self._generation, now_ns, verdicts, frames, poses, dropped[0], dropped[1], relative_pose),
+            )
 
 
 def serve(arguments: list[str], make_line: MakeLine) -> None:

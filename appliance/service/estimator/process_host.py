@@ -111,27 +111,28 @@ class EstimatorHost:
         return None if self._order is None else self._order.reference
 
     @property
-    def lie(self) -> Matrix4 | None:
-        """How a second marker body lies to the first, as learned under that calibration: see `Order`."""
-        return None if self._order is None else self._order.lie
+    def relative_pose(self) -> Matrix4 | None:
+        """The pose of a second marker body relative to the first, as learned under that calibration: see `Order`."""
+        return None if self._order is None else self._order.relative_pose
 
     def put(self, sample: Sample) -> None:
         """Hand a sample on; never blocks. One thread for frames, one for poses. Raises ValueError when too large."""
         (self._frames if isinstance(sample, Frame) else self._poses).put(sample)
 
-    def refer(self, reference: Calibration, lie: Matrix4 | None = None) -> None:
-        """Verify against another reference from now on; what is said of the old one is no longer passed on. lie: as of
-        `Order`.
+    def refer(self, reference: Calibration, relative_pose: Matrix4 | None = None) -> None:
+        """Verify against another reference from now on; what is said of the old one is no longer passed on.
+
+        relative_pose: as of `Order`.
         """
         generation = 1 + (0 if self._order is None else self._order.generation)
-        self._order = Order(generation, reference, self._limits, self._stale_ns, lie)
+        self._order = Order(generation, reference, self._limits, self._stale_ns, relative_pose)
         self._send_order()
 
     def limit(self, limits: Limits, stale_ns: int) -> None:
         """Verify within other limits from now on."""
         self._limits, self._stale_ns = limits, stale_ns
         if self._order is not None:
-            self.refer(self._order.reference, self._order.lie)
+            self.refer(self._order.reference, self._order.relative_pose)
 
     def wait(self, real_s: float) -> None:
         """Until it says something, or for real_s at most."""
@@ -150,16 +151,16 @@ class EstimatorHost:
             self._heard_s, self._spoken, self.last = now_s, True, words[-1]
         self._look_after(now_s)
         generation = None if self._order is None else self._order.generation
-        self._note_lie(words, generation)
+        self._note_relative_pose(words, generation)
         present = [word for word in words if word.generation == generation and word.verdicts]
         self.said_ns = present[0].said_ns if present else self._clock.real_ns()
         return bool(words), tuple(verdict for word in present for verdict in word.verdicts)
 
-    def _note_lie(self, words: list[Word], generation: int | None) -> None:
+    def _note_relative_pose(self, words: list[Word], generation: int | None) -> None:
         """The next process goes on with it."""
-        known = [word.lie for word in words if word.generation == generation]
+        known = [word.relative_pose for word in words if word.generation == generation]
         if known and self._order is not None:
-            self._order = replace(self._order, lie=known[-1])
+            self._order = replace(self._order, relative_pose=known[-1])
 
     def close(self) -> None:
         """Stop the process and free the rings."""

@@ -15,7 +15,7 @@ from drivers.twins.faults import Schedule, spoil_pose
 from tests.appliance.core.test_line import SMALL, truth
 from tests.support.sessions import ORIGIN_NS, kept, session
 
-LIE = rigid(np.eye(3), np.array([80.0, 0.0, 10.0]))
+RELATIVE_POSE = rigid(np.eye(3), np.array([80.0, 0.0, 10.0]))
 BENT = rigid(rotation_from_vector(np.deg2rad([0.0, 3.0, 0.0])), np.zeros(3))
 UNWITNESSED = 6.0
 
@@ -31,7 +31,9 @@ def witnessed(duration_s: float, bend: Matrix4, fault: str = "", at_s: float = U
         late = (sample.stamp.t_ns - ORIGIN_NS) / 1e9 >= at_s
         noise = rigid(rotation_from_vector(rng.normal(0, 1e-3, 3)), rng.normal(0, 0.1, 3))
         first = spoil_pose(sample.matrix, {fault}) if late and fault else sample.matrix
-        yield replace(sample, matrix=first, witness=sample.matrix @ LIE @ (bend if late else np.eye(4)) @ noise)
+        yield replace(
+            sample, matrix=first, witness=sample.matrix @ RELATIVE_POSE @ (bend if late else np.eye(4)) @ noise
+        )
 
 
 def verdicts(samples: Iterator[Sample]) -> list[Verdict]:

@@ -70,14 +70,14 @@ def until(tracker: TrackerSource, wanted: Callable[[Pose], bool], limit: int = 3
     raise AssertionError("no such pose came")
 
 
-def lie(pose: Pose) -> Matrix4:
+def relative_pose(pose: Pose) -> Matrix4:
     assert pose.matrix is not None
     assert pose.witness is not None
     return seen_from(pose.matrix, pose.witness)
 
 
 def bent_deg(pose: Pose) -> float:
-    return float(np.degrees(angle_from_rotation(lie(pose)[:3, :3])))
+    return float(np.degrees(angle_from_rotation(relative_pose(pose)[:3, :3])))
 
 
 KINDS = {"ndi": ndi, "vega": vega, "optotrak": optotrak, "igtl": igtl}
@@ -90,7 +90,7 @@ def test_the_second_body_comes_with_the_first_and_its_bend_shows(kind: str, refe
         pytest.skip("the twin sends no reference: test_tracker.py has a server that does")
     with KINDS[kind](tmp_path, reference) as (tracker, show):
         healthy = until(tracker, lambda pose: pose.witness is not None)
-        assert np.abs(lie(healthy)[:3, 3] - WITNESS_MM).max() < 3.0
+        assert np.abs(relative_pose(healthy)[:3, 3] - WITNESS_MM).max() < 3.0
         assert bent_deg(healthy) < 2.0
         show("bend-witness")
         bent = until(tracker, lambda pose: pose.witness is not None and bent_deg(pose) > 3.0)

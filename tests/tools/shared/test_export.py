@@ -135,9 +135,9 @@ def test_what_cannot_be_exported_is_refused(box: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", [".igs.mha", ".igs.nrrd"])
 def test_a_second_body_is_exported_and_replayed_beside_the_first(tmp_path: Path, form: str) -> None:
-    lie = turn(0.3, 80.0)
+    relative_pose = turn(0.3, 80.0)
     seen = [
-        replace(one, witness=one.matrix @ lie) if isinstance(one, Pose) and one.matrix is not None else one
+        replace(one, witness=one.matrix @ relative_pose) if isinstance(one, Pose) and one.matrix is not None else one
         for one in samples()
     ]
     reference = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), SIZE_PX)
@@ -148,7 +148,7 @@ def test_a_second_body_is_exported_and_replayed_beside_the_first(tmp_path: Path,
     assert len(found) == COUNT - 1
     for pose in found:
         assert pose.witness is not None
-        np.testing.assert_allclose(np.linalg.inv(pose.matrix) @ pose.witness, lie, atol=0.2)
+        np.testing.assert_allclose(np.linalg.inv(pose.matrix) @ pose.witness, relative_pose, atol=0.2)
     with pytest.raises(RecordingError, match="has no StylusToTracker"):
         open_recording(path, witness="Stylus")
 

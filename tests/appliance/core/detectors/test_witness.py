@@ -14,14 +14,16 @@ from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
 from tools.development.witness_law import TRACKERS, Tracker, delays_s, noise, session
 
 HZ = 60.0
-LIE = rigid(rotation_from_vector(np.array([0.3, -0.2, 1.0])), np.array([80.0, 10.0, -5.0]))
+RELATIVE_POSE = rigid(rotation_from_vector(np.array([0.3, -0.2, 1.0])), np.array([80.0, 10.0, -5.0]))
 IMAGE = np.zeros((4, 4), np.uint8)
 MINUTE = 65.0
 
 
 def moved(change: np.ndarray) -> Matrix4:
-    """The lie changed by (6,) mm and deg in the axes of the first body."""
-    return rigid(rotation_from_vector(np.deg2rad(change[3:])) @ LIE[:3, :3], LIE[:3, 3] + change[:3])
+    """The relative pose changed by (6,) mm and deg in the axes of the first body."""
+    return rigid(
+        rotation_from_vector(np.deg2rad(change[3:])) @ RELATIVE_POSE[:3, :3], RELATIVE_POSE[:3, 3] + change[:3]
+    )
 
 
 def hand(t_s: float) -> Matrix4:
@@ -87,7 +89,7 @@ def test_without_a_second_body_there_is_no_check_and_hidden_from_the_start_it_co
     detector = Witness(Limits())
     assert not any(fed(detector, np.full((600, 6), np.nan)))
     assert detector.checks() == ()
-    assert detector.lie is None
+    assert detector.relative_pose is None
 
 
 def test_hidden_it_concludes_nothing_and_a_bend_made_meanwhile_is_named_when_it_is_seen_again() -> None:
@@ -140,18 +142,18 @@ def test_motion_that_shows_the_first_in_place_has_the_second_learned_anew() -> N
     detector.forgive(lambda fault: True, now_ns)
     assert not named(detector)
     assert not any(fed(detector, changes[step + 60 :], first=step + 60))
-    assert detector.lie is not None
-    assert detector.lie[1, 3] == pytest.approx(LIE[1, 3] + 2.0, abs=0.1)
+    assert detector.relative_pose is not None
+    assert detector.relative_pose[1, 3] == pytest.approx(RELATIVE_POSE[1, 3] + 2.0, abs=0.1)
 
 
 def test_a_lie_that_is_kept_finds_a_bend_that_was_made_while_nobody_looked() -> None:
     detector = Witness(Limits(), moved(np.array([0, 0, 0, 3.0, 0, 0])))
     assert fed(detector, readings(5)).index(True) <= (LEARN_NS / 1e9 + 0.5) * HZ
-    assert not any(fed(Witness(Limits(), LIE), readings(20)))
+    assert not any(fed(Witness(Limits(), RELATIVE_POSE), readings(20)))
 
 
-def test_names_that_were_exchanged_are_named_against_a_kept_lie() -> None:
-    detector = Witness(Limits(), inverse(LIE))
+def test_names_that_were_exchanged_are_named_against_a_kept_relative_pose() -> None:
+    detector = Witness(Limits(), inverse(RELATIVE_POSE))
     assert fed(detector, readings(5))[-1]
 
 

@@ -28,10 +28,10 @@ class Estimator(SimpleNamespace):
     """Knows only which reference it was given last."""
 
     reference: Calibration | None = None
-    lie: Matrix4 | None = None
+    relative_pose: Matrix4 | None = None
 
-    def refer(self, reference: Calibration, lie: Matrix4 | None = None) -> None:
-        self.reference, self.lie = reference, lie
+    def refer(self, reference: Calibration, relative_pose: Matrix4 | None = None) -> None:
+        self.reference, self.relative_pose = reference, relative_pose
 
 
 class Cart:

@@ -1,4 +1,4 @@
-"""How two marker bodies lie is kept with the calibration: through reload, restart and power-up, and not beyond it."""
+"""The relative pose of two marker bodies is kept with the calibration, through reload and restart, not beyond."""
 
 from pathlib import Path
 
@@ -23,12 +23,12 @@ from tests.support.stores import configuration, kept, log, started, written
 pytestmark = pytest.mark.usefixtures("log")
 __all__ = ["log"]
 
-LIE = rigid(rotation_from_vector(np.array([0.1, 0.2, 0.3])), np.array([80.0, 0.1, 1 / 3]))
+RELATIVE_POSE = rigid(rotation_from_vector(np.array([0.1, 0.2, 0.3])), np.array([80.0, 0.1, 1 / 3]))
 REFERENCE = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), (64, 48))
 
 
-def said(host: EstimatorHost, generation: int, lie: np.ndarray | None) -> None:
-    word = Word(generation, 0, (), 0, 0, 0, 0, lie)
+def said(host: EstimatorHost, generation: int, relative_pose: np.ndarray | None) -> None:
+    word = Word(generation, 0, (), 0, 0, 0, 0, relative_pose)
     host._hear = lambda: [word]
     host.poll()
 
@@ -41,28 +41,28 @@ def host() -> EstimatorHost:
 
 
 def test_the_next_process_and_other_limits_go_on_with_it_and_another_reference_without(host: EstimatorHost) -> None:
-    said(host, 1, LIE)
+    said(host, 1, RELATIVE_POSE)
     assert host._order is not None
-    assert np.array_equal(host._order.lie, LIE)  # what a new process is sent
+    assert np.array_equal(host._order.relative_pose, RELATIVE_POSE)  # what a new process is sent
     host.limit(Limits(witness_mm=2.0), 500)
-    assert np.array_equal(host.lie, LIE)
-    said(host, 1, LIE + 1)
-    assert np.array_equal(host.lie, LIE), "of a line before the present one"
+    assert np.array_equal(host.relative_pose, RELATIVE_POSE)
+    said(host, 1, RELATIVE_POSE + 1)
+    assert np.array_equal(host.relative_pose, RELATIVE_POSE), "of a line before the present one"
     host.refer(Calibration(np.eye(3), (1, 1), np.array([0.2, 0.1]), np.zeros(3), (64, 48)))
-    assert host.lie is None
-    said(host, 3, LIE)
+    assert host.relative_pose is None
+    said(host, 3, RELATIVE_POSE)
     said(host, 3, None)
-    assert host.lie is None
+    assert host.relative_pose is None
     host.close()
 
 
 def test_an_order_keeps_it_bit_for_bit() -> None:
-    order = Order(3, REFERENCE, Limits(), 500, LIE)
-    assert np.array_equal(order_of(order_fields(order)).lie, LIE)
+    order = Order(3, REFERENCE, Limits(), 500, RELATIVE_POSE)
+    assert np.array_equal(order_of(order_fields(order)).relative_pose, RELATIVE_POSE)
     fields = order_fields(Order(3, REFERENCE, Limits(), 500))
-    assert order_of(fields).lie is None
-    del fields["lie"]
-    assert order_of(fields).lie is None, "as of a file from before"
+    assert order_of(fields).relative_pose is None
+    del fields["relative_pose"]
+    assert order_of(fields).relative_pose is None, "as of a file from before"
 
 
 def test_it_is_on_the_disk_with_the_reference_and_voided_with_it(tmp_path: Path) -> None:
@@ -70,21 +70,23 @@ def test_it_is_on_the_disk_with_the_reference_and_voided_with_it(tmp_path: Path)
     references = started(config)
     current = references.current
     assert current is not None
-    assert current.lie is None
-    assert '"lie"' not in (config.alarm.folder / FOLDER / HISTORY).read_text(), "so that an older version reads it"
-    references.note_lie(REFERENCE, LIE)
+    assert current.relative_pose is None
+    assert '"relative_pose"' not in (config.alarm.folder / FOLDER / HISTORY).read_text(), (
+        "so that an older version reads it"
+    )
+    references.note_relative_pose(REFERENCE, RELATIVE_POSE)
     assert references.current is current, "of a reference that is not in force"
-    references.note_lie(current.calibration, LIE)
-    until(lambda: kept(config).in_force.lie is not None)
+    references.note_relative_pose(current.calibration, RELATIVE_POSE)
+    until(lambda: kept(config).in_force.relative_pose is not None)
     references.close()
     again: References = started(config)
     assert again.current is not None
-    assert np.array_equal(again.current.lie, LIE)
+    assert np.array_equal(again.current.relative_pose, RELATIVE_POSE)
     assert again.current.entry.number == current.entry.number
     again.take(again.from_content(written(tmp_path / "new.toml", 1, 0, 0).read_bytes(), "new.toml"), "recalibration")
-    assert again.current.lie is None
+    assert again.current.relative_pose is None
     until(lambda: kept(config).in_force.number == current.entry.number + 1)
-    assert [entry.lie is None for entry in kept(config).entries] == [False, True]
+    assert [entry.relative_pose is None for entry in kept(config).entries] == [False, True]
     again.close()
 
 
@@ -92,10 +94,12 @@ def test_a_cart_that_restarts_or_whose_estimator_dies_goes_on_with_it(tmp_path: 
     given: list[Matrix4 | None] = []
 
     class Line(TrustingLine):
-        def __init__(self, reference: Calibration, limits: Limits, stale_ns: int, lie: Matrix4 | None = None) -> None:
-            super().__init__(reference, limits, stale_ns, lie, lambda: "")
-            given.append(lie)
-            self.lie = LIE
+        def __init__(
+            self, reference: Calibration, limits: Limits, stale_ns: int, relative_pose: Matrix4 | None = None
+        ) -> None:
+            super().__init__(reference, limits, stale_ns, relative_pose, lambda: "")
+            given.append(relative_pose)
+            self.relative_pose = RELATIVE_POSE
 
     with SimulatedCart(tmp_path, Line) as cart:
         cart.monitoring()
@@ -111,7 +115,7 @@ def test_a_cart_that_restarts_or_whose_estimator_dies_goes_on_with_it(tmp_path: 
         cart.start_daemon()
         cart.monitoring()
     assert len(given) == 4
-    assert all(np.array_equal(one, LIE) for one in given[1:])
+    assert all(np.array_equal(one, RELATIVE_POSE) for one in given[1:])
 
 
 def test_a_body_that_moved_halts_and_holds_until_a_person_acknowledges(tmp_path: Path) -> None:
