@@ -1,8 +1,9 @@
 """The supervisor over a recording: the states a room would have seen. Pure: time is that of the samples."""
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 
-from appliance.core.quality.report import Change
+from appliance.core.quality.report import Change, LineReport
 from appliance.limits import Limits
 from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
@@ -18,6 +19,9 @@ longer: the rest is passed over. Up to the second each gap is ticked through, wh
 _MOST_IDLE = 86_400_000_000_000 // TICK_NS
 """Of such ticks in a recording beyond short gaps, a day, which takes a minute or two: stamps may leap by years with
 every sample. Fewer tell less exactly when a state changed in long gaps, more take longer for a hostile file."""
+
+_MOST_REASONS = 8
+"""Of poses that cannot be used, the most frequent ones. More is for nobody to read: some hold a number each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,7 @@ class Timeline:
         self._supervisor = Supervisor(judging.durations)
         self._patience, self._limits = judging.patience, judging.limits
         self._last: AlarmState | None = None
+        self._unusable = Counter[str]()
         self.devices: tuple[Check, ...] = ()
         self.changes: list[Change] = []
 
@@ -53,14 +58,38 @@ class Timeline:
         self._tick_until(sample.stamp.t_ns)
         self._facts = _noted(self._facts, sample)
         self._verdicts += verdicts
+        if not isinstance(sample, Frame) and sample.matrix is None:
+            self._unusable[sample.reason or sample.status.value] += 1
 
     def finish(self) -> None:
         """Tick to the end, also where the samples stopped before it."""
         self._tick_until(self._end_ns + 1)
 
+    def completed(self, report: LineReport) -> LineReport:
+        """The line's report after finish(), with what the line does not see: why poses could not be used, and a device
+        that was failing at the end. That names the verdict unless the line shows a fault of its own.
+        """
+        report = self._with_reasons(report)
+        failing = self.lasting_fault()
+        if failing is None:
+            return report
+        verdict = report.verdict
+        if verdict.kind is not VerdictKind.FAULT:
+            reason = self.changes[-1].reason
+            verdict = Verdict(verdict.t_ns, VerdictKind.FAULT, (*verdict.checks, failing), failing.fault, reason)
+        return replace(report, checks=(*report.checks, failing), verdict=verdict)
+
     def lasting_fault(self) -> Check | None:
         """The device that was failing when the recording ended, None if all were well."""
         return next((check for check in self.devices if check.verdict is VerdictKind.FAULT), None)
+
+    def _with_reasons(self, report: LineReport) -> LineReport:
+        """Where no picture has a pose, it is this that the verdict must say, and not which motion was missing."""
+        report = replace(report, unusable=dict(self._unusable.most_common(_MOST_REASONS)))
+        if not self._unusable or report.paired or report.verdict.kind is not VerdictKind.NOT_VERIFIED:
+            return report
+        reason = f"no picture has a pose: {next(iter(report.unusable))}"
+        return replace(report, verdict=replace(report.verdict, reason=reason))
 
     def _tick_until(self, t_ns: int) -> None:
         """Of a long gap the beginning, and the last tick."""

@@ -59,8 +59,24 @@ def _no_pose(matrix: Matrix4) -> str:
     """Why it is none, in words; empty where it is one."""
     if not np.isfinite(matrix).all():
         return "is not finite"
-    R = matrix[:3, :3]
-    skewed = np.abs(R.T @ R - np.eye(3)).max() > _ROTATION_TOLERANCE
-    if skewed or np.linalg.det(R) < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _ROTATION_TOLERANCE:
-        return "is not a rotation and a translation"
+    if why := _not_rigid(matrix):
+        return f"is not a rotation and a translation: {why}"
     return "is further away than any tool" if np.abs(matrix[:3, 3]).max() > FURTHEST_MM else ""
+
+
+def _not_rigid(matrix: Matrix4) -> str:
+    """What it is instead, as somebody who wrote it would know it again; empty where it is rigid."""
+    R = matrix[:3, :3]
+    if np.abs(matrix[3] - [0, 0, 0, 1]).max() > _ROTATION_TOLERANCE:
+        transposed = np.abs(matrix[:, 3] - [0, 0, 0, 1]).max() <= _ROTATION_TOLERANCE
+        return "it is transposed, with the translation in the last row" if transposed else "its last row is not 0 0 0 1"
+    lengths = np.linalg.norm(R, axis=0)
+    if not lengths.all():
+        return "an axis is zero"
+    axes = R / lengths
+    if np.abs(axes.T @ axes - np.eye(3)).max() > _ROTATION_TOLERANCE:
+        return "it is sheared, its axes are not at right angles"
+    if np.abs(R.T @ R - np.eye(3)).max() > _ROTATION_TOLERANCE:
+        said = " ".join(f"{length:.2g}" for length in lengths)
+        return f"its axes have lengths {said}, not 1; a picture's scale belongs into ImageToProbe"
+    return "it is left-handed, an axis is mirrored" if np.linalg.det(R) < 0 else ""

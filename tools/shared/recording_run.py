@@ -1,6 +1,5 @@
 """A recording through line and supervisor, as fast as it goes."""
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Protocol
@@ -9,7 +8,7 @@ from appliance.core.line import Line
 from appliance.core.quality.report import Change, LineReport
 from appliance.storage.black_box import Series
 from appliance.supervision.timeline import Judging, Timeline
-from appliance.types import Verdict, VerdictKind
+from appliance.types import Verdict
 from drivers.errors import RecordingError
 from drivers.samples import Frame, Pose, Sample
 from drivers.twins.faults import Schedule
@@ -52,17 +51,16 @@ def run(
 
     watched: passes the samples on, to show how far it is.
     """
-    timeline, unusable = Timeline(session.start_ns, *session.overlap_ns, judging), Counter[str]()
+    timeline = Timeline(session.start_ns, *session.overlap_ns, judging)
     for sample in watched(inject(session.samples(), schedule, session.start_ns)):
         verdicts = line.step(sample)
         timeline.step(sample, verdicts)
-        unusable.update(_why_unusable(sample))
         seen(sample, verdicts, line)
     timeline.finish()
     report = line.report()
     left_out = sum(session.left_out.values())
     report = replace(report, frames=report.frames + left_out, unpaired={**report.unpaired, **session.left_out})
-    return _with_devices(_with_reasons(report, unusable), timeline), timeline.changes
+    return timeline.completed(report), timeline.changes
 
 
 def run_series(
@@ -80,20 +78,19 @@ def run_series(
         raise RecordingError(what, str(series.boxes[0].path), "Give --calibration")
     judging = judging or Judging(order.limits)
     rerun, session = Rerun(series), BlackBoxSession(series)
-    timeline, unusable = Timeline(session.start_ns, *session.overlap_ns, judging), Counter[str]()
+    timeline = Timeline(session.start_ns, *session.overlap_ns, judging)
     for step in watched(rerun.steps()):
         if isinstance(step.item, Frame | Pose) and rerun.line is not None:
             timeline.step(step.item, step.verdicts)
-            unusable.update(_why_unusable(step.item))
             assert isinstance(rerun.line, Line)
             seen(step.item, step.verdicts, rerun.line)
     timeline.finish()
     if rerun.line is None:
         raise RecordingError("ends before there was a reference", str(series.boxes[0].path), "Give --calibration")
-    report = _with_reasons(rerun.line.report(), unusable)
+    report = timeline.completed(rerun.line.report())
     told = [one._replace(t_ns=one.t_ns - session.start_ns) for one in rerun.comparison.told]
     rerun.comparison.told = told
-    return _with_devices(report, timeline), timeline.changes, rerun.comparison
+    return report, timeline.changes, rerun.comparison
 
 
 class BlackBoxSession:
@@ -132,35 +129,3 @@ class BlackBoxSession:
     def frames(self) -> Iterator[Frame]:
         """The pictures alone."""
         return (sample for sample in self.samples() if isinstance(sample, Frame))
-
-
-def _why_unusable(sample: Sample) -> tuple[str, ...]:
-    """What the reader says of a pose without a number; nothing of anything else."""
-    if isinstance(sample, Frame) or sample.matrix is not None:
-        return ()
-    return (sample.reason or sample.status.value,)
-
-
-def _with_reasons(report: LineReport, unusable: Counter[str]) -> LineReport:
-    """Where no picture has a pose, it is this that the verdict must say, and not which motion was missing."""
-    report = replace(report, unusable=dict(unusable.most_common(_MOST_REASONS)))
-    if not unusable or report.paired or report.verdict.kind is not VerdictKind.NOT_VERIFIED:
-        return report
-    reason = f"no picture has a pose: {next(iter(report.unusable))}"
-    return replace(report, verdict=replace(report.verdict, reason=reason))
-
-
-_MOST_REASONS = 8
-"""Of poses that cannot be used, the most frequent ones. More is for nobody to read: some hold a number each."""
-
-
-def _with_devices(report: LineReport, timeline: Timeline) -> LineReport:
-    """Add a device that was failing at the end; it names the verdict unless the line shows a fault of its own."""
-    failing = timeline.lasting_fault()
-    if failing is None:
-        return report
-    verdict = report.verdict
-    if verdict.kind is not VerdictKind.FAULT:
-        reason = timeline.changes[-1].reason
-        verdict = Verdict(verdict.t_ns, VerdictKind.FAULT, (*verdict.checks, failing), failing.fault, reason)
-    return replace(report, checks=(*report.checks, failing), verdict=verdict)
