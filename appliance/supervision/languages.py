@@ -63,7 +63,7 @@ GERMAN = {
         "Kalibrierte Sonde nehmen oder Kalibrierung dieser Sonde laden"
     ),
     "Use the calibrated probe, or calibrate this one": "Kalibrierte Sonde nehmen oder diese kalibrieren",
-    "One of two marker bodies has moved": "Einer von zwei Markerkörpern ist verschoben",
+    "One of two marker bodies has moved": "Einer der Markerkörper ist verschoben",
     "Check both clamps; scan: it shows whether the calibration holds": (
         "Beide Klemmen prüfen; schallen: es zeigt, ob die Kalibrierung hält"
     ),

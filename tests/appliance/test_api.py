@@ -81,6 +81,7 @@ def simulated(duration_s):
     return arrays, world.image_to_probe, (world.settings.width_px, world.settings.height_px)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("mirrored", "kind", "fault"), [(False, VerdictKind.OK, None), (True, VerdictKind.FAULT, "polarity")]
 )

@@ -43,7 +43,7 @@ MADE_BY_ITSELF = "--pty"
 READ = {
     *("--calibration", "--check", "--config", "--control", "--door", "--estimate", "--feed", "--folder", "--key"),
     *("--ca", "--certificate", "--password-file", "--poses", "--recording", "--reference-rom", "--rom", "--root"),
-    *("--sign", "--socket", "--tank", "file", "folder", "log", "recording", "recordings"),
+    *("--sign", "--socket", "--tank", "--witness-rom", "file", "folder", "log", "recording", "recordings"),
 }
 CONTENTS = {
     "a recording": b"ObjectType = Image\nNDims = 3\n",

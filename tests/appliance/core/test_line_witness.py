@@ -58,6 +58,7 @@ def test_the_second_body_bends_and_motion_shows_that_the_calibration_holds() -> 
     assert faults[-1].t_ns - faults[0].t_ns > 1e9
 
 
+@pytest.mark.thorough
 def test_the_first_body_bends_and_motion_names_what_is_wrong_of_it_too() -> None:
     said = verdicts(witnessed(9.0, np.eye(4), "bend-marker"))
     first = next(verdict for verdict in said if verdict.fault is not None)
@@ -71,6 +72,7 @@ def test_the_first_body_bends_and_motion_names_what_is_wrong_of_it_too() -> None
     assert "witness-turn" in last.reason
 
 
+@pytest.mark.thorough
 def test_without_faults_a_second_body_changes_nothing() -> None:
     said = verdicts(witnessed(7.0, np.eye(4)))
     assert not [verdict.reason for verdict in said if verdict.fault is not None]

@@ -245,7 +245,8 @@ def test_where_the_name_is_wrong_the_remedy_is_the_name() -> None:
     poses, _, pictures = out.partition("Pictures")
     assert code == 69
     assert "nothing to use came within 0.6 s: no transform 'NeedleToTracker' came; the server sends" in err
-    assert "TRANSFORM 'ProbeToTracker'. Name one that it sends by probe= in the URL" in err
+    assert "TRANSFORM 'ProbeToTracker'" in err
+    assert "TRANSFORM 'WitnessToTracker'. Name one that it sends by probe= in the URL" in err
     assert "! no transform 'NeedleToTracker' came; the server sends" in poses
     assert "Bring the tool into view" not in poses
     assert "no IMAGE 'Reference' came; the server sends" in pictures
