@@ -19,13 +19,12 @@ from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.supervision.timeline import Judging, Timeline
 from appliance.types import Calibration, Verdict
 from drivers.errors import RecordingError
+from drivers.recordings.replay import SLOWEST_NS
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.trackers.plus_transform import rigid_reading
 
 _STAMP_ERR_NS = 500
 """Of a time that is told with six decimals, as recordings tell theirs."""
-_SLOWEST_S = 2.0
-"""Between two pictures: the line takes what is further apart for a leap of the clock. Times in ms show by it."""
 _LATEST_S = 4e9
 """Years after 2090, counted from 1970; in ns it is far within 64 bits. Times in ms since 1970 show by it."""
 
@@ -159,7 +158,7 @@ def _checked_times(name: str, times_s: ArrayLike, number: int) -> list[int]:
         index = int(np.argmax(steps_s <= 0)) + 1
         what = f"is not later than the one before at index {index}: {times[index - 1]:.6f} s, then {times[index]:.6f} s"
         raise _refused(name, what, "Sort by time, and leave doubles out")
-    if number > 1 and np.median(steps_s) > _SLOWEST_S:
+    if number > 1 and np.median(steps_s) > SLOWEST_NS / 1e9:
         what = f"is {np.median(steps_s):.4g} s from one to the next, the median"
         raise _refused(name, what, "Give seconds: divide ms by 1000")
     return [round(float(t_s) * 1e9) for t_s in times]

@@ -44,6 +44,8 @@ _UNIT_WITHIN = 1e-6
 _MAX_SKEW = 0.05
 """Largest cosine between picture axes: freehand PLUS calibrations come to about 0.02."""
 
+_LAST_ROW_WITHIN = 1e-6
+"""Of 0 0 0 1: what PLUS prints exactly. More takes a matrix in another form for a calibration."""
 _SCALE_RANGE_MM = (1e-3, 10.0)
 """mm per px. Pictures of 1 to 30 cm in 200 to 2000 px have .005 to 1.5; metres and micrometres for mm lie outside."""
 
@@ -167,11 +169,11 @@ def calibration_from_image_to_probe(
     only to notice a mirrored matrix. Raises ConfigurationError for one that is not scale · rotation.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
-    if not np.isfinite(matrix).all() or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-6:
-        raise _no_calibration("has a number that is not finite, or a last row other than 0 0 0 1", where)
+    _check_last_row(matrix, where)
     scale = np.linalg.norm(matrix[:3, :2], axis=0)
-    if not (_SCALE_RANGE_MM[0] <= scale.min() and scale.max() <= _SCALE_RANGE_MM[1]):
-        raise _no_calibration(f"has scales {scale[0]:.4g} and {scale[1]:.4g} mm/px, not within 0.001 to 10", where)
+    if not _is_of_pictures(scale):
+        what = f"has scales {scale[0]:.4g} and {scale[1]:.4g} mm/px, not within 0.001 to 10"
+        raise _no_calibration(what, where, _how_scaled(scale))
     _check_measured(scale, where)
     axes = matrix[:3, :2] / (scale * polarity)
     if abs(axes[:, 0] @ axes[:, 1]) > _MAX_SKEW:
@@ -182,6 +184,31 @@ def calibration_from_image_to_probe(
     _check_third_column(matrix[:3, 2], R[2], where)
     offset_mm = -R @ (matrix[:3, :3] @ _centre_px(image_size_px) + matrix[:3, 3])
     return Calibration(R, polarity, scale, offset_mm, image_size_px)
+
+
+def _check_last_row(matrix: Matrix4, where: str) -> None:
+    if not np.isfinite(matrix).all():
+        raise _no_calibration("has a number that is not finite", where)
+    if np.abs(matrix[3] - [0, 0, 0, 1]).max() > _LAST_ROW_WITHIN:
+        transposed = np.abs(matrix[:, 3] - [0, 0, 0, 1]).max() <= _LAST_ROW_WITHIN
+        row = " ".join(f"{value:.4g}" for value in matrix[3])
+        what = f"has the last row {row}, not 0 0 0 1"
+        raise _no_calibration(what, where, "It is transposed: write it row by row" if transposed else "")
+
+
+def _is_of_pictures(scale: Vector) -> bool:
+    return bool(_SCALE_RANGE_MM[0] <= scale.min() and scale.max() <= _SCALE_RANGE_MM[1])
+
+
+def _how_scaled(scale: Vector) -> str:
+    """What to do about scales that are none of a picture in mm, where another unit explains them; else empty."""
+    if _is_of_pictures(scale * 1000):
+        return "Is it in metres? Multiply its upper three rows by 1000"
+    if scale.min() > _SCALE_RANGE_MM[1] and _is_of_pictures(1 / scale):
+        return "Is it the inverse, ProbeToImage, or in µm? Invert it, or divide its upper three rows by 1000"
+    if _is_of_pictures(scale / 1000):
+        return "Is it in µm? Divide its upper three rows by 1000"
+    return ""
 
 
 def _check_measured(scale: Vector, where: str) -> None:
@@ -203,8 +230,8 @@ def _check_third_column(column: Vector, normal: Vector, where: str) -> None:
         raise _no_calibration(f"is sheared: its third axis is {np.degrees(np.arccos(cosine)):.0f}° off", where)
 
 
-def _no_calibration(what: str, where: str) -> ConfigurationError:
-    return ConfigurationError(f"ImageToProbe {what}", where, "Calibrate the probe again, or restore the file")
+def _no_calibration(what: str, where: str, remedy: str = "") -> ConfigurationError:
+    return ConfigurationError(f"ImageToProbe {what}", where, remedy or "Calibrate the probe again, or restore the file")
 
 
 def _centre_px(image_size_px: tuple[int, int]) -> Vector:

@@ -20,6 +20,7 @@ _MOST_IDLE = 86_400_000_000_000 // TICK_NS
 """Of such ticks in a recording beyond short gaps, a day, which takes a minute or two: stamps may leap by years with
 every sample. Fewer tell less exactly when a state changed in long gaps, more take longer for a hostile file."""
 
+_NO_POSE = "no picture has a pose"
 _MOST_REASONS = 8
 """Of poses that cannot be used, the most frequent ones. More is for nobody to read: some hold a number each."""
 
@@ -84,11 +85,14 @@ class Timeline:
         return next((check for check in self.devices if check.verdict is VerdictKind.FAULT), None)
 
     def _with_reasons(self, report: LineReport) -> LineReport:
-        """Where no picture has a pose, it is this that the verdict must say, and not which motion was missing."""
+        """Where most pictures have no pose, it is this that the verdict must say, and not which motion was missing."""
         report = replace(report, unusable=dict(self._unusable.most_common(_MOST_REASONS)))
-        if not self._unusable or report.paired or report.verdict.kind is not VerdictKind.NOT_VERIFIED:
+        why = next(iter(report.unusable), "") or max(report.unpaired, key=report.unpaired.__getitem__, default="")
+        few = 2 * report.paired < report.frames
+        if not few or not why or report.verdict.kind is not VerdictKind.NOT_VERIFIED:
             return report
-        reason = f"no picture has a pose: {next(iter(report.unusable))}"
+        have = f"only {report.paired} of {report.frames} pictures have a pose" if report.paired else _NO_POSE
+        reason = f"{have}: {why}"
         return replace(report, verdict=replace(report.verdict, reason=reason))
 
     def _tick_until(self, t_ns: int) -> None:

@@ -4,9 +4,10 @@ from pathlib import Path
 
 from drivers.errors import RecordingError
 
-HEAD_BYTES = 160
-"""What is read of a file to know its kind: DICOM says its own at byte 128, the others before."""
+HEAD_BYTES = 352
+"""What is read of a file to know its kind: NIfTI says its own at byte 344, the others before."""
 _PICTURE = "Give the whole sequence with its poses, as PLUS records it (.igs.mha or .mhd)"
+_VOLUME = "It has neither times nor poses: give the sequence from which it was made"
 _REPLAY = "Play it back while PLUS records pictures and poses into .igs.mha"
 _BLACK_BOX = "A black box: probewatch replay FILE, or probewatch export it to .igs.mha; a ROS bag: play it into PLUS"
 _UNPACK = "Unpack it, and give the .igs.mha or .mhd that is in it"
@@ -20,6 +21,13 @@ _KINDS = (
     (0, b"MATLAB", "a MATLAB file", "Write its pictures and poses as a PLUS sequence (.igs.mha)"),
     (0, b"\x89PNG", "a single picture (PNG)", _PICTURE),
     (0, b"\xff\xd8\xff", "a single picture (JPEG)", _PICTURE),
+    (0, b"\x93NUMPY", "a NumPy array", "Give arrays to appliance.api.judge (docs/python.md)"),
+    (344, b"n+1", "a NIfTI volume", _VOLUME),
+    (0, b"\x5c\x01\x00\x00", "a NIfTI volume", _VOLUME),
+    (0, b"GIF8", "a GIF", "Convert it to MP4 or MKV, and give its poses with --poses"),
+    (0, b"BM", "a single picture (BMP)", _PICTURE),
+    (0, b"II*\x00", "a TIFF picture", _PICTURE),
+    (0, b"MM\x00*", "a TIFF picture", _PICTURE),
     (0, b"<", "an XML file", "Give a device set as --calibration, and here the recording (.igs.mha or .mhd)"),
     (0, b"PK\x03\x04", "a ZIP archive", _UNPACK),
     (0, b"\x1f\x8b", "a gzip archive", _UNPACK),
@@ -29,7 +37,15 @@ _KINDS = (
 
 
 def refuse_foreign(head: bytes, path: Path) -> None:
-    """head: the first HEAD_BYTES. Raises RecordingError for a kind that is known and is no MetaImage."""
+    """head: the first HEAD_BYTES. Raises RecordingError for a kind that is known and is no MetaImage, for an
+    empty file, and for one whose first line is none of a header.
+    """
+    if not head:
+        raise RecordingError("is empty", str(path), "Copy it again")
     for offset, magic, kind, way in _KINDS:
         if head[offset:].startswith(magic):
             raise RecordingError(f"is {kind}, not a PLUS sequence (.igs.mha or .mhd)", str(path), way)
+    first = head.lstrip().partition(b"\n")[0]
+    if b"=" not in first:
+        what = f"is no PLUS sequence: its first line {first[:40].decode('utf-8', 'replace')!r} is not 'key = value'"
+        raise RecordingError(what, str(path), "Give a PLUS or 3D Slicer sequence, a film with --poses, or a black box")

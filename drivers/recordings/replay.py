@@ -7,6 +7,7 @@ not increase, and pictures the recorder marked invalid, are left out and counted
 import heapq
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import Generic, Self, TypeVar
@@ -25,6 +26,10 @@ _STAMP_ERR_NS = 500
 
 _MAX_DISORDER = 0.1
 """Share of entries out of time order above which the recording's clock is not believed at all."""
+
+SLOWEST_NS = 2_000_000_000
+"""Between two entries, the median: the line takes what is further apart for a leap of the clock, so that nothing would
+be paired. Times in ms or µs show by it."""
 
 ENDED = "the recording has ended"
 """What is said of a device that has played all of its recording."""
@@ -249,11 +254,23 @@ def _transform_names(
     if not required:
         return None, None
     names = ", ".join(there) if there else "none"
-    raise RecordingError(
-        f"has neither {direct} nor {tool}{f' with {fixed}' if reference else ''}; its transforms: {names}",
-        str(poses.path),
-        "Name the tool with --probe and --reference, or give the poses' recording with --poses",
-    )
+    what = f"has neither {direct} nor {tool}{f' with {fixed}' if reference else ''}; its transforms: {names}"
+    if tool in there:
+        remedy = "Name the reference tool with --reference, or Tracker where there is none"
+        raise RecordingError(what, str(poses.path), remedy)
+    raise RecordingError(what, str(poses.path), _how_to_name(there))
+
+
+def _how_to_name(there: list[str]) -> str:
+    """What to do about a pose that has another name, by the transforms that are there."""
+    parts = (name.rpartition("To") for name in there)
+    tools = {tool for tool, _, end in parts if tool not in ("", "Reference") and end in ("Reference", "Tracker")}
+    if not there:
+        return "Give the recording with the poses, a sequence or a table, with --poses"
+    if not tools:
+        return "Name the tool with --probe and --reference, or give the poses' recording with --poses"
+    listed = " or ".join(f"--probe {name}" for name in sorted(tools))
+    return f"Say which of them is on the ultrasound probe: {listed}; or give the poses' recording with --poses"
 
 
 def _witness_name(poses: Sequence, tool: str | None, probe: str, witness: str | None) -> str | None:
@@ -280,6 +297,10 @@ def _in_time_order(sequence: Sequence) -> tuple[tuple[tuple[int, int], ...], int
     if dropped > _MAX_DISORDER * len(sequence):
         what = f"the Timestamp of {dropped} of {len(sequence)} frames is not later than the one before"
         raise RecordingError(what, str(sequence.path), "Record again; without true times nothing can be verified")
+    steps_ns = sorted(later - earlier for (earlier, _), (later, _) in pairwise(kept))
+    if len(steps_ns) > 1 and (median_ns := steps_ns[len(steps_ns) // 2]) > SLOWEST_NS:
+        what = f"its entries are {median_ns / 1e9:.4g} s apart, the median: too slow to be a scan, or not in seconds"
+        raise RecordingError(what, str(sequence.path), "Give times in seconds: divide ms by 1000, µs by 1 000 000")
     return tuple(kept), dropped
 
 

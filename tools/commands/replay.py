@@ -209,12 +209,23 @@ def _replayed(
         session = open_recording(
             one, poses=names.poses, probe=names.probe, reference=names.reference, orientation=names.orientation
         )
+    _refuse_late(schedule, (session.overlap_ns[1] - session.start_ns) / 1e9)
     nominal = read_calibration(calibration, session.size_px, names.probe or "Probe")
     judged = judging or Judging()
     line = Line(nominal, judged.limits, judged.patience.stale_ns)
     report, timeline = run(session, line, schedule, judged, _progress(len(session)), seen)
     damage = one.damage_text if isinstance(one, Series) else ""
     return _Outcome(_path(one), report, timeline, nominal, None, damage)
+
+
+def _refuse_late(schedule: Schedule, end_s: float) -> None:
+    """A fault that begins after the recording spoils nothing, and the report would say that it did."""
+    for episode in schedule.episodes:
+        if episode.from_s > max(end_s, 0):
+            what = (
+                f"--inject {episode.fault}@{episode.from_s:g} begins after the recording, which ends at {end_s:.1f} s"
+            )
+            raise click.UsageError(what)
 
 
 def _tell_refused(refused: list[str], several: list[Path | Series], recordings: tuple[Path, ...]) -> None:

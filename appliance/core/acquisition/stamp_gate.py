@@ -16,7 +16,7 @@ class Passage(Enum):
     """
 
     IN = "in order"
-    REFUSED = "stamp out of order"
+    REFUSED = "its time goes back, or leaps ahead by more than 2 s"
     TURNED_BACK = "turned back"
 
 

@@ -310,3 +310,25 @@ def test_the_real_device_set():
     np.testing.assert_allclose(vector_from_rotation(read.rotation), [0.026, 0.007, 1.575], atol=1e-3)
     np.testing.assert_allclose(image_to_probe(read)[:3, 3], [11.2, 48.4, -0.3], atol=0.15)
     assert read.polarity == (1, 1)
+
+
+PIXELS = np.diag([0.08, 0.07, 0.08, 1.0])
+PIXELS[:3, 3] = 10, 20, 1
+
+
+@pytest.mark.parametrize(
+    ("matrix", "what", "remedy"),
+    [
+        (np.diag([1e-3, 1e-3, 1e-3, 1]) @ PIXELS, "scales 8e-05 and 7e-05", "in metres? Multiply"),
+        (np.diag([1e3, 1e3, 1e3, 1]) @ PIXELS, "scales 80 and 70", "divide its upper three rows by 1000"),
+        (np.linalg.inv(PIXELS), "scales 12.5 and 14.29", "the inverse, ProbeToImage"),
+        (PIXELS.T, "the last row 10 20 1 1, not 0 0 0 1", "transposed"),
+        (np.diag([0.08, 0.08, 0.08, 2]), "the last row 0 0 0 2", "Calibrate the probe again"),
+        (np.diag([np.nan, 0.08, 0.08, 1]), "not finite", "Calibrate the probe again"),
+    ],
+)
+def test_a_matrix_of_another_unit_or_form_is_told_with_what_to_do_about_it(matrix, what, remedy):
+    with pytest.raises(ConfigurationError) as told:
+        calibration_from_image_to_probe(matrix, (640, 480))
+    assert what in told.value.what
+    assert remedy in told.value.remedy

@@ -203,3 +203,33 @@ def test_real_tracker_only_recording_names_its_tool():
     poses = poses_of(path, probe="Identity", reference="Identity")
     assert len(poses) == 500
     assert (poses[0].sequence, poses[-1].sequence) == (5539, 7381)
+
+
+@pytest.mark.parametrize(
+    ("names", "options", "remedy"),
+    [
+        (("TransducerToTracker",), {}, "--probe Transducer;"),
+        (("StylusToReference", "ReferenceToTracker"), {}, "--probe Stylus;"),
+        (("NeedleToTracker", "CoilToTracker"), {}, "--probe Coil or --probe Needle;"),
+        (("ProbeToTracker",), {"reference": "Table"}, "with --reference, or Tracker"),
+        ((), {}, "the poses, a sequence or a table, with --poses"),
+    ],
+)
+def test_the_remedy_for_a_name_is_that_of_the_recording(tmp_path, names, options, remedy):
+    named = [replace(item, transforms={name: turn(0.3) for name in names}) for item in items()]
+    with pytest.raises(RecordingError) as told:
+        open_recording(written(tmp_path / "a.mha", named), **options)
+    assert remedy in told.value.remedy
+
+
+@pytest.mark.parametrize(("per_s", "said"), [(1000, "80 s apart"), (1_000_000, "8e+04 s apart")])
+def test_times_in_ms_or_microseconds_are_told(tmp_path, per_s, said):
+    slow = [replace(item, t_ns=START_NS + index * 80_000_000 * per_s) for index, item in enumerate(items())]
+    with pytest.raises(RecordingError, match="divide ms by 1000") as told:
+        open_recording(written(tmp_path / "a.mha", slow))
+    assert said in told.value.what
+
+
+def test_a_recording_with_one_long_pause_is_read(tmp_path):
+    paused = [replace(item, t_ns=item.t_ns + (index > 1) * 30_000_000_000) for index, item in enumerate(items())]
+    assert len(open_recording(written(tmp_path / "a.mha", paused)).frame_order) == 4

@@ -25,7 +25,7 @@ from drivers.rigid import rotation_from_vector
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.faults import Episode, Schedule
 from tests.support.answers import answered
-from tests.support.recordings import PERIOD_NS, START_NS, items, picture, plus_file
+from tests.support.recordings import PERIOD_NS, START_NS, items, picture, plus_file, turn
 from tools.shared.inject import inject
 
 FRAME_PX = (48, 32)
@@ -470,6 +470,32 @@ def test_an_unknown_fault_is_a_usage_error(session, calibration, fault):
     code, _, err = run(session, "--calibration", calibration, "--inject", fault)
     assert code == 2
     assert "Traceback" not in err
+
+
+def test_a_fault_that_begins_after_the_recording_is_a_usage_error(session, calibration):
+    """Nothing would be spoiled, and the report would say so all the same."""
+    code, out, err = run(session, "--calibration", calibration, "--inject", "depth@1", "--inject", "flip-lateral@30")
+    assert (code, out) == (2, "")
+    assert "flip-lateral@30 begins after the recording, which ends at 3.1 s" in err
+
+
+@pytest.mark.parametrize(
+    ("statuses", "said"),
+    [
+        (["INVALID"] * 40, "no picture has a pose: ProbeToTracker is INVALID"),
+        (["INVALID"] * 30 + ["OK"] * 10, "only 10 of 40 pictures have a pose: ProbeToTracker is INVALID"),
+    ],
+)
+def test_where_most_pictures_have_no_pose_the_verdict_says_why(tmp_path, calibration, statuses, said):
+    poses = [turn(0.1, 10.0 * index) if status == "OK" else None for index, status in enumerate(statuses)]
+    kept = [
+        replace(item, transforms={"ProbeToTracker": pose})
+        for item, pose in zip(items(40, FRAME_PX), poses, strict=True)
+    ]
+    write_metaimage(tmp_path / "lost.igs.mha", kept, FRAME_PX)
+    code, out, _ = run(tmp_path / "lost.igs.mha", "--calibration", calibration)
+    assert code == 0
+    assert f"verdict: NOT_VERIFIED  {said}" in out
 
 
 def test_the_console_script_ends_bad_input_without_traceback(session, calibration):

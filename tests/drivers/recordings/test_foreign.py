@@ -1,0 +1,33 @@
+"""A file that is no sequence is told by what it is, and never as one that is cut."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import RecordingError
+from drivers.recordings.sequence import read_sequence
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "is empty"),
+        (b"hello", "its first line 'hello' is not 'key = value'"),
+        (b"1 2 3\n4 5 6\n", "its first line '1 2 3'"),
+        (b"\x93NUMPY\x01\x00v\x00{'descr': '|u1'}\n", "a NumPy array"),
+        (b"\x5c\x01\x00\x00" + bytes(340) + b"n+1\x00", "a NIfTI volume"),
+        (bytes(344) + b"n+1\x00", "a NIfTI volume"),
+        (b"II*\x00" + bytes(20), "a TIFF picture"),
+        (b"BM" + bytes(20), "a single picture (BMP)"),
+        (b"GIF89a" + bytes(20), "a GIF"),
+        (bytes(400), "is not 'key = value'"),
+    ],
+)
+def test_it_says_what_it_is_and_not_that_it_is_cut(tmp_path: Path, content: bytes, said: str) -> None:
+    path = tmp_path / "scan.mha"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError) as told:
+        read_sequence(path)
+    assert said in str(told.value)
+    assert "cut" not in str(told.value)
+    assert told.value.remedy
