@@ -16,7 +16,7 @@ from drivers.samples import Pose, PoseStatus, Sample
 from drivers.trackers.ndi.exchange import Answer
 from drivers.trackers.ndi.identity import ReplyKind
 from drivers.trackers.ndi.negotiation import Agreed
-from drivers.trackers.ndi.pose_assembly import PoseAssembly
+from drivers.trackers.ndi.pose_assembly import Bodies, PoseAssembly
 from drivers.trackers.ndi.readings import Reading, Snapshot, dialect
 from drivers.trackers.ndi.tools import Tool
 from drivers.twins.ndi.measurement import transform_of
@@ -66,7 +66,7 @@ class ReferencedCart(Cart):
         spoken, device_clock = dialect(ReplyKind.BX2), DeviceClock()
         agreed = cast(Agreed, SimpleNamespace(dialect=spoken, tick_ns=1.0, device_clock=device_clock))
         tools = (Tool(port, None, None, five_dof=False) for port in (PROBE_PORT, REFERENCE_PORT))
-        self.assembly = PoseAssembly(*tools, agreed, latency_ms=0.0)
+        self.assembly = PoseAssembly(Bodies(*tools), agreed, latency_ms=0.0)
 
     def _deliver(self, sample: Sample) -> None:
         if not isinstance(sample, Pose) or sample.matrix is None:

@@ -86,10 +86,10 @@ def test_a_scan_with_everything_a_person_may_do_on_the_way(service: Recalibratin
         person.types("2")
         assert reviewed(person) == zeta, "and taken back"
         person.types("99")
-        person.sees("there is no view 99")
+        person.sees("'99' is no answer")
         person.sees(REVIEW)
         person.types("what?")
-        person.sees("there is no view 0")
+        person.sees("'what?' is no answer")
         person.sees(REVIEW)
         person.types("check")
         person.sees("Move the tank by 2 cm and more")
