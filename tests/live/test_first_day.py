@@ -164,6 +164,8 @@ def test_an_answer_that_cannot_be_is_asked_again_and_nothing_is_written_before_i
         person.types("ndi:" + day.urls["tracker"].partition(":")[2].partition("?")[0])
         person.sees("tool definition file")
         person.types(str(day.socket.with_name("probe.rom")))
+        person.sees("second marker body")
+        person.types("none")
         person.sees("the output that drives the contact")
         person.types(day.urls["contact"])
         person.sees("calibration [none]")

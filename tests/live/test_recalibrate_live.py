@@ -44,7 +44,8 @@ def test_an_interrupted_scan_leaves_the_calibration_before_in_force(cart: Cart, 
     cart.wait_for("recalibrating", 30)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=30)
-    assert (process.returncode, err.strip()) == (130, "probewatch: stopped")
+    said = "probewatch: stopped: nothing was changed, reference 2 is in force, as before"
+    assert (process.returncode, err.strip()) == (130, said)
     cart.wait_for("monitoring", 40)
     assert cart.status()["reference"]["sha256"] == before
     assert list(tmp_path.glob("*.toml")) == []
