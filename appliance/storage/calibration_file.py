@@ -281,8 +281,9 @@ def _from_xml(data: bytes, path: Path, image_size_px: tuple[int, int] | None, pr
         lack = f"no way from {start} to {end}" if twice is None else f"two transforms {twice[0]} to {twice[1]}"
         names = ", ".join(f"{one} to {other}" for one, other, _ in transforms) or "none"
         remedy = (
-            "Give a device set with one probe calibration, or name its transform, such as LeftImageToProbe: --probe"
+            "Give a device set with one probe calibration; or make a .toml of it (calibration import), which serves"
         )
+        remedy += " a recording whose tool has another name; or name its transform, such as LeftImageToProbe: --probe"
         what = f"has {lack} in CoordinateDefinitions; it has {names}"
         raise ConfigurationError(what, str(path), f"{remedy}, configure --calibration-probe, or [calibration] probe")
     matrix = np.eye(4)

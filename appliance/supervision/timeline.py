@@ -3,6 +3,8 @@
 from collections import Counter
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from appliance.core.quality.report import Change, LineReport
 from appliance.limits import Limits
 from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
@@ -20,6 +22,10 @@ _MOST_IDLE = 86_400_000_000_000 // TICK_NS
 """Of such ticks in a recording beyond short gaps, a day, which takes a minute or two: stamps may leap by years with
 every sample. Fewer tell less exactly when a state changed in long gaps, more take longer for a hostile file."""
 
+_NEAREST_MM = 5.0
+"""To which a marker body may come to the origin of the tracker, or of another body, in the whole of a recording: both
+are larger than that. More asks about healthy recordings whether they are in mm; less misses a large volume in metres,
+whose poses of 2 m look like 2 mm."""
 _NO_POSE = "no picture has a pose"
 _MOST_REASONS = 8
 """Of poses that cannot be used, the most frequent ones. More is for nobody to read: some hold a number each."""
@@ -51,6 +57,7 @@ class Timeline:
         self._patience, self._limits = judging.patience, judging.limits
         self._last: AlarmState | None = None
         self._unusable = Counter[str]()
+        self._furthest_mm: float | None = None
         self.devices: tuple[Check, ...] = ()
         self.changes: list[Change] = []
 
@@ -59,18 +66,23 @@ class Timeline:
         self._tick_until(sample.stamp.t_ns)
         self._facts = _noted(self._facts, sample)
         self._verdicts += verdicts
-        if not isinstance(sample, Frame) and sample.matrix is None:
+        if isinstance(sample, Frame):
+            return
+        if sample.matrix is None:
             self._unusable[sample.reason or sample.status.value] += 1
+        else:
+            self._furthest_mm = max(self._furthest_mm or 0.0, float(np.linalg.norm(sample.matrix[:3, 3])))
 
     def finish(self) -> None:
         """Tick to the end, also where the samples stopped before it."""
         self._tick_until(self._end_ns + 1)
 
     def completed(self, report: LineReport) -> LineReport:
-        """The line's report after finish(), with what the line does not see: why poses could not be used, and a device
-        that was failing at the end. That names the verdict unless the line shows a fault of its own.
+        """The line's report after finish(), with what the line does not see: why poses could not be used, whether they
+        seem to be in metres, and a device that was failing at the end. That names the verdict unless the line shows a
+        fault of its own.
         """
-        report = self._with_reasons(report)
+        report = self._with_unit(self._with_reasons(report))
         failing = self.lasting_fault()
         if failing is None:
             return report
@@ -83,6 +95,14 @@ class Timeline:
     def lasting_fault(self) -> Check | None:
         """The device that was failing when the recording ended, None if all were well."""
         return next((check for check in self.devices if check.verdict is VerdictKind.FAULT), None)
+
+    def _with_unit(self, report: LineReport) -> LineReport:
+        """What was verified is in mm."""
+        far = self._furthest_mm is None or self._furthest_mm > _NEAREST_MM
+        if far or report.verdict.kind is VerdictKind.OK:
+            return report
+        asked = f"all poses lie within {self._furthest_mm:.2g} mm of the origin: are they in mm?"
+        return replace(report, verdict=replace(report.verdict, reason=f"{report.verdict.reason}; {asked}"))
 
     def _with_reasons(self, report: LineReport) -> LineReport:
         """Where most pictures have no pose, it is this that the verdict must say, and not which motion was missing."""

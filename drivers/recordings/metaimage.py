@@ -92,7 +92,8 @@ class MetaImage:
         except InvalidOperation:
             seconds = Decimal("NaN")
         if not seconds.is_finite() or not -MAX_STAMP_S <= seconds <= MAX_STAMP_S:
-            raise _refusal(self.path, key, f"{text!r} is not a time in seconds", "Record again, or fix this line")
+            remedy = "Is it in ms? Divide by 1000" if seconds.is_finite() else "Record again, or fix this line"
+            raise _refusal(self.path, key, f"{text!r} is not a time in seconds", remedy)
         return round(seconds * 1_000_000_000)
 
     def sequence(self, index: int) -> int:
@@ -314,7 +315,7 @@ def _dimensions(path: Path, general: dict[str, str]) -> tuple[int, int, int]:
 
 
 def _check_pictures(sequence: MetaImage, general: dict[str, str], orientation: str | None) -> None:
-    grey = "Record 8-bit grey B-mode pictures (MET_UCHAR, one channel)"
+    grey = "Record 8-bit grey B-mode pictures (MET_UCHAR, one channel), or convert all of them alike"
     for key, allowed, remedy in (
         ("ElementType", "MET_UCHAR", grey),
         ("BinaryData", "True", "Store the pictures as binary data"),

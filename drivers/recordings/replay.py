@@ -139,16 +139,25 @@ def open_recording(
     frame_order, disordered = _in_time_order(pictures) if pictures.size_px else ((), 0)
     shown = tuple(entry for entry in frame_order if pictures.image_ok(entry[1]))
     left_out = {"picture time does not increase": disordered, "picture marked invalid": len(frame_order) - len(shown)}
+    pose_order = _in_time_order(pose_source)[0] if tool else ()
+    _check_overlap(shown, pose_order, pose_source)
     return Recording(
         pictures=pictures,
         poses=pose_source,
         tool=tool,
         reference=fixed,
         frame_order=shown,
-        pose_order=_in_time_order(pose_source)[0] if tool else (),
+        pose_order=pose_order,
         left_out={reason: number for reason, number in left_out.items() if number},
         witness=_witness_name(pose_source, tool, probe or "Probe", witness),
     )
+
+
+def _check_overlap(pictures: tuple[tuple[int, int], ...], poses: tuple[tuple[int, int], ...], source: Sequence) -> None:
+    if pictures and poses and (poses[-1][0] < pictures[0][0] or pictures[-1][0] < poses[0][0]):
+        spans = (f"{order[0][0] / 1e9:.3f} to {order[-1][0] / 1e9:.3f} s" for order in (poses, pictures))
+        what = "has poses of {}, the pictures are of {}: no picture has a pose".format(*spans)
+        raise RecordingError(what, str(source.path), "Give both times by one clock; that of a film begins with 0")
 
 
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "Player[Frame]":

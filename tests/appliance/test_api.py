@@ -154,3 +154,11 @@ def test_a_wrong_array_is_told_by_name(arrays, name, change, said):
 def test_a_matrix_that_is_no_calibration_is_refused(matrix, said):
     with pytest.raises((ConfigurationError, RecordingError), match=said):
         reference(matrix, SIZE_PX)
+
+
+@pytest.mark.parametrize(("per_mm", "asked"), [(1.0, False), (0.001, True)])
+def test_poses_in_metres_are_asked_about(arrays, per_mm, asked):
+    arrays["poses"][:, :3, 3] *= per_mm
+    verdict = judge(**arrays).report.verdict
+    assert verdict.kind is not VerdictKind.OK
+    assert ("are they in mm?" in verdict.reason) is asked

@@ -120,14 +120,20 @@ class ArchiveTask:
 
 
 def archive_table(rows: list[dict[str, str]]) -> FittingTable:
-    """For the terminal."""
+    """For the terminal. The last column says why a recording could not be judged."""
     heads = ("recording", "verdict", "fault", "closed", "not shown", "as live", "")
     cells = [
         (Path(row["recording"]).name, row["verdict"] or "not usable", row["fault"] or NOTHING,
-         f"{100 * float(row['closed'] or 0):.0f} %", row["missing"] or NOTHING, row["live"] or NOTHING, row["error"])
+         f"{100 * float(row['closed'] or 0):.0f} %", row["missing"] or NOTHING, row["live"] or NOTHING,
+         row["error"] or _few(row))
         for row in rows
     ]  # fmt: skip
     return FittingTable(heads, cells)
+
+
+def _few(row: dict[str, str]) -> str:
+    """The reason of the verdict where it is that most pictures have no pose; what was not shown says little then."""
+    return row["reason"] if 2 * int(row["paired"] or 0) < int(row["frames"] or 0) else ""
 
 
 _OF_EACH = tuple(f"{name} {what}" for name in MEASURED for what in ("last", "sigma"))

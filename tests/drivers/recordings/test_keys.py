@@ -117,7 +117,8 @@ def test_a_slicer_sequence_has_its_times_on_an_axis(tmp_path: Path) -> None:
     sequence = read_sequence(tmp_path / "scan.seq.nrrd", "MF")
     assert [sequence.stamp_ns(k) for k in range(4)] == [500_000_000, 580_000_000, 660_000_000, 740_000_000]
     np.testing.assert_array_equal(list(sequence.pictures())[3], picture(3))
-    write_metaimage(tmp_path / "poses.mha", [replace(item, image=None) for item in items()], None)
+    poses = [replace(item, t_ns=500_000_000 + k * 80_000_000, image=None) for k, item in enumerate(items())]
+    write_metaimage(tmp_path / "poses.mha", poses, None)
     recording = open_recording(tmp_path / "scan.seq.nrrd", poses=tmp_path / "poses.mha", orientation="MF")
     assert recording.size_px == SIZE_PX
 

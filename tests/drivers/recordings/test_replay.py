@@ -233,3 +233,20 @@ def test_times_in_ms_or_microseconds_are_told(tmp_path, per_s, said):
 def test_a_recording_with_one_long_pause_is_read(tmp_path):
     paused = [replace(item, t_ns=item.t_ns + (index > 1) * 30_000_000_000) for index, item in enumerate(items())]
     assert len(open_recording(written(tmp_path / "a.mha", paused)).frame_order) == 4
+
+
+def test_poses_by_another_clock_are_told_with_both_spans(tmp_path, session):
+    later = [replace(item, t_ns=item.t_ns + 10**18, image=None) for item in items()]
+    write_metaimage(tmp_path / "poses.mha", later, None)
+    with pytest.raises(
+        RecordingError, match=r"poses of 1000002588\.142 to .* s, the pictures are of 2588\.142 to "
+    ) as told:
+        open_recording(session, poses=tmp_path / "poses.mha")
+    assert "one clock" in told.value.remedy
+
+
+def test_a_time_since_1970_in_ms_is_told_as_ms(tmp_path):
+    path = written(tmp_path / "a.mha", items())
+    path.write_bytes(path.read_bytes().replace(b"Timestamp = 2588.141729", b"Timestamp = 1700000000000"))
+    with pytest.raises(RecordingError, match="Is it in ms"):
+        open_recording(path)

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import fsspec
@@ -263,3 +264,14 @@ def test_a_defect_of_ours_costs_one_row(recording: Path, calibration: Path, monk
     monkeypatch.setattr(ArchiveTask, "_said", broken)
     (row,) = ArchiveTask(recording, calibration).rows()
     assert row["error"].startswith("not judged, which is a defect of probewatch: ValueError: zip()")
+
+
+def test_the_table_says_why_most_pictures_have_no_pose(recording: Path, calibration: Path) -> None:
+    """What was not shown, all ten of it, says nothing of a matrix that is none."""
+    unseen = [replace(item, transforms={"ProbeToTracker": np.diag([0.2, 0.2, 0.2, 1])}) for item in items(40, SIZE_PX)]
+    write_metaimage(recording.parent / "scaled.igs.mha", unseen, SIZE_PX)
+    result = CliRunner().invoke(probewatch, ["replay", str(recording.parent), "--calibration", str(calibration)])
+    assert result.exit_code == 0, result.output
+    rows = {line.split()[0]: line for line in result.stdout.splitlines() if line}
+    assert "no picture has a pose: ProbeToTracker is not a rotation and a translation" in rows["scaled.igs.mha"]
+    assert "no picture has a pose" not in rows["good.igs.mha"]
