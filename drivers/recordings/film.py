@@ -32,6 +32,10 @@ _MOST_TABLE_BYTES = 256_000_000
 _MATRIX = tuple(f"m{row}{column}" for row in range(3) for column in range(4))
 _QUATERNION = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
 _NAME = "ProbeToTracker"
+_OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
+_NUMBER = re.compile(r"[-+0-9.eE]+")
+_MOST_NAMES = 16
+"""Of columns that are told: those of a transform and some beside it. More fills the screen; less hides columns."""
 _SHORTEST, _LONGEST = 0.9, 1.1
 """Length of a quaternion that was rounded; others are no rotation, but columns in another order."""
 
@@ -133,8 +137,8 @@ class PoseTable:
         self._rows = [{str(key).strip(): value for key, value in row.items()} for row in self._rows]
         self._columns = next((one for one in (_MATRIX, _QUATERNION) if set(one) <= set(names)), ())
         if "t_s" not in names or not self._columns:
-            what = "has no columns t_s and m00 … m23, nor t_s, x_mm, y_mm, z_mm, qw, qx, qy, qz"
-            raise RecordingError(what, str(path), "Name its columns so; docs/black-box.md tells what they mean")
+            what, remedy = _no_table(names)
+            raise RecordingError(what, str(path), remedy)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -178,6 +182,19 @@ class PoseTable:
     def _refused(self, index: int, column: str, what: str) -> RecordingError:
         said = str(self._rows[index].get(column))[:40]
         return RecordingError(f"line {index + 2}, {column} {said!r} {what}", str(self.path), "Mend this line")
+
+
+def _no_table(names: list[str]) -> tuple[str, str]:
+    """(what is wrong, what to do) of a table without the headings that are needed."""
+    wanted = "t_s and m00 … m23, or t_s, x_mm, y_mm, z_mm, qw, qx, qy, qz"
+    if not any(names):
+        return "is empty", "Copy it again"
+    if len(names) == 1 and (found := next((mark for mark in _OTHER_SEPARATORS if mark in names[0]), None)):
+        return f"separates its columns by {_OTHER_SEPARATORS[found]}", "Save it with commas, and with points in numbers"
+    if all(_NUMBER.fullmatch(name) for name in names):
+        return "begins with numbers and not with a line of headings", f"Write one above: {wanted}"
+    said = ", ".join(names[:_MOST_NAMES]) + (", …" if len(names) > _MOST_NAMES else "")
+    return f"has the columns {said}", f"Name them {wanted}; docs/black-box.md tells what they mean"
 
 
 def write_poses(path: Path, rows: Iterator[Mapping[str, object]]) -> None:

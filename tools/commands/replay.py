@@ -16,7 +16,7 @@ from appliance.core.line import Line
 from appliance.core.quality.check_fields import point_fields
 from appliance.core.quality.report import VERSION, Change, LineReport, report_json
 from appliance.storage.black_box import Series
-from appliance.storage.calibration_file import read_calibration
+from appliance.storage.calibration_file import calibration_bytes, is_device_set, read_calibration
 from appliance.supervision.timeline import Judging
 from appliance.types import Calibration, Check
 from drivers.errors import ConfigurationError, RecordingError
@@ -196,12 +196,17 @@ def _replayed(
     one: Path | Series, calibration: Path | None, judging: Judging | None, schedule: Schedule, names: _Names, seen: Seen
 ) -> _Outcome:
     if isinstance(one, Series) and calibration is None:
+        _refuse_without_effect(
+            poses=names.poses, probe=names.probe, reference=names.reference, orientation=names.orientation
+        )
         if schedule.episodes:
             raise click.UsageError("--inject needs --calibration")
         report, timeline, comparison = run_series(one, judging, _progress(None), seen)
         return _Outcome(_path(one), report, timeline, None, comparison, one.damage_text)
     if calibration is None:
         raise click.UsageError("Missing option '--calibration': only a black box brings its own")
+    if isinstance(one, Series):
+        _refuse_without_effect(poses=names.poses, reference=names.reference, orientation=names.orientation)
     session: BlackBoxSession | Recording
     if isinstance(one, Series):
         session = BlackBoxSession(one)
@@ -209,6 +214,8 @@ def _replayed(
         session = open_recording(
             one, poses=names.poses, probe=names.probe, reference=names.reference, orientation=names.orientation
         )
+    if session.size_px is None and is_device_set(calibration_bytes(calibration)):
+        raise RecordingError("holds no pictures", str(_path(one)), "Give those, and this with --poses")
     _refuse_late(schedule, (session.overlap_ns[1] - session.start_ns) / 1e9)
     nominal = read_calibration(calibration, session.size_px, names.probe or "Probe")
     judged = judging or Judging()
@@ -226,6 +233,11 @@ def _refuse_late(schedule: Schedule, end_s: float) -> None:
                 f"--inject {episode.fault}@{episode.from_s:g} begins after the recording, which ends at {end_s:.1f} s"
             )
             raise click.UsageError(what)
+
+
+def _refuse_without_effect(**given: object) -> None:
+    if named := [f"--{name}" for name, value in given.items() if value]:
+        raise click.UsageError(f"{named[0]} is for sequences and films: a black box holds the pose that the cart used")
 
 
 def _tell_refused(refused: list[str], several: list[Path | Series], recordings: tuple[Path, ...]) -> None:

@@ -93,8 +93,8 @@ def test_quaternions_are_poses_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("", "has no columns"),
-        ("t_s,m00\n0,1\n", "has no columns"),
+        ("", "is empty"),
+        ("t_s,m00\n0,1\n", "has the columns t_s, m00"),
         (",".join(POSE_COLUMNS) + "\nnoon" + ",0" * 14 + "\n", "line 2, t_s 'noon' is not a number"),
         (",".join(POSE_COLUMNS) + "\n0,1,ok,x" + ",0" * 11 + "\n", "line 2, m00 'x' is not a number"),
         (",".join(POSE_COLUMNS) + "\n1e300,1,ok" + ",0" * 12 + "\n", "not a time"),
@@ -143,3 +143,22 @@ def test_a_film_of_more_pixels_than_any_scanner_has_is_refused_before_one_is_rea
     writer.release()
     with pytest.raises(RecordingError, match="6000 × 6000 pixels"):
         read_sequence(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said", "remedy"),
+    [
+        ("", "is empty", "Copy it again"),
+        ("t_s;x_mm;y_mm;z_mm;qw;qx;qy;qz\n0;1;2;3;1;0;0;0\n", "by semicolons", "commas"),
+        ("t_s\tx_mm\ty_mm\tz_mm\tqw\tqx\tqy\tqz\n", "by tabs", "commas"),
+        ("0.1,1,2,3,1,0,0,-1e-3\n0.2,1,2,3,1,0,0,0\n", "not with a line of headings", "t_s, x_mm"),
+        ("time,x,y,z,qw,qx,qy,qz\n0,1,2,3,1,0,0,0\n", "has the columns time, x, y, z, qw, qx, qy, qz", "Name them t_s"),
+    ],
+)
+def test_a_table_without_its_headings_is_told_by_what_it_has(tmp_path: Path, text: str, said: str, remedy: str) -> None:
+    table = tmp_path / "poses.csv"
+    table.write_text(text)
+    with pytest.raises(RecordingError) as told:
+        PoseTable(table)
+    assert said in told.value.what
+    assert remedy in told.value.remedy

@@ -498,6 +498,15 @@ def test_where_most_pictures_have_no_pose_the_verdict_says_why(tmp_path, calibra
     assert f"verdict: NOT_VERIFIED  {said}" in out
 
 
+def test_poses_without_pictures_are_told_as_that(tmp_path, calibration):
+    """And not as a calibration without a size."""
+    write_metaimage(tmp_path / "poses.mha", [replace(item, image=None) for item in items(9)], None)
+    calibration.write_text("<PlusConfiguration/>")
+    code, _, err = run(tmp_path / "poses.mha", "--calibration", calibration)
+    assert code == 65
+    assert "holds no pictures. Give those, and this with --poses" in err
+
+
 def test_the_console_script_ends_bad_input_without_traceback(session, calibration):
     cut(session)
     script = Path(sys.executable).with_name("probewatch")

@@ -151,3 +151,10 @@ def test_what_cannot_be_meant_is_refused(box: Path, archive: Path, tmp_path: Pat
     (tmp_path / "empty").mkdir()
     assert isinstance(runner.invoke(command, [str(tmp_path / "empty")]).exception, ConfigurationError)
     assert isinstance(runner.invoke(command, [str(archive / "four.mcap")]).exception, RecordingError)
+
+
+@pytest.mark.parametrize("option", [("--probe", "Stylus"), ("--reference", "Tracker"), ("--orientation", "UN")])
+def test_an_option_that_does_nothing_for_a_black_box_is_refused(box: Path, option: tuple[str, str]) -> None:
+    result = CliRunner().invoke(command, [str(box), *option])
+    assert result.exit_code == 2
+    assert f"{option[0]} is for sequences and films" in result.output
