@@ -22,12 +22,13 @@ from math import hypot, log, sqrt
 import numpy as np
 
 from appliance.core.acquisition.pairing import MOST_APART_NS
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.body_slip import ALIKE, DENIED, LAGS_NS, SHIFT_NS, BodySlip, extent
+from appliance.core.detectors.detector import Observation
 from appliance.core.detectors.leap import Leap, around_step, fit_leap, retraced, uneven_step
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
-from drivers.rigid import Array, angle_from_rotation, inverse, rigid, rotation_from_vector, vector_from_rotation
-from drivers.samples import Matrix4, Pose
+from drivers.rigid import Array, inverse, vector_from_rotation
+from drivers.samples import Matrix4
 
 FINDS = (Fault.ROTATION, Fault.OFFSET)
 
@@ -62,23 +63,12 @@ _LEAST_AFTER = 3
 _USUAL, _MEMORY_S = 2.5, 1.0
 """How many times the usual difference from a steady course is odd, and for how long differences count as usual. Less
 spends a fit on every reading of a tracker of .25 mm, more hides slips at 20 Hz in a lively hand."""
-_SHIFT_NS = 100_000_000
-"""How far before or after the tracker the picture may show the same leap: the limit of the latency and one picture."""
-_DENIED = 1 / 3
-"""Of the way out of the plane that a leap would bring: where likeness falls by less, the leap was none of the probe's.
-More calls a twist of the probe a slip where the beam is thick, less takes the ups and downs of likeness for a motion.
-Not measured on tissue."""
-_ALIKE = 0.3
-"""Likeness to its keyframe from which a picture that was followed is a witness. In the liveliest gesture it goes down
-to .38 (`probewatch study`, seed 1); a leap of 2 mm out of the plane leaves less than .2, and is not followed."""
 _PAST_NS = 1_200_000_000
 """Path that a leap may repeat: lags of 1 s are named (`appliance.core.path.explanation`), a leap takes .1 s more."""
 _RETRACED = 4.0
 """Mean square of what a path differs from an earlier part of itself, in that of noise, up to which it repeats it. Of
 poses that fell back by .1 to .8 s it was .1 to 1.1, of slips by 5 mm or 3.5° 90 and more (60 each, in-plane and gesture
 of the study, seed 1). Less names late poses as slips, more doubts slips without naming them."""
-_MOST_WAITING = 2_000
-"""Poses that wait for a picture to testify, 5 s of the fastest tracker; later they are forgotten."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,10 +84,10 @@ class _Seen:
     def away_mm(self) -> float:
         """How far out of the plane its keyframe's is by their likeness exp(−d²/2): rather more than the true way up to
         .75 mm, less beyond 1 mm (tests/appliance/core/registration/test_registration.py)."""
-        return sqrt(-2 * log(max(self.likeness, _ALIKE)))
+        return sqrt(-2 * log(max(self.likeness, ALIKE)))
 
 
-class MarkerSlip(Detector):
+class MarkerSlip(BodySlip):
     """Sums the leaps of the marker body in its own axes: B' = B · D.
 
     Leaps are looked for between poses, not between the poses of pictures: those are interpolated, so that one leap
@@ -105,11 +95,8 @@ class MarkerSlip(Detector):
     """
 
     def __init__(self, limits: Limits, reference: Calibration) -> None:
-        self._limits = limits
-        self._X = rigid(reference.rotation, reference.offset_mm)
-        self._back = inverse(self._X)
+        super().__init__(limits, reference)
         self._reach_mm = reference.scale_mm_per_px * reference.image_size_px / np.sqrt(12)
-        self._waiting: deque[tuple[int, Matrix4]] = deque(maxlen=_MOST_WAITING)
         self._track: deque[tuple[int, Matrix4]] = deque()
         self._past: deque[tuple[int, Matrix4]] = deque()
         self._pictures: deque[_Seen] = deque()
@@ -118,16 +105,11 @@ class MarkerSlip(Detector):
         self._leapt_ns: int | None = None
         self._before_ns = 0
 
-    def pose(self, pose: Pose) -> None:
-        """See Detector; it waits for a picture of its time."""
-        assert pose.matrix is not None
-        self._waiting.append((pose.stamp.t_ns, pose.matrix))
-
     def see(self, seen: Observation) -> bool:
         """See Detector; True also for a leap that no picture witnessed, and for poses that fell back."""
         if seen.repeated:
             return False
-        witness = seen.moved is not None and seen.likeness >= _ALIKE
+        witness = seen.moved is not None and seen.likeness >= ALIKE
         self._pictures.append(_Seen(seen.t_ns, seen.moved if witness else None, seen.likeness))
         while self._pictures[0].t_ns < seen.t_ns - 2 * (_HISTORY_NS + _STAYS_NS) - MOST_APART_NS:
             self._pictures.popleft()
@@ -139,18 +121,7 @@ class MarkerSlip(Detector):
     def pause(self, t_ns: int) -> None:
         """See Detector: forget pictures and poses so far."""
         self._pictures.clear()
-        self._restart()
-        while self._waiting and self._waiting[0][0] <= t_ns:
-            self._waiting.popleft()
-
-    def forget_pictures(self, since_ns: int) -> None:
-        """See Detector."""
-        self.pause(since_ns)
-
-    def forget_poses(self, since_ns: int) -> None:
-        """See Detector; the poses before are forgotten as well."""
-        self._restart()
-        self._waiting.clear()
+        super().pause(t_ns)
 
     def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """See Detector."""
@@ -163,7 +134,7 @@ class MarkerSlip(Detector):
         """Turn and shift of the marker body since the reference, deg and mm; of the shift also what is across the
         picture, which motion does not recover.
         """
-        shift, turn_rad = _extent(self._slip)
+        shift, turn_rad = extent(self._slip)
         across = float(self._X[2, :3] @ self._slip[:3, 3])
         turn, most_mm = float(np.rad2deg(turn_rad)), self._limits.offset_mm
         bent = turn > self._limits.rotation_deg
@@ -314,27 +285,18 @@ class MarkerSlip(Detector):
 
     def _too_far(self, size: Array, taken_ns: int) -> bool:
         """Whether the marker went further than a hand may suddenly go in that time."""
-        moved_mm, turned_rad = _extent(self._of_body(size))
+        moved_mm, turned_rad = extent(self._of_body(size))
         taken_s = taken_ns / 1e9
         return moved_mm > max(_LEAST_MM, _FAST_MM_PER_S * taken_s) or turned_rad > max(
             _LEAST_RAD, _FAST_RAD_PER_S * taken_s
         )
 
-    def _spoils(self, size: Array) -> bool:
-        """Whether a leap of the picture plane (6,) alone would bring the body beyond a limit."""
-        moved_mm, turned_rad = _extent(self._of_body(size))
-        return moved_mm > self._limits.offset_mm or turned_rad > np.deg2rad(self._limits.rotation_deg)
-
-    def _of_body(self, size: Array) -> Matrix4:
-        """(4, 4) in sensor axes of a leap of the picture plane (6,)."""
-        return np.asarray(self._back @ rigid(rotation_from_vector(size[3:]), size[:3]) @ self._X)
-
     def _unseen(self, size: Array, before_ns: int, leapt_ns: int, nodes_ns: Array | None = None) -> Array | None:
         """(6,) what of a leap between two readings the pictures do not show; None where they cannot tell. nodes_ns:
         (4,) times of the readings from which alone it is known.
         """
-        since_ns = before_ns - _SHIFT_NS
-        around = [one for one in self._pictures if since_ns <= one.t_ns <= leapt_ns + _SHIFT_NS]
+        since_ns = before_ns - SHIFT_NS
+        around = [one for one in self._pictures if since_ns <= one.t_ns <= leapt_ns + SHIFT_NS]
         if len(around) < 2 or any(one.moved is None for one in around):
             return None
         left = size.copy()
@@ -345,7 +307,7 @@ class MarkerSlip(Detector):
         out_mm = hypot(size[2], size[3] * self._reach_mm[1], size[4] * self._reach_mm[0])
         before = [one.away_mm for one in self._pictures if since_ns - 2 * _HISTORY_NS <= one.t_ns < since_ns]
         shown_mm = max(one.away_mm for one in around) - max(before, default=0.0)
-        if shown_mm > _DENIED * out_mm:
+        if shown_mm > DENIED * out_mm:
             left[2:5] = 0.0
         return left
 
@@ -353,13 +315,13 @@ class MarkerSlip(Detector):
         """(3,) leap of the picture near that time that is most like the wanted one; nothing where that is nearer. Its
         way is what the tracker could see of it: nothing for as long as no reading came.
         """
-        since_ns, away_ns = before_ns - _HISTORY_NS - _SHIFT_NS / 2, leapt_ns - before_ns
+        since_ns, away_ns = before_ns - _HISTORY_NS - SHIFT_NS / 2, leapt_ns - before_ns
         pictures = [one for one in self._pictures if one.t_ns >= since_ns]
         moved = [np.zeros(3) if one.moved is None else one.moved for one in pictures]
         path = np.cumsum(moved, axis=0)
         t_ns = np.array([one.t_ns for one in pictures])
         best = np.zeros(3)
-        for after in np.flatnonzero(np.abs(t_ns - leapt_ns) <= _SHIFT_NS):
+        for after in np.flatnonzero(np.abs(t_ns - leapt_ns) <= SHIFT_NS):
             seen = (t_ns <= t_ns[after] - away_ns) | (t_ns >= t_ns[after])
             first = int(np.count_nonzero(seen[:after]))
             found = fit_leap(t_ns[seen] / 1e9, path[seen], first, _FLOOR[:3])
@@ -372,7 +334,7 @@ class MarkerSlip(Detector):
         t_ns = np.array([one.t_ns for one in self._pictures])
         path = np.cumsum([np.zeros(3) if one.moved is None else one.moved for one in self._pictures], axis=0)
         best = np.zeros(3)
-        for late_ns in (-_SHIFT_NS, -_SHIFT_NS // 2, 0, _SHIFT_NS // 2, _SHIFT_NS):
+        for late_ns in LAGS_NS:
             way = np.stack([np.interp(nodes_ns + late_ns, t_ns, row) for row in path.T], axis=-1)
             best = self._nearer(wanted, best, uneven_step(nodes_ns, way))
         return best
@@ -387,11 +349,6 @@ class MarkerSlip(Detector):
 def _turn(step: Array) -> Array:
     """(3,) rotation vector, rad, of a small turn."""
     return np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]) / 2
-
-
-def _extent(step: Matrix4) -> tuple[float, float]:
-    """Length mm and angle rad of a rigid step."""
-    return hypot(*step[:3, 3].tolist()), angle_from_rotation(step[:3, :3])
 
 
 def _check(name: str, fault: Fault, value: float, unit: str, limit: float, failed: bool) -> Check:

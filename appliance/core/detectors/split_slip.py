@@ -13,11 +13,12 @@ from math import hypot, log, sqrt
 import numpy as np
 
 from appliance.core.acquisition.pairing import MOST_APART_NS
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.body_slip import ALIKE, DENIED, LAGS_NS, SHIFT_NS, BodySlip
+from appliance.core.detectors.detector import Observation
 from appliance.limits import Limits
 from appliance.types import Calibration, Check
-from drivers.rigid import Array, angle_from_rotation, inverse, rigid, rotation_from_vector, vector_from_rotation
-from drivers.samples import Matrix4, Pose
+from drivers.rigid import Array, inverse, vector_from_rotation
+from drivers.samples import Matrix4
 
 _WITHIN_NS = 2_000_000_000
 """From the first gap to the end of the last. Longer sees parts that come more seldom, and adds up more of what a hand
@@ -34,17 +35,8 @@ which half of the readings were missing was doubted over tissue that looks alike
 amid many gaps, or in the first two seconds of a rest (paths without pictures, two seeds)."""
 _LEAST_GAPS = 2
 """Of one alone `MarkerSlip` tells."""
-_SHIFT_NS = 100_000_000
-"""How far before or after the tracker the pictures may show the same: the limit of the latency and one picture."""
-_DENIED = 1 / 3
-"""Of the way out of the plane: where the pictures went out of it by less, it was none of the probe's. As in
-`MarkerSlip`."""
-_ALIKE = 0.3
-"""Likeness to its keyframe from which a picture that was followed is a witness. As in `MarkerSlip`."""
 _PLANE = [0, 1, 5]
 """Of the six of a way those that lie in the plane."""
-_MOST_WAITING = 2_000
-"""Poses that wait for a picture to testify, 5 s of the fastest tracker; later they are forgotten."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,58 +64,35 @@ class _Seen:
     keyframe: int
 
 
-class SplitSlip(Detector):
+class SplitSlip(BodySlip):
     """Adds up what the tracker went in gaps beyond the hand's velocity between them."""
 
     def __init__(self, limits: Limits, reference: Calibration) -> None:
-        self._limits = limits
-        self._X = rigid(reference.rotation, reference.offset_mm)
-        self._back = inverse(self._X)
+        super().__init__(limits, reference)
         height_mm, width_mm = (reference.scale_mm_per_px * reference.image_size_px / np.sqrt(12))[::-1]
         self._reach_mm = np.array([1.0, height_mm, width_mm])
-        self._waiting: deque[tuple[int, Matrix4]] = deque(maxlen=_MOST_WAITING)
         self._last: tuple[int, Matrix4] | None = None
         self._steps: deque[_Step] = deque()
         self._pictures: deque[_Seen] = deque()
         self._best = 0.0
 
-    def pose(self, pose: Pose) -> None:
-        """See Detector; it waits for the pictures of a tenth of a second after it."""
-        assert pose.matrix is not None
-        self._waiting.append((pose.stamp.t_ns, pose.matrix))
-
     def see(self, seen: Observation) -> bool:
         """See Detector; True where the parts add up to more than a limit."""
         if seen.repeated:
             return False
-        if seen.moved is None or seen.likeness < _ALIKE:
+        if seen.moved is None or seen.likeness < ALIKE:
             self._restart()
             return False
         self._best = max(self._best, seen.likeness)
         self._pictures.append(_Seen(seen.t_ns, seen.moved, seen.likeness, seen.keyframe))
-        while self._pictures[0].t_ns < seen.t_ns - _WITHIN_NS - 3 * _SHIFT_NS:
+        while self._pictures[0].t_ns < seen.t_ns - _WITHIN_NS - 3 * SHIFT_NS:
             self._pictures.popleft()
         doubted = False
-        while self._waiting and self._waiting[0][0] <= seen.t_ns - _SHIFT_NS:
+        while self._waiting and self._waiting[0][0] <= seen.t_ns - SHIFT_NS:
             doubted |= self._take(*self._waiting.popleft())
         if doubted:
             self._restart()
         return doubted
-
-    def pause(self, t_ns: int) -> None:
-        """See Detector."""
-        self._restart()
-        while self._waiting and self._waiting[0][0] <= t_ns:
-            self._waiting.popleft()
-
-    def forget_pictures(self, since_ns: int) -> None:
-        """See Detector."""
-        self.pause(since_ns)
-
-    def forget_poses(self, since_ns: int) -> None:
-        """See Detector; the poses before are forgotten as well."""
-        self._restart()
-        self._waiting.clear()
 
     def checks(self) -> tuple[Check, ...]:
         """None: it names nothing."""
@@ -173,7 +142,7 @@ class SplitSlip(Detector):
 
         Two pictures are no further apart than both are from their keyframe; where there are several, the ways add up.
         """
-        since_ns, until_ns = first.since_ns - _SHIFT_NS, last.t_ns + _SHIFT_NS
+        since_ns, until_ns = first.since_ns - SHIFT_NS, last.t_ns + SHIFT_NS
         if not self._pictures or self._pictures[0].t_ns > since_ns:
             return False
         away_mm: dict[int, float] = {}
@@ -181,7 +150,7 @@ class SplitSlip(Detector):
             if since_ns <= one.t_ns <= until_ns:
                 away_mm[one.keyframe] = max(away_mm.get(one.keyframe, 0.0), self._away_mm(one))
         way = self._way(first.before, last.after)
-        return 2 * sum(away_mm.values()) < _DENIED * float(np.linalg.norm(way[2:5] * self._reach_mm))
+        return 2 * sum(away_mm.values()) < DENIED * float(np.linalg.norm(way[2:5] * self._reach_mm))
 
     def _away_mm(self, one: _Seen) -> float:
         """How far out of its keyframe's plane by their likeness exp(−d²/2), in that of the pictures most alike."""
@@ -193,7 +162,7 @@ class SplitSlip(Detector):
         path = np.cumsum([one.moved for one in self._pictures], axis=0)
         ends_ns = np.array([(gap.since_ns, gap.t_ns) for gap in gaps])
         reach, least = np.array([1.0, 1.0, hypot(*self._reach_mm[1:])]), way
-        for late_ns in (-_SHIFT_NS, -_SHIFT_NS // 2, 0, _SHIFT_NS // 2, _SHIFT_NS):
+        for late_ns in LAGS_NS:
             left = way - [np.diff(np.interp(ends_ns + late_ns, t_ns, row)).sum() for row in path.T]
             if np.linalg.norm(left * reach) < np.linalg.norm(least * reach):
                 least = left
@@ -202,13 +171,6 @@ class SplitSlip(Detector):
     def _way(self, before: Matrix4, after: Matrix4) -> Array:
         motion = self._X @ inverse(before) @ after @ self._back
         return np.concatenate([motion[:3, 3], vector_from_rotation(motion[:3, :3])])
-
-    def _spoils(self, way: Array) -> bool:
-        """Whether such a way of the picture plane alone would bring the body beyond a limit."""
-        body = self._back @ rigid(rotation_from_vector(way[3:]), way[:3]) @ self._X
-        return hypot(*body[:3, 3].tolist()) > self._limits.offset_mm or angle_from_rotation(body[:3, :3]) > np.deg2rad(
-            self._limits.rotation_deg
-        )
 
 
 def _velocities(steps: list[_Step]) -> Array:
