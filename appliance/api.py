@@ -24,14 +24,14 @@ from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.trackers.plus_transform import rigid_reading
 
 _STAMP_ERR_NS = 500
-"""Of a time that is told with six decimals, as recordings tell theirs."""
+"""Error bound, ns, of a time in seconds with six decimals, as recordings write it."""
 _LATEST_S = 4e9
-"""Years after 2090, counted from 1970; in ns it is far within 64 bits. Times in ms since 1970 show by it."""
+"""s since 1970, beyond the year 2090; in ns it fits 64 bits. A larger time is one in ms."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """What line and supervisor say of one session.
+    """The verdicts, states and report of one session.
 
     verdicts: one for each picture that was settled, in order; a picture at the end waits for the pose after it, and has
     none. times_s: (len(verdicts),) for which each holds: that of its picture, or of the one before where its own leaps

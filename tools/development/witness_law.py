@@ -32,6 +32,7 @@ from appliance.limits import Limits
 from drivers.rigid import Array
 
 HOURS = 1000
+"""Simulated for each tracker: the promise is one false alarm in as many. More takes longer, less shows less."""
 _SESSION_S = 3600
 """After which the tracker is switched on again, and noise and relative pose are learned anew. Longer: more rarely."""
 _RADIUS_MM, _LEVER_MM, _MARKERS = 40.0, 80.0, 4
