@@ -8,7 +8,6 @@ from math import sqrt
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from appliance.core.registration.keyframe import warp_matrix
 from appliance.core.registration.pyramid import Array32
@@ -30,16 +29,24 @@ _ASTRAY_PX, _LEAST_PARTS = 1.5, 9
 corner of the picture."""
 _TURNS, _NEAR_PX = 8, 0.3
 """Of reweighting, and distance from the fit within which a part counts fully: what the vertex of a peak is right to."""
+_RIGID = 3
+"""Columns of the fit that are no stretch: a shift along two axes, and a turn."""
 _LOOKS = 2
 """At a picture that is stretched as found by then: the second finds parts that the first did not, and to .2 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """magnification: (2,) across and down. warp: (2, 3) from a place in the picture before to its place in this one."""
+    """magnification: (2,) across and down. warp: (2, 3) from a place in the picture before to its place in this one.
+    apart_px: by how much it moves the parts, without shift and turn. gained_px: by how much less is left of their
+    motion than shift and turn alone leave. Both are medians of the parts; of a stretch that the picture has, they are
+    alike, and of parts that slide along each other next to nothing is gained.
+    """
 
     magnification: Array
     warp: Array
+    apart_px: float
+    gained_px: float
 
 
 def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[float, float]) -> Stretch | None:
@@ -50,13 +57,20 @@ def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[f
     middle = (np.array(before.shape[::-1]) - 1) / 2
     M = np.diag(start)
     warp = np.column_stack([M, middle - M @ middle])
+    apart, rigid_px = np.zeros(2), None
     for _ in range(_LOOKS):
-        fit = _apart(warped(before, warp), now, aspect)
-        if fit is None:
+        places, moved = _parts(warped(before, warp), now)
+        columns = _columns(places, aspect)
+        fit, off_px = _fitted(columns, moved)
+        if np.count_nonzero(off_px < _ASTRAY_PX) < _LEAST_PARTS:
             return None
         M = np.array([[1 + fit[3], -aspect * fit[2]], [fit[2] / aspect, 1 + fit[4]]])
         warp = M @ warp + np.column_stack([np.zeros((2, 2)), middle + fit[:2] - M @ middle])
-    return Stretch(np.hypot(warp[[0, 1], [0, 1]], warp[[1, 0], [0, 1]] * [aspect, 1 / aspect]), warp)
+        apart = apart + fit[3:]
+        rigid_px = _fitted(columns[:, :, :_RIGID], moved)[1] if rigid_px is None else rigid_px
+    magnification = np.hypot(warp[[0, 1], [0, 1]], warp[[1, 0], [0, 1]] * [aspect, 1 / aspect])
+    apart_px = float(np.median(np.linalg.norm(places * apart, axis=1)))
+    return Stretch(magnification, warp, apart_px, float(np.median(rigid_px) - np.median(off_px)))
 
 
 def warped(image: Array32, warp: Array) -> Array32:
@@ -78,15 +92,6 @@ def likeness_in_place(a: Array32, b: Array32) -> float:
     own, other = (image[middle].ravel() - image[middle].mean() for image in (a, b))
     power = float(own @ own) * float(other @ other)
     return float(own @ other) / sqrt(power) if power > 0 else 1.0
-
-
-def _apart(before: Array32, now: Array32, aspect: float) -> Array | None:
-    """(5,) shift px, turn rad and stretch that move the parts as they have moved."""
-    places, moved = _parts(before, now)
-    if len(places) < _LEAST_PARTS:
-        return None
-    fit, near = _fitted(_columns(places, aspect), moved)
-    return fit if np.count_nonzero(near) >= _LEAST_PARTS else None
 
 
 def _parts(before: Array32, now: Array32) -> tuple[Array, Array]:
@@ -135,12 +140,16 @@ def _columns(places: Array, aspect: float) -> Array:
     return np.stack([across, down], axis=1)
 
 
-def _fitted(columns: Array, moved: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """(5,) by least distances, so that parts gone astray do not draw it; (n,) whether each part lies near the fit."""
+def _fitted(columns: Array, moved: Array) -> tuple[Array, Array]:
+    """(k,) of the (n, 2, k) columns that move the parts as they have moved, by least distances, so that parts gone
+    astray do not draw it; (n,) px by which each part lies beside that.
+    """
+    count = columns.shape[-1]
+    fit, off_px = np.zeros(count), np.linalg.norm(moved, axis=1)
     near = np.ones(len(moved))
-    for _ in range(_TURNS):
+    for _ in range(_TURNS if len(moved) else 0):
         weighed = columns * near[:, None, None]
-        fit = np.linalg.lstsq(weighed.reshape(-1, 5), (moved * near[:, None]).ravel(), rcond=None)[0]
+        fit = np.linalg.lstsq(weighed.reshape(-1, count), (moved * near[:, None]).ravel(), rcond=None)[0]
         off_px = np.linalg.norm(moved - columns @ fit, axis=1)
         near = 1 / np.sqrt(np.maximum(off_px, _NEAR_PX))
-    return np.asarray(fit), np.asarray(off_px < _ASTRAY_PX)
+    return np.asarray(fit), np.asarray(off_px)

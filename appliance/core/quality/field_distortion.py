@@ -25,6 +25,10 @@ _LEAST_BLOCKS = 40
 _LEAST_TRAVEL_MM = 4.0
 """Along an axis of the picture, but for the widest 5 %. Over less, a breath passes for slopes: a breathing hold reached
 28 nats over 1 mm (`probewatch study`, seed 2)."""
+_BREATHS = 2.0
+"""Standard deviations of breathing, as learned, that the probe must have covered as well: 4 mm beside quiet breathing.
+An organ that went to and fro by 12 mm obliquely had 4.4 and 6.4 mm, and 33 nats over 10 mm (study, in-plane, seed 2).
+More loses metal in the field of a patient who breathes deeply; less accuses that patient's tracker."""
 DOUBTED_NATS = WITHDRAWN_NATS + 3.5
 """From which the OK is withdrawn: half a nat for each of seven slopes, which they gain by chance. Metal's error of
 3 mm from the start of a gesture reached 18 to 20; healthy scanning: docs/known-anomalies.md."""
@@ -51,7 +55,8 @@ def distortion_nats(rows: Innovations) -> Work[float | None]:
     gives way, which is not the same everywhere (21 nats in a healthy gesture over a half space).
     """
     n = len(rows)
-    if not rows.rigid or n < _LEAST_BLOCKS or rows.travel_mm(n).max() < _LEAST_TRAVEL_MM:
+    least_mm = max(_LEAST_TRAVEL_MM, _BREATHS * rows.breathing_mm)
+    if not rows.rigid or n < _LEAST_BLOCKS or rows.travel_mm(n).max() < least_mm:
         return None
     yield TRIAL.of()
     # Both fits are of one linear model, about the best calibration: with another scale the measured path is as much

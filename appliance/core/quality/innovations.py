@@ -7,7 +7,7 @@ the sequential test.
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from appliance.core.path.noise import AXIAL, LATERAL, Noise, covariances
+from appliance.core.path.noise import AXIAL, BREATHING, LATERAL, Noise, covariances
 from appliance.core.path.residual import NOTHING, SCALE, TAU, VALUE, PathResidual
 from appliance.core.path.solver import HUBER
 from appliance.core.path.window import PathWindow
@@ -17,11 +17,15 @@ from drivers.rigid import Array
 
 
 class Innovations:
-    """Innovations of the rows and of their derivatives, the newest first."""
+    """Innovations of the rows and of their derivatives, the newest first.
+
+    breathing_mm: standard deviation of the breathing that is reckoned with, along the axis that has more.
+    """
 
     def __init__(self, window: PathWindow, reference: Calibration, noise: Noise, lag_s: float) -> None:
         self._samples = window.samples(lag_s)
         self._residual = PathResidual.of(self._samples, reference)
+        self.breathing_mm = float(np.sqrt(noise.variances[:, BREATHING].max()))
         known = covariances(self._residual.blocks, self._residual.parts, noise) + self._residual.given
         backwards = known[:, ::-1, ::-1]
         self._whitening = [_whitening(C) for C in backwards]

@@ -24,3 +24,15 @@ def test_a_picture_that_is_carried_lies_where_its_tissue_went() -> None:
     before, now = small(wide[:, 40:360]), small(wide[:, 20:340])
     assert likeness_in_place(carried(before, (np.array([10.0, 0.0]), 0.0), 1.0), now) > 0.95
     assert likeness_in_place(carried(before, (np.array([-10.0, 0.0]), 0.0), 1.0), now) < 0.3
+
+
+def test_a_stretch_explains_what_shift_and_turn_leave_and_sliding_parts_none() -> None:
+    picture, wide = speckle(), speckle((240, 400))
+    found = stretch_between(small(picture), small(stretched(picture, 1.03, 1.03, (0.5, 0.5))), 1.0, (1.0, 1.0))
+    assert found is not None
+    assert found.gained_px == pytest.approx(found.apart_px, rel=0.15)
+    slid = wide[:, 40:360].copy()
+    slid[80:] = wide[80:, 34:354]
+    found = stretch_between(small(wide[:, 40:360]), small(slid), 1.0, (1.0, 1.0))
+    assert found is not None
+    assert found.gained_px < 0.1

@@ -1,10 +1,13 @@
 """A field that bends poses with the place is told from every calibration that is wrong, and withholds the OK."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from appliance.core.acquisition.pairing import Unpaired
 from appliance.core.line import Line
+from appliance.core.path.noise import BREATHING
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.field_distortion import DOUBTED_NATS, NAME, FieldDistortion, distortion_nats
@@ -94,6 +97,19 @@ def test_one_pose_far_away_is_no_evidence() -> None:
         nats = whole(distortion_nats(Innovations(window, TRUTH, known(), 0.0)))
         assert nats is not None
         assert nats < 2.0
+
+
+def test_over_less_than_a_breath_nothing_is_told_from_a_breath() -> None:
+    """The probe covers 20 mm and more."""
+    bent = filled(tilting_path, 9.0, 1, field=lambda poses: stretched(poses, 0.2 * np.eye(3)[::-1], np.zeros((3, 3))))
+
+    def told(breathing_mm: float) -> float | None:
+        variances = known().variances.copy()
+        variances[1, BREATHING] = breathing_mm**2
+        return whole(distortion_nats(Innovations(bent, TRUTH, replace(known(), variances=variances), 0.0)))
+
+    assert (told(2.0) or 0.0) > DOUBTED_NATS
+    assert told(30.0) is None
 
 
 def noted(*nats: float | None, explained: bool = False, window_s: float = 0.5) -> list[VerdictKind | None]:
