@@ -43,9 +43,9 @@ of a half space by .14 and .1 (study, gesture, half-20)."""
 
 _LEAST_GAIN = 0.4
 """Share of what the measured stretches moved parts apart by which they leave less of that motion than shifts and turns
-do. Of zooms by 30, 10 and −20 % and a stretch by 20 % in half a second, in-plane over rigid and half-30+deep, .46 to .97;
-of an organ that slid by 8 mm under its wall −.53 to .35 in twelve cases that were taken for a zoom (study, organ-8-lateral,
-seeds 1, 2, 30 s). Less takes sliding for a zoom, more misses slow ones under a quick hand."""
+do. Of zooms by 30, 10 and −20 % and a stretch by 20 % in half a second, in-plane over rigid and half-30+deep, .46 to
+.97; of an organ that slid by 8 mm under its wall −.53 to .35 in twelve cases that were taken for a zoom or a stretch
+(study, organ-8-lateral, seeds 1, 2, 30 s). Less takes sliding for a zoom, more misses slow ones under a quick hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

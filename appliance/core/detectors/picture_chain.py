@@ -63,6 +63,10 @@ often costs 2 ms each."""
 _STILL_MM, _LOST = 0.5, 0.35
 """Way out of the plane up to which the hand is still, and share of parts alike below which a look becomes a search, of
 40 to 80 ms. Not measured on tissue that moves out of the plane."""
+_NAMED = 0.1
+"""Of the logarithm of a zoom found so, from which it is named; a smaller one voids what was shown. Breathing by 12 mm
+presses soft tissue against a face that rests, and came to .058 and .067 (study, gesture-hold over
+half-20+drag-1+deep+breath-12-axial, seeds 1, 2). Less accuses patients, more leaves small zooms to motion."""
 _COVERED = 5
 """Pictures in a row with the same part covered after which the cover belongs to the picture: a torn one is alone."""
 
@@ -230,18 +234,23 @@ class PictureChain(Detector):
         if link is None or link.alike >= _LOST or not _searchable(placed, view.small):
             return None
         change = stretch_of(placed, view.small, self._aspect) or flip_or_zoom_of(placed, view.small)
-        if change is None or self._strain(change, before, view):
-            return None
-        self._magnification.restart()
+        change = None if change is None else self._not_tissue(change, before, view)
+        if change is not None:
+            self._magnification.restart()
         return change
 
-    def _strain(self, change: PictureChange, before: View, view: View) -> bool:
-        """Whether tissue under a hand that presses may look so: no more than the limit of a scale and what the face
-        went in. Looks of tissue that slid out of the plane came to −2 and −4 %, which added up to a zoom by −6 %.
+    def _not_tissue(self, change: PictureChange, before: View, view: View) -> PictureChange | None:
+        """The change; None where tissue under a hand that presses may look so: by no more than the limit of a scale and
+        what the face went in. Looks of tissue that slid out of the plane came to −2 and −4 %, which added up to a zoom
+        by −6 %. What breathing may do has no name.
         """
+        log_zoom = float(np.max(np.abs(np.log(change.zoom))))
         pressed = float(np.abs(pressed_between(self._reference, before, view)).sum())
-        most = np.log1p(self._scale_limit / 100) + pressed
-        return change.polarity == (1, 1) and float(np.max(np.abs(np.log(change.zoom)))) < most
+        if change.polarity != (1, 1):
+            return change
+        if log_zoom < np.log1p(self._scale_limit / 100) + pressed:
+            return None
+        return change if log_zoom >= _NAMED + pressed else PictureChange()
 
     def _way(self, view: View, last: View) -> Warp:
         """How far the tissue should have gone since the last picture of the chain, px of the small one and rad: by the
