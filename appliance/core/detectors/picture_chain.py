@@ -56,6 +56,10 @@ _SWEPT_MM, _SWEPT_MM_PER_S = 0.7, 20.0
 """Way out of the plane from one picture to the next, and its speed, from which pictures go on with the chain though
 nothing in them does. Less lets a change pass that comes at the very picture of a quick sweep and is not told by what is
 left of the speckle; more voids what was shown with each hand that goes elsewhere at once."""
+_TISSUE_MM, _TISSUE_MM_PER_S = 0.5, 10.0
+"""How far beside the place that the poses say tissue may be after a break, and how fast it goes there by itself: a breath
+of 12 mm, fifteen a minute, moves it by 9.4 mm/s. More takes a picture that was moved on the screen for tissue that
+moved, less voids what was shown with a blank over a patient who breathes."""
 _EARLIER_NS, _LOOKS_NS = 600_000_000, 150_000_000
 """How old the picture is that is held against the newest one while the hand is still, and between two such looks: what
 dissolves into another, or is wiped, breaks no chain. Older tells slower ones, and tissue has moved on by then; more
@@ -116,6 +120,7 @@ class PictureChain(Detector):
         self._polarity = (1, 1)
         self._log_zoom = np.zeros(2)
         self._covered_ns: int | None = None
+        self._astray_px = np.zeros(2)
         self.linked = self._direct = False
 
     def see(self, seen: Observation) -> bool:
@@ -180,6 +185,7 @@ class PictureChain(Detector):
         """Another chain, of which nothing is known; a picture without anything in it begins none."""
         self._followed = self._searches = self._covered = 0
         self._covered_ns = None
+        self._astray_px = np.zeros(2)
         self._earlier.clear()
         self._likenesses.clear()
         self._magnification.restart()
@@ -296,11 +302,25 @@ class PictureChain(Detector):
             return
         self._covered = self._covered + 1 if link.covered else 0
         hurried = link.hurried and (own is not None or link.in_place)
-        if link.whole or hurried or self._covered >= _COVERED or (direct and self._swept_past(view, last)):
+        astray_px = np.zeros(2) if own is not None or link.in_place else link.beside_px
+        there = self._may_be_tissue(astray_px, view, last)
+        if there and (link.whole or self._covered >= _COVERED):
+            self._astray_px = self._astray_px + astray_px
             self._go_on(view, last, own)
-        else:
-            self.linked = link.covered
-            self._covered_ns = view.t_ns if link.covered else self._covered_ns
+        elif hurried or (direct and self._swept_past(view, last)):
+            self._go_on(view, last, own)
+        elif there and link.covered:
+            self.linked, self._covered_ns = True, view.t_ns
+
+    def _may_be_tissue(self, astray_px: Array, view: View, last: View) -> bool:
+        """Whether tissue may have gone so far by itself since the last picture, and all breaks of this chain together
+        hide no offset beyond its limit. Without poses nobody knows where it should be.
+        """
+        if view.pose is None or last.pose is None:
+            return True
+        most_mm = _TISSUE_MM + _TISSUE_MM_PER_S * (view.t_ns - last.t_ns) / 1e9
+        astray_mm, all_mm = (np.abs(px) / self._px_per_mm for px in (astray_px, self._astray_px + astray_px))
+        return bool(np.max(astray_mm) <= most_mm and (np.max(all_mm) <= self._offset_limit or not astray_px.any()))
 
     def _swept_past(self, view: View, last: View) -> bool:
         """Whether the hand went out of the plane so fast that no tissue can be in both."""

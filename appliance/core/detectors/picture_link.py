@@ -72,12 +72,12 @@ class View:
 @dataclass(frozen=True, slots=True, eq=False)
 class Link:
     """How a picture continues an earlier one. moved_px: (2,) px of the small picture by which its tissue has moved,
-    beside_px: how far that is from where it should be. alike, much_alike: shares of the parts that show anything;
+    beside_px: (2,) how far that is from where it should be. alike, much_alike: shares of the parts that show anything;
     least_half: of those alike, in that half of the picture, upper, lower, left or right, that has fewest.
     """
 
     moved_px: Array
-    beside_px: float
+    beside_px: Array
     alike: float
     much_alike: float
     least_half: float
@@ -96,7 +96,7 @@ class Link:
     @property
     def in_place(self) -> bool:
         """Whether the tissue is where it should be."""
-        return self.beside_px <= _IN_PLACE_PX
+        return float(np.max(np.abs(self.beside_px))) <= _IN_PLACE_PX
 
     @property
     def covered(self) -> bool:
@@ -146,8 +146,7 @@ def link_between(before: Array32, now: Array32, moved_px: Array, slack_px: Array
     rows, columns = _GRID[1] // 2, _GRID[0] // 2
     halves = likenesses[:rows], likenesses[rows:], likenesses[:, :columns], likenesses[:, columns:]
     moved = np.array([column, row], float)
-    beside_px = float(np.max(np.abs(moved - moved_px)))
-    return Link(moved, beside_px, alike, much_alike, min(_share(half, _ALIKE) for half in halves))
+    return Link(moved, moved - moved_px, alike, much_alike, min(_share(half, _ALIKE) for half in halves))
 
 
 def _share(likenesses: Array, least: float) -> float:

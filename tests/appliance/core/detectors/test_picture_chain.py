@@ -320,6 +320,34 @@ def test_a_sweep_explains_no_other_picture_after_a_blank() -> None:
     assert not calm.linked
 
 
+def on_the_screen(wide: GreyImage, moved_mm: float) -> GreyImage:
+    """The picture of a probe that rests, moved to the right."""
+    left = 90 - round(moved_mm / MM_PER_PX)
+    return wide[:, left : left + 320].copy()
+
+
+@pytest.mark.parametrize(("moved_mm", "linked"), [(3.8, False), (1.0, True)])
+def test_after_a_blank_tissue_has_gone_no_further_than_tissue_goes(moved_mm: float, linked: bool) -> None:
+    """In a tenth of a second a breath moves it by a millimetre; the limit of the offset is 4 mm."""
+    wide, calm = speckle((240, 500)), event()
+    for k in range(CALM):
+        step(calm, k * FRAME_NS, on_the_screen(wide, 0.0), k > 0, STILL if k else None, moved_by((0.0, 0.0)))
+    step(calm, (CALM + 3) * FRAME_NS, on_the_screen(wide, moved_mm), pose=moved_by((0.0, 0.0)))
+    assert calm.linked is linked
+
+
+def test_breaks_that_each_move_the_picture_a_little_move_it_no_further_than_the_limit() -> None:
+    wide, calm, t_ns = speckle((240, 500)), event(), 0
+    linked = list[bool]()
+    for moved_mm in (0.0, 1.5, 3.0, 4.5):
+        for k in range(CALM):
+            step(calm, t_ns, on_the_screen(wide, moved_mm), k > 0, STILL if k else None, moved_by((0.0, 0.0)))
+            linked += [calm.linked] if k == 0 else []
+            t_ns += FRAME_NS
+        t_ns += 4 * FRAME_NS
+    assert linked == [True, True, True, False]
+
+
 @pytest.mark.parametrize(("told_mm", "linked"), [(0.0, False), (6.0, True)])
 def test_tissue_that_is_elsewhere_than_the_tracker_says_is_no_link(told_mm: float, linked: bool) -> None:
     """The picture has gone 6 mm across, by a hand or on the screen: the limit of the offset is 4 mm."""
