@@ -18,7 +18,7 @@ import numpy as np
 
 from drivers.errors import RecordingError
 from drivers.files.markup import NotUtf8Error, text_of
-from drivers.files.regular_file import read_bounded, refuse_irregular
+from drivers.files.regular_file import read_bounded, reading
 from drivers.recordings.metaimage import MAX_PIXELS, MAX_STAMP_S, unreadable
 from drivers.rigid import pose_matrix
 from drivers.samples import GreyImage, Matrix4, PoseStatus
@@ -27,6 +27,9 @@ from drivers.video.crop import FLIPS
 
 _MOST_PICTURES = 1_000_000
 """Of a film: nine hours at 30 Hz, whose times are all kept. A damaged film may have no end."""
+_LISTS = (b"#EXTM3U", b"ffconcat", b"ID3")
+"""Beginnings of files that FFmpeg takes for lists of other films, wherever those lie, and of the tag that it skips
+before it looks for such a beginning."""
 _MOST_TABLE_BYTES = 256_000_000
 """Of a table, all of which is kept: as much as the header of a sequence may have."""
 _MATRIX = tuple(f"m{row}{column}" for row in range(3) for column in range(4))
@@ -85,9 +88,13 @@ class Film:
 
     def _opened(self) -> cv2.VideoCapture:
         try:
-            refuse_irregular(self.path)
+            with reading(self.path) as stream:
+                head = stream.read(max(map(len, _LISTS)))
         except OSError as error:
             raise unreadable(self.path, error) from error
+        if head.startswith(_LISTS):
+            what = "is a list of other files, not a film that holds its own pictures"
+            raise RecordingError(what, str(self.path), "Convert it to MP4 or MKV where those files are yours")
         film = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         if not film.isOpened():
             raise RecordingError("cannot be decoded as a film", str(self.path), "Convert it to MP4 or MKV")

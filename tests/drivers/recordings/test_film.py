@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import RecordingError
-from drivers.recordings.film import POSE_COLUMNS, PoseTable, write_poses
+from drivers.recordings.film import POSE_COLUMNS, Film, PoseTable, write_poses
 from drivers.recordings.replay import open_recording
 from drivers.recordings.sequence import read_sequence
 from drivers.rigid import rotation_from_vector
@@ -162,3 +162,21 @@ def test_a_table_without_its_headings_is_told_by_what_it_has(tmp_path: Path, tex
         PoseTable(table)
     assert said in told.value.what
     assert remedy in told.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("scan.mp4", "ffconcat version 1.0\nfile other.mkv\n"),
+        ("scan.m3u8", "#EXTM3U\n#EXT-X-TARGETDURATION:3\n#EXTINF:2.0,\nother.mkv\n#EXT-X-ENDLIST\n"),
+        ("scan.mkv", "ID3\3\0\0\0\0\0\0#EXTM3U\n#EXTINF:2.0,\nother.mkv\n"),
+    ],
+)
+def test_a_list_of_films_shows_no_file_that_lies_elsewhere(tmp_path: Path, name: str, text: str) -> None:
+    """What is told of a recording is handed on: it holds no pictures of a file that was not given."""
+    (tmp_path / "elsewhere").mkdir()
+    film(tmp_path / "elsewhere" / "other.mkv")
+    (tmp_path / "other.mkv").symlink_to(tmp_path / "elsewhere" / "other.mkv")
+    (tmp_path / name).write_text(text)
+    with pytest.raises(RecordingError, match="is a list of other files"):
+        Film(tmp_path / name)
