@@ -57,7 +57,7 @@ _SWEPT_MM, _SWEPT_MM_PER_S = 0.7, 20.0
 nothing in them does. Less lets a change pass that comes at the very picture of a quick sweep and is not told by what is
 left of the speckle; more voids what was shown with each hand that goes elsewhere at once."""
 _TISSUE_MM, _TISSUE_MM_PER_S = 0.5, 10.0
-"""How far beside the place that the poses say tissue may be after a break, and how fast it goes there by itself: a breath
+"""How far beside the place that the poses say tissue may be after a break, and how fast it goes by itself: a breath
 of 12 mm, fifteen a minute, moves it by 9.4 mm/s. More takes a picture that was moved on the screen for tissue that
 moved, less voids what was shown with a blank over a patient who breathes."""
 _EARLIER_NS, _LOOKS_NS = 600_000_000, 150_000_000
