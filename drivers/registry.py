@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
-from urllib.parse import parse_qsl
+from urllib.parse import unquote
 
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import AlarmOutput, TrackerSource, VideoSource
@@ -47,7 +47,8 @@ def is_simulated(url: str) -> bool:
     """Whether a source is a simulation or a recording, and no device that is there now; a server cannot be looked
     through, so its URL says it.
     """
-    return url.partition(":")[0] in _SIMULATED or dict(parse_qsl(url.partition("?")[2])).get("simulated") == "yes"
+    options = dict(_pairs(url.partition("?")[2]))
+    return url.partition(":")[0] in _SIMULATED or options.get("simulated") == "yes"
 
 
 _CALLED = {"output": "an alarm output", "tracker": "a tracker", "video": "a video source"}
@@ -74,7 +75,29 @@ def split_url(url: str, kind: str = "") -> tuple[str, str, dict[str, str]]:
         raise _no_scheme(url, kind) if scheme not in _DRIVERS else _no_device(url, scheme)
     if not target:
         raise _no_device(url, scheme)
-    return scheme, target, dict(parse_qsl(query))
+    return scheme, target, _options(query, url)
+
+
+def _pairs(query: str) -> list[tuple[str, str]]:
+    """(key, value) of each part, in order. A "+" stays one, since it may be in the name of a file."""
+    parts = (part.partition("=") for part in query.split("&") if part)
+    return [(unquote(key), unquote(value)) for key, _, value in parts]
+
+
+def _options(query: str, url: str) -> dict[str, str]:
+    """Raises ConfigurationError for what would be passed over: an option without a value, or one that comes twice."""
+    options: dict[str, str] = {}
+    for key, value in _pairs(query):
+        if not key:
+            raise ConfigurationError(f"'={value}' names no option", url, "Write ?OPTION=VALUE&OPTION=VALUE")
+        if not value:
+            remedy = f"Write {key}=VALUE, or leave it out"
+            raise ConfigurationError(f"option '{key}' has no value", url, remedy)
+        if key in options:
+            remedy = f"Write {key}= once"
+            raise ConfigurationError(f"option '{key}' is given twice, as {options[key]} and {value}", url, remedy)
+        options[key] = value
+    return options
 
 
 def _no_device(url: str, scheme: str) -> ConfigurationError:
