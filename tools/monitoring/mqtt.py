@@ -47,6 +47,8 @@ _MOST_HEARD_S = 1000
 more lets a broker that acknowledges without end take the processor."""
 _MOST_QUEUED = 100
 """Messages for a broker that does not take them: more is memory for what is old already."""
+_IN_THE_CLEAR = ("WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
+"""Reasons of OpenSSL where the other side does not speak TLS."""
 _OTHERS = stat.S_IROTH | stat.S_IWOTH
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 
@@ -73,7 +75,8 @@ def broker_of(
         port = parts.port or _PORTS.get(parts.scheme)
     except ValueError:
         parts, port = urlsplit(""), None
-    if port is None or not parts.hostname or parts.path.strip("/") or parts.username is not None:
+    bare = parts.scheme in _PORTS and parts.username is None and not parts.path.strip("/")
+    if port is None or not parts.hostname or not bare:
         remedy = "Such as mqtts://broker.example or mqtt://127.0.0.1:1883; who logs in is --user and --password-file"
         raise ConfigurationError("is not the address of a broker", printable(url), remedy)
     secure = parts.scheme == "mqtts"
@@ -82,6 +85,8 @@ def broker_of(
         raise ConfigurationError("everybody on the network could read the password", printable(url), remedy)
     if not secure and (ca or certificate or key):
         raise ConfigurationError("does not use the certificates that are named", printable(url), "Use mqtts://")
+    if password_file is not None and user is None:
+        raise ConfigurationError("a password without a user is never sent", str(password_file), "Give --user as well")
     password = None if password_file is None else _password(password_file)
     return Broker(parts.hostname, port, _tls(ca, certificate, key) if secure else None, user, password)
 
@@ -90,13 +95,16 @@ def _password(file: Path) -> str:
     try:
         if file.stat().st_mode & _OTHERS:
             raise ConfigurationError("everybody may read the password", str(file), f"chmod o= {file}")
-        return file.read_text().split("\n")[0]
+        password = file.read_text().split("\n")[0]
     except OSError as error:
         raise ConfigurationError(
             f"cannot be read ({error.strerror})", str(file), "Check the path and its rights"
         ) from None
     except UnicodeDecodeError:
         raise ConfigurationError("is not text", str(file), "Write the password into its first line") from None
+    if not password:
+        raise ConfigurationError("holds no password", str(file), "Write the password into its first line")
+    return password
 
 
 def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
@@ -223,7 +231,7 @@ class Publisher:
         try:
             self._client.connect(self._broker.host, self._broker.port, _KEEPALIVE_S)
         except (OSError, ValueError) as error:
-            self._why = printable(str(error))
+            self._why = self._words_of(error)
             return False
         self._client.loop_start()
         end_s = time.monotonic() + _CONNECT_S
@@ -231,6 +239,13 @@ class Publisher:
             if self._connected.wait(0.05):  # a refusal is seen as soon as that
                 return True
         return False
+
+    def _words_of(self, error: OSError | ValueError) -> str:
+        """Without the number of the error; a port that speaks no TLS breaks off, or answers in the clear."""
+        said = printable(error.strerror if isinstance(error, OSError) and error.strerror else str(error))
+        plain = self._broker.tls is not None and isinstance(error, ConnectionResetError | ssl.SSLEOFError)
+        plain |= isinstance(error, ssl.SSLError) and error.reason in _IN_THE_CLEAR
+        return f"{said}; is it a port for mqtts://?" if plain else said
 
     def _tell_until_lost(self, stop: threading.Event) -> None:
         self._say_well()

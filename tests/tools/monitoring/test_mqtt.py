@@ -328,8 +328,65 @@ def test_a_broker_that_says_more_than_answers_is_left_and_tried_again_ever_later
     gc.collect()
 
 
+def test_a_password_that_is_not_sent_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "password"
+    file.write_text("word\n")
+    file.chmod(0o600)
+    with pytest.raises(ConfigurationError, match=r"without a user is never sent\. Give --user"):
+        broker_of("mqtts://broker.example", None, file, None, None, None)
+    file.write_text("\nword\n")
+    with pytest.raises(ConfigurationError, match="holds no password"):
+        broker_of("mqtts://broker.example", "me", file, None, None, None)
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # the library leaves the socket of a failed handshake open
+def test_a_port_without_tls_and_one_where_nobody_listens_are_told_in_words() -> None:
+    said: list[str] = []
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        _say_of(Broker("127.0.0.1", nobody.getsockname()[1]), said)
+    with socket.create_server(("127.0.0.1", 0)) as plain:
+        answering = threading.Thread(target=_answer_in_the_clear, args=(plain,))
+        answering.start()
+        _say_of(Broker("127.0.0.1", plain.getsockname()[1], ssl.create_default_context()), said)
+        answering.join()
+    assert said[0].endswith(": Connection refused; trying again")
+    assert said[1].endswith("; is it a port for mqtts://?; trying again")
+
+
+def _answer_in_the_clear(plain: socket.socket) -> None:
+    line, _ = plain.accept()
+    with line:
+        line.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+        line.recv(4096)
+
+
+def _say_of(broker: Broker, said: list[str]) -> None:
+    """What a publisher says of it first."""
+    stop = threading.Event()
+
+    def say(text: str) -> None:
+        said.append(text)
+        stop.set()
+
+    Publisher(broker, "cart", lambda: None, say, "probewatch", "").run(stop)
+
+
 @pytest.mark.parametrize(
-    "url", ["", "broker", "http://broker", "mqtt://", "mqtt://a:b", "mqtt://a:99999", "mqtts://me:word@a", "mqtt://a/b"]
+    "url",
+    [
+        "",
+        "broker",
+        "http://broker",
+        "http://broker:1883",
+        "https://a:8883",
+        "ws://a:9001",
+        "mqtt://",
+        "mqtt://a:b",
+        "mqtt://a:99999",
+        "mqtts://me:word@a",
+        "mqtt://a/b",
+    ],
 )
 def test_what_is_no_broker_is_refused(url: str) -> None:
     with pytest.raises(ConfigurationError, match="is not the address of a broker"):
