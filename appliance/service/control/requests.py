@@ -150,9 +150,10 @@ class Requests:
         seconds = body.get("seconds", LONGEST_PAUSE_NS // 10**9)
         if not isinstance(seconds, int | float) or isinstance(seconds, bool):
             raise ControlRefused("seconds must be a number")
+        ns = seconds * 1e9 if abs(seconds) < LONGEST_PAUSE_NS else math.inf
         try:
-            self._hands.annunciator.audio.pause(self._hands.now_ns(), round(seconds * 1e9))
-        except (ValueError, OverflowError) as error:
+            self._hands.annunciator.audio.pause(self._hands.now_ns(), round(min(ns, 2 * LONGEST_PAUSE_NS)))
+        except ValueError as error:
             raise ControlRefused(str(error)) from None
 
     def _audio_off(self, body: Body) -> None:

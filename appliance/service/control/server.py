@@ -27,6 +27,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from appliance.service.host.request_line import request_fields
 from appliance.service.host.unix_socket import listening
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from drivers.printable import printable_value
@@ -280,11 +281,13 @@ def _who(link: socket.socket, number: int) -> Peer:
 
 def _reply(line: bytes, answer: Answer, who: Peer) -> Reply:
     try:
-        request = json.loads(line)
-        if not isinstance(request, dict) or request.get("v") != VERSION:
-            raise ControlRefused(f"a request is a JSON object with v = {VERSION}")
-        return {"v": VERSION, "ok": True, **answer(str(request.get("do")), request, who)}
+        try:
+            request = request_fields(line, VERSION)
+        except ValueError as error:
+            raise ControlRefused(str(error)) from None
+        do = request.get("do")
+        if not isinstance(do, str):
+            raise ControlRefused('"do" must name a request, such as "status"')
+        return {"v": VERSION, "ok": True, **answer(do, request, who)}
     except ProbewatchError as error:
         return {"v": VERSION, "ok": False, "error": str(error)}
-    except (ValueError, RecursionError):
-        return {"v": VERSION, "ok": False, "error": "the line is not JSON"}

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from appliance.service.feed.message import VERSION
+from appliance.service.host.request_line import request_fields
 from drivers.errors import ProtocolError
 from drivers.printable import printable
 
@@ -33,11 +34,9 @@ class FeedRequest:
 def request_of(line: bytes) -> FeedRequest:
     """Raises ProtocolError, in words for the client."""
     try:
-        asked = json.loads(line)
-    except (ValueError, RecursionError):
-        raise _refused("the line is not JSON") from None
-    if not isinstance(asked, dict) or asked.get("v") != VERSION:
-        raise _refused(f"a request is a JSON object with v = {VERSION}")
+        asked = request_fields(line, VERSION)
+    except ValueError as error:
+        raise _refused(str(error)) from None
     pictures, every, most_px = asked.get("pictures", True), asked.get("every", 1), asked.get("most_px")
     if not isinstance(pictures, bool):
         raise _refused(f"pictures is true or false, not {printable(repr(pictures))}")

@@ -32,6 +32,7 @@ _SILENT_S, _ASLEEP_S = 5.0, 10.0
 """For a client to ask, and for one to take something of what waits for it. Less drops one on a busy computer; more
 keeps a place for nobody.
 """
+_NO_END = f"no whole line came within {_SILENT_S:g} s: a request ends with a line feed"
 _IDLE_S = 30.0
 """Without any client before this process ends and frees its memory; the next client starts another, which takes .3 s.
 """
@@ -182,6 +183,9 @@ class FeedServer:
             return
         except OSError:
             said = b""
+        if not said and client.received and client.request is None:
+            self._refuse(client, _NO_END)
+            return
         if not said or client.request is not None:
             self._drop(client)
             return
@@ -199,9 +203,7 @@ class FeedServer:
                 raise ProtocolError("your user is shown no pictures ([control] viewers); ask with pictures = false")
             self._make_room(client.uid)
         except ProtocolError as error:
-            with contextlib.suppress(OSError):
-                client.link.send(message.refused(str(error)))
-            self._send_away(client)
+            self._refuse(client, str(error))
             return
         client.request = request
         self._note()
@@ -304,11 +306,18 @@ class FeedServer:
         for client in tuple(self._clients):
             silent = client.request is None and now_s - client.since_s > _SILENT_S
             asleep = client.unsent and now_s - client.since_s > _ASLEEP_S
-            if silent or asleep:
+            if silent:
+                self._refuse(client, _NO_END)
+            elif asleep:
                 self._send_away(client)
             elif client.missed and client.put(()):
                 self._flush(client)
         self._note()
+
+    def _refuse(self, client: _Client, why: str) -> None:
+        with contextlib.suppress(OSError):
+            client.link.send(message.refused(why))
+        self._send_away(client)
 
     def _send_away(self, client: _Client) -> None:
         self._dropped += 1

@@ -137,6 +137,27 @@ def test_nonsense_is_answered_as_such(service: Service, line: bytes) -> None:
     assert service.asked == []
 
 
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (b'{"v": 0, "do": "status"}', "version 1 is spoken here, and the request says v = 0"),
+        (b'{"v": "1", "do": "status"}', "says v = '1'"),
+        (b'{"v": true, "do": "status"}', "says v = True"),
+        (b'{"do": "status"}', "a request is a JSON object with v = 1"),
+        (b'{"v": 1}', '"do" must name a request'),
+        (b'{"v": 1, "do": 3}', '"do" must name a request'),
+        (b'{"v": 1, "do": "status", "do": "echo"}', "the field 'do' is given twice"),
+        (b'{"v": 1, "do": "echo", "seconds": NaN}', "not JSON: it has no NaN"),
+        (b"hello", "the line is not JSON"),
+    ],
+)
+def test_what_a_request_lacks_is_said(service: Service, line: bytes, says: str) -> None:
+    with connected(service) as link:
+        link.sendall(line + b"\n")
+        assert says in json.loads(link.makefile("rb").readline())["error"]
+    assert service.asked == []
+
+
 def test_a_lone_surrogate_is_answered_and_harms_nobody(service: Service) -> None:
     """JSON can name what no UTF-8 text can hold."""
     with connected(service) as link, link.makefile("rb") as lines:

@@ -284,6 +284,14 @@ def test_garbage_a_crowd_and_a_sudden_death_are_nobody_elses_business(service: S
     assert service.estimator.last.dropped_frames == 0
 
 
+def test_a_request_without_an_end_is_refused_in_words(service: Service) -> None:
+    with socket.socket(socket.AF_UNIX) as link:
+        link.connect(str(service.path))
+        link.sendall(b'{"v": 1}')
+        link.shutdown(socket.SHUT_WR)
+        assert b"ends with a line feed" in link.makefile("rb").read()
+
+
 def test_a_message_can_be_kept_as_it_came(service: Service) -> None:
     with Feed(service.path) as feed:
         service.judged(frame(1100))
