@@ -34,7 +34,8 @@ class Description:
     """What an open device says of itself; empty or NaN where it does not say.
 
     tools: what it tracks, the probe's tool first. rate_hz: measurements per second. remarks: what it warned of.
-    absent: that what the URL names never came, and what comes instead; remedy: what to do about it.
+    absent: that what the URL names never came, and what comes instead; remedy: what to do about it. time_remedy: what
+    to do where the time of a sample is known poorly.
     """
 
     model: str
@@ -45,6 +46,7 @@ class Description:
     remarks: tuple[str, ...] = ()
     absent: str = ""
     remedy: str = ""
+    time_remedy: str = ""
 
 
 @runtime_checkable

@@ -22,7 +22,7 @@ _MOST_IDLE = 86_400_000_000_000 // TICK_NS
 """Of such ticks in a recording beyond short gaps, a day, which takes a minute or two: stamps may leap by years with
 every sample. Fewer tell less exactly when a state changed in long gaps, more take longer for a hostile file."""
 
-_NEAREST_MM = 5.0
+NEAREST_MM = 5.0
 """To which a marker body may come to the origin of the tracker, or of another body, in the whole of a recording: both
 are larger than that. More asks about healthy recordings whether they are in mm; less misses a large volume in metres,
 whose poses of 2 m look like 2 mm."""
@@ -98,7 +98,7 @@ class Timeline:
 
     def _with_unit(self, report: LineReport) -> LineReport:
         """What was verified is in mm."""
-        far = self._furthest_mm is None or self._furthest_mm > _NEAREST_MM
+        far = self._furthest_mm is None or self._furthest_mm > NEAREST_MM
         if far or report.verdict.kind is VerdictKind.OK:
             return report
         asked = f"all poses lie within {self._furthest_mm:.2g} mm of the origin: are they in mm?"

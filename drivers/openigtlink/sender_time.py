@@ -29,6 +29,13 @@ class SenderTime:
         """How often the sender's clock jumped, or its messages came later from then on, which nobody can tell apart."""
         return self._clock.restarts
 
+    @property
+    def remedy(self) -> str:
+        """What to do where times are known poorly, as far as the messages tell; else empty."""
+        if self.untimed:
+            return "Have the server stamp what it sends: messages came without a time"
+        return "Keep the server's clock from being set while it sends: it jumped" if self.restarts else ""
+
     def told(self, time_ns: int) -> None:
         """The time of every message, also of one that has that of the message before and gets no stamp of its own."""
         if time_ns:

@@ -11,7 +11,7 @@ import numpy as np
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import Description
 from drivers.errors import ProtocolError
-from drivers.openigtlink.client import IgtlClient
+from drivers.openigtlink.client import FOLLOW_REMEDY, IgtlClient
 from drivers.openigtlink.content import (
     CODES,
     OK,
@@ -116,7 +116,7 @@ class IgtlTracker:
             (self._time.restarts, "times the server's clock jumped, or its messages came later from then on"),
         )
         fixed = self._options.reference
-        absent = "" if self._has_come else f"no transform '{printable(self._options.probe)}' came"
+        absent, remedy = ("", "") if self._has_come else self._absent()
         return Description(
             "OpenIGTLink server",
             tools=(
@@ -130,9 +130,17 @@ class IgtlTracker:
                 *(() if self._sight is None else self._sight.remarks(self._clock.now_ns())),
                 *(f"{count} {words}" for count, words in remarks if count),
             ),
-            absent=absent and f"{absent}; the server sends {self._client.others}",
-            remedy=absent and _NAME_IT,
+            absent=absent,
+            remedy=remedy,
+            time_remedy=self._time.remedy,
         )
+
+    def _absent(self) -> tuple[str, str]:
+        """That the transform never came, or came damaged each time; what to do about it."""
+        named = f"no transform '{printable(self._options.probe)}'"
+        if self._damage:
+            return f"{named} could be read: {self._damage}", FOLLOW_REMEDY
+        return f"{named} came; the server sends {self._client.others}", _NAME_IT
 
     def read(self, timeout_s: float) -> Pose | None:
         """The next pose, or word that there is none: see drivers.device_api.

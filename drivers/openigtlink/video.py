@@ -6,7 +6,7 @@ from typing import Self
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import Description
 from drivers.errors import ProtocolError
-from drivers.openigtlink.client import IgtlClient
+from drivers.openigtlink.client import FOLLOW_REMEDY, IgtlClient
 from drivers.openigtlink.image import grey_picture, parse_image
 from drivers.openigtlink.message import Header
 from drivers.openigtlink.options import IgtlOptions
@@ -27,7 +27,7 @@ class IgtlVideo:
         """Raises DeviceLost."""
         self._options, self._clock = options, clock
         self.repeated = self.refused = 0
-        self._shown = ""
+        self._shown = self._damage = ""
         self._count = 0
         self._time_ns = 0
         deadline_ns = round(options.video_deadline_ms * 1e6)
@@ -50,9 +50,13 @@ class IgtlVideo:
             (self.repeated, "pictures came again and were dropped"),
         )
         said = tuple(f"{count} {words}" for count, words in remarks if count)
-        if self._shown:
-            return Description(f"OpenIGTLink, picture '{self._shown}'", remarks=said)
+        if self._shown and (self._count or not self._damage):
+            model = f"OpenIGTLink, picture '{self._shown}'"
+            return Description(model, remarks=said, time_remedy=self._time.remedy)
         wanted = f" '{printable(self._options.image)}'" if self._options.image else ""
+        if self._damage:
+            absent = f"no IMAGE{wanted} could be read: {self._damage}"
+            return Description("OpenIGTLink server", remarks=said, absent=absent, remedy=FOLLOW_REMEDY)
         absent = f"no IMAGE{wanted} came; the server sends {self._client.others}"
         pictures = any(name.startswith("IMAGE ") for name in self._client.received)
         return Description("OpenIGTLink server", remarks=said, absent=absent, remedy=_NAME_IT if pictures else _SEND_IT)
@@ -67,8 +71,9 @@ class IgtlVideo:
             try:
                 arrived = self._client.receive(end_ns)
                 frame = None if arrived is None else self._frame(arrived)
-            except ProtocolError:
+            except ProtocolError as error:
                 self.refused += 1
+                self._damage = error.what
                 frame = None
             if frame is not None or self._clock.now_ns() >= end_ns:
                 return frame

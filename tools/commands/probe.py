@@ -9,11 +9,12 @@ from dataclasses import dataclass, field
 import click
 import numpy as np
 
+from appliance.supervision.timeline import NEAREST_MM
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import AlarmOutput, Description, Identified, TrackerSource, VideoSource
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError, RecordingError
 from drivers.recordings.replay import ENDED
-from drivers.registry import device_kinds, open_output, open_tracker, open_video
+from drivers.registry import check_options, device_kinds, open_output, open_tracker, open_video
 from drivers.samples import Frame, Pose, PoseStatus
 from tools.shared.time_quality import TimeQuality, time_quality
 
@@ -120,6 +121,8 @@ def _probe_cart(url: str, seconds: float) -> None:
     """Poses, then pictures, each to its end. Raises what the first that gives nothing ended with; a recording may hold
     one of them alone.
     """
+    for each in device_kinds(url):
+        check_options(url, each)
     failures: list[ProbewatchError] = []
     sources: tuple[tuple[str, Open], ...] = (("Poses", open_tracker), ("Pictures", open_video))
     for kind, open_source in sources:
@@ -143,7 +146,7 @@ def _probe_source(url: str, open_source: Open, seconds: float) -> None:
         told = source.describe() if isinstance(source, Identified) else None
     _print([*_rows(told), *findings(measured)])
     absent = "" if told is None or measured.usable else told.absent
-    found = [absent] if absent else list(complaints(measured))
+    found = [absent] if absent else list(complaints(measured, "" if told is None else told.time_remedy))
     for complaint in found:
         click.echo(f"! {complaint}")
     if measured.end is not None:
@@ -217,8 +220,8 @@ def _time_rows(quality: TimeQuality) -> list[Row]:
     ]
 
 
-def complaints(measured: Measured) -> Iterator[str]:
-    """What is wrong although the device answers."""
+def complaints(measured: Measured, time_remedy: str = "") -> Iterator[str]:
+    """What is wrong although the device answers. time_remedy: what the device says to do where the time is loose."""
     found = Counter((pose.status, pose.reason) for pose in measured.poses if pose.status is not PoseStatus.OK)
     for (status, reason), number in found.most_common(5):
         share = 100 * number / len(measured.samples)
@@ -226,10 +229,14 @@ def complaints(measured: Measured) -> Iterator[str]:
     fits_mm = _fits_mm(measured)
     if fits_mm and np.median(fits_mm) > _POOR_FIT_MM:
         yield f"the marker fit is poor ({np.median(fits_mm):.2g}). Clean the markers and compare body and definition"
+    places_mm = [float(np.linalg.norm(pose.matrix[:3, 3])) for pose in measured.poses if pose.matrix is not None]
+    far_mm = max(places_mm, default=math.inf)
+    if far_mm <= NEAREST_MM:
+        yield f"all poses lie within {far_mm:.2g} mm of the origin. Have the sender tell mm; it may tell metres"
     quality = time_quality(measured.samples, measured.arrivals_ns)
     if quality is not None and quality.bound_ms > _LOOSE_BOUND_MS:
         known = f"the time is known only to ± {quality.bound_ms:.0f} ms in the median"
-        yield f"{known}. Measure longer, or look for what delays the line"
+        yield f"{known}. {time_remedy or 'Measure longer, or look for what delays the line'}"
     if quality is not None and quality.lost > _MANY_LOST * quality.samples:
         yield f"{quality.lost} samples were lost. Look for a slow line, or a busy host"
 

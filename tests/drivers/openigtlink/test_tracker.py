@@ -10,7 +10,15 @@ import pytest
 
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError, DeviceLost
-from drivers.openigtlink.content import Status, Tool, Turn, TurnedTool, tools_content, turned_tools_content
+from drivers.openigtlink.content import (
+    Status,
+    Tool,
+    Turn,
+    TurnedTool,
+    tools_content,
+    transform_content,
+    turned_tools_content,
+)
 from drivers.openigtlink.message import UTF_8, Message, encode, time_of
 from drivers.openigtlink.tracker import IgtlTracker
 from drivers.registry import check_options, is_simulated, open_tracker
@@ -290,6 +298,39 @@ def test_what_is_named_and_never_came_has_the_name_as_its_remedy(cart: Server) -
         while next_pose(tracker).status is not PoseStatus.OK:
             pass
         assert (tracker.describe().absent, tracker.describe().remedy) == ("", "")
+
+
+def test_a_transform_that_comes_damaged_each_time_is_told_as_that(cart: Server) -> None:
+    with opened(cart) as tracker:
+        damaged = bytearray(transform(PROBE, turned(), 0))
+        damaged[50:58] = bytes(8)
+        cart.send(bytes(damaged))
+        next_pose(tracker)
+        told = tracker.describe()
+        assert told.absent.startswith(
+            "no transform 'ProbeToTracker' could be read: TRANSFORM 'ProbeToTracker' is damaged"
+        )
+        assert "CRC-64" in told.remedy
+        cart.send(transform(PROBE, turned(), PERIOD_NS))
+        while next_pose(tracker).status is not PoseStatus.OK:
+            pass
+        assert tracker.describe().absent == ""
+
+
+def test_messages_without_a_time_have_a_stamp_as_the_remedy(cart: Server) -> None:
+    with opened(cart) as tracker:
+        cart.send(encode(Message("TRANSFORM", PROBE, transform_content(turned()))))
+        assert next_pose(tracker).status is PoseStatus.OK
+        assert "stamp what it sends" in tracker.describe().time_remedy
+
+
+def test_a_slow_server_is_told_of_the_deadline(cart: Server) -> None:
+    with opened(cart, HostClock(RATE)) as tracker:
+        cart.send(transform(PROBE, turned(), 0))
+        assert next_pose(tracker).status is PoseStatus.OK
+        with pytest.raises(DeviceLost, match="has been silent") as lost:
+            [tracker.read(1.0) for _ in range(100)]
+        assert "deadline_ms=" in str(lost.value)
 
 
 def test_a_silent_server_is_asked_and_lost_within_its_deadline(cart: Server) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from fastcrc import crc64
 
 from drivers.clock.host_clock import HostClock
 from drivers.errors import DeviceLost
@@ -127,6 +128,23 @@ def test_a_server_without_pictures_lives_and_one_that_is_silent_is_lost(cart: Se
         with pytest.raises(DeviceLost, match="silent"):
             _read_on(video)
         assert watch.spent_s() < 0.55
+
+
+@pytest.mark.parametrize("damage", [slice(50, 58), slice(60, 61)])
+def test_a_picture_that_comes_damaged_each_time_is_told_as_that(cart: Server, damage: slice) -> None:
+    with opened(cart) as video:
+        sent = bytearray(picture("Image", PIXELS, 0))
+        sent[damage] = bytes(damage.stop - damage.start)
+        if damage.start > 58:
+            sent[50:58] = crc64.ecma_182(bytes(sent[58:])).to_bytes(8, "big")
+        cart.send(bytes(sent))
+        assert video.read(0.2) is None
+        told = video.describe()
+        assert told.absent.startswith("no IMAGE could be read: ")
+        assert "CRC-64" in told.remedy
+        cart.send(picture("Image", PIXELS, PERIOD_NS))
+        assert video.read(1.0) is not None
+        assert video.describe().absent == ""
 
 
 @pytest.mark.parametrize(

@@ -95,6 +95,7 @@ def test_a_tracker_that_falls_silent_is_an_error_after_what_was_measured() -> No
         ("replay:/no/such/file.mha", 65, "cannot be read"),
         ("vicon://host", 78, "'vicon:' is not a known device kind"),
         ("optotrak:", 78, "names no device"),
+        ("igtl://127.0.0.1:1?colour=yes", 78, "unknown option 'colour'"),
         ("relay:/dev/no-such-port", 78, "Add --click when nobody relies on the contact"),
     ],
 )
@@ -222,14 +223,38 @@ def test_too_few_samples_have_no_quality() -> None:
     assert time_quality([pose(1, 0), pose(2, 10)], [0, 0]) is None
 
 
+def placed(one: Pose, place_mm: tuple[float, float, float]) -> Pose:
+    assert one.matrix is not None
+    matrix = one.matrix.copy()
+    matrix[:3, 3] = place_mm
+    return replace(one, matrix=matrix)
+
+
 def test_complaints_name_share_reason_and_remedy() -> None:
-    seen = [pose(number, number * 10) for number in range(75)]
+    seen = [placed(pose(number, number * 10), (120.0, 40.0, -900.0)) for number in range(75)]
     hidden = [pose(number, number * 10, PoseStatus.MISSING, reason="no line of sight") for number in range(75, 100)]
     found = list(complaints(Measured([*seen, *hidden], [0] * 100)))
     assert found == [
         "25 % of the poses: missing (no line of sight). "
         "Bring the tool into view, and clear the way between it and the tracker"
     ]
+
+
+@pytest.mark.parametrize(("unit_mm", "told"), [(1.0, False), (1e-3, True)])
+def test_poses_in_metres_are_asked_about(unit_mm: float, told: bool) -> None:
+    place = (120.0 * unit_mm, 40.0 * unit_mm, -900.0 * unit_mm)
+    samples = [placed(pose(number, number * 10), place) for number in range(75)]
+    found = [text for text in complaints(Measured([*samples], [0] * 75)) if "of the origin" in text]
+    wanted = "all poses lie within 0.91 mm of the origin. Have the sender tell mm; it may tell metres"
+    assert found == ([wanted] if told else [])
+
+
+def test_what_the_device_knows_of_its_time_is_the_remedy() -> None:
+    loose = [Frame(Stamp(n * 40 * MS, 100 * MS), n, np.zeros((24, 32), np.uint8)) for n in range(10)]
+    measured = Measured(list(loose), [frame.stamp.t_ns for frame in loose])
+    known = "the time is known only to ± 100 ms in the median. "
+    assert list(complaints(measured, "Have the server stamp")) == [known + "Have the server stamp"]
+    assert list(complaints(measured)) == [known + "Measure longer, or look for what delays the line"]
 
 
 def test_pictures_are_described() -> None:
