@@ -1,7 +1,9 @@
 """The bounds of the checks. One place; the configuration file overrides them within the stated ranges."""
 
+from collections.abc import Mapping
 from math import log
-from typing import Self
+from types import MappingProxyType
+from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -103,11 +105,35 @@ class Region(BaseModel):
         return self
 
 
+Profile = Literal["coarse", "clinical", "fine"]
+PROFILES: Mapping[Profile, Mapping[str, float]] = MappingProxyType(
+    {
+        "coarse": MappingProxyType({}),
+        "clinical": MappingProxyType(
+            {"rotation_deg": 1.5, "scale_percent": 3.0, "offset_mm": 2.5, "latency_ms": 30.0, "point_mm": 4.0}
+        ),
+        "fine": MappingProxyType(
+            {"rotation_deg": 1.0, "scale_percent": 2.0, "offset_mm": 1.5, "latency_ms": 20.0, "point_mm": 2.5}
+        ),
+    }
+)
+"""deg, %, mm, ms, mm by the fields of Limits; coarse has their defaults. Tighter ones allow less error in the picture,
+and keep the contact open for longer: docs/study.md, "Profiles", has what each costs. The figures are those of
+navigation (a point within 2.5 mm) and of what is asked of an optical tracker; no smaller set was tried."""
+_MEANING = ("rotation_deg", "scale_percent", "offset_mm", "latency_ms", "point_mm", "confidence_sigma", "at_rest_s")
+"""Numbers on which it depends what an OK of a profile says; `region` and `required_age_s` do so as well."""
+
+
 class Limits(BaseModel):
-    """Deviation from the reference calibration at which a check fails, and how sure it must be."""
+    """Deviation from the reference calibration at which a check fails, and how sure it must be.
+
+    profile: whose limits those are that are not given. A limit that is given counts instead of the profile's, also
+    where it is looser; `beside_profile` tells.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
+    profile: Profile = "coarse"
     rotation_deg: float = Field(default=3.0, ge=0.5, le=30, description="angle of each rotation component, deg")
     scale_percent: float = Field(default=5.0, ge=0.5, le=30, description="relative change of either scale, percent")
     offset_mm: float = Field(default=4.0, ge=0.5, le=50, description="shift of the marker body, mm")
@@ -133,3 +159,17 @@ class Limits(BaseModel):
     named_nats: float = Field(
         default=NAMED_NATS, ge=NAMED_NATS, le=MOST_NAMED_NATS, description="log likelihood ratio of a name, nats"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_profile(cls, given: Any) -> Any:
+        """With what the profile says of the limits that are not given."""
+        profile = given.get("profile") if isinstance(given, dict) else None
+        return {**PROFILES[profile], **given} if isinstance(profile, str) and profile in PROFILES else given
+
+    @property
+    def beside_profile(self) -> dict[str, Any]:
+        """What is not as the profile has it, and changes what an OK says: field → value in force."""
+        own = Limits(profile=self.profile)
+        names = (*_MEANING, "region", "required_age_s")
+        return {name: getattr(self, name) for name in names if getattr(self, name) != getattr(own, name)}

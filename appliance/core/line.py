@@ -200,6 +200,7 @@ class Line:
             verdict=verdict,
             required=self._evidence.required,
             proposal=propose(verdict.checks, self._reference, 0.0),
+            limits=self._limits,
         )
 
     def constant_latency(self) -> Check:

@@ -57,6 +57,15 @@ LEFT_OUT: Vector = np.array([QUANTITIES[fault].left_out for fault in CLASSES]) /
 """(9,) rad, relative, mm and s."""
 
 
+def never_shown(limits: Limits) -> tuple[Fault, ...]:
+    """Classes of which the contact asks for a parameter that no motion can show within its limit: what the model leaves
+    out fills the limit by itself.
+    """
+    asked = {class_of(name) for name in limits.required_age_s.names if name in MEASURED}
+    full = (fault for fault, one in QUANTITIES.items() if limits.confidence_sigma * one.left_out >= one.limit(limits))
+    return tuple(fault for fault in full if fault in asked)
+
+
 def limit_of_each(limits: Limits) -> Vector:
     """(9,) limits in rad, relative, mm and s."""
     return np.array([QUANTITIES[fault].limit(limits) for fault in CLASSES]) / PER_UNIT

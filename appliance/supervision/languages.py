@@ -165,6 +165,8 @@ GERMAN = {
     ),
     "at {depth} mm depth up to {deep} mm": "in {depth} mm Tiefe bis {deep} mm",
     "limit {limit} mm": "Grenze {limit} mm",
+    "limits: {profile}": "Grenzen: {profile}",
+    "limits: {profile}, but for {beside}": "Grenzen: {profile}, außer {beside}",
     "error of a point not known": "Fehler eines Punktes unbekannt",
     "verified {age:.1f} s ago": "bestätigt vor {age:.1f} s",
     "not verified now": "jetzt nicht bestätigt",

@@ -13,6 +13,8 @@ from appliance.storage.device_set import remarks
 from appliance.storage.reference import candidate_from_content, size_for
 from drivers.errors import ConfigurationError
 from drivers.registry import check_options
+from tools.shared.limits_in_force import remarks as remarks_on_limits
+from tools.shared.limits_in_force import rows as limit_rows
 from tools.shared.named_cart import file_argument
 
 _ANY_SIZE_PX = (640, 480)
@@ -25,7 +27,8 @@ def command(file: Path) -> None:
     """Check the configuration FILE and the calibration it names. No device is opened, no service is asked.
 
     Every mistake is one line: file, line, key, value, and the bound or what may have been meant. FILE is
-    /etc/probewatch/probewatch.toml unless another one is named.
+    /etc/probewatch/probewatch.toml unless another one is named. Of a good one it tells which limits are in force and
+    why, and what of them keeps the contact open or lets an OK say less than its profile's name.
 
     \b
     Examples:
@@ -41,10 +44,12 @@ def command(file: Path) -> None:
         click.echo(mistake, err=True)
     if mistakes:
         sys.exit(ConfigurationError.exit_code)
-    named = config_of(text, file).calibration.file
-    for remark in calibration_remarks(text, file):
+    config = config_of(text, file)
+    named = config.calibration.file
+    for remark in (*calibration_remarks(text, file), *remarks_on_limits(config.limits)):
         click.secho(remark, err=True, fg="yellow")
     click.echo(f"{file} can be used; it names no calibration" if named is None else f"{file} and {named} can be used")
+    click.echo("\n".join(limit_rows(config.limits, text)))
     if not is_configured(file):
         click.echo("but the service waits until it says configured = true")
 

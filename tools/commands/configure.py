@@ -12,6 +12,7 @@ import click
 
 from appliance.configuration.config import CalibrationPlace, Config, config_of, configuration_text
 from appliance.configuration.toml_lines import Place
+from appliance.limits import PROFILES, Profile
 from appliance.supervision.annunciator import Role
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import TrackerSource, VideoSource
@@ -24,6 +25,7 @@ from tools.commands.check import calibration_mistakes, calibration_remarks, mist
 from tools.commands.probe import complaints, findings, measure
 from tools.shared.configuration_text import Answers, Value, changed, template
 from tools.shared.interruption import stopped_saying
+from tools.shared.limits_in_force import remarks as remarks_on_limits
 from tools.shared.named_cart import file_argument
 
 _TRIAL_S = 2.0
@@ -40,13 +42,18 @@ _EXAMPLES = {
 }
 _TOOL_QUESTION = "tool definition file (.rom) of the probe's markers, or 'wired'"
 _WITNESS_QUESTION = "the same of a second marker body on the probe, or 'none'"
+_PROFILES: dict[Profile, str] = {
+    "coarse": "3 deg, 5 %, 4 mm, 60 ms: finds a wrong or bent marker body, cable, depth; the one to begin with",
+    "clinical": "1.5 deg, 3 %, 2.5 mm, 30 ms, a point within 4 mm: optical tracker, phantom; open more often",
+    "fine": "1 deg, 2 %, 1.5 mm, 20 ms, a point within 2.5 mm: never verified by this version; for trials",
+}
 _LAMPS = [role.value for role in Role if role is not Role.CONTACT]
 _HELP = """Write the configuration of this cart, without an editor.
 
 FILE is /etc/probewatch/probewatch.toml unless another one is named. What is not given is asked for: the scanner's
-picture, the tracker, the contact, a calibration if there is one, the language. What is connected to this computer is
-listed to choose from by number; each answer has a default in brackets. Scanner and tracker are tried for two seconds;
-the contact is not moved.
+picture, the tracker, the contact, a calibration if there is one, the limits, the language. What is connected to this
+computer is listed to choose from by number; each answer has a default in brackets. Scanner and tracker are tried for
+two seconds; the contact is not moved.
 
 FILE keeps all its other lines and comments; where there is none, or with --fresh, it begins as the commented template.
 It is checked as `probewatch check` does, the difference is shown, and nothing is written before it is accepted; then
@@ -90,6 +97,7 @@ class _Person:
 @click.option("--calibration", help="the first reference: our TOML, or a PLUS device set")
 @click.option("--calibration-probe", "probe", help="its marker body in a device set, or LeftImageToProbe [Probe]")
 @click.option("--no-calibration", "without", is_flag=True, help="there is none yet: the first is scanned on this cart")
+@click.option("--profile", type=click.Choice(list(PROFILES)), help="how much the calibration may be off at an OK")
 @click.option("--language", type=click.Choice(["en", "de"]), help="of the operator's texts")
 @click.option("--untried", is_flag=True, help="do not try scanner and tracker")
 @click.option("--fresh", is_flag=True, help="begin with the template, not with what FILE says")
@@ -103,6 +111,7 @@ def command(
     calibration: str | None,
     probe: str | None,
     without: bool,
+    profile: str | None,
     language: str | None,
     untried: bool,
     fresh: bool,
@@ -133,6 +142,9 @@ def command(
         answers["calibration", "file"] = _calibration(calibration, without, old, place, person)
         if probe is not None:
             answers["calibration", "probe"] = probe
+        limited = profile or _profile(known, person)
+        if limited != known.limits.profile:
+            answers["limits", "profile"] = limited
         spoken = language or _language(known, person)
         if spoken != known.alarm.language:
             answers["alarm", "language"] = spoken
@@ -351,6 +363,15 @@ def _calibration(
     return None
 
 
+def _profile(known: Config, person: _Person) -> str:
+    if not person.is_there:
+        return known.limits.profile
+    click.echo("\nHow far the calibration may be off while the contact is closed")
+    for name, meaning in _PROFILES.items():
+        click.echo(f"  {name:<10}{meaning}")
+    return str(click.prompt("limits", default=known.limits.profile, type=click.Choice(list(PROFILES))))
+
+
 def _language(known: Config, person: _Person) -> str:
     if not person.is_there:
         return known.alarm.language
@@ -366,7 +387,7 @@ def _checked(base: str, answers: Answers, file: Path) -> str:
         click.echo(mistake, err=True)
     if mistakes:
         raise ConfigurationError("nothing was written", str(file), "Answer otherwise, or start over with --fresh")
-    for remark in calibration_remarks(new, file):
+    for remark in (*calibration_remarks(new, file), *remarks_on_limits(config_of(new, file).limits)):
         click.secho(remark, err=True, fg="yellow")
     return new
 

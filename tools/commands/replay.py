@@ -13,7 +13,7 @@ from rich.progress import track
 from appliance.configuration.config import load_config
 from appliance.core.handeye.second_opinion import SecondOpinion
 from appliance.core.line import Line
-from appliance.core.quality.check_fields import point_fields
+from appliance.core.quality.check_fields import limits_fields, point_fields
 from appliance.core.quality.report import VERSION, Change, LineReport, report_json
 from appliance.storage.black_box import Series
 from appliance.storage.calibration_file import calibration_bytes, is_device_set, read_calibration
@@ -30,6 +30,7 @@ from tools.shared.estimate import write_estimate
 from tools.shared.found_recordings import found
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.point_text import point_text
+from tools.shared.profile_text import profile_text
 from tools.shared.recording_run import BlackBoxSession, Seen, nobody, run, run_series
 from tools.shared.rerun import Comparison
 from tools.shared.subject import Subject
@@ -340,6 +341,7 @@ def _print(outcome: _Outcome, subject: Subject) -> None:
         click.echo(f"the tissue gives way: it follows the probe's face by {share:.0f} ± {sigma:.0f} %")
     if report.second_opinion is not None:
         click.echo(_second_opinion(report.second_opinion))
+    click.echo(profile_text(limits_fields(report.limits)))
     click.echo(point_text(point_fields(report.verdict.t_ns, report.verdict.point)))
     _print_states(outcome)
     if report.proposal is not None:

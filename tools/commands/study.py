@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 
 from appliance.core.parameters import MEASURED
+from appliance.limits import PROFILES, Profile
 from appliance.storage.calibration_file import calibration_bytes
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.twins.scene.breathing import DIRECTIONS
@@ -77,6 +78,13 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
     return STANDARD if text == "all" else tuple(Hazard.parse(one) for one in text.split(","))
 
 
+def _profiles(_context: click.Context, _option: click.Parameter, text: str) -> tuple[Profile, ...]:
+    given = text.split(",")
+    if unknown := [name for name in given if name not in PROFILES]:
+        raise click.BadParameter(f"'{unknown[0]}' is none of {', '.join(PROFILES)}")
+    return tuple(name for name in PROFILES if name in given)
+
+
 @click.command(name="study", epilog=_EXAMPLES + _PARTS + f"\n  TO is one of {', '.join(DIRECTIONS)}.\n")
 @click.argument("recordings", nargs=-1)
 @click.option(
@@ -133,6 +141,13 @@ def _hazards(_context: click.Context, _option: click.Parameter, text: str) -> tu
     help="what the contact asks for: everything, as shipped, or all but the offsets, which sweeps alone do not show",
 )
 @click.option(
+    "--profiles",
+    default="coarse",
+    show_default=True,
+    callback=_profiles,
+    help=f"limits by which every run is judged, each on the same pictures: {', '.join(PROFILES)}",
+)
+@click.option(
     "--motions",
     type=click.Path(path_type=Path, file_okay=False),
     help="keep rendered sessions here and take them from here: 220 MB a minute",
@@ -159,6 +174,7 @@ def command(
     noises_mm: tuple[float, ...],
     hazards: tuple[Hazard, ...],
     asked: str,
+    profiles: tuple[Profile, ...],
     motions: Path | None,
     jobs: int,
     scheduler: str | None,
@@ -184,7 +200,7 @@ def command(
     page = output / "study.html"
     check_page(page)
     folder = None if motions is None else motions.absolute()
-    plan = planned(sessions, tissues, seeds, noises_mm, hazards, duration_s, asked, draws)
+    plan = planned(sessions, tissues, seeds, noises_mm, hazards, duration_s, asked, draws, profiles)
     _do(plan, table, folder, jobs, scheduler)
     keys = {one.key for one in plan}
     rows = [row for row in table.rows if tuple(row[key] for key in KEYS) in keys]

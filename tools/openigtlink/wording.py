@@ -88,6 +88,7 @@ def fields_of(seen: Seen) -> dict[str, Any]:
         **_facts(seen),
         "reference": None if reference is None else {key: reference[key] for key in ("number", "origin", "sha256")},
         "estimate": shown,
+        "limits": status.get("limits"),
         "point": status.get("point"),
         "point_limit_mm": status.get("point_limit_mm"),
         "checks": [_check(check) for check in (*status["checks"], *status["devices"])],

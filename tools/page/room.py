@@ -10,6 +10,7 @@ from tools.page.devices import devices
 from tools.page.wording import figures
 from tools.shared.gesture_drawings import drawn
 from tools.shared.point_text import point_text
+from tools.shared.profile_text import profile_text
 
 _PARTS = " · "
 """Between the clauses of the status's text."""
@@ -17,8 +18,8 @@ _PARTS = " · "
 
 def room(status: Mapping[str, Any]) -> dict[str, Any]:
     """simulated: whether a source is no real device. headline: the state. named: what is wrong, empty where nothing is.
-    point: the error of a point. rests: that what is verified rests on earlier motion. gestures: drawing and text of
-    each that is asked for.
+    point: the error of a point. limits: whose are in force. rests: that what is verified rests on earlier motion.
+    gestures: drawing and text of each that is asked for.
     """
     language = status.get("language", "en")
     said = status["text"].split(_PARTS)[1 if status["simulated"] else 0 :]
@@ -30,6 +31,7 @@ def room(status: Mapping[str, Any]) -> dict[str, Any]:
         "rests": next((text for text in said[1:] if text in earlier), ""),
         "gestures": _gestures(status["gesture"], language),
         "point": figures(point_text(status.get("point"), status.get("point_limit_mm"), language), language),
+        "limits": figures(profile_text(status.get("limits"), language), language),
         "bars": bars(status["checks"], language),
         "devices": devices(status, language),
     }

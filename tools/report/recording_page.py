@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from appliance.core.quality.check_fields import point_fields
+from appliance.core.quality.check_fields import limits_fields, point_fields
 from appliance.core.quality.gesture import gestures
 from appliance.core.quality.report import Change, LineReport, spells
 from appliance.core.registration.pyramid import Bits
@@ -19,6 +19,7 @@ from tools.report.page import picture, section, table, text, write_page
 from tools.report.svg import Plot
 from tools.report.trace import Curve, Trace
 from tools.shared.point_text import point_text
+from tools.shared.profile_text import profile_text
 from tools.shared.rerun import Comparison
 from tools.shared.subject import Subject
 
@@ -60,6 +61,7 @@ def write_recording_page(
             f"{report.frames} pictures, {report.poses} poses, {report.paired} paired; {trace.duration_s:.1f} s", "note"
         ),
     ]
+    parts.append(text(profile_text(limits_fields(report.limits)), "note"))
     parts.append(text(point_text(point_fields(verdict.t_ns, verdict.point)), "note"))
     if damage:
         parts.append(text(f"The file is damaged: {damage}", "bad"))

@@ -20,6 +20,8 @@ from tools.shared.gesture_drawings import drawn
 from tools.shared.plain_text import shown
 from tools.shared.point_text import WORDS as POINT_WORDS
 from tools.shared.point_text import point_text
+from tools.shared.profile_text import WORDS as PROFILE_WORDS
+from tools.shared.profile_text import is_usual, profile_text
 
 Status = Mapping[str, Any]
 _Check = Mapping[str, Any]
@@ -38,6 +40,7 @@ WORDS = {
     "carried": "present motion does not show it; within its age, as no detector saw a change: {names}",
     "recovering": "within its limit again; good once it has stayed so for some seconds: {names}",
     **POINT_WORDS,
+    **PROFILE_WORDS,
 }
 """Every word of the picture that the service does not say itself."""
 
@@ -67,7 +70,7 @@ class StatusView:
         checks = [*status["checks"], *status["devices"]]
         self._note(status["counters"].get("uptime_s", 0.0), checks)
         table = _Checks(checks, {name: tuple(trend) for name, trend in self._trends.items()}, _language(status))
-        lines: list[RenderableType] = [_state(status), _rates(status), table, *_point(status)]
+        lines: list[RenderableType] = [_state(status), _rates(status), table, *_limits(status), *_point(status)]
         return Group(*lines, *_carried(status), *_proposal(status), *_remarks(status), *_origin(status))
 
     def _note(self, uptime_s: float, checks: list[_Check]) -> None:
@@ -83,7 +86,7 @@ def one_line(status: Status) -> str:
     """The status for a file or a pipe."""
     say = _words(status)
     said = _advice(status), _prompt(status)
-    facts = _age(status, say), _contact(status, say), *(line.plain for line in _point(status))
+    facts = _age(status, say), _contact(status, say), *(line.plain for line in (*_limits(status), *_point(status)))
     parts = [f"{_title(status)}: {status['text']}", *said, *facts]
     return " · ".join(filter(None, parts))
 
@@ -221,6 +224,12 @@ def _carried(status: Status) -> list[Text]:
     ages = (f"{told(one['name'], _language(status))} {one['shown_age_s']:.0f}/{one['max_age_s']:.0f} s" for one in own)
     line = _words(status)["carried"].format(names=", ".join(ages))
     return [Text(shown(f"{_CARRIED} {line}"), style="cyan")] if own else []
+
+
+def _limits(status: Status) -> list[Text]:
+    """Of which profile, where they are others than probewatch ships with."""
+    limits = status.get("limits")
+    return [] if is_usual(limits) else [Text(shown(profile_text(limits, _language(status))))]
 
 
 def _point(status: Status) -> list[Text]:

@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from appliance.limits import Profile
 from tools.study.hand import ALL
 from tools.study.hazard import Hazard
 from tools.study.outcome import run
@@ -39,16 +40,19 @@ def planned(
     duration_s: float | None = None,
     asked: str = DEFAULT,
     draws: int = 1,
+    profiles: Sequence[Profile] = ("coarse",),
 ) -> list[Conditions]:
     """Every run, those on the same pictures side by side; the first seed of everything first.
 
     duration_s: of every session instead of its own. asked: one of ASKED. draws: noises of the tracker on the same
-    pictures.
+    pictures. profiles: of the limits, on the same pictures.
     """
     return [
-        Conditions(Session(name, tissue, seed, duration_s or ALL[name][1]), hazard, tracker_of(noise_mm), asked, draw)
+        Conditions(
+            Session(name, tissue, seed, duration_s or ALL[name][1]), hazard, tracker_of(noise_mm), asked, draw, profile
+        )
         for seed, name, tissue in itertools.product(range(1, seeds + 1), sessions, tissues)
-        for noise_mm, draw, hazard in itertools.product(noises_mm, range(1, draws + 1), hazards)
+        for noise_mm, draw, hazard, profile in itertools.product(noises_mm, range(1, draws + 1), hazards, profiles)
     ]
 
 

@@ -1,13 +1,13 @@
 """A session with a hazard as the stream of samples that the line of a cart would be given. Seeded."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from appliance.limits import Limits, RequiredAges
+from appliance.limits import Limits, Profile, RequiredAges
 from appliance.supervision.timeline import Judging
 from appliance.types import PARAMETERS
 from drivers.recordings.metaimage import SequenceItem, read_metaimage, write_metaimage
@@ -37,7 +37,7 @@ class Tracker:
     noise_deg: float = 0.02
 
 
-KEYS = ("session", "tissue", "seed", "duration_s", "noise_mm", "draw", "asked", "hazard")
+KEYS = ("session", "tissue", "seed", "duration_s", "noise_mm", "draw", "asked", "profile", "hazard")
 """Columns that name a run."""
 
 
@@ -54,18 +54,23 @@ ASKED = {DEFAULT: Judging(), WITHOUT_OFFSETS: _without_offsets()}
 
 @dataclass(frozen=True)
 class Conditions:
-    """One run of the study. asked: one of ASKED. draw: which of the tracker's noises on these pictures, from 1."""
+    """One run of the study. asked: one of ASKED. profile: of the limits. draw: which of the tracker's noises on these
+    pictures, from 1.
+    """
 
     session: Session
     hazard: Hazard = field(default_factory=Hazard)
     tracker: Tracker = field(default_factory=Tracker)
     asked: str = DEFAULT
     draw: int = 1
+    profile: Profile = "coarse"
 
     @property
     def judging(self) -> Judging:
         """How strictly the run is judged."""
-        return ASKED[self.asked]
+        asked = ASKED[self.asked]
+        limits = Limits(profile=self.profile, required_age_s=asked.limits.required_age_s)
+        return replace(asked, limits=limits)
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -73,7 +78,8 @@ class Conditions:
         session = self.session
         length, noise_mm = f"{session.duration_s:g}", f"{self.tracker.noise_mm:g}"
         draw = str(self.draw)
-        return session.name, session.tissue, str(session.seed), length, noise_mm, draw, self.asked, str(self.hazard)
+        judged = self.asked, self.profile
+        return session.name, session.tissue, str(session.seed), length, noise_mm, draw, *judged, str(self.hazard)
 
 
 def samples(conditions: Conditions, pictures: list[GreyImage]) -> Iterator[Sample]:

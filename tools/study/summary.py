@@ -51,14 +51,15 @@ class Share:
 
 @dataclass(frozen=True)
 class Coverage:
-    """Healthy runs of one session, tissue, tracker and asked. closed: share of each run. closed_s: median time until
-    the contact closed first. faulted: runs with a FAULT. hours: of all of them.
+    """Healthy runs of one session, tissue, tracker, asked and profile. closed: share of each run. closed_s: median time
+    until the contact closed first. faulted: runs with a FAULT. hours: of all of them.
     """
 
     session: str
     tissue: str
     noise_mm: str
     asked: str
+    profile: str
     closed: tuple[float, ...]
     closed_s: float
     faulted: Share
@@ -122,11 +123,11 @@ def false_rate_per_hour(faults: int, hours: float) -> float:
     return float(beta.ppf(_SURE, faults + 1, 1e9)) * 1e9 / hours if hours else nan
 
 
-def _place(row: Row) -> tuple[str, str, str, str]:
-    return row["session"], row["tissue"], row["noise_mm"], row["asked"]
+def _place(row: Row) -> tuple[str, str, str, str, str]:
+    return row["session"], row["tissue"], row["noise_mm"], row["asked"], row["profile"]
 
 
-def _coverage(place: tuple[str, str, str, str], rows: list[Row]) -> Coverage:
+def _coverage(place: tuple[str, str, str, str, str], rows: list[Row]) -> Coverage:
     return Coverage(
         *place,
         closed=tuple(number(row, "closed") for row in rows),

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import ceil, isfinite
 from typing import Any
 
+from appliance.limits import Limits
 from appliance.types import Check, PointError, Rival
 
 
@@ -38,6 +39,12 @@ def point_fields(now_ns: int, point: PointError | None) -> dict[str, Any] | None
         "at_depth_mm": None if point.at_depth_mm is None else [*point.at_depth_mm],
         "shown_age_s": (now_ns - point.shown_ns) / 1e9,
     }
+
+
+def limits_fields(limits: Limits) -> dict[str, Any]:
+    """Ready for JSON: whose limits are in force, and what is not as that profile has it."""
+    beside = limits.model_dump(mode="json", by_alias=True, include={*limits.beside_profile})
+    return {"profile": limits.profile, "beside": beside}
 
 
 def up_to(bound_mm: float) -> str:

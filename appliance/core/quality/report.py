@@ -10,8 +10,9 @@ import numpy as np
 from appliance.core.handeye.observability import observability
 from appliance.core.handeye.second_opinion import SecondOpinion
 from appliance.core.path.solver import Follow
-from appliance.core.quality.check_fields import check_fields, number_or_none, point_fields, rival_fields
+from appliance.core.quality.check_fields import check_fields, limits_fields, number_or_none, point_fields, rival_fields
 from appliance.core.quality.proposal import Proposal, proposal_fields
+from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.rigid import vector_from_rotation
 
@@ -30,6 +31,7 @@ class LineReport:
     as solved, None where nothing was observed. motions: registered pairs that went into it. second_opinion: by closed
     forms, without the reference. required: names of the checks that the contact asked for. proposal: what is wrong has
     become, None where nothing is shown to be wrong. follow: of the tissue that the estimate rests on.
+    limits: by which it was judged.
     """
 
     frames: int
@@ -46,6 +48,7 @@ class LineReport:
     proposal: Proposal | None = None
     unusable: dict[str, int] = field(default_factory=dict)
     follow: Follow | None = None
+    limits: Limits = field(default_factory=Limits)
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -87,6 +90,7 @@ def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any
         "verdict": report.verdict.kind.value,
         "fault": report.verdict.fault,
         "proposal": None if report.proposal is None else proposal_fields(report.proposal),
+        "limits": limits_fields(report.limits),
         "point": point_fields(report.verdict.t_ns, report.verdict.point),
         "rivals": rival_fields(report.verdict.t_ns, report.verdict.rivals),
         "timeline": [{"t_s": change.t_s, "state": change.state.value, "reason": change.reason} for change in timeline],

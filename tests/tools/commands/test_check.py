@@ -28,6 +28,48 @@ def test_a_good_configuration_and_calibration(folder: Path) -> None:
     assert "can be used" in result.stdout
 
 
+def test_it_tells_which_limits_are_in_force_and_why(folder: Path) -> None:
+    result = check(written(folder, GOOD + '[limits]\nprofile = "clinical"\noffset_mm = 3.5\nlatency_ms = 30.0\n'))
+    assert result.exit_code == 0
+    rows = [" ".join(row.split()) for row in result.stdout.splitlines()[1:]]
+    assert rows == [
+        "limits: clinical, but for offset_mm 3.5",
+        "rotation_deg 1.5 profile clinical",
+        "scale_percent 3 profile clinical",
+        "offset_mm 3.5 given in the file; profile clinical has 2.5",
+        "latency_ms 30 given in the file, as profile clinical has it",
+        "point_mm 4 profile clinical",
+    ]
+    assert result.stderr == "[limits] offset_mm is looser than profile clinical has it: OK says less than that name\n"
+
+
+@pytest.mark.parametrize(
+    ("section", "told"),
+    [
+        (
+            'profile = "fine"\n',
+            ["offset_mm = 1.5 is never verified, so the contact stays open: what motion cannot tell"],
+        ),
+        ("offset_mm = 1.5\n", ["offset_mm = 1.5 is never verified"]),
+        ('profile = "fine"\noffset_mm = 10.0\n', ["offset_mm is looser than profile fine"]),
+        ('profile = "clinical"\nconfidence_sigma = 2.0\n', ["confidence_sigma is looser than profile clinical"]),
+        ('profile = "clinical"\npoint_mm = 4.5\n', ["point_mm is looser than profile clinical"]),
+        ('profile = "clinical"\n[limits.region]\nbottom = 0.2\n', ["region is looser than profile clinical"]),
+        ('profile = "clinical"\n[limits.required_age_s]\nlatency = 90\n', ["required_age_s is looser"]),
+        ('profile = "clinical"\noffset_mm = 2.0\nat_rest_s = 0\n[limits.required_age_s]\nlatency = 20\n', []),
+        ("point_mm = 5.0\n", []),
+    ],
+)
+def test_it_remarks_on_what_never_closes_and_on_what_is_looser_than_its_name(
+    folder: Path, section: str, told: list[str]
+) -> None:
+    result = check(written(folder, f"{GOOD}[limits]\n{section}"))
+    assert result.exit_code == 0
+    remarks = result.stderr.splitlines()
+    assert len(remarks) == len(told)
+    assert all(f"[limits] {what}" in remark for what, remark in zip(told, remarks, strict=True))
+
+
 def test_one_that_waits_for_a_person_says_so(folder: Path) -> None:
     assert "configured = true" in check(written(folder, "configured = false\n" + GOOD)).stdout
 

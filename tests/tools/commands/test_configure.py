@@ -88,6 +88,18 @@ def test_what_is_not_named_stays_and_a_lamp_is_replaced(file: Path) -> None:
     assert "systemctl restart" in result.stdout
 
 
+def test_a_profile_is_written_where_the_template_shows_it_and_what_it_costs_is_told(file: Path) -> None:
+    result = configured(file, *GIVEN, "--profile", "fine")
+    assert result.exit_code == 0, result.output
+    assert load_config(file).limits.profile == "fine"
+    assert "offset_mm = 1.5 is never verified, so the contact stays open" in result.stderr
+    assert 'profile = "fine"                # coarse, clinical, fine' in file.read_text()
+    configured(file, *GIVEN)
+    assert load_config(file).limits.profile == "fine", "what is not named stays"
+    configured(file, *GIVEN, "--profile", "coarse")
+    assert load_config(file).limits.profile == "coarse"
+
+
 def test_without_a_file_it_begins_with_the_template(tmp_path: Path) -> None:
     file = tmp_path / "new.toml"
     assert configured(file, *GIVEN).exit_code == 0

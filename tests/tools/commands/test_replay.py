@@ -336,6 +336,7 @@ def test_json_is_the_documented_contract():
         "verdict": "FAULT",
         "fault": "polarity",
         "proposal": None,
+        "limits": {"profile": "coarse", "beside": {}},
         "rivals": [],
         "timeline": [{"t_s": 0.5, "state": "device lost", "reason": "no picture"}],
     }

@@ -40,6 +40,7 @@ def row(session="in-plane", seed=1, hazard="none", tissue="still", **changed):
         "noise_mm": "0.1",
         "draw": "1",
         "asked": "everything",
+        "profile": "coarse",
     }
     return key | {"hazard": hazard} | outcome.row() | {"code": "abc"}
 

@@ -36,6 +36,7 @@ function track(row) {
 
 function showBars(room) {
   set("point", room.point);
+  set("limits", room.limits);
   if (!changed("bars", room.bars)) return;
   el("shown").replaceChildren(...room.bars.map(row => {
     const line = make("tr"), [mark, kind] = MARKS[row.mark], name = make("th", `${mark} ${row.title}`, kind), cell = make("td", undefined, "track");

@@ -96,6 +96,30 @@ def test_other_limits_reach_the_line(running: Running) -> None:
     assert running.limits() == running.live.config.limits
 
 
+@pytest.mark.parametrize("more", ['"fine"', '"fine"\nlimits.offset_mm = 50.0', '"clinical"\nlimits.offset_mm = 4.0'])
+def test_what_one_profile_verified_is_not_verified_by_another(running: Running, more: str) -> None:
+    """Neither by a tighter one nor by one with a looser limit: the line begins again, and so does the room."""
+    supervisor, now_ns = running.live._supervisor, 0
+    ok = Verdict(0, VerdictKind.OK, (), verified_ns=1)
+
+    def state_after(seconds: float) -> State:
+        nonlocal now_ns
+        for _ in range(round(seconds * 1e9 / TICK_NS)):
+            now_ns += TICK_NS
+            supervisor.step(now_ns, Inputs((replace(ok, t_ns=now_ns),)))
+        return supervisor.state
+
+    running.stale_ns()
+    assert state_after(2.0) is State.MONITORING
+    running.write(f"limits.profile = {more}\n")
+    running.live.reload()
+    assert state_after(0.1) is State.NOT_VERIFIED, "what was shown before counts no more"
+    assert state_after(5.0) is State.NOT_VERIFIED
+    until(lambda: running.limits() == running.live.config.limits)
+    ok = replace(ok, verified_ns=now_ns)
+    assert state_after(2.0) is State.MONITORING, "motion since then does"
+
+
 def test_what_has_expired_does_not_count_again_by_a_longer_age(running: Running) -> None:
     before = running.live.file.read_text()
     running.write("supervisor.max_verification_age_s = 10\n")

@@ -1,0 +1,68 @@
+"""Which limits a configuration has in force, and why: for whoever checks or writes one."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from appliance.configuration.toml_lines import key_lines
+from appliance.core.parameters import QUANTITIES, never_shown
+from appliance.core.quality.check_fields import limits_fields
+from appliance.limits import PROFILES, Limits
+from tools.shared.profile_text import profile_text
+
+_LESS_IS_LOOSER = ("confidence_sigma",)
+"""Of the numbers that say what an OK means; of the others more is."""
+
+
+def rows(limits: Limits, text: str) -> Iterator[str]:
+    """One for the profile, one for each number of it and each that the file gives. text: of the configuration."""
+    yield profile_text(limits_fields(limits))
+    given = {place[1] for place in key_lines(text) if len(place) == 2 and place[0] == "limits"}
+    of_profile = {name for one in PROFILES.values() for name in one}
+    for name, value in limits:
+        if name not in of_profile and name not in given:
+            continue
+        if name not in ("profile", "region", "required_age_s"):
+            yield f"  {name:<18}{_told(value):<7}{_why(limits, name, name in given)}"
+    sections = (name for name in ("region", "required_age_s") if name in limits.beside_profile)
+    yield from (f"  [limits.{name}]  given in the file" for name in sections)
+
+
+def remarks(limits: Limits) -> Iterator[str]:
+    """What whoever takes these limits ought to know: what never closes the contact, what is looser than it reads."""
+    for fault in never_shown(limits):
+        one = QUANTITIES[fault]
+        sigmas, key = limits.confidence_sigma, f"[limits] {one.limit_key} = {one.limit(limits):g}"
+        yield (
+            f"{key} is never verified, so the contact stays open: what motion cannot tell fills it "
+            f"({sigmas:g} x {one.left_out:g} {one.unit}). Give more than {sigmas * one.left_out:g}"
+        )
+    own = Limits(profile=limits.profile)
+    for name in limits.beside_profile:
+        if _is_looser(name, getattr(limits, name), getattr(own, name)):
+            yield f"[limits] {name} is looser than profile {limits.profile} has it: OK says less than that name"
+
+
+def _why(limits: Limits, name: str, is_given: bool) -> str:
+    usual = getattr(Limits(profile=limits.profile), name)
+    if not is_given:
+        return f"profile {limits.profile}"
+    if getattr(limits, name) == usual:
+        return f"given in the file, as profile {limits.profile} has it"
+    return f"given in the file; profile {limits.profile} has {_told(usual)}"
+
+
+def _told(value: Any) -> str:
+    return "off" if value is None else f"{value:g}"
+
+
+def _is_looser(name: str, value: Any, usual: Any) -> bool:
+    """Whether an OK says less by it. A region leaves places out; of the ages each may."""
+    if name == "region":
+        return True
+    if name == "required_age_s":
+        return set(value.names) < set(usual.names) or any(
+            age_s is None or age_s > (usual.ages_s[asked] or 0) for asked, age_s in value.ages_s.items()
+        )
+    if usual is None:
+        return False
+    return bool(value < usual if name in _LESS_IS_LOOSER else value is None or value > usual)

@@ -1,0 +1,28 @@
+"""The limits in force by the name of their profile, the same wherever people read it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from appliance.supervision.languages import translated
+
+WORDS = {"limits": "limits: {profile}", "limits but": "limits: {profile}, but for {beside}"}
+
+
+def profile_text(limits: Mapping[str, Any] | None, language: str = "en") -> str:
+    """limits: of the status or of a report, with profile and beside; empty where an older service tells none."""
+    if limits is None:
+        return ""
+    profile, beside = limits["profile"], ", ".join(_named(name, value) for name, value in limits["beside"].items())
+    return translated(WORDS["limits but" if beside else "limits"], language).format(profile=profile, beside=beside)
+
+
+def is_usual(limits: Mapping[str, Any] | None) -> bool:
+    """Whether they are those that probewatch ships with, which need no line of their own."""
+    return limits is None or (limits["profile"] == "coarse" and not limits["beside"])
+
+
+def _named(name: str, value: Any) -> str:
+    """A limit with its value; what has several by its name alone."""
+    if value is None:
+        return f"no {name}"
+    return name if isinstance(value, dict) else f"{name} {value:g}"
