@@ -125,11 +125,11 @@ def measured(runs: Sequence[Conditions], jobs: int, scheduler: str | None, motio
 def _read(path: Path) -> list[Row]:
     with path.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
-    if not rows or not {*KEYS, "commit"} <= set(rows[0]):
+    if not rows or not {*KEYS, "commit"} - {"profile"} <= set(rows[0]):
         raise ConfigurationError(
             "is not a table of a study", str(path), "Give the study.csv that probewatch study wrote"
         )
-    return rows
+    return [row for row in rows if row.get("profile", "coarse") == "coarse"]
 
 
 def write(rows: Sequence[Row]) -> None:

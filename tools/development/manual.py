@@ -1,6 +1,6 @@
 """`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's tables and the figures of the last
-study, docs/hazards.md from code and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json, and the
-drawings of the gestures in docs/pictures.
+study, docs/hazards.md from code and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json,
+docs/profiles.md from docs/profiles.json, and the drawings of the gestures in docs/pictures.
 """
 
 import re
@@ -21,6 +21,7 @@ from appliance.supervision.ledger import Ledger
 from appliance.supervision.policy import POLICY, Durations, Policy, pulses
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import Fault, State
+from tools.development import profiles as profile_page
 from tools.development.evidence_figures import Figures
 from tools.development.evidence_pages import pages, read_figures
 from tools.development.hazard_pages import hazard_pages, remedies
@@ -77,6 +78,11 @@ def manual(figures: Figures) -> str:
         *(_signals(), _hazards(), _audio(), hazard_pages(figures)),
     )
     return "\n".join((_HEAD, *(line for table in tables for line in table)))
+
+
+def profiles() -> dict[Path, str]:
+    """The page on profiles, of the figures that are kept."""
+    return {profile_page.PAGE: profile_page.page(profile_page.read_figures())}
 
 
 def drawings() -> dict[Path, str]:
@@ -241,5 +247,11 @@ def _audio() -> list[str]:
 
 if __name__ == "__main__":
     MEASURED = read_figures()
-    for path, text in {MANUAL: manual(MEASURED), PAGE: hazards(MEASURED), **pages(MEASURED), **drawings()}.items():
+    for path, text in {
+        MANUAL: manual(MEASURED),
+        PAGE: hazards(MEASURED),
+        **pages(MEASURED),
+        **profiles(),
+        **drawings(),
+    }.items():
         path.write_text(text, encoding="utf-8")

@@ -9,12 +9,15 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 
 from appliance.core.detectors.detector import Detector
+from appliance.core.parameters import QUANTITIES
+from appliance.limits import Limits
 from appliance.types import Check, Fault, VerdictKind
 
 FINDS = (Fault.EXCHANGED_PROBE,)
 
 _CLASSES = (Fault.ROTATION, Fault.OFFSET, Fault.SCALE)
 """All three: rotation and offset alone is what a bent clamp does."""
+_SHIPPED = Limits()
 _AT_ONCE = 2.0
 """Limits beyond which one solution is enough. More has the body named first, less lets one bad window name a probe. The
 first solution of the study's exchanged probe has 2.8 to 3.8 (gesture, five runs)."""
@@ -63,6 +66,9 @@ class ExchangedProbe(Detector):
         )
 
     def _surely(self, check: Check) -> float:
-        """In limits; 0 where it is not known."""
-        sure = check.least_ratio(self._confidence_sigma)
+        """In limits, those that are shipped at least: what a tighter one calls wrong is no other probe yet. 0 where it
+        is not known.
+        """
+        share = check.limit / max(check.limit, QUANTITIES[check.fault].limit(_SHIPPED))
+        sure = check.least_ratio(self._confidence_sigma) * share
         return max(sure, 0.0) if isfinite(sure) else 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check, trusted
 from appliance.core.detectors.polarity import UNWEIGHED, flipped, weigh_polarity
-from appliance.core.parameters import LEFT_OUT
+from appliance.core.parameters import LEFT_OUT, limit_of_each
 from appliance.core.path.latency import Latency
 from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
@@ -17,6 +17,7 @@ from appliance.core.path.window import PathWindow
 from appliance.core.spread_work import LATENCY, MISFIT, POLARITY, SAMPLES, Work, whole
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
+from drivers.rigid import Array
 
 _UNKNOWN_LATENCY_S = 0.05
 """Standard deviation of a latency that the paths alone do not tell. More lets scales hide in it, less lets it hide in
@@ -43,6 +44,9 @@ _SAME_X = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2)
 """rad, relative: X within this of the reference is the reference's, and the far latency is all that is wrong. Within
 the limits, or a wrong X would be excused.
 """
+_SAME_SHARE = 0.7
+"""Of their limits, which that is at most where these are tighter than shipped: more than the shares that it is of those
+shipped, so that nothing changes there."""
 _SHARPER = 0.5
 """Sigma of the solver's latency ÷ that of the paths, below which it takes the place of it: near to one another the two
 are equally good, and the paths' needs no X.
@@ -117,7 +121,7 @@ def examining(
     coarse = lag is None and about_s != 0.0
     if coarse:
         lag = Latency(about_s, _FAR_SIGMA_S)
-    solution, solved_lag = yield from _solved(window, reference, lag, start)
+    solution, solved_lag = yield from _solved(window, reference, limits, lag, start)
     if solution is None:
         return examine_nothing(limits)
     yield POLARITY.of(len(window))
@@ -125,7 +129,7 @@ def examining(
     polarity, polarity_check = weigh_polarity(samples, reference, solution.noise)
     if polarity != (1, 1):
         # The noise that a wrong polarity asks for hides much of what speaks against it.
-        mirrored, mirrored_lag = yield from _solved(window, flipped(reference, polarity), lag, None)
+        mirrored, mirrored_lag = yield from _solved(window, flipped(reference, polarity), limits, lag, None)
         polarity_check = UNWEIGHED
         if mirrored is not None:
             yield POLARITY.of(len(window))
@@ -154,7 +158,7 @@ def examine_nothing(limits: Limits) -> Finding:
 
 
 def _solved(
-    window: PathWindow, reference: Calibration, lag: Latency | None, start: Noise | None
+    window: PathWindow, reference: Calibration, limits: Limits, lag: Latency | None, start: Noise | None
 ) -> Work[tuple[Solution | None, Latency | None]]:
     """Solution and the latency it found; None for what could not be found."""
     try:
@@ -162,13 +166,13 @@ def _solved(
             doubt_s = max(lag.sigma_s, LEFT_OUT[TAU])
             solution, lag_s = yield from _solved_near(window, reference, lag.value_s, doubt_s, start)
             return solution, _solved_latency(solution, lag_s)
-        return (yield from _solved_far(window, reference, start))
+        return (yield from _solved_far(window, reference, limits, start))
     except ValueError:
         return None, None
 
 
 def _solved_far(
-    window: PathWindow, reference: Calibration, start: Noise | None
+    window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None
 ) -> Work[tuple[Solution, Latency | None]]:
     """Where the paths alone tell no latency: from zero, and from where the reference fits best if that is elsewhere."""
     solution, _ = yield from _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S, start)
@@ -183,14 +187,15 @@ def _solved_far(
         return solution, None
     other, other_s = yield from _solved_near(window, reference, best_s, _UNKNOWN_LATENCY_S, None)
     gain = (solution.misfit - other.misfit) * other.motions
-    if gain < _FAR_BETTER or not _unchanged(other):
+    if gain < _FAR_BETTER or not unchanged(other.change, limits):
         return solution, None
     return other, _solved_latency(other, other_s)
 
 
-def _unchanged(solution: Solution) -> bool:
-    """Whether X is the reference's: then a far latency is all that is wrong."""
-    return bool(np.all(np.abs(solution.change[:5]) < _SAME_X))
+def unchanged(change: Array, limits: Limits) -> bool:
+    """Whether X is the reference's: then a far latency is all that is wrong. change: (n,) θ, of which five count."""
+    most = np.minimum(_SAME_X, _SAME_SHARE * limit_of_each(limits)[:5])
+    return bool(np.all(np.abs(change[:5]) < most))
 
 
 def _solved_near(

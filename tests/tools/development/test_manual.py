@@ -16,7 +16,7 @@ from appliance.supervision.supervisor import AlarmTable
 from appliance.types import AlarmState, Fault, State
 from tools.development.evidence_pages import pages, read_figures
 from tools.development.hazards import PAGE, ROOT, found_by, hazards
-from tools.development.manual import MANUAL, drawings, manual
+from tools.development.manual import MANUAL, drawings, manual, profiles
 from tools.study.hazard import FAULTS
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -29,6 +29,11 @@ def test_the_page_on_alarms_is_the_one_the_code_writes() -> None:
 
 def test_the_page_on_hazards_is_the_one_the_code_writes() -> None:
     assert PAGE.read_text(encoding="utf-8") == hazards(FIGURES), "run make docs"
+
+
+def test_the_page_on_profiles_is_the_one_the_figures_write() -> None:
+    for page, text in profiles().items():
+        assert page.read_text(encoding="utf-8") == text, f"{page}: run make docs"
 
 
 def test_the_drawings_of_the_gestures_are_those_of_the_page() -> None:

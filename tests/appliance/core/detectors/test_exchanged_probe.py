@@ -14,12 +14,12 @@ LIMITS = Limits()
 EXCHANGED = {"rotation-axial": -20.0, "offset-elevational": 15.0, "scale-lateral": -20.0}
 
 
-def finding(values: Mapping[str, float], late: VerdictKind = VerdictKind.OK) -> list[Check]:
+def finding(values: Mapping[str, float], late: VerdictKind = VerdictKind.OK, limits: Limits = LIMITS) -> list[Check]:
     """Of a window that measures each parameter with a sigma of a tenth of its limit, and these to be so."""
     checks = []
     for name, fault in zip(MEASURED, CLASSES, strict=True):
         quantity = QUANTITIES[fault]
-        limit = quantity.limit(LIMITS)
+        limit = quantity.limit(limits)
         value = values.get(name, 0.0)
         kind = late if name == "latency" else VerdictKind.NOT_VERIFIED
         checks.append(Check(name, fault, value, limit / 10, quantity.unit, limit, kind))
@@ -53,6 +53,15 @@ def test_just_beyond_the_limits_it_takes_two_findings_in_a_row() -> None:
     assert told(near) == [False]
     assert told(near, near) == [False, True]
     assert told(near, finding({}), near) == [False, False, False]
+
+
+def test_what_tighter_limits_call_wrong_is_no_other_probe_yet() -> None:
+    fine = Limits(profile="fine")
+    bent = finding({"rotation-axial": -2.5, "offset-elevational": 3.5, "scale-lateral": -4.5}, limits=fine)
+    assert all(check.ratio > 2 for check in bent if check.name in ("rotation-axial", "scale-lateral"))
+    assert told(bent, bent) == [False, False]
+    exchanged = finding(EXCHANGED, limits=fine)
+    assert told(exchanged) == [True]
 
 
 @pytest.mark.parametrize("left_out", EXCHANGED)

@@ -1,0 +1,52 @@
+"""What the page on profiles makes of the rows of a study."""
+
+import csv
+from math import nan
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from drivers.errors import ConfigurationError
+from tests.tools.study.test_summary import row
+from tools.development.profiles import figures, main, page
+
+ORIGIN = {"commit": "0123456789ab"}
+
+
+def rows() -> list[dict[str, str]]:
+    """A healthy hand by two profiles, of which the tighter never closes, and a bend that one of two runs names."""
+    told = [row(seed=seed, closed=closed, closed_s=3.0) | ORIGIN for seed, closed in ((1, 0.5), (2, 0.9), (3, 0.7))]
+    never = [row(seed=seed, closed=0.0, closed_s=nan, ok=0.0) | ORIGIN | {"profile": "fine"} for seed in (1, 2)]
+    bent = {"hazard": "bend-axial=1.5@start", "closed": 0.0, "ok": 0.0}
+    sick = [row(**bent, seed=1, faults="rotation", named_s=9.0), row(**bent, seed=2), row(**bent, seed=3, named_s=16.0)]
+    return [*told, *never, *(one | ORIGIN for one in sick)]
+
+
+def test_each_line_is_of_one_profile_and_a_fault_that_is_named_late_is_not_named() -> None:
+    text = page(figures(rows()))
+    lines = [line for line in text.splitlines() if line.startswith(("| in-plane", "| bend", "- `"))]
+    assert [line.split(" | ")[3:] for line in lines if " mm | `" in line] == [
+        ["`coarse`", "3 of 3 (29 to 100 %)", "3.0 (3.0 … 3.0)", "70 (50 … 90) |"],
+        ["`fine`", "0 of 2 (0 to 84 %)", "–", "0 (0 … 0) |"],
+    ]
+    assert "- `coarse`: 0 FAULTs in 3.0 min without a fault (under 60 an hour, 95 %)." in lines
+    assert "- `fine`: 0 FAULTs in 2.0 min without a fault (under 90 an hour, 95 %)." in lines
+    assert "| bend-axial=1.5@start | `coarse` | 1 of 3 (1 to 91 %) | 9.0 (9.0 … 9.0) | 0 of 3 (0 to 71 %) |" in lines
+    assert "1.75° and 3 mm for `fine`" in text
+
+
+def test_a_fault_under_which_the_contact_was_closed_is_counted() -> None:
+    passed = row(hazard="bend-axial=1.5@start", closed=0.1, ok=0.0) | ORIGIN
+    assert "| 1 of 1 (3 to 100 %) |" in page(figures([passed]))
+
+
+def test_the_table_of_something_else_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "study.csv"
+    with file.open("w", newline="") as stream:
+        told = {name: cell for name, cell in rows()[0].items() if name != "profile"}
+        writer = csv.DictWriter(stream, told)
+        writer.writeheader()
+        writer.writerow(told)
+    with pytest.raises(ConfigurationError, match="is not a table of a study with profiles"):
+        CliRunner().invoke(main, ["--table", str(file)], catch_exceptions=False)

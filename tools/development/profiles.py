@@ -1,0 +1,236 @@
+"""`python -m tools.development.profiles --table study.csv`: what each profile of the limits costs and finds. Writes
+docs/profiles.json from the rows of `probewatch study`, and docs/profiles.md from that.
+"""
+
+import csv
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from math import isfinite, sqrt
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import click
+
+from appliance.core.parameters import CLASSES, MEASURED, QUANTITIES
+from appliance.limits import PROFILES, Limits
+from appliance.types import Fault
+from drivers.errors import ConfigurationError
+from tools.development.markdown import table
+from tools.study.samples import KEYS
+from tools.study.summary import Row, Share, false_rate_per_hour, number
+
+DOCS = Path(__file__).parents[2] / "docs"
+DATA, PAGE = DOCS / "profiles.json", DOCS / "profiles.md"
+_NAMED_S = 15.0
+"""From the start, by when what is wrong is to be named. The sessions with a hazard may be shorter; then all of them."""
+_CONDITIONS = ("session", "tissue", "noise_mm", "duration_s", "profile", "hazard")
+"""Columns that rows of one line of the tables share."""
+Figure = dict[str, Any]
+
+
+def figures(rows: Sequence[Row]) -> list[Figure]:
+    """One for each set of conditions, in the order of the pages; seeds and commits in it."""
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[name] for name in _CONDITIONS), []).append(row)
+    order = list(PROFILES)
+    return [_figure(groups[key]) for key in sorted(groups, key=lambda key: (key[5], *key[:4], order.index(key[4])))]
+
+
+def _figure(rows: Sequence[Row]) -> Figure:
+    errors = {name: _errors(rows, name) for name in MEASURED}
+    return {name: rows[0][name] for name in _CONDITIONS} | {
+        "seeds": sorted(int(row["seed"]) for row in rows),
+        "commits": sorted({row["commit"] for row in rows}),
+        "closed": [number(row, "closed") for row in rows],
+        "closed_s": [_or_none(number(row, "closed_s")) for row in rows],
+        "named_s": [_or_none(number(row, "named_s")) for row in rows],
+        "faults": [row["faults"] for row in rows],
+        "ok_s": [round(number(row, "ok") * number(row, "duration_s"), 3) for row in rows],
+        "minutes": round(sum(number(row, "duration_s") for row in rows) / 60, 3),
+        "errors": {name: error for name, error in errors.items() if error is not None},
+    }
+
+
+def _errors(rows: Sequence[Row], name: str) -> float | None:
+    """Root of the mean square of value − truth at the looks, in the unit of the check; about, as sigma is the last."""
+    known = [row for row in rows if number(row, f"{name} looks") > 0]
+    if not known:
+        return None
+    squares = [
+        number(row, f"{name} squares") / number(row, f"{name} looks") * number(row, f"{name} sigma") ** 2
+        for row in known
+    ]
+    return round(sqrt(sum(squares) / len(squares)), 3)
+
+
+def page(data: Sequence[Figure]) -> str:
+    """docs/profiles.md."""
+    healthy = [one for one in data if one["hazard"] == "none"]
+    sick = [one for one in data if one["hazard"] != "none"]
+    lines = [*_HEAD.splitlines(), "", *_limits(), *_REACH.splitlines(), "", "## What each costs", ""]
+    lines += [*_measured(data).splitlines(), "", *_healthy(healthy), *_alarms(healthy), "", "## What each finds", ""]
+    lines += [*_found().splitlines(), "", *_sick(sick), "## Why fine is never verified", "", *_WHY.splitlines(), ""]
+    lines += [*_rests(healthy), *_COMMAND.splitlines()]
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def _limits() -> list[str]:
+    head = ("profile", "rotation, °", "scale, %", "offset, mm", "latency, ms", "error of a point, mm")
+    keys = ("rotation_deg", "scale_percent", "offset_mm", "latency_ms", "point_mm")
+    each = {name: Limits(profile=name) for name in PROFILES}
+    return table(head, ((f"`{name}`", *(_told(getattr(one, key)) for key in keys)) for name, one in each.items()))
+
+
+def _measured(data: Sequence[Figure]) -> str:
+    commits = ", ".join(f"`{one}`" for one in sorted({commit for one in data for commit in one["commits"]}))
+    return f"Simulated, everything asked for, commit {commits or '–'}; the worlds are those of [study.md](study.md)."
+
+
+def _healthy(data: Sequence[Figure]) -> list[str]:
+    head = ("session", "tissue", "tracker", "profile", "closed in any run", "first closed, s", "closed, %")
+    return table(head, (_healthy_cells(one) for one in data))
+
+
+def _healthy_cells(one: Figure) -> Sequence[str]:
+    closed_s = [s for s in one["closed_s"] if s is not None]
+    percent = [100 * share for share in one["closed"]]
+    return (
+        f"{one['session']}, {one['duration_s']} s",
+        one["tissue"],
+        f"{one['noise_mm']} mm",
+        f"`{one['profile']}`",
+        str(Share(len(closed_s), len(percent))),
+        _spread(closed_s, 1),
+        _spread(percent, 0),
+    )
+
+
+def _alarms(data: Sequence[Figure]) -> Iterator[str]:
+    for name in PROFILES:
+        own = [one for one in data if one["profile"] == name]
+        if own:
+            faults, minutes = sum(bool(f) for one in own for f in one["faults"]), sum(one["minutes"] for one in own)
+            most = false_rate_per_hour(faults, minutes / 60)
+            yield f"- `{name}`: {faults} FAULTs in {minutes:.1f} min without a fault (under {most:.0f} an hour, 95 %)."
+
+
+def _found() -> str:
+    turn, shift = (3 * QUANTITIES[fault].left_out for fault in (Fault.ROTATION, Fault.OFFSET))
+    each = ((name, Limits(profile=name)) for name in PROFILES)
+    least = ", ".join(
+        f"{one.rotation_deg + turn:g}° and {one.offset_mm + shift:g} mm for `{name}`" for name, one in each
+    )
+    return _FOUND.format(turn=turn, shift=shift, least=least)
+
+
+def _sick(data: Sequence[Figure]) -> list[str]:
+    head = ("wrong from the start", "profile", "named rightly", "after, s", "OK or closed at any time")
+    return table(head, (_sick_cells(one) for one in data))
+
+
+def _sick_cells(one: Figure) -> Sequence[str]:
+    named = [s for s in one["named_s"] if s is not None and s <= _NAMED_S]
+    passed = sum(ok > 0 or closed > 0 for ok, closed in zip(one["ok_s"], one["closed"], strict=True))
+    n = len(one["seeds"])
+    return one["hazard"], f"`{one['profile']}`", str(Share(len(named), n)), _spread(named, 1), str(Share(passed, n))
+
+
+def _rests(data: Sequence[Figure]) -> list[str]:
+    """What an estimate is off by, beside what is added to each sigma for it and the limits of `fine`."""
+    fine = Limits(profile="fine")
+    places = list(dict.fromkeys((one["session"], one["tissue"], one["noise_mm"]) for one in data))
+    head = ("RMS error at the looks", *MEASURED)
+    rows: list[Sequence[str]] = [_rest_cells(data, place) for place in places]
+    added = [QUANTITIES[fault] for fault in CLASSES]
+    rows.append(("**added to every sigma**", *(f"{one.left_out:g} {one.unit}" for one in added)))
+    rows.append(("**limit of `fine`**", *(f"{one.limit(fine):g} {one.unit}" for one in added)))
+    return table(head, rows)
+
+
+def _rest_cells(data: Sequence[Figure], place: tuple[str, str, str]) -> Sequence[str]:
+    own = next(one for one in data if (one["session"], one["tissue"], one["noise_mm"]) == place)
+    session, tissue, noise_mm = place
+    errors = (f"{own['errors'][name]:.2g}" if name in own["errors"] else "–" for name in MEASURED)
+    return f"{session}, {tissue}, {noise_mm} mm", *errors
+
+
+def _spread(values: Iterable[float], digits: int) -> str:
+    """Median, and least and most of them."""
+    known = [value for value in values if isfinite(value)]
+    if not known:
+        return "–"
+    least, most = min(known), max(known)
+    return f"{median(known):.{digits}f} ({least:.{digits}f} … {most:.{digits}f})"
+
+
+def _told(value: float | None) -> str:
+    return "–" if value is None else f"{value:g}"
+
+
+def _or_none(value: float) -> float | None:
+    return value if isfinite(value) else None
+
+
+def read_figures() -> list[Figure]:
+    """Of docs/profiles.json."""
+    return list(json.loads(DATA.read_text(encoding="utf-8")))
+
+
+def _read(path: Path) -> list[Row]:
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    if not rows or not {*KEYS, "commit"} <= set(rows[0]):
+        what = "is not a table of a study with profiles"
+        raise ConfigurationError(what, str(path), "Give the study.csv that probewatch study --profiles wrote")
+    return rows
+
+
+@click.command()
+@click.option("--table", "path", required=True, type=click.Path(path_type=Path, exists=True, dir_okay=False))
+def main(path: Path) -> None:
+    """Write docs/profiles.json and docs/profiles.md from the rows of a study."""
+    data = figures(_read(path))
+    DATA.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    PAGE.write_text(page(data), encoding="utf-8")
+
+
+_HEAD = """# Profiles: how far off the calibration may be
+
+For clinical engineers. `[limits] profile` sets five limits at once; a limit that the file gives counts instead of the
+profile's, also where it is looser, and `probewatch check` tells so. `probewatch configure` asks for the profile, and
+`probewatch status`, the page and the replay report name it, with what is not as it has it. A tighter profile lets less
+error pass and keeps the contact open for longer: it can only withhold an OK, or name what is wrong earlier. Another
+profile is taken by `probewatch reload`; what the one before verified counts no more then."""
+_REACH = """All limits are of a change **against the reference**: what the reference itself is off by comes on top
+([crosswire.md](crosswire.md)). So do errors of the tracker that are alike everywhere ([trackers.md](trackers.md)).
+
+| tracker | profile |
+|---|---|
+| optical, 0.1 to 0.25 mm of noise, rigid tissue or phantom | `coarse`, `clinical` |
+| optical, tissue that gives way as a patient's | `coarse`; see below before relying on `clinical` |
+| electromagnetic | not tried; one that errs by place is rarely verified by `coarse` ([16](known-anomalies.md)) |
+| any | `fine`: none |"""
+_FOUND = """Motion names nothing that is not surely beyond its limit: three standard deviations of what it leaves
+open, {turn:g}° and {shift:g} mm at least. So the smallest bend and slide that it can name once they are there lie at
+{least};
+what lies between that and the limit only keeps the contact open. A slip in plain sight is seen by its leap, from the
+limit on ([alarms.md](alarms.md)). Gesture on rigid tissue, tracker of 0.1 mm, by when the session ended."""
+_WHY = """An OK asks for three standard deviations of room, and what the model of the motion leaves out is part of
+each: 0.5 mm of an offset ([method.md](method.md), section 7), so 1.5 mm of the 1.5 mm that `fine` allows. `probewatch
+check` says so, also of other limits as small. A looser `offset_mm` beside `fine` would rarely help: the turns, too, are
+off by about as much as 1° leaves. Nor may less be added: healthy sessions were really off by this."""
+_COMMAND = """Written by `python -m tools.development.profiles --table study.csv` from rows of `probewatch study`:
+
+```
+probewatch study --sessions gesture-hold --tissues rigid,half-30+deep --seeds 3 --duration 20 --noise-mm .1,.25 \\
+  --profiles coarse,clinical,fine
+probewatch study --sessions gesture-mixed --tissues rigid --seeds 2 --duration 48 --profiles coarse,clinical
+probewatch study --sessions gesture --tissues rigid --seeds 3 --duration 12 --profiles clinical,fine \\
+  --hazards slide-lateral=2@start,bend-axial=1.5@start,slide-lateral=4@start,bend-axial=2.5@start
+```"""
+
+
+if __name__ == "__main__":
+    main()
