@@ -164,8 +164,10 @@ class Limits(BaseModel):
     @classmethod
     def _of_profile(cls, given: Any) -> Any:
         """With what the profile says of the limits that are not given."""
-        profile = given.get("profile") if isinstance(given, dict) else None
-        return {**PROFILES[profile], **given} if isinstance(profile, str) and profile in PROFILES else given
+        if not isinstance(given, dict):
+            return given
+        own = next((limits for name, limits in PROFILES.items() if name == given.get("profile")), {})
+        return {**own, **given}
 
     @property
     def beside_profile(self) -> dict[str, Any]:

@@ -57,7 +57,10 @@ _RIVAL = _object(
     check=_CHECK,
     behind_nats={**_NUMBER, "description": "log likelihood by which it explains less than the likeliest"},
 )
-_LIMIT = {"type": ["number", "object", "null"], "description": "objects hold limits of their own; null is off"}
+_LIMIT = {
+    "type": ["number", "object", "string", "null"],
+    "description": "objects hold limits of their own; the string is the name of the profile; null is off",
+}
 _BOUNDS = {**_NUMBERS, "description": "holds for 95 %, for 99.7 %"}
 _POINT = _object(
     "probewatch.PointError",

@@ -270,11 +270,12 @@ def _print(rows: list[dict[str, str]]) -> None:
     console = Console(highlight=False)
     healthy, sick = coverages(rows), detections(rows)
     if healthy:
-        heads: tuple[str, ...] = ("session", "tissue", "noise", "closed", "from … to", "first", "FAULT", "worst z RMS")
-        console.print(FittingTable(heads, [_healthy_cells(one) for one in healthy], right_from=2), crop=False)
+        heads: tuple[str, ...] = ("session", "tissue", "noise", "profile")
+        heads += ("closed", "from … to", "first", "FAULT", "worst z RMS")
+        console.print(FittingTable(heads, [_healthy_cells(one) for one in healthy], right_from=3), crop=False)
     if sick:
-        heads = ("hazard", "FAULT", "named rightly", "after", "open after", "OK at twice its limit")
-        console.print(FittingTable(heads, [_sick_cells(one) for one in sick], right_from=1), crop=False)
+        heads = ("hazard", "profile", "FAULT", "named rightly", "after", "open after", "OK at twice its limit")
+        console.print(FittingTable(heads, [_sick_cells(one) for one in sick], right_from=2), crop=False)
 
 
 def _healthy_cells(one: Coverage) -> tuple[str, ...]:
@@ -285,6 +286,7 @@ def _healthy_cells(one: Coverage) -> tuple[str, ...]:
         one.session,
         one.tissue,
         f"{one.noise_mm} mm",
+        one.profile,
         f"{middle:.0f} %",
         f"{least:.0f} … {most:.0f}",
         _seconds(one.closed_s),
@@ -300,4 +302,4 @@ def _seconds(value: float) -> str:
 def _sick_cells(one: Detection) -> tuple[str, ...]:
     gross = f"{one.gross.k} of {one.gross.n}"
     found, named = (f"{share.k} of {share.n}" for share in (one.found, one.named))
-    return one.hazard, found, named, _seconds(one.fault_s), _seconds(one.opened_s), gross
+    return one.hazard, one.profile, found, named, _seconds(one.fault_s), _seconds(one.opened_s), gross

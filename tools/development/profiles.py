@@ -34,7 +34,7 @@ def figures(rows: Sequence[Row]) -> list[Figure]:
     groups: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
         groups.setdefault(tuple(row[name] for name in _CONDITIONS), []).append(row)
-    order = list(PROFILES)
+    order: list[str] = list(PROFILES)
     return [_figure(groups[key]) for key in sorted(groups, key=lambda key: (key[5], *key[:4], order.index(key[4])))]
 
 

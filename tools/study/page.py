@@ -138,14 +138,18 @@ def _hazard_plot(sick: list[Detection]) -> Figure:
             delay.plot(max(one.fault_s, 0.03), place, "o", color=_STILL)
         if one.gross.k:
             found.plot(101, place, "X", color=_BAD, clip_on=False)
-    found.set_yticks(range(len(sick)), [one.hazard for one in reversed(sick)])
+    found.set_yticks(range(len(sick)), [_wrong(one) for one in reversed(sick)])
     found.set(xlim=(0, 101), xlabel="% of runs with a FAULT (line: 95 %); red cross: told OK at twice its limit")
     delay.set(xscale="log", xlabel="median delay of the FAULT, s")
     return figure
 
 
 def _title(one: Coverage) -> str:
-    return f"{one.session}, {one.tissue}, {one.noise_mm} mm, {one.asked}"
+    return f"{one.session}, {one.tissue}, {one.noise_mm} mm, {one.asked}, {one.profile}"
+
+
+def _wrong(one: Detection) -> str:
+    return f"{one.hazard}, {one.profile}"
 
 
 def _coverage_table(healthy: list[Coverage]) -> str:
@@ -168,7 +172,7 @@ def _hazard_table(sick: list[Detection]) -> str:
     heads = ("hazard", "FAULT", "named rightly first", "delay, median", "contact open after", "OK at twice its limit")
     rows = [
         [
-            one.hazard,
+            _wrong(one),
             str(one.found),
             str(one.named),
             f"{one.fault_s:.1f} s" if isfinite(one.fault_s) else "–",

@@ -87,12 +87,13 @@ class Truth:
 
 @dataclass(frozen=True)
 class Detection:
-    """Runs with one hazard, in all sessions. named: as `rightly_named`. fault_s, opened_s: medians from its onset.
-    gross: runs in which it was told OK, or the contact closed again, with a parameter twice its limit away; of none
-    where the hazard has no limit.
+    """Runs with one hazard and profile, in all sessions. named: as `rightly_named`. fault_s, opened_s: medians from its
+    onset. gross: runs in which it was told OK, or the contact closed again, with a parameter twice its limit away; of
+    none where the hazard has no limit.
     """
 
     hazard: str
+    profile: str
     found: Share
     named: Share
     fault_s: float
@@ -108,9 +109,9 @@ def coverages(rows: Sequence[Row]) -> list[Coverage]:
 
 
 def detections(rows: Sequence[Row]) -> list[Detection]:
-    """One for each hazard."""
-    sick = sorted((row for row in rows if row["hazard"] != "none"), key=lambda row: row["hazard"])
-    return [_detection(name, list(same)) for name, same in groupby(sick, key=lambda row: row["hazard"])]
+    """One for each hazard and profile."""
+    sick = sorted((row for row in rows if row["hazard"] != "none"), key=_wrong)
+    return [_detection(*key, list(same)) for key, same in groupby(sick, key=_wrong)]
 
 
 def healthy_hours(rows: Sequence[Row], fps: float) -> float:
@@ -158,13 +159,18 @@ def rightly_named(hazard: Hazard, row: Row) -> bool:
     return bool(row["named_s"]) and hazard.faults.issuperset(names)
 
 
-def _detection(name: str, rows: list[Row]) -> Detection:
+def _wrong(row: Row) -> tuple[str, str]:
+    return row["hazard"], row["profile"]
+
+
+def _detection(name: str, profile: str, rows: list[Row]) -> Detection:
     hazard = Hazard.parse(name)
     found = [row for row in rows if row["fault_s"]]
     wrong = sum(number(row, "ok_gross_s") > 0 for row in rows)
     judged = len(rows) if hazard.limited else 0
     return Detection(
         hazard=name,
+        profile=profile,
         found=Share(len(found), len(rows)),
         named=Share(sum(rightly_named(hazard, row) for row in found), len(rows)),
         fault_s=middle(number(row, "fault_s") for row in found),

@@ -260,6 +260,13 @@ def test_the_schemas_name_every_field() -> None:
     )
 
 
+def test_the_schema_of_an_order_allows_what_limits_are() -> None:
+    schema = SCHEMAS["/order"]["properties"]["order"]["anyOf"][0]["properties"]["limits"]["properties"]
+    kinds = {"string": str, "null": type(None), "object": dict, "number": float}
+    for name, value in Limits(profile="fine").model_dump().items():
+        assert isinstance(value, tuple(kinds[kind] for kind in schema[name]["type"])), name
+
+
 def test_rivals_come_back() -> None:
     rivals = tuple(Rival(check, behind) for check, behind in zip(VERDICT.checks, (0.0, 2.5), strict=True))
     topic, fields = fields_of(replace(VERDICT, rivals=rivals))

@@ -180,6 +180,7 @@ def study(*arguments):
         (("--noise-mm", "some"), "not a list of .001 to 5 mm"),
         (("--hazards", "bend"), "'bend' is not a known hazard"),
         (("--seeds", "0"), "not in the range"),
+        (("--profiles", "coarse,finer"), "'finer' is none of coarse, clinical, fine"),
         (("x.mha",), "RECORDINGs need --calibration"),
     ],
 )

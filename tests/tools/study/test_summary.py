@@ -64,6 +64,13 @@ def test_a_hazard_is_named_rightly_where_its_own_name_comes_first():
     assert (one.fault_s, one.opened_s) == (3.0, 2.0)
 
 
+def test_each_profile_is_told_apart():
+    tight = {"profile": "clinical"}
+    rows = [row(closed=0.9), row(closed=0.4) | tight, row(hazard="depth=4@start"), row(hazard="depth=4@start") | tight]
+    assert [(one.profile, one.closed) for one in coverages(rows)] == [("clinical", (0.4,)), ("coarse", (0.9,))]
+    assert [(one.profile, one.found.n) for one in detections(rows)] == [("clinical", 1), ("coarse", 1)]
+
+
 def test_metal_has_no_limit_of_which_it_could_be_twice_and_hides_none_of_what_is_beside_it():
     (one,) = detections([row(hazard="metal=6@sudden")])
     assert (str(one.found), str(one.gross)) == ("0 of 1 (0 to 98 %)", "–")
