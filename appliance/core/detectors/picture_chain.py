@@ -27,7 +27,7 @@ from appliance.core.detectors.picture_link import (
 )
 from appliance.core.detectors.polarity import MOST_FLIPPED
 from appliance.core.detectors.resting_picture import RestingPicture
-from appliance.core.detectors.stretch import carried, likeness_in_place
+from appliance.core.detectors.stretch import carried, likeness_in_place, lines_turned
 from appliance.core.motion import out_of_plane_mm, predicted_motion
 from appliance.core.registration.pyramid import Array32, Bits
 from appliance.core.registration.realtime_tracker import Warp
@@ -105,6 +105,7 @@ class PictureChain(Detector):
 
     def __init__(self, limits: Limits, reference: Calibration, tissue: Callable[[], Bits | None], most_ns: int) -> None:
         self._scale_limit, self._offset_limit = limits.scale_percent, limits.offset_mm
+        self._rotation_limit_rad = float(np.deg2rad(limits.rotation_deg))
         self._reference, self._tissue, self._most_ns = reference, tissue, most_ns
         self._px_per_mm = min(1.0, SMALL_PX / reference.image_size_px[0]) / reference.scale_mm_per_px
         self._aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
@@ -154,7 +155,7 @@ class PictureChain(Detector):
             self._magnification.restart()
             self._take(change, view)
         else:
-            self._take_link(view, last, link, own, direct)
+            self._take_link(placed, view, last, link, own, direct)
         return change
 
     def forget_pictures(self, since_ns: int) -> None:
@@ -291,7 +292,9 @@ class PictureChain(Detector):
         self._searches += 1
         return flip_or_zoom_of(placed, view.small)
 
-    def _take_link(self, view: View, last: View, link: Link | None, own: _Course | None, direct: bool) -> None:
+    def _take_link(
+        self, placed: Array32, view: View, last: View, link: Link | None, own: _Course | None, direct: bool
+    ) -> None:
         """Go on with the chain where the picture continues it. One that is covered in part goes on as well, but stays
         no measure of what comes until it is clear that the cover stays. direct: nothing lies between.
         """
@@ -301,9 +304,10 @@ class PictureChain(Detector):
                 self._go_on(view, last, own)
             return
         self._covered = self._covered + 1 if link.covered else 0
-        hurried = link.hurried and (own is not None or link.in_place)
         astray_px = np.zeros(2) if own is not None or link.in_place else link.beside_px
-        there = self._may_be_tissue(astray_px, view, last)
+        straight = own is not None or not self._turned(placed, view)
+        there = straight and self._may_be_tissue(astray_px, view, last)
+        hurried = link.hurried and straight and (own is not None or link.in_place)
         if there and (link.whole or self._covered >= _COVERED):
             self._astray_px = self._astray_px + astray_px
             self._go_on(view, last, own)
@@ -311,6 +315,11 @@ class PictureChain(Detector):
             self._go_on(view, last, own)
         elif there and link.covered:
             self.linked, self._covered_ns = True, view.t_ns
+
+    def _turned(self, placed: Array32, view: View) -> bool:
+        """Whether the picture was turned or sheared by more than a rotation may be off, as beams that are steered do."""
+        turned_rad = lines_turned(placed, view.small, self._aspect)
+        return turned_rad is not None and float(np.max(np.abs(turned_rad))) > self._rotation_limit_rad
 
     def _may_be_tissue(self, astray_px: Array, view: View, last: View) -> bool:
         """Whether tissue may have gone so far by itself since the last picture, and all breaks of this chain together

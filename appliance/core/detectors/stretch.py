@@ -73,6 +73,18 @@ def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[f
     return Stretch(magnification, warp, apart_px, float(np.median(rigid_px) - np.median(off_px)))
 
 
+def lines_turned(before: Array32, now: Array32, aspect: float) -> Array | None:
+    """(2,) rad by which lines across and lines down have turned: alike, but for the sign, in a picture that was turned,
+    one of them in one that was sheared. Of two pictures (h, w) of the same size; None where too few parts are found.
+    """
+    places, moved = _parts(before, now)
+    if len(places) < _LEAST_PARTS:
+        return None
+    fit, off_px = _fitted(_columns_of_lines(places), moved)
+    enough = np.count_nonzero(off_px < _ASTRAY_PX) >= _LEAST_PARTS
+    return np.arctan(fit[[4, 3]] * [aspect, 1 / aspect]) if enough else None
+
+
 def warped(image: Array32, warp: Array) -> Array32:
     """warp: (2, 3) from a place in the image to where it goes."""
     return np.asarray(cv2.warpAffine(image, warp, (image.shape[1], image.shape[0])), dtype=np.float32)
@@ -137,6 +149,15 @@ def _columns(places: Array, aspect: float) -> Array:
     one, none = np.ones_like(x), np.zeros_like(x)
     across = np.stack([one, none, -aspect * y, x, none], axis=1)
     down = np.stack([none, one, x / aspect, none, y], axis=1)
+    return np.stack([across, down], axis=1)
+
+
+def _columns_of_lines(places: Array) -> Array:
+    """(n, 2, 6): px by which each part moves by a shift (2), and by all that keeps lines straight."""
+    x, y = places.T
+    one, none = np.ones_like(x), np.zeros_like(x)
+    across = np.stack([one, none, x, y, none, none], axis=1)
+    down = np.stack([none, one, none, none, x, y], axis=1)
     return np.stack([across, down], axis=1)
 
 

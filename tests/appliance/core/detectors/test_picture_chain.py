@@ -336,6 +336,28 @@ def test_after_a_blank_tissue_has_gone_no_further_than_tissue_goes(moved_mm: flo
     assert calm.linked is linked
 
 
+def turned(image: GreyImage, across_deg: float, down_deg: float) -> GreyImage:
+    """Lines across and lines down turned by so much about the middle."""
+    across, down = np.tan(np.deg2rad([across_deg, down_deg]))
+    M, middle = np.array([[1.0, -down], [across, 1.0]]), (np.array(image.shape[::-1]) - 1) / 2
+    return cv2.warpAffine(image, np.column_stack([M, middle - M @ middle]), image.shape[::-1]).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("across_deg", "down_deg", "linked"), [(4.0, 4.0, False), (0.0, 5.0, False), (5.0, 0.0, False), (1.0, 1.0, True)]
+)
+def test_after_a_blank_a_picture_that_was_turned_or_sheared_is_no_link(
+    across_deg: float, down_deg: float, linked: bool
+) -> None:
+    """The limit of the rotation is 3°. Coarse speckle, as layers are, is alike though it lies a few px beside."""
+    coarse = np.asarray(cv2.resize(speckle((60, 80)), (320, 240), interpolation=cv2.INTER_CUBIC), np.uint8)
+    calm = event()
+    for k in range(CALM):
+        step(calm, k * FRAME_NS, coarse, k > 0, STILL if k else None, moved_by((0.0, 0.0)))
+    step(calm, (CALM + 3) * FRAME_NS, turned(coarse, across_deg, down_deg), pose=moved_by((0.0, 0.0)))
+    assert calm.linked is linked
+
+
 def test_breaks_that_each_move_the_picture_a_little_move_it_no_further_than_the_limit() -> None:
     wide, calm, t_ns = speckle((240, 500)), event(), 0
     linked = list[bool]()
