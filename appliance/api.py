@@ -19,14 +19,19 @@ from appliance.storage.calibration_file import calibration_from_image_to_probe
 from appliance.supervision.timeline import Judging, Timeline
 from appliance.types import Calibration, Verdict
 from drivers.errors import RecordingError
+from drivers.printable import printable
 from drivers.recordings.replay import SLOWEST_NS
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.trackers.plus_transform import rigid_reading
+from drivers.video.crop import LEAST_PX
 
 _STAMP_ERR_NS = 500
 """Error bound, ns, of a time in seconds with six decimals, as recordings write it."""
 _LATEST_S = 4e9
 """s since 1970, beyond the year 2090; in ns it fits 64 bits. A larger time is one in ms."""
+
+_MOST_SHOWN = 60
+"""Characters of an argument that a message repeats. More hides what is wrong, less cuts off a pair of numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,12 +58,16 @@ def reference(image_to_probe: ArrayLike, image_size_px: tuple[int, int]) -> Cali
     """The calibration that is watched, of a (4, 4) matrix from pixels to mm in the frame of the marker body.
 
     image_size_px: (width, height) of the pictures. Raises ConfigurationError for a matrix that is not
-    scale · rotation, RecordingError for one of another shape.
+    scale · rotation, RecordingError for one of another shape, and for what is no size.
     """
-    matrix = np.asarray(image_to_probe, dtype=np.float64)
+    matrix = _numbers("image_to_probe", image_to_probe)
     if matrix.shape != (4, 4):
         raise _refused("image_to_probe", f"has shape {matrix.shape}, not (4, 4)", "Give it in rows, as PLUS writes it")
-    return calibration_from_image_to_probe(matrix, image_size_px, where="image_to_probe")
+    size_px = _array("image_size_px", image_size_px)
+    if size_px.shape != (2,) or size_px.dtype.kind not in "iu" or size_px.min() < LEAST_PX:
+        what = f"is {printable(repr(image_size_px))[:_MOST_SHOWN]}"
+        raise _refused("image_size_px", what, f"Give (width, height), whole numbers of {LEAST_PX} px or more")
+    return calibration_from_image_to_probe(matrix, (int(size_px[0]), int(size_px[1])), where="image_to_probe")
 
 
 def judge(
@@ -78,8 +87,10 @@ def judge(
     Raises RecordingError where an array is not of this shape, type or unit. One pose that is not rigid is not used,
     which the report counts.
     """
-    images = _checked_pictures(np.asarray(pictures), watched)
-    matrices = _checked_poses(np.asarray(poses, dtype=np.float64))
+    _require("watched", watched, Calibration, "Make it of a matrix with reference(…), or read_calibration(…) of a file")
+    _require("limits", limits or Limits(), Limits, "Give Limits(scale_percent=3.0), or leave it out")
+    images = _checked_pictures(_array("pictures", pictures), watched)
+    matrices = _checked_poses(_numbers("poses", poses))
     picture_ns = _checked_times("picture_times_s", picture_times_s, len(images))
     pose_ns = _checked_times("pose_times_s", pose_times_s, len(matrices))
     both_ns = max(picture_ns[0], pose_ns[0]), min(picture_ns[-1], pose_ns[-1])
@@ -148,7 +159,7 @@ def _checked_poses(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _checked_times(name: str, times_s: ArrayLike, number: int) -> list[int]:
     """ns, for each of so many pictures or poses."""
-    times = np.asarray(times_s, dtype=np.float64)
+    times = _numbers(name, times_s)
     if times.shape != (number,):
         raise _refused(name, f"has shape {times.shape}, not ({number},)", "Give one time for each")
     if not np.isfinite(times).all() or np.abs(times).max() > _LATEST_S:
@@ -160,8 +171,36 @@ def _checked_times(name: str, times_s: ArrayLike, number: int) -> list[int]:
         raise _refused(name, what, "Sort by time, and leave doubles out")
     if number > 1 and np.median(steps_s) > SLOWEST_NS / 1e9:
         what = f"is {np.median(steps_s):.4g} s from one to the next, the median"
-        raise _refused(name, what, "Give seconds: divide ms by 1000")
+        raise _refused(name, what, f"Give seconds: divide {_likely_unit(float(np.median(steps_s)))}")
     return [round(float(t_s) * 1e9) for t_s in times]
+
+
+def _likely_unit(step: float) -> str:
+    """In which a step from one time to the next, of some 1 to 100 Hz, would be that long."""
+    return "ms by 1000" if step < 1e4 else "µs by 1e6" if step < 5e6 else "ns by 1e9"
+
+
+def _array(name: str, value: object) -> NDArray[Any]:
+    """Raises RecordingError where lists are of several lengths, or nest too deep."""
+    try:
+        return np.asarray(value)
+    except (TypeError, ValueError):
+        remedy = "Give an array, in which all parts have one shape"
+        raise _refused(name, "cannot be made one array", remedy) from None
+
+
+def _numbers(name: str, value: object) -> NDArray[np.float64]:
+    """Raises RecordingError for what is not made of real numbers."""
+    array = _array(name, value)
+    if array.dtype.kind not in "iuf":
+        remedy = "Give numbers alone; a pose that was not seen is NaN in all 16 places"
+        raise _refused(name, f"has {array.dtype} in it, no numbers", remedy)
+    return array.astype(np.float64)
+
+
+def _require(name: str, value: object, kind: type, remedy: str) -> None:
+    if not isinstance(value, kind):
+        raise _refused(name, f"is of type {type(value).__name__}, not {kind.__name__}", remedy)
 
 
 def _span_s(times_ns: list[int]) -> str:

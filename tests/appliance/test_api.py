@@ -129,6 +129,15 @@ def test_the_last_pictures_wait_for_a_pose(arrays):
         ("pictures", lambda a: a.astype(np.uint16) * 16, "uint16, not uint8"),
         ("pictures", lambda a: a / 255, "float64, not uint8"),
         ("picture_times_s", lambda a: a * 1000, "divide ms by 1000"),
+        ("picture_times_s", lambda a: (a - 100) * 1e6, "divide µs by 1e6"),
+        ("pose_times_s", lambda a: (a - 100) * 1e9, "divide ns by 1e9|beyond 4e[+]09 s"),
+        ("pictures", lambda a: [*a[:-1], a[0, :5]], "one shape"),
+        ("poses", lambda a: [*a[:-1], None], "one shape"),
+        ("poses", lambda a: a.astype(str), "no numbers"),
+        ("poses", lambda a: np.array([None] * len(a)), "NaN in all 16 places"),
+        ("pose_times_s", lambda a: a.astype("datetime64[s]"), "no numbers"),
+        ("watched", lambda a: None, "NoneType, not Calibration"),
+        ("watched", lambda a: np.eye(4), "ndarray, not Calibration"),
         ("picture_times_s", lambda a: 1.7e12 + a * 1000, "beyond 4e[+]09 s"),
         ("picture_times_s", lambda a: a[::-1], "not later than the one before at index 1"),
         ("picture_times_s", lambda a: a[:-1], r"shape \(39,\), not \(40,\)"),
@@ -145,6 +154,17 @@ def test_a_wrong_array_is_told_by_name(arrays, name, change, said):
         judge(**{**arrays, name: change(arrays[name])})
     assert name in str(told.value)
     assert told.value.remedy
+
+
+def test_limits_of_another_type_are_told(arrays):
+    with pytest.raises(RecordingError, match="limits: is of type dict, not Limits"):
+        judge(**arrays, limits={"scale_percent": 3.0})
+
+
+@pytest.mark.parametrize("size", [(40.5, 30), (0, 30), (40, -30), 40, (40, 30, 3), None, "40x30"])
+def test_what_is_no_size_is_refused(size):
+    with pytest.raises(RecordingError, match=r"image_size_px: is .* Give \(width, height\), whole numbers"):
+        reference(np.diag([0.2, 0.2, 1.0, 1.0]), size)
 
 
 @pytest.mark.parametrize(
