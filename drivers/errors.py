@@ -4,6 +4,7 @@ They quote what devices and files say, so their words are made printable here, w
 """
 
 import errno
+import os
 
 from drivers.printable import LONGEST_TEXT, printable
 
@@ -54,3 +55,12 @@ class ProtocolError(ProbewatchError):
     """Bytes from a device break its protocol; the whole reply is refused."""
 
     exit_code = 76
+
+
+def system_words(error: object) -> str:
+    """What the system says of an error, without its number. Names of hosts have numbers below zero, which the system
+    has no words for, and words of their own.
+    """
+    number = getattr(error, "errno", None) or 0
+    said = os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)
+    return said[:1].lower() + said[1:]

@@ -62,6 +62,8 @@ def command(
     The file appears whole or not at all and is removed at the end. docs/monitoring.md lists the metrics, has rules for
     alerts and a dashboard, and says how Prometheus reaches a cart from elsewhere.
     """
+    if once and textfile is not None:
+        raise click.UsageError("--once prints and ends, and writes no --textfile. Leave one of them out")
     exposition = Exposition(control_socket)
     if once:
         text = exposition.text()

@@ -12,7 +12,7 @@ import uvicorn
 
 from appliance.configuration.config import load_config
 from appliance.service.control.rights import Onlookers
-from drivers.errors import ConfigurationError
+from drivers.errors import ConfigurationError, system_words
 from tools.page.alarm_log_watch import AlarmLogWatch
 from tools.page.asking import Asking
 from tools.page.connection import Connection
@@ -143,9 +143,10 @@ def _url(host: str, port: int) -> str:
 def _listening(host: str, port: int) -> sockets.socket:
     try:
         return sockets.create_server((host, port), family=sockets.AF_INET6 if ":" in host else sockets.AF_INET)
-    except (OSError, OverflowError) as error:
+    except (OSError, OverflowError, UnicodeError) as error:
         where = f"--listen {host}:{port}"
-        raise ConfigurationError(f"cannot listen there ({error})", where, "Choose another address") from None
+        what = f"cannot listen there ({system_words(error)})"
+        raise ConfigurationError(what, where, "Choose another address") from None
 
 
 def _address(listen: str) -> tuple[str, int]:

@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from prometheus_client import CONTENT_TYPE_LATEST
 
-from drivers.errors import ConfigurationError
+from drivers.errors import ConfigurationError, system_words
 from tools.shared.called_host import called, is_address
 
 _MOST = 16
@@ -60,9 +60,10 @@ class Endpoint(ThreadingHTTPServer):
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             super().__init__((host, port), _Handler)
-        except (OSError, OverflowError) as error:
+        except (OSError, OverflowError, UnicodeError) as error:
             where = f"--listen {host}:{port}"
-            raise ConfigurationError(f"cannot listen there ({error})", where, "Choose another address") from None
+            what = f"cannot listen there ({system_words(error)})"
+            raise ConfigurationError(what, where, "Choose another address") from None
 
     def __enter__(self) -> Self:
         threading.Thread(target=self.serve_forever, name="metrics", daemon=True).start()

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 from http.client import HTTPException, InvalidURL
 from typing import Any
 
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.errors import ConfigurationError, DeviceLost, system_words
 from drivers.printable import printable
 
 _PATIENCE_S = 10.0
@@ -149,7 +149,7 @@ def _asked(base: str, query: str) -> list[tuple[Mapping[str, str], float]]:
     except (ValueError, InvalidURL) as error:
         raise ConfigurationError(f"is not a URL: {error}", base, "Such as http://127.0.0.1:9090") from None
     except (OSError, HTTPException) as error:
-        raise _lost(base, f"no Prometheus answers ({getattr(error, 'reason', error)})") from None
+        raise _lost(base, f"no Prometheus answers ({system_words(getattr(error, 'reason', error))})") from None
     return _series(base, content)
 
 

@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
-from drivers.errors import ConfigurationError
+from drivers.errors import ConfigurationError, system_words
 from drivers.printable import printable
 from tools.monitoring.exposition import Status, contact_closed
 from tools.monitoring.home_assistant import discovery
@@ -242,7 +242,7 @@ class Publisher:
 
     def _words_of(self, error: OSError | ValueError) -> str:
         """Without the number of the error; a port that speaks no TLS breaks off, or answers in the clear."""
-        said = printable(error.strerror if isinstance(error, OSError) and error.strerror else str(error))
+        said = printable(system_words(error))
         plain = self._broker.tls is not None and isinstance(error, ConnectionResetError | ssl.SSLEOFError)
         plain |= isinstance(error, ssl.SSLError) and error.reason in _IN_THE_CLEAR
         return f"{said}; is it a port for mqtts://?" if plain else said

@@ -1,6 +1,5 @@
 """The OpenIGTLink server: any number of clients up to a bound, none of which can hold up another, or the service."""
 
-import os
 import selectors
 import socket
 import time
@@ -11,7 +10,7 @@ from threading import Event
 from types import TracebackType
 from typing import Self
 
-from drivers.errors import ConfigurationError, ProtocolError
+from drivers.errors import ConfigurationError, ProtocolError, system_words
 from drivers.openigtlink.message import Header, Message, encode
 from drivers.openigtlink.stream import MessageStream
 from drivers.samples import Frame, Pose
@@ -156,8 +155,8 @@ class StateServer:
         self.turned_away = self.dropped = 0
         try:
             self._door = socket.create_server(address)
-        except OSError as error:
-            what = f"cannot listen ({os.strerror(error.errno or 0).lower()})"
+        except (OSError, UnicodeError) as error:
+            what = f"cannot listen ({system_words(error)})"
             where = f"{address[0]}:{address[1]}"
             raise ConfigurationError(what, where, "Choose another --port, or end what listens there") from None
         self._door.setblocking(False)

@@ -14,12 +14,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 from drivers.errors import ConfigurationError
 from tests.support.answering import Answering
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
+from tools.cli import probewatch
 from tools.commands.metrics import _address
 from tools.monitoring.endpoint import Endpoint
 from tools.monitoring.reading import Exposition
@@ -117,7 +119,7 @@ def test_a_crowd_that_asks_keeps_nobody_from_an_answer() -> None:
 
 
 def test_an_address_that_is_taken_is_refused(endpoint: Endpoint) -> None:
-    with pytest.raises(ConfigurationError, match="cannot listen there"):
+    with pytest.raises(ConfigurationError, match=r"cannot listen there \(address already in use\)"):
         Endpoint("127.0.0.1", endpoint.server_address[1], bytes)
 
 
@@ -165,6 +167,19 @@ def test_once_without_a_service(tmp_path: Path) -> None:
     out, err = program.communicate(timeout=60)
     assert (program.returncode, err) == (69, "")
     assert "\nprobewatch_up 0.0\n" in out
+
+
+@pytest.mark.parametrize("host", ["a..b", "nobody.invalid"])
+def test_a_host_that_is_none_is_refused_in_words(host: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"cannot listen there \((?!\[Errno)[a-z]"):
+        Endpoint(host, 0, bytes)
+
+
+def test_once_writes_no_file_and_says_so(tmp_path: Path) -> None:
+    typed = ["metrics", "--once", "--textfile", str(tmp_path / "x.prom"), "--socket", str(tmp_path / "nobody")]
+    ended = CliRunner().invoke(probewatch, typed)
+    assert "--once prints and ends, and writes no --textfile" in ended.output
+    assert ended.exit_code == 2
 
 
 def test_nothing_to_do_is_refused(tmp_path: Path) -> None:

@@ -350,7 +350,7 @@ def test_a_port_without_tls_and_one_where_nobody_listens_are_told_in_words() -> 
         answering.start()
         _say_of(Broker("127.0.0.1", plain.getsockname()[1], ssl.create_default_context()), said)
         answering.join()
-    assert said[0].endswith(": Connection refused; trying again")
+    assert said[0].endswith(": connection refused; trying again")
     assert said[1].endswith("; is it a port for mqtts://?; trying again")
 
 

@@ -224,6 +224,12 @@ def test_a_service_that_never_was_is_named(tmp_path: Path) -> None:
         assert silence.status is None
 
 
+@pytest.mark.parametrize("host", ["a..b", "nobody.invalid"])
+def test_a_host_that_is_none_is_refused_in_words(bench: Bench, host: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"cannot listen \((?!unknown error|\[Errno)[a-z]"):
+        StateServer((host, 0), bench.watch, EVERY_S, Passage(Path("feed"), print))
+
+
 def test_a_port_in_use_is_refused_by_name(bench: Bench) -> None:
     with pytest.raises(ConfigurationError, match=r"cannot listen \(address already in use\)"):
         StateServer(bench.server.address, bench.watch, EVERY_S, Passage(Path("feed"), print))
