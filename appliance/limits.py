@@ -118,8 +118,8 @@ PROFILES: Mapping[Profile, Mapping[str, float]] = MappingProxyType(
     }
 )
 """deg, %, mm, ms, mm by the fields of Limits; coarse has their defaults. Tighter ones allow less error in the picture,
-and keep the contact open for longer: docs/study.md, "Profiles", has what each costs. The figures are those of
-navigation (a point within 2.5 mm) and of what is asked of an optical tracker; no smaller set was tried."""
+and keep the contact open for longer: docs/profiles.md has what each costs, measured on simulated carts. The figures
+were asked for by those who navigate, not derived."""
 _MEANING = ("rotation_deg", "scale_percent", "offset_mm", "latency_ms", "point_mm", "confidence_sigma", "at_rest_s")
 """Numbers on which it depends what an OK of a profile says; `region` and `required_age_s` do so as well."""
 
