@@ -317,7 +317,7 @@ class PictureChain(Detector):
             self.linked, self._covered_ns = True, view.t_ns
 
     def _turned(self, placed: Array32, view: View) -> bool:
-        """Whether the picture was turned or sheared by more than a rotation may be off, as beams that are steered do."""
+        """Whether it was turned or sheared by more than a rotation may be off, as steered beams do it."""
         turned_rad = lines_turned(placed, view.small, self._aspect)
         return turned_rad is not None and float(np.max(np.abs(turned_rad))) > self._rotation_limit_rad
 
