@@ -12,8 +12,8 @@ from drivers.printable import printable
 
 SERVER_REMEDY = "Check that the OpenIGTLink server runs and sends"
 
-SLOW_REMEDY = f"{SERVER_REMEDY}; where it is as slow as that by itself, give a longer deadline_ms= in the URL"
-"""For one that has sent something."""
+_SLOW_REMEDY = f"{SERVER_REMEDY}; where it is as slow as that by itself, give a longer deadline_ms= in the URL"
+"""For one that is silent: a tracker of 3 Hz is, between two measurements, also before the first that is seen."""
 
 FOLLOW_REMEDY = "Have the sender follow the protocol: content, lengths, and the CRC-64 (ECMA-182) of each body"
 """For messages that are wanted and come damaged, all of them."""
@@ -122,8 +122,7 @@ class IgtlClient:
         """A peer that is gone without a word, or half of it, does not answer; one that answers is alive."""
         silent_ns = self._clock.now_ns() - self._heard_ns
         if silent_ns >= self._deadline_ns:
-            remedy = SLOW_REMEDY if self.received else SERVER_REMEDY
-            raise self.lost(f"the server has been silent for {silent_ns / 1e6:.0f} ms", remedy)
+            raise self.lost(f"the server has been silent for {silent_ns / 1e6:.0f} ms", _SLOW_REMEDY)
         if silent_ns >= _ASK_AFTER * self._deadline_ns and not self._asked:
             self._asked = True
             self.send("GET_STATUS")
