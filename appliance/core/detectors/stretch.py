@@ -57,7 +57,7 @@ def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[f
     middle = (np.array(before.shape[::-1]) - 1) / 2
     M = np.diag(start)
     warp = np.column_stack([M, middle - M @ middle])
-    apart, rigid_px = np.zeros(2), None
+    apart, rigid_px = np.zeros(2), list[float]()
     for _ in range(_LOOKS):
         places, moved = _parts(warped(before, warp), now)
         columns = _columns(places, aspect)
@@ -67,10 +67,10 @@ def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[f
         M = np.array([[1 + fit[3], -aspect * fit[2]], [fit[2] / aspect, 1 + fit[4]]])
         warp = M @ warp + np.column_stack([np.zeros((2, 2)), middle + fit[:2] - M @ middle])
         apart = apart + fit[3:]
-        rigid_px = _fitted(columns[:, :, :_RIGID], moved)[1] if rigid_px is None else rigid_px
+        rigid_px.append(float(np.median(_fitted(columns[:, :, :_RIGID], moved)[1])))
     magnification = np.hypot(warp[[0, 1], [0, 1]], warp[[1, 0], [0, 1]] * [aspect, 1 / aspect])
     apart_px = float(np.median(np.linalg.norm(places * apart, axis=1)))
-    return Stretch(magnification, warp, apart_px, float(np.median(rigid_px) - np.median(off_px)))
+    return Stretch(magnification, warp, apart_px, rigid_px[0] - float(np.median(off_px)))
 
 
 def lines_turned(before: Array32, now: Array32, aspect: float) -> Array | None:
@@ -166,11 +166,12 @@ def _fitted(columns: Array, moved: Array) -> tuple[Array, Array]:
     astray do not draw it; (n,) px by which each part lies beside that.
     """
     count = columns.shape[-1]
-    fit, off_px = np.zeros(count), np.linalg.norm(moved, axis=1)
+    fit: Array = np.zeros(count)
     near = np.ones(len(moved))
+    off_px: Array = np.linalg.norm(moved, axis=1)
     for _ in range(_TURNS if len(moved) else 0):
         weighed = columns * near[:, None, None]
-        fit = np.linalg.lstsq(weighed.reshape(-1, count), (moved * near[:, None]).ravel(), rcond=None)[0]
+        fit = np.asarray(np.linalg.lstsq(weighed.reshape(-1, count), (moved * near[:, None]).ravel(), rcond=None)[0])
         off_px = np.linalg.norm(moved - columns @ fit, axis=1)
         near = 1 / np.sqrt(np.maximum(off_px, _NEAR_PX))
-    return np.asarray(fit), np.asarray(off_px)
+    return fit, off_px
