@@ -85,7 +85,7 @@ def _limits() -> list[str]:
 
 def _measured(data: Sequence[Figure]) -> str:
     commits = ", ".join(f"`{one}`" for one in sorted({commit for one in data for commit in one["commits"]}))
-    return f"Simulated, everything asked for, commit {commits or '–'}; the worlds are those of [study.md](study.md)."
+    return f"Simulated, everything asked for, commit {commits or '–'}; worlds as in [study.md](study.md)."
 
 
 def _healthy(data: Sequence[Figure]) -> list[str]:
@@ -208,7 +208,8 @@ _REACH = """All limits are of a change **against the reference**: what the refer
 
 | tracker | profile |
 |---|---|
-| optical, 0.1 to 0.25 mm of noise, rigid tissue or phantom | `coarse`, `clinical` |
+| optical, 0.1 mm of noise, rigid tissue or phantom | `coarse`, `clinical` |
+| the same, 0.25 mm | `coarse`; `clinical`, though not after every gesture |
 | optical, tissue that gives way as a patient's | `coarse`; see below before relying on `clinical` |
 | electromagnetic | not tried; one that errs by place is rarely verified by `coarse` ([16](known-anomalies.md)) |
 | any | `fine`: none |"""
@@ -229,7 +230,9 @@ probewatch study --sessions gesture-hold --tissues rigid,half-30+deep --seeds 3 
 probewatch study --sessions gesture-mixed --tissues rigid --seeds 2 --duration 48 --profiles coarse,clinical
 probewatch study --sessions gesture --tissues rigid --seeds 3 --duration 12 --profiles clinical,fine \\
   --hazards slide-lateral=2@start,bend-axial=1.5@start,slide-lateral=4@start,bend-axial=2.5@start
-```"""
+```
+
+and likewise for the other lines."""
 
 
 if __name__ == "__main__":
