@@ -305,8 +305,10 @@ class PictureChain(Detector):
             return
         self._covered = self._covered + 1 if link.covered else 0
         astray_px = np.zeros(2) if own is not None or link.in_place else link.beside_px
-        straight = own is not None or not self._turned(placed, view)
-        there = straight and self._may_be_tissue(astray_px, view, last)
+        turned_rad = 0.0 if own is not None else self._turned_rad(placed, view)
+        straight = turned_rad is not None and turned_rad <= self._rotation_limit_rad
+        there = (straight or turned_rad is None) and self._may_be_tissue(astray_px, view, last)
+        # Of less speckle a sheared picture leaves parts alike by chance, so that it must be shown to be straight.
         hurried = link.hurried and straight and (own is not None or link.in_place)
         if there and (link.whole or self._covered >= _COVERED):
             self._astray_px = self._astray_px + astray_px
@@ -316,10 +318,10 @@ class PictureChain(Detector):
         elif there and link.covered:
             self.linked, self._covered_ns = True, view.t_ns
 
-    def _turned(self, placed: Array32, view: View) -> bool:
-        """Whether it was turned or sheared by more than a rotation may be off, as steered beams do it."""
+    def _turned_rad(self, placed: Array32, view: View) -> float | None:
+        """By how much it was turned or sheared, as steered beams do it; None where too little of it is found again."""
         turned_rad = lines_turned(placed, view.small, self._aspect)
-        return turned_rad is not None and float(np.max(np.abs(turned_rad))) > self._rotation_limit_rad
+        return None if turned_rad is None else float(np.max(np.abs(turned_rad)))
 
     def _may_be_tissue(self, astray_px: Array, view: View, last: View) -> bool:
         """Whether tissue may have gone so far by itself since the last picture, and all breaks of this chain together

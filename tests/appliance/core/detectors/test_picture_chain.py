@@ -344,7 +344,8 @@ def turned(image: GreyImage, across_deg: float, down_deg: float) -> GreyImage:
 
 
 @pytest.mark.parametrize(
-    ("across_deg", "down_deg", "linked"), [(4.0, 4.0, False), (0.0, 5.0, False), (5.0, 0.0, False), (1.0, 1.0, True)]
+    ("across_deg", "down_deg", "linked"),
+    [(4.0, 4.0, False), (0.0, 5.0, False), (5.0, 0.0, False), (0.0, 19.0, False), (1.0, 1.0, True)],
 )
 def test_after_a_blank_a_picture_that_was_turned_or_sheared_is_no_link(
     across_deg: float, down_deg: float, linked: bool
