@@ -27,6 +27,11 @@ def test_an_organ_that_slides_under_its_wall_accuses_nobody() -> None:
     assert watched("organ-8-lateral", 6.0, 3, motion="in-plane").faults == ""
 
 
+def test_a_deep_breath_that_presses_soft_tissue_against_a_resting_face_accuses_nobody() -> None:
+    """It was named a zoom by +7 % after 7.7 s."""
+    assert watched("half-20+drag-1+deep+breath-12-axial", 30.0, 1, motion="gesture-hold").faults == ""
+
+
 def test_a_healthy_probe_is_verified_by_the_gesture_over_a_half_space() -> None:
     outcome = watched("half-30+deep", 8.0, 3)
     assert outcome.faults == ""
