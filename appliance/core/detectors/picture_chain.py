@@ -251,10 +251,10 @@ class PictureChain(Detector):
         what the face went in. Looks of tissue that slid out of the plane came to −2 and −4 %, which added up to a zoom
         by −6 %. What breathing may do has no name.
         """
-        log_zoom = float(np.max(np.abs(np.log(change.zoom))))
-        pressed = float(np.abs(pressed_between(self._reference, before, view)).sum())
         if change.polarity != (1, 1):
             return change
+        log_zoom = float(np.max(np.abs(np.log(change.zoom))))
+        pressed = float(np.abs(pressed_between(self._reference, before, view)).sum())
         if log_zoom < np.log1p(self._scale_limit / 100) + pressed:
             return None
         return change if log_zoom >= _NAMED + pressed else PictureChange()

@@ -57,20 +57,23 @@ def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[f
     middle = (np.array(before.shape[::-1]) - 1) / 2
     M = np.diag(start)
     warp = np.column_stack([M, middle - M @ middle])
-    apart, rigid_px = np.zeros(2), list[float]()
+    apart, first = np.zeros(2), None
     for _ in range(_LOOKS):
         places, moved = _parts(warped(before, warp), now)
         columns = _columns(places, aspect)
-        fit, off_px = _fitted(columns, moved)
-        if np.count_nonzero(off_px < _ASTRAY_PX) < _LEAST_PARTS:
+        found = _fitted_to_most(columns, moved)
+        if found is None:
             return None
+        fit, off_px = found
         M = np.array([[1 + fit[3], -aspect * fit[2]], [fit[2] / aspect, 1 + fit[4]]])
         warp = M @ warp + np.column_stack([np.zeros((2, 2)), middle + fit[:2] - M @ middle])
         apart = apart + fit[3:]
-        rigid_px.append(float(np.median(_fitted(columns[:, :, :_RIGID], moved)[1])))
+        first = first or (columns[:, :, :_RIGID], moved)
+    assert first is not None
+    rigid_px = _fitted(*first)[1]
     magnification = np.hypot(warp[[0, 1], [0, 1]], warp[[1, 0], [0, 1]] * [aspect, 1 / aspect])
     apart_px = float(np.median(np.linalg.norm(places * apart, axis=1)))
-    return Stretch(magnification, warp, apart_px, rigid_px[0] - float(np.median(off_px)))
+    return Stretch(magnification, warp, apart_px, float(np.median(rigid_px) - np.median(off_px)))
 
 
 def lines_turned(before: Array32, now: Array32, aspect: float) -> Array | None:
@@ -78,11 +81,8 @@ def lines_turned(before: Array32, now: Array32, aspect: float) -> Array | None:
     one of them in one that was sheared. Of two pictures (h, w) of the same size; None where too few parts are found.
     """
     places, moved = _parts(before, now)
-    if len(places) < _LEAST_PARTS:
-        return None
-    fit, off_px = _fitted(_columns_of_lines(places), moved)
-    enough = np.count_nonzero(off_px < _ASTRAY_PX) >= _LEAST_PARTS
-    return np.arctan(fit[[4, 3]] * [aspect, 1 / aspect]) if enough else None
+    found = _fitted_to_most(_columns_of_lines(places), moved)
+    return None if found is None else np.arctan(found[0][[4, 3]] * [aspect, 1 / aspect])
 
 
 def warped(image: Array32, warp: Array) -> Array32:
@@ -161,17 +161,23 @@ def _columns_of_lines(places: Array) -> Array:
     return np.stack([across, down], axis=1)
 
 
+def _fitted_to_most(columns: Array, moved: Array) -> tuple[Array, Array] | None:
+    """As `_fitted`; None where fewer than _LEAST_PARTS lie near the fit."""
+    if len(moved) < _LEAST_PARTS:
+        return None
+    fit, off_px = _fitted(columns, moved)
+    return (fit, off_px) if np.count_nonzero(off_px < _ASTRAY_PX) >= _LEAST_PARTS else None
+
+
 def _fitted(columns: Array, moved: Array) -> tuple[Array, Array]:
     """(k,) of the (n, 2, k) columns that move the parts as they have moved, by least distances, so that parts gone
     astray do not draw it; (n,) px by which each part lies beside that.
     """
-    count = columns.shape[-1]
-    fit: Array = np.zeros(count)
     near = np.ones(len(moved))
-    off_px: Array = np.linalg.norm(moved, axis=1)
-    for _ in range(_TURNS if len(moved) else 0):
+    for _ in range(_TURNS):
         weighed = columns * near[:, None, None]
-        fit = np.asarray(np.linalg.lstsq(weighed.reshape(-1, count), (moved * near[:, None]).ravel(), rcond=None)[0])
+        straight = weighed.reshape(-1, columns.shape[-1])
+        fit = np.asarray(np.linalg.lstsq(straight, (moved * near[:, None]).ravel(), rcond=None)[0])
         off_px = np.linalg.norm(moved - columns @ fit, axis=1)
         near = 1 / np.sqrt(np.maximum(off_px, _NEAR_PX))
-    return fit, off_px
+    return fit, np.asarray(off_px)
