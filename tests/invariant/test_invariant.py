@@ -23,7 +23,8 @@ def outlasting(disturbance: str, max_age_ns: int = SWEPT_NS, *, discerning: bool
     assert cart.run((max_age_ns + TICK_NS) / 1e9, until=lambda: not cart.closed), cart.told()
 
 
-@pytest.mark.parametrize("max_age_s", [8, pytest.param(30, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("max_age_s", [8, 30])
 def test_hole_1_the_contact_does_not_outlive_one_good_pose_in_twelve(max_age_s: int) -> None:
     outlasting("one pose in twelve", max_age_s * 10**9)
 

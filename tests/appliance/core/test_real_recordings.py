@@ -15,7 +15,7 @@ from drivers.recordings.replay import open_recording
 from drivers.rigid import vector_from_rotation
 from tests.support.recordings import NWIRE_IMAGE_TO_PROBE, plus_file
 
-THOROUGH = pytest.mark.thorough
+pytestmark = pytest.mark.thorough
 FCAL = "fCal_Test_Validation_3NWires_fCal2.0.igs.mha"
 NWIRE = "NwirePhantomFreehand.igs.mha"
 
@@ -54,7 +54,7 @@ def run(name: str) -> Run:
     return Run(line.report(), nominal, frozenset(named))
 
 
-@pytest.mark.parametrize("name", [FCAL, pytest.param(NWIRE, marks=THOROUGH)])
+@pytest.mark.parametrize("name", [FCAL, NWIRE])
 def test_the_estimate_covers_the_published_calibration(name: str) -> None:
     """Wires in water wander as the plane leaves them: seven seconds of that leave sigmas of 5 to 13 %."""
     found = run(name)
@@ -67,14 +67,14 @@ def test_the_estimate_covers_the_published_calibration(name: str) -> None:
     assert found.turn_deg < 9.0
 
 
-@pytest.mark.parametrize(("name", "latency_ms"), [(FCAL, 20.0), pytest.param(NWIRE, 75.0, marks=THOROUGH)])
+@pytest.mark.parametrize(("name", "latency_ms"), [(FCAL, 20.0), (NWIRE, 75.0)])
 def test_latency_is_found_before_anything_else_is_judged(name: str, latency_ms: float) -> None:
     latency = run(name).report.latency
     assert latency is not None
     assert latency.value == pytest.approx(latency_ms, abs=30.0)
 
 
-@pytest.mark.parametrize("name", [FCAL, pytest.param(NWIRE, marks=THOROUGH)])
+@pytest.mark.parametrize("name", [FCAL, NWIRE])
 def test_seven_seconds_of_mostly_elevational_motion_show_neither_scale(name: str) -> None:
     """Their sigma cannot show a limit of 5 %: of the scales neither OK nor FAULT may be said."""
     report = run(name).report
@@ -89,7 +89,6 @@ def test_a_recording_without_a_fault_is_not_verified_and_says_why() -> None:
     assert "scale-lateral" in verdict.reason
 
 
-@pytest.mark.thorough
 def test_a_tracker_that_is_later_than_the_limit_is_a_fault_and_the_only_one() -> None:
     """By the two paths alone it is about 75 ms late; the limit is 60."""
     found = run(NWIRE)

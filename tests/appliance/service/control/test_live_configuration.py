@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,22 @@ from tests.support.polling import until
 pytestmark = pytest.mark.usefixtures("log")
 log = stores.log
 COMMAND = (sys.executable, "-m", "tests.support.stand_in_estimator")
+
+
+@dataclass
+class Verified:
+    """A supervisor that every tick is told OK, shown by motion of verified_ns."""
+
+    supervisor: Supervisor
+    now_ns: int = 0
+    verified_ns: int = 1
+
+    def state_after(self, seconds: float) -> State:
+        for _ in range(round(seconds * 1e9 / TICK_NS)):
+            self.now_ns += TICK_NS
+            ok = Verdict(self.now_ns, VerdictKind.OK, (), verified_ns=self.verified_ns)
+            self.supervisor.step(self.now_ns, Inputs((ok,)))
+        return self.supervisor.state
 
 
 @dataclass
@@ -99,48 +115,30 @@ def test_other_limits_reach_the_line(running: Running) -> None:
 @pytest.mark.parametrize("more", ['"fine"', '"fine"\nlimits.offset_mm = 50.0', '"clinical"\nlimits.offset_mm = 4.0'])
 def test_what_one_profile_verified_is_not_verified_by_another(running: Running, more: str) -> None:
     """Neither by a tighter one nor by one with a looser limit: the line begins again, and so does the room."""
-    supervisor, now_ns = running.live._supervisor, 0
-    ok = Verdict(0, VerdictKind.OK, (), verified_ns=1)
-
-    def state_after(seconds: float) -> State:
-        nonlocal now_ns
-        for _ in range(round(seconds * 1e9 / TICK_NS)):
-            now_ns += TICK_NS
-            supervisor.step(now_ns, Inputs((replace(ok, t_ns=now_ns),)))
-        return supervisor.state
-
+    room = Verified(running.live._supervisor)
     running.stale_ns()
-    assert state_after(2.0) is State.MONITORING
+    assert room.state_after(2.0) is State.MONITORING
     running.write(f"limits.profile = {more}\n")
     running.live.reload()
-    assert state_after(0.1) is State.NOT_VERIFIED, "what was shown before counts no more"
-    assert state_after(5.0) is State.NOT_VERIFIED
+    assert room.state_after(0.1) is State.NOT_VERIFIED, "what was shown before counts no more"
+    assert room.state_after(5.0) is State.NOT_VERIFIED
     until(lambda: running.limits() == running.live.config.limits)
-    ok = replace(ok, verified_ns=now_ns)
-    assert state_after(2.0) is State.MONITORING, "motion since then does"
+    room.verified_ns = room.now_ns
+    assert room.state_after(2.0) is State.MONITORING, "motion since then does"
 
 
 def test_what_has_expired_does_not_count_again_by_a_longer_age(running: Running) -> None:
     before = running.live.file.read_text()
     running.write("supervisor.max_verification_age_s = 10\n")
     running.live.reload()
-    supervisor, now_ns = running.live._supervisor, 0
-    ok = Verdict(0, VerdictKind.OK, (), verified_ns=1)
-
-    def state_after(seconds: float) -> State:
-        nonlocal now_ns
-        for _ in range(round(seconds * 1e9 / TICK_NS)):
-            now_ns += TICK_NS
-            supervisor.step(now_ns, Inputs((replace(ok, t_ns=now_ns),)))
-        return supervisor.state
-
-    assert state_after(5.0) is State.MONITORING
-    assert state_after(6.0) is State.NOT_VERIFIED
+    room = Verified(running.live._supervisor)
+    assert room.state_after(5.0) is State.MONITORING
+    assert room.state_after(6.0) is State.NOT_VERIFIED
     running.live.file.write_text(f"{before}supervisor.max_verification_age_s = 60\n")
     running.live.reload()
-    assert state_after(1.0) is State.NOT_VERIFIED
-    ok = replace(ok, verified_ns=now_ns)
-    assert state_after(1.0) is State.MONITORING
+    assert room.state_after(1.0) is State.NOT_VERIFIED
+    room.verified_ns = room.now_ns
+    assert room.state_after(1.0) is State.MONITORING
 
 
 def test_what_only_a_restart_can_change_is_refused_and_changes_nothing(running: Running) -> None:
