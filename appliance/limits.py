@@ -171,7 +171,7 @@ class Limits(BaseModel):
 
     @property
     def beside_profile(self) -> dict[str, Any]:
-        """What is not as the profile has it, and changes what an OK says: field → value in force."""
+        """Limits that differ from the profile's and change what an OK means: field → value in force."""
         own = Limits(profile=self.profile)
         names = (*_MEANING, "region", "required_age_s")
         return {name: getattr(self, name) for name in names if getattr(self, name) != getattr(own, name)}

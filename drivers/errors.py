@@ -58,8 +58,8 @@ class ProtocolError(ProbewatchError):
 
 
 def system_words(error: object) -> str:
-    """What the system says of an error, without its number. Names of hosts have numbers below zero, which the system
-    has no words for, and words of their own.
+    """The system's message for an error, without its number. Errors of name resolution have negative numbers, which
+    os.strerror does not know; they carry their own message.
     """
     number = getattr(error, "errno", None) or 0
     said = os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)

@@ -31,7 +31,7 @@ class SenderTime:
 
     @property
     def remedy(self) -> str:
-        """What to do where times are known poorly, as far as the messages tell; else empty."""
+        """The remedy for times with a wide bound, where the messages show the cause; empty otherwise."""
         if self.untimed:
             return "Have the server stamp what it sends: messages came without a time"
         return "Keep the server's clock from being set while it sends: it jumped" if self.restarts else ""

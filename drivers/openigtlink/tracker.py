@@ -136,7 +136,7 @@ class IgtlTracker:
         )
 
     def _absent(self) -> tuple[str, str]:
-        """That the transform never came, or came damaged each time; what to do about it."""
+        """The message that the transform never came, or was damaged each time, and its remedy."""
         named = f"no transform '{printable(self._options.probe)}'"
         if self._damage:
             return f"{named} could be read: {self._damage}", FOLLOW_REMEDY

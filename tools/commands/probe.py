@@ -221,7 +221,7 @@ def _time_rows(quality: TimeQuality) -> list[Row]:
 
 
 def complaints(measured: Measured, time_remedy: str = "") -> Iterator[str]:
-    """What is wrong although the device answers. time_remedy: what the device says to do where the time is loose."""
+    """Complaints about a device that answers. time_remedy: the device's own remedy for times with a wide bound."""
     found = Counter((pose.status, pose.reason) for pose in measured.poses if pose.status is not PoseStatus.OK)
     for (status, reason), number in found.most_common(5):
         share = 100 * number / len(measured.samples)

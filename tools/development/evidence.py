@@ -2,7 +2,6 @@
 docs/evidence.json and the pages from it. `--table FILE` writes them from the rows of a study that is there.
 """
 
-import csv
 import json
 import os
 from collections.abc import Sequence
@@ -10,9 +9,9 @@ from pathlib import Path
 
 import click
 
-from drivers.errors import ConfigurationError
 from tools.development.evidence_figures import Figures, figures
 from tools.development.evidence_pages import DATA, pages, read_figures
+from tools.development.study_rows import study_rows
 from tools.shared.terminal import progress_bar
 from tools.study.hand import GESTURED, PROGRAMS
 from tools.study.hazard import CREEP_S, STANDARD, Hazard, Manner
@@ -102,7 +101,8 @@ def main(
     if (plan is None) == (table is None):
         raise click.UsageError("give a PLAN or a --table")
     if table is not None:
-        write(_read(table))
+        rows = study_rows(table, {*KEYS, "commit"} - {"profile"})
+        write([row for row in rows if row.get("profile", "coarse") == "coarse"])
     elif plan is not None:
         runs, usual = PLANS[plan]
         write(measured(runs(seeds or usual), jobs, scheduler, motions))
@@ -120,16 +120,6 @@ def measured(runs: Sequence[Conditions], jobs: int, scheduler: str | None, motio
             study.add(rows)
             progress.advance(bar, len(rows))
     return study.rows
-
-
-def _read(path: Path) -> list[Row]:
-    with path.open(encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    if not rows or not {*KEYS, "commit"} - {"profile"} <= set(rows[0]):
-        raise ConfigurationError(
-            "is not a table of a study", str(path), "Give the study.csv that probewatch study wrote"
-        )
-    return [row for row in rows if row.get("profile", "coarse") == "coarse"]
 
 
 def write(rows: Sequence[Row]) -> None:

@@ -2,7 +2,6 @@
 docs/profiles.json from the rows of `probewatch study`, and docs/profiles.md from that.
 """
 
-import csv
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from math import isfinite, sqrt
@@ -15,12 +14,12 @@ import click
 from appliance.core.parameters import CLASSES, MEASURED, QUANTITIES
 from appliance.limits import PROFILES, Limits
 from appliance.types import Fault
-from drivers.errors import ConfigurationError
+from tools.development.evidence_pages import DOCS
 from tools.development.markdown import table
+from tools.development.study_rows import study_rows
 from tools.study.samples import KEYS
 from tools.study.summary import Row, Share, false_rate_per_hour, number
 
-DOCS = Path(__file__).parents[2] / "docs"
 DATA, PAGE = DOCS / "profiles.json", DOCS / "profiles.md"
 _NAMED_S = 15.0
 """From the start, by when what is wrong is to be named. The sessions with a hazard may be shorter; then all of them."""
@@ -138,7 +137,7 @@ def _sick_cells(one: Figure) -> Sequence[str]:
 
 
 def _rests(data: Sequence[Figure]) -> list[str]:
-    """What an estimate is off by, beside what is added to each sigma for it and the limits of `fine`."""
+    """Rows of the table of errors: RMS of each estimate, then what is added to each sigma, and the limits of `fine`."""
     fine = Limits(profile="fine")
     places = list(dict.fromkeys((one["session"], one["tissue"], one["noise_mm"]) for one in data))
     head = ("RMS error at the looks", *MEASURED)
@@ -178,20 +177,11 @@ def read_figures() -> list[Figure]:
     return list(json.loads(DATA.read_text(encoding="utf-8")))
 
 
-def _read(path: Path) -> list[Row]:
-    with path.open(encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    if not rows or not {*KEYS, "commit"} <= set(rows[0]):
-        what = "is not a table of a study with profiles"
-        raise ConfigurationError(what, str(path), "Give the study.csv that probewatch study --profiles wrote")
-    return rows
-
-
 @click.command()
 @click.option("--table", "path", required=True, type=click.Path(path_type=Path, exists=True, dir_okay=False))
 def main(path: Path) -> None:
     """Write docs/profiles.json and docs/profiles.md from the rows of a study."""
-    data = figures(_read(path))
+    data = figures(study_rows(path, {*KEYS, "commit"}, "--profiles"))
     DATA.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     PAGE.write_text(page(data), encoding="utf-8")
 

@@ -26,7 +26,7 @@ BEFORE = {
     "marker_fit_mm": 0.75, "marker_shape_mm": 0.75, "witness_mm": 1.0, "witness_deg": 1.0, "field_indicator": 1.5,
     "confidence_sigma": 3.0, "point_mm": None, "point_depth_mm": None, "at_rest_s": 90.0,
 }  # fmt: skip
-"""Of a configuration that says nothing of limits, before there were profiles."""
+"""The limits of a configuration without any, as they were before there were profiles."""
 KEYS = ("rotation_deg", "scale_percent", "latency_ms", "offset_mm", "point_mm")
 
 

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.thorough
 
 
 def watched(tissue: str, seconds: float, seed: int, hazard: str = "none", motion: str = "gesture") -> Outcome:
-    """What comes of that motion over this tissue."""
+    """Outcome of a session with this motion over this tissue."""
     session = Session(motion, tissue, seed, seconds)
     return run(Conditions(session, Hazard.parse(hazard)), rendered(session, sessions()))
 

@@ -173,7 +173,7 @@ def test_a_table_without_its_headings_is_told_by_what_it_has(tmp_path: Path, tex
     ],
 )
 def test_a_list_of_films_shows_no_file_that_lies_elsewhere(tmp_path: Path, name: str, text: str) -> None:
-    """What is told of a recording is handed on: it holds no pictures of a file that was not given."""
+    """Reports of a recording are handed on, so they must hold no pictures of a file that was not given."""
     (tmp_path / "elsewhere").mkdir()
     film(tmp_path / "elsewhere" / "other.mkv")
     (tmp_path / "other.mkv").symlink_to(tmp_path / "elsewhere" / "other.mkv")

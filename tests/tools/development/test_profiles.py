@@ -1,4 +1,4 @@
-"""What the page on profiles makes of the rows of a study."""
+"""The page on profiles is computed from the rows of a study."""
 
 import csv
 from math import nan

@@ -362,7 +362,7 @@ def _answer_in_the_clear(plain: socket.socket) -> None:
 
 
 def _say_of(broker: Broker, said: list[str]) -> None:
-    """What a publisher says of it first."""
+    """The publisher's first message about this broker."""
     stop = threading.Event()
 
     def say(text: str) -> None:
