@@ -6,13 +6,14 @@ p_P = R_x p_R + t_x. B = B_2⁻¹ B_1 is the motion the tracker saw; A = X B X�
 picture, p_2 = A p_1; in the plane A is (u, α) and t_a = Λ u.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, StrEnum
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.rigid import rotation_from_vector
 from drivers.samples import Frame, Matrix4, Stamp
 
 Vector = NDArray[np.float64]
@@ -129,6 +130,15 @@ class Calibration:
     def face_mm(self) -> Vector:
         """(3,) middle of the probe's face in the axes of the picture, from the picture's middle."""
         return np.array([0.0, -self.polarity[1] * self.image_size_px[1] / 2 * self.scale_mm_per_px[1], 0.0])
+
+    def changed(self, change: Vector) -> Self:
+        """The calibration with its parameters changed. change: the first eight in the order and units of PARAMETERS."""
+        return replace(
+            self,
+            rotation=rotation_from_vector(change[:3]) @ self.rotation,
+            scale_mm_per_px=self.scale_mm_per_px * (1 + change[3:5]),
+            offset_mm=self.offset_mm + change[5:8],
+        )
 
 
 class Kind(Enum):

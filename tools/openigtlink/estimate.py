@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from appliance.core.path.solver import changed
 from appliance.storage.calibration_file import calibration_from_image_to_probe, image_to_probe
 from appliance.types import PARAMETERS, VerdictKind
 from drivers.samples import Matrix4
@@ -34,7 +33,7 @@ def estimate_of(status: dict[str, Any]) -> Estimate | None:
     (width, height), (lateral, axial) = reference["image_size_px"], reference["polarity"]
     matrix = np.array(reference["image_to_probe"])
     watched = calibration_from_image_to_probe(matrix, (width, height), (lateral, axial), "status")
-    return Estimate(image_to_probe(changed(watched, np.where(known, change, 0.0))), measured)
+    return Estimate(image_to_probe(watched.changed(np.where(known, change, 0.0))), measured)
 
 
 def _mirrored(checks: dict[str, dict[str, Any]]) -> bool:

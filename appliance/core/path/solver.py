@@ -41,7 +41,7 @@ from appliance.core.path.residual import (
 from appliance.core.path.samples import PathSamples
 from appliance.core.spread_work import RESIDUAL, ROUND, Work, whole
 from appliance.types import Calibration
-from drivers.rigid import Array, rotation_from_vector
+from drivers.rigid import Array
 
 _ROUNDS, _ROUNDS_ON = 12, 3
 """Of estimate and noise by turns: from nothing, and from the noise of a window that shares most of the motion."""
@@ -192,16 +192,6 @@ def solving(
     yield ROUND.of(len(residual.blocks) ** 2)
     problem = _Problem(samples, residual, reference, prior, start, learn)
     return (yield from problem.solved())
-
-
-def changed(reference: Calibration, change: Array) -> Calibration:
-    """The reference with a change of its parameters, in the order and units of PARAMETERS (rad, relative, mm)."""
-    return replace(
-        reference,
-        rotation=rotation_from_vector(change[:3]) @ reference.rotation,
-        scale_mm_per_px=reference.scale_mm_per_px * (1 + change[3:5]),
-        offset_mm=reference.offset_mm + change[5:8],
-    )
 
 
 class PathFit:
@@ -476,7 +466,7 @@ class _Problem:
         covariance = self._covariance(J)
         reference, volume = self._reference, sum(row.log_volume for row in self._noise.rows)
         observed = self._observed(covariance, hidden)
-        estimate = replace(changed(reference, theta), covariance=covariance[:8, :8], observed=observed)
+        estimate = replace(reference.changed(theta), covariance=covariance[:8, :8], observed=observed)
         follow, tilt = self.residual.follow + float(theta[FOLLOW]), self.residual.tilt + theta[TILT]
         solution = Solution(
             estimate,

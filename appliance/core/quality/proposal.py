@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES
-from appliance.core.path.solver import changed
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 
 RECOVERED = frozenset({*PARAMETERS[:3], "offset-lateral", "offset-axial"})
@@ -123,4 +122,4 @@ def _recovered(checks: Sequence[Check], reference: Calibration) -> Calibration:
     """What was not measured, and what motion alone does not recover, stays the reference's."""
     measured = {check.name: check.value for check in checks if check.name in RECOVERED and isfinite(check.value)}
     change = np.array([measured.get(name, 0.0) for name in PARAMETERS]) / PER_UNIT[: len(PARAMETERS)]
-    return changed(reference, change)
+    return reference.changed(change)

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from appliance.core.path.solver import changed
 from appliance.core.quality.check_fields import check_fields
 from appliance.storage.calibration_file import image_to_probe
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
@@ -34,7 +33,7 @@ def status(change: np.ndarray, *more: Check, **reference: Any) -> dict[str, Any]
 def test_it_is_what_the_solver_would_have_made_of_the_reference() -> None:
     found = estimate_of(status(CHANGE))
     assert found is not None
-    np.testing.assert_allclose(found.matrix, image_to_probe(changed(WATCHED, CHANGE)), atol=1e-9)
+    np.testing.assert_allclose(found.matrix, image_to_probe(WATCHED.changed(CHANGE)), atol=1e-9)
     assert found.measured == PARAMETERS
 
 
@@ -42,7 +41,7 @@ def test_what_is_not_measured_is_the_reference() -> None:
     known = np.where(np.arange(8) == 4, CHANGE, np.nan)
     found = estimate_of(status(known))
     assert found is not None
-    np.testing.assert_allclose(found.matrix, image_to_probe(changed(WATCHED, np.nan_to_num(known))), atol=1e-9)
+    np.testing.assert_allclose(found.matrix, image_to_probe(WATCHED.changed(np.nan_to_num(known))), atol=1e-9)
     assert found.measured == ("scale-axial",)
 
 

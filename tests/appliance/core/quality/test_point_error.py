@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.solver import changed
 from appliance.core.quality.examination import Finding, examine, without
 from appliance.core.quality.point_error import (
     Change,
@@ -49,7 +48,7 @@ def shown_at(at_mm: Array, theta: Array, pace: Array) -> Array:
 def test_the_exact_error_is_that_of_the_changed_calibration() -> None:
     theta = 0.5 * SIGMAS
     theta[8] = 0.0
-    truth, at_mm = changed(TRUTH, theta[:8]), grid_mm(TRUTH, Region(), 3)
+    truth, at_mm = TRUTH.changed(theta[:8]), grid_mm(TRUTH, Region(), 3)
     pixels_mm = at_mm / np.append(TRUTH.scale_mm_per_px, 1.0) * np.append(truth.scale_mm_per_px, 1.0)
     in_sensor = (pixels_mm - truth.offset_mm) @ truth.rotation, (at_mm - TRUTH.offset_mm) @ TRUTH.rotation
     error = (in_sensor[0] - in_sensor[1]) @ TRUTH.rotation.T
