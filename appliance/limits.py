@@ -36,15 +36,18 @@ SWEPT_AGE_S = 30.0
 """For which what ordinary sweeps show counts: as long as the longest window that measures, so that a sweep keeps the
 contact closed (docs/coverage.md). Less opens it in quiet scanning, more trusts what motion showed once for longer.
 """
-GESTURE_AGE_S = 120.0
+MAX_VERIFICATION_AGE_S = 120.0
+"""For which a verification lasts at most, whatever else allows. More trusts what motion showed for longer, less asks
+for motion amid a puncture."""
+GESTURE_AGE_S = MAX_VERIFICATION_AGE_S
 """For which the offsets count, which only rocking and twisting show: a gesture, then two minutes of scanning
 (docs/gesture.md has what other ages give). Less asks for the gesture more often; more leaves a marker body that slid,
 slower than the slip watch finds, untold for longer.
 """
-AT_REST_S = 90.0
-"""How much longer both count while the probe is held still: with its own 30 s, what sweeps show then reaches the 120 s
-of max_verification_age_s, which none may exceed. Less asks for motion amid a puncture; more does nothing unless that
-one is raised as well, and then trusts what a rest can see (appliance.core.quality.rest) for longer."""
+AT_REST_S = MAX_VERIFICATION_AGE_S - SWEPT_AGE_S
+"""How much longer both count while the probe is held still: what sweeps show then reaches the longest age. Less asks
+for motion amid a puncture; more does nothing unless that one is raised as well, and then trusts what a rest can see
+(appliance.core.quality.rest) for longer."""
 
 
 class RequiredAges(BaseModel):

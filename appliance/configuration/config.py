@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 from appliance.configuration.mistakes import Mistakes
 from appliance.configuration.noise_file import LearnedNoise, judged_by, read_noise
 from appliance.configuration.toml_lines import key_lines, line_of
-from appliance.limits import NAMED_NATS, TRACKER_STALE_MS, Limits, check_name
+from appliance.limits import MAX_VERIFICATION_AGE_S, NAMED_NATS, TRACKER_STALE_MS, Limits, check_name
 from appliance.supervision.annunciator import Role
 from appliance.supervision.policy import Durations
 from appliance.supervision.watchers.facts import Patience
@@ -129,7 +129,7 @@ class SupervisorTimes(_Section):
     recalibrate_after_s: float = Field(default=2.0, ge=0, le=60)
     device_lost_after_s: float = Field(default=1.0, ge=0, le=10)
     probation_s: float = Field(default=1.0, ge=0.1, le=30)
-    max_verification_age_s: float = Field(default=120.0, ge=1, le=600)
+    max_verification_age_s: float = Field(default=MAX_VERIFICATION_AGE_S, ge=1, le=600)
     self_test_s: float = Field(default=20.0, ge=1, le=120)
     starting_s: float = Field(default=10.0, ge=1, le=120)
     video_silence_ms: float = Field(default=500, ge=100, le=5000)

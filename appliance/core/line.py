@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import replace
 
 from appliance.core.acquisition.input_validation import checked_pose, refused_picture
-from appliance.core.acquisition.pairing import MOST_APART_NS, Pairing, Unpaired
+from appliance.core.acquisition.pairing import Pairing, Unpaired
 from appliance.core.acquisition.stamp_gate import Passage, StampGate
 from appliance.core.detectors.depth_ruler import DepthRuler
 from appliance.core.detectors.detector import Detector, Observation
@@ -33,6 +33,7 @@ from appliance.core.quality.verification import Standing
 from appliance.core.registration.averaging import FrameAveraging
 from appliance.core.registration.pyramid import Bits
 from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
+from appliance.core.times import MOST_APART_NS
 from appliance.limits import TRACKER_STALE_MS, Limits
 from appliance.types import Calibration, Check, Fault, Kind, Motion, StampedPair, Verdict, VerdictKind
 from drivers.rigid import Array

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from appliance.limits import MAX_VERIFICATION_AGE_S
 from appliance.supervision.alarms import SIGNALS
 from appliance.types import Fault, State
 
@@ -24,7 +25,7 @@ class Durations:
     recalibrate_after_ns: int = 2_000_000_000
     device_lost_after_ns: int = 1_000_000_000
     probation_ns: int = 1_000_000_000
-    max_verification_age_ns: int = 120_000_000_000
+    max_verification_age_ns: int = round(MAX_VERIFICATION_AGE_S * 1e9)
     self_test_ns: int = 20_000_000_000
     starting_ns: int = 10_000_000_000
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from statemachine.transition import Transition
 
 from appliance.core.quality.gesture import Gesture
-from appliance.core.quality.shown import PRESENT_NS
+from appliance.core.times import PRESENT_NS
 from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
 from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, Signal
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from appliance.core.acquisition.pairing import MOST_APART_NS
+from appliance.core.times import MOST_APART_NS
 from appliance.storage.black_box import Series
 from appliance.storage.black_box_fields import Made, State
 from appliance.types import Verdict, VerdictKind

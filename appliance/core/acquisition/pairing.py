@@ -3,15 +3,11 @@
 from collections import Counter, deque
 from dataclasses import dataclass
 
+from appliance.core.times import MOST_APART_NS
 from appliance.types import StampedPair
 from drivers.rigid import interpolate
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 
-MOST_APART_NS = 250_000_000
-"""Between two poses that a picture's may lie between. More guesses where a hand went meanwhile; less loses pictures to
-a slow tracker (4 Hz is the slowest that serves) and to single poses that are missing. Beyond it the marker body was out
-of sight: the slip watch begins again, and what was shown counts no more (`appliance.core.line`).
-"""
 NO_POSE = "no pose before the frame"
 GAP = "poses too far apart"
 NOT_OK = "pose not usable: "

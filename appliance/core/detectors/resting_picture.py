@@ -20,6 +20,7 @@ from appliance.core.motion import out_of_plane_mm, predicted_motion
 from appliance.core.registration.keyframe import compose, warp_matrix
 from appliance.core.registration.pyramid import Array32
 from appliance.core.registration.realtime_tracker import Warp
+from appliance.core.times import COMPARE_NS, SLOW_BREATH_NS, TREMOR_NS
 from appliance.types import Calibration
 from drivers.rigid import Array
 from drivers.samples import Matrix4
@@ -27,15 +28,11 @@ from drivers.samples import Matrix4
 _STILL_MM, _STILL_IN_PLANE_MM = 0.5, 2.0
 """Way out of the plane, and along an axis in it, up to which the probe rests. More compares what no two pictures share,
 less ends a rest by tremor. Not measured."""
-_ENDS_NS = 1_000_000_000
-"""For which it must have left to rest no more: a hand's tremor goes to and fro within it."""
 _LEAST_LIKES = 3
 """Looks that must find the first picture again before one that does not counts, half a second: what a hand showed
 before it had come to rest is no measure. More misses what changes early in a rest."""
-_LOOKS_NS = 150_000_000
-"""Between two comparisons with the first picture, 2 ms each."""
-_BREATH_NS = 8_000_000_000
-"""For which no picture may be like the first: a breath of ten a minute, and a third. Less voids what was shown where a
+_BREATH_NS = 4 * SLOW_BREATH_NS // 3
+"""For which no picture may be like the first: a slow breath, and a third. Less voids what was shown where a
 patient breathes slowly, more lets a picture pass for longer that has become another. Over tissue that breathes by 2
 to 12 mm, 12 to 15 times a minute, it came to 3.7 s at most (study, gesture-hold, 40 to 60 s, seeds 1 to 3)."""
 _MEASURED_NS = 600_000_000
@@ -105,11 +102,11 @@ class RestingPicture:
             return None
         self._keep(view, way)
         since_ns = view.t_ns - self._looked_ns
-        if since_ns < _LOOKS_NS:
+        if since_ns < COMPARE_NS:
             return None
         self._looked_ns = view.t_ns
         if self._left(first.pose, view.pose):
-            if view.t_ns - self._still_ns > _ENDS_NS:
+            if view.t_ns - self._still_ns > TREMOR_NS:
                 self._begin(view)
             return None
         self._still_ns = view.t_ns

@@ -12,9 +12,9 @@ from math import hypot, log, sqrt
 
 import numpy as np
 
-from appliance.core.acquisition.pairing import MOST_APART_NS
 from appliance.core.detectors.body_slip import ALIKE, DENIED, LAGS_NS, SHIFT_NS, BodySlip
 from appliance.core.detectors.detector import Observation
+from appliance.core.times import MOST_APART_NS
 from appliance.limits import Limits
 from appliance.types import Calibration, Check
 from drivers.rigid import Array, inverse, vector_from_rotation

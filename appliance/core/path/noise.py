@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
 
+from appliance.core.times import QUIET_BREATH_S
 from drivers.rigid import Array
 
 _BLOCK_S, _MOST_BLOCKS = 0.1, 200
@@ -34,7 +35,7 @@ slice. Not measured.
 """
 _SMOOTH_BLOCKS = 5
 """Over which the way out of the plane is smoothed before its length is taken: tracker noise alone would go 3 mm/s."""
-_BREATHING_S, _PULSE_S = 1.0, 0.15
+_BREATHING_S, _PULSE_S = QUIET_BREATH_S / 4, 0.15
 """After which the tissue's own motion no longer knows its way: a quarter of a quiet breath, and of a beat. A rhythm
 fitted over half a minute draws the axial scale by ten of its sigmas once breaths differ by a tenth from one another
 (four seeds of the study's tissue); this does not.

@@ -40,6 +40,7 @@ from appliance.core.path.residual import (
 )
 from appliance.core.path.samples import PathSamples
 from appliance.core.spread_work import RESIDUAL, ROUND, Work, whole
+from appliance.core.times import QUIET_BREATH_S
 from appliance.types import Calibration
 from drivers.rigid import Array
 
@@ -83,11 +84,11 @@ _CLEAN = 5.0
 it there draws the scale no more, and only counts as information. Less trusts a scale that a few breaths tell, more asks
 for longer windows. Not measured.
 """
-_BREATHS_S = 12.0
-"""Length of a window from which breaths are followed: three quiet ones. Of 10 s, the scale was observed in one window
+_BREATHS_S = 3 * QUIET_BREATH_S
+"""Length of a window from which breaths are followed. Of 10 s, the scale was observed in one window
 of 16; of 12 and 14 s in 44 and 94 %, with sigmas of 1.5 and 1.0 % and z-scores of .8 and .9 (in-plane, eight seeds).
 """
-_BREATHS_AGAIN_S = 8.0
+_BREATHS_AGAIN_S = 2 * QUIET_BREATH_S
 """The same where the shape of the breaths is known from before. Of 8, 10, 12 and 14 s, the scale was observed in 2, 9,
 9 and 12 windows of 12, sigma 2.7 to 1.4 % (mixed, paths without pictures). In 7 s a patient whose breathing had turned
 upside down since drew it by six sigmas once in eight.

@@ -7,11 +7,11 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.acquisition.pairing import MOST_APART_NS
 from appliance.core.path.give import may_do
 from appliance.core.path.latency import Latency, estimate_latency
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.steps import predicted_path
+from appliance.core.times import MOST_APART_NS, SWEEP_WINDOW_NS
 from appliance.types import DRAGS, PRESSES, Calibration, Motion
 from drivers.rigid import Array, ComplexArray, quaternion_from_rotation, rigid, rotation_from_quaternion
 from drivers.samples import Matrix4
@@ -100,13 +100,9 @@ class PoseTrack:
 
 
 class PathWindow:
-    """Registered pictures of the last `span_ns` and the poses around them.
+    """Registered pictures of the last `span_ns` and the poses around them."""
 
-    span_ns: half a minute shows the whole offset (tests/appliance/core/test_line.py); more costs memory, and time where
-    all of it is solved (`Evidence.final`).
-    """
-
-    def __init__(self, reference: Calibration, span_ns: int = 30_000_000_000) -> None:
+    def __init__(self, reference: Calibration, span_ns: int = SWEEP_WINDOW_NS) -> None:
         self._reference = reference
         self._span_ns = span_ns
         self._seen: deque[Motion] = deque()

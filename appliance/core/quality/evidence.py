@@ -15,26 +15,13 @@ from appliance.core.quality.field_distortion import FieldDistortion
 from appliance.core.quality.point_watch import PointWatch
 from appliance.core.quality.rest import Rest
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
-from appliance.core.quality.shown import PRESENT_NS
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Standing, Verification
 from appliance.core.spread_work import Work
-from appliance.limits import NAMED_NATS, SWEPT_AGE_S, Limits
+from appliance.core.times import CHANGE_WINDOW_NS, PRESENT_NS, SELDOM_NS, SWEEP_WINDOW_NS
+from appliance.limits import NAMED_NATS, Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 
-_SHORT_NS = 3_500_000_000
-"""The window that finds a change. Longer names it later: a scale is named within 4 s
-(tests/appliance/core/quality/test_evidence.py). Shorter shows too little to be sure by three sigmas.
-"""
-_LIVELY_NS, _LONG_NS = PRESENT_NS, round(SWEPT_AGE_S * 1e9)
-"""The window that measures. Longer measures better, and lets what has slowly changed count for longer as what was: what
-it shows is half as old as it is long. Ten seconds of lively motion in the plane show what is required, as do thirty of
-an elevational sweep with a hand's tremor (docs/study.md).
-"""
-_LONG_EVERY_NS, _GROWN_NS = 1_000_000_000, 10_000_000_000
-"""Between two solutions of the long window, once it is so long that a second changes little: it costs three times the
-short one. Where anything speaks against its last solution it is solved each time.
-"""
 _AS_IT_WAS = 0.5
 """Share of its limit by which what is wrong may move and is no other change: two to three sigmas of a short window in
 the study's gesture. Less starts again for noise, more takes one that grows still for one that stands."""
@@ -213,7 +200,7 @@ class Evidence:
             self._failing_ns = None
         elif self._failing_ns is None:
             self._failing_ns = now_ns
-        return failed if self._failing_ns is None or now_ns - self._failing_ns < _SHORT_NS else frozenset()
+        return failed if self._failing_ns is None or now_ns - self._failing_ns < CHANGE_WINDOW_NS else frozenset()
 
     def _of_same_breaths(self, finding: Finding, span_ns: int, now_ns: int) -> frozenset[str]:
         """A scale that only followed breaths tell, until it has failed for half the window's length: solutions in a row
@@ -272,8 +259,8 @@ class Evidence:
             self._lagged_ns, self._valid_ns = lagged_ns, max(self._valid_ns, lagged_ns)
         window.look_at_tissue(self._examiner.about_s)
         self.window.take_tissue(window)
-        recent = window.since(max(self._lagged_ns, now_ns - _SHORT_NS))
-        finding = yield from self._examiner.look(window, recent, self._valid_ns, now_ns - _SHORT_NS, now_ns)
+        recent = window.since(max(self._lagged_ns, now_ns - CHANGE_WINDOW_NS))
+        finding = yield from self._examiner.look(window, recent, self._valid_ns, now_ns - CHANGE_WINDOW_NS, now_ns)
         accusation = yield from self._accused(finding, window, now_ns)
         yield from self._measure(finding, recent, window, now_ns)
         if accusation is not None:
@@ -340,8 +327,12 @@ class Evidence:
         short = without(finding, _SLOW)
         changed = self._changed(short)
         if changed is not None and now_ns >= self._settled_ns:
-            self._valid_ns, self._settled_ns, self._culprits = now_ns - _SHORT_NS, now_ns + _SHORT_NS, changed
-        if not self._due(whole.since(max(self._valid_ns, now_ns - _LONG_NS)), short, now_ns):
+            self._valid_ns, self._settled_ns, self._culprits = (
+                now_ns - CHANGE_WINDOW_NS,
+                now_ns + CHANGE_WINDOW_NS,
+                changed,
+            )
+        if not self._due(whole.since(max(self._valid_ns, now_ns - SWEEP_WINDOW_NS)), short, now_ns):
             self._contradict(_quick(short), frozenset(), whole)
             return
         self._long_ns = now_ns
@@ -390,7 +381,7 @@ class Evidence:
         it would hold what made the sign for three times as long.
         """
         window = recent
-        for span_ns in (_LIVELY_NS,) if self._doubted else (_LIVELY_NS, _LONG_NS):
+        for span_ns in (PRESENT_NS,) if self._doubted else (PRESENT_NS, SWEEP_WINDOW_NS):
             longer = whole.since(max(self._valid_ns, now_ns - span_ns))
             if len(longer) > len(window):
                 window = longer
@@ -400,9 +391,11 @@ class Evidence:
         return window, finding
 
     def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
-        """Whether the long window is worth another solution: it grows still, or something speaks against its last."""
+        """Whether the long window is worth another solution, three times as costly as the short one's: it grows still,
+        or something speaks against its last.
+        """
         doubted = bool(short.failed or self._suspects) or self._doubted
-        return doubted or long.span_ns < _GROWN_NS or now_ns - self._long_ns >= _LONG_EVERY_NS
+        return doubted or long.span_ns < PRESENT_NS or now_ns - self._long_ns >= SELDOM_NS
 
     @property
     def _doubted(self) -> bool:

@@ -10,14 +10,15 @@ from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, agreed, examining, latency_of, without
 from appliance.core.quality.noise_memory import NoiseMemory
 from appliance.core.spread_work import Work
+from appliance.core.times import SELDOM_NS
 from appliance.limits import Limits
 from appliance.types import Calibration, Fault, VerdictKind
 
 BREATHED = frozenset({"scale-axial"})
 """What a breath can spoil that is not known yet."""
-_EXPLAIN_EVERY_NS, _EXPLAINED_NS = 1_000_000_000, 6_000_000_000
-"""Between two searches for what explains a motion that the reference does not, and the motion that they look at: each
-takes 2 ms, 7 ms where not even a lag explains it. A longer window names later what has just begun, a shorter one leaves
+_EXPLAINED_NS = 6_000_000_000
+"""Motion in which is looked for what explains it where the reference does not: each search takes 2 ms, 7 ms where not
+even a lag explains it. A longer window names later what has just begun, a shorter one leaves
 little of it to a lag whose poses are yet to come.
 """
 _SURELY_LATE_S, _OTHER_LAG_S = 0.02, 0.05
@@ -77,7 +78,7 @@ class Examiner:
         """
         finding = yield from self.examined(recent, self.noises.for_window(recent, before_ns))
         # At every solution while there is less motion than is looked at, as each adds much to it.
-        every_ns = 0 if remembered.span_ns < _EXPLAINED_NS else _EXPLAIN_EVERY_NS
+        every_ns = 0 if remembered.span_ns < _EXPLAINED_NS else SELDOM_NS
         if not _explained(finding) and not 0 <= now_ns - self._explained_ns < every_ns:
             about_s = self.about_s
             yield from self._explain(remembered.since(max(valid_ns, now_ns - _EXPLAINED_NS)), now_ns)

@@ -13,6 +13,7 @@ from appliance.core.quality.bounded_fit import ANYTHING, Fit, anywhere, exact, f
 from appliance.core.quality.innovations import Innovations
 from appliance.core.quality.verification import Sign
 from appliance.core.spread_work import TRIAL, Work
+from appliance.core.times import HELD_NS, SELDOM_NS
 from appliance.limits import WITHDRAWN_NATS
 from appliance.types import Check, Fault, VerdictKind
 from drivers.rigid import Array
@@ -41,12 +42,9 @@ _SLOPES = np.diag(np.repeat([0.05, np.deg2rad(0.05)], [4, 3]) ** -2.0)
 _LEFT_OUT, _OUTLYING = 3, 8.0
 """Blocks at most, and standard deviations from which one is left out of both fits: a field bends every block, and a
 single pose 50 mm away, which without it makes 12 nats, is no evidence. More tells metal later that comes suddenly."""
-_HELD_NS = 1_000_000_000
-"""For which it must last: four solutions. Less lets one bad window name it, more names it later; the OK is withdrawn
-before either."""
-_EVERY_NS, _WORTH_NATS = 1_000_000_000, 6.0
-"""So often it is asked for, and from so many nats with every solution: the question takes about as long as all else of
-the sequential test. More seldom withdraws the OK later."""
+_WORTH_NATS = 6.0
+"""From which it is asked for with every solution and not once in `SELDOM_NS`: the question takes about as long as all
+else of the sequential test. More withdraws the OK later."""
 
 
 def distortion_nats(rows: Innovations) -> Work[float | None]:
@@ -118,7 +116,7 @@ class FieldDistortion:
 
     def due(self, now_ns: int) -> bool:
         """Whether `distortion_nats` is to be asked for by the solution at now_ns."""
-        lately = self._asked_ns is not None and 0 <= now_ns - self._asked_ns < _EVERY_NS
+        lately = self._asked_ns is not None and 0 <= now_ns - self._asked_ns < SELDOM_NS
         return not lately or (self.nats or 0.0) >= _WORTH_NATS
 
     def lose_sight(self) -> None:
@@ -152,7 +150,7 @@ class FieldDistortion:
 
     def _see(self, nats: float, now_ns: int, explained: bool) -> None:
         """nats: of the latest motion that looked bent."""
-        held = self._since_ns is not None and now_ns - self._since_ns >= _HELD_NS
+        held = self._since_ns is not None and now_ns - self._since_ns >= HELD_NS
         named = held or (self.check is not None and self.check.verdict is VerdictKind.FAULT)
         kind = VerdictKind.FAULT if named and not explained else VerdictKind.NOT_VERIFIED
         self.check = Check(NAME, Fault.FIELD_DISTORTION, nats, 0.0, "nat", self._named_nats, kind)

@@ -6,18 +6,19 @@ from dataclasses import replace
 from appliance.core.path.noise import Noise
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.sequential_test import WINDOW_NS
+from appliance.core.times import PRESENT_NS, QUIET_BREATH_S
 
-_BREATHS_NS = 8_000_000_000
-"""Two quiet breaths: noise learned from less may know nothing of them. Begun with it, a solution drew the axial scale
-to −40 % five seconds after the start (`probewatch study`, in-plane, breathing, seed 1). Begun from nothing, none of 500
-windows of 3.5 to 10 s of breathing did.
+_BREATHS_NS = round(2 * QUIET_BREATH_S * 1e9)
+"""Noise learned from less may know nothing of breaths. Begun with it, a solution drew the axial scale to −40 % five
+seconds after the start (`probewatch study`, in-plane, breathing, seed 1). Begun from nothing, none of 500 windows of
+3.5 to 10 s of breathing did.
 """
-_BREATHING_KNOWN_NS = 9_500_000_000
+_BREATHING_KNOWN_NS = PRESENT_NS - 500_000_000
 """Until noise was learned from as much, an axial scale that is wrong may be a breath: it withdraws the OK, as any sign,
 and no window names it, only the sequential test, which reckons with breathing. A window of 8 s named −13 % in a gesture
 over breathing tissue (pressed once in 2 s, seed 20 of 20). A depth setting changes the lateral scale as well, which is
-named as before. Longer names an axial scale alone later, and never where it exceeds the longest window under a sign
-(`evidence`).
+named as before. Longer names an axial scale alone later, and from `PRESENT_NS` on never: no window under a sign is
+longer (`evidence`).
 """
 
 

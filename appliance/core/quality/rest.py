@@ -19,6 +19,7 @@ import numpy as np
 
 from appliance.core.motion import predicted_motion
 from appliance.core.registration.keyframe import Registration
+from appliance.core.times import COMPARE_NS, SLOW_BREATH_NS, TREMOR_NS
 from appliance.limits import Limits
 from appliance.types import Calibration
 from drivers.rigid import Array
@@ -37,16 +38,10 @@ _ALIKE = 0.9
 Less bounds it worse, more loses a hand's tremor. Tissue without speckle bounds less; not measured."""
 _SAME_MM = 1e-9
 """Within which two poses are one reading: interpolated between two equal readings they differ by rounding."""
-_EVERY_NS = 150_000_000
-"""Between two comparisons with the anchor: each costs a registration. Longer misses the moments at which a tremor
-passes the place of the anchor."""
-_LASTS_NS = 1_000_000_000
-"""How long a rest outlasts the last pose near the anchor: a tremor goes to and fro within it. An anchor costs a
-keyframe: once a second while the probe moves."""
-_AGAIN_NS, _BREATH_NS, _LOST_NS = 2_000_000_000, 6_000_000_000, 15_000_000_000
+_AGAIN_NS, _LOST_NS = 2_000_000_000, 5 * SLOW_BREATH_NS // 2
 """After which another anchor is taken where no picture is like it, though the tracker has the probe there. Before it
 was a rest: soon, as that picture may have been of the last motion; but where the picture shows the tissue elsewhere, a
-breath of ten a minute, as it comes back with the next. After that, four breaths, as not each is as deep. Longer begins
+slow breath, as it comes back with the next. After that, two and a half of these, as not each is as deep. Longer begins
 no rest where the tissue lies otherwise for good. 2 s for all began a rest within a second of the hand's in 3 of 16
 breathing sessions, 6 s in 15, chosen on eight of them (`probewatch study`, gesture-hold, seeds 1 to 16)."""
 _BLIND_NS = 1_000_000_000
@@ -129,7 +124,7 @@ class Rest:
         probe = np.concatenate(predicted_motion(self._reference, self._anchor, pose)) / self._limits
         if _within(probe, _MOST):
             self._still_ns = t_ns
-        if t_ns - self._compared_ns >= _EVERY_NS:
+        if t_ns - self._compared_ns >= COMPARE_NS:
             self._compared_ns = t_ns
             self._compare(t_ns, probe, pictures)
         end_ns = self._spans[-1].end_ns
@@ -162,12 +157,12 @@ class Rest:
         """How long the anchor waits for a picture like it."""
         if self._spans[-1].lasted:
             return _LOST_NS
-        return _BREATH_NS if self._elsewhere else _AGAIN_NS
+        return SLOW_BREATH_NS if self._elsewhere else _AGAIN_NS
 
     @property
     def _lasts(self) -> bool:
         """Whether the probe is where the anchor is, by the tracker."""
-        return self._anchor is not None and self._now_ns - self._still_ns <= _LASTS_NS
+        return self._anchor is not None and self._now_ns - self._still_ns <= TREMOR_NS
 
     def _begin(self, t_ns: int, pose: Matrix4, pictures: Pictures) -> None:
         """Another rest, if it is to be one; the one before has ended with its last picture."""

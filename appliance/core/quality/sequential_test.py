@@ -29,8 +29,8 @@ from appliance.core.quality.bounded_fit import (
 )
 from appliance.core.quality.field_distortion import distortion_nats
 from appliance.core.quality.innovations import Innovations
-from appliance.core.quality.shown import PRESENT_NS
 from appliance.core.spread_work import INNOVATIONS, TRIAL, Work
+from appliance.core.times import PRESENT_NS
 from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
 from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array

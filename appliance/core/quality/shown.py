@@ -2,12 +2,8 @@
 
 from enum import Enum
 
+from appliance.core.times import PRESENT_NS
 from appliance.types import Check, VerdictKind
-
-PRESENT_NS = 10_000_000_000
-"""How old the motion may be by which a parameter is verified now: the window of lively motion (`evidence`). The windows
-reach back by 30 s, so that their OK outlives the motion: what they show of a probe at rest is carried. Longer calls
-that verified; shorter calls carried what a hand shows that goes on."""
 
 
 class Shown(Enum):

@@ -3,15 +3,11 @@
 from collections.abc import Set as AbstractSet
 
 from appliance.core.quality.sequential_test import Accusation
+from appliance.core.times import HELD_NS
 from appliance.limits import NAMED_NATS
 from appliance.types import Check, Fault, VerdictKind
 
 FINDS = (Fault.UNDECIDED,)
-
-_HELD_NS = 1_000_000_000
-"""For which the choice must last: a window that has just come to hold enough of a sudden scale left it open for a third
-of a second, twice, before the name (simulated, one seed). Longer alarms later where no motion tells; the contact is
-open before either."""
 
 
 def undecided(found: Accusation, excused: AbstractSet[str], named_nats: float = NAMED_NATS) -> Check | None:
@@ -39,5 +35,5 @@ class Choice:
             self._since_ns = None
         elif self._since_ns is None:
             self._since_ns = now_ns
-        held = self._since_ns is not None and now_ns - self._since_ns >= _HELD_NS
+        held = self._since_ns is not None and now_ns - self._since_ns >= HELD_NS
         self.check = check if held else None

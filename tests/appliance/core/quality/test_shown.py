@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from appliance.core.quality.shown import PRESENT_NS, Shown, shown
+from appliance.core.quality.shown import Shown, shown
+from appliance.core.times import PRESENT_NS
 from appliance.types import Check, Fault, VerdictKind
 
 S_NS = 1_000_000_000

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from appliance.core.line import Line
-from appliance.core.quality.shown import PRESENT_NS, Shown
+from appliance.core.quality.shown import Shown
+from appliance.core.times import PRESENT_NS
 from appliance.limits import Limits, RequiredAges
 from appliance.service.control.status import ages_at_rest, alarm_fields, check_lists, shown_of_each
 from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
