@@ -1,7 +1,7 @@
 """The shortest motion that shows what is still missing: a verification gesture, told to whoever holds the probe.
 
-By the Cramér–Rao bounds of each motion alone (docs/method.md, section 11): 5 s of it at .1 mm of tracker noise show the
-parameters named beside it within their limits, by three sigmas, unless said otherwise.
+By the Cramér–Rao bounds of each motion alone (tests/appliance/core/quality/test_gesture.py): 5 s of it at .1 mm of
+tracker noise show the parameters named beside it within their limits, by three sigmas, unless said otherwise.
 """
 
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,7 @@
 """Where a parameter is going over days: an exponentially weighted mean of its estimates with control limits. Pure.
 
 Each estimate is of a window of its own. Their scatter about one another says more of how far to trust them than the
-sigmas that they state, as soon as there are enough of them; the larger of the two counts (docs/method.md, section 11).
+sigmas that they state, as soon as there are enough of them; the larger of the two counts (docs/method.md, section 10).
 """
 
 from collections.abc import Sequence
