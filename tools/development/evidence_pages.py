@@ -1,6 +1,7 @@
 """`make docs` writes docs/coverage.md and docs/evidence.md, with their pictures, from docs/evidence.json. Pure."""
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import cycle
 from math import sqrt
@@ -23,10 +24,11 @@ from tools.study.session import TISSUES
 from tools.study.summary import Share, false_rate_per_hour
 
 _SENSITIVITY = f"""Sudden and creeping hazards begin at {ONSET_S:g} s, creeping ones grow for {CREEP_S:g} s, unseen
-ones happen while nothing is in sight for {HIDDEN_S:g} s. *Bound*: the least mean delay of any test with one false
-alarm in {FALSE_ALARM_H:g} h, for this motion and noise, from the divergence of Kullback and Leibler
-(`tools/study/bound.py`); none is given where the change is seen to happen, or has no size. *OK at twice its limit*:
-runs in which that was told at any time after it began, also before it was found.
+ones happen while nothing is in sight for {HIDDEN_S:g} s. *Named*: rightly, as the first FAULT. *Delay*: until the
+FAULT, median (range). *Bound*: the least mean delay of any test with one false alarm in {FALSE_ALARM_H:g} h, for this
+motion and noise (Kullback and Leibler, `tools/study/bound.py`); none where the change is seen to happen, or has no
+size. *Open*: median time until the contact was open for good. *OK beyond*: runs with an OK at twice the limit at any
+time after the onset, also before it was found.
 """
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -38,19 +40,19 @@ _MOST_DELAY_S = 10.0
 
 _COVERAGE = """# Coverage: how often is healthy scanning verified?
 
-`make coverage-page` measures and writes this page; `make docs` writes it again from `docs/evidence.json`. A session is
-healthy scanning with known truth ([study.md](study.md)); what counts is the share of it with the contact closed.
+`make coverage-page` measures and writes this page; `make docs` writes it from `docs/evidence.json`. The figure is the
+share of a session of simulated healthy scanning ([study.md](study.md)) with the contact closed.
 
-One row's runs again: `{command}`, with what the row says.
+To repeat a row: `{command}`.
 """
 _EVIDENCE = """# Evidence: what is found, how soon, and how often it alarms for nothing
 
-`make evidence` (short) or `make evidence-full` measures and writes this page; `make docs` writes it again from
-`docs/evidence.json`. Intervals are 95 %: of shares those of Clopper and Pearson, of rates Poisson's upper bound.
-**Few runs make wide intervals: read the intervals, not the shares.** Everything is of the simulated world of
-[study.md](study.md), with what that cannot tell.
+`make evidence` (short) or `make evidence-full` measures and writes this page; `make docs` writes it from
+`docs/evidence.json`. Everything is simulated ([study.md](study.md#what-it-cannot-tell) says what that cannot tell).
+Intervals are 95 %: of shares those of Clopper and Pearson, of rates Poisson's. **Few runs make wide intervals: read the
+intervals, not the shares.**
 
-One row's runs again: `{command}`, with what the row says; `--seeds` as many as its highest seed, `--draws` likewise.
+To repeat a row: `{command}`; `--seeds` and `--draws` as many as its highest.
 """
 
 
@@ -95,15 +97,8 @@ def _coverage(healthy: list[Healthy]) -> str:
         if not some:
             lines += ["Not measured.", ""]
             continue
-        head = (
-            "session, tissue",
-            "closed, median",
-            "range of the runs",
-            "mean (95 %)",
-            "first closed, median",
-            *_ORIGIN,
-        )
-        lines += table(head, [_coverage_row(one) for one in some])
+        head = ("session, tissue", "closed, %: median", "range", "mean (95 %)", "first closed, s", *_ORIGIN)
+        lines += shared_aside(head, [_coverage_row(one) for one in some], _ORIGIN)
     lines += _scores(healthy)
     hours = sum(one.hours for one in healthy)
     lines += [f"{sum(one.runs for one in healthy)} runs, {hours:.2f} h.", *_note()]
@@ -111,7 +106,6 @@ def _coverage(healthy: list[Healthy]) -> str:
 
 
 _ORIGIN = ("length, tracker", "seeds", "commit")
-_ASIDE = ("session, tissue", *_ORIGIN)
 
 
 def _origin(origin: Origin) -> tuple[str, ...]:
@@ -125,11 +119,11 @@ def _origin(origin: Origin) -> tuple[str, ...]:
 
 def _coverage_row(one: Healthy) -> Sequence[str]:
     low, high = 100 * one.closed[0], 100 * one.closed[-1]
-    first = f"{median(one.first_s):.1f} s, {len(one.first_s)} of {one.runs}" if one.first_s else "never"
+    first = f"{median(one.first_s):.1f} ({len(one.first_s)}/{one.runs})" if one.first_s else "never"
     return (
         f"{one.origin.session}, {one.origin.tissue}",
-        f"{100 * median(one.closed):.0f} %",
-        f"{low:.0f} to {high:.0f} %",
+        f"{100 * median(one.closed):.0f}",
+        f"{low:.0f}–{high:.0f}",
         _mean(one.closed),
         first,
         *_origin(one.origin),
@@ -138,25 +132,30 @@ def _coverage_row(one: Healthy) -> Sequence[str]:
 
 _SCORES = """## Is the stated sigma honest?
 
-(value − truth) ÷ sigma of every check, looked at once a second: root of the mean square, and the largest of all in
-brackets. 1 is honest; less, and the instrument knows more than it says. The sigmas are those that decide, with what
-the model leaves out, which does not become less with motion: where motion shows much, the scores are small. Looks of
-one window share its motion, and few seeds leave a value uncertain by a fifth and more.
+(value − truth) ÷ sigma of every check, once a second: root of the mean square; the last column has the largest. 1 is
+honest; less, and sigma is too large. Sigma includes what the model leaves out, which motion does not lessen. Looks of
+one window share its motion, and few seeds leave a figure uncertain by a fifth and more.
 """
 
 
 def _scores(healthy: list[Healthy]) -> list[str]:
     scored = [one for one in healthy if one.scores]
     rows = [
-        (f"{one.origin.session}, {one.origin.tissue}", one.origin.asked, *(_score(one, name) for name in MEASURED))
+        (f"{one.origin.session}, {one.origin.tissue}", *(_score(one, name) for name in MEASURED), _worst(one))
         for one in scored
     ]
-    return [_SCORES, *table(("session, tissue", "asked", *MEASURED), rows)] if rows else []
+    return [_SCORES, *table(("session, tissue", *MEASURED, "largest"), rows)] if rows else []
 
 
 def _score(one: Healthy, name: str) -> str:
     score = one.scores.get(name)
-    return "–" if score is None else f"{score.rms:.2f} ({score.worst:.1f})"
+    return "–" if score is None else f"{score.rms:.2f}"
+
+
+def _worst(one: Healthy) -> str:
+    """Returns the largest score of all checks, and of which it is."""
+    name = max(one.scores, key=lambda name: one.scores[name].worst)
+    return f"{one.scores[name].worst:.1f} {name}"
 
 
 def _mean(shares: list[float]) -> str:
@@ -165,7 +164,7 @@ def _mean(shares: list[float]) -> str:
         return "one run"
     half = float(student.ppf(0.975, len(shares) - 1)) * stdev(shares) / sqrt(len(shares))
     low, high = max(mean(shares) - half, 0.0), min(mean(shares) + half, 1.0)
-    return f"{100 * mean(shares):.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
+    return f"{100 * mean(shares):.0f} ({100 * low:.0f}–{100 * high:.0f})"
 
 
 def _note() -> list[str]:
@@ -181,6 +180,7 @@ def _evidence(figures: Figures) -> str:
         "## Sensitivity and delay",
         "",
         _SENSITIVITY,
+        *_usually(found),
         "![share of runs in which each hazard was found](pictures/sensitivity.svg)",
         "",
         "![delays of the FAULT and their bounds](pictures/delay.svg)",
@@ -189,7 +189,7 @@ def _evidence(figures: Figures) -> str:
             line
             for kind in FAULTS
             if (some := [one for one in found if _kind(one) == kind])
-            for line in _kind_table(kind, some)
+            for line in _kind_table(kind, some, _usual(found))
         ),
         *_confusion(found),
         *_roc(figures),
@@ -202,57 +202,83 @@ def _kind(one: Found) -> str:
     return Hazard.parse(one.hazard).kind
 
 
-def _kind_table(kind: str, some: list[Found]) -> list[str]:
+def _usually(found: list[Found]) -> list[str]:
+    """What most rows share, and the intervals of all shares in them, once for all tables."""
+    if not found:
+        return []
+    session, tissue, length, noise, seeds, commits = _usual(found)
+    shares = {share for one in found for share in (one.share, Share(one.named, one.runs))}
+    told = (_told(share) for share in sorted(shares, key=lambda share: (share.n, share.k)))
     return [
-        f"### {kind}",
+        f"Unless a row says otherwise: {session}, {tissue}, {length}, {noise}, {seeds}, {commits}. "
+        f"Intervals: {', '.join(told)}.",
         "",
-        f"Ought to be named `{FAULTS[kind]}`.",
-        "",
-        *shared_aside(_FOUND, map(_found_row, some), _ASIDE),
     ]
 
 
+def _told(share: Share) -> str:
+    low, high = share.interval
+    return f"{share.k}/{share.n} {100 * low:.0f}–{100 * high:.0f} %"
+
+
+def _conditions(one: Found) -> tuple[str, ...]:
+    origin = one.origin
+    length, seeds, commits = _origin(origin)
+    session = (origin.session, origin.tissue, *length.split(", "))
+    return (*session, f"seeds {seeds}", commits)
+
+
+def _usual(found: list[Found]) -> tuple[str, ...]:
+    """Returns, for each condition, what most rows have."""
+    return tuple(Counter(each).most_common(1)[0][0] for each in zip(*map(_conditions, found), strict=True))
+
+
+def _kind_table(kind: str, some: list[Found], usual: tuple[str, ...]) -> list[str]:
+    rows = [_found_row(one, usual) for one in some]
+    return [f"### {kind}", "", f"Expected: `{FAULTS[kind]}`.", "", *shared_aside(_FOUND, rows, ("otherwise",))]
+
+
 _FOUND = (
-    *("hazard", "session, tissue", "FAULT", f"within {SOON_S:g} s", "named rightly first", "delay: median (range)"),
-    *("bound", "delay ÷ bound", "contact open after", "OK at twice its limit", *_ORIGIN),
+    *("hazard", "FAULT", f"in {SOON_S:g} s", "named", "delay, s", "bound, s", "delay ÷ bound"),
+    *("open, s", "OK beyond", "otherwise"),
 )
 
 
-def _found_row(one: Found) -> Sequence[str]:
+def _found_row(one: Found, usual: tuple[str, ...]) -> Sequence[str]:
     delay = median(one.fault_s) if one.fault_s else None
     bound = one.bound_s
+    unusual = [own for own, other in zip(_conditions(one), usual, strict=True) if own != other]
     return (
         f"`{one.hazard}`",
-        f"{one.origin.session}, {one.origin.tissue}",
-        str(one.share),
-        f"{one.soon} of {one.runs}",
-        str(Share(one.named, one.runs)),
-        one.delay,
-        "–" if bound is None else f"{bound:.2f} s",
+        f"{one.share.k}/{one.runs}",
+        f"{one.soon}/{one.runs}",
+        f"{one.named}/{one.runs}",
+        "–" if delay is None else f"{delay:.2f} ({one.fault_s[0]:.2f}–{one.fault_s[-1]:.2f})",
+        "–" if bound is None else f"{bound:.2f}",
         "–" if bound is None or delay is None or not bound else f"{delay / bound:.1f}",
-        f"{median(one.open_s):.2f} s" if one.open_s else "–",
-        f"{one.gross} of {one.runs}" if Hazard.parse(one.hazard).limited else "–",
-        *_origin(one.origin),
+        f"{median(one.open_s):.2f}" if one.open_s else "–",
+        f"{one.gross}/{one.runs}" if Hazard.parse(one.hazard).limited else "–",
+        ", ".join(unusual),
     )
 
 
 def _false_alarms(healthy: list[Healthy]) -> list[str]:
-    head = (
-        "healthy scanning",
-        "hours",
-        "runs",
-        "runs with a FAULT",
-        "FAULT per hour, under",
-        "WARNINGs",
-        "HALTs",
-        "HALT per hour, under",
-    )
+    head = ("healthy scanning", "hours", "runs", "FAULT", "per hour, under", "WARNINGs", "HALTs", "per hour, under")
     names = dict.fromkeys(one.origin.session for one in healthy)
+    sessions = {name: [one for one in healthy if one.origin.session == name] for name in names}
+    quiet = [name for name, some in sessions.items() if not any(map(_alarmed, some))]
     groups: dict[str, list[Healthy]] = {"all": healthy}
     groups |= {str(tissue): [one for one in healthy if one.origin.tissue == tissue] for tissue in TISSUES}
-    groups |= {name: [one for one in healthy if one.origin.session == name] for name in names}
+    groups |= {name: some for name, some in sessions.items() if name not in quiet}
     rows = [_alarm_row(name, some) for name, some in groups.items()]
-    return ["## False alarms", "", *table(head, [row for row in rows if row])]
+    hours = (f"{name} ({sum(one.hours for one in sessions[name]):.2f} h)" for name in quiet)
+    none = [f"Sessions without any: {', '.join(hours)}.", ""] if quiet else []
+    text = "Runs with a FAULT, and how often the states began."
+    return ["## False alarms", "", text, "", *table(head, [row for row in rows if row]), *none]
+
+
+def _alarmed(one: Healthy) -> bool:
+    return bool(one.faulted or one.warnings or one.halts)
 
 
 def _alarm_row(name: str, some: list[Healthy]) -> Sequence[str]:
@@ -290,11 +316,10 @@ def _confusion(found: list[Found]) -> list[str]:
     return ["## Confusion", "", text, "", *table(head, rows)]
 
 
-_ROC = """Of one threshold after the other: the share of healthy runs, and of runs with a hazard of each class, in which
-the log likelihood ratio of the sequential test reached it at any time (with a hazard: after its onset). *Area*: of a
-run with the hazard and a healthy one, how often the former came higher, ties by half. It is the test's own, without
-what is seen to happen and without the second condition of a name, that one class alone explains it. Rows that were
-measured before the study kept the ratio are left out: {left} of {all} runs.
+_ROC = """For each threshold: the share of healthy runs, and of runs with a hazard of each class, in which the log
+likelihood ratio of the sequential test reached it at any time (with a hazard: after its onset). *Area*: how often a run
+with the hazard came higher than a healthy one, ties by half. It is the test's own, without what is seen to happen and
+without the condition that one class alone explains it. Without a ratio, and left out: {left} of {all} runs.
 """
 
 
@@ -314,12 +339,8 @@ def _roc(figures: Figures) -> list[str]:
     ]
     rows += [("healthy", str(Share(_reached(quiet, WITHDRAWN_NATS), len(quiet))), str(_named(quiet)), "–")]
     head = ("", f"reached {WITHDRAWN_NATS:g} nats", f"reached {NAMED_NATS:.1f} nats", "area")
-    origins = sorted({(*one.origin.conditions, one.origin.seeds) for one in everything if one.nats})
-    of = "; ".join(
-        f"{session}, {tissue}, {length} s, seeds {seeds}" for session, tissue, _, _, length, seeds in origins
-    )
     picture = "![share of runs with a hazard over the share of healthy runs](pictures/roc.svg)"
-    return [*lines, picture, "", *table(head, rows), f"Of {of}.", ""]
+    return [*lines, picture, "", *table(head, rows)]
 
 
 def _quiet_nats(figures: Figures) -> list[float]:

@@ -1,5 +1,6 @@
 """Figures and pages of the evidence, from rows made by hand; the plans are what they say."""
 
+import re
 from functools import cache
 from xml.etree import ElementTree
 
@@ -56,13 +57,25 @@ def test_figures_outlive_json() -> None:
 def test_pages_show_shares_with_intervals_bounds_confusion_and_origin() -> None:
     written = {path.name: text for path, text in pages(measured()).items()}
     text = written["evidence.md"]
-    assert "| `depth=7@start` | in-plane, still | 3 of 4 (19 to 99 %) | 2 of 4 | 2 of 4 (7 to 93 %) | 4.00 s (2" in text
+    assert "| `depth=7@start` | 3/4 | 2/4 | 2/4 | 4.00 (2.00–20.00) | " in text
+    assert "Unless a row says otherwise: in-plane, still, 6 s, 0.1 mm, " in text
+    assert "2/4 7–93 %, 3/4 19–99 %" in text
     assert "| all | 0.07 | 4 | 1 | 71 | 2 | 1 | 71 |" in text, "Poisson: 4.74 ÷ hours"
     assert "| `scale` | 1 | 0 | 2 | 1 | 2 of 4 (7 to 93 %) |" in text
     assert "`c1`" in text
-    assert "| fan, still | 50 % | 20 to 90 % | 52 % (5 to 100 %) |" in written["coverage.md"]
+    assert "| fan, still | 50 | 20–90 | 52 (5–100) |" in written["coverage.md"]
     for name in ("coverage.svg", "sensitivity.svg", "delay.svg", "roc.svg"):
         assert ElementTree.fromstring(written[name]).tag.endswith("svg")
+
+
+def test_a_row_says_what_is_unusual_and_quiet_sessions_share_a_sentence() -> None:
+    other = [row(seed=seed, hazard="depth=7@sudden") | {"commit": "c2", "duration_s": "6"} for seed in range(1, 5)]
+    quiet = row("hold") | {"commit": "c1"}
+    text = next(text for path, text in pages(figures([*ROWS, *other, quiet])).items() if path.name == "evidence.md")
+    assert re.search(r"\| `depth=7@start` \|.*\|  \|\n", text)
+    assert re.search(r"\| `depth=7@sudden` \|.*\| `c2` \|\n", text)
+    assert "| fan | 0.07 | 4 | 1 |" in text
+    assert "Sessions without any: hold (0.02 h)." in text
 
 
 def with_nats(row: dict[str, str], nats: str) -> dict[str, str]:
@@ -106,7 +119,7 @@ def test_scores_are_of_all_looks_of_all_runs() -> None:
     now = figures(rows)
     assert now.healthy[0].scores["latency"] == Score(1.0, 3.2)
     text = next(text for path, text in pages(now).items() if path.name == "coverage.md")
-    assert "| 2.00 (4.0) | 1.00 (3.2) |" in text
+    assert "| 2.00 | 1.00 | 4.0 rotation-lateral |" in text
     never = figures([row | {"latency looks": "0", "latency squares": "0"} for row in ROWS[:4]])
     assert "latency" not in never.healthy[0].scores
     for one in (now, never):
