@@ -18,7 +18,7 @@ from tools.development.false_alarm_pages import false_alarm_lines
 from tools.development.markdown import shared_aside, table
 from tools.report.svg import Plot, alone
 from tools.study.bound import FALSE_ALARM_H
-from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, Hazard
+from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, Hazard, Manner
 from tools.study.samples import DEFAULT, WITHOUT_OFFSETS
 from tools.study.session import TISSUES
 from tools.study.summary import Share, false_rate_per_hour
@@ -206,14 +206,21 @@ def _usually(found: list[Found]) -> list[str]:
     """What most rows share, and the intervals of all shares in them, once for all tables."""
     if not found:
         return []
-    session, tissue, length, noise, seeds, commits = _usual(found)
+    each = _usual(found)
+    most = each[Counter(map(_manner, found)).most_common(1)[0][0]]
+    others = [f"{manner}: {', '.join(unlike)}" for manner, own in each.items() if (unlike := _unlike(own, most))]
     shares = {share for one in found for share in (one.share, Share(one.named, one.runs))}
     told = (_told(share) for share in sorted(shares, key=lambda share: (share.n, share.k)))
-    return [
-        f"Unless a row says otherwise: {session}, {tissue}, {length}, {noise}, {seeds}, {commits}. "
-        f"Intervals: {', '.join(told)}.",
-        "",
-    ]
+    usual = "; ".join([", ".join(most), *others])
+    return [f"Unless a row says otherwise: {usual}. Intervals: {', '.join(told)}.", ""]
+
+
+def _manner(one: Found) -> Manner:
+    return Hazard.parse(one.hazard).manner
+
+
+def _unlike(own: tuple[str, ...], usual: tuple[str, ...]) -> list[str]:
+    return [mine for mine, other in zip(own, usual, strict=True) if mine != other]
 
 
 def _told(share: Share) -> str:
@@ -228,14 +235,21 @@ def _conditions(one: Found) -> tuple[str, ...]:
     return (*session, f"seeds {seeds}", commits)
 
 
-def _usual(found: list[Found]) -> tuple[str, ...]:
-    """Returns, for each condition, what most rows have."""
-    return tuple(Counter(each).most_common(1)[0][0] for each in zip(*map(_conditions, found), strict=True))
+def _usual(found: list[Found]) -> dict[Manner, tuple[str, ...]]:
+    """Returns, for each manner and condition, what most rows have."""
+    manners = dict.fromkeys(map(_manner, found))
+    alike = {manner: [_conditions(one) for one in found if _manner(one) is manner] for manner in manners}
+    return {
+        manner: tuple(Counter(each).most_common(1)[0][0] for each in zip(*rows, strict=True))
+        for manner, rows in alike.items()
+    }
 
 
-def _kind_table(kind: str, some: list[Found], usual: tuple[str, ...]) -> list[str]:
-    rows = [_found_row(one, usual) for one in some]
-    return [f"### {kind}", "", f"Expected: `{FAULTS[kind]}`.", "", *shared_aside(_FOUND, rows, ("otherwise",))]
+def _kind_table(kind: str, some: list[Found], usual: dict[Manner, tuple[str, ...]]) -> list[str]:
+    rows = [_found_row(one, usual[_manner(one)]) for one in some]
+    shown = len(_FOUND) if any(row[-1] for row in rows) else len(_FOUND) - 1
+    lines = table(_FOUND[:shown], [row[:shown] for row in rows])
+    return [f"### {kind}", "", f"Expected: `{FAULTS[kind]}`.", "", *lines]
 
 
 _FOUND = (
@@ -247,19 +261,24 @@ _FOUND = (
 def _found_row(one: Found, usual: tuple[str, ...]) -> Sequence[str]:
     delay = median(one.fault_s) if one.fault_s else None
     bound = one.bound_s
-    unusual = [own for own, other in zip(_conditions(one), usual, strict=True) if own != other]
     return (
         f"`{one.hazard}`",
         f"{one.share.k}/{one.runs}",
         f"{one.soon}/{one.runs}",
         f"{one.named}/{one.runs}",
-        "–" if delay is None else f"{delay:.2f} ({one.fault_s[0]:.2f}–{one.fault_s[-1]:.2f})",
+        "–" if delay is None else _with_range(delay, one.fault_s),
         "–" if bound is None else f"{bound:.2f}",
         "–" if bound is None or delay is None or not bound else f"{delay / bound:.1f}",
         f"{median(one.open_s):.2f}" if one.open_s else "–",
         f"{one.gross}/{one.runs}" if Hazard.parse(one.hazard).limited else "–",
-        ", ".join(unusual),
+        ", ".join(_unlike(_conditions(one), usual)),
     )
+
+
+def _with_range(middle: float, values: list[float]) -> str:
+    """values: in order."""
+    low, high = f"{values[0]:.2f}", f"{values[-1]:.2f}"
+    return f"{middle:.2f}" if low == high else f"{middle:.2f} ({low}–{high})"
 
 
 def _false_alarms(healthy: list[Healthy]) -> list[str]:

@@ -45,14 +45,18 @@ def false_alarm_lines() -> list[str]:
     figures: Mapping[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8"))
     commits = ", ".join(f"`{one}`" for one in figures["commits"])
     told = _TEXT.format(seeds=figures["seeds"], commits=commits, none=interval(0, 1.0)[1])
-    head = ("healthy scanning", "hours", *_COUNTED.values(), "OK for")
-    rows = [_row(name, total) for name, total in figures["totals"].items()]
-    return ["## Signs and names in healthy scanning", "", told, *table(head, rows), *_peaks(figures)]
+    totals: Mapping[str, Mapping[str, Any]] = figures["totals"]
+    counted = [kind for kind in _COUNTED if any(int(total[kind]) for total in totals.values())]
+    head = ("healthy scanning", "hours", *(_COUNTED[kind] for kind in counted), "OK for")
+    rows = [_row(name, total, counted) for name, total in totals.items()]
+    never = ", ".join(name for kind, name in _COUNTED.items() if kind not in counted)
+    none = [f"In none of these rows: {never}.", ""] if never else []
+    return ["## Signs and names in healthy scanning", "", told, *table(head, rows), *none, *_peaks(figures)]
 
 
-def _row(name: str, total: Mapping[str, Any]) -> Sequence[str]:
+def _row(name: str, total: Mapping[str, Any], counted: Sequence[str]) -> Sequence[str]:
     hours = float(total["hours"])
-    rates = [_rate(int(total[kind]), hours) for kind in _COUNTED]
+    rates = [_rate(int(total[kind]), hours) for kind in counted]
     return (name, f"{hours:.2f}", *rates, f"{100 * float(total['ok_h']) / hours:.0f} %")
 
 

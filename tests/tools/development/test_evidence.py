@@ -69,11 +69,17 @@ def test_pages_show_shares_with_intervals_bounds_confusion_and_origin() -> None:
 
 
 def test_a_row_says_what_is_unusual_and_quiet_sessions_share_a_sentence() -> None:
-    other = [row(seed=seed, hazard="depth=7@sudden") | {"commit": "c2", "duration_s": "6"} for seed in range(1, 5)]
+    other = [row(seed=seed, hazard="depth=7@unseen") | {"commit": "c3"} for seed in range(1, 5)]
+    other += [row(seed=seed, hazard="flip-axial@unseen") | {"commit": "c1"} for seed in range(1, 5)]
+    other += [row(seed=seed, hazard="flip-lateral@unseen") | {"commit": "c1"} for seed in range(1, 5)]
     quiet = row("hold") | {"commit": "c1"}
     text = next(text for path, text in pages(figures([*ROWS, *other, quiet])).items() if path.name == "evidence.md")
     assert re.search(r"\| `depth=7@start` \|.*\|  \|\n", text)
-    assert re.search(r"\| `depth=7@sudden` \|.*\| `c2` \|\n", text)
+    assert re.search(r"\| `depth=7@unseen` \|.*\| `c3` \|\n", text)
+    usual = (
+        "Unless a row says otherwise: in-plane, still, 60 s, 0.1 mm, seeds 1–4, `c1`; start: 6 s; sudden: 6 s, seeds 1."
+    )
+    assert usual in text
     assert "| fan | 0.07 | 4 | 1 |" in text
     assert "Sessions without any: hold (0.02 h)." in text
 
