@@ -51,8 +51,8 @@ as often each axis and sign. The slower ones are played for longer and name noth
 60 are more than 94 % (95 %); more narrow it by the root, and take as much longer.
 """
 SOON_S = 0.2
-"""After a slip is complete, by when it must be named: the delay of the slip watch in docs/method.md, section 9. Longer
-would count what the solver finds."""
+"""After a slip is complete, by when it must be named, as tests/appliance/core/detectors/test_marker_slip.py asks.
+Longer would count what the solver finds."""
 _LENGTH_S = 60.0
 """Of each session, once its hand has made all its motions several times. Longer takes as much longer to register."""
 _BEFORE_S: Mapping[float, float] = {0.0: 2.0, 0.5: 5.0, 5.0: 30.0}

@@ -31,7 +31,8 @@ _LEAST_SIDE_PX = 48
 _MOST_TURN_RAD = np.deg2rad(0.5)
 """Between the two: speckle that turns in a beam that does not looks shrunk across it, by 1 % a degree and more."""
 _LEAST = 0.07
-"""Of the logarithm of an axis. See docs/method.md; less takes noise for it, more misses what is animated."""
+"""Of the logarithm of an axis: a zoom of 1.3 over half a second changes .018 from picture to picture. In five healthy
+sessions of the study it came to .046 at most. Less takes noise for it, more misses what is animated."""
 _LEAST_STRAIN = 0.12
 """The same where one axis has more: tissue under a hand is strained, and a shadow's edge draws one axis."""
 _EVEN = 0.6

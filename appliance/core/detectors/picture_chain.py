@@ -319,7 +319,11 @@ class PictureChain(Detector):
             self.linked, self._covered_ns = True, view.t_ns
 
     def _turned_rad(self, placed: Array32, view: View) -> float | None:
-        """By how much it was turned or sheared, as steered beams do it; None where too little of it is found again."""
+        """By how much it was turned or sheared, as steered beams do it; None where too little of it is found again.
+
+        Likeness alone let half of the pictures go on that were sheared by 7°, most of 11°, a quarter of those turned by
+        4°. Turns of the same tissue came to 1.8° at most (study, gesture-hold, seed 1, .13 s apart, 18 pairs).
+        """
         turned_rad = lines_turned(placed, view.small, self._aspect)
         return None if turned_rad is None else float(np.max(np.abs(turned_rad)))
 

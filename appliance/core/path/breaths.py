@@ -3,6 +3,9 @@
 Breaths that differ by a tenth from one another leave little of a press of a similar rate that their spectrum does not
 cover; but what all of them have in common can be told from it (docs/method.md, section 7). How uncertain each length,
 depth and level is goes into the covariance of the path, so nothing is claimed of motion that a breath could explain.
+
+Sigma of the axial scale, 30 s in the plane, 4 mm of breathing and a pulse: .45 to .8 %; with a spectrum of breathing
+and pulse instead 3.1 to 3.3, with a rhythm of the pulse alone 1.7 to 2.2; the bound with the tissue known is .24.
 """
 
 from dataclasses import dataclass, replace

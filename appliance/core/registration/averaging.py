@@ -1,9 +1,9 @@
 """Undoes what a scanner averages that leaves a share s of the last picture in the next: q_n = s q_(n-1) + (1 − s) p_n.
 
-What is left of the last picture stands where its tissue was. Registration is drawn there, so that motion is seen late
-and, where the speckle changes, too short. The share shows where the probe moves quickly: p_n has nothing in common with
-the pictures before it, place by place, and whatever q_n has in common with them is what the scanner left: s of the
-last, s² of the one before that, s³ of the next. No motion of tissue does that each time alike.
+What is left of the last picture stands where its tissue was. Registration is drawn there, so that motion is seen late,
+by s ÷ (1 − s) pictures, and, where the speckle changes, too short. The share shows where the probe moves quickly: p_n
+has nothing in common with the pictures before it, place by place, and whatever q_n has in common with them is what the
+scanner left: s of the last, s² of the one before that, s³ of the next. No motion of tissue does that each time alike.
 
 That there is no share shows in any motion. Slopes of speckle that has gone on by half a cell are opposite to what they
 were, where something of the last picture is left they are not.

@@ -66,7 +66,9 @@ class Tracked:
 class RealTimeTracker:
     """Registers each picture to the keyframe; aspect = λ_axial ÷ λ_lateral, axial_mm_per_px None where unknown.
 
-    may: what the tissue may do, as bits, by the motion so far. What it is known not to do makes registration sharper.
+    may: what the tissue may do, as bits, by the motion so far. What it is known not to do makes registration sharper:
+    with all terms free, a sweep of rigid tissue had a seventh too little lateral way in steps of .3 s; with none, the
+    turn over soft tissue came to twice too much.
     """
 
     def __init__(self, aspect: float, axial_mm_per_px: float | None = None) -> None:

@@ -1,7 +1,8 @@
 """Where bone, gas or a face off the skin leaves a shadow along the beam.
 
 The edges of a shadow are strong and straight, and they turn with the probe instead of with the tissue. A fit that
-follows them sees less turn than there is, so a healthy probe had a wrong offset (docs/method.md, section 3).
+follows them sees less turn than there is, so a healthy probe had a wrong offset (docs/method.md, section 3): of .3°
+over two ribs, registration found .286°, and .14° where tissue may give way.
 """
 
 import cv2
