@@ -1,4 +1,4 @@
-"""The pages lead somewhere, each is found from the list of pages, and the two that everybody reads stay short."""
+"""The pages lead somewhere, each is found from the list of pages, and those that are read whole stay short."""
 
 import re
 from pathlib import Path
@@ -9,8 +9,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted([*ROOT.glob("*.md"), *DOCS.rglob("*.md")])
-LONGEST_WORDS = {"README.md": 900, "docs/known-anomalies.md": 1000}
-"""Two screens; some four minutes for somebody who reads every row."""
+LONGEST_WORDS = {"README.md": 900, "docs/known-anomalies.md": 1000, "docs/method.md": 7000, "docs/study.md": 3000}
+"""Two screens; some four minutes for somebody who reads every row; half of what the last two once had."""
 
 
 def prose(page: Path) -> str:
