@@ -1,11 +1,6 @@
-"""A section of docs/alarms.md for each hazard: what watches, its limit, what is known of being seen, what to do.
+"""What docs/alarms.md says of each hazard: its limit, what to do, and what the study has measured."""
 
-Made from the detectors' own words, the configuration's defaults, the policy and what the study has measured.
-"""
-
-import ast
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from statistics import median
 
 from appliance.configuration.config import SupervisorTimes
@@ -16,10 +11,8 @@ from appliance.supervision.alarms import Hazard as Row
 from appliance.types import Fault
 from tools.development.evidence_figures import Figures, Found
 from tools.development.evidence_pages import of_fault
-from tools.development.hazards import ROOT, found_by
 from tools.development.markdown import table
-from tools.development.slips import slip_pages
-from tools.study.hazard import FAULTS, Hazard
+from tools.development.slips import slip_page
 from tools.study.summary import Share
 
 _LIMITS: Mapping[Fault, tuple[str, ...]] = {
@@ -36,32 +29,18 @@ _LIMITS: Mapping[Fault, tuple[str, ...]] = {
     Fault.ESTIMATOR_SILENT: ("estimator_silence_ms",),
 }
 """Keys of the configuration; what is not here has none: it is seen or not."""
+_HEAD = """## Measured
+
+Simulated hazards, all kinds of a class together; [evidence.md](evidence.md) has each kind with its runs, seeds and
+commits. A share of few runs says little: read its interval (95 %). What is not listed is not simulated by the study.
+"""
 
 
-def hazard_pages(figures: Figures) -> list[str]:
-    """Lines of Markdown."""
-    lines = [
-        "## Each hazard",
-        "",
-        "What is said of being seen is measured with simulated hazards ([evidence.md](evidence.md) has every run, its",
-        "seeds and commit). A share of few runs says little: its interval does.",
-        "",
-    ]
-    for fault, row in HAZARDS.items():
-        seen = of_fault(figures.found, fault)
-        lines += [
-            f"### {fault}",
-            "",
-            f"**{row.text}.** What to do: {remedies(row)}. What it leads to: [policy](#policy).",
-            "",
-            *(f"- Watched by `{file}`: {_opening(ROOT / file)}" for file in found_by()[fault]),
-            f"- Limit: {_limit(fault)}",
-            f"- Probability to see it, and delay: {_note(fault, seen)}",
-            "",
-            *(_seen(seen) if seen else ()),
-            *slip_pages(fault),
-        ]
-    return lines
+def measured(figures: Figures) -> list[str]:
+    """Lines of Markdown: what the study has found of each class, and the slips."""
+    head = ("class", "when", "FAULT (95 %)", "named rightly first", "delay: median (range)")
+    rows = (row for fault in HAZARDS for row in _seen(fault, of_fault(figures.found, fault)))
+    return [*_HEAD.splitlines(), "", *table(head, rows), *slip_page()]
 
 
 def remedies(row: Row) -> str:
@@ -69,36 +48,16 @@ def remedies(row: Row) -> str:
     return f"{row.remedy}; once a recalibration is requested: {row.requested}" if row.requested else row.remedy
 
 
-def _opening(file: Path) -> str:
-    """The first sentences of its docstring."""
-    told = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-    return " ".join(told.split("\n\n")[0].split())
-
-
-def _limit(fault: Fault) -> str:
+def limit(fault: Fault) -> str:
+    """Keys of the configuration with their defaults."""
     defaults = {**Limits().model_dump(), **SupervisorTimes().model_dump()}
-    told = [f"`{name}`, {defaults[name]:g} unless configured" for name in _LIMITS.get(fault, ())]
-    return "; ".join(told) + "." if told else "none to set: it is there or not."
+    return ", ".join(f"`{name}` {defaults[name]:.4g}" for name in _LIMITS.get(fault, ())) or "–"
 
 
-def _note(fault: Fault, seen: list[Found]) -> str:
-    if seen:
-        return "see the table."
-    return (
-        "not measured in the last study."
-        if fault in FAULTS.values()
-        else "not measured; the study does not simulate it."
-    )
-
-
-def _seen(seen: list[Found]) -> list[str]:
-    """All kinds together, by when they happen, with links to each kind's own runs."""
-    head = ("when", "FAULT (95 %)", "named rightly first", "delay: median (range)")
-    manners = dict.fromkeys(one.hazard.rpartition("@")[2] for one in seen)
-    rows = [_manner(name, [one for one in seen if one.hazard.endswith(f"@{name}")]) for name in manners]
-    kinds = dict.fromkeys(Hazard.parse(one.hazard).kind for one in seen)
-    links = ", ".join(f"[{kind}](evidence.md#{kind})" for kind in kinds)
-    return [*table(head, rows), f"Each kind by itself, with sessions, seeds and commits: {links}.", ""]
+def _seen(fault: Fault, seen: list[Found]) -> Iterator[tuple[str, ...]]:
+    """A row for each time at which its kinds happen."""
+    for manner in dict.fromkeys(one.hazard.rpartition("@")[2] for one in seen):
+        yield f"`{fault}`", *_manner(manner, [one for one in seen if one.hazard.endswith(f"@{manner}")])
 
 
 def _manner(name: str, seen: list[Found]) -> tuple[str, ...]:

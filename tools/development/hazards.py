@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from textwrap import wrap
 
 from appliance.supervision.alarms import HAZARDS, SIGNALS, Priority
 from appliance.supervision.policy import POLICY, Policy, Step
@@ -25,21 +26,20 @@ _GENERAL = ("tests/tools", "tests/support", "tests/rules", "tests/data")
 
 _HEAD = """# Hazards
 
-`make docs` writes this page from the code; `tests/tools/development/test_manual.py` fails when they differ. Of each
-hazard:
+What each hazard may do, what controls it, what remains, and the tests. Texts and remedies are in
+[alarms.md](alarms.md#hazards), the intended use in [intended-use.md](intended-use.md). `make docs` writes this page
+from code and tests.
 
-- **severity**: the highest priority of alarm that it leads to, by the policy. Severity and probability of harm depend
-  on what the contact drives: this is not the risk analysis of a medical device.
-- **control**: what the supervisor does, and which part of the code finds it.
-- **residual**: in how many of the last study's simulated runs it was not named as a FAULT, and how many of the
-  [known anomalies](known-anomalies.md) name it. {unnamed} of the {rows} there name no hazard and may touch any of them:
-  read them all.
-- **evidence**: the figures of each kind that was simulated, and the files of tests that name it, [below](#tests).
+- **severity**: highest priority of alarm that it leads to. Severity and probability of harm depend on what the contact
+  drives: this is not the risk analysis of a medical device.
+- **control**: states that it leads to ([times](alarms.md#policy)), and the code that finds it.
+- **residual**: simulated runs of the last study that named no FAULT (– where it is not simulated), and how many [known
+  anomalies](known-anomalies.md) name it. {unnamed} of the {rows} there name no hazard and may touch any of them: read
+  them all.
+- **evidence**: figures of each kind that was simulated, and the files of tests that name it.
 
-The invariant of all of them, *closed ⇒ everything required was shown by motion recent enough, and nothing contradicts
-it*, is driven by random disturbances in `tests/invariant/`; the loss of each part is walked by
-`tests/live/test_failures.py`. What a user reads and does is in [alarms.md](alarms.md), what the product is not for in
-[intended-use.md](intended-use.md).
+`tests/invariant/` drives all of them with random disturbances against one invariant: *closed ⇒ everything required was
+shown by motion recent enough, and nothing contradicts it*. `tests/live/test_failures.py` tries the loss of each part.
 """
 _PRIORITIES = (Priority.HIGH, Priority.MEDIUM, Priority.LOW, Priority.NONE)
 
@@ -52,19 +52,21 @@ def hazards(figures: Figures) -> str:
     told = _HEAD.format(unnamed=unnamed, rows=len(known))
     lines = [told, *table(head, (_row(hazard, figures) for hazard in HAZARDS)), "## Tests", ""]
     for hazard in HAZARDS:
-        lines += [f"### {hazard}", "", *(f"- [{file}](../{file})" for file in _tests(hazard)), ""]
+        links = ", ".join(f"[{Path(one).stem}](../{one})" for one in _tests(hazard))
+        lines += [f"### {hazard}", "", *wrap(links, 119, break_long_words=False, break_on_hyphens=False), ""]
     return "\n".join(lines)
 
 
 def _row(hazard: Fault, figures: Figures) -> tuple[str, ...]:
     row, number = POLICY[hazard], len(_tests(hazard))
+    reached = ", ".join(step.state.value for step in row.steps)
     finders = ", ".join(f"[{Path(file).stem}](../{file})" for file in found_by()[hazard])
     return (
-        f"[`{hazard}`](alarms.md#{hazard}): {HAZARDS[hazard].text}",
+        f"`{hazard}`: {HAZARDS[hazard].text}",
         _severity(row),
-        f"contact {'opens' if row.steps else 'stays as it is'}; {steps(row)}. Found by {finders}",
+        f"{f'contact opens: {reached}' if row.steps else 'notice'}. Found by {finders}",
         f"{_missed(hazard, figures)}; {_anomalies(hazard)}",
-        f"{_figures(hazard, figures)}; [{number} {'file' if number == 1 else 'files'} of tests](#{hazard})",
+        f"{_figures(hazard, figures)}[{number} {'file' if number == 1 else 'files'} of tests](#{hazard})",
     )
 
 
@@ -81,11 +83,7 @@ def _severity(row: Policy) -> str:
 def _missed(hazard: Fault, figures: Figures) -> str:
     found = of_fault(figures.found, hazard)
     runs = sum(one.runs for one in found)
-    return (
-        f"{sum(one.runs - len(one.fault_s) for one in found)} of {runs} runs without a FAULT"
-        if runs
-        else "not measured"
-    )
+    return f"{sum(one.runs - len(one.fault_s) for one in found)} of {runs} runs" if runs else "–"
 
 
 def _known() -> list[str]:
@@ -95,7 +93,7 @@ def _known() -> list[str]:
 
 def _anomalies(hazard: Fault) -> str:
     number = sum(f"`{hazard}`" in row for row in _known())
-    return f"{number or 'no'} known {'anomaly' if number == 1 else 'anomalies'}"
+    return f"{number or 'no'} {'anomaly' if number == 1 else 'anomalies'}"
 
 
 @cache
@@ -134,7 +132,7 @@ def step_told(step: Step) -> str:
 def _figures(hazard: Fault, figures: Figures) -> str:
     """Sections of the evidence on its kinds that were measured."""
     kinds = dict.fromkeys(Hazard.parse(one.hazard).kind for one in figures.found)
-    return ", ".join(f"[{kind}](evidence.md#{kind})" for kind in kinds if FAULTS[kind] is hazard) or "not measured"
+    return "".join(f"[{kind}](evidence.md#{kind}), " for kind in kinds if FAULTS[kind] is hazard)
 
 
 def _counted(file: str, finders: dict[Fault, list[str]]) -> int:

@@ -18,13 +18,13 @@ from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNA
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
 from appliance.supervision.ledger import Ledger
-from appliance.supervision.policy import POLICY, Durations, Policy, pulses
+from appliance.supervision.policy import POLICY, Durations, Policy
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import Fault, State
 from tools.development import profiles as profile_page
 from tools.development.evidence_figures import Figures
 from tools.development.evidence_pages import pages, read_figures
-from tools.development.hazard_pages import hazard_pages, remedies
+from tools.development.hazard_pages import limit, measured, remedies
 from tools.development.hazards import PAGE, hazards, step_told, steps
 from tools.development.markdown import table
 from tools.shared.gesture_drawings import drawing
@@ -37,47 +37,44 @@ _OWN = {
 
 _HEAD = """# States and alarms
 
-`make docs` writes this page from the code; `tests/tools/development/test_manual.py` fails when they differ.
+The contact is closed in one state only, *monitoring*. Any other state, a crash, a cut cable and loss of power open it.
+Connect alarm lamps and the sounder to the normally closed contact of their relay, the green lamp to the normally open
+one: energised is safe, and a cart without power shows red, yellow and cyan and sounds.
 
-The contact is closed in one state only, MONITORING. Every other state, a crash, a cut cable and a missing supply open
-it. A lamp or a sounder hangs on the normally closed contact of its relay, the green lamp on the normally open one:
-energised is safe for all of them, and a dead cart lights red, yellow and cyan and sounds.
+*Halt* and *recalibration requested* latch, also across a restart and a power cut. They end when a person has
+acknowledged **and** motion has verified the calibration since, in either order, or with a confirmed recalibration. They
+keep the name of the first fault until another one has been shown instead for the time that a halt takes, or after an
+OK. The new name sounds again, unless it was acknowledged with the first.
 
-HALT and RECALIBRATION REQUESTED latch: they end when a person has acknowledged **and** the line has verified the
-calibration since, in either order, or with a recalibration that was confirmed. They outlive a restart and a power cut.
-They are told as the fault that led there until another one has been shown in its place for as long as a HALT takes, or
-anew after an OK: then as that one, and it sounds again unless it was acknowledged with the first.
+`make docs` writes this page from the code.
 """
 
+_PROPOSALS = """A recalibration is requested only for what motion cannot recover: a scale, and the offset across the
+picture (ζ). Its time counts from when that was first shown, alone or beside other faults.
 
-_PROPOSALS = """As in the paper, a recalibration is requested only for what motion does not recover: a scale, and the
-offset across the picture (ζ); its time counts from when that was first shown, whether alone or beside other faults. All
-else ends in HALT, with the way out of it: set the flip back, correct the tool file, or accept what is
-proposed. HALT is no milder: both latch.
+Once motion has measured a FAULT of rotation, offset, scale or latency, `probewatch status`, the page, the alarm log
+(`proposal`) and the report state old value, new value and sigma. Nothing is applied by itself:
 
-A FAULT of rotation, offset, scale or latency is reported with its old value, its new one and the sigma once
-motion has measured them: by `probewatch status`, the page, the alarm log (`proposal`) and the report. Nothing is
-applied:
+| proposed | what to do |
+| --- | --- |
+| latency | set `latency_ms` in the tracker's URL, restart the service |
+| rotation, offset in the picture's plane | `probewatch calibration recover` writes the recovered calibration; \
+`probewatch calibration use` takes it once a person has accepted the difference; then verify it by motion |
+| scale, offset across the picture (ζ), and what stands beside one of them | set the scanner's depth and zoom as \
+calibrated; else `probewatch recalibrate` |
 
-- latency: set `latency_ms` in the tracker's URL and restart the service;
-- rotation, in-plane offset: `probewatch calibration recover` writes the recovered X, `probewatch calibration use` takes
-  it once a person has accepted the difference, and new motion must verify it before the contact closes;
-- a scale, the offset across the picture (ζ), and whatever stands beside one of them: motion alone does not recover it,
-  `probewatch recalibrate` does. A scale is mostly the scanner's depth or zoom: set it as calibrated first.
-
-Where two classes are as likely, none is named: the status, the log (`undecided`) and the report name each, by how much
-the likeliest leads, and the motion that shows which. The contact is open meanwhile. Once the evidence that something is
-wrong is what names a fault, and the choice has lasted a second, it is the hazard `undecided`: WARNING, then HALT. What
-motion then names takes its place, also while it is latched."""
+Where two classes are equally likely none is named. The status, the log (`undecided`) and the report name both, how far
+the likelier one leads, and the motion that distinguishes them; the contact is open. The class that motion then names
+replaces `undecided`, also while it is latched."""
 
 
 def manual(figures: Figures) -> str:
     """The whole page, Markdown. figures: what was last measured."""
     tables = (
-        *(_diagram(), _transitions(), _guards(), _policy(), _certainty(), _durations()),
-        *(_signals(), _hazards(), _audio(), hazard_pages(figures)),
+        *(_hazards(), _signals(), _audio(), _policy(), _certainty(), _durations()),
+        *(measured(figures), _diagram(), _transitions(), _guards()),
     )
-    return "\n".join((_HEAD, *(line for table in tables for line in table)))
+    return "\n".join((_HEAD, *(line for table in tables for line in table))).rstrip("\n") + "\n"
 
 
 def profiles() -> dict[Path, str]:
@@ -135,59 +132,38 @@ def _said(guard: object) -> str:
 
 def _policy() -> list[str]:
     text = (
-        "What each hazard leads to while it is shown; nothing else does. *Of* names the checks whose time counts,\n"
-        "where not every check of the hazard leads there. The supervisor reads this table\n"
-        "(`appliance/supervision/policy.py`), `tests/appliance/supervision/test_policy.py` walks each row."
+        "What a hazard leads to while it is shown, with the tone of that [state](#signals). *Of* names the checks\n"
+        "whose time counts, where not all of them do."
     )
-    head = ("hazard", "leads to", "tone", "during a recalibration scan", "ends when")
-    rows = [
-        (
-            f"`{fault}`",
-            steps(row),
-            _tones(fault, row),
-            step_told(row.scan) if row.scan else "it goes on",
-            row.ending.value,
-        )
-        for fault, row in POLICY.items()
-        if fault is not Fault.AGREEMENT
-    ]
-    return ["## Policy", "", text, "", *table(head, rows), *_PROPOSALS.splitlines(), ""]
+    rows: dict[tuple[str, ...], list[Fault]] = {}
+    for fault, row in POLICY.items():
+        if fault is not Fault.AGREEMENT:
+            told = f"{steps(row)}{', silent' if row.silent else ''}"
+            scan = step_told(row.scan) if row.scan else "it goes on"
+            rows.setdefault((told, scan, row.ending.value), []).append(fault)
+    head = ("hazard", "leads to", "during a recalibration scan", "ends when")
+    named = ((", ".join(f"`{fault}`" for fault in faults), *cells) for cells, faults in rows.items())
+    return ["## Policy", "", text, "", *table(head, named), *_PROPOSALS.splitlines(), ""]
 
 
 def _certainty() -> list[str]:
     """The policy's other half: how probable it must be before a row of the table counts."""
     sigma, hours = Limits().confidence_sigma, exp(NAMED_NATS) / 3600 / 30
     rows = [
-        ("beyond its limit, but by less than that", "nothing; the reason tells it as *not certain*", "none"),
+        ("beyond its limit, but by less than that", "nothing; the reason says *not certain*"),
         (
-            f"beyond its limit by {sigma:g} sigma in one window, or by a likelihood ratio of {WITHDRAWN_NATS:g} nats",
-            "the OK is withdrawn: not verified at once, until new motion answers it",
-            "1 pulse once",
+            f"beyond its limit by {sigma:g} sigma in one window, or by a log likelihood ratio of {WITHDRAWN_NATS:g}",
+            "not verified at once, until new motion refutes it",
         ),
+        ("the marker body leapt and the picture did not follow; a slower slip", "not verified at once; show all again"),
         (
-            "a leap of the marker body that no picture witnessed; a slower slip",
-            "what was shown before counts no more: not verified at once",
-            "1 pulse once",
+            f"the same in two windows in a row, or by {NAMED_NATS:.1f} (once in {hours:.0f} h by chance) for one class "
+            "alone; or a fact, such as a mirrored picture",
+            "the policy of its hazard, for as long as it is shown",
         ),
-        (
-            f"the same in two windows in a row, or by {NAMED_NATS:.1f} nats (once in {hours:.0f} h for nothing) "
-            "and by one class alone; or a fact, as a mirrored picture",
-            "the row of its hazard, for as long as it is shown",
-            "as the row says",
-        ),
-        (
-            f"by {NAMED_NATS:.1f} nats, and by two classes alike, for a second",
-            "the row of `undecided`",
-            "as the row says",
-        ),
+        (f"by {NAMED_NATS:.1f}, and two classes equally likely, for a second", "the policy of `undecided`"),
     ]
-    head = ("how sure the line is that something is wrong", "what follows", "tone")
-    return ["### How sure, before how loud", "", *table(head, rows)]
-
-
-def _tones(fault: Fault, row: Policy) -> str:
-    tones = [_tone(pulses(step.state, fault)) for step in row.steps]
-    return ", then ".join(dict.fromkeys(tones)) or "silent"
+    return ["### Evidence that each step needs", "", *table(("evidence that something is wrong", "what follows"), rows)]
 
 
 def _durations() -> list[str]:
@@ -199,10 +175,9 @@ def _durations() -> list[str]:
 def _signals() -> list[str]:
     rows = [_signal(state, row) for state, row in SIGNALS.items()]
     head = ("state", "priority", "lamp", "tone", "text", "remedy")
-    told = f"While monitoring the text adds *{EARLIER}*, or *{PARTLY_EARLIER}*, where motion"
     carried = (
-        f"{told}\nof the last {PRESENT_NS / 1e9:g} s does not show all that is verified: it is carried until it is too"
-        " old, and then missing."
+        f"While monitoring the text adds *{EARLIER}* or *{PARTLY_EARLIER}* where motion of the last\n"
+        f"{PRESENT_NS / 1e9:g} s does not show everything that is verified."
     )
     return ["## Signals", "", carried, "", *table(head, rows)]
 
@@ -224,12 +199,21 @@ def _period(number: int) -> str:
 
 
 def _hazards() -> list[str]:
-    head = ("class", "kind", "self-test", "text", "remedy")
-    rows = [
-        (f"`{name}`", name.kind.value, "yes" if POLICY[name].tested else "", row.text, remedies(row))
+    """What the operator reads, what it means, and what to do."""
+    text = (
+        "What the alarm says and what to do. *At worst* is the last state that it leads to ([policy](#policy)).\n"
+        "[Hazards](hazards.md) lists what finds each, and the tests."
+    )
+    head = ("text", "what to do", "at worst", "class", "limit (default)")
+    rows = (
+        (f"**{row.text}**", remedies(row), _worst(POLICY[name]), f"`{name}`", limit(name))
         for name, row in HAZARDS.items()
-    ]
-    return ["## Hazards", "", *table(head, rows)]
+    )
+    return ["## Hazards", "", text, "", *table(head, rows)]
+
+
+def _worst(row: Policy) -> str:
+    return row.steps[-1].state.value if row.steps else "notice"
 
 
 def _audio() -> list[str]:
@@ -237,10 +221,17 @@ def _audio() -> list[str]:
     return [
         "## Audio",
         "",
-        f"`probewatch pause` silences for at most {pause_s:g} s; `probewatch ack` until another alarm comes;",
-        "`probewatch pause --off REASON` until `--on`. Acknowledged or off, an alarm of high or medium priority",
-        f"reminds of itself with one pulse every {reminder_s:g} s. `probewatch lamp-test` shows and sounds everything",
-        f"for {test_s:g} s and leaves the contact alone. All of it is in the alarm log, with who asked.",
+        *table(
+            ("command", "what"),
+            (
+                ("`probewatch ack`", "silent until another alarm comes"),
+                ("`probewatch pause`", f"silent for {pause_s:g} s at most"),
+                ("`probewatch pause --off REASON`", "silent until `probewatch pause --on`"),
+                ("`probewatch lamp-test`", f"every lamp and the tone for {test_s:g} s; the contact stays as it is"),
+            ),
+        ),
+        f"Acknowledged or off, an alarm of high or medium priority still gives one pulse every {reminder_s:g} s.",
+        "The alarm log says who asked.",
         "",
     ]
 

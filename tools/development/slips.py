@@ -28,6 +28,7 @@ from tools.study.hazard import FAULTS
 from tools.study.plan import tracker_of
 from tools.study.samples import POSE_HZ, Conditions, rendered, samples, seconds, stamp_ns
 from tools.study.session import Session
+from tools.study.summary import Share
 
 ROOT = Path(__file__).parents[2]
 FIGURES, KEPT = ROOT / "docs" / "slips.json", ROOT / "results" / "slips"
@@ -240,55 +241,52 @@ def quiet(replay: Replay) -> Quiet:
     return Quiet(session.name, session.tissue, _DRAWS * session.duration_s / 3600, faults, doubts)
 
 
-def slip_pages(fault: Fault) -> list[str]:
-    """Lines of Markdown on the slips that are this fault; none for others, or where nothing was measured."""
-    way = next((way for way in SIZES if FAULTS[f"{way}-lateral"] is fault), None)
-    if way is None or not FIGURES.exists():
+def slip_page() -> list[str]:
+    """Lines of Markdown on all slips, sessions together; none where nothing was measured."""
+    if not FIGURES.exists():
         return []
     figures = json.loads(FIGURES.read_text(encoding="utf-8"))
-    seen = [Seen(**one) for one in figures["seen"] if one["way"] == way]
+    seen = [Seen(**one) for one in figures["seen"]]
     without = [Quiet(**one) for one in figures["quiet"]]
-    return [
-        *_HEAD.format(soon=SOON_S).splitlines(),
-        "",
-        *table(_COLUMNS, _rows(seen)),
-        _quietly(without),
-        "",
-    ]
+    sessions = ", ".join(dict.fromkeys(one.session for one in seen))
+    head = _HEAD.format(soon=SOON_S, sessions=sessions).splitlines()
+    return [*head, "", *table(_COLUMNS, _rows(seen)), _quietly(without), ""]
 
 
-_HEAD = """In plain sight, by the slip watches alone: slips about or along each axis in turn, either sign, at random
-times of one minute of each session (seed 1, 0.1 mm, 60 poses a second). *Named* is a FAULT with the right name within
-{soon:g} s after the slip was complete; *withdrawn* names nothing, but what was shown before no longer counts: the
-contact opens until new motion has shown everything again. Slower slips name nothing here, since tissue that moves looks
-the same; out of the plane they are not seen. 60 of 60 are 94 to 100 % (95 %). `python -m tools.development.slips`
-measures again.
-"""
-_COLUMNS = ("size", "session, tissue", *("one reading" if one == 0 else f"over {one:g} s" for one in LASTING_S))
+_HEAD = """### Slips of the marker body in view
+
+The slip watches alone: slips about or along each axis, either sign, at random times of one minute of each session
+({sessions}; seed 1, 0.1 mm, 60 poses a second). *Named*: the right FAULT within
+{soon:g} s after the slip was complete. *Withdrawn*: nothing is named, but everything must be shown again. Slower slips
+are not named, since moving tissue looks the same; slips out of the plane are not seen. `python -m
+tools.development.slips` measures again."""
+_COLUMNS = ("slip, tissue", *("one reading" if one == 0 else f"over {one:g} s" for one in LASTING_S))
 
 
 def _rows(seen: list[Seen]) -> Iterator[tuple[str, ...]]:
-    """One of each size and session: of how many, in each duration, how many were named, named otherwise, withdrawn."""
-    for way, size, session, tissue in dict.fromkeys((one.way, one.size, one.session, one.tissue) for one in seen):
-        same = [one for one in seen if (one.size, one.session, one.tissue) == (size, session, tissue)]
-        found = {one.lasting_s: one for one in same}
-        cells = (_cell(found[lasting_s]) if lasting_s in found else "–" for lasting_s in LASTING_S)
-        yield f"{size:g}{'°' if way == 'bend' else ' mm'}", f"{session}, {tissue}", *cells
+    """One of each size and tissue: of how many, in each duration, how many were named, named otherwise, withdrawn."""
+    for way, size, tissue in dict.fromkeys((one.way, one.size, one.tissue) for one in seen):
+        same = [one for one in seen if (one.way, one.size, one.tissue) == (way, size, tissue)]
+        cells = (_cell([one for one in same if one.lasting_s == lasting_s]) for lasting_s in LASTING_S)
+        yield f"{way} {size:g}{'°' if way == 'bend' else ' mm'}, {tissue}", *cells
 
 
-def _cell(one: Seen) -> str:
-    counted = ((one.named, "named"), (one.misnamed, "named otherwise"), (one.doubted, "withdrawn"))
-    told = [f"{number} {what}" for number, what in counted if number]
-    return f"{', '.join(told) or 'nothing'} of {one.tried}"
+def _cell(same: list[Seen]) -> str:
+    """Of all sessions together."""
+    tried, named = sum(one.tried for one in same), sum(one.named for one in same)
+    misnamed, doubted = sum(one.misnamed for one in same), sum(one.doubted for one in same)
+    if not tried:
+        return "–"
+    told = [f"{Share(named, tried)} named"] if named else []
+    told += [f"{k} of {tried} {what}" for k, what in ((misnamed, "named otherwise"), (doubted, "withdrawn")) if k]
+    return "; ".join(told) or f"nothing of {tried}"
 
 
 def _quietly(without: list[Quiet]) -> str:
     """One sentence on the sessions in which nothing slipped."""
     hours = sum(one.hours for one in without)
     faults, doubts = sum(one.faults for one in without), sum(one.doubts for one in without)
-    names = ", ".join(f"{one.session} ({one.tissue})" for one in without)
-    found = f"{faults} FAULTs and {doubts} withdrawals in {hours:.2f} h"
-    return f"Where nothing slips: {found}, each minute under several noises of the tracker ({names})."
+    return f"Without a slip: {faults} FAULTs and {doubts} withdrawals in {hours:.2f} h of these sessions."
 
 
 def main() -> None:

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from appliance.configuration.config import SupervisorTimes
 from appliance.core.quality.gesture import Gesture
+from appliance.limits import Limits
 from appliance.service.control.requests import Hands, Requests
 from appliance.service.control.status import alarm_fields, check_lists
 from appliance.supervision.alarms import HAZARDS
@@ -61,30 +63,35 @@ def test_the_anomalies_of_a_hazard_are_counted_on_their_page(tmp_path: Path, mon
     monkeypatch.setattr("tools.development.hazards.ANOMALIES", known)
     page = " ".join(hazards(FIGURES).split())
     assert "2 of the 4 there name no hazard" in page
-    for fault, number in (("latency", "2 known anomalies"), ("scale", "1 known anomaly"), ("polarity", "no known")):
-        (row,) = re.findall(rf"\| \[`{fault}`\].*?(?=\| \[`|## )", page)
+    for fault, number in (("latency", "2 anomalies"), ("scale", "1 anomaly"), ("polarity", "no anomalies")):
+        (row,) = re.findall(rf"\| `{fault}`:.*?(?=\| `|## )", page)
         assert number in row
 
 
 def test_every_hazard_has_severity_control_residual_and_evidence_with_links() -> None:
-    rows = [line.removesuffix(" |").split(" | ") for line in hazards(FIGURES).splitlines() if line.startswith("| [")]
+    rows = [line.removesuffix(" |").split(" | ") for line in hazards(FIGURES).splitlines() if line.startswith("| `")]
     assert [row[0].split("`")[1] for row in rows] == [*HAZARDS]
     for fault, (requirement, severity, control, residual, evidence) in zip(HAZARDS, rows, strict=True):
-        assert f"(alarms.md#{fault})" in requirement
-        assert fault in headings(MANUAL), f"the manual has no section on {fault}"
+        assert HAZARDS[fault].text in requirement
         assert severity in ("high", "medium", "low", "advisory")
         assert "(../appliance/" in control, f"nothing finds {fault}"
-        assert re.fullmatch(r"(not measured|\d+ of \d+ runs without a FAULT); (no|\d+) known anomal(y|ies)", residual)
-        assert all(f"{step.state.value} " in control for step in POLICY[fault].steps)
+        assert re.fullmatch(r"(–|\d+ of \d+ runs); (no|\d+) anomal(y|ies)", residual)
+        assert [step.state.value for step in POLICY[fault].steps] == states_of(control)
         assert f"(#{fault})" in evidence
         files = section(fault)
         assert files, f"no test names {fault}"
         assert all((DOCS / file).is_file() for file in files)
         assert len(f"{requirement}{severity}{control}{residual}{evidence}") < 1000, "a row is to be read"
         linked = set(re.findall(r"\(evidence\.md#([\w-]+)\)", evidence))
-        assert bool(linked) != evidence.startswith("not measured")
+        assert bool(linked) == (not residual.startswith("–"))
         assert linked <= headings(DOCS / "evidence.md")
         assert linked == {one for one in simulated(fault) if one in headings(DOCS / "evidence.md")}
+
+
+def states_of(control: str) -> list[str]:
+    """Those that a row of the table of hazards says it leads to."""
+    said = control.partition(". Found by")[0].removeprefix("contact opens: ")
+    return [] if said == "notice" else said.split(", ")
 
 
 def section(fault: Fault) -> list[str]:
@@ -101,14 +108,32 @@ def test_every_hazard_that_the_study_simulates_was_measured() -> None:
     assert headings(DOCS / "evidence.md") >= FAULTS.keys(), "run make evidence"
 
 
-def test_every_section_says_who_watches_which_limit_what_is_known_and_what_to_do() -> None:
-    sections = manual(FIGURES).split("## Each hazard")[1].split("\n### ")[1:]
-    assert [section.split("\n")[0] for section in sections] == [*HAZARDS]
-    for fault, section in zip(HAZARDS, sections, strict=True):
-        assert HAZARDS[fault].remedy in section
+def rows_of(heading: str) -> list[list[str]]:
+    """Cells of the first table of a section of the page on alarms, without its heading."""
+    lines = manual(FIGURES).split(f"## {heading}\n")[1].split("\n## ")[0].split("\n")
+    return [line[2:-2].split(" | ") for line in lines if line.startswith("| ")][2:]
+
+
+def test_every_hazard_says_what_to_do_where_it_leads_and_its_limit() -> None:
+    limits = {**Limits().model_dump(), **SupervisorTimes().model_dump()}
+    rows = rows_of("Hazards")
+    assert [row[3] for row in rows] == [f"`{fault}`" for fault in HAZARDS]
+    for fault, (text, remedy, worst, _, limit) in zip(HAZARDS, rows, strict=True):
+        hazard, states = HAZARDS[fault], [step.state.value for step in POLICY[fault].steps]
+        assert text == f"**{hazard.text}**"
+        assert remedy.startswith(hazard.remedy)
+        assert hazard.requested in remedy
+        assert worst == (states[-1] if states else "notice")
+        told = re.findall(r"`(\w+)` ([\d.]+)", limit)
+        assert bool(told) == (limit != "–")
+        assert all(limits[key] == pytest.approx(float(value), rel=1e-3) for key, value in told)
         assert found_by()[fault], f"nothing decides that {fault} is there"
-        assert "- Limit: " in section
-        assert ("not measured" in section) != ("FAULT (95 %)" in section)
+
+
+def test_every_hazard_has_a_policy_and_what_the_study_simulates_was_measured() -> None:
+    named = [fault for row in rows_of("Policy") for fault in re.findall(r"`([a-z-]+)`", row[0])]
+    assert sorted(named) == sorted(HAZARDS)
+    assert {row[0].strip("`") for row in rows_of("Measured")} >= {fault.value for fault in FAULTS.values()}
 
 
 MAKES_OF_OTHERS = {"appliance/core/exact_fields.py", "appliance/supervision/watchers/facts.py"}
@@ -137,7 +162,7 @@ def is_fault(node: ast.AST) -> bool:
 
 def test_the_page_shows_every_transition() -> None:
     rows = sum(len(state.transitions) for state in AlarmTable.states)
-    told = manual(FIGURES).split("## Guards")[0]
+    told = manual(FIGURES).split("## Transitions")[1].split("## Guards")[0]
     assert len(re.findall(r"^\| .* \| (tick|\w+) \| .* \| .* \|$", told, re.M)) - 1 == rows
 
 
