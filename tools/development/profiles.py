@@ -15,7 +15,7 @@ from appliance.core.parameters import CLASSES, MEASURED, QUANTITIES
 from appliance.limits import PROFILES, Limits
 from appliance.types import Fault
 from tools.development.evidence_pages import DOCS
-from tools.development.markdown import table
+from tools.development.markdown import shared_aside, table
 from tools.development.study_rows import study_rows
 from tools.study.samples import KEYS
 from tools.study.summary import Row, Share, false_rate_per_hour, number
@@ -84,26 +84,29 @@ def _limits() -> list[str]:
 
 def _measured(data: Sequence[Figure]) -> str:
     commits = ", ".join(f"`{one}`" for one in sorted({commit for one in data for commit in one["commits"]}))
-    return f"Simulated, everything asked for, commit {commits or '–'}; worlds as in [study.md](study.md)."
+    return f"Simulated, all ten checks required, commit {commits or '–'}; scenes as in [study.md](study.md)."
 
 
 def _healthy(data: Sequence[Figure]) -> list[str]:
-    head = ("session", "tissue", "tracker", "profile", "closed in any run", "first closed, s", "closed, %")
-    return table(head, (_healthy_cells(one) for one in data))
+    """A row for each session, tissue and tracker, a column for each profile."""
+    own = [name for name in PROFILES if any(one["profile"] == name for one in data)]
+    head = ("session", "tissue", "tracker", *(f"`{name}`" for name in own))
+    rows: dict[tuple[str, str, str], dict[str, str]] = {}
+    for one in data:
+        place = (f"{one['session']}, {one['duration_s']} s", one["tissue"], f"{one['noise_mm']} mm")
+        rows.setdefault(place, {})[one["profile"]] = _healthy_cell(one)
+    return [
+        _CELLS,
+        "",
+        *table(head, ((*place, *(cells.get(name, "–") for name in own)) for place, cells in rows.items())),
+    ]
 
 
-def _healthy_cells(one: Figure) -> Sequence[str]:
+def _healthy_cell(one: Figure) -> str:
     closed_s = [s for s in one["closed_s"] if s is not None]
     percent = [100 * share for share in one["closed"]]
-    return (
-        f"{one['session']}, {one['duration_s']} s",
-        one["tissue"],
-        f"{one['noise_mm']} mm",
-        f"`{one['profile']}`",
-        str(Share(len(closed_s), len(percent))),
-        _spread(closed_s, 1),
-        _spread(percent, 0),
-    )
+    told = str(Share(len(closed_s), len(percent)))
+    return f"{told}; {_spread(closed_s, 1)} s; {_spread(percent, 0)} %" if closed_s else told
 
 
 def _alarms(data: Sequence[Figure]) -> Iterator[str]:
@@ -126,7 +129,7 @@ def _found() -> str:
 
 def _sick(data: Sequence[Figure]) -> list[str]:
     head = ("wrong from the start", "profile", "named rightly", "after, s", "OK or closed at any time")
-    return table(head, (_sick_cells(one) for one in data))
+    return shared_aside(head, (_sick_cells(one) for one in data), head[-1:])
 
 
 def _sick_cells(one: Figure) -> Sequence[str]:
@@ -140,7 +143,7 @@ def _rests(data: Sequence[Figure]) -> list[str]:
     """Rows of the table of errors: RMS of each estimate, then what is added to each sigma, and the limits of `fine`."""
     fine = Limits(profile="fine")
     places = list(dict.fromkeys((one["session"], one["tissue"], one["noise_mm"]) for one in data))
-    head = ("RMS error at the looks", *MEASURED)
+    head = ("RMS error", *MEASURED)
     rows: list[Sequence[str]] = [_rest_cells(data, place) for place in places]
     added = [QUANTITIES[fault] for fault in CLASSES]
     rows.append(("**added to every sigma**", *(f"{one.left_out:g} {one.unit}" for one in added)))
@@ -188,30 +191,34 @@ def main(path: Path) -> None:
 
 _HEAD = """# Profiles: how far off the calibration may be
 
-For clinical engineers. `[limits] profile` sets five limits at once; a limit that the file gives counts instead of the
-profile's, also where it is looser, and `probewatch check` tells so. `probewatch configure` asks for the profile, and
-`probewatch status`, the page and the replay report name it, with what is not as it has it. A tighter profile lets less
-error pass and keeps the contact open for longer: it can only withhold an OK, or name what is wrong earlier. Another
-profile is taken by `probewatch reload`; what the one before verified counts no more then."""
-_REACH = """All limits are of a change **against the reference**: what the reference itself is off by comes on top
-([crosswire.md](crosswire.md)). So do errors of the tracker that are alike everywhere ([trackers.md](trackers.md)).
+For clinical engineers. `[limits] profile` sets five limits at once; a limit that the file gives replaces
+the profile's, and `probewatch check` says so. `probewatch configure` asks for the profile; `probewatch
+status`, the page and the replay report name it with the limits that differ. A tighter profile lets less
+error pass and keeps the contact open for longer. `probewatch reload` takes another one; motion must then
+show everything again."""
+_REACH = """Limits are of a change **against the reference**. Errors of the reference itself
+([crosswire.md](crosswire.md)), and errors of the tracker that are alike everywhere
+([trackers.md](trackers.md)), come on top.
 
 | tracker | profile |
 |---|---|
 | optical, 0.1 mm of noise, rigid tissue or phantom | `coarse`, `clinical` |
-| the same, 0.25 mm | `coarse`; `clinical`, though not after every gesture |
+| the same, 0.25 mm | `coarse`; `clinical` not after every gesture |
 | optical, tissue that gives way as a patient's | `coarse`; see below before relying on `clinical` |
 | electromagnetic | not tried; one that errs by place is rarely verified by `coarse` ([16](known-anomalies.md)) |
 | any | `fine`: none |"""
-_FOUND = """Motion names nothing that is not surely beyond its limit: three standard deviations of what it leaves
-open, {turn:g}° and {shift:g} mm at least. So the smallest bend and slide that it can name once they are there lie at
-{least};
-what lies between that and the limit only keeps the contact open. A slip in plain sight is seen by its leap, from the
-limit on ([alarms.md](alarms.md)). Gesture on rigid tissue, tracker of 0.1 mm, by when the session ended."""
-_WHY = """An OK asks for three standard deviations of room, and what the model of the motion leaves out is part of
-each: 0.5 mm of an offset ([method.md](method.md), section 7), so 1.5 mm of the 1.5 mm that `fine` allows. `probewatch
-check` says so, also of other limits as small. A looser `offset_mm` beside `fine` would rarely help: the turns, too, are
-off by about as much as 1° leaves. Nor may less be added: healthy sessions were really off by this."""
+_FOUND = """Motion names only what is beyond its limit by three standard deviations, at least {turn:g}° and
+{shift:g} mm: from {least} on.
+What lies between that and the limit keeps the contact open. A slip in view is seen by its leap, from the limit on
+([alarms.md](alarms.md#slips-of-the-marker-body-in-view)). Gesture on rigid tissue, tracker of 0.1 mm, by the end of
+the session."""
+_WHY = """An OK needs three standard deviations of room, and each includes what the model of the motion leaves out:
+0.5 mm of an offset ([method.md](method.md), section 7), so 1.5 mm of the 1.5 mm of `fine`. `probewatch
+check` says so, also of other limits as small. A looser `offset_mm` rarely helps: turns, too, are off by
+about as much as 1° leaves. Less must not be added: healthy sessions were really off by this."""
+_CELLS = (
+    "Runs in which the contact closed (95 %); when it first did; for how much of the session. Median (least … most)."
+)
 _COMMAND = """Written by `python -m tools.development.profiles --table study.csv` from rows of `probewatch study`:
 
 ```

@@ -26,9 +26,9 @@ def rows() -> list[dict[str, str]]:
 def test_each_line_is_of_one_profile_and_a_fault_that_is_named_late_is_not_named() -> None:
     text = page(figures(rows()))
     lines = [line for line in text.splitlines() if line.startswith(("| in-plane", "| bend", "- `"))]
-    assert [line.split(" | ")[3:] for line in lines if " mm | `" in line] == [
-        ["`coarse`", "3 of 3 (29 to 100 %)", "3.0 (3.0 … 3.0)", "70 (50 … 90) |"],
-        ["`fine`", "0 of 2 (0 to 84 %)", "–", "0 (0 … 0) |"],
+    assert "| session | tissue | tracker | `coarse` | `fine` |" in text
+    assert [line.split(" | ")[3:] for line in lines if " s | " in line] == [
+        ["3 of 3 (29 to 100 %); 3.0 (3.0 … 3.0) s; 70 (50 … 90) %", "0 of 2 (0 to 84 %) |"],
     ]
     assert "- `coarse`: 0 FAULTs in 3.0 min without a fault (under 60 an hour, 95 %)." in lines
     assert "- `fine`: 0 FAULTs in 2.0 min without a fault (under 90 an hour, 95 %)." in lines
