@@ -13,7 +13,7 @@ from drivers.samples import Matrix4
 PLACE_MM = (70.0, -60.0, 75.0)
 """Of the metal, from where the probe is when it comes; tracker frame."""
 DISPLACED_MM = 6.0
-"""At that distance, once it lies there: strong enough to be named by motion (docs/trackers.md)."""
+"""At that distance, once it lies there: strong enough to be named by motion (docs/known-anomalies.md, 3)."""
 TIPPED_DEG_PER_MM = 0.4
 """Chosen for 2.4° at 6 mm; the source tells no ratio of turn to push, and none was measured."""
 COMES_IN_S, LEAVES_AT_S = 2.0, 30.0
