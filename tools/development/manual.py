@@ -114,9 +114,14 @@ def _diagram() -> list[str]:
 
 
 def _transitions() -> list[str]:
-    rows = [(a.value, t.event, _guard(t) or "always", _target(t).value) for a, t in _rows()]
-    text = "Tried from top to bottom, twenty times a second and at every request; the first that holds is taken."
-    return ["## Transitions", "", text, "", *table(("state", "event", "when", "next"), rows)]
+    """One row for each state and event: its guards in the order in which they are tried."""
+    rows: dict[tuple[str, str], list[str]] = {}
+    for state, transition in _rows():
+        told = f"{_guard(transition) or 'always'} → **{_target(transition).value}**"
+        rows.setdefault((state.value, transition.event), []).append(told)
+    text = "Tried from left to right, twenty times a second and at every request; the first that holds is taken."
+    told = ((*key, "; ".join(steps)) for key, steps in rows.items())
+    return ["## Transitions", "", text, "", *table(("state", "event", "when → next"), told)]
 
 
 def _guards() -> list[str]:

@@ -160,10 +160,18 @@ def is_fault(node: ast.AST) -> bool:
     return isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "Fault"
 
 
-def test_the_page_shows_every_transition() -> None:
-    rows = sum(len(state.transitions) for state in AlarmTable.states)
-    told = manual(FIGURES).split("## Transitions")[1].split("## Guards")[0]
-    assert len(re.findall(r"^\| .* \| (tick|\w+) \| .* \| .* \|$", told, re.M)) - 1 == rows
+def test_the_page_shows_every_transition_in_the_order_in_which_they_are_tried() -> None:
+    told = [
+        (state, event, *step.split(" → ")) for state, event, when in rows_of("Transitions") for step in when.split("; ")
+    ]
+    assert [(state, event, to.strip("*")) for state, event, _, to in sorted(told, key=lambda row: row[:2])] == sorted(
+        (
+            (state.value.value, one.event, one.target.value.value)
+            for state in AlarmTable.states
+            for one in state.transitions
+        ),
+        key=lambda row: row[:2],
+    )
 
 
 def test_the_page_on_the_control_socket_lists_every_request_and_every_field_of_the_status() -> None:
