@@ -32,7 +32,8 @@ from code and tests.
 
 - **severity**: highest priority of alarm that it leads to. Severity and probability of harm depend on what the contact
   drives: this is not the risk analysis of a medical device.
-- **control**: states that it leads to ([times](alarms.md#policy)), and the code that finds it.
+- **control**: states that it leads to ([times](alarms.md#policy)), and the code that finds it. A notice leaves the
+  contact as it is.
 - **residual**: simulated runs of the last study that named no FAULT (– where it is not simulated), and how many [known
   anomalies](known-anomalies.md) name it. {unnamed} of the {rows} there name no hazard and may touch any of them: read
   them all.

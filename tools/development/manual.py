@@ -160,7 +160,10 @@ def _certainty() -> list[str]:
             f"beyond its limit by {sigma:g} sigma in one window, or by a log likelihood ratio of {WITHDRAWN_NATS:g}",
             "not verified at once, until new motion refutes it",
         ),
-        ("the marker body leapt and the picture did not follow; a slower slip", "not verified at once; show all again"),
+        (
+            "the marker body leapt, and no picture shows whether the hand did; a slower slip",
+            "not verified at once; everything must be shown again",
+        ),
         (
             f"the same in two windows in a row, or by {NAMED_NATS:.1f} (once in {hours:.0f} h by chance) for one class "
             "alone; or a fact, such as a mirrored picture",
