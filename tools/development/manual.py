@@ -120,8 +120,8 @@ def _transitions() -> list[str]:
         told = f"{_guard(transition) or 'always'} → **{_target(transition).value}**"
         rows.setdefault((state.value, transition.event), []).append(told)
     text = "Tried from left to right, twenty times a second and at every request; the first that holds is taken."
-    told = ((*key, "; ".join(steps)) for key, steps in rows.items())
-    return ["## Transitions", "", text, "", *table(("state", "event", "when → next"), told)]
+    lines = ((*key, "; ".join(steps)) for key, steps in rows.items())
+    return ["## Transitions", "", text, "", *table(("state", "event", "when → next"), lines)]
 
 
 def _guards() -> list[str]:
