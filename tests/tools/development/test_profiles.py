@@ -34,6 +34,13 @@ def test_each_line_is_of_one_profile_and_a_fault_that_is_named_late_is_not_named
     assert "- `fine`: 0 FAULTs in 2.0 min without a fault (under 90 an hour, 95 %)." in lines
     assert "| bend-axial=1.5@start | `coarse` | 1 of 3 (1 to 91 %) | 9.0 (9.0 … 9.0) | 0 of 3 (0 to 71 %) |" in lines
     assert "1.75° and 3 mm for `fine`" in text
+    assert "| RMS error, of the worst axis | rotation, deg | scale, % | offset, mm | latency, ms |" in text
+
+
+def test_the_worst_axis_of_each_class_is_told() -> None:
+    (one,) = figures([row() | ORIGIN])
+    one["errors"] = {"rotation-lateral": 0.1, "rotation-axial": 0.3, "rotation-elevational": 0.2, "latency": 1.5}
+    assert "| in-plane, still, 0.1 mm | 0.3 | – | – | 1.5 |" in page([one])
 
 
 def test_a_fault_under_which_the_contact_was_closed_is_counted() -> None:
