@@ -218,7 +218,7 @@ What lies between that and the limit keeps the contact open. A slip in view is s
 ([alarms.md](alarms.md#slips-of-the-marker-body-in-view)). Gesture on rigid tissue, tracker of 0.1 mm, by the end of
 the session."""
 _WHY = """An OK needs three standard deviations of room, and each includes what the model of the motion leaves out:
-0.5 mm of an offset ([method.md](method.md), section 7), so 1.5 mm of the 1.5 mm of `fine`. `probewatch
+0.5 mm of an offset ([method.md](method.md), section 10), so 1.5 mm of the 1.5 mm of `fine`. `probewatch
 check` says so, also of other limits as small. A looser `offset_mm` rarely helps: turns, too, are off by
 about as much as 1° leaves. Less must not be added: healthy sessions were really off by this."""
 _CELLS = (
