@@ -15,8 +15,9 @@ BASE, LANDED = "PROBEWATCH_GATE_BASE", "origin/main"
 _OF_ALL = ("pyproject.toml", "Makefile", ".ci/run", "requirements-dev.lock", "tests/rules/changed.py")
 ABOUT = {
     "mutation": (
-        *("appliance/supervision", "appliance/types.py", "appliance/service/host", "drivers/printable.py"),
-        *("drivers/samples.py", "tests/appliance/supervision", "tests/conftest.py", "tests/rules"),
+        *("appliance/supervision", "appliance/limits.py", "appliance/types.py", "appliance/service/host"),
+        *("drivers/printable.py", "drivers/rigid.py", "drivers/samples.py"),
+        *("tests/appliance/supervision", "tests/conftest.py", "tests/rules"),
     ),
     "deb": (
         *("systemd", "config", "requirements.lock", "README.md", "LICENSE", "tests/systemd"),
