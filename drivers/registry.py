@@ -1,67 +1,45 @@
 """URL → driver: which module serves which scheme, imported only when it is used.
 
-Each module has open_video, open_tracker or open_output (target, options, clock), and `checked` (target, options), which
-opens nothing.
+The drivers say it themselves: each folder has its descriptors as DRIVERS in its `__init__.py` (drivers/descriptor.py).
 """
 
 import difflib
 import importlib
 import re
 from collections.abc import Collection
-from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 from drivers.clock.host_clock import HostClock
+from drivers.descriptor import TARGETS, Driver
 from drivers.device_api import AlarmOutput, TrackerSource, VideoSource
 from drivers.errors import ConfigurationError
 
-
-@dataclass(frozen=True, slots=True)
-class _Driver:
-    """module: its code. kinds: what it can be opened as."""
-
-    module: str
-    kinds: tuple[str, ...]
+_CALLED = {"tracker": "a tracker", "video": "a video source", "output": "an alarm output"}
+_KINDS = tuple(_CALLED)
+_HERE = Path(__file__).parent
 
 
-_DRIVERS = {
-    "gpio": _Driver("drivers.outputs.gpio", ("output",)),
-    "igtl": _Driver("drivers.openigtlink.source", ("tracker", "video")),
-    "ndi": _Driver("drivers.trackers.ndi.tracker", ("tracker",)),
-    "ndi+tcp": _Driver("drivers.trackers.ndi.network", ("tracker",)),
-    "opencv": _Driver("drivers.video.opencv", ("video",)),
-    "optotrak": _Driver("drivers.trackers.optotrak.tracker", ("tracker",)),
-    "relay": _Driver("drivers.outputs.relay", ("output",)),
-    "replay": _Driver("drivers.recordings.replay", ("tracker", "video")),
-    "serialpin": _Driver("drivers.outputs.serialpin", ("output",)),
-    "sim": _Driver("drivers.video.sim", ("video",)),
-    "tone": _Driver("drivers.outputs.tone", ("output",)),
-    "v4l2": _Driver("drivers.video.v4l2.source", ("video",)),
-}
-
-_SIMULATED = ("replay", "sim")
+@cache
+def drivers() -> dict[str, Driver]:
+    """Scheme → descriptor of every driver, trackers first, servers of several kinds last; no driver is imported."""
+    rooms = sorted(file.parent.relative_to(_HERE).parts for file in _HERE.glob("*/**/__init__.py"))
+    packages = (importlib.import_module(".".join(("drivers", *room))) for room in rooms if room[0] != "twins")
+    rows = [row for package in packages for row in getattr(package, "DRIVERS", ())]
+    found = {row.scheme: row for row in sorted(rows, key=lambda row: (len(row.kinds), _KINDS.index(row.kinds[0])))}
+    assert len(found) == len(rows), "two drivers have one scheme"
+    return found
 
 
 def is_simulated(url: str) -> bool:
     """Whether a source is a simulation or a recording, and no device that is there now; a server cannot be looked
     through, so its URL says it.
     """
+    driver = drivers().get(url.partition(":")[0])
     options = dict(_pairs(url.partition("?")[2]))
-    return url.partition(":")[0] in _SIMULATED or options.get("simulated") == "yes"
-
-
-_CALLED = {"output": "an alarm output", "tracker": "a tracker", "video": "a video source"}
-_LOOKS_LIKE = (
-    (r"/dev/(tty|serial/|cu\.).*", ("ndi:{}", "relay:{}", "serialpin:{}?pin=rts")),
-    (r"/dev/(video|v4l/).*", ("v4l2:{}",)),
-    (r"/dev/gpiochip.*", ("gpio:{}?line=17",)),
-    (r"(rtsp|rtsps|rtmp|http|https|udp)://.*", ("opencv:{}",)),
-    (r".*\.(mha|mhd)", ("replay:{}",)),
-    (r".*\.(mp4|avi|mkv|mov)", ("opencv:{}",)),
-    (r"(tcp://)?[\w.-]*[\w-](:\d+)?", ("ndi+tcp://{}", "optotrak://{}", "igtl://{}")),
-)
-"""What people write for a URL, and what they may have meant."""
+    return (driver is not None and driver.is_simulated) or options.get("simulated") == "yes"
 
 
 def split_url(url: str, kind: str = "") -> tuple[str, str, dict[str, str]]:
@@ -71,8 +49,8 @@ def split_url(url: str, kind: str = "") -> tuple[str, str, dict[str, str]]:
     """
     scheme, colon, rest = url.partition(":")
     target, _, query = rest.removeprefix("//").partition("?")
-    if scheme not in _DRIVERS or not colon:
-        raise _no_scheme(url, kind) if scheme not in _DRIVERS else _no_device(url, scheme)
+    if scheme not in drivers() or not colon:
+        raise _no_scheme(url, kind) if scheme not in drivers() else _no_device(url, scheme)
     if not target:
         raise _no_device(url, scheme)
     return scheme, target, _options(query, url)
@@ -115,38 +93,34 @@ def _no_scheme(url: str, kind: str) -> ConfigurationError:
 
 
 def _likely(url: str) -> list[str]:
-    forms = (forms for pattern, forms in _LOOKS_LIKE if re.fullmatch(pattern, url, re.IGNORECASE))
-    return [form.format(url.removeprefix("tcp://")) for form in next(forms, ())]
+    """URLs that may have been meant by what was written without a scheme."""
+    looks = (one for one in TARGETS if one.looks_like and re.fullmatch(one.looks_like, url, re.IGNORECASE))
+    target = next(looks, None)
+    return [one.url(url.removeprefix("tcp://")) for one in drivers().values() if target in one.targets]
 
 
 def _fitting(kind: str) -> list[str]:
-    return sorted(name for name, driver in _DRIVERS.items() if kind in ("", *driver.kinds))
+    return sorted(name for name, driver in drivers().items() if kind in ("", *driver.kinds))
 
 
 def _listed(schemes: Collection[str]) -> str:
     return ", ".join(f"{scheme}:" for scheme in schemes)
 
 
-def refuse_unknown(options: Collection[str], known: Collection[str], where: str, advice: str = "") -> None:
-    """Raises ConfigurationError that names an option which is none of `known`, and these; advice follows them."""
-    if unknown := sorted(set(options) - set(known)):
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"Use {', '.join(known)}{advice}")
-
-
 def known_schemes() -> tuple[str, ...]:
     """Every URL scheme that there is a driver for."""
-    return tuple(_DRIVERS)
+    return tuple(drivers())
 
 
 def device_kinds(url: str) -> tuple[str, ...]:
     """Which of "output", "tracker", "video" a URL can be opened as. Raises ConfigurationError for an unknown scheme."""
-    return _DRIVERS[split_url(url)[0]].kinds
+    return drivers()[split_url(url)[0]].kinds
 
 
 def checked_url(url: str, kind: str) -> str:
     """The URL itself. Raises ConfigurationError for one that cannot be opened as this kind; options are not read."""
     scheme, _, _ = split_url(url, kind)
-    kinds = _DRIVERS[scheme].kinds
+    kinds = drivers()[scheme].kinds
     if kind not in kinds:
         what = f"'{scheme}:' is {_CALLED[kinds[0]]}, not {_CALLED[kind]}"
         raise ConfigurationError(what, url, f"Use one of {_listed(_fitting(kind))}")
@@ -157,12 +131,12 @@ def check_options(url: str, kind: str) -> None:
     """Raises ConfigurationError for a URL that can never work, as far as it tells without opening anything."""
     checked_url(url, kind)
     scheme, target, options = split_url(url)
-    importlib.import_module(_DRIVERS[scheme].module).checked(target, options)
+    importlib.import_module(drivers()[scheme].module).checked(target, options)
 
 
 def _opened(url: str, kind: str, clock: HostClock) -> Any:
     scheme, target, options = split_url(checked_url(url, kind))
-    return getattr(importlib.import_module(_DRIVERS[scheme].module), f"open_{kind}")(target, options, clock)
+    return getattr(importlib.import_module(drivers()[scheme].module), f"open_{kind}")(target, options, clock)
 
 
 def open_video(url: str, clock: HostClock) -> VideoSource:

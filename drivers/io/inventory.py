@@ -3,10 +3,11 @@
 import grp
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.descriptor import GPIO_CHIP, SERIAL_PORT, VIDEO_NODE, Target
 from drivers.printable import printable_bytes
 
 ROOT = Path("/")
@@ -53,6 +54,14 @@ def gpio_chips(root: Path = ROOT) -> tuple[Found, ...]:
         parent = (folder / name).resolve().parent
         titles[name] = labels.get(parent, parent.name)
     return _found(root, titles, "")
+
+
+CONNECTED: dict[Target, Callable[[Path], tuple[Found, ...]]] = {
+    SERIAL_PORT: serial_ports,
+    VIDEO_NODE: video_devices,
+    GPIO_CHIP: gpio_chips,
+}
+"""What can be looked for on this host."""
 
 
 def _found(root: Path, titles: dict[str, str], by_id: str) -> tuple[Found, ...]:

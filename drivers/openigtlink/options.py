@@ -4,11 +4,12 @@ import math
 import re
 from dataclasses import dataclass
 
+from drivers.descriptor import Given
 from drivers.errors import ConfigurationError
 from drivers.io.tcp_line import parse_address
+from drivers.openigtlink import IGTL
 from drivers.openigtlink.image import Levels
-from drivers.registry import refuse_unknown
-from drivers.trackers.staleness import DEADLINE_MS, DEADLINES_MS, LATENCIES_MS
+from drivers.trackers.staleness import DEADLINE_MS
 from drivers.video.crop import Cut, cut_from
 
 PORT = 18944
@@ -21,11 +22,7 @@ of 4 Hz between two pictures."""
 NAME_BYTES = 20
 """Of a device name, by the specification: senders cut longer ones off."""
 
-_OPTIONS = (
-    "image", "probe", "reference", "witness", "levels", "crop", "orientation", "deadline_ms", "latency_ms", "ask",
-    "header", "simulated",
-)  # fmt: skip
-_ASKS = {"": "", "tdata": "TDATA", "qtdata": "QTDATA"}
+_ASKS = {None: "", "tdata": "TDATA", "qtdata": "QTDATA"}
 _FULL_NAME = re.compile(r".+To[A-Z].*")
 
 
@@ -63,29 +60,29 @@ def parse_target(target: str, options: dict[str, str]) -> tuple[tuple[str, int],
     """(host, port) and the options. Raises ConfigurationError naming what cannot be."""
     where = f"igtl://{target}"
     address = parse_address(target, PORT, where)
-    refuse_unknown(options, _OPTIONS, where)
-    tool, reference = options.get("probe", "Probe"), options.get("reference")
+    given = IGTL.given(options, where)
+    tool, reference, second = given.text("probe") or "Probe", given.text("reference"), given.text("witness")
     probe = transform_name(tool)
     fixed = None if reference is None else transform_name(reference)
     if fixed == probe:
         raise ConfigurationError("probe and reference are the same transform", where, "Give two different names")
-    witness = transform_name(options["witness"]) if "witness" in options else None
+    witness = None if second is None else transform_name(second)
     if witness is not None and witness in (probe, fixed):
         remedy = "Name the transform of a second body on the probe"
         raise ConfigurationError(f"the witness is the transform {witness}, which has a part already", where, remedy)
-    _word(options, "simulated", ("yes", "no"), where)
+    given.word("simulated")
     return address, IgtlOptions(
-        image=_cut_off(options.get("image", "")),
+        image=_cut_off(given.text("image") or ""),
         probe=probe,
         bare="" if tool == probe else _cut_off(tool),
         reference=fixed,
         witness=witness,
-        levels=_levels(options.get("levels"), where),
-        cut=cut_from(options, where),
-        deadline_ms=_number(options, "deadline_ms", DEADLINES_MS, where),
-        latency_ms=_number(options, "latency_ms", LATENCIES_MS, where) or 0.0,
-        ask=_ASKS[_word(options, "ask", tuple(_ASKS)[1:], where)],
-        version=int(_word(options, "header", ("1", "2"), where) or "2"),
+        levels=_levels(given),
+        cut=cut_from(given),
+        deadline_ms=given.number_or_none("deadline_ms"),
+        latency_ms=given.number("latency_ms"),
+        ask=_ASKS[given.word_or_none("ask")],
+        version=int(given.word("header")),
     )
 
 
@@ -98,7 +95,8 @@ def _cut_off(name: str) -> str:
     return name.encode()[:NAME_BYTES].decode(errors="surrogateescape")
 
 
-def _levels(text: str | None, where: str) -> Levels | None:
+def _levels(given: Given) -> Levels | None:
+    text = given.text("levels")
     if text is None:
         return None
     try:
@@ -106,27 +104,5 @@ def _levels(text: str | None, where: str) -> Levels | None:
     except ValueError:
         black = white = math.nan
     if not (math.isfinite(black) and math.isfinite(white) and black < white):
-        raise ConfigurationError(f"levels={text} are not two rising numbers", where, "Write levels=BLACK,WHITE")
+        raise given.refusal("levels", "Write levels=BLACK,WHITE")
     return black, white
-
-
-def _number(options: dict[str, str], key: str, bounds: tuple[float, float], where: str) -> float | None:
-    """None where it is not given."""
-    if key not in options:
-        return None
-    try:
-        value = float(options[key])
-    except ValueError:
-        value = math.nan
-    if not bounds[0] <= value <= bounds[1]:
-        raise ConfigurationError(
-            f"{key}={options[key]} cannot be used", where, "Use a number from {:g} to {:g}".format(*bounds)
-        )
-    return value
-
-
-def _word(options: dict[str, str], key: str, words: tuple[str, ...], where: str) -> str:
-    """Empty where it is not given."""
-    if key in options and options[key] not in words:
-        raise ConfigurationError(f"{key}={options[key]} cannot be used", where, f"Use {' or '.join(words)}")
-    return options.get(key, "")

@@ -20,12 +20,11 @@ from gpiod.line import Direction, Value
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import Description
 from drivers.errors import ConfigurationError, DeviceLost
+from drivers.outputs import GPIO
 from drivers.outputs.contact_feedback import follows
 from drivers.outputs.heartbeat import Heartbeat, heartbeat_from
 from drivers.printable import printable
-from drivers.registry import refuse_unknown
 
-_OPTIONS = ("active", "heartbeat", "line", "sense", "sense_active")
 _CONSUMER = "probewatch"
 
 Line = int | str
@@ -40,28 +39,22 @@ def open_output(target: str, options: dict[str, str], clock: HostClock) -> "Gpio
 def checked(target: str, options: dict[str, str]) -> "tuple[Line, Line | None, Settings, Heartbeat]":
     """(line, sense, settings, heartbeat). Raises ConfigurationError naming the option."""
     where = f"gpio:{target}"
-    refuse_unknown(options, _OPTIONS, where)
-    line = _line(options.get("line", ""), where)
-    sense = _line(options["sense"], where) if "sense" in options else None
+    given = GPIO.given(options, where)
+    line, sensed = _line(given.text("line"), where), given.text("sense")
+    sense = None if sensed is None else _line(sensed, where)
     if sense == line:
         raise ConfigurationError("line= and sense= are the same line", where, "Read the contact back on another line")
-    settings: Settings = {line: _settings(Direction.OUTPUT, _is_low(options, "active", where))}
+    low, sense_low = (given.word(name) == "low" for name in ("active", "sense_active"))
+    settings: Settings = {line: _settings(Direction.OUTPUT, low)}
     if sense is not None:
-        settings[sense] = _settings(Direction.INPUT, _is_low(options, "sense_active", where))
-    return line, sense, settings, heartbeat_from(options, where)
+        settings[sense] = _settings(Direction.INPUT, sense_low)
+    return line, sense, settings, heartbeat_from(given)
 
 
-def _line(text: str, where: str) -> Line:
+def _line(text: str | None, where: str) -> Line:
     if not text:
         raise ConfigurationError("names no line", where, "Add ?line= and a number or a name, see `gpioinfo`")
     return int(text) if text.isdecimal() else text
-
-
-def _is_low(options: dict[str, str], key: str, where: str) -> bool:
-    level = options.get(key, "high")
-    if level not in ("high", "low"):
-        raise ConfigurationError(f"{key}={level} is not known", where, "Use high or low")
-    return level == "low"
 
 
 def _settings(direction: Direction, low: bool) -> gpiod.LineSettings:

@@ -22,11 +22,11 @@ from typing import Self
 
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import Description
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.errors import DeviceLost
 from drivers.io.serial_port import BITS_PER_BYTE
 from drivers.io.shared_port import shared_port
+from drivers.outputs import RELAY
 from drivers.outputs.heartbeat import Heartbeat, heartbeat_from
-from drivers.registry import refuse_unknown
 
 BAUD = 9600
 STATUS_QUERY = b"\xff"
@@ -34,17 +34,12 @@ START = 0xA0
 COMMAND_BYTES = 4
 """Protocol of LCUS boards, as the heading of this file tells it."""
 
-_OPTIONS = ("channel", "confirm", "heartbeat")
-
 _COMMAND_S = COMMAND_BYTES * BITS_PER_BYTE / BAUD
 """Time on the line, after which a silent board has its command: 4.2 ms."""
 
 _ANSWER_S = 0.5
 """For the report, which takes about 40 ms (docs/devices.md). More delays word of a dead board, less loses one behind a
 busy host."""
-
-_FASTEST_CLICK_HZ = 1.0
-"""Of a mechanical relay: 100 000 clicks under load last a day then; twice as fast, half a day."""
 
 _PAUSE_S = 0.05
 """Silence that ends the first report, whose length is unknown; later ones are waited for until they are whole. USB
@@ -55,7 +50,6 @@ _ASK_AGAIN_NS = 1_000_000_000
 each costs one byte on the line (tests/drivers/outputs/test_relay.py counts them)."""
 
 _CONTACT = re.compile(rb"CH *(\d{1,2}) *: *(ON|OFF)\s")
-_CONFIRM = ("auto", "yes", "no")
 _CHECK = "Check the relay board's cable"
 
 
@@ -76,14 +70,8 @@ def open_output(target: str, options: dict[str, str], clock: HostClock) -> "Rela
 
 def checked(target: str, options: dict[str, str]) -> tuple[int, str, Heartbeat]:
     """(channel, confirm, heartbeat). Raises ConfigurationError naming the option."""
-    where = f"relay:{target}"
-    refuse_unknown(options, _OPTIONS, where)
-    text, confirm = options.get("channel", "1"), options.get("confirm", "auto")
-    if not text.isdecimal() or not 1 <= int(text) <= 16:
-        raise ConfigurationError(f"channel={text} is not a relay of such a board", where, "Use a number from 1 to 16")
-    if confirm not in _CONFIRM:
-        raise ConfigurationError(f"confirm={confirm} is not known", where, f"Use {', '.join(_CONFIRM)}")
-    return int(text), confirm, heartbeat_from(options, where, _FASTEST_CLICK_HZ)
+    given = RELAY.given(options, f"relay:{target}")
+    return given.whole("channel"), given.word("confirm"), heartbeat_from(given)
 
 
 class RelayOutput:

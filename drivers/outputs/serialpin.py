@@ -18,14 +18,13 @@ import serial
 
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import Description
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.errors import DeviceLost
 from drivers.io.serial_port import open_serial
+from drivers.outputs import SERIALPIN
 from drivers.outputs.contact_feedback import follows
 from drivers.outputs.heartbeat import Heartbeat, heartbeat_from
-from drivers.registry import refuse_unknown
 
-_OPTIONS = ("heartbeat", "pin", "sense")
-_PINS, _SENSES = ("rts", "dtr"), {"cts": "cts", "dsr": "dsr", "dcd": "cd"}
+_SENSES = {"cts": "cts", "dsr": "dsr", "dcd": "cd"}
 _BAUD, _CFLAG = 9600, 2
 """Nothing is sent, so the speed is only one that every port has; index of the control flags in termios.tcgetattr."""
 
@@ -37,14 +36,11 @@ def open_output(target: str, options: dict[str, str], clock: HostClock) -> "Seri
 
 def checked(target: str, options: dict[str, str]) -> tuple[str, str | None, Heartbeat]:
     """(pin, sense, heartbeat). Raises ConfigurationError naming the option."""
-    where = f"serialpin:{target}"
-    refuse_unknown(options, _OPTIONS, where)
-    pin, sense = options.get("pin", ""), options.get("sense")
-    if pin not in _PINS:
-        raise ConfigurationError(f"pin={pin} is not a line that can be driven", where, f"Use {', '.join(_PINS)}")
-    if sense is not None and sense not in _SENSES:
-        raise ConfigurationError(f"sense={sense} is not a line that can be read", where, f"Use {', '.join(_SENSES)}")
-    return pin, sense, heartbeat_from(options, where)
+    given = SERIALPIN.given(options, f"serialpin:{target}")
+    pin = given.word_or_none("pin")
+    if pin is None:
+        raise given.refusal("pin", "Add ?pin=rts or ?pin=dtr")
+    return pin, given.word_or_none("sense"), heartbeat_from(given)
 
 
 class SerialPinOutput:

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import Description
 from drivers.errors import ConfigurationError, DeviceLost
+from drivers.outputs import TONE
 from drivers.printable import printable_bytes
-from drivers.registry import refuse_unknown
 
 RATE_HZ = 16_000
 """Samples a second: over twice the fifth partial of the highest pitch, 5 kHz. More makes more bytes, no other sound."""
@@ -56,15 +56,12 @@ def open_output(target: str, options: dict[str, str], clock: HostClock) -> "Tone
 
 def checked(target: str, options: dict[str, str]) -> tuple[str, str, int]:
     """(player, target, pitch, Hz). Raises ConfigurationError naming the option, or the player that is not installed."""
-    where = f"tone:{target}"
-    refuse_unknown(options, ("pitch",), where)
-    text = options.get("pitch", "440")
-    if not text.isdecimal() or not 150 <= int(text) <= 1000:
-        raise ConfigurationError(f"pitch={text} is not the pitch of an alarm", where, "Give 150 to 1000 Hz")
+    given = TONE.given(options, f"tone:{target}")
+    pitch_hz = given.whole("pitch")
     player = shutil.which("aplay")
     if player is None:
-        raise ConfigurationError("the player aplay is not installed", where, "Install it: apt install alsa-utils")
-    return player, target, int(text)
+        raise ConfigurationError("the player aplay is not installed", given.where, "Install it: apt install alsa-utils")
+    return player, target, pitch_hz
 
 
 def tone(pitch_hz: int, first: int, count: int) -> NDArray[np.float64]:

@@ -15,9 +15,9 @@ from typing import Generic, Self, TypeVar
 import numpy as np
 
 from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost, RecordingError
+from drivers.errors import DeviceLost, RecordingError
+from drivers.recordings import REPLAY
 from drivers.recordings.sequence import Sequence, read_sequence
-from drivers.registry import refuse_unknown
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 from drivers.trackers.plus_transform import TransformReading
 
@@ -33,7 +33,6 @@ be paired. Times in ms or µs show by it."""
 
 ENDED = "the recording has ended"
 """What is said of a device that has played all of its recording."""
-_OPTIONS = ("orientation", "poses", "probe", "reference", "start_s", "witness")
 
 _S = TypeVar("_S", Frame, Pose)
 
@@ -221,8 +220,7 @@ class Player(Generic[_S]):
 
 def checked(target: str, options: dict[str, str]) -> float:
     """Where to start, s. Raises ConfigurationError naming the option."""
-    refuse_unknown(options, _OPTIONS, f"replay:{target}")
-    return _start_s(options.get("start_s", "1"), target)
+    return REPLAY.given(options, f"replay:{target}").number("start_s")
 
 
 def _from_url(target: str, options: dict[str, str], need_poses: bool) -> tuple[Recording, float]:
@@ -237,16 +235,6 @@ def _from_url(target: str, options: dict[str, str], need_poses: bool) -> tuple[R
         need_poses=need_poses,
     )
     return recording, start_s
-
-
-def _start_s(text: str, target: str) -> float:
-    try:
-        start_s = float(text)
-    except ValueError:
-        start_s = -1.0
-    if not 0 <= start_s <= 3600:
-        raise ConfigurationError(f"start_s '{text}' is not 0 to 3600 s", f"replay:{target}", "Give seconds")
-    return start_s
 
 
 def _transform_names(

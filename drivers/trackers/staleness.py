@@ -1,4 +1,8 @@
-"""When a tracker counts as stale, frozen or lost: what holds for every kind of tracker. No behaviour here."""
+"""When a tracker counts as stale, frozen or lost: what holds for every kind of tracker, and the options that all of
+them take. No behaviour here.
+"""
+
+from drivers.descriptor import Option
 
 DEADLINE_MS, DEADLINES_MS = 200.0, (20, 5000)
 """Silence after which a tracker is lost, unless the URL says otherwise, and what it may say. 200 ms leaves 50 ms to
@@ -24,3 +28,7 @@ FROZEN_READINGS = 12
 Polaris at rest scatters by 0.03 to 0.17 mm along its axes (1 σ, at 2 m), so that few in a row are equal by chance even
 to the 0.01 mm of TX; fewer readings would rest on that alone, more let a frozen pose pass for longer. Not measured
 closer to the tracker."""
+
+DEADLINE = Option("deadline_ms", "silence after which the tracker is lost", f"{DEADLINE_MS:g}", "ms", DEADLINES_MS)
+LATENCY = Option("latency_ms", "known delay from exposure to arrival, taken off every stamp", "0", "ms", LATENCIES_MS)
+LOG = Option("log", "where to write a byte log of the connection", form="FILE")

@@ -3,7 +3,8 @@
 import re
 from dataclasses import dataclass
 
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.descriptor import Given, Option
+from drivers.errors import DeviceLost
 from drivers.samples import GreyImage
 
 FLIPS = {"MF": (False, False), "MN": (True, False), "UF": (False, True), "UN": (True, True)}
@@ -13,6 +14,21 @@ _CROP = re.compile(r"(\d{1,5}),(\d{1,5}),(\d{1,5}),(\d{1,5})")
 LEAST_PX = 16
 """Side of the smallest picture, of any source, that is taken for one: less is a slip in an option or a damaged header.
 No picture of a scanner is near it."""
+
+CROP = Option(
+    "crop",
+    "the part of the screen that is the B-mode picture; the calibration counts its pixels from there",
+    "all of it",
+    form="LEFT,TOP,WIDTH,HEIGHT",
+    refusal="is not a part of a picture",
+)
+ORIENTATION = Option(
+    "orientation",
+    "the scanner shows the marked (M) or unmarked (U) side at the left, the probe's face at the top (F) or bottom (N)",
+    "MF",
+    words=tuple(FLIPS),
+    refusal="is not known",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,17 +58,14 @@ class Cut:
         return image[:: -1 if rows else 1, :: -1 if columns else 1]
 
 
-def cut_from(options: dict[str, str], where: str) -> Cut:
-    """Options crop=LEFT,TOP,WIDTH,HEIGHT and orientation=MF, MN, UF or UN. Raises ConfigurationError."""
-    orientation = options.get("orientation", "MF").upper()
-    if orientation not in FLIPS:
-        raise ConfigurationError(f"orientation={orientation} is not known", where, f"Use {', '.join(FLIPS)}")
-    text = options.get("crop")
+def cut_from(given: Given) -> Cut:
+    """Options CROP and ORIENTATION. Raises ConfigurationError."""
+    orientation, text = given.word(ORIENTATION.name), given.text(CROP.name)
     if text is None:
         return Cut(None, orientation)
     found = _CROP.fullmatch(text)
     if found is None or min(int(found[3]), int(found[4])) < LEAST_PX:
-        remedy = f"Write crop=LEFT,TOP,WIDTH,HEIGHT in pixels, width and height at least {LEAST_PX}"
-        raise ConfigurationError(f"crop={text} is not a part of a picture", where, remedy)
+        remedy = f"Write crop={CROP.form} in pixels, width and height at least {LEAST_PX}"
+        raise given.refusal(CROP.name, remedy)
     left, top, width, height = (int(number) for number in found.groups())
     return Cut((left, top, width, height), orientation)

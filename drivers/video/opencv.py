@@ -22,12 +22,11 @@ import numpy as np
 
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import Description
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.registry import refuse_unknown
+from drivers.errors import DeviceLost
 from drivers.samples import Frame, GreyImage, Stamp
+from drivers.video import OPENCV
 from drivers.video.crop import Cut, cut_from
 
-_OPTIONS = ("crop", "delay_ms", "error_ms", "orientation")
 _OPEN_MS, _READ_MS = 5000, 2000
 """Given to FFmpeg for a stream. A camera that does not answer holds the thread that long before the next attempt; less
 gives up one that is slow to start. tests/live/test_network_video.py allows 8 s until it is lost, and 40 until it is
@@ -43,9 +42,6 @@ _LEAVE_S = 0.5
 
 _RATES_HZ = (0.1, 1000.0)
 """Picture rates that a file may tell; others are a damaged header or a film without one."""
-
-_MOST_MS = 5000.0
-"""Longest delay_ms= and error_ms=. More is a slip of the decimal point: a picture 5 s late serves no check."""
 
 _CHECK = "Check the address, and that the device sends"
 
@@ -74,20 +70,8 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenC
 
 def checked(target: str, options: dict[str, str]) -> tuple[float, float, Cut]:
     """(delay, ms; its error, ms; what to cut out). Raises ConfigurationError naming the option."""
-    where = f"opencv:{target}"
-    refuse_unknown(options, _OPTIONS, where, "; write %3F for a question mark in the address")
-    delay_ms, error_ms = (_ms(options, key, usual, where) for key, usual in (("delay_ms", 0.0), ("error_ms", 100.0)))
-    return delay_ms, error_ms, cut_from(options, where)
-
-
-def _ms(options: dict[str, str], key: str, usual: float, where: str) -> float:
-    try:
-        value = float(options.get(key, usual))
-    except ValueError:
-        value = math.nan
-    if not 0 <= value <= _MOST_MS:
-        raise ConfigurationError(f"{key}={options[key]} is not a time", where, f"Give 0 to {_MOST_MS:g} ms")
-    return value
+    given = OPENCV.given(options, f"opencv:{target}")
+    return given.number("delay_ms"), given.number("error_ms"), cut_from(given)
 
 
 def _open(source: str | int, is_stream: bool) -> Any:

@@ -18,6 +18,7 @@ import numpy as np
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.samples import Frame, GreyImage, Stamp
+from drivers.video import SIM
 from drivers.video.crop import LEAST_PX
 
 _LAYOUT = struct.Struct("<4sHHQqIII")
@@ -102,8 +103,7 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "SimVi
 def checked(target: str, options: dict[str, str]) -> str:
     """The URL. Raises ConfigurationError for an option, or a path that is too long."""
     where = f"sim:{target}"
-    if options:
-        raise ConfigurationError(f"unknown option '{min(options)}'", where, "A simulated scanner takes none")
+    SIM.given(options, where)
     if len(os.fsencode(target)) > _PATH_BYTES:
         raise ConfigurationError(
             f"the path is longer than {_PATH_BYTES} bytes", where, "Put the socket nearer to the root"

@@ -3,6 +3,7 @@
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError
 from drivers.io.tcp_line import parse_address
+from drivers.trackers.ndi import NDI_TCP
 from drivers.trackers.ndi.options import TrackerOptions, parse_options
 from drivers.trackers.ndi.tracker import NdiTracker, connect
 from drivers.trackers.ndi.transport import NetworkLine
@@ -22,4 +23,4 @@ def checked(target: str, options: dict[str, str]) -> tuple[TrackerOptions, tuple
     url = f"ndi+tcp://{target}"
     if "baud" in options:
         raise ConfigurationError("a network has no line speed", url, "Leave baud= out")
-    return parse_options(options, url), parse_address(target, DEFAULT_PORT, url)
+    return parse_options(options, url, NDI_TCP), parse_address(target, DEFAULT_PORT, url)

@@ -1,17 +1,17 @@
 """The options of an NDI tracker's URL."""
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers.descriptor import Driver, Given
 from drivers.errors import ConfigurationError
-from drivers.registry import refuse_unknown
+from drivers.trackers.ndi import NDI
 from drivers.trackers.ndi.identity import ReplyKind
-from drivers.trackers.ndi.session import COMM_CODES
 from drivers.trackers.ndi.tools import ToolWish, parse_wish
-from drivers.trackers.staleness import DEADLINE_MS, DEADLINES_MS, LATENCIES_MS
+from drivers.trackers.staleness import DEADLINE_MS
 
-_KNOWN = ("probe", "reference", "witness", "tools", "baud", "reply", "counter_hz", "deadline_ms", "latency_ms", "log")
+_BAUD = 115200
+"""What every tracker of these has; a network has none, so that nothing comes of it there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class TrackerOptions:
     reference: ToolWish | None = None
     witness: ToolWish | None = None
     further: tuple[ToolWish, ...] = ()
-    baud: int = 115200
+    baud: int = _BAUD
     reply: ReplyKind | None = None
     counter_hz: float | None = None
     deadline_ms: float = DEADLINE_MS
@@ -39,26 +39,32 @@ class TrackerOptions:
         return tuple(wish for wish in (self.probe, self.reference, self.witness, *self.further) if wish is not None)
 
 
-def parse_options(options: dict[str, str], where: str) -> TrackerOptions:
+def parse_options(options: dict[str, str], where: str, driver: Driver = NDI) -> TrackerOptions:
     """Raises ConfigurationError naming the option that is unknown or out of range."""
-    refuse_unknown(options, _KNOWN, where)
+    given = driver.given(options, where)
     if "probe" not in options and {"reference", "witness", "tools"} & set(options):
         raise ConfigurationError(
             "a reference, a witness or further tools need a probe", where, "Add probe=FILE.rom or probe=@PLUG"
         )
     _refuse_twice(options, where)
+    reply, log = given.word_or_none("reply"), given.text("log")
     return TrackerOptions(
-        probe=parse_wish(options["probe"], where) if "probe" in options else None,
-        reference=parse_wish(options["reference"], where) if "reference" in options else None,
-        witness=parse_wish(options["witness"], where) if "witness" in options else None,
-        further=tuple(parse_wish(text, where) for text in options.get("tools", "").split(",") if text),
-        baud=_baud(options.get("baud", "115200"), where),
-        reply=_reply(options["reply"], where) if "reply" in options else None,
-        counter_hz=_number(options, "counter_hz", math.nan, (1, 5000), where) if "counter_hz" in options else None,
-        deadline_ms=_number(options, "deadline_ms", DEADLINE_MS, DEADLINES_MS, where),
-        latency_ms=_number(options, "latency_ms", 0.0, LATENCIES_MS, where),
-        log=Path(options["log"]) if "log" in options else None,
+        probe=_wish(given, "probe"),
+        reference=_wish(given, "reference"),
+        witness=_wish(given, "witness"),
+        further=tuple(parse_wish(text, where) for text in (given.text("tools") or "").split(",") if text),
+        baud=int(given.word("baud")) if driver is NDI else _BAUD,
+        reply=None if reply is None else ReplyKind(reply),
+        counter_hz=given.number_or_none("counter_hz"),
+        deadline_ms=given.number("deadline_ms"),
+        latency_ms=given.number("latency_ms"),
+        log=None if log is None else Path(log),
     )
+
+
+def _wish(given: Given, name: str) -> ToolWish | None:
+    text = given.text(name)
+    return None if text is None else parse_wish(text, given.where)
 
 
 def _refuse_twice(options: dict[str, str], where: str) -> None:
@@ -83,29 +89,3 @@ def _same_definition(one: ToolWish, other: ToolWish) -> bool:
     return (
         one.definition is not None and other.definition is not None and one.definition.image == other.definition.image
     )
-
-
-def _reply(text: str, where: str) -> ReplyKind:
-    try:
-        return ReplyKind(text)
-    except ValueError:
-        kinds = ", ".join(kind.value for kind in ReplyKind)
-        raise ConfigurationError(f"reply={text} is not a tracking command", where, f"Use one of {kinds}") from None
-
-
-def _baud(text: str, where: str) -> int:
-    if not text.isdecimal() or int(text) not in COMM_CODES:
-        rates = ", ".join(str(rate) for rate in sorted(COMM_CODES))
-        raise ConfigurationError(f"baud={text} is not a line speed of these trackers", where, f"Use one of {rates}")
-    return int(text)
-
-
-def _number(options: dict[str, str], key: str, default: float, bounds: tuple[float, float], where: str) -> float:
-    low, high = bounds
-    try:
-        value = float(options.get(key, default))
-    except ValueError:
-        value = math.nan
-    if not low <= value <= high:
-        raise ConfigurationError(f"{key}={options[key]} is out of range", where, f"Use a number from {low} to {high}")
-    return value

@@ -21,9 +21,9 @@ from drivers.clock.monotonic_stamps import MonotonicStamps
 from drivers.device_api import Description
 from drivers.errors import ConfigurationError, ProtocolError
 from drivers.io.tcp_line import parse_address
-from drivers.registry import refuse_unknown
 from drivers.rigid import seen_from
 from drivers.samples import MarkerBody, Matrix4, Pose, PoseStatus, Stamp
+from drivers.trackers.optotrak import OPTOTRAK
 from drivers.trackers.optotrak.client import SERVER_REMEDY, Rtc3dClient, error_words
 from drivers.trackers.optotrak.rtc3d import (
     Body,
@@ -40,9 +40,7 @@ from drivers.trackers.optotrak.rtc3d import (
 from drivers.trackers.reference_place import ReferencePlace
 from drivers.trackers.staleness import (
     DEADLINE_MS,
-    DEADLINES_MS,
     FROZEN_READINGS,
-    LATENCIES_MS,
     SLOWEST_PERIOD_NS,
     STALE_PERIODS,
 )
@@ -51,7 +49,6 @@ from drivers.trackers.witness import WitnessSight
 PORT = 3020
 """TCP port of the RTC3D server of First Principles."""
 
-_OPTIONS = ("body", "reference", "witness", "mode", "order", "rate", "deadline_ms", "latency_ms", "log")
 _ORDERS = {"big": ByteOrder.BIG, "little": ByteOrder.LITTLE}
 _WANTED = "6D Events"
 _CONNECT_S = 2.0
@@ -95,18 +92,18 @@ def checked(target: str, options: dict[str, str]) -> tuple[tuple[str, int], Opto
 
 def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
     """Raises ConfigurationError naming the option that is unknown or out of range."""
-    refuse_unknown(options, _OPTIONS, where)
-    reader = _OptionReader(options, where)
+    given = OPTOTRAK.given(options, where)
+    log = given.text("log")
     checked = OptotrakOptions(
-        body=reader.whole("body", 255) or 1,
-        reference=reader.whole("reference", 255),
-        witness=reader.whole("witness", 255),
-        single=reader.word("mode", ("stream", "single")) == "single",
-        order=_ORDERS[reader.word("order", tuple(_ORDERS))],
-        rate_hz=reader.whole("rate", 4600),
-        deadline_ms=reader.number("deadline_ms", DEADLINE_MS, *DEADLINES_MS),
-        latency_ms=reader.number("latency_ms", 0.0, *LATENCIES_MS),
-        log=Path(options["log"]) if "log" in options else None,
+        body=given.whole("body"),
+        reference=given.whole_or_none("reference"),
+        witness=given.whole_or_none("witness"),
+        single=given.word("mode") == "single",
+        order=_ORDERS[given.word("order")],
+        rate_hz=given.whole_or_none("rate"),
+        deadline_ms=given.number("deadline_ms"),
+        latency_ms=given.number("latency_ms"),
+        log=None if log is None else Path(log),
     )
     if checked.reference == checked.body:
         raise ConfigurationError("body and reference are the same rigid body", where, "Give two different numbers")
@@ -117,40 +114,6 @@ def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
         remedy = f"Use deadline_ms={2000 / checked.rate_hz:.0f} or a higher rate"
         raise ConfigurationError(f"rate={checked.rate_hz} is too slow for the deadline", where, remedy)
     return checked
-
-
-@dataclass(frozen=True, slots=True)
-class _OptionReader:
-    options: dict[str, str]
-    where: str
-
-    def whole(self, key: str, most: int) -> int | None:
-        """None when it is not given."""
-        text = self.options.get(key)
-        if text is None:
-            return None
-        if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= most):
-            raise self._refusal(key, f"Use a whole number from 1 to {most}")
-        return int(text)
-
-    def number(self, key: str, default: float, low: float, high: float) -> float:
-        try:
-            value = float(self.options.get(key, default))
-        except ValueError:
-            value = math.nan
-        if not low <= value <= high:
-            raise self._refusal(key, f"Use a number from {low:g} to {high:g}")
-        return value
-
-    def word(self, key: str, words: tuple[str, ...]) -> str:
-        """The first word is the default."""
-        text = self.options.get(key, words[0])
-        if text not in words:
-            raise self._refusal(key, f"Use {' or '.join(words)}")
-        return text
-
-    def _refusal(self, key: str, remedy: str) -> ConfigurationError:
-        return ConfigurationError(f"{key}={self.options[key]} cannot be used", self.where, remedy)
 
 
 class OptotrakTracker:

@@ -6,7 +6,8 @@ import re
 from ctypes import c_int
 from dataclasses import dataclass
 
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.descriptor import Given
+from drivers.errors import DeviceLost
 from drivers.video.crop import LEAST_PX
 from drivers.video.v4l2 import abi
 from drivers.video.v4l2.node import Node
@@ -68,34 +69,17 @@ class Agreed:
         return round(1e9 / (_USUAL_HZ if math.isnan(self.rate_hz) else self.rate_hz))
 
 
-def wish_from(options: dict[str, str], where: str) -> Wish:
+def wish_from(given: Given) -> Wish:
     """Options size=WIDTHxHEIGHT, rate=HZ, format=CODE, input=NUMBER. Raises ConfigurationError."""
-    code = options.get("format", "").upper() or None
-    if code is not None and code not in FORMATS:
-        raise ConfigurationError(f"format={code} is not understood", where, f"Use {', '.join(FORMATS)}")
-    number = options.get("input")
-    if number is not None and not (number.isdecimal() and int(number) < 64):
-        raise ConfigurationError(f"input={number} is not the number of an input", where, "Use 0, 1, …")
-    rate_hz = _rate(options["rate"], where) if "rate" in options else None
-    size_px = _size(options["size"], where) if "size" in options else None
-    return Wish(size_px, rate_hz, code, None if number is None else int(number))
+    size_px = _size(given) if given.text("size") else None
+    return Wish(size_px, given.number_or_none("rate"), given.word_or_none("format"), given.whole_or_none("input"))
 
 
-def _size(text: str, where: str) -> tuple[int, int]:
-    found = _SIZE.fullmatch(text)
+def _size(given: Given) -> tuple[int, int]:
+    found = _SIZE.fullmatch(given.text("size") or "")
     if found is None or int(found[1]) not in _SIDES_PX or int(found[2]) not in _SIDES_PX:
-        raise ConfigurationError(f"size={text} is not a picture size", where, "Write size=WIDTHxHEIGHT in pixels")
+        raise given.refusal("size", "Write size=WIDTHxHEIGHT in pixels")
     return int(found[1]), int(found[2])
-
-
-def _rate(text: str, where: str) -> float:
-    try:
-        rate_hz = float(text)
-    except ValueError:
-        rate_hz = math.nan
-    if not 1 <= rate_hz <= 1000:
-        raise ConfigurationError(f"rate={text} is not a picture rate", where, "Give 1 to 1000 pictures per second")
-    return rate_hz
 
 
 def negotiate(node: Node, wish: Wish) -> Agreed:

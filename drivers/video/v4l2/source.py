@@ -15,8 +15,8 @@ import numpy as np
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import Description
 from drivers.errors import ConfigurationError
-from drivers.registry import refuse_unknown
 from drivers.samples import Frame, GreyImage, Stamp
+from drivers.video import V4L2
 from drivers.video.crop import Cut, cut_from
 from drivers.video.v4l2 import abi
 from drivers.video.v4l2.negotiation import Wish, negotiate, require_signal, wish_from
@@ -25,7 +25,6 @@ from drivers.video.v4l2.pixels import BrokenPicture, Bytes, grey
 from drivers.video.v4l2.stamps import Counter, FrameTimes
 from drivers.video.v4l2.stream import Filled, Stream
 
-_OPTIONS = ("crop", "format", "input", "orientation", "rate", "size")
 _ASK_AGAIN_NS = 500_000_000
 """Between questions for the signal: docs/devices.md promises its loss within half a second. Rarer questions
 break that; each is some calls to the driver."""
@@ -39,12 +38,12 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "V4l2V
 def checked(target: str, options: dict[str, str]) -> tuple[Wish, Cut]:
     """What to ask of the device, and what to cut out. Raises ConfigurationError naming the option."""
     where = f"v4l2:{target}"
-    refuse_unknown(options, _OPTIONS, where)
+    given = V4L2.given(options, where)
     if not target.startswith("/"):
         raise ConfigurationError(
             "is not the path of a device", where, "Write v4l2:/dev/video0 or v4l2:/dev/v4l/by-id/…"
         )
-    return wish_from(options, where), cut_from(options, where)
+    return wish_from(given), cut_from(given)
 
 
 class V4l2Video:

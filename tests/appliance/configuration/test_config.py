@@ -17,9 +17,9 @@ from appliance.supervision.policy import Durations
 from appliance.supervision.watchers.facts import Patience
 from appliance.types import PARAMETERS
 from drivers.errors import ConfigurationError
-from drivers.registry import _DRIVERS, device_kinds
+from drivers.registry import device_kinds, drivers
 
-TRACKERS = ", ".join(f"{scheme}:" for scheme in sorted(_DRIVERS) if "tracker" in device_kinds(f"{scheme}:x"))
+TRACKERS = ", ".join(f"{scheme}:" for scheme in sorted(drivers()) if "tracker" in device_kinds(f"{scheme}:x"))
 EXAMPLE = Path(__file__).parents[3] / "config" / "probewatch.toml"
 GOOD = """
 [video]
@@ -311,7 +311,7 @@ def test_a_text_made_to_be_slow_gives_up_its_lines_instead_of_the_time(monkeypat
 
 @pytest.mark.parametrize("kind", ["output", "tracker", "video"])
 def test_the_table_of_kinds_is_what_the_drivers_can(kind: str) -> None:
-    for scheme, driver in _DRIVERS.items():
+    for scheme, driver in drivers().items():
         module = importlib.import_module(driver.module)
         assert (kind in device_kinds(f"{scheme}:x")) == hasattr(module, f"open_{kind}")
         assert callable(module.checked)

@@ -1,0 +1,218 @@
+"""What a driver says of itself before it is imported: one row of values, from which everything that must know the
+drivers is made. The registry, `probe --help`, `configure`, tables of the pages, the unit's DeviceAllow and the contract
+suites read them.
+
+The rows stand as DRIVERS in the `__init__.py` of the driver's folder, and importing that imports no driver.
+"""
+
+import difflib
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+from drivers.errors import ConfigurationError
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What a URL names after its scheme. looks_like: a regular expression for what people write without a scheme,
+    empty where nothing can be told by it. allow: classes of device nodes that the service's unit must permit. group:
+    whose members may open such a node.
+    """
+
+    name: str
+    looks_like: str = ""
+    allow: tuple[str, ...] = ()
+    group: str = ""
+
+
+SERIAL_PORT = Target(
+    "serial port", r"/dev/(tty|serial/|cu\.).*", ("char-ttyUSB", "char-ttyACM", "char-ttyS"), "dialout"
+)
+VIDEO_NODE = Target("video", r"/dev/(video|v4l/).*", ("char-video4linux",), "video")
+GPIO_CHIP = Target("GPIO chip", r"/dev/gpiochip.*", ("char-gpiochip",), "gpio")
+STREAM = Target("stream", r"(rtsp|rtsps|rtmp|http|https|udp)://.*")
+RECORDING = Target("recording", r".*\.(mha|mhd)")
+FILM = Target("film", r".*\.(mp4|avi|mkv|mov)")
+HOST = Target("host", r"(tcp://)?[\w.-]*[\w-](:\d+)?")
+CAMERA = Target("number of a camera", allow=VIDEO_NODE.allow, group=VIDEO_NODE.group)
+SOUND_CARD = Target("sound card", allow=("char-alsa",), group="audio")
+SOCKET = Target("socket")
+TARGETS = (SERIAL_PORT, VIDEO_NODE, GPIO_CHIP, STREAM, RECORDING, FILM, HOST, CAMERA, SOUND_CARD, SOCKET)
+"""All of them; of two that a text looks like the first is meant. A file name may be the name of a host as well."""
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """One option of a URL. help: what it means, in words that a terminal and a page can show. unit: of a number.
+
+    bounds: the least and the greatest number. words: the only values. form: how any other value is written. default:
+    what holds without the option, a number where the driver reads one from here. refusal: what is wrong with a value
+    that is none, after it. question: what `configure` asks for it, and without, the answer that leaves it out; the
+    answer is the path of a file.
+    """
+
+    name: str
+    help: str
+    default: str = "none"
+    unit: str = ""
+    bounds: tuple[float, float] | None = None
+    words: tuple[str, ...] = ()
+    form: str = ""
+    required: bool = False
+    refusal: str = "cannot be used"
+    question: str = ""
+    without: str = ""
+
+    @property
+    def values(self) -> str:
+        """What may be written after the name: `20…5000`, `high|low`, `FILE.rom`."""
+        if self.bounds is not None:
+            return "{:g}…{:g}".format(*self.bounds)
+        return "|".join(self.words) or self.form
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """Of an output. read_back: how it is known that the contact followed. process_dies, cart_hangs: what happens to the
+    contact then. serves_contact: whether it can be the contact itself, not only a signal beside it.
+    """
+
+    read_back: str
+    process_dies: str
+    cart_hangs: str
+    serves_contact: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Twin:
+    """The device as bytes alone. name: of its command, `probewatch simulate NAME`. what: what that simulates."""
+
+    name: str
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """One URL scheme. module: has open_video, open_tracker or open_output (target, options, clock) for each kind, and
+    `checked` (target, options), which opens nothing. examples: kind of device → a URL that opens it as that.
+
+    device: what it is for. line: how that is connected. is_simulated: whether it is no device that is there now.
+    is_listed: whether `configure` offers each connected target with this scheme. twin: None where there is none.
+    contact: of an output. advice: what else to say where an option is unknown. page: of docs/, that has its options.
+    """
+
+    scheme: str
+    module: str
+    device: str
+    line: str
+    examples: Mapping[str, str]
+    targets: tuple[Target, ...]
+    options: tuple[Option, ...] = ()
+    twin: Twin | None = None
+    is_simulated: bool = False
+    is_listed: bool = False
+    contact: Contact | None = None
+    advice: str = ""
+    page: str = ""
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Which of "output", "tracker", "video" it can be opened as."""
+        return tuple(self.examples)
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """Names of the options that it cannot do without."""
+        return tuple(option.name for option in self.options if option.required)
+
+    def url(self, target: str) -> str:
+        """A URL of this driver for that target, with the options that it cannot do without, as in the example."""
+        begin, _, query = next(iter(self.examples.values())).partition("?")
+        slashes = "//" if begin.startswith(f"{self.scheme}://") else ""
+        kept = "&".join(part for part in query.split("&") if part.partition("=")[0] in self.required)
+        return f"{self.scheme}:{slashes}{target}{f'?{kept}' if kept else ''}"
+
+    def given(self, options: Mapping[str, str], where: str) -> "Given":
+        """Reads the options of a URL by these rows. Raises ConfigurationError for one that is unknown."""
+        return Given(self.options, options, where, self.advice)
+
+
+def refuse_unknown(options: Collection[str], known: Sequence[str], where: str, advice: str = "") -> None:
+    """Raises ConfigurationError that names an option which is none of `known`, the one that may have been meant, and
+    these; advice follows them.
+    """
+    if unknown := sorted(set(options) - set(known)):
+        close = difflib.get_close_matches(unknown[0].lower(), known, n=1, cutoff=0.6)
+        meant = f"Did you mean {close[0]}=? " if close else ""
+        remedy = f"Use {', '.join(known)}" if known else "Leave it out: this kind of device takes none"
+        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"{meant}{remedy}{advice}")
+
+
+class Given:
+    """Options of one URL, each read by its row. Every reader raises ConfigurationError that names option and value."""
+
+    def __init__(self, rows: Sequence[Option], options: Mapping[str, str], where: str, advice: str = "") -> None:
+        self._rows, self._options, self.where = {row.name: row for row in rows}, options, where
+        refuse_unknown(options, list(self._rows), where, advice)
+
+    def text(self, name: str) -> str | None:
+        """As it is written, None where it is not given."""
+        assert name in self._rows, f"the driver reads '{name}', and its descriptor has no such row"
+        return self._options.get(name)
+
+    def number(self, name: str) -> float:
+        """The number, or the default of the row."""
+        number = self.number_or_none(name)
+        return float(self._rows[name].default) if number is None else number
+
+    def number_or_none(self, name: str) -> float | None:
+        """None where it is not given, whatever the row says of that."""
+        text, row = self.text(name), self._rows[name]
+        if text is None:
+            return None
+        assert row.bounds is not None, f"the row of '{name}' has no bounds"
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not row.bounds[0] <= value <= row.bounds[1]:
+            unit = f" {row.unit}" if row.unit else ""
+            raise self.refusal(name, "Use a number from {:g} to {:g}".format(*row.bounds) + unit)
+        return value
+
+    def whole(self, name: str) -> int:
+        """The whole number, or the default of the row."""
+        number = self.whole_or_none(name)
+        return int(self._rows[name].default) if number is None else number
+
+    def whole_or_none(self, name: str) -> int | None:
+        """None where it is not given, whatever the row says of that."""
+        text, row = self.text(name), self._rows[name]
+        if text is None:
+            return None
+        assert row.bounds is not None, f"the row of '{name}' has no bounds"
+        if not (text.isascii() and text.isdecimal() and row.bounds[0] <= int(text) <= row.bounds[1]):
+            unit = f" {row.unit}" if row.unit else ""
+            raise self.refusal(name, "Use a whole number from {:g} to {:g}".format(*row.bounds) + unit)
+        return int(text)
+
+    def word(self, name: str) -> str:
+        """One of the row's words, or its default. A word of capitals may be written in small letters."""
+        word = self.word_or_none(name)
+        return self._rows[name].default if word is None else word
+
+    def word_or_none(self, name: str) -> str | None:
+        """None where it is not given, whatever the row says of that."""
+        text, words = self.text(name), self._rows[name].words
+        if text is None:
+            return None
+        word = text.upper() if all(one.isupper() or one.isdecimal() for one in words) else text
+        if word not in words:
+            raise self.refusal(name, f"Use {', '.join(words[:-1])} or {words[-1]}" if words[1:] else f"Use {words[0]}")
+        return word
+
+    def refusal(self, name: str, remedy: str) -> ConfigurationError:
+        """Of a value that is none for this option."""
+        what = f"{name}={self._options.get(name, '')} {self._rows[name].refusal}"
+        return ConfigurationError(what, self.where, remedy)
