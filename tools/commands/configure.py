@@ -15,15 +15,16 @@ from appliance.configuration.toml_lines import Place
 from appliance.limits import PROFILES, Profile
 from appliance.supervision.annunciator import Role
 from drivers.clock.host_clock import HostClock
+from drivers.descriptor import Option
 from drivers.device_api import TrackerSource, VideoSource
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from drivers.files.atomic_file import check_writable, writing
-from drivers.io.inventory import Found, gpio_chips, serial_ports, video_devices
-from drivers.registry import check_options, open_tracker, open_video
-from drivers.trackers.ndi.rom import read_rom
+from drivers.io.inventory import CONNECTED, ROOT, Found
+from drivers.registry import check_options, drivers, open_tracker, open_video, split_url
 from tools.commands.check import calibration_mistakes, calibration_remarks, mistakes_in, rows
 from tools.commands.probe import complaints, findings, measure
 from tools.shared.configuration_text import Answers, Value, changed, template
+from tools.shared.driver_text import examples, real_drivers
 from tools.shared.interruption import stopped_saying
 from tools.shared.limits_in_force import remarks as remarks_on_limits
 from tools.shared.named_cart import file_argument
@@ -35,13 +36,6 @@ _WORDS = {
     "tracker": "the tracker",
     "output": "the output that drives the contact",
 }
-_EXAMPLES = {
-    "video": "v4l2:/dev/video0, opencv:rtsp://host/stream, igtl://host:18944?image=Image",
-    "tracker": "ndi:/dev/ttyUSB0, ndi+tcp://host:8765, optotrak://host:3020, igtl://host:18944?probe=Probe",
-    "output": "relay:/dev/ttyUSB1, gpio:/dev/gpiochip0?line=17, serialpin:/dev/ttyUSB1?pin=rts",
-}
-_TOOL_QUESTION = "tool definition file (.rom) of the probe's markers, or 'wired'"
-_WITNESS_QUESTION = "the same of a second marker body on the probe, or 'none'"
 _PROFILES: dict[Profile, str] = {
     "coarse": "3 deg, 5 %, 4 mm, 60 ms: finds a wrong or bent marker body, cable, depth; the one to begin with",
     "clinical": "1.5 deg, 3 %, 2.5 mm, 30 ms, a point within 4 mm: optical tracker, phantom; open more often",
@@ -132,12 +126,12 @@ def command(
     with stopped_saying("nothing was written"):
         answers: dict[Place, Value] = {("configured",): True}
         seen = _Device("video", video, old.video.url if old else "", try_it)
-        answers["video", "url"] = seen.url(person, _pictures)
+        answers["video", "url"] = seen.url(person, lambda: _connected("video"))
         tracked = _Device("tracker", tracker, old.tracker.url if old else "", try_it)
-        answers["tracker", "url"] = held = tracked.url(person, _trackers)
+        answers["tracker", "url"] = held = tracked.url(person, lambda: _connected("tracker"))
         at = _place(known, Role.CONTACT)
         opened = _Device("output", contact, old.output[at].url if old else "", None)
-        answers["output", at, "url"] = told = opened.url(person, lambda: _outputs(held))
+        answers["output", at, "url"] = told = opened.url(person, lambda: _connected("output", held))
         answers |= _lamps(known, lamps)
         answers["calibration", "file"] = _calibration(calibration, without, old, place, person)
         if probe is not None:
@@ -185,6 +179,11 @@ class _Device:
     before: str
     try_it: Callable[[str, str], None] | None
 
+    @property
+    def option(self) -> str:
+        """What gives it without a question."""
+        return f"--{'contact' if self.kind == 'output' else self.kind} URL"
+
     def url(self, person: _Person, look: Callable[[], Iterator[tuple[str, str]]]) -> str:
         """By option, or by question. look: (URL, title) of what is connected.
 
@@ -195,17 +194,16 @@ class _Device:
             return self.given
         if self.before and not person.is_there:
             return self.before
-        option = f"--{'contact' if self.kind == 'output' else self.kind} URL"
         found = list(look()) if person.is_there else []
         if person.is_there:
             what = _WORDS[self.kind]
-            click.echo(f"\n{what[0].upper()}{what[1:]}: a number, or a URL such as {_EXAMPLES[self.kind]}")
+            click.echo(f"\n{what[0].upper()}{what[1:]}: a number, or a URL such as {examples(self.kind)}")
         for number, (url, title) in enumerate(found, 1):
             click.echo(f"  {number}  {url}  {title}")
         # The contact is not tried, so nobody comes to it by Enter alone.
         default = self.before or ("1" if found and self.kind != "output" else "")
         while True:
-            said = person.ask(_WORDS[self.kind], default, option)
+            said = person.ask(_WORDS[self.kind], default, self.option)
             if said.isdecimal() and not 0 < int(said) <= len(found):
                 click.echo(f"! {said} is not in the list{_numbers(len(found))}; or give a URL")
                 continue
@@ -216,7 +214,7 @@ class _Device:
     def _taken(self, url: str, person: _Person) -> str | None:
         """None where it has to be asked again, and why is told."""
         try:
-            url = _with_tool(url, person) if self.kind == "tracker" and url != self.before else url
+            url = url if url == self.before else self.with_files(url, person)
             self._check(url)
         except ConfigurationError as error:
             click.echo(f"! {error}")
@@ -224,6 +222,32 @@ class _Device:
         except ProbewatchError as error:
             click.echo(f"! {error}")
             return url if person.agrees("Take it all the same?", False, "--untried") else None
+        return url
+
+    def with_files(self, url: str, person: _Person) -> str:
+        """With the files that the driver has to be told of, where the URL says nothing yet, as an NDI tracker sees
+        wireless markers only with the tool definition of their body; the second only where there is a first. Raises
+        ConfigurationError.
+        """
+        scheme, _, given = split_url(url, self.kind)
+        for row in () if given else drivers()[scheme].options:
+            if row.question:
+                more = self._with_file(url, row, person)
+                if more == url:
+                    return url
+                url = more
+        return url
+
+    def _with_file(self, url: str, row: Option, person: _Person) -> str:
+        """Asked for until the driver can read it; the URL as it is for the answer without one."""
+        while (typed := person.ask(row.question, row.without, self.option)) != row.without:
+            more = f"{url}{'&' if '?' in url else '?'}{row.name}={quote(str(_whole(typed)))}"
+            try:
+                check_options(more, self.kind)
+            except ConfigurationError as error:
+                click.echo(f"! {error}, or '{row.without}'")
+            else:
+                return more
         return url
 
     def _check(self, url: str) -> None:
@@ -234,30 +258,6 @@ class _Device:
 
 def _numbers(most: int) -> str:
     return f", give 1 to {most}" if most else ", which is empty"
-
-
-def _with_tool(url: str, person: _Person) -> str:
-    """An NDI tracker sees wireless markers only with the tool definition of their body. Raises ConfigurationError."""
-    if not url.startswith(("ndi:", "ndi+tcp:")) or "?" in url:
-        return url
-    tool = _asked_rom(person, _TOOL_QUESTION, "wired")
-    if tool is None:
-        return url
-    second = _asked_rom(person, _WITNESS_QUESTION, "none")
-    return f"{url}?probe={tool}" + ("" if second is None else f"&witness={second}")
-
-
-def _asked_rom(person: _Person, question: str, without: str) -> str | None:
-    """The tool definition as it stands in a URL, asked for until it can be read; None for the answer without one."""
-    while (typed := person.ask(question, without, "--tracker URL")) != without:
-        rom = _whole(typed)
-        try:
-            read_rom(str(rom))
-        except ConfigurationError as error:
-            click.echo(f"! {error}, or '{without}'")
-        else:
-            return quote(str(rom))
-    return None
 
 
 def _whole(typed: str) -> Path:
@@ -283,19 +283,15 @@ def _try(url: str, kind: str) -> None:
         raise DeviceLost(f"nothing came within {_TRIAL_S:g} s", url, "Check that it is switched on and measures")
 
 
-def _pictures() -> Iterator[tuple[str, str]]:
-    yield from ((f"v4l2:{found.path}", _title(found)) for found in video_devices())
-
-
-def _trackers() -> Iterator[tuple[str, str]]:
-    yield from ((f"ndi:{found.path}", _title(found)) for found in serial_ports())
-
-
-def _outputs(tracker: str) -> Iterator[tuple[str, str]]:
-    """Of serial ports that the tracker does not take, and of GPIO chips; a line of these must be typed."""
-    ports = [found for found in serial_ports() if found.path not in tracker and found.node not in tracker]
-    yield from ((f"relay:{found.path}", _title(found)) for found in ports)
-    yield from ((f"gpio:{found.path}", f"{_title(found)}; type it with ?line=…") for found in gpio_chips())
+def _connected(kind: str, taken: str = "") -> Iterator[tuple[str, str]]:
+    """(URL, title) of each connected device of that kind that another URL does not take. What the driver cannot do
+    without must be typed.
+    """
+    for driver in (one for one in real_drivers(kind) if one.is_listed):
+        note = "".join(f"; type it with ?{name}=…" for name in driver.required)
+        for found in (one for target in driver.targets for one in CONNECTED[target](ROOT)):
+            if found.path not in taken and found.node not in taken:
+                yield f"{driver.scheme}:{found.path}", f"{_title(found)}{note}"
 
 
 def _title(found: Found) -> str:

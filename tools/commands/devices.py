@@ -1,37 +1,36 @@
 """`probewatch devices`: what is connected to this host and may be named in a URL."""
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import click
 from rich.console import Console
 
-from drivers.io.inventory import ROOT, Found, gpio_chips, serial_ports, video_devices
+from drivers.io.inventory import CONNECTED, ROOT, Found
+from tools.shared.driver_text import before_paths
 from tools.shared.tables import FittingTable
 
-_KINDS: dict[str, Callable[[Path], tuple[Found, ...]]] = {
-    "serial port": serial_ports,
-    "video": video_devices,
-    "GPIO chip": gpio_chips,
-}
 _HEADINGS = ("kind", "path", "node", "what it is", "state")
 
 
-@click.command("devices")
+_HELP = """List serial ports, video devices and GPIO chips, and whether they can be opened.
+
+Nothing is opened for that. Trackers on the network are not searched for: try one with `probewatch probe URL`.
+
+\b
+What to write before the path in a URL:
+{}
+
+\b
+Example:
+  probewatch devices
+"""
+
+
+@click.command("devices", help=_HELP.format("\n".join(before_paths(CONNECTED))))
 @click.option("--root", type=click.Path(path_type=Path, file_okay=False), default=ROOT, hidden=True)
 def command(root: Path) -> None:
-    """List serial ports, video devices and GPIO chips, and whether they can be opened.
-
-    Nothing is opened for that. In a URL, write ndi:, relay: or serialpin: before a serial port, v4l2: before video,
-    gpio: before a GPIO chip and ?line= after it. Trackers on the network are not searched for: try one with
-    `probewatch probe URL`.
-
-    \b
-    Example:
-      probewatch devices
-    """
-    rows = [_row(kind, found) for kind, look in _KINDS.items() for found in look(root)]
+    rows = [_row(kind.name, found) for kind, look in CONNECTED.items() for found in look(root)]
     if not rows:
         click.echo("No serial port, no video device and no GPIO chip is connected.")
     elif sys.stdout.isatty():

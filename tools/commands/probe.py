@@ -16,6 +16,7 @@ from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError, Reco
 from drivers.recordings.replay import ENDED
 from drivers.registry import check_options, device_kinds, open_output, open_tracker, open_video
 from drivers.samples import Frame, Pose, PoseStatus
+from tools.shared.driver_text import any_url, schemes_and_options
 from tools.shared.time_quality import TimeQuality, time_quality
 
 _READ_S = 0.2
@@ -30,8 +31,6 @@ measured.
 _POOR_FIT_MM = 0.5
 """Median RMS of the markers: two thirds of the shipped limit, .75 mm, so that a person hears of it before the alarm."""
 
-KINDS = "ndi:/dev/ttyUSB0, igtl://host, v4l2:/dev/video0 or relay:/dev/ttyUSB1"
-"""Examples of a URL, one of each kind of device."""
 Row = tuple[str, str]
 Open = Callable[[str, HostClock], TrackerSource | VideoSource]
 
@@ -59,29 +58,32 @@ class Measured:
         return sum(isinstance(sample, Frame) or sample.status is PoseStatus.OK for sample in self.samples)
 
 
-@click.command("probe")
+_HELP = """Connect to the device at URL, measure for some seconds, and say what it is and how well it does.
+
+The last line of each source is one word: good; poor, for what is marked with "!"; or nothing, and why.
+
+\b
+Examples:
+  probewatch probe v4l2:/dev/video0
+  probewatch probe 'ndi:/dev/ttyUSB0?probe=/etc/probewatch/probe.rom'
+  probewatch probe relay:/dev/ttyUSB1 --click     # only while nobody relies on the contact
+
+Exit code 0 when it works, poorly too; else that of the fault: 69 the device is lost, or it or its half of a cart
+gives nothing to use, 76 it breaks its protocol, 78 the URL can never work, 65 the recording cannot be read.
+
+\b
+URL as in the configuration; options follow a "?", separated by "&":
+{}
+"""
+
+
+@click.command("probe", help=_HELP.format("\n".join(schemes_and_options())))
 @click.argument("url", required=False)
 @click.option("--seconds", type=click.FloatRange(0.5, 3600), default=10.0, help="how long to measure [10]")
 @click.option("--click", "may_click", is_flag=True, help="let an output close and open its contact once")
 def command(url: str | None, seconds: float, may_click: bool) -> None:
-    """Connect to the device at URL, measure for some seconds, and say what it is and how well it does.
-
-    URL as in the configuration: ndi:/dev/ttyUSB0, ndi+tcp://host:8765, optotrak://host, igtl://host, v4l2:/dev/video0,
-    opencv:, sim:, replay:, gpio:/dev/gpiochip0?line=17, serialpin:, relay:, tone:.
-
-    The last line of each source is one word: good; poor, for what is marked with "!"; or nothing, and why.
-
-    \b
-    Examples:
-      probewatch probe v4l2:/dev/video0
-      probewatch probe 'ndi:/dev/ttyUSB0?probe=/etc/probewatch/probe.rom'
-      probewatch probe relay:/dev/ttyUSB1 --click     # only while nobody relies on the contact
-
-    Exit code 0 when it works, poorly too; else that of the fault: 69 the device is lost, or it or its half of a cart
-    gives nothing to use, 76 it breaks its protocol, 78 the URL can never work, 65 the recording cannot be read.
-    """
     if url is None:
-        raise click.UsageError(f"Missing argument 'URL', such as {KINDS}. What is connected: probewatch devices")
+        raise click.UsageError(f"Missing argument 'URL', such as {any_url()}. What is connected: probewatch devices")
     kinds = device_kinds(url)
     if kinds == ("output",):
         _probe_output(url, may_click, HostClock())

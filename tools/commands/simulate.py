@@ -2,16 +2,13 @@
 
 import click
 
+from drivers.registry import drivers
 from tools.shared.lazy_group import LazyGroup
 
 _DEVICES = {
     "cart": "scanner, tracker and relay board together, and the configuration that fits them",
     "log": "an NDI tracker as it answered in a byte log",
-    "ndi": "a Polaris or Aurora on a pseudo-terminal, a Vega on TCP",
-    "openigtlink": "a server such as PLUS on TCP, which hands on a scanner and a tracker",
-    "optotrak": "an Optotrak behind an RTC3D server on TCP",
-    "relay": "an LCUS relay board on a pseudo-terminal",
-    "scanner": "a scanner's video output on a Unix socket",
+    **{driver.twin.name: driver.twin.what for driver in drivers().values() if driver.twin is not None},
 }
 
 

@@ -18,16 +18,16 @@ from tests.appliance.storage.test_calibration_file import calibration
 from tests.appliance.storage.test_device_set import CLIP, device_set
 from tests.support.person import Person
 from tools.commands.configure import (
-    _TOOL_QUESTION,
-    _WITNESS_QUESTION,
     _calibration,
+    _connected,
     _Device,
-    _outputs,
     _Person,
-    _with_tool,
     command,
 )
 from tools.shared.configuration_text import template
+
+_TOOL_QUESTION = "tool definition file (.rom) of the probe's markers, or 'wired'"
+_WITNESS_QUESTION = "the same of a second marker body on the probe, or 'none'"
 
 DEVICES = (
     "--video",
@@ -187,7 +187,7 @@ def test_a_device_that_does_not_answer_is_told_and_nothing_is_written(file: Path
 
 
 def test_a_port_that_the_tracker_takes_is_not_offered_for_the_contact() -> None:
-    offered = [url for url, _ in _outputs("ndi:/dev/ttyS0")]
+    offered = [url for url, _ in _connected("output", "ndi:/dev/ttyS0")]
     assert not any("ttyS0" in url for url in offered)
 
 
@@ -204,9 +204,10 @@ class Answers(_Person):
         return self._answers.pop(0) or default
 
 
-def tool_definition(file: Path) -> Path:
+def tool_definition(file: Path, part_number: bytes = b"") -> Path:
     image = bytearray(ROM_BYTES)
     image[:4] = b"NDI\0"
+    image[0x250 : 0x250 + len(part_number)] = part_number
     image[4:6] = struct.pack("<H", rom_sum(image))
     file.write_bytes(image)
     return file
@@ -214,12 +215,23 @@ def tool_definition(file: Path) -> Path:
 
 def test_a_tool_definition_is_named_whatever_its_path(tmp_path: Path) -> None:
     rom = tool_definition(tmp_path / "my probe+50%&x.rom")
-    url = _with_tool("ndi:/dev/ttyUSB0", Answers(str(rom), "none"))
+    tracker = _Device("tracker", None, "", None)
+    url = tracker.with_files("ndi:/dev/ttyUSB0", Answers(str(rom), "none"))
     assert split_url(url)[2] == {"probe": str(rom)}
-    second = tool_definition(tmp_path / "second.rom")
-    both = _with_tool("ndi:/dev/ttyUSB0", Answers(str(rom), str(second)))
+    second = tool_definition(tmp_path / "second.rom", b"8700339")
+    both = tracker.with_files("ndi:/dev/ttyUSB0", Answers(str(rom), str(second)))
     assert split_url(both)[2] == {"probe": str(rom), "witness": str(second)}
-    assert _with_tool(url, Answers()) == url
+    assert tracker.with_files(url, Answers()) == url
+
+
+def test_one_tool_named_twice_is_told_at_once_and_asked_for_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rom = str(tool_definition(tmp_path / "a.rom"))
+    tracker = _Device("tracker", None, "", None)
+    url = tracker.with_files("ndi:/dev/ttyUSB0", Answers(rom, rom, "none"))
+    assert split_url(url)[2] == {"probe": rom}
+    assert f"witness={rom} is the same tool as probe={rom}" in capsys.readouterr().out
 
 
 def test_a_wrong_tool_definition_is_told_and_asked_for_again_not_the_tracker(
