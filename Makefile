@@ -144,7 +144,7 @@ paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: result
 deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/; SUITES=bookworm for one
 	$(BIN)/python systemd/deb/build.py dist $(SUITES)
 
-docs: $(VENV)/dev ## write docs/alarms.md, hazards.md, coverage.md and evidence.md from tables, code, tests and the last study
+docs: $(VENV)/dev ## write pages, tables and the unit's DeviceAllow from tables, drivers, code, tests and the last study
 	$(BIN)/python -m tools.development.manual
 
 lock: $(VENV)/dev ## resolve the lock files again from pyproject.toml

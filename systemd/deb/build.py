@@ -29,6 +29,7 @@ ARCHITECTURE = {"amd64": "x86_64", "arm64": "aarch64"}
 LAUNCHER = "#!/opt/probewatch/bin/python3\nimport sys\nfrom tools.cli import main\nsys.exit(main())\n"
 FILES = {
     "systemd/probewatch.service": "usr/lib/systemd/system/probewatch.service",
+    "systemd/probewatch.service.d/10-devices.conf": "usr/lib/systemd/system/probewatch.service.d/10-devices.conf",
     "systemd/probewatch-openigtlink.service": "usr/lib/systemd/system/probewatch-openigtlink.service",
     "systemd/probewatch-metrics.service": "usr/lib/systemd/system/probewatch-metrics.service",
     "systemd/probewatch-mqtt.service": "usr/lib/systemd/system/probewatch-mqtt.service",

@@ -39,6 +39,12 @@ def test_an_unknown_suite_is_refused_by_name() -> None:
         build.main.make_context("build", ["out", "buster"])
 
 
+def test_the_units_and_what_lies_beside_them_are_shipped_where_systemd_looks() -> None:
+    for file in [*DEB.parent.glob("*.service"), *DEB.parent.glob("*.timer"), *DEB.parent.glob("*.service.d/*")]:
+        place = file.relative_to(DEB.parent)
+        assert build.FILES[f"systemd/{place}"] == f"usr/lib/systemd/system/{place}"
+
+
 def test_every_command_and_subcommand_has_a_man_page() -> None:
     below = {f"probewatch-simulate-{name}.1" for name in _DEVICES}
     below |= {f"probewatch-calibration-{name}.1" for name in _CALIBRATION}

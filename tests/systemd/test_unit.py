@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from drivers.registry import drivers
+from tools.development.driver_pages import DROP_IN, drop_in
+
 FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "probewatch.service"
 BESIDE = FOLDER / "probewatch-openigtlink.service"
@@ -109,10 +112,28 @@ def test_who_only_reads_the_status_has_no_device_and_a_user_of_its_own(unit: Pat
     assert not any(line.startswith(("DeviceAllow=", "Requires=", "BindsTo=")) for line in lines)
 
 
-def test_only_the_devices_it_needs() -> None:
+def test_only_the_devices_that_its_drivers_open() -> None:
+    """Every kind of node that some driver names is permitted and open to the service's groups, and nothing else is."""
     assert settings()["DevicePolicy"] == ["closed"]
-    kinds = {entry.split()[0] for entry in settings()["DeviceAllow"]}
-    assert kinds == {f"char-{kind}" for kind in ("ttyUSB", "ttyACM", "ttyS", "video4linux", "gpiochip", "alsa")}
+    assert "DeviceAllow" not in settings()
+    assert DROP_IN.read_text() == drop_in(), "run make docs"
+    targets = [target for driver in drivers().values() for target in driver.targets if target.allow]
+    assert {entry.split()[0] for entry in settings(DROP_IN)["DeviceAllow"]} == {
+        name for target in targets for name in target.allow
+    }
+    assert settings(DROP_IN).keys() == {"DeviceAllow"}
+    assert {target.group for target in targets} == set(settings()["SupplementaryGroups"][0].split())
+
+
+@needs_systemd
+def test_systemd_reads_the_devices_beside_the_unit(tmp_path: Path) -> None:
+    unit, beside = tmp_path / UNIT.name, tmp_path / DROP_IN.parent.name / DROP_IN.name
+    beside.parent.mkdir()
+    shutil.copy(UNIT, unit)
+    beside.write_text(DROP_IN.read_text() + "DeviceAllow=nonsense rw\n")
+    _, text = said("systemd-analyze", "verify", str(unit))
+    assert "10-devices.conf" in text
+    assert text.count("nonsense") == text.count("10-devices.conf:"), "what the drivers open is understood"
 
 
 @pytest.mark.skipif(shutil.which("systemd-sysusers") is None, reason="needs systemd-sysusers (systemd)")

@@ -1,6 +1,7 @@
 """`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's tables and the figures of the last
 study, docs/hazards.md from code and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json,
-docs/profiles.md from docs/profiles.json, and the drawings of the gestures in docs/pictures.
+docs/profiles.md from docs/profiles.json, the drawings of the gestures in docs/pictures, and what the drivers say of
+themselves: tables of docs/trackers.md and docs/devices.md, and the unit's DeviceAllow.
 """
 
 import re
@@ -22,6 +23,7 @@ from appliance.supervision.policy import POLICY, Durations, Policy
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import Fault, State
 from tools.development import profiles as profile_page
+from tools.development.driver_pages import written as driver_pages
 from tools.development.evidence_figures import Figures
 from tools.development.evidence_pages import pages, read_figures
 from tools.development.hazard_pages import limit, measured, remedies
@@ -252,5 +254,6 @@ if __name__ == "__main__":
         **pages(MEASURED),
         **profiles(),
         **drawings(),
+        **driver_pages(),
     }.items():
         path.write_text(text, encoding="utf-8")

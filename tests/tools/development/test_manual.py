@@ -16,6 +16,8 @@ from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.policy import POLICY
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import AlarmState, Fault, State
+from drivers.registry import drivers
+from tools.development import driver_pages
 from tools.development.evidence_pages import pages, read_figures
 from tools.development.hazards import PAGE, ROOT, found_by, hazards
 from tools.development.manual import MANUAL, drawings, manual, profiles
@@ -49,6 +51,27 @@ def test_the_drawings_of_the_gestures_are_those_of_the_page() -> None:
 def test_the_pages_on_what_was_measured_are_the_ones_the_figures_write() -> None:
     for page, text in pages(FIGURES).items():
         assert page.read_text(encoding="utf-8") == text, f"{page}: run make docs"
+
+
+def test_the_tables_of_the_drivers_are_those_of_their_descriptors() -> None:
+    for file, text in driver_pages.written().items():
+        assert file.read_text(encoding="utf-8") == text, f"{file}: run make docs"
+    made = [name for page in driver_pages.PAGES for name in driver_pages.blocks(page.read_text(encoding="utf-8"))]
+    assert made == ["trackers", "options ndi", "options optotrak", "video", "outputs"]
+    assert driver_pages.page("<!-- drivers: video -->\nold\n<!-- /drivers -->\n").count("v4l2:") == 1
+    with pytest.raises(KeyError):
+        driver_pages.page("<!-- drivers: options nobody -->\n<!-- /drivers -->\n")
+
+
+def test_the_page_that_a_driver_names_has_a_row_for_each_of_its_options() -> None:
+    named = [driver for driver in drivers().values() if driver.page]
+    assert named
+    for driver in named:
+        text = (DOCS / driver.page).read_text(encoding="utf-8")
+        cells = re.findall(r"^\| (`[a-z_]+`(?:, `[a-z_]+`)*) \|", text, re.M)
+        assert {f"`{option.name}`" for option in driver.options} <= {
+            name for cell in cells for name in cell.split(", ")
+        }
 
 
 def headings(page: Path) -> set[str]:
