@@ -16,6 +16,7 @@ from drivers.descriptor import TARGETS, Driver, Option
 from drivers.errors import ConfigurationError, DeviceLost, RecordingError
 from drivers.registry import check_options, drivers, open_output, open_tracker, open_video, split_url
 from tests.support.absent import absent_url
+from tests.support.rigs import lines, rigs
 
 HERE = Path(__file__).parents[2]
 OPENERS = {"output": open_output, "tracker": open_tracker, "video": open_video}
@@ -107,6 +108,43 @@ def test_an_unknown_option_is_refused_by_name_before_anything_is_opened(driver: 
     for kind in driver.kinds:
         with pytest.raises(ConfigurationError, match="unknown option 'colour'"):
             OPENERS[kind](f"{url}{'&' if '?' in url else '?'}colour=red", HostClock())
+
+
+HELD_ELSEWHERE = {
+    "v4l2": "tests/drivers/video/v4l2/test_source.py",
+    "opencv": "tests/drivers/video/test_opencv.py",
+    "replay": "tests/drivers/recordings/test_replay.py",
+}
+"""Sources without a simulated device, and the tests that hold them to the contract of sources."""
+
+
+@pytest.mark.parametrize("driver", SOURCES, ids=named)
+def test_every_source_is_held_by_the_contract_suites(driver: Driver) -> None:
+    held = {(rig.scheme, rig.kind) for rig in rigs().values() if not rig.is_variant}
+    if driver.twin is None:
+        assert (HERE / HELD_ELSEWHERE[driver.scheme]).is_file()
+        return
+    assert driver.scheme not in HELD_ELSEWHERE
+    for kind in driver.kinds:
+        assert (driver.scheme, kind) in held, "give it a row in RIGS of tests/support/simulated_*.py"
+    if "tracker" in driver.kinds:
+        assert driver.scheme in lines(), "give it a row in LINES of tests/support/simulated_*.py"
+        assert lines()[driver.scheme].silences
+        assert "deadline_ms" in {option.name for option in driver.options}, "the suites set it"
+
+
+def test_no_row_of_the_suites_is_of_a_driver_that_is_not_there() -> None:
+    assert {rig.scheme for rig in rigs().values()} | lines().keys() | HELD_ELSEWHERE.keys() == {
+        driver.scheme for driver in SOURCES
+    }
+
+
+@pytest.mark.parametrize("driver", [one for one in drivers().values() if one.twin is not None], ids=named)
+def test_a_simulated_device_has_its_command(driver: Driver) -> None:
+    assert driver.twin is not None
+    command = importlib.import_module(f"tools.simulators.{driver.twin.name}").command
+    assert command.name == driver.twin.name
+    assert driver.twin.what
 
 
 LAZY = """

@@ -1,11 +1,15 @@
-"""What every source promises, whatever its bytes: one suite over every URL scheme that yields poses or pictures."""
+"""What every source promises, whatever its bytes: one suite over every simulated device that yields poses or pictures.
+
+Its rows are RIGS of `tests/support/simulated_*.py`; tests/drivers/test_descriptor.py fails for a driver without one,
+and has what is refused.
+"""
 
 import json
 import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,12 +18,13 @@ import pytest
 
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import TrackerSource, VideoSource
-from drivers.errors import ConfigurationError, DeviceLost, RecordingError
+from drivers.errors import DeviceLost
 from drivers.recordings.metaimage import SequenceItem, write_metaimage
-from drivers.registry import open_tracker, open_video
+from drivers.registry import drivers, open_tracker, open_video
 from drivers.samples import Frame, Pose, PoseStatus
 from drivers.twins.scene.world import World
 from tests.support.polling import until
+from tests.support.rigs import Rig, rigs
 from tests.support.simulated import PROBEWATCH
 
 DEADLINE_S = 0.6
@@ -28,30 +33,35 @@ DEADLINE_S = 0.6
 SLACK_S = 0.4
 """What a busy machine may add to a deadline."""
 
+OPTIONS = {driver.scheme: [option.name for option in driver.options] for driver in drivers().values()}
+
+
+RIGS = rigs()
+SILENT = [name for name, rig in RIGS.items() if "deadline_ms" in OPTIONS[rig.scheme]]
+"""Those that say after how long a silence they are lost."""
+
 
 @dataclass
 class Device:
-    """One device that can be switched on and off. kind: how it is made; see KINDS."""
+    """One device that can be switched on and off."""
 
-    kind: str
+    rig: Rig
     folder: Path
     process: "subprocess.Popen[str] | None" = None
     url: str = ""
-    opened: list[TrackerSource | VideoSource] = field(default_factory=list)
 
     def start(self) -> None:
-        command = KINDS[self.kind](self.folder)
+        command = [*PROBEWATCH, "simulate", *self.rig.start(self.folder)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         ready = json.loads(self.process.stdout.readline())
         self.url = ready["url"]
 
     def open(self) -> TrackerSource | VideoSource:
-        if self.kind == "sim":
-            return open_video(self.url, HostClock())
-        query = "&".join(filter(None, (f"deadline_ms={1000 * DEADLINE_S:.0f}", MORE.get(self.kind))))
-        opener = open_video if self.kind in PICTURES else open_tracker
-        return opener(f"{self.url}{'&' if '?' in self.url else '?'}{query}", HostClock())
+        deadline = f"deadline_ms={1000 * DEADLINE_S:.0f}" if self.rig.name in SILENT else ""
+        query = "&".join(filter(None, (deadline, self.rig.query)))
+        opener = open_video if self.rig.kind == "video" else open_tracker
+        return opener(f"{self.url}{('&' if '?' in self.url else '?') if query else ''}{query}", HostClock())
 
     def end(self) -> None:
         """Its process is gone, as when the plug is pulled. The name of its pseudo-terminal goes first: the kernel gives
@@ -63,49 +73,13 @@ class Device:
         self.process.communicate()
 
 
-def _simulate(*arguments: str) -> list[str]:
-    return [*PROBEWATCH, "simulate", *arguments]
-
-
-def _scanner(folder: Path) -> list[str]:
-    origin = ["--origin-ns", str(time.monotonic_ns())]
-    return _simulate("scanner", "--socket", str(folder / "video"), *origin)
-
-
-def _rom(folder: Path) -> list[str]:
-    return ["--rom", str(folder / "probe.rom")]
-
-
-KINDS: dict[str, Callable[[Path], list[str]]] = {
-    "igtl": lambda f: _simulate("openigtlink", "--tcp", "0"),
-    "igtl-video": lambda f: _simulate("openigtlink", "--tcp", "0"),
-    "ndi": lambda f: _simulate("ndi", "--model", "polaris-vicra", "--pty", str(f / "tracker"), *_rom(f)),
-    "ndi-aurora": lambda f: _simulate("ndi", "--model", "aurora", "--pty", str(f / "tracker")),
-    "ndi+tcp": lambda f: _simulate("ndi", "--model", "vega", "--tcp", "0", *_rom(f)),
-    "optotrak": lambda f: _simulate("optotrak", "--tcp", "0"),
-    "optotrak-single": lambda f: _simulate("optotrak", "--tcp", "0"),
-    "igtl-witness": lambda f: _simulate("openigtlink", "--tcp", "0"),
-    "ndi-witness": lambda f: [*KINDS["ndi"](f), "--witness-rom", str(f / "witness.rom")],
-    "optotrak-witness": lambda f: _simulate("optotrak", "--tcp", "0", "--bodies", "3"),
-    "sim": _scanner,
-}
-MORE = {
-    "optotrak-single": "mode=single&order=little&reference=2",
-    "igtl-witness": "witness=Witness",
-    "optotrak-witness": "reference=2&witness=3",
-}
-PICTURES = ("igtl-video", "sim")
-TRACKERS = [kind for kind in KINDS if kind not in PICTURES]
-LINES = ["igtl", "igtl-video", "ndi", "ndi+tcp", "optotrak", "sim"]
-
-
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[[str], Device]]:
     """Starts devices, and ends those that the test has left."""
     started: list[Device] = []
 
     def begin(kind: str) -> Device:
-        device = Device(kind, tmp_path)
+        device = Device(RIGS[kind], tmp_path)
         started.append(device)
         device.start()
         return device
@@ -155,7 +129,7 @@ def require_pose(pose: Pose) -> None:
             np.testing.assert_array_equal(matrix[3], (0, 0, 0, 1))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", RIGS)
 def test_a_source_yields_samples_in_order_with_times_and_bounds(kind: str, start: Callable[[str], Device]) -> None:
     device, opened_ns = start(kind), time.monotonic_ns()
     with device.open() as source:
@@ -183,7 +157,7 @@ def require_timeouts(source: TrackerSource | VideoSource) -> None:
     assert time.monotonic() - began_s < SLACK_S
 
 
-@pytest.mark.parametrize("kind", LINES)
+@pytest.mark.parametrize("kind", [name for name, rig in RIGS.items() if not rig.is_variant])
 def test_a_device_that_is_gone_is_lost_and_comes_back(kind: str, start: Callable[[str], Device]) -> None:
     device = start(kind)
     with device.open() as source:
@@ -201,7 +175,7 @@ def test_a_device_that_is_gone_is_lost_and_comes_back(kind: str, start: Callable
         samples(source, 3)
 
 
-@pytest.mark.parametrize("kind", [*TRACKERS, "igtl-video"])
+@pytest.mark.parametrize("kind", SILENT)
 def test_a_tracker_that_freezes_is_lost_within_its_deadline(kind: str, start: Callable[[str], Device]) -> None:
     """Stopped as a whole, it answers nothing and closes nothing: a half-open line."""
     device = start(kind)
@@ -223,33 +197,6 @@ def _reopened(device: Device) -> TrackerSource | VideoSource | None:
         return device.open()
     except DeviceLost:
         return None
-
-
-URLS = {
-    "igtl": "igtl://127.0.0.1:1",
-    "igtl-video": "igtl://127.0.0.1:1",
-    "ndi": "ndi:/dev/no-such-port",
-    "ndi+tcp": "ndi+tcp://127.0.0.1:1",
-    "optotrak": "optotrak://127.0.0.1:1",
-    "sim": "sim:/no/such/socket",
-    "replay": "replay:/no/such/file.mha",
-}
-
-
-@pytest.mark.parametrize("kind", URLS)
-def test_an_unknown_option_is_refused_by_name_before_anything_is_opened(kind: str) -> None:
-    opener = open_video if kind in PICTURES else open_tracker
-    with pytest.raises(ConfigurationError, match="unknown option 'colour'"):
-        opener(f"{URLS[kind]}?colour=red", HostClock())
-
-
-@pytest.mark.parametrize("kind", URLS)
-def test_what_is_not_there_is_lost_or_no_recording(kind: str) -> None:
-    opener = open_video if kind in PICTURES else open_tracker
-    with pytest.raises(RecordingError if kind == "replay" else DeviceLost) as refusal:
-        opener(URLS[kind], HostClock())
-    assert refusal.value.where
-    assert refusal.value.remedy
 
 
 @pytest.mark.parametrize("opener", [open_tracker, open_video])

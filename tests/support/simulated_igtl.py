@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from threading import Event, Thread
 
 from drivers.clock.host_clock import HostClock
@@ -11,6 +12,7 @@ from drivers.twins.faults import Episode, Schedule
 from drivers.twins.openigtlink import FAULTS, IgtlTwin
 from drivers.twins.scene.world import World
 from drivers.twins.world_sources import WorldTracker
+from tests.support.rigs import Line, Rig
 
 
 @dataclass
@@ -31,6 +33,10 @@ class Bench:
         assert set(faults) <= set(FAULTS)
         self.twin.faults = FaultControl(FAULTS, Schedule(tuple(Episode(fault, 0.0) for fault in faults)))
 
+    def is_back(self) -> bool:
+        """A server needs no time for that."""
+        return True
+
 
 @contextmanager
 def bench(rate: float = 1.0) -> Iterator[Bench]:
@@ -43,3 +49,21 @@ def bench(rate: float = 1.0) -> Iterator[Bench]:
         finally:
             stop.set()
             thread.join()
+
+
+@contextmanager
+def _line(_: Path, rate: float) -> Iterator[tuple[str, Bench]]:
+    with bench(rate) as relay:
+        yield f"igtl://{relay.target}", relay
+
+
+def _start(_: Path) -> list[str]:
+    return ["openigtlink", "--tcp", "0"]
+
+
+RIGS = (
+    Rig("igtl", "igtl", "tracker", _start),
+    Rig("igtl-video", "igtl", "video", _start),
+    Rig("igtl-witness", "igtl", "tracker", _start, "witness=Witness", is_variant=True),
+)
+LINES = (Line("igtl", _line, ("stall", "unplug")),)

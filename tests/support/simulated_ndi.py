@@ -1,7 +1,7 @@
 """A simulated NDI tracker in a thread of the test, so that a test can look into it and change it."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Thread
@@ -15,11 +15,12 @@ from drivers.trackers.ndi.tracker import NdiTracker
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import Episode, Schedule
 from drivers.twins.ndi.combined_api import CombinedApi
-from drivers.twins.ndi.models import SPECTRA, Model
+from drivers.twins.ndi.models import SPECTRA, VEGA, Model
 from drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
 from drivers.twins.ndi.tracker import NDI_FAULTS, NdiTwin
 from drivers.twins.pty_line import PtyLine
 from drivers.twins.tcp_line import TcpLine
+from tests.support.rigs import Line, Rig
 
 RATE = 4.0
 
@@ -70,6 +71,12 @@ class Bench:
         now_s = (self.clock.now_ns() - self.clock.origin_ns) / 1e9
         episodes = tuple(Episode(name, now_s) for name in names)
         self.twin.control = FaultControl(NDI_FAULTS, Schedule(episodes))
+
+    show = faults
+
+    def is_back(self) -> bool:
+        """The device starts again, and the line comes back, on the twin's own clock."""
+        return self.twin._since == {} and not self.twin.starting
 
     def true(self, pose: Pose, tool: str = "probe") -> Matrix4:
         """Where the tool was at the measurement."""
@@ -127,3 +134,36 @@ def until(tracker: NdiTracker, status: PoseStatus | None, limit: int = 60, reaso
         if wanted and reason in pose.reason:
             return pose
     raise AssertionError(f"no pose came that is {status or 'new'} {reason}")
+
+
+def _line(model: Model) -> Callable[[Path, float], AbstractContextManager[tuple[str, Bench]]]:
+    """With four tools, whose replies take their time on a serial line."""
+
+    @contextmanager
+    def opened(folder: Path, rate: float) -> Iterator[tuple[str, Bench]]:
+        with bench(folder, model, rate) as cart:
+            probe, reference = cart.rom("probe"), cart.rom("reference")
+            yield f"{cart.place}?probe={probe}&reference={reference}&tools={probe},{probe}", cart
+
+    return opened
+
+
+def _start(model: str, *roms: str) -> Callable[[Path], list[str]]:
+    """roms: options of tool definitions, each with the name of its file."""
+
+    def arguments(folder: Path) -> list[str]:
+        line = ["--tcp", "0"] if model == "vega" else ["--pty", str(folder / "tracker")]
+        tools = [word for rom in roms for word in (f"--{rom}", str(folder / f"{rom}.rom"))]
+        return ["ndi", "--model", model, *line, *tools]
+
+    return arguments
+
+
+RIGS = (
+    Rig("ndi", "ndi", "tracker", _start("polaris-vicra", "rom")),
+    Rig("ndi-aurora", "ndi", "tracker", _start("aurora"), is_variant=True),
+    Rig("ndi-witness", "ndi", "tracker", _start("polaris-vicra", "rom", "witness-rom"), is_variant=True),
+    Rig("ndi+tcp", "ndi+tcp", "tracker", _start("vega", "rom")),
+)
+_SILENCES = ("no-reply", "slow", "unplug")
+LINES = (Line("ndi", _line(SPECTRA), (*_SILENCES, "baud-mismatch")), Line("ndi+tcp", _line(VEGA), _SILENCES))

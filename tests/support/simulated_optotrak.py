@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from threading import Event, Thread
 
 import numpy as np
@@ -15,6 +16,7 @@ from drivers.twins.faults import Episode, Schedule
 from drivers.twins.optotrak.first_principles import Device
 from drivers.twins.optotrak.tracker import FAULTS, OptotrakTwin
 from drivers.twins.tool_motion import PROBE
+from tests.support.rigs import Line, Rig
 
 
 def moving(tool: str, t_s: float, number: int) -> Matrix4 | None:
@@ -44,6 +46,10 @@ class Bench:
         """These faults from now on, and no others."""
         assert set(faults) <= set(FAULTS)
         self.twin.faults = FaultControl(FAULTS, Schedule(tuple(Episode(fault, 0.0) for fault in faults)))
+
+    def is_back(self) -> bool:
+        """A server needs no time for that."""
+        return True
 
     def measured_s(self, sequence: int) -> float:
         """World time of a frame by its number."""
@@ -76,3 +82,21 @@ def until(tracker: OptotrakTracker, wanted: PoseStatus | Callable[[Pose], bool],
         if pose is not None and (pose.status is wanted if isinstance(wanted, PoseStatus) else wanted(pose)):
             return pose
     raise AssertionError(f"no {wanted} pose came")
+
+
+@contextmanager
+def _line(_: Path, rate: float) -> Iterator[tuple[str, Bench]]:
+    with bench(rate) as server:
+        yield f"optotrak://{server.target}", server
+
+
+def _start(*more: str) -> Callable[[Path], list[str]]:
+    return lambda _: ["optotrak", "--tcp", "0", *more]
+
+
+RIGS = (
+    Rig("optotrak", "optotrak", "tracker", _start()),
+    Rig("optotrak-single", "optotrak", "tracker", _start(), "mode=single&order=little&reference=2", is_variant=True),
+    Rig("optotrak-witness", "optotrak", "tracker", _start("--bodies", "3"), "reference=2&witness=3", is_variant=True),
+)
+LINES = (Line("optotrak", _line, ("lose-tracker", "dribble", "unplug")),)
