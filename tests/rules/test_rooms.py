@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from drivers.registry import drivers
+
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("appliance", "drivers", "tools")
 LEAVES = frozenset({"samples", "rigid", "errors", "printable"})
@@ -47,8 +49,11 @@ def test_a_folder_of_tests_is_a_package(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("folder", [one for one in folders(*PACKAGES) if has_rooms(one)], ids=str)
-def test_what_holds_rooms_has_an_exhaustive_contract_that_names_each(folder: Path) -> None:
+def test_what_holds_rooms_has_a_contract_that_leaves_none_out(folder: Path) -> None:
+    """Layers that name each, or no one may know another, whatever it is called, but for what several share."""
     container = ".".join(folder.parts)
+    if any(one["type"] == "independence" and one["modules"] == [f"{container}.*"] for one in CONTRACTS):
+        return
     found = [one for one in CONTRACTS if one.get("containers") == [container]]
     assert len(found) == 1, f"{container} has {len(found)} contracts in pyproject.toml, not one"
     (contract,) = found
@@ -56,6 +61,20 @@ def test_what_holds_rooms_has_an_exhaustive_contract_that_names_each(folder: Pat
     assert contract["exhaustive"], "a new module would stand in no contract"
     assert "exhaustive_ignores" not in contract
     assert {name for layer in contract["layers"] for name in layer.split(" | ")} == children(folder)
+
+
+@pytest.mark.parametrize(
+    "contract", [one for one in CONTRACTS if one["type"] == "independence"], ids=lambda c: c["name"]
+)
+def test_what_devices_share_is_there_and_is_no_device(contract: dict[str, list[str]]) -> None:
+    """A file that is let in must be shared by several of the room, or a device could hide among them."""
+    (modules,) = contract["modules"]
+    room = Path(*modules.removesuffix(".*").split("."))
+    devices = {driver.module for driver in drivers().values()}
+    for line in contract["ignore_imports"]:
+        _, _, shared = line.removesuffix(".**").partition(" -> ")
+        assert shared.rpartition(".")[2] in children(room), f"{shared} is gone: take it out of pyproject.toml"
+        assert not any(device == shared or device.startswith(f"{shared}.") for device in devices), shared
 
 
 def test_the_pure_rooms_may_take_nothing_but_values_of_the_drivers() -> None:
