@@ -52,7 +52,8 @@ class Line:
 
 def _rows(name: str) -> Iterator[object]:
     for file in sorted(Path(__file__).parent.glob("simulated_*.py")):
-        yield from getattr(importlib.import_module(f"tests.support.{file.stem}"), name, ())
+        if f"\n{name} = " in file.read_text():  # else whole carts would be imported for nothing
+            yield from getattr(importlib.import_module(f"tests.support.{file.stem}"), name)
 
 
 def rigs() -> dict[str, Rig]:
