@@ -1,12 +1,7 @@
 """`igtl://host:18944?image=Image_Reference&probe=Probe&reference=Reference`: pictures and poses of an OpenIGTLink
 server, such as PLUS. One URL may name both; each source has a connection of its own.
 
-Options: image (device name of the pictures; needed where the server sends several), probe, reference (names of tools,
-`Probe` for the transform ProbeToTracker, or of transforms as the server sends them), levels=BLACK,WHITE (for pixels
-other than 8 bits), crop, orientation (as for v4l2:), deadline_ms (silence after which the server counts as lost; 200
-for poses, 500 for pictures), latency_ms (measurement to sending as measured on this server, 0), ask=tdata or qtdata
-(for a server that sends these on request only), header=1 (for a server that knows no other), simulated=yes (the server
-has no real device behind it).
+Its options are the rows of IGTL, in the `__init__.py` of this folder.
 """
 
 from drivers.clock.host_clock import HostClock

@@ -1,7 +1,6 @@
 """`gpio:/dev/gpiochip0?line=17&active=low`: one line of a GPIO chip that drives a relay. Energised means safe.
 
-Options: line=NUMBER or NAME; active=high | low, the level that energises; heartbeat=HZ for an external watchdog relay;
-sense=NUMBER or NAME of an input that is active while the contact is closed, with sense_active=high | low.
+Its options are the rows of GPIO, in the `__init__.py` of this folder.
 
 Release: on every orderly end the line is driven to its inactive level first. When the process dies, the kernel takes
 the line back, and the chip's driver decides: some return it to its pull, others hold the last level, which would be

@@ -1,7 +1,6 @@
 """`serialpin:/dev/ttyUSB1?pin=rts`: a control line of a serial port that drives a relay. Energised means safe.
 
-Options: pin=rts | dtr; heartbeat=HZ for an external watchdog relay; sense=cts | dsr | dcd, an input that is raised
-while the contact is closed.
+Its options are the rows of SERIALPIN, in the `__init__.py` of this folder.
 
 Release: the kernel drops both lines when the last user closes the port (HUPCL is set for that), so a process that dies
 opens the contact at once, and so does a pulled plug. The kernel also RAISES both lines when the port is opened; they

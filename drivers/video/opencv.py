@@ -1,7 +1,6 @@
 """`opencv:FILE`, `opencv:rtsp://host/stream`, `opencv:0`: whatever OpenCV can read, for what no other scheme serves.
 
-Options: crop=, orientation= as for v4l2:; delay_ms= (0) that is known to pass between picture and arrival;
-error_ms= (100) by which that may be wrong. A device or stream is stamped at its arrival less delay_ms, as OpenCV tells
+Its options are the rows of OPENCV, in the `__init__.py` of this folder. A device or stream is stamped at its arrival less delay_ms, as OpenCV tells
 no times that can be relied on. A file plays at its own rate from the moment it is opened and is lost at its end. The
 counter counts what was read, so losses before OpenCV do not show: prefer v4l2: where it works.
 In the address of a stream write %3F for a question mark.

@@ -1,15 +1,7 @@
 """`ndi:/dev/ttyUSB0?probe=FILE.rom&reference=FILE.rom`: poses of a Polaris, Vega or Aurora; `ndi+tcp://` likewise.
 
-Options of the URL:
-    probe, reference: the tools, each as FILE.rom (wireless, loaded from its definition), @2 (on plug 2), @2b (second
-        sensor on plug 2), or FILE.rom@2 (on plug 2, without a memory of its own). Without probe the first wired tool
-        of six degrees of freedom. With reference all poses are relative to it.
-    witness: a second tool on the probe, in the same forms, whose poses tell when either of the two moves on it.
-    tools: further tools, separated by commas; their poses are in `telemetry`.
-    baud: line speed, 115200 unless given. reply: bx2, bx or tx, if the firmware's own choice shall not hold.
-    counter_hz: rate of the frame counter, if the device's own shall not hold.
-    deadline_ms: silence after which the tracker counts as lost, 200. latency_ms: exposure to first byte of the reply,
-        as measured on this unit, 0. log: file for a byte log.
+Its options are the rows of NDI, in the `__init__.py` of this folder. Without probe= the first wired tool of six degrees
+of freedom is the probe; poses of further tools are in `telemetry`.
 """
 
 from types import TracebackType

@@ -1,10 +1,6 @@
 """`optotrak://host:3020?body=1&reference=2`: poses of a rigid body of an Optotrak, from NDI's First Principles server.
 
-Options: body, reference, witness (numbers of the rigid bodies in the order in which the server lists them, from 1;
-witness: a second one on the probe), mode (stream, which is the default, or single: each frame is asked for), order
-(byte order of the payload, big or little), rate (frames per second wanted; without it all of them in stream mode, 60 in
-single mode), deadline_ms (silence after which the tracker counts as lost, 200), latency_ms (exposure to arrival as
-measured on this unit, 0), log (file for a byte log, see drivers.io.byte_log).
+Its options are the rows of OPTOTRAK, in the `__init__.py` of this folder.
 """
 
 import math

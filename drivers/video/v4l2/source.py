@@ -1,7 +1,6 @@
 """`v4l2:/dev/video0` or `v4l2:/dev/v4l/by-id/…`: a frame grabber or camera through the kernel's capture interface.
 
-Options: size=WIDTHxHEIGHT, rate=HZ, format=GREY | NV12 | YU12 | YV12 | YUYV | UYVY | RGB3 | BGR3 | MJPG, input=NUMBER,
-crop=LEFT,TOP,WIDTH,HEIGHT (of the B-mode picture), orientation=MF | MN | UF | UN (how the scanner shows it).
+Its options are the rows of V4L2, in `drivers/video/__init__.py`.
 Pictures that the driver marks as damaged are dropped and counted. Whether there is a signal is asked again twice a
 second, as drivers go on sending pictures without one.
 """
