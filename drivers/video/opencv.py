@@ -1,6 +1,6 @@
 """`opencv:FILE`, `opencv:rtsp://host/stream`, `opencv:0`: whatever OpenCV can read, for what no other scheme serves.
 
-Its options are the rows of OPENCV, in the `__init__.py` of this folder. A device or stream is stamped at its arrival less
+Its options are the rows of OPENCV, in the folder's `__init__.py`. A device or stream is stamped at its arrival less
 delay_ms, as OpenCV tells no times that can be relied on. A file plays at its own rate from the moment it is opened and
 is lost at its end. The counter counts what was read, so losses before OpenCV do not show: prefer v4l2: where it works.
 In the address of a stream write %3F for a question mark.
