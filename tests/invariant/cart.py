@@ -14,7 +14,7 @@ from appliance.supervision.watchers.devices import watch_devices
 from appliance.supervision.watchers.facts import Facts, Patience
 from appliance.types import AlarmState, Verdict
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
-from tests.invariant.circumstances import GRADUAL, Circumstances, Manner, Pictures, Poses, Stamps
+from tests.invariant.circumstances import GRADUAL, NO_BLANK, Blank, Circumstances, Manner, Pictures, Poses, Stamps
 from tests.invariant.oracle import GRADUAL_WITHIN_NS, MAX_AGE_NS, NAMED_WITHIN_NS, SHIPPED, TICK_NS, Broken, Oracle
 from tests.invariant.world import NONE, Change, Hand, Scanner, Tracker, blended, reference
 
@@ -50,12 +50,13 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class _Transition:
-    """From what was true before to what is."""
+    """From what was true before to what is. black_ns: from when to when its pictures are black."""
 
     manner: Manner
     before: Change
     start_ns: int
     end_ns: int
+    black_ns: tuple[int, int] = (0, 0)
 
 
 class Cart:
@@ -142,12 +143,18 @@ class Cart:
         self._change, self._transition = change, None
         self.oracle.changed(change)
 
-    def break_picture(self, change: Change, manner: Manner, lasting_s: float) -> None:
-        """The picture becomes another from here on, after so long; a torn picture is one. The body stays."""
+    def break_picture(self, change: Change, manner: Manner, lasting_s: float, blank: Blank = NO_BLANK) -> None:
+        """The picture becomes another from here on, after so long and the blank; a torn picture is one. The body
+        stays.
+        """
         change = replace(change, body=self._change.body)
         lasting_ns = {Manner.AT_ONCE: 0, Manner.TORN: self._every_ns["frame"]}.get(manner, round(lasting_s * 1e9))
-        self._say(f"the picture, {manner.value}, {lasting_ns / 1e9:g} s: {change}")
-        self._transition = _Transition(manner, self._change, self._now_ns, self._now_ns + lasting_ns)
+        self._say(f"the picture, {manner.value}, {lasting_ns / 1e9:g} s, {blank}: {change}")
+        start_ns, black_ns = self._now_ns, round(blank.lasting_s * 1e9)
+        first_ns = start_ns if blank.first else start_ns + lasting_ns
+        self._transition = _Transition(
+            manner, self._change, start_ns, start_ns + lasting_ns + black_ns, (first_ns, first_ns + black_ns)
+        )
         self._change = change
         self.oracle.changed(change, GRADUAL_WITHIN_NS if manner in GRADUAL else NAMED_WITHIN_NS)
 
@@ -255,11 +262,16 @@ class Cart:
         """What is shown until the picture is the other one."""
         transition = self._transition
         assert transition is not None
+        black_ns, black_end_ns = transition.black_ns
+        if black_ns <= self._now_ns < black_end_ns:
+            return self._scanner.black()
         before = self._scanner.picture(pose, transition.before)
         if transition.manner is Manner.TORN:
             half = before.shape[0] // 2
             return np.vstack([before[:half], self._shown(pose)[half:]])
-        share = (self._now_ns - transition.start_ns) / (transition.end_ns - transition.start_ns)
+        lasting_ns = transition.end_ns - transition.start_ns - (black_end_ns - black_ns)
+        passed_ns = self._now_ns - transition.start_ns - (black_end_ns - black_ns if self._now_ns >= black_ns else 0)
+        share = passed_ns / lasting_ns
         if transition.manner is Manner.ANIMATED:
             return self._scanner.picture(pose, self._change.on_its_way(share))
         if transition.manner in GRADUAL:

@@ -32,6 +32,20 @@ GRADUAL = (Manner.FADED, Manner.AVERAGED, Manner.WIPED, Manner.WIPED_IN_STEPS)
 SUDDEN = tuple(manner for manner in Manner if manner not in GRADUAL)
 
 
+@dataclass(frozen=True, slots=True)
+class Blank:
+    """Black pictures beside those by which a picture becomes another. first: before them; otherwise after."""
+
+    lasting_s: float
+    first: bool
+
+    def __str__(self) -> str:
+        return f"{'first' if self.first else 'then'} {self.lasting_s:g} s of black" if self.lasting_s else "no blank"
+
+
+NO_BLANK = Blank(0.0, first=True)
+
+
 class Poses(Enum):
     GENUINE = "genuine poses"
     ONE_IN_TWELVE = "one pose in twelve, the rest missing"

@@ -9,7 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, get_state_machine_test, i
 
 from appliance.limits import RequiredAges
 from tests.invariant.cart import Cart
-from tests.invariant.circumstances import GRADUAL, SUDDEN, Circumstances, Manner, Pictures, Poses, Stamps
+from tests.invariant.circumstances import GRADUAL, SUDDEN, Blank, Circumstances, Manner, Pictures, Poses, Stamps
 from tests.invariant.oracle import SHIPPED, STRICT
 from tests.invariant.world import ANOTHER_ASPECT, BREAKS, CHANGES, CORNERED, NONE, Change
 
@@ -30,6 +30,8 @@ UNSEEN = st.sampled_from([None, None, CHANGES[0], *CHANGES])
 
 BETWEEN_S = st.sampled_from([0.04, 0.1, 0.2, 0.25, 0.3, 0.45, 0.6])
 """From the old picture to the new one: about the gap's .3 s, and up to where black is named."""
+BLANK = st.builds(Blank, lasting_s=st.sampled_from([0.0, 0.0, 0.0, 0.04, 0.1, 0.2, 0.4, 0.6]), first=st.booleans())
+"""Beside what else lies between the two pictures."""
 
 
 class Room(RuleBasedStateMachine):
@@ -93,26 +95,32 @@ class Room(RuleBasedStateMachine):
         change=st.sampled_from([NONE, *BREAKS]),
         manner=st.sampled_from(SUDDEN),
         between_s=BETWEEN_S,
+        blank=BLANK,
         seconds=st.sampled_from([1.5, 3.0, 8.0]),
     )
-    def the_picture_breaks(self, change: Change, manner: Manner, between_s: float, seconds: float) -> None:
+    def the_picture_breaks(
+        self, change: Change, manner: Manner, between_s: float, blank: Blank, seconds: float
+    ) -> None:
         """It becomes another, or what it was."""
-        self.cart.break_picture(change, manner, between_s)
-        self.cart.run(between_s + seconds)
+        self.cart.break_picture(change, manner, between_s, blank)
+        self.cart.run(between_s + blank.lasting_s + seconds)
 
     @rule(
         change=st.sampled_from([NONE, *BREAKS, ANOTHER_ASPECT, CORNERED]),
         manner=st.sampled_from(GRADUAL),
-        over_s=st.sampled_from([0.3, 0.8, 1.2, 3.0]),
+        over_s=st.sampled_from([0.1, 0.3, 0.8, 1.2, 3.0]),
+        blank=BLANK,
         seconds=st.sampled_from([1.5, 3.0, 12.0]),
     )
-    def the_picture_changes_gradually(self, change: Change, manner: Manner, over_s: float, seconds: float) -> None:
+    def the_picture_changes_gradually(
+        self, change: Change, manner: Manner, over_s: float, blank: Blank, seconds: float
+    ) -> None:
         """Nothing else hides it, and the probe rests: in motion it is for motion to tell."""
         self._well()
         self.cart.meet(moving=False)
         self.cart.run(2.0)
-        self.cart.break_picture(change, manner, over_s)
-        self.cart.run(over_s + seconds)
+        self.cart.break_picture(change, manner, over_s, blank)
+        self.cart.run(over_s + blank.lasting_s + seconds)
 
     @rule(seconds=SPELL_S)
     def probe_rests(self, seconds: float) -> None:

@@ -50,6 +50,8 @@ class Change:
 
     body: (4, 4) the marker body sits at pose · body. polarity: of the picture. magnified: of the picture across and
     down, about its middle, so that its mm/px shrink. moved_px: of the picture on the screen, (lateral, axial).
+    lines_deg: by which lines across and lines down are turned on it: alike of a picture that is turned, one of them of
+    one that is sheared.
     """
 
     name: str
@@ -57,6 +59,7 @@ class Change:
     polarity: tuple[int, int] = (1, 1)
     magnified: tuple[float, float] = (1.0, 1.0)
     moved_px: tuple[float, float] = (0.0, 0.0)
+    lines_deg: tuple[float, float] = (0.0, 0.0)
 
     def __repr__(self) -> str:
         return self.name
@@ -84,7 +87,14 @@ class Change:
     def on_its_way(self, share: float) -> "Change":
         """What an animation has done of it so far to the picture."""
         across, down = (m**share for m in self.magnified)
-        return replace(self, magnified=(across, down), moved_px=(share * self.moved_px[0], share * self.moved_px[1]))
+        moved_px, lines_deg = ((share * one, share * other) for one, other in (self.moved_px, self.lines_deg))
+        return replace(self, magnified=(across, down), moved_px=moved_px, lines_deg=lines_deg)
+
+    @cached_property
+    def shown_px(self) -> NDArray[np.float64]:
+        """(2, 2) from px of the scanner's own picture to px on the screen, without magnification and flip."""
+        across, down = np.tan(np.deg2rad(self.lines_deg))
+        return np.array([[1.0, -down], [across, 1.0]])
 
     @cached_property
     def visible(self) -> bool:
@@ -105,7 +115,7 @@ class Change:
         return {
             "polarity": self.polarity.count(-1) / 0.5,
             "scale": 100 * max(abs(1 / m - 1) for m in self.magnified) / _LIMITS.scale_percent,
-            "rotation": abs(float(np.rad2deg(turn_rad[2]))) / _LIMITS.rotation_deg,
+            "rotation": (abs(float(np.rad2deg(turn_rad[2]))) + max(map(abs, self.lines_deg))) / _LIMITS.rotation_deg,
             "offset": float(np.linalg.norm(X[:3, 3] - X_REFERENCE[:3, 3] + moved_mm)) / _LIMITS.offset_mm,
         }
 
@@ -139,7 +149,13 @@ STRETCHED = Change("stretched by 20 % across", magnified=(1.2, 1.0))
 SHIFTED = Change("moved by 50 px on the screen", moved_px=(50.0, 0.0))
 ANOTHER_ASPECT = Change("stretched by 8 % down", magnified=(1.0, 1.08), moved_px=(0.0, 4.8))
 CORNERED = Change("zoomed by 7.5 % about a corner", magnified=(1.075, 1.075), moved_px=(6.0, 4.5))
-BREAKS = (FLIPPED, UPSIDE_DOWN, ZOOMED, ZOOMED_TWICE, ZOOMED_ON_A_REGION, DEEPER, PRESET, STRETCHED, SHIFTED)
+TURNED = Change("turned by 8° on the screen", lines_deg=(8.0, 8.0))
+SHEARED = Change("sheared by 14°", lines_deg=(0.0, 14.0))
+CROPPED = Change("cropped to the right, and as large as before", magnified=(1.25, 1.25), moved_px=(-20.0, 0.0))
+BREAKS = (
+    *(FLIPPED, UPSIDE_DOWN, ZOOMED, ZOOMED_TWICE, ZOOMED_ON_A_REGION, DEEPER, PRESET, STRETCHED, SHIFTED),
+    *(TURNED, SHEARED, CROPPED),
+)
 """What people do to a picture, or a grabber."""
 CHANGES = (BENT_AND_SLID, BENT, SLID, ELSEWHERE, FLIPPED, UPSIDE_DOWN, MAGNIFIED, SHRUNK, SLIGHTLY_MAGNIFIED)
 
@@ -222,7 +238,7 @@ class Scanner:
         """(h, w) uint8 at pose picture → tissue."""
         height, width = self._shape
         scale = np.array(SCALE_MM_PER_PX) / change.magnified * change.polarity
-        turn = pose[:2, :2] * scale / _GRID_MM
+        turn = pose[:2, :2] * scale @ np.linalg.inv(change.shown_px) / _GRID_MM
         middle = pose[:2, 3] / _GRID_MM + _GRID / 2
         origin_px = np.array([(width - 1) / 2, (height - 1) / 2]) + change.moved_px
         warp = np.column_stack([turn, middle - turn @ origin_px])

@@ -15,7 +15,12 @@ import numpy as np
 
 from appliance.core.detectors.detector import Detector, Observation
 from appliance.core.detectors.magnification import Magnification, pressed_between
-from appliance.core.detectors.picture_change import PictureChange, flip_or_zoom_of, stretch_of
+from appliance.core.detectors.picture_change import (
+    PictureChange,
+    flip_or_zoom_of,
+    lines_turned_by,
+    stretch_of,
+)
 from appliance.core.detectors.picture_link import (
     SMALL_PX,
     Link,
@@ -26,7 +31,7 @@ from appliance.core.detectors.picture_link import (
     small,
 )
 from appliance.core.detectors.polarity import MOST_FLIPPED
-from appliance.core.detectors.resting_picture import RestingPicture
+from appliance.core.detectors.resting_picture import RestingPicture, turned_or_sheared
 from appliance.core.detectors.stretch import carried, likeness_in_place, lines_turned
 from appliance.core.motion import out_of_plane_mm, predicted_motion
 from appliance.core.registration.pyramid import Array32, Bits
@@ -67,6 +72,9 @@ often costs 2 ms each."""
 _STILL_MM, _LOST = 0.5, 0.35
 """Way out of the plane up to which the hand is still, and share of parts alike below which a look becomes a search, of
 40 to 80 ms. Not measured on tissue that moves out of the plane."""
+_AS_IT_WAS = 0.95
+"""Share of parts alike from which a look asks no more: each that does costs 4 ms. Of coarse speckle that was turned by
+5° .79 are. More asks whenever tissue moves a little, less misses small turns."""
 _NAMED = 0.1
 """Of the logarithm of a zoom found so, from which it is named; a smaller one voids what was shown. Breathing by 12 mm
 presses soft tissue against a face that rests, and came to .058 and .067 (study, gesture-hold over
@@ -112,7 +120,7 @@ class PictureChain(Detector):
         self._last: View | None = None
         self._course = _Course()
         self._magnification = Magnification(self._aspect)
-        self._resting = RestingPicture(reference, self._aspect, self._link)
+        self._resting = RestingPicture(reference, self._aspect, self._rotation_limit_rad, self._link)
         self._followed = self._searches = self._covered = 0
         self._likenesses: deque[float] = deque(maxlen=_CALM_FRAMES)
         self._earlier: deque[View] = deque()
@@ -238,10 +246,15 @@ class PictureChain(Detector):
         if out_of_plane_mm(self._reference, before.pose, view.pose) > _STILL_MM:
             return None
         placed, link = self._link(view, before)
-        if link is None or link.alike >= _LOST or not _searchable(placed, view.small):
+        if link is None or link.alike >= _AS_IT_WAS or not _searchable(placed, view.small):
             return None
-        change = stretch_of(placed, view.small, self._aspect) or flip_or_zoom_of(placed, view.small)
-        change = None if change is None else self._not_tissue(change, before, view)
+        change = None
+        if lost := link.alike < _LOST:
+            change = stretch_of(placed, view.small, self._aspect) or flip_or_zoom_of(placed, view.small)
+            change = None if change is None else self._not_tissue(change, before, view)
+        if change is None:
+            turned_rad = lines_turned_by(placed, view.small, self._aspect, far=lost)
+            change = turned_or_sheared(turned_rad, self._rotation_limit_rad, self._reference, before, view)
         if change is not None:
             self._magnification.restart()
         return change

@@ -1,4 +1,4 @@
-"""What was done to a picture: mirrored, magnified about any place, or stretched along its axes.
+"""What was done to a picture: mirrored, magnified about any place, stretched along its axes, turned or sheared.
 
 Tissue is the proof: a change is found where the earlier picture, changed so, is like the later one, and unchanged is
 not, wherever it may have gone.
@@ -13,8 +13,9 @@ import numpy as np
 
 from appliance.core.detectors.picture_link import DARK
 from appliance.core.detectors.polarity import POLARITIES
-from appliance.core.detectors.stretch import stretch_between, warped
+from appliance.core.detectors.stretch import lines_between, stretch_between, warped
 from appliance.core.registration.pyramid import Array32
+from drivers.rigid import Array
 
 _LEAST_LIKENESS, _BETTER_BY = 0.55, 0.25
 """Correlation of the changed picture, and how much more than that of the unchanged one, wherever a fast hand took it.
@@ -25,6 +26,9 @@ _LEAST_STRETCH, _STRETCH_BETTER_BY = 0.035, 0.15
 """Magnification along an axis from 1, and how much more like the stretched picture must be than the unchanged one."""
 _STARTS = tuple((across, down) for across in (1.0, 0.92, 1.08) for down in (1.0, 0.92, 1.08))
 """Magnifications about which a stretch is looked for: each finds those within 8 %, so all together 16 %."""
+_TURNS_RAD = tuple(float(turn) for turn in np.deg2rad([0.0, 9.0, -9.0, 18.0, -18.0]))
+"""Turns about which turned lines are looked for: each finds those within 5° or so, all together those up to 22°. More
+ask for time, 3 ms each; a picture that was turned by more is mostly like nothing that was there before."""
 _SLACK_PX = 3
 """px of the small picture by which the hand may go elsewhere than it went last: 12 px of 640. More tries more places by
 chance."""
@@ -65,6 +69,21 @@ def stretch_of(expected: Array32, now: Array32, aspect: float) -> PictureChange 
         if alike > best:
             best, change = alike, PictureChange(zoom=(float(found.magnification[0]), float(found.magnification[1])))
     return change
+
+
+def lines_turned_by(expected: Array32, now: Array32, aspect: float, *, far: bool) -> Array | None:
+    """(2,) rad, as of `Lines`, of what makes the picture that was expected like what is there; None where none does, or
+    a shift nearly as well. far: also of more than some 5°.
+
+    Small pictures of one size. aspect: λ_axial ÷ λ_lateral.
+    """
+    best, turned = max(likeness(expected, now) + _STRETCH_BETTER_BY, _LEAST_LIKENESS), None
+    for start_rad in _TURNS_RAD if far else _TURNS_RAD[:1]:
+        found = lines_between(expected, now, aspect, start_rad)
+        alike = 0.0 if found is None else likeness(warped(expected, found.warp), now)
+        if found is not None and alike > best:
+            best, turned = alike, found.turned_rad
+    return turned
 
 
 def flip_or_zoom_of(expected: Array32, now: Array32) -> PictureChange | None:

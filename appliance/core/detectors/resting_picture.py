@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from appliance.core.detectors.magnification import magnified, pressed_between
-from appliance.core.detectors.picture_change import PictureChange, stretch_of
+from appliance.core.detectors.picture_change import PictureChange, lines_turned_by, stretch_of
 from appliance.core.detectors.picture_link import Link, View
 from appliance.core.detectors.stretch import carried, stretch_between
 from appliance.core.motion import out_of_plane_mm, predicted_motion
@@ -71,12 +71,17 @@ class RestingPicture:
     """Takes every picture that goes on with the chain.
 
     link: a picture where its tissue is in a later one, and how that continues it. aspect: λ_axial ÷ λ_lateral.
+    most_turn_rad: by which no tissue turns.
     """
 
     def __init__(
-        self, reference: Calibration, aspect: float, link: Callable[[View, View], tuple[Array32, Link | None]]
+        self,
+        reference: Calibration,
+        aspect: float,
+        most_turn_rad: float,
+        link: Callable[[View, View], tuple[Array32, Link | None]],
     ) -> None:
-        self._reference, self._aspect, self._link = reference, aspect, link
+        self._reference, self._aspect, self._most_turn_rad, self._link = reference, aspect, most_turn_rad, link
         self.restart()
 
     def restart(self) -> None:
@@ -157,6 +162,10 @@ class RestingPicture:
         else:
             stretch = stretch_of(placed, view.small, self._aspect)
             log_zoom = np.zeros(2) if stretch is None else np.log(stretch.zoom)
+            turned_rad = lines_turned_by(placed, view.small, self._aspect, far=True) if stretch is None else None
+            change = turned_or_sheared(turned_rad, self._most_turn_rad, self._reference, first, view)
+            if change is not None:
+                return change
         pressed = pressed_between(self._reference, first, view)
         self._strained = bool(np.max(np.abs(log_zoom)) > _STRAINED + np.abs(pressed).sum())
         return magnified(log_zoom, pressed)
@@ -177,6 +186,33 @@ class RestingPicture:
         turned = self._path[1] - kept.path[1]
         way_px = self._path[0] - warp_matrix(turned, self._aspect) @ kept.path[0]
         return carried(kept.blurred, (way_px, turned), self._aspect)
+
+
+def turned_or_sheared(
+    turned_rad: Array | None, most_rad: float, reference: Calibration, before: View, now: View
+) -> PictureChange | None:
+    """A change without a name where lines of the picture have turned by more than a hand and tissue can make them.
+
+    turned_rad: (2,) as of `Lines`, None where that is not known. most_rad: by which tissue turns at most. It shears by
+    more where the face drags its skin along, or is pressed into it.
+    """
+    if turned_rad is None:
+        return None
+    across, down = turned_rad
+    both = min(abs(across), abs(down)) if across * down < 0 else 0.0
+    most = max(abs(across), abs(down))
+    if both <= most_rad and most <= most_rad + _dragged_rad(reference, before, now):
+        return None
+    return PictureChange()
+
+
+def _dragged_rad(reference: Calibration, before: View, now: View) -> float:
+    """By how much lines across the tissue may be sheared by the way of the face, by the tracker."""
+    if before.pose is None or now.pose is None:
+        return 0.0
+    moved_mm, _ = predicted_motion(reference, before.pose, now.pose)
+    height_mm = reference.image_size_px[1] * reference.scale_mm_per_px[1]
+    return float(abs(moved_mm[0]) / height_mm + np.abs(pressed_between(reference, before, now)).sum())
 
 
 def _blurred(picture: Array32) -> Array32:

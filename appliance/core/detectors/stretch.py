@@ -49,6 +49,17 @@ class Stretch:
     gained_px: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Lines:
+    """turned_rad: (2,) by which lines across and lines down have turned: alike, but for the sign, in a picture that was
+    turned, one of them in one that was sheared. warp: (2, 3) from a place in the picture before to its place in this
+    one.
+    """
+
+    turned_rad: Array
+    warp: Array
+
+
 def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[float, float]) -> Stretch | None:
     """Of two pictures (h, w) of the same size; None where too few parts are found again.
 
@@ -77,12 +88,29 @@ def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[f
 
 
 def lines_turned(before: Array32, now: Array32, aspect: float) -> Array | None:
-    """(2,) rad by which lines across and lines down have turned: alike, but for the sign, in a picture that was turned,
-    one of them in one that was sheared. Of two pictures (h, w) of the same size; None where too few parts are found.
+    """As of `lines_between`; None where too few parts are found."""
+    found = lines_between(before, now, aspect, 0.0, looks=1)
+    return None if found is None else found.turned_rad
+
+
+def lines_between(before: Array32, now: Array32, aspect: float, start_rad: float, looks: int = _LOOKS) -> Lines | None:
+    """Of two pictures (h, w) of the same size; None where too few parts are found again.
+
+    start_rad: turn about which it is looked for, as far as 8° beside. aspect: λ_axial ÷ λ_lateral.
     """
-    places, moved = _parts(before, now)
-    found = _fitted_to_most(_columns_of_lines(places), moved)
-    return None if found is None else np.arctan(found[0][[4, 3]] * [aspect, 1 / aspect])
+    middle = (np.array(before.shape[::-1]) - 1) / 2
+    M = warp_matrix(start_rad, aspect)
+    warp = np.column_stack([M, middle - M @ middle])
+    for _ in range(looks):
+        places, moved = _parts(warped(before, warp), now)
+        found = _fitted_to_most(_columns_of_lines(places), moved)
+        if found is None:
+            return None
+        fit = found[0]
+        M = np.eye(2) + fit[2:].reshape(2, 2)
+        warp = M @ warp + np.column_stack([np.zeros((2, 2)), middle + fit[:2] - M @ middle])
+    slopes = np.array([warp[1, 0] / warp[0, 0], warp[0, 1] / warp[1, 1]])
+    return Lines(np.arctan(slopes * [aspect, 1 / aspect]), warp)
 
 
 def warped(image: Array32, warp: Array) -> Array32:

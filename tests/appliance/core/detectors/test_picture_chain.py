@@ -336,6 +336,11 @@ def test_after_a_blank_tissue_has_gone_no_further_than_tissue_goes(moved_mm: flo
     assert calm.linked is linked
 
 
+def layered() -> GreyImage:
+    """Coarse speckle, as layers are: it is alike though it lies a few px beside."""
+    return np.asarray(cv2.resize(speckle((60, 80)), (320, 240), interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
 def turned(image: GreyImage, across_deg: float, down_deg: float) -> GreyImage:
     """Lines across and lines down turned by so much about the middle."""
     across, down = np.tan(np.deg2rad([across_deg, down_deg]))
@@ -350,9 +355,8 @@ def turned(image: GreyImage, across_deg: float, down_deg: float) -> GreyImage:
 def test_after_a_blank_a_picture_that_was_turned_or_sheared_is_no_link(
     across_deg: float, down_deg: float, linked: bool
 ) -> None:
-    """The limit of the rotation is 3°. Coarse speckle, as layers are, is alike though it lies a few px beside."""
-    coarse = np.asarray(cv2.resize(speckle((60, 80)), (320, 240), interpolation=cv2.INTER_CUBIC), np.uint8)
-    calm = event()
+    """The limit of the rotation is 3°."""
+    coarse, calm = layered(), event()
     for k in range(CALM):
         step(calm, k * FRAME_NS, coarse, k > 0, STILL if k else None, moved_by((0.0, 0.0)))
     step(calm, (CALM + 3) * FRAME_NS, turned(coarse, across_deg, down_deg), pose=moved_by((0.0, 0.0)))
@@ -416,6 +420,40 @@ def test_an_animated_stretch_is_a_change_without_a_name(across: float, down: flo
     changes = [step(calm, (CALM + k) * FRAME_NS, image, True, STILL) for k, image in enumerate(pictures)]
     assert PictureChange() in changes
     assert told(calm) == {VerdictKind.OK}
+
+
+def fading(before: GreyImage, after: GreyImage, pictures: int, stays: int) -> list[GreyImage]:
+    shares = np.minimum(np.arange(1, pictures + stays) / pictures, 1.0)
+    return [np.asarray(cv2.addWeighted(before, 1 - share, after, share, 0), np.uint8) for share in shares]
+
+
+@pytest.mark.parametrize("pictures", [3, 8, 18])
+@pytest.mark.parametrize(("across_deg", "down_deg"), [(5.0, 5.0), (8.0, 8.0), (-12.0, -12.0), (20.0, 20.0), (0.0, 9.0)])
+def test_what_fades_into_a_turned_or_sheared_picture_at_rest_is_a_change_without_a_name(
+    across_deg: float, down_deg: float, pictures: int
+) -> None:
+    """About its middle a turned picture is like the one before."""
+    coarse, at_rest = layered(), moved_by((0.0, 0.0))
+    shown = [*[coarse] * 30, *fading(coarse, turned(coarse, across_deg, down_deg), pictures, 12)]
+    calm = event()
+    changes = [step(calm, k * FRAME_NS, image, k > 0, STILL if k else None, at_rest) for k, image in enumerate(shown)]
+    assert PictureChange() in changes[30:]
+    assert changes[:30] == [None] * 30
+    assert told(calm) == {VerdictKind.OK}
+
+
+@pytest.mark.parametrize(("sheared_deg", "way_mm", "voids"), [(8.0, 4.0, False), (8.0, 0.0, True), (2.0, 0.0, False)])
+def test_tissue_that_a_face_drags_along_is_sheared_by_no_change(sheared_deg: float, way_mm: float, voids: bool) -> None:
+    """Its lines down are slanted by the way of the face; the picture is 24 mm high."""
+    calm, changes, before_px = event(), [], 0
+    for k in range(50):
+        share = float(np.clip((k - 30) / 8, 0.0, 1.0))
+        gone_px = round(share * way_mm / MM_PER_PX)
+        image = np.roll(turned(layered(), 0.0, share * sheared_deg), gone_px, axis=1)
+        way = (np.array([gone_px - before_px, 0.0]), 0.0) if k else None
+        changes.append(step(calm, k * FRAME_NS, image, k > 0, way, moved_by((share * way_mm, 0.0))))
+        before_px = gone_px
+    assert (PictureChange() in changes) is voids
 
 
 def organ(share: float) -> GreyImage:

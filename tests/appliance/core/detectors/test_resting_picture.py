@@ -60,7 +60,7 @@ def watched(pictures: Iterable[GreyImage], poses: Iterable[Matrix4] | None = Non
         found = link_between(first.small, view.small, np.zeros(2), np.full(2, 20.0))
         return carried(first.small, (np.zeros(2) if found is None else found.moved_px, 0.0), 1.0), found
 
-    resting = RestingPicture(REFERENCE, 1.0, link)
+    resting = RestingPicture(REFERENCE, 1.0, np.deg2rad(3.0), link)
     shown = [*[tissue()] * CALM, *pictures]
     where = [AT_REST] * len(shown) if poses is None else [*[AT_REST] * CALM, *poses]
     views = (View(k * FRAME_NS, small(image), pose) for k, (image, pose) in enumerate(zip(shown, where, strict=True)))
