@@ -19,6 +19,7 @@ from appliance.core.detectors.picture_change import (
     PictureChange,
     flip_or_zoom_of,
     lines_turned_by,
+    shift_of,
     stretch_of,
 )
 from appliance.core.detectors.picture_link import (
@@ -31,7 +32,7 @@ from appliance.core.detectors.picture_link import (
     small,
 )
 from appliance.core.detectors.polarity import MOST_FLIPPED
-from appliance.core.detectors.resting_picture import RestingPicture, turned_or_sheared
+from appliance.core.detectors.resting_picture import MOST_LEAP_PX, RestingPicture, turned_or_sheared
 from appliance.core.detectors.stretch import carried, likeness_in_place, lines_turned
 from appliance.core.motion import out_of_plane_mm, predicted_motion
 from appliance.core.registration.pyramid import Array32, Bits
@@ -100,6 +101,14 @@ class _Course:
         return _Course(self.per_ns * change.polarity * np.array(change.zoom), turned)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Earlier:
+    """gone_px: (2,) way of its tissue since the detector was made, px of the small picture."""
+
+    view: View
+    gone_px: Array
+
+
 class PictureChain(Detector):
     """Adds up the changes since the reference was in force.
 
@@ -123,7 +132,8 @@ class PictureChain(Detector):
         self._resting = RestingPicture(reference, self._aspect, self._rotation_limit_rad, self._link)
         self._followed = self._searches = self._covered = 0
         self._likenesses: deque[float] = deque(maxlen=_CALM_FRAMES)
-        self._earlier: deque[View] = deque()
+        self._earlier: deque[_Earlier] = deque()
+        self._gone_px, self._step_px = np.zeros(2), np.zeros(2)
         self._newest = 1.0
         self._just_changed = False
         self._polarity = (1, 1)
@@ -151,6 +161,7 @@ class PictureChain(Detector):
         if own is not None and self._goes_on(own, view, last):
             self._go_on(view, last, own)
             way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
+            self._note_way(way[0])
             change = self._magnification.crept() or self._dissolved(view) or self._resting.step(view, way)
             if change is not None:
                 self._take(change, view)
@@ -235,12 +246,13 @@ class PictureChain(Detector):
 
     def _dissolved(self, view: View) -> PictureChange | None:
         """The change since a picture of half a second before, while the hand was still."""
-        if view.pose is None or (self._earlier and view.t_ns - self._earlier[-1].t_ns < _LOOKS_NS):
+        if view.pose is None or (self._earlier and view.t_ns - self._earlier[-1].view.t_ns < _LOOKS_NS):
             return None
-        self._earlier.append(view)
-        while view.t_ns - self._earlier[0].t_ns > _EARLIER_NS:
+        self._earlier.append(_Earlier(view, self._gone_px))
+        while view.t_ns - self._earlier[0].view.t_ns > _EARLIER_NS:
             self._earlier.popleft()
-        before = self._earlier[0]
+        earlier = self._earlier[0]
+        before = earlier.view
         if before is view or before.pose is None:
             return None
         if out_of_plane_mm(self._reference, before.pose, view.pose) > _STILL_MM:
@@ -255,9 +267,26 @@ class PictureChain(Detector):
         if change is None:
             turned_rad = lines_turned_by(placed, view.small, self._aspect, far=lost)
             change = turned_or_sheared(turned_rad, self._rotation_limit_rad, self._reference, before, view)
+        if change is None:
+            change = self._moved(shift_of(before.small, view.small, placed), self._gone_px - earlier.gone_px)
         if change is not None:
             self._magnification.restart()
         return change
+
+    def _note_way(self, way_px: Array) -> None:
+        """The registration leaps to what fades in, the tissue goes on."""
+        leapt = float(np.max(np.abs(way_px - self._step_px))) > MOST_LEAP_PX
+        self._step_px = self._step_px if leapt else way_px
+        self._gone_px = self._gone_px + self._step_px
+
+    def _moved(self, shift_px: Array | None, gone_px: Array) -> PictureChange | None:
+        """Without a name, where the picture is elsewhere than its tissue has gone, by more than the limit of the
+        offset.
+        """
+        if shift_px is None:
+            return None
+        beside_mm = np.abs(shift_px - gone_px) / self._px_per_mm
+        return PictureChange() if np.max(beside_mm) > self._offset_limit else None
 
     def _not_tissue(self, change: PictureChange, before: View, view: View) -> PictureChange | None:
         """The change; None where tissue under a hand that presses may look so: by no more than the limit of a scale and

@@ -86,6 +86,20 @@ def lines_turned_by(expected: Array32, now: Array32, aspect: float, *, far: bool
     return turned
 
 
+def shift_of(before: Array32, now: Array32, expected: Array32) -> Array | None:
+    """(2,) px across and down by which the middle of the earlier picture has moved; None where it is found nowhere, or
+    nearly as well where it was expected. Small pictures of one size. expected: the earlier one, moved.
+    """
+    rows, columns = before.shape[0] // 3, before.shape[1] // 3
+    middle = before[rows : before.shape[0] - rows, columns : before.shape[1] - columns]
+    if middle.size == 0 or float(middle.std()) < _LEAST_GREY:
+        return None
+    _, best, _, (column, row) = cv2.minMaxLoc(cv2.matchTemplate(now, middle, cv2.TM_CCOEFF_NORMED))
+    if best <= max(likeness(expected, now) + _STRETCH_BETTER_BY, _LEAST_LIKENESS):
+        return None
+    return np.array([column - columns, row - rows], float)
+
+
 def flip_or_zoom_of(expected: Array32, now: Array32) -> PictureChange | None:
     """The flip, the magnification about any place, or both, that makes the earlier picture like this one; None where
     unchanged, but elsewhere, it does nearly as well. Small pictures of one size.

@@ -1,6 +1,7 @@
 """Changes of the picture's geometry between two frames: named where they stay, and not where one picture is spoilt."""
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -440,6 +441,31 @@ def test_what_fades_into_a_turned_or_sheared_picture_at_rest_is_a_change_without
     assert PictureChange() in changes[30:]
     assert changes[:30] == [None] * 30
     assert told(calm) == {VerdictKind.OK}
+
+
+@pytest.mark.parametrize("pictures", [3, 8, 18])
+@pytest.mark.parametrize("moved_mm", [4.8, -6.0, 9.0])
+def test_what_fades_into_a_picture_that_was_moved_is_a_change_without_a_name(moved_mm: float, pictures: int) -> None:
+    """The limit of the offset is 4 mm, the picture 32 mm wide; the registration sees nothing of it."""
+    wide, at_rest = speckle((240, 520)), moved_by((0.0, 0.0))
+    before, after = (wide[:, left : left + 320].copy() for left in (100, 100 - round(moved_mm / MM_PER_PX)))
+    shown = [*[before] * 30, *fading(before, after, pictures, 24)]
+    calm = event()
+    changes = [step(calm, k * FRAME_NS, image, k > 0, STILL if k else None, at_rest) for k, image in enumerate(shown)]
+    assert PictureChange() in changes[30:]
+    assert changes[:30] == [None] * 30
+
+
+@pytest.mark.parametrize("mm_per_s", [0.0, 9.4])
+def test_tissue_that_a_breath_moves_under_a_probe_at_rest_is_no_change(mm_per_s: float) -> None:
+    """By 5 mm in half a second, and the registration follows it."""
+    wide, at_rest = speckle((240, 520)), moved_by((0.0, 0.0))
+    starts = [100 - round(mm_per_s * k * FRAME_NS / 1e9 / MM_PER_PX) for k in range(30)]
+    ways = [None, *((np.array([one - other, 0.0]), 0.0) for one, other in pairwise(starts))]
+    calm = event()
+    for k, (left, way) in enumerate(zip(starts, ways, strict=True)):
+        image = wide[:, left : left + 320].copy()
+        assert step(calm, k * FRAME_NS, image, k > 0, way, at_rest) is None
 
 
 @pytest.mark.parametrize(("sheared_deg", "way_mm", "voids"), [(8.0, 4.0, False), (8.0, 0.0, True), (2.0, 0.0, False)])
