@@ -32,7 +32,7 @@ from appliance.core.detectors.picture_link import (
     small,
 )
 from appliance.core.detectors.polarity import MOST_FLIPPED
-from appliance.core.detectors.resting_picture import MOST_LEAP_PX, RestingPicture, turned_or_sheared
+from appliance.core.detectors.resting_picture import RestingPicture, turned_or_sheared
 from appliance.core.detectors.stretch import carried, likeness_in_place, lines_turned
 from appliance.core.motion import out_of_plane_mm, predicted_motion
 from appliance.core.registration.pyramid import Array32, Bits
@@ -73,6 +73,9 @@ often costs 2 ms each."""
 _STILL_MM, _LOST = 0.5, 0.35
 """Way out of the plane up to which the hand is still, and share of parts alike below which a look becomes a search, of
 40 to 80 ms. Not measured on tissue that moves out of the plane."""
+_STEPS = 3
+"""From picture to picture, whose median is the way of the tissue: a single leap of the registration is none of it. More
+lag behind tissue that turns back."""
 _AS_IT_WAS = 0.95
 """Share of parts alike from which a look asks no more: each that does costs 4 ms. Of coarse speckle that was turned by
 5° .79 are. More asks whenever tissue moves a little, less misses small turns."""
@@ -133,7 +136,7 @@ class PictureChain(Detector):
         self._followed = self._searches = self._covered = 0
         self._likenesses: deque[float] = deque(maxlen=_CALM_FRAMES)
         self._earlier: deque[_Earlier] = deque()
-        self._gone_px, self._step_px = np.zeros(2), np.zeros(2)
+        self._gone_px, self._steps_px = np.zeros(2), deque[Array](maxlen=_STEPS)
         self._newest = 1.0
         self._just_changed = False
         self._polarity = (1, 1)
@@ -275,9 +278,8 @@ class PictureChain(Detector):
 
     def _note_way(self, way_px: Array) -> None:
         """The registration leaps to what fades in, the tissue goes on."""
-        leapt = float(np.max(np.abs(way_px - self._step_px))) > MOST_LEAP_PX
-        self._step_px = self._step_px if leapt else way_px
-        self._gone_px = self._gone_px + self._step_px
+        self._steps_px.append(way_px)
+        self._gone_px = self._gone_px + np.median(self._steps_px, axis=0)
 
     def _moved(self, shift_px: Array | None, gone_px: Array) -> PictureChange | None:
         """Without a name, where the picture is elsewhere than its tissue has gone, by more than the limit of the

@@ -48,7 +48,7 @@ _UNLIKE, _MOST_BEYOND = 0.15, 0.025
 """Correlation below which two pictures are different ones, and how far each that lies between them may lie beyond both,
 of their difference squared. Tissue half way between two planes of so little likeness lies .06 and more beyond, by
 Gaussian speckle; the fades of a held probe came to .02. Less misses fades over a hand's tremor, more takes tissue."""
-MOST_LEAP_PX = 1.5
+_MOST_LEAP_PX = 1.5
 """px of the small picture by which the way of the tissue may change from picture to picture: the registration leaps to
 what fades in, the tissue goes on. Not measured."""
 _STRAINED = 0.05
@@ -130,7 +130,7 @@ class RestingPicture:
         self._kept.append(_Kept(view.t_ns, _blurred(view.small), self._path))
 
     def _keep(self, view: View, way: Warp) -> None:
-        leapt = np.max(np.abs(way[0] - self._way[0])) > MOST_LEAP_PX
+        leapt = np.max(np.abs(way[0] - self._way[0])) > _MOST_LEAP_PX
         self._way = self._way if leapt else way
         self._path = compose(self._path, self._way, self._aspect)
         if view.t_ns - self._kept[-1].t_ns >= _KEPT_NS:
