@@ -16,7 +16,7 @@ from appliance.types import AlarmState, Verdict
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from tests.invariant.circumstances import GRADUAL, NO_BLANK, Blank, Circumstances, Manner, Pictures, Poses, Stamps
 from tests.invariant.oracle import GRADUAL_WITHIN_NS, MAX_AGE_NS, NAMED_WITHIN_NS, SHIPPED, TICK_NS, Broken, Oracle
-from tests.invariant.world import NONE, Change, Hand, Scanner, Tracker, blended, reference
+from tests.invariant.world import MOVED, NONE, Change, Hand, Scanner, Tracker, blended, reference
 
 ORIGIN_NS = 10_000_000_000_000
 """Later than any stamp in these tests is early: none is negative."""
@@ -31,6 +31,8 @@ _STATUS = {
 _ONE_IN = {Poses.ONE_IN_TWELVE: 12, Poses.ONE_IN_TWO: 2}
 POSE_MS = 16.666667
 """Of a tracker of 60 Hz."""
+QUICK_FADE_S = 0.3
+"""Up to which a fade into a picture that was moved, turned or sheared is told as soon as one at once."""
 _SLOWER = 20
 """60 Hz ÷ 20 is three poses a second."""
 
@@ -147,6 +149,7 @@ class Cart:
         """The picture becomes another from here on, after so long and the blank; a torn picture is one. The body
         stays.
         """
+        moved = change in MOVED
         change = replace(change, body=self._change.body)
         lasting_ns = {Manner.AT_ONCE: 0, Manner.TORN: self._every_ns["frame"]}.get(manner, round(lasting_s * 1e9))
         self._say(f"the picture, {manner.value}, {lasting_ns / 1e9:g} s, {blank}: {change}")
@@ -155,8 +158,10 @@ class Cart:
         self._transition = _Transition(
             manner, self._change, start_ns, start_ns + lasting_ns + black_ns, (first_ns, first_ns + black_ns)
         )
+        told_at_once = manner is Manner.FADED and lasting_s <= QUICK_FADE_S and moved and not self._change.faults
         self._change = change
-        self.oracle.changed(change, GRADUAL_WITHIN_NS if manner in GRADUAL else NAMED_WITHIN_NS)
+        slow = manner in GRADUAL and not told_at_once
+        self.oracle.changed(change, GRADUAL_WITHIN_NS if slow else NAMED_WITHIN_NS)
 
     def meet(self, **circumstances: object) -> None:
         """These circumstances from here on; what is not named stays."""

@@ -6,7 +6,7 @@ from tests.invariant.cart import Cart
 from tests.invariant.circumstances import GRADUAL, Manner
 from tests.invariant.oracle import GRADUAL_WITHIN_NS
 from tests.invariant.scenarios import verified_cart
-from tests.invariant.world import ANOTHER_ASPECT, CORNERED, FLIPPED, NONE, SHIFTED, ZOOMED, Change
+from tests.invariant.world import ANOTHER_ASPECT, CORNERED, FLIPPED, NONE, SHEARED, SHIFTED, TURNED, ZOOMED, Change
 
 LONG_S = 12.0
 AT_ONCE_S, STAYS_S = 0.3, 5.0
@@ -34,6 +34,9 @@ def open_within(change: Change, manner: Manner, over_s: float, within_s: float) 
     ("change", "manner", "over_s"),
     [
         (SHIFTED, Manner.FADED, 0.3),
+        (SHIFTED, Manner.FADED, 0.1),
+        (TURNED, Manner.FADED, 0.3),
+        (SHEARED, Manner.FADED, 0.1),
         (CORNERED, Manner.FADED, 0.8),
         (FLIPPED, Manner.FADED, 1.2),
         (ZOOMED, Manner.FADED, 3.0),

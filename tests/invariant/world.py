@@ -157,6 +157,8 @@ BREAKS = (
     *(TURNED, SHEARED, CROPPED),
 )
 """What people do to a picture, or a grabber."""
+MOVED = (SHIFTED, TURNED, SHEARED)
+"""Pictures as large as before, whose tissue lies elsewhere."""
 CHANGES = (BENT_AND_SLID, BENT, SLID, ELSEWHERE, FLIPPED, UPSIDE_DOWN, MAGNIFIED, SHRUNK, SLIGHTLY_MAGNIFIED)
 
 
