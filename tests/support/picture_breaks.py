@@ -13,18 +13,21 @@ from drivers.twins.faults import blank_image
 @dataclass(frozen=True)
 class Other:
     """zoom: across and down. about: share of width and height that stays. moved: share of the width. gain: of the
-    greys."""
+    greys. turned_deg: of the picture, or of its lines down alone where it is sheared."""
 
     zoom: tuple[float, float] = (1.0, 1.0)
     about: tuple[float, float] = (0.5, 0.0)
     mirrored: tuple[bool, bool] = (False, False)
     moved: float = 0.0
     gain: float = 1.0
+    turned_deg: float = 0.0
+    sheared: bool = False
 
     def of(self, image: GreyImage, share: float = 1.0) -> GreyImage:
         """(h, w) uint8; share: how much of zoom and move is done."""
         height, width = image.shape
-        M = np.diag(np.array(self.zoom) ** share)
+        slope = float(np.tan(np.deg2rad(share * self.turned_deg)))
+        M = np.diag(np.array(self.zoom) ** share) @ [[1.0, -slope], [0.0 if self.sheared else slope, 1.0]]
         place = np.array(self.about) * [width - 1, height - 1]
         warp = np.column_stack([M, place - M @ place + [share * self.moved * width, 0.0]])
         seen = cv2.warpAffine(image, warp, (width, height))
@@ -52,6 +55,11 @@ def torn(other: Other, pictures: list[GreyImage], k: int, first: int, last: int)
 
 def animated(other: Other, pictures: list[GreyImage], k: int, first: int, last: int) -> GreyImage:
     return other.of(pictures[k], (k - first + 1) / (last - first + 1))
+
+
+def faded(other: Other, pictures: list[GreyImage], k: int, first: int, last: int) -> GreyImage:
+    share = (k - first + 1) / (last - first + 1)
+    return np.asarray(cv2.addWeighted(pictures[k], 1 - share, other.of(pictures[k]), share, 0), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -86,5 +94,8 @@ BREAKS: Mapping[str, Break] = {
     ".4 s of black, then deeper": Break(Other((0.7, 0.7)), black, 12),
     ".2 s of black, then magnified by 8.7 %": Break(Other((1.087, 1.087), (0.5, 0.5)), black, 6),
     ".2 s of black, then moved on the screen": Break(Other(moved=0.15), black, 6),
+    "turned by 8° in a fade of .27 s": Break(Other(about=(0.5, 0.5), turned_deg=8.0), faded, 8),
+    "sheared by 14° in a fade of .1 s": Break(Other(about=(0.5, 0.5), turned_deg=14.0, sheared=True), faded, 3),
+    "moved on the screen in a fade of .1 s": Break(Other(moved=0.15), faded, 3),
     ".1 s of black, then upside down": Break(Other(mirrored=(False, True)), black, 3),
 }

@@ -271,7 +271,7 @@ class PictureChain(Detector):
             turned_rad = lines_turned_by(placed, view.small, self._aspect, far=lost)
             change = turned_or_sheared(turned_rad, self._rotation_limit_rad, self._reference, before, view)
         if change is None:
-            change = self._moved(shift_of(before.small, view.small, placed), self._gone_px - earlier.gone_px)
+            change = self._moved(before, view, self._gone_px - earlier.gone_px)
         if change is not None:
             self._magnification.restart()
         return change
@@ -281,10 +281,12 @@ class PictureChain(Detector):
         self._steps_px.append(way_px)
         self._gone_px = self._gone_px + np.median(self._steps_px, axis=0)
 
-    def _moved(self, shift_px: Array | None, gone_px: Array) -> PictureChange | None:
+    def _moved(self, before: View, view: View, gone_px: Array) -> PictureChange | None:
         """Without a name, where the picture is elsewhere than its tissue has gone, by more than the limit of the
         offset.
         """
+        expected = carried(before.small, (gone_px, 0.0), self._aspect)
+        shift_px = shift_of(before.small, view.small, expected)
         if shift_px is None:
             return None
         beside_mm = np.abs(shift_px - gone_px) / self._px_per_mm
