@@ -164,7 +164,6 @@ class PictureChain(Detector):
         if own is not None and self._goes_on(own, view, last):
             self._go_on(view, last, own)
             way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
-            self._note_way(way[0])
             change = self._magnification.crept() or self._dissolved(view) or self._resting.step(view, way)
             if change is not None:
                 self._take(change, view)
@@ -226,6 +225,7 @@ class PictureChain(Detector):
             way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
             pressed = pressed_between(self._reference, last, view)
             self._magnification.step(view.t_ns, view.small, way, pressed)
+            self._note_way(way[0])
         self._last, self._covered_ns = view, None
         self.linked = self._direct = True
         self._followed += 1
@@ -363,6 +363,8 @@ class PictureChain(Detector):
             self._go_on(view, last, own)
         elif there and link.covered:
             self.linked, self._covered_ns = True, view.t_ns
+        if own is None and self._last is view:
+            self._gone_px = self._gone_px + link.moved_px
 
     def _turned_rad(self, placed: Array32, view: View) -> float | None:
         """By how much it was turned or sheared, as steered beams do it; None where too little of it is found again.

@@ -471,6 +471,18 @@ def test_tissue_that_a_breath_moves_under_a_probe_at_rest_is_no_change(swept_px:
         assert step(calm, k * FRAME_NS, wide[:, left : left + 320].copy(), k > 0, way, place) is None
 
 
+def test_the_way_of_a_hand_across_blank_pictures_is_no_change() -> None:
+    """20 mm/s in the plane, and a fifth of a second of black."""
+    wide, calm, way = speckle((240, 800)), event(), (np.array([7.0, 0.0]), 0.0)
+    for k in range(40):
+        black = 20 <= k < 26
+        left, place = 400 - 7 * k, moved_by((7 * k * MM_PER_PX, 0.0))
+        image = BLACK if black else wide[:, left : left + 320].copy()
+        followed = k > 0 and not 20 <= k <= 26
+        assert step(calm, k * FRAME_NS, image, followed, way if followed else None, place) is None
+        assert calm.linked is not black
+
+
 @pytest.mark.parametrize(("sheared_deg", "way_mm", "voids"), [(8.0, 4.0, False), (8.0, 0.0, True), (2.0, 0.0, False)])
 def test_tissue_that_a_face_drags_along_is_sheared_by_no_change(sheared_deg: float, way_mm: float, voids: bool) -> None:
     """Its lines down are slanted by the way of the face; the picture is 24 mm high."""
