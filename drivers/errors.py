@@ -57,6 +57,11 @@ class ProtocolError(ProbewatchError):
     exit_code = 76
 
 
+def cannot_listen(error: object, where: str, remedy: str) -> ConfigurationError:
+    """Of a server whose address is taken, not this computer's, or none at all."""
+    return ConfigurationError(f"cannot listen there ({system_words(error)})", where, remedy)
+
+
 def system_words(error: object) -> str:
     """The system's message for an error, without its number. Errors of name resolution have negative numbers, which
     os.strerror does not know; they carry their own message.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from typing import Generic, Protocol, TypeVar
 
-from drivers.errors import ConfigurationError, ProtocolError
+from drivers.errors import ProtocolError, cannot_listen
 
 _ABORT = struct.pack("ii", 1, 0)
 """SO_LINGER: closing sends RST and not FIN, as a server does that dies."""
@@ -44,10 +44,8 @@ class TcpServer(Generic[C]):
             return
         try:
             self._listener = socket.create_server(self.address)
-        except OSError as error:
-            what = f"cannot listen ({(error.strerror or str(error)).lower()})"
-            where = f"{self.address[0]}:{self.address[1]}"
-            raise ConfigurationError(what, where, "Choose another port, or 0 for any") from None
+        except (OSError, OverflowError, UnicodeError) as error:
+            raise cannot_listen(error, "{}:{}".format(*self.address), "Choose another port, or 0 for any") from None
         self._listener.setblocking(False)
         self.address = self._listener.getsockname()[:2]
 

@@ -9,7 +9,7 @@ from typing import Any
 import click
 from rich.console import Console
 
-from appliance.configuration.config import load_config
+from appliance.configuration.config import Config, load_config
 from appliance.core.quality.calibration_difference import Difference, difference
 from appliance.limits import Limits
 from appliance.service.control.client import ControlClient
@@ -30,7 +30,7 @@ from drivers.errors import ConfigurationError, DeviceLost
 from drivers.files.atomic_file import check_new, writing
 from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_of, json_option
-from tools.shared.named_cart import NAMED, control_option, folder_option, socket_option
+from tools.shared.named_cart import CONFIG, NAMED, control_option, folder_option, socket_option
 from tools.shared.recovered import recovered
 from tools.shared.sign_off import remarks_on
 from tools.shared.tables import FittingTable
@@ -117,10 +117,23 @@ def _show_paperwork(folder: Path, entry: Entry) -> None:
         click.secho(f"{'!':<14}{remark}", fg="yellow")
 
 
-def _due_days() -> int | None:
-    """Of the cart's configuration, where one is named."""
+def _cart() -> Config | None:
+    """The configuration of the cart that is meant; None where none is named and this computer has none to read.
+
+    Raises ConfigurationError for one that was named.
+    """
     named = click.get_current_context().meta.get(NAMED)
-    return None if named is None else load_config(named).calibration.due_days
+    try:
+        return load_config(named or CONFIG)
+    except ConfigurationError:
+        if named is not None:
+            raise
+        return None
+
+
+def _due_days() -> int | None:
+    cart = _cart()
+    return None if cart is None else cart.calibration.due_days
 
 
 @command.command(short_help="how two references or files differ")
@@ -129,13 +142,20 @@ def _due_days() -> int | None:
 @folder_option
 @json_option
 def diff(before: str, after: str, folder: Path, as_json: bool) -> None:
-    """How AFTER differs from BEFORE; each is the number of a reference, or a file."""
+    """How AFTER differs from BEFORE; each is the number of a reference, or a file.
+
+    Where the cart's limits make a person accept the difference, that is told; in JSON as beyond_limits.
+    """
     first, second = _pair(before, after, folder)
-    change = difference(first, second)
+    change, cart = difference(first, second), _cart()
+    is_beyond = change.beyond(Limits() if cart is None else cart.limits)
     if as_json:
-        click.echo(json_of({**change.fields(), "text": change.text}))
-    else:
-        _print(change)
+        click.echo(json_of({**change.fields(), "beyond_limits": is_beyond, "text": change.text}))
+        return
+    _print(change)
+    if is_beyond:
+        whose = "that probewatch ships with; --config names a cart's" if cart is None else "of the cart"
+        click.echo(f"beyond the limits of the checks {whose}: a service takes it only when a person accepts it")
 
 
 @command.command(short_help="give a file to the service as its reference")
@@ -374,5 +394,3 @@ def _print(change: Difference) -> None:
     ]
     for name, text in rows:
         click.echo(f"{name:<14}{text}")
-    if change.beyond(Limits()):
-        click.echo("beyond the default limits of the checks: a service takes it only when a person accepts it")

@@ -16,6 +16,7 @@ from drivers.registry import check_options
 from tools.shared.limits_in_force import remarks as remarks_on_limits
 from tools.shared.limits_in_force import rows as limit_rows
 from tools.shared.named_cart import file_argument
+from tools.shared.unit_sight import unseen_mistakes
 
 _ANY_SIZE_PX = (640, 480)
 """Stands for the size of pictures that are not there; no other finding depends on it."""
@@ -69,7 +70,7 @@ def mistakes_in(text: str, file: Path) -> list[str]:
         config = config_of(text, file)
     except ConfigurationError as error:
         return rows(error)
-    return [*_options(config, file), *calibration_mistakes(config.calibration)]
+    return [*_options(config, file), *unseen_mistakes(config, file), *calibration_mistakes(config.calibration)]
 
 
 def rows(error: ConfigurationError) -> list[str]:

@@ -28,6 +28,7 @@ from tools.shared.driver_text import examples, real_drivers
 from tools.shared.interruption import stopped_saying
 from tools.shared.limits_in_force import remarks as remarks_on_limits
 from tools.shared.named_cart import file_argument
+from tools.shared.unit_sight import is_of_the_unit, unseen
 
 _TRIAL_S = 2.0
 """For which a device is tried: forty pictures of a slow scanner, and a person does not wait long. Not varied."""
@@ -64,16 +65,21 @@ refused, or cannot be written. 130: declined.
 
 
 class _Person:
-    """Who answers. is_there: whether anybody can be asked."""
+    """Who answers. is_there: whether anybody can be asked. sees_less: the service sees less of the files than they."""
 
-    def __init__(self) -> None:
+    def __init__(self, sees_less: bool = False) -> None:
         self.is_there = sys.stdin.isatty()
+        self.sees_less = sees_less
 
     def ask(self, question: str, default: str, option: str) -> str:
         """Raises ConfigurationError where nobody can be asked."""
         if not self.is_there:
             raise ConfigurationError("nobody can be asked", question, f"Give {option}")
         return str(click.prompt(question, default=default or None, show_default=bool(default))).strip()
+
+    def misplaced(self, file: Path) -> str:
+        """Why the service cannot see a file that they name; empty where it can."""
+        return unseen(file) if self.sees_less else ""
 
     def agrees(self, question: str, default: bool, option: str) -> bool:
         """Raises ConfigurationError where nobody can be asked."""
@@ -113,7 +119,7 @@ def command(
 ) -> None:
     if without and calibration is not None:
         raise click.UsageError("--calibration names one; leave --no-calibration out")
-    person = _Person()
+    person = _Person(is_of_the_unit(file))
     _refuse_unwritable(file)
     before = configuration_text(file) if file.exists() else None
     base = template() if fresh or before is None else before
@@ -122,7 +128,7 @@ def command(
     try_it = None if untried else _try
     place = _calibration_place(known, probe)
     if calibration is not None and calibration != "none":
-        _refuse_calibration(place, _whole(calibration))
+        _refuse_calibration(place, _whole(calibration), person)
     with stopped_saying("nothing was written"):
         answers: dict[Place, Value] = {("configured",): True}
         seen = _Device("video", video, old.video.url if old else "", try_it)
@@ -241,7 +247,11 @@ class _Device:
     def _with_file(self, url: str, row: Option, person: _Person) -> str:
         """Asked for until the driver can read it; the URL as it is for the answer without one."""
         while (typed := person.ask(row.question, row.without, self.option)) != row.without:
-            more = f"{url}{'&' if '?' in url else '?'}{row.name}={quote(str(_whole(typed)))}"
+            file = _whole(typed)
+            if misplaced := person.misplaced(file):
+                click.echo(f"! {file}: {misplaced}, or '{row.without}'")
+                continue
+            more = f"{url}{'&' if '?' in url else '?'}{row.name}={quote(str(file))}"
             try:
                 check_options(more, self.kind)
             except ConfigurationError as error:
@@ -325,9 +335,16 @@ def _calibration_place(known: Config, probe: str | None) -> CalibrationPlace:
     return known.calibration if probe is None else known.calibration.model_copy(update={"probe": probe})
 
 
-def _refuse_calibration(place: CalibrationPlace, file: Path) -> None:
+def _mistakes_of(file: Path, place: CalibrationPlace, person: _Person) -> list[str]:
+    """Why it cannot be the reference, one a line."""
+    if misplaced := person.misplaced(file):
+        return [f"{file}: {misplaced}"]
+    return calibration_mistakes(place.model_copy(update={"file": file}))
+
+
+def _refuse_calibration(place: CalibrationPlace, file: Path, person: _Person) -> None:
     """Raises ConfigurationError for a file that cannot be the reference, before anything else is asked or tried."""
-    mistakes = calibration_mistakes(place.model_copy(update={"file": file}))
+    mistakes = _mistakes_of(file, place, person)
     for mistake in mistakes:
         click.echo(mistake, err=True)
     if mistakes:
@@ -350,7 +367,7 @@ def _calibration(
     option = "--calibration FILE, or --no-calibration"
     while (said := person.ask("calibration", str(before or "none"), option)) != "none":
         file = _whole(said)
-        mistakes = calibration_mistakes(place.model_copy(update={"file": file}))
+        mistakes = _mistakes_of(file, place, person)
         if not mistakes:
             return str(file)
         for mistake in mistakes:

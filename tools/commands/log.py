@@ -18,6 +18,7 @@ from drivers.files.atomic_file import check_new, writing
 from drivers.printable import LONGEST_TEXT, printable
 from tools.shared.alarm_history import settled_log
 from tools.shared.named_cart import folder_argument
+from tools.shared.profile_text import logged_limits_text
 
 _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
 _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
@@ -168,7 +169,8 @@ def _reloaded(data: Mapping[str, Any]) -> str:
         return _all_of_it(data)
     noise = data.get("noise")
     learned = f" · threshold of a name by {noise.get('file')}" if isinstance(noise, Mapping) else ""
-    return f"{data['file']}, SHA-256 {str(data.get('sha256'))[:12]}{learned}"
+    limits = f" · {told}" if (told := logged_limits_text(data)) else ""
+    return f"{data['file']}, SHA-256 {str(data.get('sha256'))[:12]}{learned}{limits}"
 
 
 def _overdue(data: Mapping[str, Any]) -> str:
@@ -208,6 +210,7 @@ def _started(data: Mapping[str, Any]) -> str:
     parts = [
         f"probewatch {data['software']}" if "software" in data else "",
         f"configuration {str(configuration['sha256'])[:12]}" if "sha256" in configuration else "",
+        logged_limits_text(data),
         _reference(data.get("reference")),
         f"SIMULATED: {', '.join(data['simulated'])}" if data.get("simulated") else "",
         f"found {', '.join(data['found'])}" if data.get("found") else "",

@@ -70,6 +70,8 @@ def command(
       probewatch openigtlink
       probewatch openigtlink --config cart.toml --stream
     """
+    if image == pose:
+        raise click.UsageError(f"--image and --pose are both '{image}': give each a name of its own")
     stop = Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())

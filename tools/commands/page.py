@@ -12,7 +12,7 @@ import uvicorn
 
 from appliance.configuration.config import load_config
 from appliance.service.control.rights import Onlookers
-from drivers.errors import ConfigurationError, system_words
+from drivers.errors import ConfigurationError, cannot_listen
 from tools.page.alarm_log_watch import AlarmLogWatch
 from tools.page.asking import Asking
 from tools.page.connection import Connection
@@ -144,9 +144,7 @@ def _listening(host: str, port: int) -> sockets.socket:
     try:
         return sockets.create_server((host, port), family=sockets.AF_INET6 if ":" in host else sockets.AF_INET)
     except (OSError, OverflowError, UnicodeError) as error:
-        where = f"--listen {host}:{port}"
-        what = f"cannot listen there ({system_words(error)})"
-        raise ConfigurationError(what, where, "Choose another address") from None
+        raise cannot_listen(error, f"--listen {host}:{port}", "Choose another address") from None
 
 
 def _address(listen: str) -> tuple[str, int]:

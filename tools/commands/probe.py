@@ -33,6 +33,8 @@ _POOR_FIT_MM = 0.5
 
 Row = tuple[str, str]
 Open = Callable[[str, HostClock], TrackerSource | VideoSource]
+_HALVES = {"poses": "tracker", "pictures": "video"}
+_OPENS: dict[str, Open] = {"poses": open_tracker, "pictures": open_video}
 
 
 @dataclass
@@ -60,12 +62,13 @@ class Measured:
 
 _HELP = """Connect to the device at URL, measure for some seconds, and say what it is and how well it does.
 
-The last line of each source is one word: good; poor, for what is marked with "!"; or nothing, and why.
+A source that may give both is asked for both, unless --only names one. The last line of each is one word: good; poor, for what is marked with "!"; or nothing, and why.
 
 \b
 Examples:
   probewatch probe v4l2:/dev/video0
   probewatch probe 'ndi:/dev/ttyUSB0?probe=/etc/probewatch/probe.rom'
+  probewatch probe igtl://plus-host:18944?probe=Probe --only poses
   probewatch probe relay:/dev/ttyUSB1 --click     # only while nobody relies on the contact
 
 Exit code 0 when it works, poorly too; else that of the fault: 69 the device is lost, or it or its half of a cart
@@ -80,17 +83,20 @@ URL as in the configuration; options follow a "?", separated by "&":
 @click.command("probe", help=_HELP.format("\n".join(schemes_and_options())))
 @click.argument("url", required=False)
 @click.option("--seconds", type=click.FloatRange(0.5, 3600), default=10.0, help="how long to measure [10]")
+@click.option("--only", type=click.Choice(["poses", "pictures"]), help="of a source of both, what it is to give")
 @click.option("--click", "may_click", is_flag=True, help="let an output close and open its contact once")
-def command(url: str | None, seconds: float, may_click: bool) -> None:
+def command(url: str | None, seconds: float, only: str | None, may_click: bool) -> None:
     if url is None:
         raise click.UsageError(f"Missing argument 'URL', such as {any_url()}. What is connected: probewatch devices")
     kinds = device_kinds(url)
+    if only is not None and _HALVES[only] not in kinds:
+        raise click.UsageError(f"{url} gives no {only}; leave --only out")
     if kinds == ("output",):
         _probe_output(url, may_click, HostClock())
-    elif kinds == ("tracker", "video"):
+    elif kinds == ("tracker", "video") and only is None:
         _probe_cart(url, seconds)
     else:
-        _probe_source(url, open_tracker if kinds == ("tracker",) else open_video, seconds)
+        _probe_source(url, _OPENS[only or ("poses" if kinds == ("tracker",) else "pictures")], seconds)
 
 
 def _probe_output(url: str, may_click: bool, clock: HostClock) -> None:
@@ -120,29 +126,50 @@ def _click(output: AlarmOutput, energised: bool, url: str, clock: HostClock) -> 
 
 
 def _probe_cart(url: str, seconds: float) -> None:
-    """Poses, then pictures, each to its end. Raises what the first that gives nothing ended with; a recording may hold
-    one of them alone.
+    """Poses, then pictures, each to its end. A recording may hold one of them alone.
+
+    Raises DeviceLost where nobody is there, else as the first that gives nothing ended.
     """
     for each in device_kinds(url):
         check_options(url, each)
-    failures: list[ProbewatchError] = []
-    sources: tuple[tuple[str, Open], ...] = (("Poses", open_tracker), ("Pictures", open_video))
-    for kind, open_source in sources:
-        click.echo(f"{kind}")
-        try:
-            _probe_source(url, open_source, seconds)
-        except (RecordingError, DeviceLost, ConfigurationError) as error:
-            failures.append(error)
-            click.echo(f"nothing: {error}")
+    failures: dict[str, ProbewatchError] = {}
+    for half, open_source in _OPENS.items():
+        click.echo(half.capitalize())
+        if (failure := _half_of_cart(url, open_source, seconds)) is not None:
+            failures[half] = failure
+            click.echo(f"nothing: {failure}")
         click.echo()
-    alone_ok = all(isinstance(error, RecordingError) for error in failures) and len(failures) < len(sources)
-    if failures and not alone_ok:
-        raise failures[0]
+    alone_ok = all(isinstance(error, RecordingError) for error in failures.values()) and len(failures) < len(_OPENS)
+    if not failures or alone_ok:
+        return
+    given = [half for half in _OPENS if half not in failures]
+    if given:
+        click.echo(f"If {given[0]} are all that is asked of it: --only {given[0]}")
+    raise next(iter(failures.values()))
+
+
+def _half_of_cart(url: str, open_source: Open, seconds: float) -> ProbewatchError | None:
+    """Why it gives nothing to use. Raises DeviceLost where nobody is there to be asked for the other half either."""
+    clock = HostClock()
+    try:
+        source = open_source(url, clock)
+    except (RecordingError, ConfigurationError) as error:
+        return error
+    try:
+        _tell(source, url, seconds, clock)
+    except (RecordingError, DeviceLost, ConfigurationError) as error:
+        return error
+    return None
 
 
 def _probe_source(url: str, open_source: Open, seconds: float) -> None:
     clock = HostClock()
-    with open_source(url, clock) as source:
+    _tell(open_source(url, clock), url, seconds, clock)
+
+
+def _tell(opened: TrackerSource | VideoSource, url: str, seconds: float, clock: HostClock) -> None:
+    """Measure it, say how well it does, and close it. clock: made before it was opened."""
+    with opened as source:
         click.echo(f"connected in {(clock.now_ns() - clock.origin_ns) / 1e9:.2f} s, measuring for {seconds:g} s")
         measured = measure(source, seconds, clock)
         told = source.describe() if isinstance(source, Identified) else None

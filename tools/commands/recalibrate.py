@@ -37,11 +37,12 @@ from tools.recalibration.terminal import run
 from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
 from tools.shared.interruption import stopped_saying
-from tools.shared.named_cart import config_option
+from tools.shared.named_cart import SOCKET, config_option
 from tools.shared.sign_off import SignOff, user
 from tools.shared.status_watch import StatusWatch
 from tools.shared.tables import FittingTable
 from tools.shared.terminal import progress_bar
+from tools.shared.unit_sight import unseen
 from tools.shared.verification import accepted, await_verification, change_told, recalibrating, refuse_simulated
 
 _LOOK_S = 0.2
@@ -118,7 +119,7 @@ class _Reference:
     help="ζ, all of t_x, or all eight parameters",
 )
 @click.option(
-    "--strike", multiple=True, type=click.IntRange(0), help="view to leave out, by number; repeatable; with all"
+    "--strike", multiple=True, type=click.IntRange(1), help="view to leave out, by number from 1; repeatable; with all"
 )
 @click.option("--review", is_flag=True, help="list every view, not the furthest off alone; with all")
 @click.option("--estimate", type=click.Path(path_type=Path), help="of replay --estimate, to compare with; with all")
@@ -288,7 +289,7 @@ def _live(
     if control is None:
         raise click.UsageError("name the service: --config FILE, or --socket")
     pictures = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
-    place = _live_folder(folder, config)
+    place = _live_folder(folder, config, control)
     with (
         change_told(control),
         StatusWatch(control, _LOOK_S) as watch,
@@ -297,11 +298,13 @@ def _live(
         run(session, begin, signature)
 
 
-def _live_folder(folder: Path | None, config: Config | None) -> Path:
-    """Where the new file is to lie, and the service can read it: it sees nobody's home. Raises ConfigurationError now
-    rather than after the scan.
+def _live_folder(folder: Path | None, config: Config | None, control: Path) -> Path:
+    """Where the new file is to lie, and the service can read it: its unit sees nobody's home. Raises ConfigurationError
+    now rather than after the scan.
     """
     place = folder or (Path() if config is None else config.alarm.folder / _FOLDER)
+    if control == SOCKET and (why := unseen(place)):
+        raise ConfigurationError(why.partition(". ")[0], str(place), "Name another --folder, or leave it out")
     try:
         make_folder(place)
     except OSError as error:

@@ -55,8 +55,8 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
       ssh-keygen -Y verify -f allowed_signers -I CART -n probewatch-report -s FILE.sig < FILE
 
     \b
-    Exit code 0: written. 65: written, but the alarm log is damaged, which stands at the top of the report. 78: a file
-    cannot be used.
+    Exit code 0: written. 65: written, but the alarm log or the store of references is damaged, which stands at the top
+    of the report. 78: a file cannot be used.
     """
     config = load_config(config_file)
     now = datetime.now(UTC)
@@ -71,8 +71,9 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
         _check_key(key)
     reading = settled_log(config.alarm.folder)
     self_tests = read_self_tests(config.alarm.folder / _SELF_TESTS)
-    history = read_history(config.alarm.folder)
+    history, store_fault = _history(config)
     found = summary(wanted, reading, self_tests.kept, now, () if history is None else history.entries)
+    found.store_fault = store_fault
     chosen = _chosen(wanted, found, day is None)
     click.echo(chosen)
     write_period_page(page, cart, found, _dates(config, history), self_tests.faults, chosen)
@@ -83,6 +84,9 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
         click.echo(f"written: {file}{signed}")
     if reading.broken:
         click.secho("the alarm log is damaged, as the top of the report says; see: probewatch log --verify", err=True)
+    if store_fault:
+        click.secho(f"the store of references is damaged, as the top of the report says: {store_fault}", err=True)
+    if reading.broken or store_fault:
         sys.exit(65)
 
 
@@ -102,6 +106,16 @@ def _chosen(wanted: Period, found: Summary, by_itself: bool) -> str:
         since = f"{found.begins:%Y-%m-%d}"
         return f"{chosen}. The alarm log begins after it, on {since}: --of {since} tells of that {wanted.kind}"
     return chosen
+
+
+def _history(config: Config) -> tuple[History | None, str]:
+    """What is known of the references, and why not all of it can be: that is when a report is wanted most."""
+    try:
+        history = read_history(config.alarm.folder)
+        _dates(config, history)
+    except ConfigurationError as error:
+        return None, str(error)
+    return history, ""
 
 
 def _dates(config: Config, history: History | None) -> Dates | None:

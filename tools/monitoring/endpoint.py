@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from prometheus_client import CONTENT_TYPE_LATEST
 
-from drivers.errors import ConfigurationError, system_words
+from drivers.errors import cannot_listen
 from tools.shared.called_host import called, is_address
 
 _MOST = 16
@@ -61,9 +61,7 @@ class Endpoint(ThreadingHTTPServer):
         try:
             super().__init__((host, port), _Handler)
         except (OSError, OverflowError, UnicodeError) as error:
-            where = f"--listen {host}:{port}"
-            what = f"cannot listen there ({system_words(error)})"
-            raise ConfigurationError(what, where, "Choose another address") from None
+            raise cannot_listen(error, f"--listen {host}:{port}", "Choose another address") from None
 
     def __enter__(self) -> Self:
         threading.Thread(target=self.serve_forever, name="metrics", daemon=True).start()

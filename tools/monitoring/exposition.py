@@ -21,6 +21,7 @@ from prometheus_client.core import (
 from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.annunciator import Role
 from appliance.types import PARAMETERS, POINT_LEVELS, State
+from tools.shared.profile_text import profile_text
 
 Status = Mapping[str, Any]
 
@@ -98,6 +99,11 @@ def _observe(metric: HistogramMetricFamily, labels: Sequence[str], delays: Statu
 def _state(status: Status) -> Iterator[Metric]:
     version = {"version": str(status["software"]), "configuration_sha256": str(status["configuration"]["sha256"])}
     yield InfoMetricFamily("probewatch", "Version and configuration in force", value=version)
+    if limits := status.get("limits"):
+        told = {"profile": str(limits["profile"]), "beside": profile_text(limits).partition(", but for ")[2]}
+        yield InfoMetricFamily(
+            "probewatch_limits", "Limits in force, and what is not as their profile has it", value=told
+        )
     yield _gauge("simulated", "1: some source is not a real device", bool(status["simulated"]))
     yield _gauge("uptime_seconds", "Since the start of the service", status["counters"]["uptime_s"])
     states = {state.value: float(state.value == status["state"]) for state in State}

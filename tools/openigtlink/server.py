@@ -10,7 +10,7 @@ from threading import Event
 from types import TracebackType
 from typing import Self
 
-from drivers.errors import ConfigurationError, ProtocolError, system_words
+from drivers.errors import ProtocolError, cannot_listen
 from drivers.openigtlink.message import Header, Message, encode
 from drivers.openigtlink.stream import MessageStream
 from drivers.samples import Frame, Pose
@@ -156,9 +156,8 @@ class StateServer:
         try:
             self._door = socket.create_server(address)
         except (OSError, UnicodeError) as error:
-            what = f"cannot listen ({system_words(error)})"
-            where = f"{address[0]}:{address[1]}"
-            raise ConfigurationError(what, where, "Choose another --port, or end what listens there") from None
+            remedy = "Choose another --port, or end what listens there"
+            raise cannot_listen(error, f"{address[0]}:{address[1]}", remedy) from None
         self._door.setblocking(False)
         self.address: tuple[str, int] = self._door.getsockname()[:2]
 

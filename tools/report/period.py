@@ -10,12 +10,14 @@ from appliance.storage.alarm_chain import Entry, Event, Reading
 from appliance.storage.reference_store import Entry as Reference
 from appliance.supervision.alarms import SIGNALS, Priority
 from appliance.types import State
+from tools.shared.profile_text import logged_limits_text
 
 PERIODS = ("day", "week", "month")
 Shares = defaultdict[str, float]
 """State → seconds."""
 OFF = "off"
 """In place of a state while the service did not run."""
+_TELLS_LIMITS = (Event.STARTED, Event.RELOADED)
 _ALARMS = {state.value for state, signal in SIGNALS.items() if signal.priority in (Priority.HIGH, Priority.MEDIUM)}
 
 
@@ -78,10 +80,12 @@ class Summary:
     """made: when the report was. shares_s: state → seconds. by_day: the same for each day, in order. requests: what was
     asked, how often.
 
+    software, limits: (UTC, what was in force from then on).
+
     in_force: references that were in force at some time of it, by the store, oldest first; a cart's first one comes in
     force without a word in the log. begins: first entry of the log, None without one. damages: of the whole log, in
     words; torn: writes that a power cut tore; chains: how often it was begun again. self_tests: as they were kept,
-    oldest first.
+    oldest first. store_fault: why nothing can be said of the references; empty where it can.
     """
 
     period: Period
@@ -93,6 +97,7 @@ class Summary:
     references: list[Entry] = field(default_factory=list)
     in_force: list[InForce] = field(default_factory=list)
     software: list[tuple[str, str]] = field(default_factory=list)
+    limits: list[tuple[str, str]] = field(default_factory=list)
     starts: int = 0
     begins: datetime | None = None
     damages: list[str] = field(default_factory=list)
@@ -100,6 +105,7 @@ class Summary:
     chains: int = 0
     self_tests: list[dict[str, Any]] = field(default_factory=list)
     simulated: bool = False
+    store_fault: str = ""
 
     @property
     def so_far(self) -> bool:
@@ -146,6 +152,8 @@ def summary(
         at = _time(entry)
         if at < wanted.start and entry.event == Event.STARTED:
             found.software = [(entry.utc, str(entry.data.get("software", "?")))]
+        if at < wanted.start and entry.event in _TELLS_LIMITS:
+            found.limits = [(entry.utc, _limits(entry))]
         elif wanted.start <= at < end:
             _note(found, entry)
     found.in_force = [one for one in _in_force(history) if _overlaps(one, wanted.start, end)]
@@ -223,6 +231,8 @@ def _alarm(begun: datetime, until: datetime, last: Entry, ended: bool) -> Alarm:
 
 def _note(found: Summary, entry: Entry) -> None:
     found.simulated = found.simulated or bool(entry.data.get("simulated"))
+    if entry.event in _TELLS_LIMITS and (not found.limits or found.limits[-1][1] != _limits(entry)):
+        found.limits.append((entry.utc, _limits(entry)))
     if entry.event == Event.REQUEST:
         found.requests[str(entry.data.get("do"))] += 1
     elif entry.event == Event.REFERENCE:
@@ -234,6 +244,11 @@ def _note(found: Summary, entry: Entry) -> None:
             found.software.append((entry.utc, said))
     elif entry.event == Event.CHAIN_BEGUN:
         found.chains += entry.number > 1
+
+
+def _limits(entry: Entry) -> str:
+    """As the entry tells them; those of earlier versions do not."""
+    return logged_limits_text(entry.data) or "limits: not logged by that version"
 
 
 def _time(entry: Entry) -> datetime:

@@ -52,7 +52,7 @@ def write_period_page(
         section("Alarms", _alarms(found)),
         section("Calibrations", _references(found, dates)),
         section("Self-tests", _self_tests(found)),
-        section("Software", _software(found)),
+        section("Software and limits", _software(found)),
         section("The log itself", _log(found)),
         section("Read by", text("Name ____________________  Date ____________  Signature ____________________")),
     ]
@@ -67,6 +67,9 @@ def _warnings(found: Summary, dates: Dates | None, test_faults: Sequence[str]) -
         told.append(text(f"{what}. {_first(found.damages)}. See: probewatch log --verify.", "bad"))
     if found.chains:
         told.append(text(f"The chain of the alarm log was begun again {_times(found.chains)} in this period.", "bad"))
+    if found.store_fault:
+        what = "The store of references is DAMAGED, so what was in force is not known"
+        told.append(text(f"{what}: {found.store_fault}.", "bad"))
     if overdue := "" if dates is None else dates.overdue(found.made):
         told.append(text(f"The check of the calibration in force is OVERDUE: {overdue}.", "bad"))
     if test_faults:
@@ -173,7 +176,8 @@ def _lasted(alarm: Alarm) -> str:
 def _references(found: Summary, dates: Dates | None) -> str:
     due = text(_due(found, dates), "bad" if dates is not None and dates.overdue(found.made) else "note")
     head = ("reference", "in force from, UTC", "until, UTC", "verified by motion", "how", "file", "SHA-256")
-    held = table(head, map(_in_force, found.in_force)) if found.in_force else text("None was in force.", "bad")
+    none = "Not known, see the top of this report." if found.store_fault else "None was in force."
+    held = table(head, map(_in_force, found.in_force)) if found.in_force else text(none, "bad")
     if not found.references:
         return held + text("None came in force in this period, by the log.") + due
     rows = []
@@ -194,6 +198,8 @@ def _references(found: Summary, dates: Dates | None) -> str:
 
 def _due(found: Summary, dates: Dates | None) -> str:
     """Of the calibration that is in force when the report is made."""
+    if found.store_fault:
+        return "When the calibration is to be checked again is not known."
     if dates is None:
         return "No calibration is in force, so none is to be checked."
     if overdue := dates.overdue(found.made):
@@ -225,7 +231,9 @@ def _self_tests(found: Summary) -> str:
 def _software(found: Summary) -> str:
     rows = [(_utc_minute(utc), said) for utc, said in found.software] or [("–", "the service was not started")]
     started = f"Started {_times(found.starts)}." if found.starts else "Not started in this period."
-    return table(("from, UTC", "version"), rows) + text(started)
+    limits = [(_utc_minute(utc), said.removeprefix("limits: ")) for utc, said in found.limits]
+    held = table(("from, UTC", "limits of an OK"), limits) if limits else ""
+    return table(("from, UTC", "version"), rows) + held + text(started)
 
 
 def _log(found: Summary) -> str:

@@ -100,7 +100,10 @@ def comparison_table(lines: Sequence[Mapping[str, Any]]) -> FittingTable:
 
 
 def view_table(state: Running, views_px: Vector, all_of_them: bool) -> FittingTable:
-    """The views by index, the furthest off first where only some are shown. views_px: (N, 2)."""
+    """The views by number, from 1 as in the live review, the furthest off first where only some are shown.
+
+    views_px: (N, 2).
+    """
     length = np.linalg.norm(state.cloud_mm, axis=1)
     order = list(range(state.views))
     if not all_of_them:
@@ -109,5 +112,5 @@ def view_table(state: Running, views_px: Vector, all_of_them: bool) -> FittingTa
     for index in order:
         status = "struck out" if index in state.struck else "rejected" if index in state.rejected else ""
         off = "" if np.isnan(length[index]) else f"{length[index]:.2f}"
-        rows.append((str(index), f"{views_px[index, 0]:.1f}", f"{views_px[index, 1]:.1f}", off, status))
+        rows.append((str(index + 1), f"{views_px[index, 0]:.1f}", f"{views_px[index, 1]:.1f}", off, status))
     return FittingTable(("view", "column px", "row px", "off mm", ""), rows)

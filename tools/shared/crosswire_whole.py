@@ -109,16 +109,16 @@ def _solved(
         running = RunningCalibration(scan_input.size_px, before, demand)
     else:
         running = RunningCalibration(scan_input.size_px, before, demand, _STATED_LATENCY_S)
-    for number, view in enumerate(scan.views):
+    for number, view in enumerate(scan.views, 1):
         try:
             running.add(view)
         except ValueError as error:
             remedy = "See that the recording holds rigid poses in mm"
             raise ScanRefused(str(error), f"cross-wire scan, view {number}", remedy) from None
-    for index in options.strike:
-        if index >= len(scan.views):
-            raise click.UsageError(f"--strike {index}: the scan has views 0 to {len(scan.views) - 1}")
-        running.strike(index)
+    for number in options.strike:
+        if number > len(scan.views):
+            raise click.UsageError(f"--strike {number}: the scan has views 1 to {len(scan.views)}")
+        running.strike(number - 1)
     return running.state(scan.misses_mm), running
 
 

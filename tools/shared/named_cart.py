@@ -14,7 +14,7 @@ from drivers.files.markup import toml_of
 from drivers.files.regular_file import read_bounded
 
 CONFIG = Path("/etc/probewatch/probewatch.toml")
-_SOCKET, _LOG = Path("/run/probewatch/control"), Path("/var/lib/probewatch")
+SOCKET, _LOG = Path("/run/probewatch/control"), Path("/var/lib/probewatch")
 ENVIRONMENT = "PROBEWATCH_CONFIG"
 NAMED = "probewatch.named_cart"
 """Key of the context's meta under which the named configuration lies, None where none was named."""
@@ -51,7 +51,7 @@ def control_option(command: _Command) -> _Command:
         "--socket",
         "control_socket",
         type=click.Path(path_type=Path),
-        callback=_derived("control", "socket", _SOCKET),
+        callback=_derived("control", "socket", SOCKET),
         help="control socket of the service [of its configuration]",
     )
     return option(command)

@@ -16,6 +16,13 @@ def profile_text(limits: Mapping[str, Any] | None, language: str = "en") -> str:
     return translated(WORDS["limits but" if beside else "limits"], language).format(profile=profile, beside=beside)
 
 
+def logged_limits_text(data: Mapping[str, Any]) -> str:
+    """Of an entry of the alarm log; empty where it is of a version that tells none, or tells them otherwise."""
+    limits = data.get("limits")
+    told = isinstance(limits, Mapping) and "profile" in limits and isinstance(limits.get("beside"), Mapping)
+    return profile_text(limits) if told else ""
+
+
 def is_usual(limits: Mapping[str, Any] | None) -> bool:
     """Whether they are those that probewatch ships with, which need no line of their own."""
     return limits is None or (limits["profile"] == "coarse" and not limits["beside"])

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from appliance.configuration.config import Config, load_config
+from appliance.core.quality.check_fields import limits_fields
 from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.event_log import EventLog
 from appliance.service.control.references import References
@@ -63,7 +64,8 @@ class LiveConfiguration:
             self._supervisor.doubt()  # what has expired does not count again
         if self.config != before:
             told = configuration_fields(self.config, self.file)
-            self._events.note(Event.RELOADED, **told, noise=noise_fields(self.config))
+            rest = {"noise": noise_fields(self.config), "limits": limits_fields(self.config.limits)}
+            self._events.note(Event.RELOADED, **told, **rest)
         self._log.info("configuration reloaded", file=str(self.file))
 
 

@@ -12,6 +12,7 @@ from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.hold import Hold, hold_s_of
 from appliance.service.control.recalibration import Recalibration, Wanted
 from appliance.service.control.server import ControlRefused, Peer, Reply
+from appliance.service.host.request_line import unknown_fields
 from appliance.storage.alarm_chain import Event
 from appliance.supervision.annunciator import Annunciator
 from appliance.supervision.audio import LONGEST_PAUSE_NS
@@ -23,6 +24,15 @@ _ALWAYS = ("acknowledge", "audio-on")
 """Granted however much this user has asked for: both can change something only after something else has."""
 
 Body = Mapping[str, Any]
+
+_CALIBRATION = ("file", "number", "confirm")
+_FIELDS: Mapping[str, tuple[str, ...]] = {
+    "pause-audio": ("seconds",),
+    "propose-calibration": _CALIBRATION,
+    "begin-recalibration": ("hold_s",),
+    "end-recalibration": _CALIBRATION,
+}
+"""What each request reads; `reason`, which is kept in the alarm log, may stand in every one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +87,12 @@ class Requests:
         return tuple(self._table)
 
     def answer(self, do: str, body: Body, who: Peer) -> Reply:
-        """Fields of the reply. who: the asking process, as the kernel knows it."""
+        """Fields of the reply. who: the asking process, as the kernel knows it. `ignored` names what means nothing."""
+        reply = self._answered(do, body, who)
+        ignored = unknown_fields(body, ("reason", *_FIELDS.get(do, ())))
+        return {**reply, "ignored": ignored} if ignored else reply
+
+    def _answered(self, do: str, body: Body, who: Peer) -> Reply:
         self._hands.hold.hear(who, self._hands.now_ns())
         self._peer = who
         if do not in self._table:

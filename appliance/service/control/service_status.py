@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from typing import Any
 
-from appliance.core.quality.check_fields import limits_fields
 from appliance.core.quality.gesture import gestures
 from appliance.core.quality.shown import Shown
 from appliance.service.control.hold import Hold
@@ -75,7 +74,6 @@ class ServiceStatus:
             "language": config.alarm.language,
             "missing": lacking,
             **check_lists(now_ns, seen.verdict, seen.devices, ages_ns, shown_now),
-            "limits": limits_fields(config.limits),
             **point_known(now_ns, seen.alarm, seen.verdict, config.limits, most_ns),
             "proposal": self._proposals.fields(config.alarm.language),
             "audio": audio_fields(now_ns, self._annunciator.sound, testing),

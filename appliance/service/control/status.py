@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Any
 
 from appliance.configuration.config import Config
-from appliance.core.quality.check_fields import check_fields, point_fields, rival_fields
+from appliance.core.quality.check_fields import check_fields, limits_fields, point_fields, rival_fields
 from appliance.core.quality.gesture import Gesture
 from appliance.core.quality.shown import Shown, shown
 from appliance.limits import Limits
@@ -35,6 +35,7 @@ def origin_fields(config: Config, config_file: Path, references: References) -> 
         "software": SOFTWARE,
         "configuration": configuration_fields(config, config_file),
         "noise": noise_fields(config),
+        "limits": limits_fields(config.limits),
         "reference": None if current is None else {**reference_fields(current), **_matrix_of(current)},
         "reference_due_utc": references.dates.due_utc,
         "reference_expires_utc": references.dates.expires_utc,

@@ -111,8 +111,10 @@ def lengths(head: bytes) -> tuple[int, int]:
 HEAD_BYTES = _LENGTHS.size
 
 
-def hello(software: str) -> bytes:
-    return packed({"kind": "hello", "v": VERSION, "software": software})
+def hello(software: str, ignored: tuple[str, ...] = ()) -> bytes:
+    """ignored: fields of the request that mean nothing here."""
+    told = {"ignored": ignored} if ignored else {}
+    return packed({"kind": "hello", "v": VERSION, "software": software, **told})
 
 
 def lost(samples: int) -> bytes:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from appliance.service.feed.message import VERSION
-from appliance.service.host.request_line import request_fields
+from appliance.service.host.request_line import request_fields, unknown_fields
 from drivers.errors import ProtocolError
 from drivers.printable import printable
 
@@ -18,12 +18,13 @@ _MOST_EVERY, _LEAST_PX, _MOST_PX = 1000, 16, 16_384
 @dataclass(frozen=True, slots=True)
 class FeedRequest:
     """pictures: whether frames come at all. every: one of so many of them. most_px: longest side of a picture, which is
-    averaged over whole blocks of pixels to fit; None leaves it as it is.
+    averaged over whole blocks of pixels to fit; None leaves it as it is. ignored: fields that mean nothing here.
     """
 
     pictures: bool = True
     every: int = 1
     most_px: int | None = None
+    ignored: tuple[str, ...] = ()
 
     def line(self) -> bytes:
         """As it is sent."""
@@ -44,7 +45,7 @@ def request_of(line: bytes) -> FeedRequest:
         raise _refused(f"every is a whole number, 1 … {_MOST_EVERY}, not {printable(repr(every))}")
     if most_px is not None and not _whole(most_px, _LEAST_PX, _MOST_PX):
         raise _refused(f"most_px is null or a whole number, {_LEAST_PX} … {_MOST_PX}, not {printable(repr(most_px))}")
-    return FeedRequest(pictures, every, most_px)
+    return FeedRequest(pictures, every, most_px, unknown_fields(asked, ("pictures", "every", "most_px")))
 
 
 def _whole(value: Any, least: int, most: int) -> bool:

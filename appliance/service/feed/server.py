@@ -110,7 +110,7 @@ class FeedServer:
         software: str,
     ) -> None:
         self._listener, self._packets, self._frames, self._wish = listener, packets, frames, wish
-        self._without_pictures, self._hello = without_pictures, message.hello(software)
+        self._without_pictures, self._software = without_pictures, software
         self._clients: list[_Client] = []
         self._pictures: deque[Frame] = deque()
         self._order: Order | None = None
@@ -207,7 +207,7 @@ class FeedServer:
             return
         client.request = request
         self._note()
-        client.put((self._hello,))
+        client.put((message.hello(self._software, request.ignored),))
         self._flush(client)
 
     def _make_room(self, uid: int) -> None:

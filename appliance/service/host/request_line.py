@@ -2,9 +2,13 @@
 
 import json
 from collections.abc import Iterable
+from itertools import islice
 from typing import Any
 
 from drivers.printable import printable
+
+_LONGEST_NAME, _MOST_NAMES = 40, 8
+"""Signs of a field's name in a reply, and names: more is a client that says anything. Not measured."""
 
 
 def request_fields(line: bytes, version: int) -> dict[str, Any]:
@@ -17,8 +21,19 @@ def request_fields(line: bytes, version: int) -> dict[str, Any]:
         raise ValueError(f"a request is a JSON object with v = {version}")
     said = fields["v"]
     if isinstance(said, bool) or said != version:
-        raise ValueError(f"version {version} is spoken here, and the request says v = {printable(repr(said))[:40]}")
+        raise ValueError(
+            f"version {version} is spoken here, and the request says v = {printable(repr(said))[:_LONGEST_NAME]}"
+        )
     return fields
+
+
+def unknown_fields(fields: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
+    """Names of a request's fields that mean nothing to it, as the reply may show them; `v` and `do` always do.
+
+    Within a version fields may be added, so that a newer client is answered; what was misspelt is told to the client.
+    """
+    told = (printable(name)[:_LONGEST_NAME] for name in fields if name not in {"v", "do", *known})
+    return tuple(islice(told, _MOST_NAMES))
 
 
 def _once(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
@@ -26,7 +41,7 @@ def _once(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     fields: dict[str, Any] = {}
     for key, value in pairs:
         if key in fields:
-            raise ValueError(f"the field '{printable(key)[:40]}' is given twice")
+            raise ValueError(f"the field '{printable(key)[:_LONGEST_NAME]}' is given twice")
         fields[key] = value
     return fields
 

@@ -25,6 +25,7 @@ from appliance.storage.calibration_file import image_to_probe, parse_calibration
 from appliance.storage.reference_store import FOLDER, HISTORY, Entry, History, sha256_of, write_history
 from appliance.types import Calibration, Check, VerdictKind
 from drivers.rigid import rotation_from_vector
+from tests.appliance.configuration.test_config import GOOD
 from tests.support.answering import Answering, Answers, recorded
 from tests.support.answers import answered
 from tests.support.stores import PLUS, configuration, kept, log, place, settled, started, written
@@ -156,6 +157,18 @@ def test_two_are_compared_by_number_or_file(said, tmp_path):
     assert "a service takes it only when a person accepts it" in said("diff", 2, far)[1]
     change = json.loads(said("diff", far, 1, "--json")[1])
     assert change["offset_along_mm"] == [0.0, 30.0, 0.0]
+
+
+def test_what_a_person_must_accept_is_by_the_limits_of_the_cart(config, tmp_path, monkeypatch):
+    """1.5 mm: within the shipped 4 mm, beyond the 1 mm of this cart."""
+    numbers = [1, 2, "--folder", config.alarm.folder]
+    assert "beyond" not in answered("calibration", "diff", *numbers).stdout
+    assert not json.loads(answered("calibration", "diff", *numbers, "--json").stdout)["beyond_limits"]
+    cart = tmp_path / "cart.toml"
+    cart.write_text(f"{GOOD}[limits]\noffset_mm = 1.0\n")
+    told = answered("calibration", "diff", *numbers, "--config", cart)
+    assert "beyond the limits of the checks of the cart: a service takes it only when" in told.stdout, told.stderr
+    assert json.loads(answered("calibration", "diff", *numbers, "--config", cart, "--json").stdout)["beyond_limits"]
 
 
 def test_a_device_set_is_compared_for_the_pictures_of_the_other(said, tmp_path):

@@ -9,7 +9,8 @@ from appliance.storage.calibration_file import write_calibration
 from tests.appliance.configuration.test_config import GOOD, written
 from tests.appliance.storage.test_calibration_file import calibration
 from tests.appliance.storage.test_device_set import device_set
-from tools.commands.check import command
+from tools.commands.check import command, mistakes_in
+from tools.shared.named_cart import CONFIG
 
 
 def check(file: Path) -> Result:
@@ -133,3 +134,22 @@ def test_a_calibration_that_is_not_there(tmp_path: Path) -> None:
 def test_the_shipped_templates_have_no_mistake() -> None:
     result = check(Path(__file__).parents[3] / "config" / "probewatch.toml")
     assert (result.exit_code, result.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "hidden"),
+    [
+        ('file = "probe.toml"', 'file = "/home/anna/probe.toml"', "/home"),
+        ("probe=@1", "probe=/root/probe.rom@1", "/root"),
+    ],
+)
+def test_what_the_unit_cannot_see_is_a_mistake_of_its_configuration_alone(good: str, bad: str, hidden: str) -> None:
+    text = GOOD.replace("ndi:/dev/ttyUSB0", "ndi:/dev/ttyUSB0?probe=@1").replace(
+        "sim:/tmp/x/scanner", "v4l2:/dev/video0"
+    )
+    assert good in text
+    said = [line for line in mistakes_in(text.replace(good, bad), CONFIG) if "cannot see it" in line]
+    assert len(said) == 1, text
+    assert f"its unit is shown nothing of {hidden}. Copy it to /etc/probewatch" in said[0]
+    assert not [line for line in mistakes_in(text.replace(good, bad), Path("/srv/cart.toml")) if "cannot see" in line]
+    assert not [line for line in mistakes_in(text, CONFIG) if "cannot see" in line]

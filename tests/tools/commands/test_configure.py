@@ -270,6 +270,30 @@ def test_a_missing_calibration_is_told_at_its_question(tmp_path: Path, capsys: p
     assert _calibration(None, False, None, CalibrationPlace(), Answers("nowhere.toml", "none")) is None
 
 
+def test_files_that_the_unit_cannot_see_are_asked_for_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As of a home; here of /tmp, which is the unit's own as well."""
+    monkeypatch.setattr("tools.shared.unit_sight._HIDDEN", (str(tmp_path / "home"),))
+    (tmp_path / "home").mkdir()
+    seen, hidden = tool_definition(tmp_path / "seen.rom"), tool_definition(tmp_path / "home" / "hidden.rom")
+    (link := tmp_path / "link.rom").symlink_to(hidden)
+    mine = tmp_path / "home" / "probe.toml"
+    write_calibration(mine, calibration(), {})
+    tools = str(hidden), str(link), str(seen), "none"
+    for sees_less, taken in ((True, seen), (False, hidden)):
+        person = Answers(*tools)
+        person.sees_less = sees_less
+        assert split_url(_with_tool("ndi:/dev/ttyUSB0", person))[2]["probe"] == str(taken)
+        if not sees_less:
+            break
+        assert capsys.readouterr().out.count("the service cannot see it: its unit is shown nothing of") == 2
+        person = Answers(str(mine), "none")
+        person.sees_less = True
+        assert _calibration(None, False, None, CalibrationPlace(), person) is None
+        assert "Copy it to /etc/probewatch, and name it there" in capsys.readouterr().out
+
+
 def test_a_missing_calibration_of_an_option_is_told_before_a_device_is_tried(file: Path) -> None:
     result = configured(file, "--video", f"sim:{file.parent}/nobody", "--calibration", "/nowhere.toml")
     assert "--calibration /nowhere.toml" in refusal(result)

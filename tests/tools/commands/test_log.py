@@ -212,7 +212,10 @@ def test_a_reading_beside_the_service_finds_no_damage(tmp_path: Path, monkeypatc
 WRITTEN = {
     Event.CHAIN_BEGUN: ({"found": ["alarms-1.jsonl line 2: it was changed"], "after": "0" * 64}, "because of alarms-1"),
     Event.STOPPED: ({}, "stopped\n"),
-    Event.RELOADED: ({"file": "/etc/p.toml", "sha256": "ab" * 32, "noise": None}, "/etc/p.toml, SHA-256 abababababab"),
+    Event.RELOADED: (
+        {"file": "/etc/p.toml", "sha256": "ab" * 32, "noise": None, "limits": {"profile": "fine", "beside": {}}},
+        "/etc/p.toml, SHA-256 abababababab · limits: fine",
+    ),
     Event.GIVEN_UP: ({"who": "anna", "why": "given up for anna, gone"}, "given up for anna, gone"),
     Event.OVERDUE: ({"overdue": None}, "not overdue any more"),
     Event.OVERLOADED: (

@@ -278,6 +278,25 @@ def test_where_the_name_is_wrong_the_remedy_is_the_name() -> None:
     assert "Have the server send its pictures as IMAGE" in pictures
 
 
+def test_a_server_that_is_not_there_is_told_once() -> None:
+    code, out, err = probed("igtl://127.0.0.1:1", seconds="0.5")
+    assert (code, (out + err).count("127.0.0.1:1")) == (69, 1), out + err
+    assert "Pictures" not in out
+
+
+def test_a_server_of_poses_alone_is_good_where_no_more_is_asked() -> None:
+    with simulated_igtl.bench() as one:
+        url = f"igtl://{one.target}?image=None"
+        code, out, _ = probed(url, seconds="0.6")
+        assert (code, "--only poses" in out) == (69, True), out
+        code, out, err = probed(url, "--only", "poses", seconds="0.6")
+        assert (code, err, out.splitlines()[-1].split()[0]) == (0, "", "good"), out
+        assert "Pictures" not in out
+        assert probed(url, "--only", "pictures", seconds="0.6")[0] == 69
+    code, _, err = probed("v4l2:/dev/video0", "--only", "poses")
+    assert (code, "gives no poses; leave --only out" in err) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("typed", "said"), [((), "igtl://host"), (("v4l2",), "Write v4l2: and then"), (("x:y",), "v4l2:")]
 )

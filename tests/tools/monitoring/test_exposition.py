@@ -35,6 +35,18 @@ def value(found_samples: Samples, name: str, **labels: str) -> float | None:
     return found_samples.get((f"probewatch_{name}", tuple(sorted(labels.items()))))
 
 
+def test_the_limits_in_force_are_named() -> None:
+    status = recorded()
+    assert value(of(status), "limits_info", profile="coarse", beside="point_mm 3") == 1
+    assert (
+        value(of({**status, "limits": {"profile": "fine", "beside": {}}}), "limits_info", profile="fine", beside="")
+        == 1
+    )
+    older = {name: said for name, said in status.items() if name != "limits"}
+    assert not [name for name, _ in of(older) if name == "probewatch_limits_info"]
+    assert value(of(older), "up") == 1
+
+
 def test_a_verified_cart() -> None:
     seen = of(recorded())
     assert value(seen, "up") == 1

@@ -226,13 +226,19 @@ def test_a_service_that_never_was_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("host", ["a..b", "nobody.invalid"])
 def test_a_host_that_is_none_is_refused_in_words(bench: Bench, host: str) -> None:
-    with pytest.raises(ConfigurationError, match=r"cannot listen \((?!unknown error|\[Errno)[a-z]"):
+    with pytest.raises(ConfigurationError, match=r"cannot listen there \((?!unknown error|\[Errno)[a-z]"):
         StateServer((host, 0), bench.watch, EVERY_S, Passage(Path("feed"), print))
 
 
 def test_a_port_in_use_is_refused_by_name(bench: Bench) -> None:
-    with pytest.raises(ConfigurationError, match=r"cannot listen \(address already in use\)"):
+    with pytest.raises(ConfigurationError, match=r"cannot listen there \(address already in use\)"):
         StateServer(bench.server.address, bench.watch, EVERY_S, Passage(Path("feed"), print))
     _, port = bench.server.address
     result = CliRunner().invoke(probewatch, ["openigtlink", "--port", str(port)])
     assert isinstance(result.exception, ConfigurationError)
+
+
+def test_pictures_and_poses_of_one_name_are_refused() -> None:
+    refused = CliRunner().invoke(probewatch, ["openigtlink", "--image", "A", "--pose", "A", "--port", "0"])
+    assert refused.exit_code == 2
+    assert "--image and --pose are both 'A'" in refused.output

@@ -189,6 +189,44 @@ def test_each_calibration_is_told_with_the_time_for_which_it_was_in_force(cart: 
     assert "/etc/probewatch" not in told, "a name tells the file; the path is the cart's own"
 
 
+def test_the_limits_that_an_ok_was_held_to_are_told_with_their_time(tmp_path: Path) -> None:
+    clinical, tighter = {"profile": "clinical", "beside": {}}, {"profile": "clinical", "beside": {"scale_percent": 2.0}}
+    entries = [
+        (-5.0, "started", {"software": "probewatch 1"}),
+        (3.0, "started", {"software": "probewatch 2", "limits": clinical}),
+        (9.0, "started", {"software": "probewatch 2", "limits": clinical}),
+        (20.0, "reloaded", {"file": "/etc/p.toml", "limits": tighter}),
+        (21.0, "reloaded", {"file": "/etc/p.toml", "limits": 7}),
+    ]
+    found = summary(period("month", START), read_log(logged(tmp_path, entries)), [], NOW)
+    assert [said for _, said in found.limits] == [
+        "limits: not logged by that version",
+        "limits: clinical",
+        "limits: clinical, but for scale_percent 2",
+        "limits: not logged by that version",
+    ]
+
+
+@pytest.mark.parametrize("damage", ["history", "content", "missing"])
+def test_a_damaged_store_stands_at_the_top_and_the_report_is_written(cart: Path, damage: str) -> None:
+    entries = (reference(1, "2025-12-24T08:00:00+00:00"),)
+    alarms = cart.parent / "alarms"
+    write_history(alarms, History(entries=entries), {entries[0].sha256: b"1"})
+    history, content = alarms / "references" / "history.json", alarms / "references" / f"{entries[0].sha256}.toml"
+    if damage == "missing":
+        history.unlink()
+    else:
+        hurt = history if damage == "history" else content
+        hurt.write_bytes(hurt.read_bytes() + b" 2")
+    said = made(cart, code=65)
+    assert "store of references is damaged" in said
+    top, rest = body(cart, "2026-01").split("Verification", 1)
+    assert "store of references is DAMAGED" in top
+    assert "Not known, see the top of this report" in rest
+    assert "None was in force" not in rest
+    assert "No calibration is in force" not in rest
+
+
 def test_a_check_that_is_overdue_stands_at_the_top(cart: Path) -> None:
     entries = (reference(1, "2025-12-24T08:00:00+00:00"),)
     write_history(cart.parent / "alarms", History(entries=entries), {entries[0].sha256: b"1"})

@@ -73,10 +73,28 @@ def test_whatever_a_client_gives_as_a_reason_becomes_one_plain_line(reason: obje
 def test_what_was_acknowledged_is_answered_and_noted_and_cannot_be_made_up() -> None:
     desk = Desk()
     answer = desk.requests.answer("acknowledge", {"acknowledged": "nothing"}, ANNA)
-    assert answer == {"acknowledged": "halt: Picture scale has changed"}
+    assert answer["acknowledged"] == "halt: Picture scale has changed"
     assert desk.noted[-1]["acknowledged"] == "halt: Picture scale has changed"
     desk.requests.answer("lamp-test", {"acknowledged": "halt: made up"}, ANNA)
     assert "acknowledged" not in desk.noted[-1]
+
+
+@pytest.mark.parametrize(
+    ("do", "body", "ignored"),
+    [
+        ("pause-audio", {"second": 30}, ("second",)),
+        ("begin-recalibration", {"hold": 5}, ("hold",)),
+        ("end-recalibration", {"file": "/a.toml", "comfirm": "x"}, ("comfirm",)),
+        ("acknowledge", {"reasn": "seen"}, ("reasn",)),
+        ("status", {"file": "/a.toml"}, ("file",)),
+        ("lamp-test", {"reason": "morning"}, None),
+        ("pause-audio", {"seconds": 30, "reason": "scan"}, None),
+        ("propose-calibration", {"number": 2, "confirm": ""}, None),
+    ],
+)
+def test_a_field_that_means_nothing_to_the_request_is_named_in_the_reply(do, body, ignored) -> None:
+    answer = Desk().requests.answer(do, {"v": 1, "do": do, **body}, ANNA)
+    assert answer.get("ignored") == ignored
 
 
 def test_a_viewer_may_ask_for_the_status_and_nothing_else() -> None:

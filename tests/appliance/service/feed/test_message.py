@@ -124,6 +124,18 @@ def test_a_request_comes_back() -> None:
     assert request_of(b'{"v": 1}') == FeedRequest()
 
 
+def test_a_field_that_means_nothing_is_told_in_the_first_word() -> None:
+    asked = request_of(b'{"v": 1, "evry": 3, "pictures": false, "most-px\\u001b": 32}')
+    assert (asked.every, asked.pictures, asked.most_px) == (1, False, None)
+    said = json.loads(message.hello("1", asked.ignored)[HEAD_BYTES:])
+    assert said["ignored"] == ["evry", "most-px\ufffd"]
+    assert "ignored" not in json.loads(
+        message.hello("1", request_of(FeedRequest(False, 3).line()).ignored)[HEAD_BYTES:]
+    )
+    many = json.dumps({"v": 1, **{f"{number}" * 90: 0 for number in range(99)}}).encode()
+    assert len(json.dumps(request_of(many).ignored)) < 400, "a client cannot have itself told any amount"
+
+
 @pytest.mark.parametrize(
     ("line", "says"),
     [

@@ -1,0 +1,45 @@
+"""What the service's unit does not see: its ProtectHome= and PrivateTmp= leave it no home and a /tmp of its own."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from appliance.configuration.config import Config
+from drivers.registry import split_url
+from tools.shared.named_cart import CONFIG
+
+_HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
+_REMEDY = "Copy it to /etc/probewatch, and name it there"
+
+
+def unseen(file: Path) -> str:
+    """Why the unit cannot see that file, and what to do; empty where it can."""
+    places = (file.absolute(), file.resolve())
+    for place in _HIDDEN:
+        if any(one.is_relative_to(place) for one in places):
+            return f"the service cannot see it: its unit is shown nothing of {place}. {_REMEDY}"
+    return ""
+
+
+def is_of_the_unit(configuration: Path) -> bool:
+    """Whether the unit takes it; any other is of a service that a person starts, who sees what they see."""
+    return configuration.absolute() == CONFIG
+
+
+def unseen_mistakes(config: Config, file: Path) -> Iterator[str]:
+    """Of what a configuration names, one a line. file: where it lies, or is to lie."""
+    if not is_of_the_unit(file):
+        return
+    named = [("[calibration] file", config.calibration.file), ("[noise] file", config.noise.file)]
+    urls = [("[video] url", config.video.url), ("[tracker] url", config.tracker.url)]
+    urls += [(f"[output] entry {number} url", output.url) for number, output in enumerate(config.output, 1)]
+    named += [(where, path) for where, url in urls for path in _paths(url)]
+    for where, path in named:
+        if path is not None and (why := unseen(path)):
+            yield f"{file}: {where}: {path}: {why}"
+
+
+def _paths(url: str) -> Iterator[Path]:
+    """Whole paths in the target and the options of a URL, such as FILE.rom@PLUG,FILE.rom."""
+    _, target, options = split_url(url)
+    for text in (target, *options.values()):
+        yield from (Path(part.partition("@")[0]) for part in text.split(",") if part.startswith("/"))
