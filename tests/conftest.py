@@ -6,6 +6,8 @@ garbage collector, which would otherwise walk all of it now and then, 0.3 s in t
 
 import gc
 import os
+import signal
+from collections.abc import Generator
 
 import pytest
 from hypothesis import settings
@@ -24,6 +26,19 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(skips, "tests.rules.skips")
     config.pluginmanager.register(third, "tests.rules.third")
     config.pluginmanager.register(quick, "tests.rules.quick")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Generator[None]:
+    """A command that runs in the test's own process, and takes Ctrl-C for itself, would keep it from the tests after
+    it: whether they passed depended on which came before.
+    """
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        return (yield)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def pytest_collection_finish() -> None:
