@@ -21,10 +21,14 @@ class ProbewatchError(Exception):
         self.what, self.where, self.remedy = (printable(text, LONGEST_TEXT) for text in (what, where, remedy))
         super().__init__(self.what, self.where, self.remedy)
 
+    @property
+    def advice(self) -> str:
+        """What is wrong and what to do, for a place that the reader knows."""
+        stop = "" if self.what.endswith("?") else "."
+        return f"{self.what}{stop} {self.remedy}" if self.remedy else self.what
+
     def __str__(self) -> str:
-        place = f"{self.where}: " if self.where else ""
-        advice = f". {self.remedy}" if self.remedy else ""
-        return f"{place}{self.what}{advice}"
+        return f"{self.where}: {self.advice}" if self.where else self.advice
 
 
 class ConfigurationError(ProbewatchError):

@@ -40,7 +40,7 @@ def _url(kind: str) -> AfterValidator:
         try:
             return checked_url(url, kind)
         except ConfigurationError as error:
-            raise _refused(f"{error.what}. {error.remedy}") from None
+            raise _refused(error.advice) from None
 
     return AfterValidator(check)
 

@@ -27,6 +27,7 @@ from drivers.samples import Matrix4
 
 FORMAT = "probewatch-calibration"
 VERSION = 1
+_OTHERS = (".xml", ".tfm", ".h5")
 TOML_BEGINS = "# Spatial calibration of a tracked ultrasound probe"
 """The first words of each file of ours."""
 
@@ -138,6 +139,15 @@ def calibration_bytes(path: Path) -> bytes:
     except OSError as error:
         what = f"cannot be read: {error.strerror}"
         raise ConfigurationError(what, str(path), f"Check name and permissions. {_GIVE}") from error
+
+
+def check_own_name(path: Path | None) -> None:
+    """Raises ConfigurationError for the name of another program's file: what is written is TOML, which PLUS and 3D
+    Slicer do not read, whatever it is called. None is no file.
+    """
+    if path is not None and path.suffix.lower() in _OTHERS:
+        remedy = "Name a .toml; then, for PLUS or 3D Slicer: probewatch calibration export"
+        raise ConfigurationError(f"a calibration file of ours is TOML, not {path.suffix}", str(path), remedy)
 
 
 def write_calibration(path: Path, calibration: Calibration, provenance: Mapping[str, str]) -> None:

@@ -167,6 +167,8 @@ NO_CALIBRATION = "Scan it: 'recalibrate --live --solve all'; or 'calibration use
 EXPIRED_CALIBRATION = "Calibration has expired: 'probewatch recalibrate --live'"
 """What to do where no motion can verify anything."""
 
+NOT_NOW = "not possible while"
+"""Before the state in which what was asked is not granted."""
 ACKNOWLEDGED = "acknowledged, waiting until the calibration is verified again"
 
 

@@ -21,7 +21,7 @@ from enum import Enum
 
 import statemachine
 
-from appliance.supervision.alarms import ACKNOWLEDGED, DISTURBED, HAZARDS, OUTDATED, operator_text
+from appliance.supervision.alarms import ACKNOWLEDGED, DISTURBED, HAZARDS, NOT_NOW, OUTDATED, operator_text
 from appliance.supervision.condition import Condition
 from appliance.supervision.ledger import Ledger
 from appliance.supervision.policy import Durations
@@ -192,7 +192,7 @@ class Supervisor:
             return ""
         if request is Request.ACKNOWLEDGE and self.state in LATCHED:
             return ACKNOWLEDGED
-        return f"not possible while {self.state.value}"
+        return f"{NOT_NOW} {self.state.value}"
 
     def _come_back(self, now_ns: int) -> None:
         self._ledger.now_ns = now_ns

@@ -5,6 +5,8 @@ from pathlib import Path
 import click
 
 from appliance.service.control.client import ControlClient
+from appliance.service.control.server import ControlRefused
+from appliance.supervision.alarms import NOT_NOW
 from tools.shared.named_cart import socket_option
 
 
@@ -29,10 +31,20 @@ def command(control_socket: Path, bump: bool) -> None:
             client.clear_bump()
             click.echo("the tracker's position sensor counts as checked")
             return
-        click.echo(f"acknowledged · {client.acknowledge()}")
+        click.echo(f"acknowledged · {_acknowledged(client)}")
         status = client.status()
         click.echo(f"now · {status['state']}: {status['reason']}")
         if status["latched"] is not None and not status["acknowledged"]:
             click.echo("that is another alarm, which nobody has acknowledged yet")
         elif status["latched"] is not None:
             click.echo("it ends once the calibration is verified again: move the probe over tissue, or recalibrate")
+
+
+def _acknowledged(client: ControlClient) -> str:
+    """What was. Raises ControlRefused."""
+    try:
+        return client.acknowledge()
+    except ControlRefused as error:
+        if error.what.startswith(NOT_NOW):
+            raise ControlRefused(f"there is nothing to acknowledge: {error.what}") from None
+        raise

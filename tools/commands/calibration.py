@@ -1,6 +1,7 @@
 """`probewatch calibration`: which reference is in force, which were, how they differ, and back to an earlier one."""
 
 import hashlib
+import os
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +17,7 @@ from appliance.service.control.client import ControlClient
 from appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
 from appliance.storage.calibration_file import (
     calibration_bytes,
+    check_own_name,
     is_device_set,
     provenance_of,
     read_calibration,
@@ -232,6 +234,7 @@ def recover(output: Path, control_socket: Path) -> None:
     \b
     Exit code 0: written. 69: no service answers. 78: nothing is proposed that could be written.
     """
+    check_own_name(output)
     check_new(output)
     with ControlClient(control_socket) as client:
         status = client.status()
@@ -263,6 +266,7 @@ def import_file(file: Path, output: Path, image_size: tuple[int, int] | None, pr
     Example:
       probewatch calibration import probe.tfm --image-size 640 480 --output probe.toml
     """
+    check_own_name(output)
     check_new(output)
     content = calibration_bytes(file)
     clip = clip_px(content)
@@ -299,6 +303,8 @@ def reset(folder: Path, control_socket: Path, yes: bool) -> None:
 
 
 def _change(wanted: Path | int, socket: Path, yes: bool, wait_s: float) -> None:
+    if isinstance(wanted, Path):
+        _refuse_unusable(wanted)
     with change_told(socket):
         with ControlClient(socket) as client:
             confirm = accepted(client.propose_calibration(wanted), yes)
@@ -309,6 +315,18 @@ def _change(wanted: Path | int, socket: Path, yes: bool, wait_s: float) -> None:
             click.echo(
                 f"reference {client.status()['reference']['number']} is verified and in force, also after a restart"
             )
+
+
+def _refuse_unusable(file: Path) -> None:
+    """Raises ConfigurationError for what no service could use; what only the service may read is for it to judge."""
+    if file.exists() and not os.access(file, os.R_OK):
+        return
+    if file.name.isdecimal() and not file.exists():
+        remedy = f"To go back to reference {file.name}: probewatch calibration back {file.name}"
+        raise ConfigurationError("is no file", str(file), remedy)
+    content = calibration_bytes(file)
+    if not is_device_set(content):  # which only the pictures of the cart make whole
+        candidate_from_content(content, str(file), None, "Probe")
 
 
 def _refuse_running(socket: Path) -> None:
@@ -323,7 +341,8 @@ def _history(folder: Path) -> History:
     history = read_history(folder)
     if history is None or not history.entries:
         what = "no reference was kept here yet"
-        raise ConfigurationError(what, str(folder), "Name --folder, [alarm] folder of the service's configuration")
+        remedy = "A new cart has none before its first scan: probewatch recalibrate --live --solve all; of another cart"
+        raise ConfigurationError(what, str(folder), f"{remedy} name --config, or --folder")
     return history
 
 

@@ -86,7 +86,7 @@ def _options(config: Config, file: Path) -> Iterator[str]:
         try:
             check_options(url, kind)
         except ConfigurationError as error:
-            yield f"{file}: {section} url = '{url}': {error.what}. {error.remedy}"
+            yield f"{file}: {section} url = '{url}': {error.advice}"
 
 
 def calibration_mistakes(place: CalibrationPlace) -> list[str]:

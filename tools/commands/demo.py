@@ -46,7 +46,7 @@ def _fault(text: str) -> tuple[str, float]:
     try:
         refuse_unknown_fault(fault, CART_FAULTS, "")
     except ConfigurationError as error:
-        raise click.BadParameter(f"{error.what}. {error.remedy}") from None
+        raise click.BadParameter(error.advice) from None
     try:
         from_s = float(seconds)
     except ValueError:

@@ -60,7 +60,8 @@ def command(
         raise RecordingError("holds no pictures", str(recording), "Give a recording with its pictures")
     found = _of_tank(session, recording) if calibration is None else _of_tissue(session, calibration, probe, recording)
     sigma_ms = (1e6 * found.sigma_s**2 + _CLOCK_SIGMA_MS**2) ** 0.5
-    click.echo(f"the tracker is late by {1000 * found.value_s:.1f} ± {sigma_ms:.1f} ms")
+    early = "; it is early, or the pictures are late" if found.value_s < 0 else ""
+    click.echo(f"the tracker is late by {1000 * found.value_s:.1f} ± {sigma_ms:.1f} ms{early}")
 
 
 def _of_tank(session: Recording, recording: Path) -> Latency:

@@ -17,6 +17,7 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_new, writing
 from drivers.printable import LONGEST_TEXT, printable
 from tools.shared.alarm_history import settled_log
+from tools.shared.calendar_option import MOMENT
 from tools.shared.named_cart import folder_argument
 from tools.shared.profile_text import logged_limits_text
 
@@ -43,8 +44,8 @@ def _one_of(words: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
 
 @click.command()
 @folder_argument
-@click.option("--since", type=click.DateTime(), help="entries from this time on, UTC")
-@click.option("--until", type=click.DateTime(), help="entries before this time, UTC")
+@click.option("--since", type=MOMENT, help="entries from this time on, UTC")
+@click.option("--until", type=MOMENT, help="entries before this time, UTC")
 @click.option("--state", callback=_one_of(_STATES), help=f"changes to this state only: {', '.join(_STATES)}")
 @click.option("--fault", callback=_one_of(Fault), help="entries that name this fault only, such as polarity")
 @click.option("--event", callback=_one_of(Event), help=f"one kind only: {', '.join(Event)}")

@@ -11,6 +11,7 @@ from tools.openigtlink.asked import USUAL_NAMES, Names
 from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
 from tools.openigtlink.wording import NAMES
+from tools.shared.called_host import endpoint_text
 from tools.shared.named_cart import socket_option
 from tools.shared.status_watch import StatusWatch
 
@@ -80,7 +81,7 @@ def command(
         Passage(feed or control_socket.with_name("feed"), lambda text: click.echo(text, err=True)) as passage,
         StateServer((host, port), watch, every_s, passage, Names(image, pose), stream) as server,
     ):
-        click.echo("listening at {}:{}".format(*server.address))
+        click.echo(f"listening at {endpoint_text(*server.address)}")
         if not _is_loopback(host):
             words = "whoever reaches this address may read the state, as OpenIGTLink knows no password"
             click.echo(f"probewatch: {words}", err=True)

@@ -21,6 +21,7 @@ from tools.page.server import Page, Parts
 from tools.page.token_socket import Door, invitation
 from tools.page.tokens import TOKEN_S, Tokens
 from tools.recalibration.session import ScanSession
+from tools.shared.called_host import endpoint_text
 from tools.shared.named_cart import config_option
 from tools.shared.status_watch import StatusWatch
 
@@ -137,7 +138,7 @@ def _called(host: str, others: tuple[str, ...]) -> frozenset[str]:
 
 
 def _url(host: str, port: int) -> str:
-    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+    return f"http://{endpoint_text(host, port)}/"
 
 
 def _listening(host: str, port: int) -> sockets.socket:

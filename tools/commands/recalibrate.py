@@ -26,7 +26,13 @@ from appliance.crosswire.scan import CrosswireScan
 from appliance.crosswire.water import RANGE_C, SCANNER_M_S
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
-from appliance.storage.calibration_file import TOML_BEGINS, calibration_bytes, is_device_set, write_calibration
+from appliance.storage.calibration_file import (
+    TOML_BEGINS,
+    calibration_bytes,
+    check_own_name,
+    is_device_set,
+    write_calibration,
+)
 from appliance.storage.reference import candidate_from_content, in_force
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
@@ -34,6 +40,7 @@ from drivers.files.atomic_file import check_replaceable, check_writable, make_fo
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import ScanSession
 from tools.recalibration.terminal import run
+from tools.shared.calendar_option import DAY
 from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
 from tools.shared.interruption import stopped_saying
@@ -142,8 +149,8 @@ class _Reference:
 @click.option("--reason", default="", help="for the calibration")
 @click.option("--probe-serial", default="", help="serial number of the probe")
 @click.option("--preset", default="", help="preset of the scanner")
-@click.option("--due", type=click.DateTime(["%Y-%m-%d"]), help="day on which to calibrate again")
-@click.option("--expires", type=click.DateTime(["%Y-%m-%d"]), help="day after which not to use it")
+@click.option("--due", type=DAY, help="day on which to calibrate again")
+@click.option("--expires", type=DAY, help="day after which not to use it")
 @click.option("--sigma-mm", default=0.5, show_default=True, type=click.FloatRange(0.01, 5), help="largest ± accepted")
 @click.option(
     "--live", is_flag=True, help="scan on the running cart; asks for what is not given, or with --signed-by nobody"
@@ -203,6 +210,9 @@ def command(
     if live:
         if simulate or recording is not None:
             raise click.UsageError("--live scans on the cart itself; leave --simulated and --recording out")
+        if signed_by and latency_first:
+            raise click.UsageError("--latency-first needs a person at the terminal; leave --signed-by out")
+        service = _live_service(config_file, socket, feed, folder)
         asked = "" if signed_by else "yes"
         with stopped_saying("nothing was begun"):
             begin = Begin(
@@ -216,11 +226,9 @@ def command(
                 correct_sound,
                 latency_first,
             )
-        if signed_by and latency_first:
-            raise click.UsageError("--latency-first needs a person at the terminal; leave --signed-by out")
         nobody = unchecked or "nobody was asked (--signed-by)"
         signature = Signature(signed_by, role, comment, unchecked=nobody) if signed_by else None
-        _live(config_file, socket, feed, folder, begin, signature)
+        _live(service, begin, signature)
         return
     if simulate == (recording is not None):
         raise click.UsageError("give the scan: --live, or either --recording FILE or --simulated")
@@ -276,24 +284,32 @@ def _day(moment: datetime | None) -> date | None:
     return None if moment is None else moment.date()
 
 
-def _live(
-    config_file: Path | None,
-    socket: Path | None,
-    feed: Path | None,
-    folder: Path | None,
-    begin: Begin,
-    signature: Signature | None,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class _Service:
+    """That a live scan is made on. control, pictures: its sockets. place: folder of the new file."""
+
+    control: Path
+    pictures: Path
+    place: Path
+
+
+def _live_service(config_file: Path | None, socket: Path | None, feed: Path | None, folder: Path | None) -> _Service:
+    """Raises ConfigurationError, DeviceLost before anybody is asked anything: answers for nobody are typed in vain."""
     config = None if config_file is None else load_config(config_file)
     control = socket or (None if config is None else config.control.socket)
     if control is None:
         raise click.UsageError("name the service: --config FILE, or --socket")
     pictures = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
-    place = _live_folder(folder, config, control)
+    service = _Service(control, pictures, _live_folder(folder, config, control))
+    ControlClient(control).close()
+    return service
+
+
+def _live(service: _Service, begin: Begin, signature: Signature | None) -> None:
     with (
-        change_told(control),
-        StatusWatch(control, _LOOK_S) as watch,
-        ScanSession(control, pictures, place, watch) as session,
+        change_told(service.control),
+        StatusWatch(service.control, _LOOK_S) as watch,
+        ScanSession(service.control, service.pictures, service.place, watch) as session,
     ):
         run(session, begin, signature)
 
@@ -350,6 +366,7 @@ def _dated(before: _Reference | None) -> Path:
 
 
 def _check_target(target: Path, force: bool) -> None:
+    check_own_name(target)
     if force:
         check_replaceable(target, TOML_BEGINS.encode())
     elif target.exists():

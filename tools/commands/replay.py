@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,7 +17,7 @@ from appliance.core.line import Line
 from appliance.core.quality.check_fields import limits_fields, point_fields
 from appliance.core.quality.report import VERSION, Change, LineReport, report_json
 from appliance.storage.black_box import Series
-from appliance.storage.calibration_file import calibration_bytes, is_device_set, read_calibration
+from appliance.storage.calibration_file import calibration_bytes, check_own_name, is_device_set, read_calibration
 from appliance.supervision.timeline import Judging
 from appliance.types import Calibration, Check
 from drivers.errors import ConfigurationError, RecordingError
@@ -51,7 +52,7 @@ def _episode(text: str) -> Episode:
     try:
         refuse_unknown_fault(fault, CART_FAULTS, "")
     except ConfigurationError as error:
-        raise click.BadParameter(f"{error.what}. {error.remedy}") from None
+        raise click.BadParameter(error.advice) from None
     try:
         from_s = float(seconds) if at else 0.0
     except ValueError:
@@ -127,11 +128,13 @@ def command(
     """
     write_report = click.get_current_context().with_resource(text_aside(as_json))
     _refuse_report(recordings)
+    _refuse_absent(recordings)
     check_apart((html_path, pdf_path, estimate_path), (*recordings, poses, calibration, config_path))
     check_replaceable(html_path, PAGE_BEGINS)
     check_pdf(pdf_path)
     if pdf_path is not None and html_path is None:
         raise click.UsageError("--pdf prints the page of --html")
+    check_own_name(estimate_path)
     check_new(estimate_path)
     if estimate_path is not None and calibration is None:
         raise click.UsageError("--estimate needs --calibration")
@@ -262,6 +265,16 @@ def _refuse_report(recordings: tuple[Path, ...]) -> None:
     for path in recordings:
         if path.suffix.lower() == ".json":
             raise click.UsageError(f"'{path}' is no recording; --json prints the report: --json > {path}")
+
+
+def _refuse_absent(recordings: tuple[Path, ...]) -> None:
+    """Before any option is missed that only a recording of another kind would need."""
+    for path in recordings:
+        if not path.exists():
+            beside = [one.name for one in path.parent.iterdir()] if path.parent.is_dir() else []
+            close = get_close_matches(path.name, beside, n=1)
+            remedy = f"Did you mean {path.with_name(close[0])}?" if close else "Check its name and its folder"
+            raise RecordingError("cannot be read: No such file or directory", str(path), remedy)
 
 
 def _parts(one: Path | Series) -> tuple[Path, ...]:

@@ -19,6 +19,7 @@ from tools.report.period import PERIODS, Period, Summary, last_period, period, s
 from tools.report.period_page import write_period_page
 from tools.selftest.records import read_self_tests
 from tools.shared.alarm_history import settled_log
+from tools.shared.calendar_option import DAY
 from tools.shared.named_cart import cart_option
 
 _SELF_TESTS = "self-tests"
@@ -30,7 +31,7 @@ _PATIENCE_S = 20
 @click.command()
 @cart_option
 @click.option("--period", "kind", type=click.Choice(PERIODS), default="month", show_default=True)
-@click.option("--of", "day", type=click.DateTime(["%Y-%m-%d"]), help="a day in the period, UTC [the last one over]")
+@click.option("--of", "day", type=DAY, help="a day in the period, UTC [the last one over]")
 @click.option(
     "--folder",
     default=Path(),

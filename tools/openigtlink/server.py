@@ -19,6 +19,7 @@ from tools.openigtlink.asked import USUAL_NAMES, Asked, Names, nothing_comes
 from tools.openigtlink.passage import Passage, Wanted
 from tools.openigtlink.samples import sample_message
 from tools.openigtlink.wording import estimate_message, state_message, status_message, transform_message
+from tools.shared.called_host import endpoint_text
 from tools.shared.status_watch import Seen, StatusWatch
 
 _MOST_CLIENTS = 32
@@ -154,10 +155,10 @@ class StateServer:
         self._clients: list[_Client] = []
         self.turned_away = self.dropped = 0
         try:
-            self._door = socket.create_server(address)
+            self._door = socket.create_server(address, family=socket.AF_INET6 if ":" in address[0] else socket.AF_INET)
         except (OSError, UnicodeError) as error:
             remedy = "Choose another --port, or end what listens there"
-            raise cannot_listen(error, f"{address[0]}:{address[1]}", remedy) from None
+            raise cannot_listen(error, endpoint_text(*address), remedy) from None
         self._door.setblocking(False)
         self.address: tuple[str, int] = self._door.getsockname()[:2]
 

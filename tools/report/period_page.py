@@ -134,14 +134,14 @@ def _verification(found: Summary) -> str:
     coverage = Plot((0.5, days + 0.5), (0, 100), axis, "% verified", height=150)
     coverage.line(range(1, days + 1), [100 * share(shares_s) for shares_s in found.by_day], "a")
     rows = [
-        (state, _hours(seconds), "" if state == OFF else _percent(seconds / found.on_s))
+        (state, _duration(seconds), "" if state == OFF else _percent(seconds / found.on_s))
         for state, seconds in sorted(found.shares_s.items(), key=lambda share_s: -share_s[1])
     ]
     verified = f"the calibration was verified in {_percent(found.verified)} of it"
     if not found.on_s:
         return text("The service did not run: of this cart nothing was verified.", "bad")
     return (
-        text(f"The service ran for {_hours(found.on_s)}; {verified}.")
+        text(f"The service ran for {_duration(found.on_s)}; {verified}.")
         + plot.svg("hours in each state, day by day")
         + text("Green: monitoring; blue: not verified; yellow: warning; red: halt, or a device or a part lost.", "note")
         + coverage.svg("share of the time verified, day by day")

@@ -24,7 +24,8 @@ def settled_log(folder: Path) -> Reading:
     except OSError as error:
         remedy = join_group(folder) if isinstance(error, PermissionError) else "Check its disk"
         raise ConfigurationError(f"cannot be read ({error.strerror})", str(folder), remedy) from None
-    raise ConfigurationError("is not a folder", str(folder), "Name [alarm] folder of the service's configuration")
+    what = "is not a folder" if folder.exists() else "there is no such folder, so no service has run here"
+    raise ConfigurationError(what, str(folder), "Name [alarm] folder of the service's configuration")
 
 
 def _settled(folder: Path) -> Reading:

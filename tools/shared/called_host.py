@@ -19,3 +19,8 @@ def is_address(name: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def endpoint_text(host: str, port: int) -> str:
+    """host:port as people write it, an address of IPv6 in brackets."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

@@ -121,10 +121,10 @@ class ArchiveTask:
 
 def archive_table(rows: list[dict[str, str]]) -> FittingTable:
     """For the terminal. The last column says why a recording could not be judged."""
-    heads = ("recording", "verdict", "fault", "closed", "not shown", "as live", "")
+    heads = ("recording", "verdict", "fault", "closed", "not shown", "as live", "why")
     cells = [
         (Path(row["recording"]).name, row["verdict"] or "not usable", row["fault"] or NOTHING,
-         f"{100 * float(row['closed'] or 0):.0f} %", row["missing"] or NOTHING, row["live"] or NOTHING,
+         f"{100 * float(row['closed']):.0f} %" if row["closed"] else NOTHING, row["missing"] or NOTHING, row["live"] or NOTHING,
          row["error"] or _few(row))
         for row in rows
     ]  # fmt: skip

@@ -332,8 +332,9 @@ class Interrupted(Answers):
 def test_one_who_interrupts_a_change_is_told_what_became_of_it(
     tmp_path: Path, command: str, at: str, said: str
 ) -> None:
+    wanted = written(tmp_path / "new.toml", 0, 0, 1.5) if command == "use" else 1
     with Interrupted(tmp_path / "control", at) as service:
-        shown = answered("calibration", command, 1, "--socket", service.path)
+        shown = answered("calibration", command, wanted, "--socket", service.path)
     assert shown.returncode == 130
     assert f"probewatch: {said}" in shown.stderr
 
@@ -363,3 +364,42 @@ def test_a_reset_that_is_declined_says_that_nothing_was_changed(
     where = ("--folder", config.alarm.folder, "--socket", tmp_path / "control")
     shown = answered("calibration", "reset", *where)
     assert (shown.returncode, shown.stderr) == (130, "probewatch: stopped: nothing was changed\n")
+
+
+@pytest.mark.parametrize("content", [None, "", "scale = 1\n"])
+def test_a_file_that_no_service_could_use_ends_with_78_and_none_is_asked(tmp_path: Path, content: str | None) -> None:
+    file = tmp_path / "new.toml"
+    if content is not None:
+        file.write_text(content)
+    with Interrupted(tmp_path / "control", "nothing") as service:
+        answer = answered("calibration", "use", file, "--yes", "--socket", service.path)
+    assert (answer.returncode, str(file) in answer.stderr) == (78, True), answer
+    assert service.number == 1
+
+
+def test_a_number_is_no_file_and_the_command_for_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    answer = answered("calibration", "use", 2, "--yes", "--socket", tmp_path / "nobody")
+    assert (answer.returncode, "probewatch calibration back 2" in answer.stderr) == (78, True), answer
+
+
+def test_a_cart_before_its_first_calibration_is_told_how_to_get_one(tmp_path: Path) -> None:
+    answer = answered("calibration", "list", "--folder", tmp_path)
+    assert (answer.returncode, "recalibrate --live --solve all" in answer.stderr) == (78, True)
+
+
+@pytest.mark.parametrize("name", ["a.xml", "a.TFM", "a.h5"])
+def test_our_file_is_not_written_under_the_name_of_another_program(tmp_path: Path, name: str) -> None:
+    """PLUS and 3D Slicer would be given TOML."""
+    (device_set := tmp_path / "set.xml").write_text(PLUS)
+    (scan := tmp_path / "scan.igs.mha").write_bytes(b"")
+    to = tmp_path / name
+    for words in (
+        ("calibration", "import", device_set, "--image-size", 640, 480, "--output", to),
+        ("calibration", "recover", "--output", to, "--socket", tmp_path / "nobody"),
+        ("recalibrate", "--simulated", "--duration", 1, "--output", to),
+        ("replay", scan, "--calibration", device_set, "--estimate", to),
+    ):
+        answer = answered(*words)
+        assert (answer.returncode, "is TOML, not ." in answer.stderr) == (78, True), (words, answer)
+        assert not to.exists()

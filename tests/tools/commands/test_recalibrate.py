@@ -268,3 +268,19 @@ def test_a_far_calibration_is_written_stated_and_not_taken_without_a_person(monk
         assert new.exists(), "a scan is not lost"
         assert recalibrated(*arguments, "--force", "--yes").returncode == 0
     assert "end-recalibration" in service.asked
+
+
+@pytest.mark.parametrize("named", [("--config", "nothing.toml"), ("--socket", "nobody"), ()])
+def test_a_service_that_is_not_there_is_told_before_anybody_is_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("click.prompt", lambda *_, **__: pytest.fail("asked, though nobody can take the answer"))
+    answer = answered("recalibrate", "--live", "--solve", "all", *named)
+    assert answer.returncode in (2, 69, 78), answer
+    assert answer.stdout == ""
+
+
+def test_a_folder_that_the_unit_cannot_see_is_refused_before_the_scan(tmp_path: Path) -> None:
+    answer = answered("recalibrate", "--live", "--socket", "/run/probewatch/control", "--folder", tmp_path)
+    assert (answer.returncode, "the service cannot see it" in answer.stderr) == (78, True), answer

@@ -473,6 +473,18 @@ def test_an_unknown_fault_is_a_usage_error(session, calibration, fault):
     assert "Traceback" not in err
 
 
+def test_a_sentence_ends_once_where_a_name_is_guessed() -> None:
+    told = answered("replay", "a.igs.mha", "--inject", "flip").stderr
+    assert "did you mean 'flip-lateral' or 'flip-vertical'? Use bend-marker" in told
+
+
+def test_a_recording_that_is_not_there_is_told_before_a_missing_option(tmp_path) -> None:
+    (tmp_path / "box.mcap").write_bytes(b"")
+    answer = answered("replay", tmp_path / "box.mcp")
+    assert (answer.returncode, f"Did you mean {tmp_path}/box.mcap?" in answer.stderr) == (65, True), answer.stderr
+    assert "--calibration" not in answer.stderr
+
+
 def test_a_fault_that_begins_after_the_recording_is_a_usage_error(session, calibration):
     """Nothing would be spoiled, and the report would say so all the same."""
     code, out, err = run(session, "--calibration", calibration, "--inject", "depth@1", "--inject", "flip-lateral@30")

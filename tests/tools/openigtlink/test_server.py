@@ -242,3 +242,13 @@ def test_pictures_and_poses_of_one_name_are_refused() -> None:
     refused = CliRunner().invoke(probewatch, ["openigtlink", "--image", "A", "--pose", "A", "--port", "0"])
     assert refused.exit_code == 2
     assert "--image and --pose are both 'A'" in refused.output
+
+
+def test_it_listens_at_an_address_of_ipv6_as_page_and_metrics_do(bench: Bench, tmp_path: Path) -> None:
+    with (
+        Passage(tmp_path / "feed", print) as passage,
+        StateServer(("::1", 0), bench.watch, EVERY_S, passage) as server,
+    ):
+        assert server.address[0] == "::1"
+        with socket.create_connection(server.address, 2):
+            pass

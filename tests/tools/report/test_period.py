@@ -359,3 +359,14 @@ def test_the_pdf_is_of_a4_pages(cart: Path) -> None:
     content = pdf.read_bytes()
     assert content.startswith(b"%PDF")
     assert re.search(rb"/MediaBox \[0 0 59[45][.\d]* 84[12]", content)
+
+
+def test_minutes_are_not_told_as_no_hours(cart: Path, tmp_path: Path) -> None:
+    """A cart on its first day: of half an hour in tenths of an hour every state would be none."""
+    started = [(0.0, "started", {"software": "1"}), (0.01, "state", state("monitoring")), (0.06, "stopped", {})]
+    folder = logged(tmp_path / "young", started)
+    cart.write_text(f'{GOOD}[alarm]\nfolder = "{folder}"\n')
+    made(cart, "--of", "2026-01-01", "--period", "day")
+    told = " ".join(body(cart, "2026-01-01").split())
+    assert "The service ran for 3 min" in told
+    assert "monitoring 3 min 100.0 %" in told

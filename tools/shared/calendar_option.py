@@ -1,0 +1,29 @@
+"""Days and times that people type as options."""
+
+from datetime import datetime
+from typing import Any
+
+import click
+
+
+class _Told(click.DateTime):
+    """Refuses in words what click refuses in the formats of a programming language."""
+
+    def __init__(self, formats: list[str], what: str) -> None:
+        super().__init__(formats)
+        self._what = what
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> datetime:
+        """Raises click.BadParameter."""
+        try:
+            told: datetime = super().convert(value, param, ctx)
+        except click.BadParameter:
+            self.fail(f"'{value}' is not {self._what}", param, ctx)
+        return told
+
+
+DAY = _Told(["%Y-%m-%d"], "a day of the calendar, written as 2026-01-15")
+MOMENT = _Told(
+    ["%Y-%m-%d", "%Y-%m-%dT%H:%M", "%Y-%m-%d %H:%M", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S"],
+    "a day or a time, written as 2026-01-15 or 2026-01-15T07:30",
+)
