@@ -362,7 +362,9 @@ def configuration_text(path: Path) -> str:
         return text_of(read_bounded(path, _MOST_BYTES))
     except OSError as error:
         what = f"cannot be read ({error.strerror})"
-        raise ConfigurationError(what, str(path), "Check the path and its rights") from None
+        absent = isinstance(error, FileNotFoundError)
+        remedy = f"Correct its name, or write it: probewatch configure {path}" if absent else "Check the path's rights"
+        raise ConfigurationError(what, str(path), remedy) from None
     except NotUtf8Error as error:
         raise ConfigurationError(str(error), str(path), SAVE_AS_UTF_8) from None
 

@@ -28,7 +28,7 @@ from tools.report.pdf import check_pdf, write_pdf
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
 from tools.shared.estimate import write_estimate
-from tools.shared.found_recordings import found
+from tools.shared.found_recordings import SUFFIXES, found
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.point_text import point_text
 from tools.shared.profile_text import profile_text
@@ -41,6 +41,7 @@ from tools.study.archive import ArchiveTask, archive_table
 from tools.study.workers import results
 
 _Item = TypeVar("_Item")
+_FILMS = (".mp4", ".avi", ".mkv", ".mov")
 
 
 def _episodes(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> Schedule:
@@ -271,7 +272,11 @@ def _refuse_absent(recordings: tuple[Path, ...]) -> None:
     """Before any option is missed that only a recording of another kind would need."""
     for path in recordings:
         if not path.exists():
-            beside = [one.name for one in path.parent.iterdir()] if path.parent.is_dir() else []
+            beside = (
+                [one.name for one in path.parent.iterdir() if one.suffix.lower() in (*SUFFIXES, *_FILMS)]
+                if path.parent.is_dir()
+                else []
+            )
             close = get_close_matches(path.name, beside, n=1)
             remedy = f"Did you mean {path.with_name(close[0])}?" if close else "Check its name and its folder"
             raise RecordingError("cannot be read: No such file or directory", str(path), remedy)

@@ -124,8 +124,8 @@ def archive_table(rows: list[dict[str, str]]) -> FittingTable:
     heads = ("recording", "verdict", "fault", "closed", "not shown", "as live", "why")
     cells = [
         (Path(row["recording"]).name, row["verdict"] or "not usable", row["fault"] or NOTHING,
-         f"{100 * float(row['closed']):.0f} %" if row["closed"] else NOTHING, row["missing"] or NOTHING, row["live"] or NOTHING,
-         row["error"] or _few(row))
+         f"{100 * float(row['closed']):.0f} %" if row["closed"] else NOTHING, row["missing"] or NOTHING,
+         row["live"] or NOTHING, row["error"] or _few(row))
         for row in rows
     ]  # fmt: skip
     return FittingTable(heads, cells)

@@ -9,6 +9,7 @@ from appliance.storage.calibration_file import write_calibration
 from tests.appliance.configuration.test_config import GOOD, written
 from tests.appliance.storage.test_calibration_file import calibration
 from tests.appliance.storage.test_device_set import device_set
+from tests.support.answers import answered
 from tools.commands.check import command, mistakes_in
 from tools.shared.named_cart import CONFIG
 
@@ -153,3 +154,9 @@ def test_what_the_unit_cannot_see_is_a_mistake_of_its_configuration_alone(good: 
     assert f"its unit is shown nothing of {hidden}. Copy it to /etc/probewatch" in said[0]
     assert not [line for line in mistakes_in(text.replace(good, bad), Path("/srv/cart.toml")) if "cannot see" in line]
     assert not [line for line in mistakes_in(text, CONFIG) if "cannot see" in line]
+
+
+def test_of_a_configuration_that_is_not_there_it_says_how_to_write_one(tmp_path: Path) -> None:
+    for words in (("check", tmp_path / "cart.tmol"), ("record", "status", "--config", tmp_path / "cart.tmol")):
+        answer = answered(*words)
+        assert (answer.returncode, f"probewatch configure {tmp_path}/cart.tmol" in answer.stderr) == (78, True), answer

@@ -479,7 +479,8 @@ def test_a_sentence_ends_once_where_a_name_is_guessed() -> None:
 
 
 def test_a_recording_that_is_not_there_is_told_before_a_missing_option(tmp_path) -> None:
-    (tmp_path / "box.mcap").write_bytes(b"")
+    for name in ("box.mcap", "box.mc.html"):
+        (tmp_path / name).write_bytes(b"")
     answer = answered("replay", tmp_path / "box.mcp")
     assert (answer.returncode, f"Did you mean {tmp_path}/box.mcap?" in answer.stderr) == (65, True), answer.stderr
     assert "--calibration" not in answer.stderr

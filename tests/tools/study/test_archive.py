@@ -1,6 +1,7 @@
 """Archives of recordings: folders and object stores, one row each, on a Dask cluster whose scheduler may vanish."""
 
 import csv
+import io
 import signal
 import socket
 import subprocess
@@ -15,6 +16,7 @@ import fsspec
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from rich.console import Console
 
 from appliance.core.order import Order
 from appliance.limits import Limits
@@ -28,7 +30,7 @@ from tests.support.polling import until
 from tests.support.recordings import items
 from tools.cli import probewatch
 from tools.study import workers
-from tools.study.archive import NOT_FETCHED, ArchiveTask
+from tools.study.archive import NOT_FETCHED, ArchiveTask, archive_table
 from tools.study.store import NotFetchedError, fetched, listed
 
 SIZE_PX = (48, 32)
@@ -275,3 +277,18 @@ def test_the_table_says_why_most_pictures_have_no_pose(recording: Path, calibrat
     rows = {line.split()[0]: line for line in result.stdout.splitlines() if line}
     assert "no picture has a pose: ProbeToTracker is not a rotation and a translation" in rows["scaled.igs.mha"]
     assert "no picture has a pose" not in rows["good.igs.mha"]
+
+
+def test_of_what_could_not_be_judged_no_share_is_told_and_the_reason_has_a_heading() -> None:
+    rows = [
+        {"recording": "a", "verdict": "", "fault": "", "closed": "", "missing": "", "live": "", "error": "is cut"},
+        {"recording": "b", "verdict": "OK", "fault": "", "closed": "0.25", "missing": "", "live": "", "error": ""},
+    ]
+    out = io.StringIO()
+    Console(file=out, width=120).print(
+        archive_table([{"paired": "", "frames": "", "reason": "", **row} for row in rows])
+    )
+    told = out.getvalue()
+    assert "why" in told
+    assert "25 %" in told
+    assert " 0 %" not in told.replace("\t", " ")
