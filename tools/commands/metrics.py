@@ -12,6 +12,7 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_replaceable, replacing
 from tools.monitoring.endpoint import Endpoint
 from tools.monitoring.reading import Exposition
+from tools.shared.called_host import endpoint_text
 from tools.shared.named_cart import socket_option
 
 _LISTEN = "127.0.0.1:9797"
@@ -77,7 +78,9 @@ def command(
         signal.signal(number, lambda *_: stop.set())
     with ExitStack() as served:
         if not no_http:
-            served.enter_context(Endpoint(*_address(listen), exposition.text, hosts))
+            endpoint = served.enter_context(Endpoint(*_address(listen), exposition.text, hosts))
+            host, port = str(endpoint.server_address[0]), int(endpoint.server_address[1])
+            click.echo(f"http://{endpoint_text(host, port)}/metrics")
         _write_until(stop, textfile, every_s, exposition)
 
 

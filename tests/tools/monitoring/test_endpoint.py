@@ -162,6 +162,17 @@ def test_the_file_for_node_exporter_is_whole_and_goes_with_its_writer(tmp_path: 
     assert not file.exists()
 
 
+def test_it_says_where_it_serves_and_ends_by_ctrl_c(tmp_path: Path) -> None:
+    program = run("--listen", "127.0.0.1:0", "--socket", tmp_path / "nobody")
+    assert program.stdout is not None
+    said = program.stdout.readline().strip()
+    with urllib.request.urlopen(said, timeout=10) as answer:
+        assert b"probewatch_up 0.0" in answer.read()
+    program.send_signal(signal.SIGINT)
+    assert program.communicate(timeout=20) == ("", "")
+    assert (program.returncode, said.endswith("/metrics")) == (0, True)
+
+
 def test_once_without_a_service(tmp_path: Path) -> None:
     program = run("--once", "--socket", tmp_path / "nobody")
     out, err = program.communicate(timeout=60)
