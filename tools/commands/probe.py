@@ -62,7 +62,8 @@ class Measured:
 
 _HELP = """Connect to the device at URL, measure for some seconds, and say what it is and how well it does.
 
-A source that may give both is asked for both, unless --only names one. The last line of each is one word: good; poor, for what is marked with "!"; or nothing, and why.
+A source that may give both is asked for both, unless --only names one. The last line of each is one word: good;
+poor, for what is marked with "!"; or nothing, and why.
 
 \b
 Examples:

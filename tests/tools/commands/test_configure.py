@@ -281,10 +281,11 @@ def test_files_that_the_unit_cannot_see_are_asked_for_again(
     mine = tmp_path / "home" / "probe.toml"
     write_calibration(mine, calibration(), {})
     tools = str(hidden), str(link), str(seen), "none"
+    tracker = _Device("tracker", None, "", None)
     for sees_less, taken in ((True, seen), (False, hidden)):
         person = Answers(*tools)
         person.sees_less = sees_less
-        assert split_url(_with_tool("ndi:/dev/ttyUSB0", person))[2]["probe"] == str(taken)
+        assert split_url(tracker.with_files("ndi:/dev/ttyUSB0", person))[2]["probe"] == str(taken)
         if not sees_less:
             break
         assert capsys.readouterr().out.count("the service cannot see it: its unit is shown nothing of") == 2
