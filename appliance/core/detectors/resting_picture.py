@@ -201,18 +201,22 @@ def turned_or_sheared(
     across, down = turned_rad
     both = min(abs(across), abs(down)) if across * down < 0 else 0.0
     most = max(abs(across), abs(down))
-    if both <= most_rad and most <= most_rad + _dragged_rad(reference, before, now):
+    sheared_rad, mirrored_rad = _made_by_the_face(reference, before, now)
+    if both <= most_rad + mirrored_rad and most <= most_rad + sheared_rad + mirrored_rad:
         return None
     return PictureChange()
 
 
-def _dragged_rad(reference: Calibration, before: View, now: View) -> float:
-    """By how much lines across the tissue may be sheared by the way of the face, by the tracker."""
+def _made_by_the_face(reference: Calibration, before: View, now: View) -> tuple[float, float]:
+    """By how much lines may be sheared by the way of the face, and by how much more they turn where the picture is
+    mirrored, so that it turns the other way than expected; both by the tracker, rad.
+    """
     if before.pose is None or now.pose is None:
-        return 0.0
-    moved_mm, _ = predicted_motion(reference, before.pose, now.pose)
+        return 0.0, 0.0
+    moved_mm, turned_rad = predicted_motion(reference, before.pose, now.pose)
     height_mm = reference.image_size_px[1] * reference.scale_mm_per_px[1]
-    return float(abs(moved_mm[0]) / height_mm + np.abs(pressed_between(reference, before, now)).sum())
+    sheared_rad = abs(moved_mm[0]) / height_mm + np.abs(pressed_between(reference, before, now)).sum()
+    return float(sheared_rad), float(2 * abs(turned_rad[2]))
 
 
 def _blurred(picture: Array32) -> Array32:

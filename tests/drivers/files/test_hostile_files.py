@@ -90,7 +90,10 @@ def write_csv(path: Path) -> None:
 
 
 def write_report(path: Path) -> None:
-    raise_refusal(CliRunner().invoke(replay_command, ["none.mha", "--calibration", "none.toml", "--html", str(path)]))
+    (recording := path.parent / "empty.mha").touch()
+    raise_refusal(
+        CliRunner().invoke(replay_command, [str(recording), "--calibration", "none.toml", "--html", str(path)])
+    )
 
 
 def raise_refusal(result: Result) -> None:
