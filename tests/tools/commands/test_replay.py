@@ -574,11 +574,12 @@ def test_a_tracker_only_recording_is_not_verified(calibration, tmp_path):
     ("fault", "verdicts", "named"),
     [
         (None, {"OK", "NOT_VERIFIED"}, None),
-        pytest.param("flip-lateral", {"FAULT"}, "polarity", marks=pytest.mark.thorough),
-        pytest.param("flip-vertical", {"FAULT"}, "polarity", marks=pytest.mark.thorough),
-        pytest.param("freeze-video", {"FAULT"}, "frozen-video", marks=pytest.mark.thorough),
+        ("flip-lateral", {"FAULT"}, "polarity"),
+        ("flip-vertical", {"FAULT"}, "polarity"),
+        ("freeze-video", {"FAULT"}, "frozen-video"),
     ],
 )
+@pytest.mark.thorough
 def test_the_real_nwire_recording(tmp_path, fault, verdicts, named):
     recording = plus_file("fCal_Test_Validation_3NWires_fCal2.0.igs.mha")
     device_set = plus_file("PlusDeviceSet_fCal_Sim_VolumeReconstruction.xml")

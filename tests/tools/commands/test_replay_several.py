@@ -132,6 +132,7 @@ def test_a_folder_becomes_a_table_in_which_each_has_its_row(archive: Path) -> No
     assert "calibration is not known" in rows["one.igs.mha"]["error"]
 
 
+@pytest.mark.thorough
 def test_with_a_calibration_all_are_judged_and_pictures_of_either_kind_alike(archive: Path, tmp_path: Path) -> None:
     calibration = tmp_path / "probe.toml"
     write_calibration(calibration, Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), FRAME_PX), {})
