@@ -142,6 +142,7 @@ def test_with_a_calibration_all_are_judged_and_pictures_of_either_kind_alike(arc
     assert one["frames"] == "40"
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_meant_is_refused(box: Path, archive: Path, tmp_path: Path) -> None:
     runner = CliRunner()
     assert "Missing option '--calibration'" in runner.invoke(command, [str(archive / "one.igs.mha")]).output
@@ -154,6 +155,7 @@ def test_what_cannot_be_meant_is_refused(box: Path, archive: Path, tmp_path: Pat
     assert isinstance(runner.invoke(command, [str(archive / "four.mcap")]).exception, RecordingError)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("option", [("--probe", "Stylus"), ("--reference", "Tracker"), ("--orientation", "UN")])
 def test_an_option_that_does_nothing_for_a_black_box_is_refused(box: Path, option: tuple[str, str]) -> None:
     result = CliRunner().invoke(command, [str(box), *option])

@@ -84,6 +84,7 @@ def rewritten(path: Path, target: Path, change) -> Path:
     return target
 
 
+@pytest.mark.thorough
 def test_a_picture_that_is_missing_is_told_as_the_cause(short: tuple[Path, list[Verdict]], tmp_path: Path) -> None:
     def without_some(rest):
         frames = [k for k, told in enumerate(rest) if isinstance(told.item, Frame)]
