@@ -52,7 +52,8 @@ def test_a_hangup_reloads_the_configuration(monitoring: Cart) -> None:
 
 @pytest.fixture
 def real(tmp_path: Path) -> Iterator[Cart]:
-    with Cart(tmp_path) as cart:
+    """A scanner of 15 Hz: rendering and registering 30 is more than two slow processors do, beside another test."""
+    with Cart(tmp_path, fps=15.0) as cart:
         checks = {check["name"]: check for check in cart.wait_for("monitoring", 40)["checks"]}
         assert {check["fault"] for check in checks.values()} <= {*Fault}
         assert checks["polarity"]["verdict"] == "OK"

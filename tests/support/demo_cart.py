@@ -19,13 +19,21 @@ PROBEWATCH = Path(sys.executable).parent / "probewatch"
 
 class Cart(SimulatedCart):
     """Twins and service under folder; leave the context to end everything. trusting: see
-    tests.support.stand_in_daemon. rate: seconds of the cart per second.
+    tests.support.stand_in_daemon. rate: seconds of the cart per second. fps: pictures per second; None for those of
+    the demo, or of a trusting line.
     """
 
     def __init__(
-        self, folder: Path, seed: int = 3, trusting: bool = False, served: bool = False, rate: float = 1.0
+        self,
+        folder: Path,
+        seed: int = 3,
+        trusting: bool = False,
+        served: bool = False,
+        rate: float = 1.0,
+        fps: float | None = None,
     ) -> None:
-        super().__init__(folder, CartSettings(seed, rate, served, _TRUSTED_FPS if trusting else CartSettings().fps))
+        fps = fps or (_TRUSTED_FPS if trusting else CartSettings().fps)
+        super().__init__(folder, CartSettings(seed, rate, served, fps))
         self._trusting = trusting
         self.fault = folder / "fault"
 
