@@ -67,9 +67,10 @@ def cannot_listen(error: object, where: str, remedy: str) -> ConfigurationError:
 
 
 def system_words(error: object) -> str:
-    """The system's message for an error, without its number. Errors of name resolution have negative numbers, which
-    os.strerror does not know; they carry their own message.
+    """The system's message for an error, without its number. Errors of name resolution have negative numbers and those
+    of TLS numbers of their own, which os.strerror does not know; they carry their own message.
     """
-    number = getattr(error, "errno", None) or 0
+    of_tls = type(error).__module__ == "ssl"  # without loading ssl, which few commands need
+    number = 0 if of_tls else getattr(error, "errno", None) or 0
     said = os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)
     return said[:1].lower() + said[1:]
