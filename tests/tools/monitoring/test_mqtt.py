@@ -227,7 +227,6 @@ def authority(folder: Path) -> tuple[Path, Path, Path]:
 @pytest.mark.thorough
 @needs_mosquitto
 @needs_openssl
-@needs_openssl
 def test_tls_only_with_a_broker_whose_certificate_is_good(service: Answering, tmp_path: Path) -> None:
     ca, certificate, key = authority(tmp_path)
     broker = Mosquitto(tmp_path, "allow_anonymous true", f"certfile {certificate}", f"keyfile {key}", f"cafile {ca}")
