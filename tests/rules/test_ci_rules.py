@@ -85,12 +85,21 @@ def test_that_waits(): time.sleep(0.3)
 """
 
 
-@pytest.mark.parametrize(("ci", "passed", "failed"), [("true", "1 passed", "2 failed"), ("", "4 passed", "")])
-def test_a_quick_test_takes_little_of_the_processor(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ci: str, passed: str, failed: str
+PEER = """
+from tests.rules import quick
+quick.peer_s = lambda: quick.PEER_S * {times}
+"""
+
+
+@pytest.mark.parametrize(
+    ("ci", "slower", "passed", "failed"),
+    [("true", 1, "1 passed", "2 failed"), ("true", 50, "4 passed", ""), ("", 1, "4 passed", "")],
+)
+def test_a_quick_test_takes_little_of_a_processor_as_fast_as_this_one_is_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ci: str, slower: int, passed: str, failed: str
 ) -> None:
     monkeypatch.setenv(quick.MOST, "0.2")
-    suite(tmp_path, "import subprocess, sys, time", BUSY)
+    suite(tmp_path, "import subprocess, sys, time", PEER.format(times=slower), BUSY)
     code, text = run(tmp_path, "pytest", "-p", "tests.rules.quick", "-rA", ci=ci)
     assert (code, passed in text, failed in text) == (int(bool(failed)), True, True), text
     told = re.search(r"what is set up for it took 0\.\d s of the processor, a quick test 0\.2 s at most", text)
