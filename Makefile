@@ -68,7 +68,7 @@ live: $(VENV)/dev ## the service, the demo and every device simulator in real ti
 mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about five minutes)
 	$(BIN)/python -m tests.rules.mutation
 
-pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root); VERSIONS=3.13 for one
+pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root); VERSIONS=3.13 for one, --by-turns for that of this commit, as in the gate
 	$(BIN)/python -m tests.rules.pythons $(VERSIONS)
 
 slow: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes

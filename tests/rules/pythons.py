@@ -1,5 +1,5 @@
-"""`python -m tests.rules.pythons [VERSION …]`: the quick tests on other supported Pythons, on all of them where none is
-named.
+"""`python -m tests.rules.pythons [VERSION … | --by-turns]`: the quick tests on other supported Pythons, on all of them
+where none is named. By turns, as the gate runs it, it is one, another one with each commit.
 
 Each has an environment of its own. An interpreter that this machine has is taken: one on the path, or one of pyenv's.
 For the version that Debian 13 has, root may do without: its own Python in Debian 13's files under build/, made by
@@ -14,9 +14,11 @@ from pathlib import Path
 
 from tests.cart.image import NoMirror, bootstrap
 from tests.cart.requirements import missing
+from tests.rules.third import commits
 
 ROOT = Path(__file__).parents[2]
 VERSIONS = ("3.11", "3.12", "3.13")
+BY_TURNS = "--by-turns"
 DEBIAN = {"3.13": "trixie"}
 """Version → the Debian whose Python it is, where another one than this machine's can bring it."""
 PACKAGES = (
@@ -29,11 +31,18 @@ _SHARED = ROOT.parent / "shared"
 
 def main(asked: list[str]) -> int:
     here = f"3.{sys.version_info.minor}"
-    results = {version: tried(version) for version in asked or VERSIONS if version != here}
+    others = [version for version in VERSIONS if version != here]
+    chosen = in_turn(others, commits(ROOT)) if asked == [BY_TURNS] else asked or others
+    results = {version: tried(version) for version in chosen}
     print(f"\nquick tests on Python {here}: see make test")
-    for version, result in results.items():
-        print(f"quick tests on Python {version}: {result or 'passed'}")
+    for version in dict.fromkeys([*results, *others]):
+        print(f"quick tests on Python {version}: {results.get(version, 'LEFT OUT') or 'passed'}")
     return int(any(result == "FAILED" for result in results.values()))
+
+
+def in_turn(versions: list[str], commit: int | None) -> list[str]:
+    """That of the commit, which is given as how many lie behind it; all where that is not known."""
+    return versions if commit is None else [versions[commit % len(versions)]]
 
 
 def tried(version: str) -> str:

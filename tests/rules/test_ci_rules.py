@@ -131,7 +131,7 @@ def test_ci_runs_every_part_that_gates_and_no_smaller_one() -> None:
     changed = dict(re.findall(r"^ *when_changed (\w+) (.*?)(?:  #.*)?$", script, re.M))
     assert changed.keys() == ABOUT.keys()
     assert changed["mutation"] == "part make mutation"
-    assert changed["pythons"] == "part make pythons"
+    assert changed["pythons"] == f"part make pythons VERSIONS={pythons.BY_TURNS}"
 
 
 @pytest.mark.parametrize(("code", "ran", "gate"), [(0, True, 0), (3, False, 0), (2, False, 2), (1, False, 1)])
@@ -296,6 +296,12 @@ def stand_in(folder: Path, name: str, answer: str) -> Path:
     (folder / name).write_text(f"#!/bin/sh\n{answer}\n")
     (folder / name).chmod(0o755)
     return folder / name
+
+
+def test_commits_in_a_row_run_every_other_python() -> None:
+    others = ["3.12", "3.13"]
+    assert [pythons.in_turn(others, count) for count in (7, 8, 9)] == [["3.13"], ["3.12"], ["3.13"]]
+    assert pythons.in_turn(others, None) == others, "a clone without all commits runs them all"
 
 
 def test_a_python_is_one_that_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -42,11 +42,17 @@ def _differing_files(folder: Path) -> set[Path]:
     return {folder / name for name in (base and differing(folder, base)) or ()}
 
 
-def third_of_commit(folder: Path) -> str:
-    """The next one with each commit; empty where a clone without all commits, or none at all, does not tell."""
+def commits(folder: Path) -> int | None:
+    """How many lie behind the one that is checked out; None where a clone without all of them does not tell."""
     shallow = git(folder, "rev-parse", "--is-shallow-repository")
     count = git(folder, "rev-list", "--count", "--first-parent", "HEAD")
-    return str(int(count) % 3 + 1) if shallow == "false" and count else ""
+    return int(count) if shallow == "false" and count else None
+
+
+def third_of_commit(folder: Path) -> str:
+    """The next one with each commit; empty where that is not known."""
+    count = commits(folder)
+    return "" if count is None else str(count % 3 + 1)
 
 
 if __name__ == "__main__":
