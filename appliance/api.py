@@ -98,7 +98,7 @@ def judge(
         what = f"do not overlap: pictures {_span_s(picture_ns)}, poses {_span_s(pose_ns)}"
         raise _refused("picture_times_s and pose_times_s", what, "Give both in seconds of the same clock")
     judging = Judging(limits or Limits())
-    line = Line(watched, judging.limits, judging.patience.stale_ns)
+    line = Line(watched, judging.limits, judging.timeouts.stale_ns)
     timeline = Timeline(min(picture_ns[0], pose_ns[0]), *both_ns, judging)
     verdicts: list[Verdict] = []
     streams: tuple[Iterator[Sample], ...] = (_poses(matrices, pose_ns), _frames(images, picture_ns))

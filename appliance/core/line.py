@@ -51,7 +51,7 @@ Less has two solutions in a row share more of their noise; more names flips, lag
 """
 _SOLVE_UNPAIRED_NS = 1_000_000_000
 """Without poses only what leaves the window changes. When a tracker returns, all pictures that wait are settled in one
-step, and a step longer than `Patience.estimator_ns` is told as a silent estimator."""
+step, and a step longer than `Timeouts.estimator_ns` is told as a silent estimator."""
 _WORK_SHARE = 0.17
 """Of the time from picture to picture, spent on a solution that is under way, by what its pieces cost (`Cost`): 5.7 ms
 of 33. More lengthens the longest pictures, less makes solutions ready later. They cost 17 ms on average, 37 at nine in

@@ -91,7 +91,7 @@ class Tick:
     def _watch(self, now_ns: int) -> tuple[Check, ...]:
         """The checks of the device watchers, and that of this computer's own load."""
         configuration, overload = self._configuration, self._host.overload
-        checks = watch_devices(now_ns, self._facts(now_ns), configuration.patience, configuration.config.limits)
+        checks = watch_devices(now_ns, self._facts(now_ns), configuration.timeouts, configuration.config.limits)
         load = overload.step(now_ns, self._estimator.waiting_frames, self._devices.losses)
         self._devices.note_overload(overload.since_ns)
         return (*checks, load)

@@ -30,7 +30,7 @@ from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKin
 __all__ = ["Durations", "Inputs", "Request", "Supervisor"]
 
 TICK_NS = 50_000_000
-"""Between two steps of the supervisor. Longer finds a silent device later, beyond its `Patience`, and leaves a command
+"""Between two steps of the supervisor. Longer finds a silent device later, beyond its `Timeouts`, and leaves a command
 to an output, which lives for five of them, less room; shorter costs the processor. A verdict is heard at once.
 """
 LATCHED = (State.HALT, State.RECALIBRATION_REQUESTED)

@@ -9,7 +9,7 @@ from appliance.core.quality.report import Change, LineReport
 from appliance.limits import Limits
 from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Patience
+from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import AlarmState, Check, Verdict, VerdictKind
 from drivers.samples import Frame, Sample
 
@@ -37,7 +37,7 @@ class Judging:
 
     limits: Limits = field(default_factory=Limits)
     durations: Durations = field(default_factory=Durations)
-    patience: Patience = field(default_factory=Patience)
+    timeouts: Timeouts = field(default_factory=Timeouts)
 
 
 class Timeline:
@@ -54,7 +54,7 @@ class Timeline:
         self._facts = Facts(started_ns=start_ns)
         self._verdicts: list[Verdict] = []
         self._supervisor = Supervisor(judging.durations)
-        self._patience, self._limits = judging.patience, judging.limits
+        self._timeouts, self._limits = judging.timeouts, judging.limits
         self._last: AlarmState | None = None
         self._unusable = Counter[str]()
         self._furthest_mm: float | None = None
@@ -132,7 +132,7 @@ class Timeline:
     def _tick(self, now_ns: int) -> None:
         """A recording has no estimator process and no outputs to lose: both are reported as just heard of."""
         facts = replace(self._facts, heartbeat_ns=now_ns, output_ns=now_ns)
-        self.devices = watch_devices(now_ns, facts, self._patience, self._limits)
+        self.devices = watch_devices(now_ns, facts, self._timeouts, self._limits)
         state = self._supervisor.step(now_ns, Inputs(tuple(self._verdicts), self.devices))
         self._verdicts.clear()
         if self._last is None or (state.state, state.fault) != (self._last.state, self._last.fault):

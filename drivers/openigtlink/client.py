@@ -130,8 +130,8 @@ class IgtlClient:
     def _fill(self, until_ns: int) -> bool:
         """False when nothing came until then, or until the server is to be asked or given up."""
         now_ns = self._clock.now_ns()
-        patience_ns = self._deadline_ns * (1.0 if self._asked else _ASK_AFTER)
-        wake_ns = min(until_ns, self._heard_ns + round(patience_ns))
+        timeout_ns = self._deadline_ns * (1.0 if self._asked else _ASK_AFTER)
+        wake_ns = min(until_ns, self._heard_ns + round(timeout_ns))
         try:
             self._line.settimeout(max(self._clock.real_s((wake_ns - now_ns) / 1e9), 0))
             data = self._line.recv(_CHUNK_BYTES)

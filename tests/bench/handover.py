@@ -25,7 +25,7 @@ import pytest
 from appliance.limits import Limits
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.service.estimator.ring import FRAMES, Ring
-from appliance.supervision.watchers.facts import Patience
+from appliance.supervision.watchers.facts import Timeouts
 from appliance.types import Calibration
 from drivers.samples import Frame, GreyImage, Stamp
 from tests.bench.receiver import METHODS, PIPED
@@ -171,7 +171,7 @@ def _delays() -> list[dict[str, Any]]:
 def _idle() -> list[dict[str, Any]]:
     """Processor time and switches a second of the estimator without samples, and of the receivers beside it."""
     reference = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), (640, 480))
-    host = EstimatorHost(reference, Limits(), Patience().stale_ns)
+    host = EstimatorHost(reference, Limits(), Timeouts().stale_ns)
     try:
         with _receivers() as receivers:
             until(lambda: host.poll()[0], 60)

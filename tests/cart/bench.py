@@ -23,7 +23,9 @@ SEED = 3
 RELAY, LAMP = 0, 1
 """Lines of the simulated GPIO chip."""
 CONTACT = "gpio:/dev/gpiochip0?line=relay"
-PATIENCE = "[supervisor]\nself_test_s = 120\nstarting_s = 120\nestimator_silence_ms = 5000\noutput_silence_ms = 5000\n"
+LONGER_TIMEOUTS = (
+    "[supervisor]\nself_test_s = 120\nstarting_s = 120\nestimator_silence_ms = 5000\noutput_silence_ms = 5000\n"
+)
 """Of a service under emulation, which starts for half a minute. Not measured beyond that it suffices."""
 
 

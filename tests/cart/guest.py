@@ -199,7 +199,7 @@ class Guest:
         end_s = time.monotonic() + deadline_s
         while time.monotonic() < end_s:
             try:
-                self._agent("guest-ping", patience_s=1.0)
+                self._agent("guest-ping", timeout_s=1.0)
                 return
             except TimeoutError:
                 continue
@@ -208,11 +208,11 @@ class Guest:
     def console(self) -> str:
         return (self.folder / "console.log").read_text(errors="replace")
 
-    def _agent(self, command: str, arguments: dict[str, Any] | None = None, patience_s: float = EXEC_S) -> Any:
+    def _agent(self, command: str, arguments: dict[str, Any] | None = None, timeout_s: float = EXEC_S) -> Any:
         """One request on a connection of its own, after a synchronisation that leaves old answers behind."""
         number = next(self._ids)
         with self._connected("agent") as line, line.makefile("rwb") as stream:
-            line.settimeout(patience_s)
+            line.settimeout(timeout_s)
             sync = {"execute": "guest-sync-delimited", "arguments": {"id": number}}
             stream.write(b"\xff" + json.dumps(sync).encode() + b"\n")
             stream.flush()

@@ -1,7 +1,7 @@
 """The whole line on the whole machine: scanner → vivid → V4L2, tracker → serial port, verdict → GPIO line.
 
 Software emulation is too slow for the rates of a cart, so this cart's time passes slower, as slow as this host needs:
-service, scanner and tracker share one clock. Every check, limit and patience is the default of every cart.
+service, scanner and tracker share one clock. Every check, limit and timeout is the default of every cart.
 """
 
 import time
@@ -112,7 +112,7 @@ def _mirror_and_acknowledge(cart: Guest) -> None:
 
 
 def _lose_grabber_and_signal(cart: Guest) -> None:
-    """Disconnected, vivid says ENODEV until it is opened again; that is done within the patience of this cart, so the
+    """Disconnected, vivid says ENODEV until it is opened again; that is done within the timeouts of this cart, so the
     log tells it and no alarm need. Without a signal its pictures go on, but are none of the scanner: that ends the
     verification, and the next one shows that both are back.
     """

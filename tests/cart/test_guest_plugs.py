@@ -11,7 +11,7 @@ import pytest
 
 from tests.cart.bench import (
     CONTACT,
-    PATIENCE,
+    LONGER_TIMEOUTS,
     HostTwins,
     await_device_events,
     configure,
@@ -38,7 +38,7 @@ def test_unplugged_serial_and_lost_signal_are_said_once_and_come_back(
             guest.restore()
             guest.plug_usb_serial()
             tracker = "ndi:/dev/ttyUSB0?probe=/etc/probewatch/probe.rom&deadline_ms=5000"
-            configure(guest, VIDEO, tracker, [CONTACT], PATIENCE)
+            configure(guest, VIDEO, tracker, [CONTACT], LONGER_TIMEOUTS)
             guest.sh("systemctl start probewatch", timeout_s=START_S)
             await_samples(guest)
             signal = "v4l2-ctl -d /dev/video0 -c dv_timings_signal_mode="

@@ -14,7 +14,7 @@ import pytest
 from tests.cart.bench import (
     CONTACT,
     LAMP,
-    PATIENCE,
+    LONGER_TIMEOUTS,
     RELAY,
     UNIT,
     await_gpio,
@@ -41,7 +41,7 @@ def machine(guest_image: Image, tmp_path_factory: pytest.TempPathFactory) -> Ite
     with Guest(guest_image, tmp_path_factory.mktemp("guest")) as guest:
         guest.restore()
         guest.put_scripts()
-        configure(guest, "sim:/run/no-scanner", "ndi:/dev/ttyUSB0", [CONTACT, RED], PATIENCE)
+        configure(guest, "sim:/run/no-scanner", "ndi:/dev/ttyUSB0", [CONTACT, RED], LONGER_TIMEOUTS)
         guest.sh("systemctl start probewatch", timeout_s=START_S)
         yield guest
 

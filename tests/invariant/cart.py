@@ -11,7 +11,7 @@ from appliance.core.line import Line
 from appliance.limits import AT_REST_S, Limits, RequiredAges
 from appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Patience
+from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import AlarmState, Verdict
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from tests.invariant.circumstances import GRADUAL, NO_BLANK, Blank, Circumstances, Manner, Pictures, Poses, Stamps
@@ -311,7 +311,7 @@ class Cart:
     def _tick(self) -> None:
         now_ns = self._now_ns
         facts = replace(self._facts, heartbeat_ns=now_ns, output_ns=now_ns)
-        inputs = Inputs(tuple(self._verdicts), watch_devices(now_ns, facts, Patience()), self._wish())
+        inputs = Inputs(tuple(self._verdicts), watch_devices(now_ns, facts, Timeouts()), self._wish())
         self.newest = self._verdicts[-1] if self._verdicts else self.newest
         self._verdicts.clear()
         alarm = self._supervisor.step(now_ns, inputs)

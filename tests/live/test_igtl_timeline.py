@@ -97,8 +97,8 @@ def test_ok_is_never_said_of_a_time_at_which_the_contact_was_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the time that each STATUS is true for, and the relay board's own clock, through every fault of the demo."""
-    for patience in ("_FIRST_S", "LONGEST_RECOVERY_S"):  # how soon it verifies is not asked here
-        monkeypatch.setattr(f"tools.demo.director.{patience}", LONGEST_S)
+    for timeout in ("_FIRST_S", "LONGEST_RECOVERY_S"):  # how soon it verifies is not asked here
+        monkeypatch.setattr(f"tools.demo.director.{timeout}", LONGEST_S)
     plan = default_plan()
     director = Director(plan)
     with Cart(tmp_path, seed=1) as cart:

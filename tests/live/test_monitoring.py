@@ -58,7 +58,7 @@ class Fleet:
         self.running.callback(part.end)
 
     def start_prometheus(self) -> None:
-        """The files as they are shipped, but for addresses and patience."""
+        """The files as they are shipped, but for addresses and timeouts."""
         config = yaml.safe_load((MONITORING / "prometheus.yml").read_text())
         config["global"] = {"scrape_interval": "3s", "scrape_timeout": "3s", "evaluation_interval": "1s"}
         targets = [f"127.0.0.1:{port}" for port in self.ports.values()]

@@ -27,7 +27,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),  # of playwright's own pipes
 ]
 DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
-PATIENCE_MS = 60_000
+TIMEOUT_MS = 60_000
 
 
 class Bench:
@@ -42,7 +42,7 @@ class Bench:
         context = self._browser.new_context(viewport=size, color_scheme=scheme)
         self._contexts.append(context)
         page = context.new_page()
-        page.set_default_timeout(PATIENCE_MS)
+        page.set_default_timeout(TIMEOUT_MS)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto(self.web.url + "recalibrate")
         if may:

@@ -11,7 +11,7 @@ from tests.support.demo_cart import Cart
 from tests.support.polling import until
 
 ALARM_S = 2.0
-"""For half a second of patience, the median over a second of measurements, and a tick."""
+"""For a timeout of half a second, the median over a second of measurements, and a tick."""
 
 BUMPED = "the position sensor was bumped"
 

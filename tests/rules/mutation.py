@@ -64,7 +64,7 @@ _SWAPS = {
 _KILLED, _SURVIVED = 0, 1
 LEAST_PERCENT = 97.0
 """Of the mutants that must be noticed. The rest no test can see, such as a default that nobody leaves out."""
-_PATIENCE = 8
+_TIMEOUT_FACTOR = 8
 """A mutant that takes so many times as long as the unchanged module hangs, and so has been noticed."""
 _UNCHANGED_S = 600
 """Limit in processor seconds of the run that notes which lines the tests reach. Measured: 12 s on each processor."""
@@ -352,7 +352,7 @@ def main() -> None:
     began_s = time.monotonic()
     modules = sys.argv[1:] or MODULES
     reaches = unchanged(modules)
-    limit_s = max(10, round(_PATIENCE * sum(reach.took_s for reach in reaches.by_test.values())))
+    limit_s = max(10, round(_TIMEOUT_FACTOR * sum(reach.took_s for reach in reaches.by_test.values())))
     work = [one for module in modules for one in mutants(module, ast.parse(Path(file_of(module)).read_text()))]
     alive = 0
     for mutant in survivors(work, reaches, limit_s):

@@ -66,7 +66,7 @@ from tests.support.told_clock import SteppedClock, TimelessClock
 SIZE_PX = (640, 480)
 FPS, POSES_HZ = 10, 20
 """A line that trusts every picture sees no more in more of them."""
-_PATIENT_S = 30.0
+_TIMEOUT_S = 30.0
 """Of real time for which the service waits for a file: its own tenth of a second is what a busy computer may exceed."""
 _SERVED_S = 0.25
 """Of the cart's time that passes with each request of a program that knows nothing of this clock: some ticks."""
@@ -272,18 +272,18 @@ class SimulatedCart:
 
     def start_daemon(self) -> None:
         """The service, on the configuration that has been written."""
-        config, patience = load_config(self.config), _PATIENT_S
+        config, timeout_s = load_config(self.config), _TIMEOUT_S
         around = Surroundings(
             Openers(self.scanner.opened, self.tracker.opened, open_output),
             lambda: Pressure(self.folder / "proc", self.folder / "no groups"),
-            lambda: DeadlineWorker(patience),
+            lambda: DeadlineWorker(timeout_s),
             self._wall_ns,
         )
         with ExitStack() as running:
             running.callback(structlog.reset_defaults)
             running.enter_context(configure("debug", self._log))
             references = References(config, lambda: datetime.fromtimestamp(self._wall_ns() / 1e9, UTC), self.clock)
-            stale_ns = config.supervisor.patience().stale_ns
+            stale_ns = config.supervisor.timeouts().stale_ns
             self.estimator = EstimatorHere(self._make_line, config.limits, stale_ns, self.clock)
             running.callback(self.estimator.close)
             onlookers = Onlookers.of(config).all

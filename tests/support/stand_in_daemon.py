@@ -66,7 +66,7 @@ def main() -> None:
         return serve_estimator(sys.argv[1:], TrustingLine)
     file, rate, origin_ns = Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3])
     config, slowness = load_config(file), max(1.0, 1 / rate)
-    estimator = EstimatorHost(None, config.limits, config.supervisor.patience().stale_ns, _COMMAND, slowness)
+    estimator = EstimatorHost(None, config.limits, config.supervisor.timeouts().stale_ns, _COMMAND, slowness)
     return serve(config, file, References(config), estimator, HostClock(rate, origin_ns))
 
 

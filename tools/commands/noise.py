@@ -55,7 +55,7 @@ def command(recordings: tuple[Path, ...], output: Path, config_path: Path | None
     """
     check_replaceable(output, NOISE_BEGINS.encode())
     config = None if config_path is None else load_config(config_path)
-    judging = Judging() if config is None else Judging(config.limits, patience=config.supervisor.patience())
+    judging = Judging() if config is None else Judging(config.limits, timeouts=config.supervisor.timeouts())
     several, refused = found(recordings)
     if refused:
         raise RecordingError(f"cannot be learned from: {refused[0]}", str(recordings[0]), "Leave it out")
@@ -75,7 +75,7 @@ def command(recordings: tuple[Path, ...], output: Path, config_path: Path | None
 
 def _heard(one: Path | Series, calibration: Path | None, judging: Judging) -> tuple[Heard, bool]:
     """And whether it is simulated."""
-    stale_ns = judging.patience.stale_ns
+    stale_ns = judging.timeouts.stale_ns
     if isinstance(one, Series):
         heard = heard_in_series(one, judging.limits, stale_ns)
         if one.damage_text:

@@ -118,7 +118,7 @@ def command(
     A black box needs no --calibration: it is judged by what was in force, and the report says whether every verdict is
     that of the live run, bit for bit. With --calibration it is judged by that one.
 
-    --config takes limits, durations and patience from a cart's configuration, so that the recording is judged as that
+    --config takes limits, durations and timeouts from a cart's configuration, so that the recording is judged as that
     cart would have judged it; without it they are those that probewatch ships with.
 
     --estimate writes what the motion shows of the calibration as a new file, for the first calibration of a cart
@@ -224,7 +224,7 @@ def _replayed(
     _refuse_late(schedule, (session.overlap_ns[1] - session.start_ns) / 1e9)
     nominal = read_calibration(calibration, session.size_px, names.probe or "Probe")
     judged = judging or Judging()
-    line = Line(nominal, judged.limits, judged.patience.stale_ns)
+    line = Line(nominal, judged.limits, judged.timeouts.stale_ns)
     report, timeline = run(session, line, schedule, judged, _progress(len(session)), seen)
     damage = one.damage_text if isinstance(one, Series) else ""
     return _Outcome(_path(one), report, timeline, nominal, None, damage)
@@ -322,7 +322,7 @@ def _box_fields(comparison: Comparison, damage: str) -> dict[str, object]:
 
 def _judging(config_path: Path) -> Judging:
     config = load_config(config_path)
-    return Judging(config.limits, config.supervisor.durations(), config.supervisor.patience())
+    return Judging(config.limits, config.supervisor.durations(), config.supervisor.timeouts())
 
 
 def _progress(total: int | None) -> Callable[[Iterable[_Item]], Iterator[_Item]]:

@@ -24,7 +24,7 @@ from tools.shared.named_cart import cart_option
 
 _SELF_TESTS = "self-tests"
 _NAMESPACE = "probewatch-report"
-_PATIENCE_S = 20
+_TIMEOUT_S = 20
 """For ssh-keygen to sign with a key of a file, s; one that asks a person or a card is not for a timer."""
 
 
@@ -139,7 +139,7 @@ def _sign(file: Path, key: Path) -> bool:
     file.with_name(f"{file.name}.sig").unlink(missing_ok=True)
     command = ["ssh-keygen", "-Y", "sign", "-f", str(key), "-n", _NAMESPACE, str(file)]
     try:
-        subprocess.run(command, check=True, capture_output=True, stdin=subprocess.DEVNULL, timeout=_PATIENCE_S)
+        subprocess.run(command, check=True, capture_output=True, stdin=subprocess.DEVNULL, timeout=_TIMEOUT_S)
     except subprocess.SubprocessError as error:
         said = (getattr(error, "stderr", None) or b"").decode(errors="replace").strip()
         remedy = "Give a key without a passphrase that this user may read"

@@ -56,7 +56,7 @@ def _run(config_file: Path, clock: HostClock, slowness: float) -> None:
         _await_configuration(config_file)
         return
     config = load_config(config_file)
-    references, stale_ns = References(config), config.supervisor.patience().stale_ns
+    references, stale_ns = References(config), config.supervisor.timeouts().stale_ns
     with closing(EstimatorHost(None, config.limits, stale_ns, slowness=slowness)) as estimator:
         serve(config, config_file, references, estimator, clock)
 

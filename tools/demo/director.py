@@ -24,7 +24,7 @@ class Director:
         self._over: list[Injection] = []
         self._on: Injection | None = None
         self._monitoring_s: float | None = None
-        self._good_s, self._patience_s = 0.0, _FIRST_S
+        self._good_s, self._timeout_s = 0.0, _FIRST_S
         self.gave_up = False
         """Whether the calibration was not verified for so long that the rest of the plan makes no sense."""
 
@@ -52,7 +52,7 @@ class Director:
         self._note(t_s, state)
         if self._on is not None:
             return self._take_out(self._on, t_s, state)
-        self.gave_up = self.gave_up or t_s - self._good_s > self._patience_s
+        self.gave_up = self.gave_up or t_s - self._good_s > self._timeout_s
         return not self.gave_up and self._put_in(t_s)
 
     def finished(self, t_s: float) -> bool:
@@ -74,7 +74,7 @@ class Director:
         elif self._monitoring_s is None:
             self._monitoring_s = t_s
         if self._steady(t_s):
-            self._good_s, self._patience_s = t_s, LONGEST_RECOVERY_S
+            self._good_s, self._timeout_s = t_s, LONGEST_RECOVERY_S
 
     def _take_out(self, on: Injection, t_s: float, state: State) -> bool:
         """A fault that has had its time ends by the orders already given."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 FOUND, NOT_CHECKED = 1, 2
 """Exit codes beside 0; the second is no verdict."""
-_PATIENCE_S = 300
+_TIMEOUT_S = 300
 """For about thirty packages, one question each."""
 
 
@@ -22,7 +22,7 @@ def main(pip_audit: str, lock: Path) -> int:
         options = ["--strict", "--no-deps", "--disable-pip", "--require-hashes", "--progress-spinner=off"]
         command = [pip_audit, *options, "-r", str(lock), "--format=json", "--output", str(report)]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_PATIENCE_S)
+            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_TIMEOUT_S)
         except (OSError, subprocess.TimeoutExpired) as error:
             return _not_checked(str(error))
         if not report.exists():

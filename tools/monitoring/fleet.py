@@ -14,7 +14,7 @@ from typing import Any
 from drivers.errors import ConfigurationError, DeviceLost, system_words
 from drivers.printable import printable
 
-_PATIENCE_S = 10.0
+_TIMEOUT_S = 10.0
 """For which one answer may take, the whole of it: a question about a hundred carts takes ms, one that hangs or drips
 never answers.
 """
@@ -160,14 +160,14 @@ def _answer(question: urllib.request.Request) -> bytes:
     answer: Future[bytes] = Future()
     threading.Thread(target=_ask, args=(question, answer), name="question", daemon=True).start()
     try:
-        return answer.result(_PATIENCE_S)
+        return answer.result(_TIMEOUT_S)
     except TimeoutError:
-        raise TimeoutError(f"not whole within {_PATIENCE_S:g} s") from None
+        raise TimeoutError(f"not whole within {_TIMEOUT_S:g} s") from None
 
 
 def _ask(question: urllib.request.Request, answer: "Future[bytes]") -> None:
     try:
-        with urllib.request.urlopen(question, timeout=_PATIENCE_S) as reply:
+        with urllib.request.urlopen(question, timeout=_TIMEOUT_S) as reply:
             answer.set_result(reply.read(_MOST_BYTES + 1))
     except Exception as error:
         if isinstance(error, urllib.error.HTTPError):

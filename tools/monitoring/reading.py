@@ -11,16 +11,16 @@ from appliance.service.control.client import ControlClient
 from drivers.errors import ProbewatchError
 from tools.monitoring.exposition import Status, families, silent
 
-PATIENCE_S = 2.0
+TIMEOUT_S = 2.0
 """For which the service may be silent: it answers within a tick of 0.05 s. Prometheus gives up after 10 s by default;
 this must be less, so that it hears that the service is away.
 """
 
 
 def read_status(socket: Path) -> Status | None:
-    """None where no service answers within PATIENCE_S, or what answers is none."""
+    """None where no service answers within TIMEOUT_S, or what answers is none."""
     try:
-        with ControlClient(socket, PATIENCE_S) as client:
+        with ControlClient(socket, TIMEOUT_S) as client:
             return client.status()
     except (ProbewatchError, OSError, ValueError, KeyError, TypeError, AssertionError, RecursionError):
         return None

@@ -11,7 +11,7 @@ from drivers.files.atomic_file import check_replaceable, writing
 
 _PDF_BEGINS = b"%PDF-"
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-_PATIENCE_S = 60
+_TIMEOUT_S = 60
 """For a page to be printed: 2 s on a computer with nothing else to do, and many times that on a busy one."""
 
 
@@ -33,7 +33,7 @@ def write_pdf(page: Path, path: Path) -> None:
         if os.geteuid() == 0:
             command.insert(1, "--no-sandbox")  # it refuses root otherwise; the page may load and run nothing
         try:
-            subprocess.run(command, check=True, capture_output=True, timeout=_PATIENCE_S)
+            subprocess.run(command, check=True, capture_output=True, timeout=_TIMEOUT_S)
             content = printed.read_bytes()
         except (OSError, subprocess.SubprocessError) as error:
             what = f"could not be printed by {browser} ({type(error).__name__})"

@@ -107,7 +107,7 @@ class ArchiveTask:
         calibration = parse_calibration(content, self.calibration, size_px, self.probe or "Probe")
         judging = self.judging or Judging(Limits())
         report, changes = run(
-            session, Line(calibration, judging.limits, judging.patience.stale_ns), Schedule(), judging
+            session, Line(calibration, judging.limits, judging.timeouts.stale_ns), Schedule(), judging
         )
         return report, changes, session, None
 

@@ -132,7 +132,7 @@ class Rest:
             if self._still_ns - end_ns > _BLIND_NS:
                 self._parted_ns = t_ns
             self._begin(t_ns, pose, pictures)
-        elif self._still_ns == t_ns and t_ns - end_ns > self._patience_ns:
+        elif self._still_ns == t_ns and t_ns - end_ns > self._timeout_ns:
             self._begin(t_ns, pose, pictures)
 
     def since(self, t_ns: int, *, lasting: bool = False) -> int:
@@ -153,7 +153,7 @@ class Rest:
         return tuple((span.start_ns, span.end_ns) for span in self._spans)
 
     @property
-    def _patience_ns(self) -> int:
+    def _timeout_ns(self) -> int:
         """How long the anchor waits for a picture like it."""
         if self._spans[-1].lasted:
             return _LOST_NS

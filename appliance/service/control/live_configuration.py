@@ -20,7 +20,7 @@ _TAKEN = {"limits", "noise", "supervisor", "alarm", "recorder"}
 
 
 class LiveConfiguration:
-    """config: in force. patience: of the device watchers, as it says. file: where it is read again from.
+    """config: in force. timeouts: of the device watchers, as it says. file: where it is read again from.
 
     asked: by a signal; the next tick reloads.
     """
@@ -35,7 +35,7 @@ class LiveConfiguration:
         supervisor: Supervisor,
         events: EventLog,
     ) -> None:
-        self.config, self.file, self.patience = config, file, config.supervisor.patience()
+        self.config, self.file, self.timeouts = config, file, config.supervisor.timeouts()
         self.asked = False
         self._worker, self._estimator, self._references = worker, estimator, references
         self._supervisor, self._events = supervisor, events
@@ -56,9 +56,9 @@ class LiveConfiguration:
         before, self.config = self.config, _taken(self.config, written)
         self._references.look_again()
         self._supervisor.retime(self.config.supervisor.durations())
-        patience, self.patience = self.patience, self.config.supervisor.patience()
-        if (self.config.limits, self.patience.stale_ns) != (before.limits, patience.stale_ns):
-            self._estimator.limit(self.config.limits, self.patience.stale_ns)
+        timeouts, self.timeouts = self.timeouts, self.config.supervisor.timeouts()
+        if (self.config.limits, self.timeouts.stale_ns) != (before.limits, timeouts.stale_ns):
+            self._estimator.limit(self.config.limits, self.timeouts.stale_ns)
             self._supervisor.doubt()
         elif self.config.supervisor.max_verification_age_s > before.supervisor.max_verification_age_s:
             self._supervisor.doubt()  # what has expired does not count again

@@ -17,7 +17,7 @@ from drivers.samples import Frame, MarkerBody, Pose, Sample
 _READ_S = 0.1
 """For which a read waits. Longer lets the end and what a person asks of the tracker wait; shorter costs wake-ups."""
 _REOPEN_AFTER_NS = 3_000_000_000
-"""Silence after which an open device is opened again. The alarm does not wait for it (`Patience`). Shorter interrupts a
+"""Silence after which an open device is opened again. The alarm does not wait for it (`Timeouts`). Shorter interrupts a
 device that is about to go on; longer is part of the time to recover.
 """
 _LOOK_NS = 200_000_000

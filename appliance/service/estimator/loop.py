@@ -18,7 +18,7 @@ from appliance.types import Calibration, Verdict
 from drivers.samples import Matrix4, Sample
 
 _WORD_EVERY_NS = 100_000_000
-"""Between two words where there is no verdict: ten must be missing before `Patience.estimator_ns` calls it silent."""
+"""Between two words where there is no verdict: ten must be missing before `Timeouts.estimator_ns` calls it silent."""
 
 
 class Stepper(Protocol):

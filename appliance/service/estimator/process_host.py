@@ -31,7 +31,7 @@ shorter spends the processor on what cannot start.
 """
 _HUNG_S, _LOADING_S = 5.0, 60.0
 """Silence after which it is killed: once it has spoken, and while it loads its libraries from a slow disk. The contact
-is open by then (`Patience.estimator_ns`), so these cost only recovery: shorter would kill one that is merely slow.
+is open by then (`Timeouts.estimator_ns`), so these cost only recovery: shorter would kill one that is merely slow.
 """
 _WORKING_S = 0.3
 """Silence up to which the estimator counts as working: three of its words."""
@@ -56,7 +56,7 @@ class EstimatorHost:
     """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
 
     reference: None until refer() gives one; without it nothing is judged. stale_ns: as `Order` has it. slowness: how
-    much more patience an emulated machine needs. clock: whose real time it is.
+    much longer the timeouts of an emulated machine are. clock: whose real time it is.
 
     restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
     before any did. last: what it said last, None before its first word. said_ns: when the first verdict of the last
@@ -248,17 +248,17 @@ class EstimatorHost:
             self._link.close()
             self._link = None
 
-    def _stop(self, patience_s: float = _BURIAL_S) -> None:
+    def _stop(self, timeout_s: float = _BURIAL_S) -> None:
         self._drop_link()
         if self._process is not None:
             self._process.send_signal(signal.SIGKILL)
             self._dying.append(self._process)
             self._process, self._spoken = None, False
-            self._bury(patience_s)
+            self._bury(timeout_s)
 
-    def _bury(self, patience_s: float = 0.0) -> None:
+    def _bury(self, timeout_s: float = 0.0) -> None:
         """Collect the processes that are dead by now; one that waits in the kernel for a disk cannot die before it."""
         for process in tuple(self._dying):
             with suppress(subprocess.TimeoutExpired):
-                process.wait(patience_s)
+                process.wait(timeout_s)
                 self._dying.remove(process)

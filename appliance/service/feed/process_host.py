@@ -150,10 +150,10 @@ class FeedHost:
             self._dying.append(self._process)
             self._process = None
 
-    def _bury(self, patience_s: float = 0.0) -> None:
+    def _bury(self, timeout_s: float = 0.0) -> None:
         for process in tuple(self._dying):
             with suppress(subprocess.TimeoutExpired):
-                process.wait(patience_s)
+                process.wait(timeout_s)
                 self._dying.remove(process)
 
     def _close_tap(self) -> None:

@@ -54,7 +54,7 @@ class Facts:
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class Timeouts:
     """How long each silence is tolerated, ns."""
 
     video_ns: int = 500_000_000

@@ -66,8 +66,8 @@ class Exchange:
         on which a reply takes more than a quarter of it is given longer.
         """
         least_ns = 2 * self.reply_ns
-        patience_ns = max(self._deadline_ns, round(_SPARE_SHARE * self._deadline_ns) + least_ns)
-        deadline_ns = max(self._good_ns + patience_ns, self._clock.now_ns() + _LEAST_TRY_NS + least_ns)
+        timeout_ns = max(self._deadline_ns, round(_SPARE_SHARE * self._deadline_ns) + least_ns)
+        deadline_ns = max(self._good_ns + timeout_ns, self._clock.now_ns() + _LEAST_TRY_NS + least_ns)
         while True:
             try_ns = min(deadline_ns, self._clock.now_ns() + max(round(_TRY_SHARE * self._deadline_ns), least_ns))
             try:

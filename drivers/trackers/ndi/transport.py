@@ -132,7 +132,7 @@ class NetworkLine:
     def __init__(self, host: str, port: int, clock: HostClock) -> None:
         self.where = f"{host}:{port}"
         self._host, self._port = host, port
-        self._socket = self._connect_patiently(clock)
+        self._socket = self._connect_before_timeout(clock)
 
     def fileno(self) -> int:
         return self._socket.fileno()
@@ -155,7 +155,7 @@ class NetworkLine:
     def close(self) -> None:
         self._socket.close()
 
-    def _connect_patiently(self, clock: HostClock) -> socket.socket:
+    def _connect_before_timeout(self, clock: HostClock) -> socket.socket:
         end_ns = clock.now_ns() + _STARTING_NS
         while True:
             try:

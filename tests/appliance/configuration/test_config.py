@@ -14,7 +14,7 @@ from appliance.configuration.mistakes import Mistakes
 from appliance.configuration.toml_lines import key_lines, line_of
 from appliance.limits import Limits
 from appliance.supervision.policy import Durations
-from appliance.supervision.watchers.facts import Patience
+from appliance.supervision.watchers.facts import Timeouts
 from appliance.types import PARAMETERS
 from drivers.errors import ConfigurationError
 from drivers.registry import device_kinds, drivers
@@ -56,15 +56,15 @@ def test_a_short_file_gets_every_default(tmp_path: Path) -> None:
     assert config.calibration.file == tmp_path / "probe.toml"
     assert config.limits == Limits()
     assert config.supervisor.durations() == Durations()
-    assert config.supervisor.patience() == Patience()
+    assert config.supervisor.timeouts() == Timeouts()
 
 
 def test_units_become_nanoseconds(tmp_path: Path) -> None:
     text = GOOD + "[supervisor]\nhalt_after_s = 0.25\nvideo_silence_ms = 120\nunseen_s = 5\n"
     times = load_config(written(tmp_path, text)).supervisor
     assert times.durations().halt_after_ns == 250_000_000
-    assert times.patience().video_ns == 120_000_000
-    assert times.patience().unseen_ns == 5_000_000_000
+    assert times.timeouts().video_ns == 120_000_000
+    assert times.timeouts().unseen_ns == 5_000_000_000
 
 
 def test_the_commented_example_is_valid_and_names_every_key_with_its_default() -> None:

@@ -11,7 +11,7 @@ import pytest
 from appliance.limits import Limits
 from appliance.service.devices.source_thread import TrackerThread
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Patience
+from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import Check, Kind, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.registry import open_tracker
@@ -31,7 +31,7 @@ class Watch:
     def __init__(self, thread: TrackerThread, clock: HostClock) -> None:
         self.thread, self._clock, self._started_ns = thread, clock, clock.now_ns()
         limit_ns = round(500e6 * clock.rate)
-        self._patience = Patience(tracker_ns=limit_ns, stale_ns=limit_ns)
+        self._timeouts = Timeouts(tracker_ns=limit_ns, stale_ns=limit_ns)
 
     def checks(self) -> dict[str, Check]:
         """By name, those about the tracker."""
@@ -41,7 +41,7 @@ class Watch:
             replies=thread.replies,
             body=thread.body,
         )
-        found = watch_devices(self._clock.now_ns(), facts, self._patience, Limits())
+        found = watch_devices(self._clock.now_ns(), facts, self._timeouts, Limits())
         return {check.name: check for check in found if check.fault in _TRACKER}
 
     def failing(self) -> list[str]:

@@ -201,7 +201,7 @@ def test_bad_option_is_a_configuration_error(query: str) -> None:
 def test_an_answer_that_came_while_this_host_was_busy_is_no_silence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The host gets no processor time between its question and the end of its patience."""
+    """The host gets no processor time between its question and the end of its timeout."""
     with running_board(tmp_path / "relay", CLOCK) as board, open_output(f"relay:{tmp_path}/relay", CLOCK) as output:
         assert isinstance(output, RelayOutput)
         send = output._port.send

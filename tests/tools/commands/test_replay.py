@@ -16,7 +16,7 @@ from appliance.service.devices.source_thread import TrackerThread
 from appliance.storage.calibration_file import write_calibration
 from appliance.supervision.timeline import Judging, Timeline
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Patience
+from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.recordings.metaimage import write_metaimage
@@ -145,7 +145,7 @@ def live_checks(statuses: list[PoseStatus]) -> dict[str, VerdictKind]:
     end_ns = START_NS + (len(statuses) - 1) * PERIOD_NS
     heard = {"heartbeat_ns": end_ns, "output_ns": end_ns, "frame_ns": end_ns}
     facts = Facts(started_ns=START_NS, replies=thread.replies, **heard)
-    return verdict_of(watch_devices(end_ns, facts, Patience(), Limits()))
+    return verdict_of(watch_devices(end_ns, facts, Timeouts(), Limits()))
 
 
 def reply(index: int, status: PoseStatus) -> Pose:
@@ -181,7 +181,7 @@ def test_replay_and_live_judge_every_kind_of_reply_alike(status, before):
 
 def test_a_recording_is_judged_as_the_configuration_of_its_cart_says(session, tmp_path):
     """A tracker that is lost for half a second is a fault unless the cart is told to wait longer."""
-    patient = Judging(patience=Patience(tracker_ns=5_000_000_000))
+    patient = Judging(timeouts=Timeouts(tracker_ns=5_000_000_000))
     samples = spoiled(session, Episode("lose-tracker", 0.8))
     for judging, lost in ((None, True), (patient, False)):
         timeline = Timeline(START_NS, START_NS, START_NS + 39 * PERIOD_NS, judging)

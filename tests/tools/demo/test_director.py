@@ -110,13 +110,13 @@ def test_a_fault_that_is_not_found_goes_when_its_time_is_up() -> None:
     assert play.director.finished(14.0)
 
 
-@pytest.mark.parametrize(("before_s", "patience_s"), [(0.0, 60.0), (5.0, 30.0)])
+@pytest.mark.parametrize(("before_s", "timeout_s"), [(0.0, 60.0), (5.0, 30.0)])
 def test_a_calibration_that_stays_unverified_ends_the_demo_and_names_what_was_left_out(
-    before_s: float, patience_s: float
+    before_s: float, timeout_s: float
 ) -> None:
     play = Play(Planned("depth", 20.0))
     play.stay(MONITORING, before_s)
-    play.stay(NOT_VERIFIED, patience_s - 0.2)
+    play.stay(NOT_VERIFIED, timeout_s - 0.2)
     assert not play.director.finished(play.t_s)
     play.stay(NOT_VERIFIED, 0.5)
     assert play.director.finished(play.t_s)

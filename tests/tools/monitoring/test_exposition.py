@@ -161,7 +161,7 @@ def test_a_status_of_another_version_never_looks_half_well(key: str, other: obje
 
 
 def test_a_service_that_is_away_or_silent_or_no_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reading, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(reading, "TIMEOUT_S", 0.2)
     exposition = Exposition(tmp_path / "control")
     assert samples(exposition.collect())[("probewatch_up", ())] == 0
     with Answering(tmp_path / "control") as service:

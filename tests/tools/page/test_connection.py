@@ -70,7 +70,7 @@ def address(served: uvicorn.Server, listener: socket.socket) -> Address:
 
 @pytest.fixture
 def served(listener: socket.socket, monkeypatch: pytest.MonkeyPatch) -> Iterator[uvicorn.Server]:
-    """With less patience than the page has."""
+    """With a shorter timeout than that of the page."""
     for module, name in ((connection, "_SILENT_S"), (connection, "_ASLEEP_S"), (server, "_BODY_S")):
         monkeypatch.setattr(module, name, 0.25)
     routes = [

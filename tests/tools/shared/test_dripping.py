@@ -89,7 +89,7 @@ def test_a_deadline_is_that_of_the_whole_answer(
 
 
 def test_a_prometheus_that_drips_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fleet, "_PATIENCE_S", DEADLINE_S)
+    monkeypatch.setattr(fleet, "_TIMEOUT_S", DEADLINE_S)
     body = json.dumps({"status": "success", "data": {"result": []}}).encode()
     with socket.create_server(("127.0.0.1", 0)) as listener:
         url = "http://{}:{}".format(*listener.getsockname())

@@ -55,8 +55,8 @@ class Running:
         config = stores.configuration(self.folder)
         self.references = stores.started(config)
         self.recorder = Recorder(config.alarm.folder, HostClock())
-        patience = config.supervisor.patience()
-        self.estimator = EstimatorHost(stores.calibration(), config.limits, patience.stale_ns, COMMAND)
+        timeouts = config.supervisor.timeouts()
+        self.estimator = EstimatorHost(stores.calibration(), config.limits, timeouts.stale_ns, COMMAND)
         self.live = LiveConfiguration(
             config,
             self.folder / "probewatch.toml",
@@ -94,11 +94,11 @@ def running(tmp_path: Path) -> Iterator[Running]:
     running.close()
 
 
-def test_other_patience_with_a_tracker_reaches_watchers_and_line(running: Running) -> None:
+def test_other_timeouts_of_a_tracker_reach_watchers_and_line(running: Running) -> None:
     assert running.stale_ns() == 500_000_000
     running.write("supervisor.tracker_stale_ms = 250\n")
     running.live.reload()
-    assert running.live.patience.stale_ns == 250_000_000
+    assert running.live.timeouts.stale_ns == 250_000_000
     until(lambda: running.stale_ns() == 250_000_000)
     running.recorder.close()
     assert [entry.event for entry in read_log(running.live.config.alarm.folder).entries][-1] == "reloaded"
@@ -145,19 +145,19 @@ def test_what_only_a_restart_can_change_is_refused_and_changes_nothing(running: 
     running.write('control.socket = "/run/other"\nsupervisor.tracker_stale_ms = 250\n')
     with pytest.raises(ControlRefused, match=r"\[control\] cannot change while it runs"):
         running.live.reload()
-    assert running.live.patience.stale_ns == 500_000_000
+    assert running.live.timeouts.stale_ns == 500_000_000
 
 
 def test_a_signal_reloads_at_the_next_tick_and_a_refusal_is_logged(running: Running, log) -> None:
     running.write("supervisor.tracker_stale_ms = 250\n")
     running.live.reload_if_asked()
-    assert running.live.patience.stale_ns == 500_000_000, "nobody has asked"
+    assert running.live.timeouts.stale_ns == 500_000_000, "nobody has asked"
     running.live.asked = True
     running.live.reload_if_asked()
-    assert running.live.patience.stale_ns == 250_000_000
+    assert running.live.timeouts.stale_ns == 250_000_000
     running.write("supervisor.unseen_s = 0\n")
     running.live.asked = True
     running.live.reload_if_asked()
     until(lambda: "configuration refused, the old one stays" in log.getvalue())
     assert not running.live.asked
-    assert running.live.patience.stale_ns == 250_000_000
+    assert running.live.timeouts.stale_ns == 250_000_000

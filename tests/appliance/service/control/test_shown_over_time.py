@@ -14,7 +14,7 @@ from appliance.limits import Limits, RequiredAges
 from appliance.service.control.status import ages_at_rest, alarm_fields, check_lists, shown_of_each
 from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Patience
+from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import State, Verdict, VerdictKind
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample
 from drivers.twins.scene.trajectory import Trajectory
@@ -91,7 +91,7 @@ def looks(at_rest_s: float) -> list[Look]:
     for sample in samples():
         while next_ns < sample.stamp.t_ns:
             now = replace(facts, heartbeat_ns=next_ns, output_ns=next_ns)
-            devices = watch_devices(next_ns, now, Patience(), limits)
+            devices = watch_devices(next_ns, now, Timeouts(), limits)
             alarm = supervisor.step(next_ns, Inputs(tuple(verdicts), devices))
             verdict = verdicts[-1] if verdicts else verdict
             verdicts.clear()

@@ -79,7 +79,7 @@ def test_samples_go_in_and_verdicts_come_out(host: EstimatorHost) -> None:
     assert host.last.dropped_frames == before.dropped_frames
 
 
-def test_other_patience_with_a_tracker_reaches_the_line() -> None:
+def test_other_timeouts_of_a_tracker_reach_the_line() -> None:
     with closing(EstimatorHost(reference(), Limits(), 500_000_000, COMMAND)) as host:
         until(lambda: host.poll()[0])
         host.put(frame(stand_in.OK))
@@ -183,7 +183,7 @@ def test_one_that_goes_on_dying_is_named_and_counted_each_time() -> None:
 
 @pytest.fixture
 def impatient() -> Iterator[EstimatorHost]:
-    """A host whose patience is 0.4 of the usual: 2 s instead of 5 s of silence."""
+    """A host whose timeout is 0.4 of the usual: 2 s instead of 5 s of silence."""
     host = EstimatorHost(reference(), Limits(), 500_000_000, COMMAND, slowness=0.4)
     until(lambda: host.poll()[0])
     yield host

@@ -16,7 +16,7 @@ from tests.support.polling import until
 CLOCK = HostClock()
 REPLY = encode_text("OKAY")
 AT_ONCE_BAUD = 10**9
-PATIENCE_NS = 200_000_000
+TIMEOUT_NS = 200_000_000
 
 
 @pytest.fixture
@@ -72,8 +72,8 @@ def test_a_device_that_never_stops_talking_holds_nobody_up(
     began_ns = CLOCK.now_ns()
     try:
         with pytest.raises(SilentError):
-            wait(link, began_ns + PATIENCE_NS)
+            wait(link, began_ns + TIMEOUT_NS)
     finally:
         stop.set()
         babbler.join()
-    assert CLOCK.now_ns() - began_ns < 2 * PATIENCE_NS
+    assert CLOCK.now_ns() - began_ns < 2 * TIMEOUT_NS
