@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, PointError, Rival, Verdict, VerdictKind
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
@@ -17,14 +17,14 @@ from drivers.samples import Frame, Pose, PoseStatus, Stamp
 Header = dict[str, Any]
 
 
-def order_fields(order: Order) -> Header:
+def settings_fields(settings: EstimatorSettings) -> Header:
     """What a line is made of."""
     return {
-        "generation": order.generation,
-        "stale_ns": order.stale_ns,
-        "limits": order.limits.model_dump(by_alias=True),
-        "reference": calibration_fields(order.reference),
-        "relative_pose": None if order.relative_pose is None else _numbers(order.relative_pose),
+        "generation": settings.generation,
+        "stale_ns": settings.stale_ns,
+        "limits": settings.limits.model_dump(by_alias=True),
+        "reference": calibration_fields(settings.reference),
+        "relative_pose": None if settings.relative_pose is None else _numbers(settings.relative_pose),
     }
 
 
@@ -76,10 +76,10 @@ def pose_fields(pose: Pose) -> Header:
     }
 
 
-def order_of(fields: Header) -> Order:
-    """Of order_fields."""
+def settings_of(fields: Header) -> EstimatorSettings:
+    """Of settings_fields."""
     limits, relative_pose = Limits.model_validate(fields["limits"]), fields.get("relative_pose")
-    return Order(
+    return EstimatorSettings(
         whole(fields["generation"]),
         calibration_of(fields["reference"]),
         limits,

@@ -1,7 +1,7 @@
 """The black box: one MCAP file of everything that a line was given, in its order, and of what it said.
 
 A file can be cut at any byte: what was written until a second before is read, and the reader says that it was cut. Fed
-to lines that are made as its orders say, it yields the same verdicts, bit for bit, as long as nothing is missing.
+to lines that are made as its settings say, it yields the same verdicts, bit for bit, as long as nothing is missing.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
 from appliance.storage.black_box_fields import Begun, Gap, Item, Made, fields_of, item_of
 from drivers.errors import RecordingError
@@ -264,14 +264,14 @@ class Series:
             found[topic] = Span(span.number + 1, first_ns, max(span.last_ns, t_ns))
         return found["/picture"], found["/pose"]
 
-    def first_order(self) -> Order | None:
+    def first_settings(self) -> EstimatorSettings | None:
         """What the first line was made by; None where there was none."""
-        orders = (item.order for item, _ in self.items() if isinstance(item, Made))
-        return next((order for order in orders if order is not None), None)
+        all_settings = (item.settings for item, _ in self.items() if isinstance(item, Made))
+        return next((settings for settings in all_settings if settings is not None), None)
 
     def items(self) -> Iterator[Told]:
         """As one file would have them: what each later part repeats so that it can be read alone is left out, and where
-        a part is missing or damaged there is a Gap, after which its order is passed on again.
+        a part is missing or damaged there is a Gap, after which its settings are passed on again.
         """
         before: BlackBox | None = None
         for box in self.boxes:
@@ -283,7 +283,7 @@ class Series:
 
 
 def _resumed(box: BlackBox) -> Iterator[Told]:
-    """Without its /begun and the order that follows it."""
+    """Without its /begun and the settings that follow it."""
     head = True
     for told in box.items():
         if head and isinstance(told.item, Begun | Made):

@@ -10,18 +10,18 @@ from typing import Any
 import cv2
 import numpy as np
 
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.core.exact_fields import (
-    order_fields,
-    order_of,
     pose_fields,
     pose_of,
+    settings_fields,
+    settings_of,
     stamp_fields,
     stamp_of,
     verdict_fields,
     verdict_of,
     whole,
 )
-from appliance.core.order import Order
 from appliance.types import Calibration, Verdict
 from drivers.samples import Frame, Pose
 
@@ -70,11 +70,11 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """From here on a line works by this order; step: samples that this very line had taken before, 0 for a new one.
-    order: None while there is no reference, and so no line.
+    """From here on a line works by these settings; step: samples that this very line had taken before, 0 for a new one.
+    settings: None while there is no reference, and so no line.
     """
 
-    order: Order | None
+    settings: EstimatorSettings | None
     step: int
 
 
@@ -164,18 +164,18 @@ def _gap(fields: Mapping[str, Any]) -> Gap:
 
 
 def _made(made: Made) -> dict[str, Any]:
-    return {"step": made.step, "order": None if made.order is None else order_fields(made.order)}
+    return {"step": made.step, "order": None if made.settings is None else settings_fields(made.settings)}
 
 
 def _read_made(fields: Mapping[str, Any]) -> Made:
-    order = None if fields["order"] is None else order_of(fields["order"])
-    if order is not None and not _sane(order.reference):
+    settings = None if fields["order"] is None else settings_of(fields["order"])
+    if settings is not None and not _sane(settings.reference):
         raise ValueError("the reference of /order is not a calibration of a probe")
-    return Made(order, whole(fields["step"]))
+    return Made(settings, whole(fields["step"]))
 
 
 def _sane(reference: Calibration) -> bool:
-    """Whether a line can be made of it: what an order of the service is by its making, and a file may not be."""
+    """Whether a line can be made of it: what settings of the service are by their making, and a file may not be."""
     R, scale, sides = reference.rotation, reference.scale_mm_per_px, reference.image_size_px
     numbers = [R, scale, reference.offset_mm, np.eye(1) if reference.covariance is None else reference.covariance]
     return (

@@ -41,8 +41,8 @@ class Entry(_Stored):
     8601. software: version that took it. file: where its content lay. image_size_px, probe: with which a device set was
     read. simulated: made of a simulated scan. difference: from the one before, in words; empty for the first. who:
     asked for it; empty for the service itself. to_show: checks that must be shown before its first OK. verified_utc:
-    when motion first showed it; None before. relative_pose: as of `appliance.core.order.Order`, by rows; None where not
-    known.
+    when motion first showed it; None before. relative_pose: as of
+    `appliance.core.estimator_settings.EstimatorSettings`, by rows; None where not known.
     """
 
     number: Annotated[int, Field(ge=1)]

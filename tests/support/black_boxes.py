@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.core.line import Line
-from appliance.core.order import Order
 from appliance.storage.black_box import FORMAT, BlackBoxWriter
 from appliance.storage.black_box_fields import Begun, Item, Made, State
 from appliance.types import Verdict
@@ -19,17 +19,17 @@ def begun(t_ns: int, session: str = "test", part: int = 1, text: str = "kept") -
 
 def record(
     path: Path,
-    order: Order,
+    settings: EstimatorSettings,
     samples: Iterable[Sample],
     finish: bool = True,
     told: Mapping[int, Mapping[str, Any]] | None = None,
 ) -> list[Verdict]:
     """A line works while it is recorded; what it said. told: number of a sample → the status that came with it."""
-    line, said = Line(order.reference, order.limits, order.stale_ns), list[Verdict]()
+    line, said = Line(settings.reference, settings.limits, settings.stale_ns), list[Verdict]()
     first, *rest = samples
     with path.open("wb") as stream:
         writer = BlackBoxWriter(stream, begun(first.stamp.t_ns))
-        writer.put(Made(order, 0), first.stamp.t_ns)
+        writer.put(Made(settings, 0), first.stamp.t_ns)
         for number, sample in enumerate((first, *rest)):
             if told is not None and number in told:
                 writer.put(State(told[number]), sample.stamp.t_ns)

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 from appliance.limits import Limits
 from appliance.service.control.server import ControlRefused, Peer
-from appliance.service.estimator.link import Order, link_pair
+from appliance.service.estimator.link import EstimatorSettings, link_pair
 from appliance.service.estimator.ring import FRAMES, Ring, RingFds
 from appliance.service.estimator.tap import Tap, TapFds, Wish
 from appliance.service.feed.server import FeedServer
@@ -87,7 +87,7 @@ class Scan:
     def _tell(self) -> None:
         reference = self._service.reference
         if reference is not None:
-            self._tap.begin(Order(1, reference, Limits(), 500_000_000))
+            self._tap.begin(EstimatorSettings(1, reference, Limits(), 500_000_000))
         while not self._tap.wanted and not self._ended.wait(0.005):
             pass
         for sample in self._samples:

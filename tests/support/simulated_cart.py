@@ -258,8 +258,8 @@ class SimulatedCart:
     def pose(self, t_ns: int, number: int) -> Pose:
         return Pose(Stamp(t_ns, _ERR_NS), number, np.eye(4), 0.1, PoseStatus.OK)
 
-    def _trusting(self, *order: Any) -> TrustingLine:
-        return TrustingLine(*order, lambda: self._fault)
+    def _trusting(self, *settings: Any) -> TrustingLine:
+        return TrustingLine(*settings, lambda: self._fault)
 
     def start_board(self) -> None:
         """The relay board is plugged in."""

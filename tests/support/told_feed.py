@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
 from appliance.service.estimator.link import link_pair
 from appliance.service.estimator.ring import FRAMES, Ring, RingFds
@@ -33,7 +33,7 @@ class ToldFeed:
         frames = RingFds(*(os.dup(fd) for fd in self._frames.fds))
         self.tap = Tap(TapFds(tells.detach(), frames, os.dup(self._wish.fd)))
         calibration = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), size_px)
-        self.tap.begin(Order(1, calibration, Limits(), 500_000_000))
+        self.tap.begin(EstimatorSettings(1, calibration, Limits(), 500_000_000))
         self._server = FeedServer(self._listener, self._hears, self._frames, self._wish, frozenset(), "test")
         self._thread = threading.Thread(target=self._server.run)
         self._thread.start()

@@ -18,7 +18,7 @@ from typing import Any, Self
 import numpy as np
 
 from appliance.service.control.server import ControlRefused
-from appliance.service.feed.message import FeedMessage, Lost, Ordered, Taken
+from appliance.service.feed.message import FeedMessage, LineStarted, Lost, Taken
 from appliance.types import Calibration, State
 from drivers.errors import ProbewatchError
 from drivers.files.atomic_file import check_writable
@@ -94,7 +94,7 @@ class ScanSession:
         self._latency: LatencyStep | None = None
         self._told: Mapping[str, Any] = {}
         self._reference: Calibration | None = None
-        self._heard_order = False
+        self._heard_settings = False
         self._file: Path | None = None
         self._sha256 = ""
         self._touched_s = now_s()
@@ -181,7 +181,7 @@ class ScanSession:
             self._service.grasp()
             self._latency = LatencyStep() if begin.latency else None
             self._begin, self._scanned, self._file, self._sha256 = begin, None, None, ""
-            self._heard_order, self._reference, self._fields, self._seen_s = False, None, {}, None
+            self._heard_settings, self._reference, self._fields, self._seen_s = False, None, {}, None
             self._phase, self._message, self._trouble = Phase.SCANNING, "", ""
             if begin.latency:
                 self._phase = Phase.LATENCY
@@ -339,9 +339,9 @@ class ScanSession:
                 if self._now_s() - self._solved_s > _LATENCY_EVERY_S:
                     self._solved_s = self._now_s()
                     self._latency.solve()
-        elif isinstance(message, Ordered) and not self._heard_order:
-            self._heard_order = True
-            self._reference = None if message.order is None else message.order.reference
+        elif isinstance(message, LineStarted) and not self._heard_settings:
+            self._heard_settings = True
+            self._reference = None if message.settings is None else message.settings.reference
             self._scanned = self._new_scan()
         elif self._scanned is None:
             return

@@ -1,4 +1,4 @@
-"""What is written of the feed, and when: order after order, with the patient's name left out. It reads no clock."""
+"""What is written of the feed, and when: line after line, with the patient's name left out. It reads no clock."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from appliance.core.registration.sector import Sector
-from appliance.service.feed.message import FeedMessage, Judged, Lost, Ordered, Taken
+from appliance.service.feed.message import FeedMessage, Judged, LineStarted, Lost, Taken
 from appliance.storage.black_box import FORMAT
 from appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State
 from appliance.types import Verdict
@@ -72,8 +72,8 @@ class Recorder:
 
     def take(self, message: FeedMessage, now_ns: int) -> None:
         """Of the feed."""
-        if isinstance(message, Ordered):
-            self._made = Made(message.order, message.step)
+        if isinstance(message, LineStarted):
+            self._made = Made(message.settings, message.step)
             self._step = message.step
             self._put(self._made, now_ns)
         elif isinstance(message, Taken):
@@ -86,7 +86,7 @@ class Recorder:
             self._put(Gap("this recorder was too slow, or the computer too busy", message.samples), now_ns)
 
     def interrupted(self, why: str, now_ns: int) -> None:
-        """The feed has ended; what follows begins with an order of its own."""
+        """The feed has ended; what follows begins with settings of its own."""
         self._made = None
         self._put(Gap(why), now_ns)
 

@@ -76,7 +76,7 @@ def heard_in_sequence(
 def heard_in_series(series: Series, limits: Limits, stale_ns: int) -> tuple[Heard, bool]:
     """Of a black box, by the references that were in force; and whether any of it is simulated."""
     path = series.boxes[0].path
-    if series.first_order() is None:
+    if series.first_settings() is None:
         raise RecordingError("holds no reference that was in force, so nothing was judged", str(path), _NOT_HEALTHY)
     heard = Heard(path)
     rerun = Rerun(series, lambda reference, _limits, _stale_ns, _relative_pose: _line(reference, limits, stale_ns))
@@ -84,7 +84,7 @@ def heard_in_series(series: Series, limits: Limits, stale_ns: int) -> tuple[Hear
         if isinstance(step.item, Frame | Pose) and isinstance(rerun.line, Line):
             heard.take(step.verdicts, rerun.line.nats)
     simulated = any(box.begun.simulated for box in series.boxes)
-    return heard, simulated or any(order.reference.simulated for order in rerun.orders)
+    return heard, simulated or any(settings.reference.simulated for settings in rerun.settings)
 
 
 def _line(reference: Calibration, limits: Limits, stale_ns: int) -> Line:

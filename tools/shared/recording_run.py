@@ -69,14 +69,14 @@ def run_series(
     watched: Callable[[Iterable[Step]], Iterator[Step]] = iter,
     seen: Seen = nobody,
 ) -> tuple[LineReport, list[Change], Comparison]:
-    """A black box through lines made as its own orders say; the report is the last line's. judging: None for the limits
-    of the first order, and the times that probewatch ships with. Raises RecordingError where nothing was ordered.
+    """A black box through lines made as its own settings say; the report is the last line's. judging: None for the
+    limits of the first line, and the times that probewatch ships with. Raises RecordingError where no line was made.
     """
-    order = series.first_order()
-    if order is None:
+    settings = series.first_settings()
+    if settings is None:
         what = "holds no reference that was in force, so nothing was judged"
         raise RecordingError(what, str(series.boxes[0].path), "Give --calibration")
-    judging = judging or Judging(order.limits)
+    judging = judging or Judging(settings.limits)
     rerun, session = Rerun(series), BlackBoxSession(series)
     timeline = Timeline(session.start_ns, *session.overlap_ns, judging)
     for step in watched(rerun.steps()):

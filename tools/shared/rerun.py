@@ -1,4 +1,4 @@
-"""A black box through lines made as its orders say, and whether they say what was said live, bit for bit.
+"""A black box through lines made as its settings say, and whether they say what was said live, bit for bit.
 
 That holds for the same version on the same kind of processor with one thread of BLAS, as the service and every command
 have it: libraries add numbers up in an order that suits the processor.
@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.core.exact_fields import verdict_fields
 from appliance.core.line import Line
-from appliance.core.order import Order
 from appliance.core.quality.report import LineReport
 from appliance.limits import Limits
 from appliance.storage.black_box import Series
@@ -30,7 +30,7 @@ class Repeating(Protocol):
 
 
 MakeLine = Callable[[Calibration, Limits, int, Matrix4 | None], Repeating]
-"""(reference, limits, stale_ns, relative_pose), as `Order` has them."""
+"""(reference, limits, stale_ns, relative_pose), as `EstimatorSettings` has them."""
 
 
 class Step(NamedTuple):
@@ -116,7 +116,7 @@ class Comparison:
 
 
 class Rerun:
-    """line: the latest, None before the first order. orders: one for each line that was made."""
+    """line: the latest, None before the first. settings: of each line that was made."""
 
     def __init__(self, series: Series, make_line: MakeLine = Line) -> None:
         self._series, self._make_line = series, make_line
@@ -124,7 +124,7 @@ class Rerun:
         self._again: deque[Verdict] = deque()
         self._whole = False
         self.line: Repeating | None = None
-        self.orders: list[Order] = []
+        self.settings: list[EstimatorSettings] = []
         self.comparison = Comparison(text=series.begun.text, every=series.begun.every)
 
     def steps(self) -> Iterator[Step]:
@@ -150,16 +150,16 @@ class Rerun:
         self._left_over()
 
     def _obey(self, made: Made) -> None:
-        """What the line before said and is not in the file was said when the order had come already."""
+        """What the line before said and is not in the file was said when the settings had come already."""
         self._left_over()
-        order = made.order
+        settings = made.settings
         self.line = (
             None
-            if order is None
-            else self._make_line(order.reference, order.limits, order.stale_ns, order.relative_pose)
+            if settings is None
+            else self._make_line(settings.reference, settings.limits, settings.stale_ns, settings.relative_pose)
         )
-        if order is not None:
-            self.orders.append(order)
+        if settings is not None:
+            self.settings.append(settings)
         self._whole = made.step == 0
 
     def _told(self, item: State, now_ns: int) -> None:

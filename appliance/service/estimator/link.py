@@ -4,7 +4,7 @@ import pickle
 import socket
 from dataclasses import dataclass, field
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.types import Verdict
 from drivers.samples import Matrix4
 
@@ -18,7 +18,7 @@ _LONGEST = 1 << 17
 class Word:
     """Estimator → hardware process, at least ten times a second. The counts are since the estimator's start.
 
-    said_ns: CLOCK_MONOTONIC when it was said. relative_pose: as of `Order`, as it is known now.
+    said_ns: CLOCK_MONOTONIC when it was said. relative_pose: as of `EstimatorSettings`, as it is known now.
     """
 
     generation: int
@@ -31,7 +31,7 @@ class Word:
     relative_pose: Matrix4 | None = field(default=None, compare=False)
 
 
-Message = Order | Word
+Message = EstimatorSettings | Word
 
 
 class LinkClosed(Exception):  # noqa: N818  an event, not a fault
@@ -62,5 +62,5 @@ def receive(link: socket.socket) -> Message | None:
     if not packet:
         raise LinkClosed
     message = pickle.loads(packet)
-    assert isinstance(message, Order | Word)
+    assert isinstance(message, EstimatorSettings | Word)
     return message

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
 from appliance.service.estimator.link import LinkClosed, Word, receive, send
 from appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
@@ -31,11 +31,11 @@ class Stepper(Protocol):
 
 
 MakeLine = Callable[[Calibration, Limits, int, Matrix4 | None], Stepper]
-"""(reference, limits, stale_ns, relative_pose), as `Order` has them."""
+"""(reference, limits, stale_ns, relative_pose), as `EstimatorSettings` has them."""
 
 
 class Estimator:
-    """The loop around the line. A sample or an order wakes it.
+    """The loop around the line. A sample or new settings wake it.
 
     It speaks at once when there is a verdict, and every 0.1 s when there is none. tap: is told of every step after
     that; None where nobody may look on. real_ns: CLOCK_MONOTONIC.
@@ -63,33 +63,33 @@ class Estimator:
 
     def run(self) -> None:
         """Until the peer closes the link."""
-        ordered = True
+        readable = True
         try:
             while True:
-                self.step(ordered)
-                ordered = self._wait()
+                self.step(readable)
+                readable = self._wait()
         except LinkClosed:
             return
 
-    def step(self, ordered: bool = True) -> None:
-        """Take what is there, and speak where a word is due; never waits. ordered: the link has something to read.
+    def step(self, readable: bool = True) -> None:
+        """Take what is there, and speak where a word is due; never waits. readable: the link has something to read.
 
         Raises LinkClosed.
         """
-        if ordered:
+        if readable:
             self._obey()
         self._compute()
         self._speak(())
 
     def _obey(self) -> None:
-        while (order := receive(self._link)) is not None:
-            assert isinstance(order, Order)
+        while (settings := receive(self._link)) is not None:
+            assert isinstance(settings, EstimatorSettings)
             if self._line is None:
                 self._discard()
-            self._line = self._make_line(order.reference, order.limits, order.stale_ns, order.relative_pose)
-            self._generation = order.generation
+            self._line = self._make_line(settings.reference, settings.limits, settings.stale_ns, settings.relative_pose)
+            self._generation = settings.generation
             if self._tap is not None:
-                self._tap.begin(order)
+                self._tap.begin(settings)
 
     def _compute(self) -> None:
         line, tap = self._line, self._tap
@@ -118,7 +118,7 @@ class Estimator:
         return sorted(samples, key=lambda sample: sample.stamp.t_ns)
 
     def _wait(self) -> bool:
-        """Until a sample or an order comes, or the next word is due. Whether the link has an order, or has closed."""
+        """Until a sample or settings come, or the next word is due. Whether the link has settings, or has closed."""
         pending = self._frames.pending or self._poses.pending
         left_ns = 0 if pending else self._spoke_ns + _WORD_EVERY_NS - self._real_ns()
         ready = self._waking.poll(max(0, math.ceil(left_ns / 1e6)))

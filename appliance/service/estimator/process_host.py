@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Protocol
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
 from appliance.service.estimator.link import LinkClosed, Word, link_pair, receive, send
 from appliance.service.estimator.ring import FRAMES, POSES, Ring
@@ -55,8 +55,8 @@ class Process(Protocol):
 class EstimatorHost:
     """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
 
-    reference: None until refer() gives one; without it nothing is judged. stale_ns: as `Order` has it. slowness: how
-    much longer the timeouts of an emulated machine are. clock: whose real time it is.
+    reference: None until refer() gives one; without it nothing is judged. stale_ns: as in `EstimatorSettings`. slowness: factor
+    of the timeouts, for an emulated machine. clock: whose real time it is.
 
     restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
     before any did. last: what it said last, None before its first word. said_ns: when the first verdict of the last
@@ -74,7 +74,7 @@ class EstimatorHost:
     ) -> None:
         self._clock = HostClock() if clock is None else clock
         self._command, self._limits, self._stale_ns, self._slowness = tuple(command), limits, stale_ns, slowness
-        self._order = None if reference is None else Order(1, reference, limits, stale_ns)
+        self._settings = None if reference is None else EstimatorSettings(1, reference, limits, stale_ns)
         self._frames, self._poses = Ring(FRAMES), Ring(POSES)
         self._process: Process | None = None
         self._dying: list[Process] = []
@@ -108,12 +108,12 @@ class EstimatorHost:
     @property
     def reference(self) -> Calibration | None:
         """The calibration that verdicts speak of."""
-        return None if self._order is None else self._order.reference
+        return None if self._settings is None else self._settings.reference
 
     @property
     def relative_pose(self) -> Matrix4 | None:
-        """The pose of a second marker body relative to the first, as learned under that calibration: see `Order`."""
-        return None if self._order is None else self._order.relative_pose
+        """The pose of a second marker body relative to the first, as learned with that calibration."""
+        return None if self._settings is None else self._settings.relative_pose
 
     def put(self, sample: Sample) -> None:
         """Hand a sample on; never blocks. One thread for frames, one for poses. Raises ValueError when too large."""
@@ -122,17 +122,17 @@ class EstimatorHost:
     def refer(self, reference: Calibration, relative_pose: Matrix4 | None = None) -> None:
         """Verify against another reference from now on; what is said of the old one is no longer passed on.
 
-        relative_pose: as of `Order`.
+        relative_pose: as of `EstimatorSettings`.
         """
-        generation = 1 + (0 if self._order is None else self._order.generation)
-        self._order = Order(generation, reference, self._limits, self._stale_ns, relative_pose)
+        generation = 1 + (0 if self._settings is None else self._settings.generation)
+        self._settings = EstimatorSettings(generation, reference, self._limits, self._stale_ns, relative_pose)
         self._send_order()
 
     def limit(self, limits: Limits, stale_ns: int) -> None:
         """Verify within other limits from now on."""
         self._limits, self._stale_ns = limits, stale_ns
-        if self._order is not None:
-            self.refer(self._order.reference, self._order.relative_pose)
+        if self._settings is not None:
+            self.refer(self._settings.reference, self._settings.relative_pose)
 
     def wait(self, real_s: float) -> None:
         """Until it says something, or for real_s at most."""
@@ -150,7 +150,7 @@ class EstimatorHost:
         if words:
             self._heard_s, self._spoken, self.last = now_s, True, words[-1]
         self._look_after(now_s)
-        generation = None if self._order is None else self._order.generation
+        generation = None if self._settings is None else self._settings.generation
         self._note_relative_pose(words, generation)
         present = [word for word in words if word.generation == generation and word.verdicts]
         self.said_ns = present[0].said_ns if present else self._clock.real_ns()
@@ -159,8 +159,8 @@ class EstimatorHost:
     def _note_relative_pose(self, words: list[Word], generation: int | None) -> None:
         """The next process goes on with it."""
         known = [word.relative_pose for word in words if word.generation == generation]
-        if known and self._order is not None:
-            self._order = replace(self._order, relative_pose=known[-1])
+        if known and self._settings is not None:
+            self._settings = replace(self._settings, relative_pose=known[-1])
 
     def close(self) -> None:
         """Stop the process and free the rings."""
@@ -236,9 +236,9 @@ class EstimatorHost:
         self.ended = told
 
     def _send_order(self) -> None:
-        if self._link is not None and self._order is not None:
+        if self._link is not None and self._settings is not None:
             try:
-                send(self._link, self._order)
+                send(self._link, self._settings)
             except (LinkClosed, BlockingIOError):
                 self._drop_link()
 

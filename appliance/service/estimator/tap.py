@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.service.estimator.ring import FRAMES, Ring, RingFds
 from appliance.types import Verdict
 from drivers.samples import Frame, Pose, Sample, Stamp
@@ -57,7 +57,7 @@ class Wish:
 
     @property
     def epoch(self) -> int:
-        """Changes whenever somebody begins to listen, who has to be told the order in force."""
+        """Changes whenever somebody begins to listen, who has to be sent the settings in force."""
         return self._page[_EPOCH]
 
     def want(self, wanted: int) -> None:
@@ -106,9 +106,9 @@ class TapFds(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """The line works by this order; step: how many samples this very line has taken before. None: there is no line."""
+    """The line works by these settings; step: how many samples this line has taken before. None: there is no line."""
 
-    order: Order | None
+    settings: EstimatorSettings | None
     step: int
 
 
@@ -141,13 +141,13 @@ class Tap:
         self._packets.setblocking(False)
         self._frames = Ring(FRAMES, fds.frames)
         self._wish = Wish(fds.wish)
-        self._order: Order | None = None
+        self._settings: EstimatorSettings | None = None
         self._step = 0
         self._told_epoch: int | None = None
 
-    def begin(self, order: Order) -> None:
-        """A line was made by this order; it has taken nothing yet."""
-        self._order, self._step, self._told_epoch = order, 0, None
+    def begin(self, settings: EstimatorSettings) -> None:
+        """A line was made by these settings; it has taken nothing yet."""
+        self._settings, self._step, self._told_epoch = settings, 0, None
 
     @property
     def wanted(self) -> bool:
@@ -174,9 +174,9 @@ class Tap:
         self._wish.close()
 
     def _has_begun(self, step: int) -> bool:
-        """Whether the listener has been told by which order this line works."""
+        """Whether the listener has been told by which settings this line works."""
         epoch = self._wish.epoch
-        if epoch != self._told_epoch and self._send(Begun(self._order, step)):
+        if epoch != self._told_epoch and self._send(Begun(self._settings, step)):
             self._told_epoch = epoch
         return epoch == self._told_epoch
 

@@ -13,19 +13,19 @@ from typing import Any
 
 import numpy as np
 
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.core.exact_fields import (
     Header,
-    order_fields,
-    order_of,
     pose_fields,
     pose_of,
+    settings_fields,
+    settings_of,
     stamp_fields,
     stamp_of,
     verdict_fields,
     verdict_of,
     whole,
 )
-from appliance.core.order import Order
 from appliance.types import Verdict
 from drivers.errors import ProtocolError
 from drivers.samples import Frame, GreyImage, Pose, Sample
@@ -48,13 +48,13 @@ class Hello:
 
 
 @dataclass(frozen=True, slots=True)
-class Ordered:
-    """From here on the line works by this order; step: samples that this very line has taken before, 0 for a new one.
+class LineStarted:
+    """The line works by these settings from here on. step: samples that this line has taken before, 0 for a new one.
 
-    order: None while there is no reference; then samples come without verdicts.
+    settings: None while there is no reference; then samples come without verdicts.
     """
 
-    order: Order | None
+    settings: EstimatorSettings | None
     step: int
 
 
@@ -91,7 +91,7 @@ class Refused:
     why: str
 
 
-FeedMessage = Hello | Ordered | Taken | Judged | Lost | Refused
+FeedMessage = Hello | LineStarted | Taken | Judged | Lost | Refused
 
 
 def packed(header: Mapping[str, Any], pixels: bytes = b"") -> bytes:
@@ -125,8 +125,8 @@ def refused(why: str) -> bytes:
     return packed({"kind": "refused", "why": why})
 
 
-def ordered(order: Order | None, step: int) -> bytes:
-    return packed({"kind": "order", "step": step, "order": None if order is None else order_fields(order)})
+def line_started(settings: EstimatorSettings | None, step: int) -> bytes:
+    return packed({"kind": "order", "step": step, "order": None if settings is None else settings_fields(settings)})
 
 
 def taken_pose(step: int, pose: Pose) -> bytes:
@@ -162,9 +162,9 @@ def _hello(fields: Header) -> Hello:
     return Hello(version, str(fields["software"]))
 
 
-def _ordered(fields: Header) -> Ordered:
-    order = fields["order"]
-    return Ordered(None if order is None else order_of(order), whole(fields["step"]))
+def _line_started(fields: Header) -> LineStarted:
+    settings = fields["order"]
+    return LineStarted(None if settings is None else settings_of(settings), whole(fields["step"]))
 
 
 def _pose(fields: Header) -> Taken:
@@ -191,7 +191,7 @@ def _refused(fields: Header) -> Refused:
 
 _KINDS: dict[str, Callable[[Header], FeedMessage]] = {
     "hello": _hello,
-    "order": _ordered,
+    "order": _line_started,
     "pose": _pose,
     "verdict": _judged,
     "lost": _lost,

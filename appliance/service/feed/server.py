@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.service.estimator.ring import Ring
 from appliance.service.estimator.tap import NOTHING, PICTURES, WORDS, Begun, FeedCounts, Picture, Taken, Wish, received
 from appliance.service.feed import message
@@ -60,7 +60,7 @@ class _Client:
     sent: int = 0
     missed: int = 0
     pictures: int = 0
-    knows_order: bool = False
+    knows_settings: bool = False
     watched: int = selectors.EVENT_READ
 
     def put(self, parts: _Parts) -> bool:
@@ -113,7 +113,7 @@ class FeedServer:
         self._without_pictures, self._software = without_pictures, software
         self._clients: list[_Client] = []
         self._pictures: deque[Frame] = deque()
-        self._order: Order | None = None
+        self._settings: EstimatorSettings | None = None
         self._next: int | None = None
         self._lost = self._dropped = 0
         self._stopping = False
@@ -227,9 +227,9 @@ class FeedServer:
             if packet is None:
                 return
             if isinstance(packet, Begun):
-                self._order, self._next = packet.order, packet.step
+                self._settings, self._next = packet.settings, packet.step
                 for client in self._clients:
-                    client.knows_order = False
+                    client.knows_settings = False
             elif self._next is not None:
                 self._tell(packet, gap=packet.step - self._next)
                 self._next = packet.step + 1
@@ -242,7 +242,7 @@ class FeedServer:
             request = client.request
             if request is None:
                 continue
-            if client.knows_order:
+            if client.knows_settings:
                 self._miss(client, gap)
             self._introduce(client, taken.step)
             parts: _Parts | None
@@ -270,9 +270,9 @@ class FeedServer:
         self._lost += samples
 
     def _introduce(self, client: _Client, step: int) -> None:
-        """The order is told like a sample: where there is no room for it, it is told later."""
-        if not client.knows_order and client.put((message.ordered(self._order, step),)):
-            client.knows_order = True
+        """The settings are sent like a sample: where there is no room for them, they are sent later."""
+        if not client.knows_settings and client.put((message.line_started(self._settings, step),)):
+            client.knows_settings = True
 
     def _frame(self, picture: Picture) -> Frame | None:
         """That of the ring, None where it was not put there, or is overwritten."""

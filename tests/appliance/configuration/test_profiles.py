@@ -9,8 +9,8 @@ import pytest
 
 from appliance.configuration.config import load_config
 from appliance.configuration.noise_file import write_noise
-from appliance.core.exact_fields import order_fields, order_of
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
+from appliance.core.exact_fields import settings_fields, settings_of
 from appliance.core.parameters import QUANTITIES, never_shown
 from appliance.core.quality.check_fields import limits_fields
 from appliance.limits import PROFILES, Limits, RequiredAges
@@ -115,14 +115,14 @@ def test_another_profile_is_refused_by_name(tmp_path: Path, value: str) -> None:
 @pytest.mark.parametrize("given", [{}, {"offset_mm": 9.0}, {"point_mm": None}, {"point_mm": 7.5, "latency_ms": 5.0}])
 def test_a_feed_and_a_black_box_bring_the_same_limits_back(profile: str, given: dict[str, Any]) -> None:
     told = Limits.model_validate({"profile": profile, **given})
-    order = Order(3, calibration(), told, 500_000_000)
-    assert order_of(json.loads(json.dumps(order_fields(order)))).limits == told
+    settings = EstimatorSettings(3, calibration(), told, 500_000_000)
+    assert settings_of(json.loads(json.dumps(settings_fields(settings)))).limits == told
 
 
 def test_an_order_from_before_there_were_profiles_is_read_as_it_was() -> None:
-    fields = order_fields(Order(1, calibration(), Limits(rotation_deg=2.0), 1))
+    fields = settings_fields(EstimatorSettings(1, calibration(), Limits(rotation_deg=2.0), 1))
     del fields["limits"]["profile"]
-    assert order_of(fields).limits == Limits(rotation_deg=2.0)
+    assert settings_of(fields).limits == Limits(rotation_deg=2.0)
 
 
 def test_noise_that_was_learned_under_another_profile_is_refused(tmp_path: Path) -> None:

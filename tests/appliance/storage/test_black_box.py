@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
 
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.core.exact_fields import calibration_fields, calibration_of, verdict_fields
-from appliance.core.order import Order
 from appliance.limits import Limits
 from appliance.storage.black_box import CHUNK_NS, SCHEMAS, BlackBox, BlackBoxWriter, series_of
 from appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State, fields_of, item_of
@@ -34,7 +34,7 @@ VERDICT = Verdict(77, VerdictKind.FAULT, (CHECK, replace(CHECK, value=0.1 + 0.2)
 
 def items(count: int, from_ns: int = 5_000_000_000, step_ns: int = 100_000_000) -> list[tuple[Item, int]]:
     """A picture, a pose and a verdict, ten times a second."""
-    told: list[tuple[Item, int]] = [(Made(Order(1, REFERENCE, Limits(), 500), 0), from_ns)]
+    told: list[tuple[Item, int]] = [(Made(EstimatorSettings(1, REFERENCE, Limits(), 500), 0), from_ns)]
     for k in range(count):
         t_ns = from_ns + k * step_ns
         told += [
@@ -89,8 +89,8 @@ def test_everything_comes_back_bit_for_bit_and_in_order(tmp_path: Path) -> None:
     assert all(np.array_equal(frame.image, picture(k)) for k, frame in enumerate(frames))
     made = found[1]
     assert isinstance(made, Made)
-    assert made.order is not None
-    assert made.order.reference.offset_mm.tobytes() == REFERENCE.offset_mm.tobytes()
+    assert made.settings is not None
+    assert made.settings.reference.offset_mm.tobytes() == REFERENCE.offset_mm.tobytes()
 
 
 @given(st.floats(), st.floats(), st.integers(0, 2**63 - 1), st.text(max_size=20))
@@ -206,7 +206,7 @@ def test_a_later_format_is_refused_by_its_number(tmp_path: Path) -> None:
         BlackBox(path)
 
 
-_ORDER = fields_of(Made(Order(1, REFERENCE, Limits(), 500), 0))[1]["order"]
+_ORDER = fields_of(Made(EstimatorSettings(1, REFERENCE, Limits(), 500), 0))[1]["order"]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from click.testing import CliRunner, Result
 
 from appliance.configuration.config import load_config
 from appliance.configuration.noise_file import read_noise
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import NAMED_NATS
 from appliance.storage.calibration_file import calibration_from_image_to_probe
 from drivers.errors import ProbewatchError
@@ -27,7 +27,7 @@ FLIP = '[{"fault": "flip-lateral", "from_s": 3.0, "to_s": null}]'
 def recorded(path: Path, faults: str = "[]", seconds: float = 6.0) -> Path:
     world = kept(3, settings=SMALL)
     reference = calibration_from_image_to_probe(world.image_to_probe, (400, 300))
-    record(path, Order(1, reference, SWEPT, 500_000_000), session(world, seconds, Schedule.parse(faults)))
+    record(path, EstimatorSettings(1, reference, SWEPT, 500_000_000), session(world, seconds, Schedule.parse(faults)))
     return path
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
 from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
 from appliance.types import Calibration
@@ -33,7 +33,7 @@ def box(tmp_path_factory: pytest.TempPathFactory) -> Path:
     world = kept(3, settings=SMALL)
     reference = calibration_from_image_to_probe(world.image_to_probe, (400, 300))
     folder = tmp_path_factory.mktemp("box")
-    record(folder / "scan.mcap", Order(1, reference, Limits(), 500_000_000), session(world, 5.0))
+    record(folder / "scan.mcap", EstimatorSettings(1, reference, Limits(), 500_000_000), session(world, 5.0))
     write_calibration(folder / "probe.toml", reference, {})
     return folder / "scan.mcap"
 
@@ -69,7 +69,7 @@ def test_what_was_told_live_stands_beside_what_is_told_now(tmp_path: Path) -> No
         ("halt", "polarity", "mirrored"),
     ]
     live = {5 * n: {"state": s, "fault": f, "reason": r} for n, (s, f, r) in enumerate(said_live)}
-    record(tmp_path / "a.mcap", Order(1, reference, Limits(), 500_000_000), frames, told=live)
+    record(tmp_path / "a.mcap", EstimatorSettings(1, reference, Limits(), 500_000_000), frames, told=live)
     page = tmp_path / "r.html"
     text, report = told(tmp_path / "a.mcap", "--json", "--html", page)
     assert report["black_box"]["told_live"] == [

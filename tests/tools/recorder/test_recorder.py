@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.core.line import Line
-from appliance.core.order import Order
 from appliance.limits import Limits
-from appliance.service.feed.message import FeedMessage, Judged, Lost, Ordered, Taken
+from appliance.service.feed.message import FeedMessage, Judged, LineStarted, Lost, Taken
 from appliance.storage.black_box import BlackBox, series_of
 from appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State
 from appliance.storage.calibration_file import calibration_from_image_to_probe
@@ -30,7 +30,7 @@ from tools.shared.rerun import Rerun
 S = 1_000_000_000
 START = 1000 * S
 REFERENCE = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), (64, 48))
-ORDER = Order(1, REFERENCE, Limits(), 500)
+SETTINGS = EstimatorSettings(1, REFERENCE, Limits(), 500)
 QUIET = {"state": "monitoring", "priority": "none", "simulated": ["sim:x"]}
 ALARM = {"state": "halt", "priority": "high", "reason": "mirrored", "simulated": ["sim:x"]}
 
@@ -85,7 +85,7 @@ def test_a_day_and_more_stays_inside_the_bounds(hours: int, tmp_path: Path) -> N
     """Hours of simulated time with an alarm every two hours; the folders are looked at every minute."""
     bounds = Bounds(2_000_000, 1_000_000, 0)
     recording = recorder(tmp_path, bounds, before_ns=300 * S)
-    recording.take(Ordered(ORDER, 0), START)
+    recording.take(LineStarted(SETTINGS, 0), START)
     most = {"ring": 0, "kept": 0}
     for number in range(0, hours * 3600, 6):
         fed(recording, range(number, number + 1))
@@ -104,7 +104,7 @@ def test_a_day_and_more_stays_inside_the_bounds(hours: int, tmp_path: Path) -> N
 
 def test_the_minutes_around_an_alarm_are_kept_and_no_others(tmp_path: Path) -> None:
     recording = recorder(tmp_path)
-    recording.take(Ordered(ORDER, 0), START)
+    recording.take(LineStarted(SETTINGS, 0), START)
     for number in range(900):
         fed(recording, range(number, number + 1))
         recording.state(ALARM if number == 400 else QUIET, START + number * S)
@@ -120,7 +120,7 @@ def test_the_minutes_around_an_alarm_are_kept_and_no_others(tmp_path: Path) -> N
 
 def test_what_a_person_marks_is_kept_and_the_mark_is_written(tmp_path: Path) -> None:
     recording = recorder(tmp_path)
-    recording.take(Ordered(ORDER, 0), START)
+    recording.take(LineStarted(SETTINGS, 0), START)
     fed(recording, range(300))
     with pytest.raises(ValueError, match="nothing was started"):
         recording.mark("stop", "", START + 300 * S)
@@ -155,7 +155,7 @@ def test_a_full_disk_is_told_and_harms_nothing(tmp_path: Path, monkeypatch: pyte
     recording = Recorder(
         DiskRing(tmp_path, Bounds(1 << 30, 1 << 30, 0)), Keeping(S, S, 1, False), "abcd", "test", utc, said.append
     )
-    recording.take(Ordered(ORDER, 0), START)
+    recording.take(LineStarted(SETTINGS, 0), START)
     fed(recording, range(30))
 
     def full(_: int) -> None:
@@ -184,7 +184,7 @@ def test_others_keep_their_share_of_the_disk(tmp_path: Path) -> None:
     said: list[str] = []
     ring = DiskRing(tmp_path, Bounds(1 << 30, 1 << 30, 5_000), lambda _: free[0])
     recording = Recorder(ring, Keeping(S, S, 1, False), "abcd", "test", utc, said.append)
-    recording.take(Ordered(ORDER, 0), START)
+    recording.take(LineStarted(SETTINGS, 0), START)
     fed(recording, range(61))
     free[0] = 4_000
     fed(recording, range(61, 180))
@@ -214,7 +214,7 @@ def test_what_an_earlier_run_left_counts_and_goes_first(tmp_path: Path) -> None:
 
 def test_what_was_lost_and_interrupted_is_in_the_file(tmp_path: Path) -> None:
     recording = recorder(tmp_path)
-    recording.take(Ordered(ORDER, 7), START)
+    recording.take(LineStarted(SETTINGS, 7), START)
     recording.take(Lost(12), START)
     recording.interrupted("the service ended it", START + S)
     recording.close()
@@ -235,9 +235,9 @@ def live(recording: Recorder, duration_s: float, change: Callable[[Frame], Frame
     """A line works, and its feed is recorded; how many verdicts it gave."""
     world, verdicts = kept(3, settings=SMALL), 0
     reference = calibration_from_image_to_probe(world.image_to_probe, (400, 300))
-    order = Order(1, reference, Limits(), 500_000_000)
-    line = Line(order.reference, order.limits, order.stale_ns)
-    recording.take(Ordered(order, 0), 5 * S)
+    settings = EstimatorSettings(1, reference, Limits(), 500_000_000)
+    line = Line(settings.reference, settings.limits, settings.stale_ns)
+    recording.take(LineStarted(settings, 0), 5 * S)
     for step, sample in enumerate(session(world, duration_s)):
         if isinstance(sample, Frame):
             sample = change(sample)  # noqa: PLW2901

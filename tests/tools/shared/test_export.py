@@ -9,7 +9,7 @@ import pytest
 import SimpleITK as sitk  # noqa: N813  as its documentation does
 from click.testing import CliRunner
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
 from appliance.storage.black_box import BlackBox, Series
 from appliance.types import Calibration
@@ -40,7 +40,7 @@ def samples():
 def box(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("box") / "scan.mcap"
     reference = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), SIZE_PX)
-    record(path, Order(1, reference, Limits(), 500_000_000), samples())
+    record(path, EstimatorSettings(1, reference, Limits(), 500_000_000), samples())
     return path
 
 
@@ -141,7 +141,7 @@ def test_a_second_body_is_exported_and_replayed_beside_the_first(tmp_path: Path,
         for one in samples()
     ]
     reference = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), SIZE_PX)
-    record(tmp_path / "scan.mcap", Order(1, reference, Limits(), 500_000_000), seen)
+    record(tmp_path / "scan.mcap", EstimatorSettings(1, reference, Limits(), 500_000_000), seen)
     path = exported(tmp_path / "scan.mcap", form, tmp_path / f"scan{form}")
     poses = list(open_recording(path).pose_samples())
     found = [pose for pose in poses if pose.matrix is not None]

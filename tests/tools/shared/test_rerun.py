@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.core.exact_fields import verdict_fields
-from appliance.core.order import Order
 from appliance.limits import Limits
 from appliance.storage.black_box import BlackBox, BlackBoxWriter, Series, series_of
 from appliance.storage.black_box_fields import Gap
@@ -30,7 +30,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Verdi
     world = kept(3, settings=SMALL)
     reference = calibration_from_image_to_probe(world.image_to_probe, (400, 300))
     path = tmp_path_factory.mktemp("box") / "session.mcap"
-    return path, record(path, Order(1, reference, Limits(), 500_000_000), session(world, 12.0, Schedule.parse(FLIP)))
+    return path, record(
+        path, EstimatorSettings(1, reference, Limits(), 500_000_000), session(world, 12.0, Schedule.parse(FLIP))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +41,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Verdict]
     world = kept(3, settings=SMALL)
     reference = calibration_from_image_to_probe(world.image_to_probe, (400, 300))
     path = tmp_path_factory.mktemp("box") / "short.mcap"
-    return path, record(path, Order(1, reference, Limits(), 500_000_000), session(world, 4.0))
+    return path, record(path, EstimatorSettings(1, reference, Limits(), 500_000_000), session(world, 4.0))
 
 
 def rerun(*paths: Path) -> tuple[Comparison, list[Verdict]]:
@@ -145,7 +147,7 @@ def test_parts_of_a_session_are_one_recording(short: tuple[Path, list[Verdict]],
     run = Rerun(series)
     assert sum(len(step.verdicts) for step in run.steps()) == len(short[1])
     assert run.comparison.exact
-    assert len(run.orders) == 1
+    assert len(run.settings) == 1
 
 
 @pytest.mark.thorough

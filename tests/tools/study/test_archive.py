@@ -18,7 +18,7 @@ import pytest
 from click.testing import CliRunner, Result
 from rich.console import Console
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
 from appliance.storage.calibration_file import write_calibration
 from appliance.types import Calibration
@@ -238,7 +238,7 @@ def poses_alone(path: Path) -> Path:
     """A black box of a cart whose scanner was off."""
     poses = [Pose(Stamp(10**9 + k * 20_000_000, 100_000), k, np.eye(4), 0.1, PoseStatus.OK) for k in range(30)]
     reference = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), SIZE_PX)
-    record(path, Order(1, reference, Limits(), 500_000_000), poses)
+    record(path, EstimatorSettings(1, reference, Limits(), 500_000_000), poses)
     return path
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.core.exact_fields import order_fields, order_of
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
+from appliance.core.exact_fields import settings_fields, settings_of
 from appliance.limits import Limits
 from appliance.service.control.references import References
 from appliance.service.estimator.link import Word
@@ -57,12 +57,12 @@ def test_the_next_process_and_other_limits_go_on_with_it_and_another_reference_w
 
 
 def test_an_order_keeps_it_bit_for_bit() -> None:
-    order = Order(3, REFERENCE, Limits(), 500, RELATIVE_POSE)
-    assert np.array_equal(order_of(order_fields(order)).relative_pose, RELATIVE_POSE)
-    fields = order_fields(Order(3, REFERENCE, Limits(), 500))
-    assert order_of(fields).relative_pose is None
+    settings = EstimatorSettings(3, REFERENCE, Limits(), 500, RELATIVE_POSE)
+    assert np.array_equal(settings_of(settings_fields(settings)).relative_pose, RELATIVE_POSE)
+    fields = settings_fields(EstimatorSettings(3, REFERENCE, Limits(), 500))
+    assert settings_of(fields).relative_pose is None
     del fields["relative_pose"]
-    assert order_of(fields).relative_pose is None, "as of a file from before"
+    assert settings_of(fields).relative_pose is None, "as of a file from before"
 
 
 def test_it_is_on_the_disk_with_the_reference_and_voided_with_it(tmp_path: Path) -> None:

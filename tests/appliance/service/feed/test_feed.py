@@ -18,7 +18,7 @@ import pytest
 from appliance.core.line import Line
 from appliance.limits import Limits
 from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.feed.message import FeedMessage, Judged, Lost, Ordered, Taken, unpacked
+from appliance.service.feed.message import FeedMessage, Judged, LineStarted, Lost, Taken, unpacked
 from appliance.service.feed.process_host import FeedHost
 from appliance.service.feed.request import FeedRequest
 from appliance.service.feed.server import MOST_CLIENTS, MOST_UNSENT, reduced
@@ -162,9 +162,9 @@ def test_what_was_fed_gives_the_same_verdicts_again_bit_for_bit(tmp_path: Path) 
         unheard = given(service, samples, len(alone), lambda: None)
     assert repr(said) == repr(unheard) == repr(tuple(alone))
     assert not [message for message in messages if isinstance(message, Lost)]
-    (order,) = (message for message in messages if isinstance(message, Ordered))
-    assert order.step == 0
-    again = Line(order.order.reference, order.order.limits, order.order.stale_ns)
+    (started,) = (message for message in messages if isinstance(message, LineStarted))
+    assert started.step == 0
+    again = Line(started.settings.reference, started.settings.limits, started.settings.stale_ns)
     told: list[Verdict] = []
     replayed: list[Verdict] = []
     for message in messages:
@@ -200,10 +200,10 @@ def test_a_client_that_comes_late_is_told_at_which_step(service: Service) -> Non
             others = found(second, of(103))
     first = next(message for message in messages if isinstance(message, Taken))
     assert first.sample.image.shape == (48, 64)
-    order = next(message for message in others if isinstance(message, Ordered))
+    started = next(message for message in others if isinstance(message, LineStarted))
     taken = [message.step for message in others if isinstance(message, Taken)]
-    assert taken[0] == order.step
-    assert order.order.reference.image_size_px == (64, 48)
+    assert taken[0] == started.step
+    assert started.settings.reference.image_size_px == (64, 48)
 
 
 def test_another_reference_is_told_in_its_place(service: Service) -> None:
@@ -213,8 +213,8 @@ def test_another_reference_is_told_in_its_place(service: Service) -> None:
         until(lambda: service.estimator.last.generation == generation + 1)
         service.judged(frame(201))
         messages = found(feed, of(201))
-    orders = [message for message in messages if isinstance(message, Ordered) and message.step == 0]
-    assert orders[-1].order.reference.scale_mm_per_px.tolist() == [0.5, 0.5]
+    starts = [message for message in messages if isinstance(message, LineStarted) and message.step == 0]
+    assert starts[-1].settings.reference.scale_mm_per_px.tolist() == [0.5, 0.5]
     assert isinstance(messages[-2], Taken)
     assert messages[-2].step == 0
 
@@ -296,7 +296,7 @@ def test_a_message_can_be_kept_as_it_came(service: Service) -> None:
     with Feed(service.path) as feed:
         service.judged(frame(1100))
         header, pixels = feed.next_raw(10)
-        assert isinstance(unpacked(header, pixels), Ordered)
+        assert isinstance(unpacked(header, pixels), LineStarted)
         header, pixels = feed.next_raw(10)
         assert (json.loads(header)["kind"], len(pixels)) == ("frame", 64 * 48)
         assert feed.next_raw(10) is not None

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.order import Order
+from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
 from appliance.service.feed import message
-from appliance.service.feed.message import HEAD_BYTES, Judged, Lost, Ordered, Taken, lengths, unpacked
+from appliance.service.feed.message import HEAD_BYTES, Judged, LineStarted, Lost, Taken, lengths, unpacked
 from appliance.service.feed.request import FeedRequest, request_of
 from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
 from drivers.errors import ProtocolError
@@ -75,16 +75,17 @@ def test_an_order_comes_back_bit_for_bit(covariance) -> None:
     reference = Calibration(
         rotation, (1, -1), scale, np.array([-0.0, 1e-300, 5.0]), (640, 480), covariance, (True,) * 7 + (False,), True
     )
-    order = Order(4, reference, Limits(rotation_deg=0.7), 123)
-    found = again(message.ordered(order, 17))
-    assert isinstance(found, Ordered)
-    assert (found.step, found.order.generation, found.order.limits, found.order.stale_ns) == (17, 4, order.limits, 123)
+    settings = EstimatorSettings(4, reference, Limits(rotation_deg=0.7), 123)
+    found = again(message.line_started(settings, 17))
+    assert isinstance(found, LineStarted)
+    assert (found.step, found.settings.generation) == (17, 4)
+    assert (found.settings.limits, found.settings.stale_ns) == (settings.limits, 123)
     for name in ("rotation", "scale_mm_per_px", "offset_mm", "covariance"):
-        one, other = getattr(found.order.reference, name), getattr(reference, name)
+        one, other = getattr(found.settings.reference, name), getattr(reference, name)
         assert (one is None and other is None) or one.tobytes() == other.tobytes(), name
     for name in ("polarity", "image_size_px", "observed", "simulated"):
-        assert getattr(found.order.reference, name) == getattr(reference, name)
-    assert again(message.ordered(None, 0)) == Ordered(None, 0)
+        assert getattr(found.settings.reference, name) == getattr(reference, name)
+    assert again(message.line_started(None, 0)) == LineStarted(None, 0)
 
 
 def test_what_was_lost_is_a_number() -> None:

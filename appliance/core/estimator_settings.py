@@ -1,4 +1,4 @@
-"""What a line is made with. Whoever gives a new order gets a new line."""
+"""What the line of the estimator is made with. New settings make a new line."""
 
 from dataclasses import dataclass, field
 
@@ -8,8 +8,8 @@ from drivers.samples import Matrix4
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
-    """Work with this reference from now on. generation marks what is said of it.
+class EstimatorSettings:
+    """Settings of a line. generation: of the reference; every report carries it.
 
     stale_ns: how long a tracker may repeat one pose while the picture moves. relative_pose: (4, 4) second marker body →
     first, mm, as an earlier line of this reference learned it (appliance.core.detectors.witness); None where none did.
