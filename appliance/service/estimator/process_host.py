@@ -55,8 +55,8 @@ class Process(Protocol):
 class EstimatorHost:
     """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
 
-    reference: None until refer() gives one; without it nothing is judged. stale_ns: as in `EstimatorSettings`. slowness: factor
-    of the timeouts, for an emulated machine. clock: whose real time it is.
+    reference: None until refer() gives one; without it nothing is judged. stale_ns: as in `EstimatorSettings`. slowness:
+    factor of the timeouts, for an emulated machine. clock: whose real time it is.
 
     restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
     before any did. last: what it said last, None before its first word. said_ns: when the first verdict of the last
@@ -126,7 +126,7 @@ class EstimatorHost:
         """
         generation = 1 + (0 if self._settings is None else self._settings.generation)
         self._settings = EstimatorSettings(generation, reference, self._limits, self._stale_ns, relative_pose)
-        self._send_order()
+        self._send_settings()
 
     def limit(self, limits: Limits, stale_ns: int) -> None:
         """Verify within other limits from now on."""
@@ -210,7 +210,7 @@ class EstimatorHost:
         self._started_s = self._heard_s = now_s
         self._spoken = False
         self.restarts += 1
-        self._send_order()
+        self._send_settings()
 
     def launch(self, fds: tuple[int, ...]) -> Process:
         """The process that computes, with these descriptors: see loop.serve. Raises OSError."""
@@ -235,7 +235,7 @@ class EstimatorHost:
             self._log.error("estimator ended", how=how, lived_s=round(lived_s, 1), restart=self.restarts + 1)
         self.ended = told
 
-    def _send_order(self) -> None:
+    def _send_settings(self) -> None:
         if self._link is not None and self._settings is not None:
             try:
                 send(self._link, self._settings)
